@@ -1,0 +1,105 @@
+"""Joint drives: DC motor with tacho loop and gear (Appendix A), or a current drive."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class DCMotor:
+    """
+    A DC motor inside an analog tacho loop behind a stiff gear (Figures 10 and 11).
+
+    Attributes
+    ----------
+    torque_constant : float
+        k_t = k_e, N m/A.
+    resistance : float
+        R_a, ohm.
+    friction : float
+        f, N m s/rad, motor side.
+    inertia : float
+        J, kg m^2, motor side.
+    amplifier_gain : float
+        k_p, dimensionless.
+    tacho_gain : float
+        k_tg, V s/rad.
+    gear_ratio : float
+        N.
+
+    """
+
+    torque_constant: float
+    resistance: float
+    friction: float
+    inertia: float
+    amplifier_gain: float
+    tacho_gain: float
+    gear_ratio: float
+
+    @property
+    def loop_damping(self) -> float:
+        """Return f + F_t, N m s/rad, with F_t = k_et k_t / R_a."""
+        k_et = self.torque_constant + self.amplifier_gain * self.tacho_gain
+        return self.friction + k_et * self.torque_constant / self.resistance
+
+    @property
+    def time_constant(self) -> float:
+        """Return tau_mt = J / (f + F_t), s."""
+        return self.inertia / self.loop_damping
+
+    @property
+    def velocity_gain(self) -> float:
+        """Return k_vmt = k_t / (R_a (f + F_t)), rad/(V s)."""
+        return self.torque_constant / (self.resistance * self.loop_damping)
+
+    def drive(self) -> Drive:
+        """Return the drive seen from the joint, (33)."""
+        steady = self.velocity_gain * self.amplifier_gain / self.gear_ratio
+        return Drive.velocity_loop(self.inertia * self.gear_ratio**2, self.time_constant, steady)
+
+
+@dataclass(frozen=True)
+class Drive:
+    """
+    A joint's drive: theta'' = k_1 u + k_2 M_b + k_3 theta', (32).
+
+    Attributes
+    ----------
+    inertia : float
+        J_b = N^2 J, kg m^2, joint side.
+    torque_gain : float
+        J_b k_1: torque at the joint per unit of command, N m.
+    damping : float
+        -J_b k_3, N m s/rad.
+    command_limit : float
+        Largest magnitude of the command, in the drive's own unit.
+
+    """
+
+    inertia: float
+    torque_gain: float
+    damping: float
+    command_limit: float = float('inf')
+
+    @classmethod
+    def velocity_loop(cls, inertia: float, time_constant: float, steady_gain: float,
+                      command_limit: float = float('inf')) -> Drive:
+        """Return a closed tacho loop with its time constant tau_mt (s) and gain u -> theta'."""
+        damping = inertia / time_constant
+        return cls(inertia, steady_gain * damping, damping, command_limit)
+
+    @property
+    def k_1(self) -> float:
+        """Return k_1 of (33): acceleration per unit of command, rad/s^2."""
+        return self.torque_gain / self.inertia
+
+    @property
+    def k_2(self) -> float:
+        """Return k_2 = 1/J_b of (33), 1/(kg m^2)."""
+        return 1.0 / self.inertia
+
+    @property
+    def k_3(self) -> float:
+        """Return k_3 of (33), 1/s."""
+        return -self.damping / self.inertia

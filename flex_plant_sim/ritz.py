@@ -1,0 +1,86 @@
+"""Ritz shapes of a clamped beam: static tip-load shapes completed by clamped-free modes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from flex_plant_sim.beam import Array, Beam
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.linalg import eigh
+
+QUADRATURE_POINTS = 48
+
+
+@dataclass(frozen=True)
+class RitzShapes:
+    """
+    n shapes that diagonalise the mass and the stiffness of the clamped beam.
+
+    The clamped-free modes have no moment and no shear at the tip, where the lower link and the
+    payload act; a sum of them converges slowly there. The deflections under a tip force and a
+    tip moment carry both exactly, so a few shapes suffice. Scaled to modal mass mu = m/4.
+
+    Attributes
+    ----------
+    beam : Beam
+        The beam with its n clamped-free modes.
+    coefficients : Array
+        Shape k is sum_j candidate_j coefficients[j, k]; shape (n, n).
+    frequencies : Array
+        rad/s, ascending, shape (n,).
+
+    """
+
+    beam: Beam
+    coefficients: Array
+    frequencies: Array
+
+    @classmethod
+    def of(cls, beam: Beam) -> RitzShapes:
+        """Return as many shapes as the beam has modes."""
+        points, weights = np.polynomial.legendre.leggauss(QUADRATURE_POINTS)
+        x, w = 0.5 * beam.length * (points + 1.0), 0.5 * beam.length * weights
+        value, bend = _candidates(beam, x, 0), _candidates(beam, x, 2)
+        mass = beam.mass_per_length * (value.T * w) @ value
+        stiffness = beam.bending_stiffness * (bend.T * w) @ bend
+        squared, vectors = eigh(stiffness, mass)
+        vectors = vectors * np.sqrt(beam.modal_mass)
+        tip = _candidates(beam, np.array(beam.length), 0) @ vectors
+        signs = np.where(tip < 0.0, -1.0, 1.0) * (-1.0)**np.arange(tip.size)
+        return cls(beam, vectors * signs, np.sqrt(squared))
+
+    @property
+    def modal_mass(self) -> float:
+        """Return mu, kg, the same for every shape."""
+        return self.beam.modal_mass
+
+    @property
+    def alpha(self) -> Array:
+        """Return -(4/L) int x phi_i dx, m, shape (n,)."""
+        return self._moment(1)
+
+    @property
+    def beta(self) -> Array:
+        """Return -(4/L) int phi_i dx, shape (n,)."""
+        return self._moment(0)
+
+    def shape(self, x: ArrayLike, derivative: int = 0) -> Array:
+        """Return phi_i(x) or a derivative (0 to 3), shape x.shape + (n,)."""
+        return _candidates(self.beam, np.asarray(x, dtype=float), derivative) @ self.coefficients
+
+    def _moment(self, power: int) -> Array:
+        points, weights = np.polynomial.legendre.leggauss(QUADRATURE_POINTS)
+        x = 0.5 * self.beam.length * (points + 1.0)
+        return -2.0 * (weights * x**power) @ self.shape(x)
+
+
+def _candidates(beam: Beam, x: Array, derivative: int) -> Array:
+    """Return tip-force, tip-moment and clamped-free shapes, the first n; shape x.shape + (n,)."""
+    length, count = beam.length, beam.roots.size
+    force = np.polynomial.Polynomial([0.0, 0.0, 1.5 / length**2, -0.5 / length**3])
+    moment = np.polynomial.Polynomial([0.0, 0.0, 1.0 / length**2])
+    static = np.stack([force.deriv(derivative)(x) * np.ones_like(x),
+                       moment.deriv(derivative)(x) * np.ones_like(x)], axis=-1)
+    modes = beam.shape(x, derivative)[..., :max(count - 2, 0)]
+    return np.concatenate([static[..., :count], modes], axis=-1)
