@@ -1,0 +1,155 @@
+"""What an effect is: parameters, a site, and hooks into the arm; every hook defaults to no-op."""
+
+from __future__ import annotations
+
+from abc import ABC
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from flex_plant_sim.arm_model import Array, SecondOrderForm
+from flex_plant_sim.robot import Robot
+from flex_plant_sim.state_space import StateSpace
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """
+    A parameter of an effect.
+
+    Attributes
+    ----------
+    name : str
+        With its unit at the end, as the robot file spells it, for example level_n_m.
+    unit : str
+    null : float
+        The value at which the effect is absent.
+    low, high : float
+        Bounds.
+    starts : tuple of float
+        Values from which a fit starts.
+    smallest : float
+        Smallest deviation from null that matters in practice.
+
+    """
+
+    name: str
+    unit: str
+    null: float
+    low: float
+    high: float
+    starts: tuple[float, ...]
+    smallest: float
+
+
+@dataclass(frozen=True)
+class Motion:
+    """
+    Where the arm is, for the hooks that depend on it; leading axes are a batch.
+
+    Attributes
+    ----------
+    time : Array
+        s, (…,) or scalar.
+    position, velocity : Array
+        p and p', (…, N).
+    command : Array
+        u after the command hooks, (…, 2).
+    robot : Robot
+        With the parameter effects applied.
+    form : SecondOrderForm
+    payload : float
+        kg.
+
+    """
+
+    time: Any
+    position: Array
+    velocity: Array
+    command: Array
+    robot: Robot
+    form: SecondOrderForm
+    payload: float
+
+
+@dataclass(frozen=True)
+class Effect(ABC):
+    """
+    One effect at one site, with its parameter values.
+
+    Values are floats, or arrays (B, 1) where a batch of arms differs in them; hooks that build
+    matrices (on_robot, on_form, on_state_space) take floats only. `structural` says which.
+    """
+
+    identifier: ClassVar[str]
+    family: ClassVar[str]
+    explanation: ClassVar[str]
+    parameters: ClassVar[tuple[Parameter, ...]]
+    sites: ClassVar[str]
+    structural: ClassVar[bool] = False
+
+    site: str
+    values: tuple[Any, ...]
+
+    def __getitem__(self, name: str) -> Any:
+        """Return a value by its parameter's name."""
+        names = [parameter.name for parameter in self.parameters]
+        return self.values[names.index(name)]
+
+    @property
+    def index(self) -> int:
+        """Return the 0-based joint or link of the site (joint_2 -> 1)."""
+        return int(self.site.rstrip('abcdefgh').rsplit('_', 1)[1]) - 1
+
+    def on_robot(self, robot: Robot) -> Robot:
+        """Return the robot with changed parameters."""
+        return robot
+
+    def on_form(self, form: SecondOrderForm, robot: Robot) -> SecondOrderForm:
+        """Return the form with changed or added coordinates (added ones come last)."""
+        return form
+
+    def on_state_space(self, plant: StateSpace, robot: Robot) -> StateSpace:
+        """Return the plant with added first-order states (added ones come last)."""
+        return plant
+
+    def on_command(self, command: Array, history: Array, time: Any) -> Array:
+        """
+        Return the command that reaches the drive.
+
+        Parameters
+        ----------
+        command : Array
+            (…, 2), applied from `time` on.
+        history : Array
+            (…, H, 2), the commands before it, the latest last; H = memory samples.
+        time : Any
+            s.
+
+        """
+        return command
+
+    def memory(self, sample_time: float) -> int:
+        """Return how many past commands on_command needs."""
+        return 0
+
+    def force(self, motion: Motion) -> Array | float:
+        """Return the generalised force (…, N) at the start of a step."""
+        return 0.0
+
+    def dry_friction(self, motion: Motion) -> tuple[Array, Array] | None:
+        """Return the largest torque against motion at each joint, N m: forward, backward."""
+        return None
+
+    def on_output(self, output: Array, time: Any, robot: Robot) -> Array:
+        """Return what the sensors say, given the true (theta_1, theta_2, strain…) (…, m)."""
+        return output
+
+    def payload_at(self, time: float, payload: float) -> float:
+        """Return the payload, kg, at a time, s."""
+        return payload
+
+
+def one_hot(index: int, size: int) -> Array:
+    """Return the unit vector of an index, (size,)."""
+    return np.eye(size)[index]

@@ -1,0 +1,164 @@
+"""The arm with its effects: one discrete step for simulator, predictor and diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import Any
+
+from flex_plant_sim.arm_model import Array, ArmModel, SecondOrderForm
+from flex_plant_sim.assumed_modes import assumed_modes
+from flex_plant_sim.effects.base import Effect, Motion
+from flex_plant_sim.errors import InputError
+from flex_plant_sim.paper_model import paper_model
+from flex_plant_sim.robot import Robot
+from flex_plant_sim.schedule import chebyshev_nodes, NODES, Schedule
+from flex_plant_sim.state_space import state_space, StateSpace
+import numpy as np
+
+MODELS: dict[str, ArmModel] = {'assumed_modes': assumed_modes, 'paper': paper_model}
+
+
+class ExtendedArm:
+    """
+    A robot's arm model, extended by effects and sampled with a zero-order hold.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its own `effects` are not applied; pass them as `effects`.
+    model : str
+        'assumed_modes' or 'paper' (both with the full actuators).
+    modes : int
+        Modes a link.
+    payload : float
+        kg.
+    effects : sequence of Effect
+    step : float
+        Length of one step, s.
+    nodes : int
+        Interpolation nodes over cos(theta_2).
+
+    Raises
+    ------
+    InputError
+        Unknown model.
+
+    """
+
+    def __init__(self, robot: Robot, model: str = 'assumed_modes', modes: int = 3,
+                 payload: float | None = None, effects: Sequence[Effect] = (),
+                 step: float | None = None, nodes: int = NODES):
+        if model not in MODELS:
+            raise InputError(f'model: expected one of {", ".join(MODELS)}, got {model!r}')
+        mass = robot.payload_mass if payload is None else payload
+        self.robot = replace(robot, payload_mass=mass)
+        for effect in effects:
+            self.robot = effect.on_robot(self.robot)
+        self.payload = self.robot.payload_mass
+        self.modes = max(modes, *(int(getattr(e, 'modes', modes)) for e in effects), modes)
+        self.model_name, self.effects = model, tuple(effects)
+        self.form: SecondOrderForm = MODELS[model](self.robot, self.modes)
+        for effect in effects:
+            self.form = effect.on_form(self.form, self.robot)
+        self.step_time = robot.sample_time if step is None else step
+        self.nodes = chebyshev_nodes(nodes)
+        self._torque = tuple(e for e in effects if type(e).force is not Effect.force)
+        self._friction = tuple(e for e in effects
+                               if type(e).dry_friction is not Effect.dry_friction)
+        self._output = tuple(e for e in effects if type(e).on_output is not Effect.on_output)
+
+    @cached_property
+    def plant(self) -> StateSpace:
+        """Return the continuous plant at the nodes, extra states included."""
+        return self._plant(self.nodes, self.payload)
+
+    @cached_property
+    def schedule(self) -> Schedule:
+        """Return the sampled plant over cos(theta_2)."""
+        return Schedule.of(self.plant, self.nodes, self.step_time)
+
+    @property
+    def states(self) -> int:
+        """Return the number of states."""
+        return int(self.plant.a.shape[-1])
+
+    @property
+    def output_matrix(self) -> Array:
+        """Return C to (theta_1, theta_2, strain…), (m, n)."""
+        return self.plant.c[0]
+
+    def _plant(self, cosine: Any, payload: Any) -> StateSpace:
+        plant = state_space(self.form, cosine, payload)
+        for effect in self.effects:
+            plant = effect.on_state_space(plant, self.robot)
+        return plant
+
+    def at_payload(self, payload: float) -> ExtendedArm:
+        """Return the same arm with another payload, kg."""
+        other = object.__new__(ExtendedArm)
+        other.__dict__.update({key: value for key, value in self.__dict__.items()
+                               if key not in ('plant', 'schedule')})
+        other.payload = payload
+        return other
+
+    def motion(self, state: Array, command: Array, time: Any) -> Motion:
+        """Return what the hooks may look at."""
+        n = self.form.order
+        return Motion(time, state[..., :n], state[..., n:2 * n], command, self.robot, self.form,
+                      self.payload)
+
+    def advance(self, matrices: tuple[Array, Array, Array], state: Array, command: Array,
+                time: Any) -> Array:
+        """
+        Return the state one step later.
+
+        Dry friction is solved implicitly: the torque that would stop a joint within the step,
+        limited to what friction can give (a time-stepping scheme; no chatter at any T).
+
+        Parameters
+        ----------
+        matrices : tuple of Array
+            F, G, E from `schedule.at(cos(theta_2))`.
+        state : Array
+            (…, n).
+        command : Array
+            At the drive, (…, 2).
+        time : Any
+            s, at the start of the step.
+
+        """
+        f, g, e = matrices
+        after = _apply(f, state) + _apply(g, command)
+        if not (self._torque or self._friction):
+            return after
+        motion = self.motion(state, command, time)
+        for effect in self._torque:
+            after = after + _apply(e, effect.force(motion) + np.zeros(self.form.order))
+        if self._friction:
+            after = after + self._stop(e, after, motion)
+        return after
+
+    def _stop(self, e: Array, free: Array, motion: Motion) -> Array:
+        order = self.form.order
+        forward, backward = np.zeros(2), np.zeros(2)
+        for effect in self._friction:
+            limits = effect.dry_friction(motion)
+            if limits is not None:
+                forward, backward = forward + limits[0], backward + limits[1]
+        columns = e @ self.form.force
+        reach = np.stack([columns[..., order, 0], columns[..., order + 1, 1]], axis=-1)
+        torque = -np.clip(free[..., order:order + 2] / reach, -backward, forward)
+        return _apply(columns, torque)
+
+    def output(self, state: Array, time: Any) -> Array:
+        """Return what the sensors say of a state (…, n): (…, m), rad and strain, no noise."""
+        output = state @ self.output_matrix.T
+        for effect in self._output:
+            output = effect.on_output(output, time, self.robot)
+        return output
+
+
+def _apply(matrix: Array, vector: Array) -> Array:
+    return (matrix @ vector[..., None])[..., 0]
