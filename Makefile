@@ -1,0 +1,39 @@
+# Needs Python 3.10 or newer with venv; .ci/environment installs the rest into .venv.
+PYTHON ?= python3
+BIN := .venv/bin
+DISTRO := $(or $(ROS_DISTRO),wheels)
+COVERAGE := --cov --cov-report=term:skip-covered
+
+export OPENBLAS_NUM_THREADS := 1
+# The ROS wheels re-execute Python once; the guard of another environment would stop that.
+unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
+
+.PHONY: help demo test lint bank bench figures clean
+.DEFAULT_GOAL := help
+
+help:  ## list the targets
+	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 10
+
+demo: .venv/.$(DISTRO)-run  ## the paper's experiment in closed loop over ROS 2 topics
+	$(BIN)/flex_demo
+
+test: .venv/.$(DISTRO)-test  ## all tests with coverage, style and types included
+	$(BIN)/python -m pytest -n 2 --dist loadgroup $(COVERAGE)
+
+lint: .venv/.$(DISTRO)-test  ## style and types alone
+	$(BIN)/python -m pytest -q test/test_style.py
+
+bank: .venv/.$(DISTRO)-test  ## the full bank of hidden effects, with confusion matrix
+	$(BIN)/python test/run_bank.py
+
+bench: .venv/.$(DISTRO)-bench  ## every benchmark script
+	@set -e; for script in benchmarks/*.py; do echo "== $$script"; $(BIN)/python $$script; done
+
+figures: .venv/.$(DISTRO)-run  ## Figures 13, 14, 15 and 18 of the paper
+	$(BIN)/flex_figures
+
+clean:  ## remove the virtual environment and everything built
+	rm -rf .venv build install log *.egg-info .coverage .mypy_cache .pytest_cache .ruff_cache
+
+.venv/.$(DISTRO)-%: setup.py pyproject.toml .ci/environment
+	@PYTHON='$(PYTHON)' .ci/environment $* $@

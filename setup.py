@@ -1,0 +1,76 @@
+"""ament_python package: three Python packages, their executables and their data."""
+
+from setuptools import find_packages, setup
+
+PACKAGE = 'flex_payload'
+ROS_WHEELS = [
+    'ros-rclpy[fastrtps]==9.1.2',
+    'ros-diagnostic-msgs~=5.5.1',
+    'ros-geometry-msgs~=5.5.1',
+    'ros-rosgraph-msgs~=2.3.0',
+    'ros-sensor-msgs~=5.5.1',
+    'ros-std-msgs~=5.5.1',
+    'ros-std-srvs~=5.5.1',
+    'ros-trajectory-msgs~=5.5.1',
+    'ros-visualization-msgs~=5.5.1',
+]
+AMENT_FLAKE8 = [
+    'flake8',
+    'flake8-blind-except',
+    'flake8-builtins',
+    'flake8-class-newline',
+    'flake8-comprehensions',
+    'flake8-deprecated',
+    'flake8-docstrings',
+    'flake8-import-order',
+    'flake8-quotes',
+]
+
+setup(
+    name=PACKAGE,
+    version='0.1.0',
+    description='Two-link flexible arm: simulation, diagnosis and payload estimation in ROS 2',
+    license='Apache-2.0',
+    maintainer='flex_payload maintainers',
+    maintainer_email='maintainers@users.noreply.h-seed-451643e1.example',
+    python_requires='>=3.10',
+    packages=find_packages(include=[
+        'flex_plant_sim', 'flex_plant_sim.*',
+        'flex_payload_estimator', 'flex_payload_estimator.*',
+        'msg_config',
+    ]),
+    package_data={
+        'flex_plant_sim': ['robots/*.yaml', 'diagnosis/*.html'],
+        'msg_config': ['*.yaml'],
+    },
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
+        (f'share/{PACKAGE}', ['package.xml']),
+        (f'share/{PACKAGE}/launch', ['launch/flex_payload.launch.py']),
+    ],
+    install_requires=['setuptools', 'numpy', 'scipy', 'PyYAML', 'matplotlib'],
+    extras_require={
+        'ros': ROS_WHEELS,
+        'bags': ['rosbags'],
+        'report': ['jinja2', 'tqdm'],
+        'speed': ['numba'],
+        'bench': ['filterpy', 'mujoco', 'numba'],
+        'test': [
+            'pytest', 'pytest-cov', 'pytest-xdist', 'colcon-common-extensions', 'mypy',
+            'pydocstyle', 'ruff', 'types-PyYAML', *AMENT_FLAKE8,
+        ],
+    },
+    entry_points={
+        'console_scripts': [
+            'plant_sim = flex_plant_sim.plant_sim_node:main',
+            'payload_estimator = flex_payload_estimator.payload_estimator_node:main',
+            'lqg_controller = flex_payload_estimator.lqg_controller_node:main',
+            'flex_demo = flex_payload_estimator.tools.demo:main',
+            'flex_diagnose = flex_plant_sim.tools.diagnose:main',
+            'flex_estimate = flex_payload_estimator.tools.estimate:main',
+            'flex_figures = flex_plant_sim.tools.figures:main',
+            'flex_replay = flex_plant_sim.tools.replay:main',
+        ],
+    },
+    zip_safe=True,
+)
