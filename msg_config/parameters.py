@@ -1,0 +1,217 @@
+"""The parameter table: one source for declaration, validation, parameter files and README."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+import math
+from pathlib import Path
+import sys
+from types import MappingProxyType
+from typing import Any, Union
+
+import yaml
+
+from flex_plant_sim.errors import InputError
+
+Value = Union[bool, int, float, str, 'tuple[float, ...]', 'tuple[str, ...]']
+
+
+def _number(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _items(value: object, accepts: Callable[[object], bool]) -> bool:
+    return isinstance(value, Iterable) and not isinstance(value, (str, bytes, Mapping)) and all(
+        accepts(item) for item in value)
+
+
+def _text(value: object) -> bool:
+    return isinstance(value, str)
+
+
+# Type name: what it accepts, how it is stored, how an error calls it.
+_TYPES: Mapping[str, tuple[Callable[[Any], bool], Callable[[Any], Value], str]] = {
+    'bool': (lambda value: isinstance(value, bool), bool, 'true or false'),
+    'int': (lambda value: isinstance(value, int) and not isinstance(value, bool), int,
+            'an integer'),
+    'double': (_number, float, 'a number'),
+    'string': (_text, str, 'a text'),
+    'double_array': (lambda value: _items(value, _number),
+                     lambda value: tuple(float(item) for item in value), 'a list of numbers'),
+    'string_array': (lambda value: _items(value, _text), tuple, 'a list of texts'),
+}
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """
+    One row of the table.
+
+    Attributes
+    ----------
+    name, type, default, description
+        As in ``parameters.yaml``; type is one of bool, int, double, string, double_array and
+        string_array.
+    unit : str
+        Unit of the value, empty where it has none.
+    minimum, maximum : float or None
+        Inclusive limits of a number.
+    choices : tuple of str
+        The texts allowed, empty where any is.
+
+    """
+
+    name: str
+    type: str  # noqa: A003
+    default: Value
+    description: str
+    unit: str = ''
+    minimum: float | None = None
+    maximum: float | None = None
+    choices: tuple[str, ...] = ()
+
+    def check(self, value: object) -> Value:
+        """
+        Return the value in the parameter's type; an int is accepted for a double.
+
+        Raises
+        ------
+        InputError
+            If type, range or choice does not fit.
+
+        """
+        accepts, convert, _ = _TYPES[self.type]
+        if not accepts(value) or not self._within(value):
+            raise InputError(f'{self.name}: expected {self.expected}, got {value!r}')
+        return convert(value)
+
+    @property
+    def expected(self) -> str:
+        """What the parameter accepts, in words."""
+        if self.choices:
+            return ' or '.join(self.choices)
+        words = _TYPES[self.type][2]
+        if self.minimum is not None:
+            words += f' from {self.minimum:g} to {self.maximum:g}'
+        return f'{words} {self.unit}'.rstrip()
+
+    def _within(self, value: Any) -> bool:
+        if self.choices:
+            return value in self.choices
+        return self.minimum is None or self.maximum is None or (
+            self.minimum <= value <= self.maximum)
+
+
+def _parameter(name: str, entry: Mapping[str, Any]) -> Parameter:
+    names = {'min': 'minimum', 'max': 'maximum'}
+    fields = {names.get(key, key): value for key, value in entry.items()}
+    fields['choices'] = tuple(fields.get('choices', ()))
+    fields['default'] = _TYPES[entry['type']][1](entry['default'])
+    return Parameter(name=name, **fields)
+
+
+@cache
+def load_parameters() -> Mapping[str, Mapping[str, Parameter]]:
+    """Return the table of every node, its common parameters first."""
+    text = files('msg_config').joinpath('parameters.yaml').read_text(encoding='utf-8')
+    table = yaml.safe_load(text)
+    return MappingProxyType({
+        node: MappingProxyType({
+            name: _parameter(name, entry) for name, entry in {**table['common'], **own}.items()})
+        for node, own in table['nodes'].items()})
+
+
+def check_parameters(node: str, values: Mapping[str, object]) -> dict[str, Value]:
+    """
+    Return the parameters of a node: the given values checked, the defaults for the rest.
+
+    Raises
+    ------
+    InputError
+        If a name is not in the node's table or a value does not fit.
+
+    """
+    table = load_parameters()[node]
+    for name in values:
+        if name not in table:
+            raise InputError(f'{node}: {name}: unknown parameter, expected one of '
+                             + ', '.join(table))
+    try:
+        return {name: row.check(values.get(name, row.default)) for name, row in table.items()}
+    except InputError as error:
+        raise InputError(f'{node}: {error}') from None
+
+
+def read_parameter_file(path: str | Path, node: str) -> dict[str, Value]:
+    """
+    Return a node's parameters from a ROS parameter file.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or no YAML mapping, or a parameter does not fit.
+
+    """
+    try:
+        content = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise InputError(f'{path}: not readable as YAML: {" ".join(str(error).split())}') from None
+    values: object = content
+    for key in (node, 'ros__parameters'):
+        values = values.get(key, {}) if isinstance(values, Mapping) else None
+    if not isinstance(values, Mapping):
+        raise InputError(f'{path}: expected {node}: ros__parameters: with a mapping of parameters')
+    try:
+        return check_parameters(node, values)
+    except InputError as error:
+        raise InputError(f'{path}: {error}') from None
+
+
+def _plain(value: Value) -> object:
+    return list(value) if isinstance(value, tuple) else value
+
+
+def parameter_file() -> str:
+    """Return a ROS parameter file with every default."""
+    defaults = {
+        node: {'ros__parameters': {name: _plain(row.default) for name, row in table.items()}}
+        for node, table in load_parameters().items()}
+    return yaml.safe_dump(defaults, sort_keys=False)
+
+
+def _shown(value: Value) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float):
+        return f'{value:g}'
+    return str(_plain(value))
+
+
+def _limits(row: Parameter) -> str:
+    if row.choices:
+        return ', '.join(f'`{choice}`' for choice in row.choices)
+    return '' if row.minimum is None else f'{row.minimum:g} … {row.maximum:g}'
+
+
+def markdown_table() -> str:
+    """Return the README's table, one row per node and parameter."""
+    lines = ['| node | parameter | type | default | unit | range | meaning |',
+             '|---|---|---|---|---|---|---|']
+    lines += [
+        f'| `{node}` | `{row.name}` | {row.type} | `{_shown(row.default)}` | {row.unit} '
+        f'| {_limits(row)} | {row.description} |'
+        for node, table in load_parameters().items() for row in table.values()]
+    return '\n'.join(lines)
+
+
+def main() -> int:
+    """Print the README's table, or with ``--yaml`` a ROS parameter file with the defaults."""
+    print(parameter_file() if '--yaml' in sys.argv[1:] else markdown_table())
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
