@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 import math
-from pathlib import Path
 import sys
 from types import MappingProxyType
 from typing import Any, Union
 
-import yaml
-
 from flex_plant_sim.errors import InputError
+import yaml
 
 Value = Union[bool, int, float, str, 'tuple[float, ...]', 'tuple[str, ...]']
 
@@ -143,31 +141,6 @@ def check_parameters(node: str, values: Mapping[str, object]) -> dict[str, Value
         return {name: row.check(values.get(name, row.default)) for name, row in table.items()}
     except InputError as error:
         raise InputError(f'{node}: {error}') from None
-
-
-def read_parameter_file(path: str | Path, node: str) -> dict[str, Value]:
-    """
-    Return a node's parameters from a ROS parameter file.
-
-    Raises
-    ------
-    InputError
-        If the file is missing or no YAML mapping, or a parameter does not fit.
-
-    """
-    try:
-        content = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InputError(f'{path}: not readable as YAML: {" ".join(str(error).split())}') from None
-    values: object = content
-    for key in (node, 'ros__parameters'):
-        values = values.get(key, {}) if isinstance(values, Mapping) else None
-    if not isinstance(values, Mapping):
-        raise InputError(f'{path}: expected {node}: ros__parameters: with a mapping of parameters')
-    try:
-        return check_parameters(node, values)
-    except InputError as error:
-        raise InputError(f'{path}: {error}') from None
 
 
 def _plain(value: Value) -> object:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any
 
@@ -10,7 +10,11 @@ from flex_plant_sim.errors import InputError
 from msg_config import load_services, load_topics, Qos
 from msg_config.parameters import load_parameters, Parameter, Value
 from rcl_interfaces.msg import (
-    FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult)
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
@@ -20,9 +24,6 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.service import Service
 from rclpy.subscription import Subscription
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
-
-_ARRAYS = {'double_array': RosParameter.Type.DOUBLE_ARRAY,
-           'string_array': RosParameter.Type.STRING_ARRAY}
 
 
 def interface_class(interface: str) -> Any:
@@ -57,6 +58,7 @@ def create_subscription(
     Parameters
     ----------
     node : Node
+        The subscribing node.
     name : str
         Name in the contract.
     callback : callable
@@ -116,6 +118,7 @@ def declare_parameters(node: Node, table: str | None = None) -> dict[str, Value]
     Parameters
     ----------
     node : Node
+        The node, without these parameters yet.
     table : str, optional
         Name of the table, by default the node's name.
 
@@ -163,7 +166,7 @@ def _value(parameter: RosParameter[Any]) -> Any:
 
 
 def _verdict(
-    rows: Any, changes: list[RosParameter[Any]],
+    rows: Mapping[str, Parameter], changes: list[RosParameter[Any]],
 ) -> SetParametersResult:
     try:
         for change in changes:
