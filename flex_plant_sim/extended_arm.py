@@ -11,13 +11,14 @@ from flex_plant_sim.arm_model import Array, ArmModel, SecondOrderForm
 from flex_plant_sim.assumed_modes import assumed_modes
 from flex_plant_sim.effects.base import Effect, Motion
 from flex_plant_sim.errors import InputError
-from flex_plant_sim.paper_model import paper_model
+from flex_plant_sim.paper_model import CompactModel, paper_model
 from flex_plant_sim.robot import Robot
 from flex_plant_sim.schedule import chebyshev_nodes, NODES, Schedule
-from flex_plant_sim.state_space import state_space, StateSpace
+from flex_plant_sim.state_space import state_space, StateSpace, zero_order_hold
 import numpy as np
 
-MODELS: dict[str, ArmModel] = {'assumed_modes': assumed_modes, 'paper': paper_model}
+MODELS: dict[str, ArmModel] = {
+    'assumed_modes': assumed_modes, 'paper': paper_model, 'paper_reduced': paper_model}
 
 
 class ExtendedArm:
@@ -29,7 +30,8 @@ class ExtendedArm:
     robot : Robot
         Its own `effects` are not applied; pass them as `effects`.
     model : str
-        'assumed_modes' or 'paper' (both with the full actuators).
+        'assumed_modes' or 'paper' (both with the full actuators), or 'paper_reduced': the
+        state space (12)-(16), which takes no effect that acts on forces or coordinates.
     modes : int
         Modes a link.
     payload : float
@@ -62,12 +64,20 @@ class ExtendedArm:
         self.form: SecondOrderForm = MODELS[model](self.robot, self.modes)
         for effect in effects:
             self.form = effect.on_form(self.form, self.robot)
+        self.compact = CompactModel(self.robot, self.modes) if model == 'paper_reduced' else None
         self.step_time = robot.sample_time if step is None else step
         self.nodes = chebyshev_nodes(nodes)
         self._torque = tuple(e for e in effects if type(e).force is not Effect.force)
         self._friction = tuple(e for e in effects
                                if type(e).dry_friction is not Effect.dry_friction)
         self._output = tuple(e for e in effects if type(e).on_output is not Effect.on_output)
+        self._check_reduced()
+
+    def _check_reduced(self) -> None:
+        for effect in self.effects if self.compact else ():
+            if effect in self._torque + self._friction or type(effect).on_form != Effect.on_form:
+                raise InputError(f'model: paper_reduced has no joint velocities, {effect.identifier}'
+                                 ' needs paper or assumed_modes')
 
     @cached_property
     def plant(self) -> StateSpace:
@@ -78,6 +88,13 @@ class ExtendedArm:
     def schedule(self) -> Schedule:
         """Return the sampled plant over cos(theta_2)."""
         return Schedule.of(self.plant, self.nodes, self.step_time)
+
+    def matrices(self, cosine: float, payload: float) -> tuple[Array, Array, Array]:
+        """Return F, G, E at one operating point, discretised exactly (no interpolation)."""
+        plant = self._plant(cosine, payload)
+        inputs = np.concatenate([plant.b, plant.e], axis=-1)
+        f, g = zero_order_hold(plant.a, inputs, self.step_time)
+        return f, g[:, :2], g[:, 2:]
 
     @property
     def states(self) -> int:
@@ -90,7 +107,8 @@ class ExtendedArm:
         return self.plant.c[0]
 
     def _plant(self, cosine: Any, payload: Any) -> StateSpace:
-        plant = state_space(self.form, cosine, payload)
+        plant = (self.compact.plant(cosine, payload) if self.compact
+                 else state_space(self.form, cosine, payload))
         for effect in self.effects:
             plant = effect.on_state_space(plant, self.robot)
         return plant
@@ -151,6 +169,13 @@ class ExtendedArm:
         reach = np.stack([columns[..., order, 0], columns[..., order + 1, 1]], axis=-1)
         torque = -np.clip(free[..., order:order + 2] / reach, -backward, forward)
         return _apply(columns, torque)
+
+    def joint_velocity(self, state: Array, command: Array) -> Array:
+        """Return (theta_1', theta_2'), rad/s, (…, 2): the tachometers."""
+        if self.compact is None:
+            return state[..., self.form.order:self.form.order + 2]
+        flexible = state[..., 2:self.form.order]
+        return flexible @ self.compact.m_6.T + command @ self.compact.m_7.T
 
     def output(self, state: Array, time: Any) -> Array:
         """Return what the sensors say of a state (…, n): (…, m), rad and strain, no noise."""

@@ -9,7 +9,9 @@ from flex_plant_sim.arm_model import (angle_rows, Array, coordinate_names, link_
                                       SecondOrderForm, strain_rows)
 from flex_plant_sim.assumed_modes import elastic_and_drive_terms, KinematicRows
 from flex_plant_sim.robot import Robot
+from flex_plant_sim.state_space import StateSpace
 import numpy as np
+from numpy.typing import ArrayLike
 
 Sign = Literal['corrected', 'as_printed']
 
@@ -154,7 +156,9 @@ class CompactModel:
         self.p_2 = blocks.root_moment[0] / damping[0]
         self.p_4 = blocks.root_moment[1] / damping[1]
         self.p_1, self.p_3 = (drive.torque_gain / drive.damping for drive in robot.drives)
-        self._blocks = blocks
+        self.m_6, self.m_7 = np.zeros((2, 2 * modes)), np.diag([self.p_1, self.p_3])
+        self.m_6[0, :modes], self.m_6[1, modes:] = self.p_2, self.p_4
+        self.mu = np.repeat([beam.modal_mass for beam in blocks.beams], modes)[:, None]
 
     def at(self, theta_2: float) -> CompactForm:
         """
@@ -162,15 +166,27 @@ class CompactModel:
 
         M_4 = P_14 vanishes: with the reduced actuators k_21 u_2 + k_23 theta_2' = -k_22 M_b2.
         """
-        n, cosine = self.modes, float(np.cos(theta_2))
-        mu = np.repeat([beam.modal_mass for beam in self._blocks.beams], n)[:, None]
+        return self.at_cosine(float(np.cos(theta_2)))
+
+    def at_cosine(self, cosine: float) -> CompactForm:
+        """Return the compact form at c = cos(theta_2)."""
+        mu, m_6, m_7 = self.mu, self.m_6, self.m_7
         mass = (self.form.mass_at(cosine, 0.0)[2:] / mu,
                 self.form.payload_mass_at(cosine)[2:] / mu)
-        m_6, m_7 = np.zeros((2, 2 * n)), np.diag([self.p_1, self.p_3])
-        m_6[0, :n], m_6[1, n:] = self.p_2, self.p_4
         m_2 = [-part[:, :2] @ m_6 for part in mass]
         m_2[0] = m_2[0] - self.form.damping[2:, 2:] / mu
-        m_3 = (np.eye(2 * n) - mass[0][:, 2:], -mass[1][:, 2:])
+        m_3 = (np.eye(len(mu)) - mass[0][:, 2:], -mass[1][:, 2:])
         m_5 = (-mass[0][:, :2] @ m_7, -mass[1][:, :2] @ m_7)
         m_1 = -self.form.stiffness_at(cosine)[2:, 2:] / mu
-        return CompactForm(m_1, (m_2[0], m_2[1]), m_3, np.zeros((2 * n, 2)), m_5, m_6, m_7)
+        return CompactForm(m_1, (m_2[0], m_2[1]), m_3, np.zeros((len(mu), 2)), m_5, m_6, m_7)
+
+    def plant(self, cosine: ArrayLike, payload: float) -> StateSpace:
+        """Return the reduced state space (12)-(16), (17) at c (…,), without force inputs."""
+        points = np.asarray(cosine, dtype=float)
+        pairs = [self.at_cosine(float(c)).state_space(payload) for c in points.ravel()]
+        a = np.stack([pair[0] for pair in pairs]).reshape(points.shape + pairs[0][0].shape)
+        b = np.stack([pair[1] for pair in pairs]).reshape(points.shape + pairs[0][1].shape)
+        output = np.vstack([self.form.angle, self.form.strain])
+        c = np.hstack([output, np.zeros((len(output), 2 * self.modes))])
+        return StateSpace(a, b, np.zeros(points.shape + (len(c.T), 0)),
+                          np.broadcast_to(c, points.shape + c.shape))

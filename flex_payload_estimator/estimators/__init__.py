@@ -1,0 +1,1 @@
+"""Payload estimators behind one interface."""

@@ -1,0 +1,59 @@
+"""The interface of every payload estimator."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from flex_plant_sim.arm_model import Array
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """
+    What an estimator says after one sample.
+
+    Attributes
+    ----------
+    time : float
+        Of the measurement, s.
+    mass, variance : float
+        Payload, kg, and the variance of its error, kg^2.
+    p : float
+        SF1's P (29), which is no variance; where an estimator has none, its own covariance.
+    innovation, innovation_std : Array
+        y - C x and its standard deviation per channel, rad and strain, (m,).
+    status : str
+        'ok', 'not_excited', 'model_suspect' or 'input_rejected'.
+
+    """
+
+    time: float
+    mass: float
+    variance: float
+    p: float
+    innovation: Array
+    innovation_std: Array
+    status: str = 'ok'
+
+
+class PayloadEstimator(Protocol):
+    """Estimates the payload from (y_t, u_{t-1}); state is kept inside, one update a sample."""
+
+    def reset(self) -> None:
+        """Forget everything."""
+
+    def update(self, time: float, output: Array, command: Array) -> Estimate:
+        """
+        Return the estimate after the sample of a time.
+
+        Parameters
+        ----------
+        time : float
+            s.
+        output : Array
+            (theta_1, theta_2, strain…), rad and m/m, (m,).
+        command : Array
+            Applied up to this sample, (2,).
+
+        """
