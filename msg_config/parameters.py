@@ -169,14 +169,24 @@ def _limits(row: Parameter) -> str:
     return '' if row.minimum is None else f'{row.minimum:g} … {row.maximum:g}'
 
 
+def _rows() -> list[tuple[str, Parameter]]:
+    tables = load_parameters()
+    first, *others = tables.values()
+    common = [row for name, row in first.items()
+              if all(table.get(name) == row for table in others)]
+    own = [(f'`{node}`', row) for node, table in tables.items() for row in table.values()
+           if row not in common]
+    return [('every node', row) for row in common] + own
+
+
 def markdown_table() -> str:
-    """Return the README's table, one row per node and parameter."""
+    """Return the README's table: the common parameters first, then each node's own."""
     lines = ['| node | parameter | type | default | unit | range | meaning |',
              '|---|---|---|---|---|---|---|']
     lines += [
-        f'| `{node}` | `{row.name}` | {row.type} | `{_shown(row.default)}` | {row.unit} '
+        f'| {node} | `{row.name}` | {row.type} | `{_shown(row.default)}` | {row.unit} '
         f'| {_limits(row)} | {row.description} |'
-        for node, table in load_parameters().items() for row in table.values()]
+        for node, row in _rows()]
     return '\n'.join(lines)
 
 

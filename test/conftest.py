@@ -1,0 +1,62 @@
+"""Fixtures of all tests: the shared records, and a ROS 2 domain of one's own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import fcntl
+import os
+from pathlib import Path
+import tempfile
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from rclpy.context import Context
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+SHARED_DATA = REPOSITORY.parent / 'shared' / 'data'
+
+# Read when a context starts, here and in the processes that a test starts.
+os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+os.environ.setdefault('ROS_LOG_DIR', os.path.join(tempfile.gettempdir(), 'flex_payload_log'))
+
+
+@pytest.fixture(scope='session')
+def repository() -> Path:
+    """Return the repository's root."""
+    return REPOSITORY
+
+
+@pytest.fixture(scope='session')
+def shared_data() -> Path:
+    """Return the folder of shared records, beside the repository; skip where it is absent."""
+    if not SHARED_DATA.is_dir():
+        pytest.skip('the shared records are absent: expected ../shared/data')
+    return SHARED_DATA
+
+
+@pytest.fixture
+def domain_id() -> Iterator[int]:
+    """Return a ROS domain that no other test on this machine uses, locked by a file."""
+    for domain in range(1, 102):
+        with open(Path(tempfile.gettempdir()) / f'flex_payload_domain_{domain}', 'w') as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                continue
+            yield domain
+            return
+    pytest.fail('all ROS domains from 1 to 101 are in use')
+
+
+@pytest.fixture
+def ros_context(domain_id: int) -> Iterator[Context]:
+    """Return an initialised rclpy context in a domain of its own; nodes must name it."""
+    import rclpy
+    from rclpy.context import Context
+
+    context = Context()
+    rclpy.init(context=context, domain_id=domain_id)
+    yield context
+    rclpy.try_shutdown(context=context)

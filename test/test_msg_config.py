@@ -1,0 +1,240 @@
+"""The topic contract, the parameter table and their rclpy side."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import time
+from typing import Any, TYPE_CHECKING
+
+from flex_plant_sim.errors import InputError
+from msg_config import load_services, load_topics
+from msg_config.parameters import (
+    check_parameters,
+    load_parameters,
+    markdown_table,
+    parameter_file,
+)
+import pytest
+import yaml
+
+if TYPE_CHECKING:
+    from rclpy.context import Context
+
+# Independent copy of the contract's names and types, as users of the topics were told.
+CONTRACT = {
+    'joint_states': 'sensor_msgs/msg/JointState',
+    'strain': 'sensor_msgs/msg/JointState',
+    'command': 'sensor_msgs/msg/JointState',
+    'reference': 'trajectory_msgs/msg/JointTrajectory',
+    'payload': 'std_msgs/msg/Float64MultiArray',
+    'payload/inertia': 'geometry_msgs/msg/InertiaStamped',
+    'innovation': 'sensor_msgs/msg/JointState',
+    'diagnostics': 'diagnostic_msgs/msg/DiagnosticArray',
+    'arm_markers': 'visualization_msgs/msg/MarkerArray',
+    '/clock': 'rosgraph_msgs/msg/Clock',
+}
+NODES = ('plant_sim', 'payload_estimator', 'lqg_controller')
+
+
+def test_topics_are_the_contract() -> None:
+    assert {name: topic.type for name, topic in load_topics().items()} == CONTRACT
+
+
+def test_every_topic_is_published_reliably_and_only_the_payload_is_kept_for_late_subscribers(
+) -> None:
+    for name, topic in load_topics().items():
+        assert (topic.qos.reliability, topic.qos.depth) == ('reliable', 10)
+        kept = 'transient_local' if name == 'payload' else 'volatile'
+        assert topic.qos.durability == topic.subscribe.durability == kept
+        assert topic.subscribe.reliability == ('reliable' if name == 'payload' else 'best_effort')
+
+
+def test_interfaces_exist_and_have_the_fields_that_the_contract_names() -> None:
+    from msg_config.ros import interface_class
+
+    for service in load_services().values():
+        assert interface_class(service.type).Request is not None
+    for topic in load_topics().values():
+        if topic.name == 'payload':  # labels of an array, not message fields
+            continue
+        fields = interface_class(topic.type).get_fields_and_field_types()
+        for field in topic.fields:
+            assert field.split('.')[0] in fields, f'{topic.name}: {field}'
+
+
+def test_payload_message_labels_its_values() -> None:
+    from msg_config.ros import payload_message
+
+    message = payload_message(0.1, 4e-6, 2.0)
+    assert [dim.label for dim in message.layout.dim] == ['mass kg', 'variance kg^2', 'P kg^2']
+    assert list(message.data) == [0.1, 4e-6, 2.0]
+
+
+@pytest.mark.parametrize('node', NODES)
+def test_defaults_satisfy_their_own_rows(node: str) -> None:
+    table = load_parameters()[node]
+    assert check_parameters(node, {}) == {name: row.default for name, row in table.items()}
+
+
+def test_parameter_file_holds_every_default() -> None:
+    content = yaml.safe_load(parameter_file())
+    for node in NODES:
+        values = content[node]['ros__parameters']
+        assert check_parameters(node, values) == check_parameters(node, {})
+        assert list(values) == list(load_parameters()[node])
+
+
+def test_an_int_becomes_a_double() -> None:
+    payload = check_parameters('plant_sim', {'payload': 1})['payload']
+    assert payload == 1.0
+    assert isinstance(payload, float)
+
+
+@pytest.mark.parametrize(('values', 'message'), [
+    ({'payload': -1}, 'plant_sim: payload: expected a number from 0 to 100 kg, got -1'),
+    ({'payload': float('nan')}, 'plant_sim: payload: expected a number from 0 to 100 kg, got nan'),
+    ({'payload': True}, 'plant_sim: payload: expected a number from 0 to 100 kg, got True'),
+    ({'modes': 2.0}, 'plant_sim: modes: expected an integer from 1 to 20, got 2.0'),
+    ({'mode': 'fast'}, "plant_sim: mode: expected lockstep or realtime, got 'fast'"),
+    ({'effects': 'backlash'},
+     "plant_sim: effects: expected a list of texts, got 'backlash'"),
+    ({'payload_schedule': [1.0, 'a']},
+     "plant_sim: payload_schedule: expected a list of numbers s, kg, got [1.0, 'a']"),
+])
+def test_bad_values_are_refused_in_one_line(values: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError) as raised:
+        check_parameters('plant_sim', values)
+    assert str(raised.value) == message
+
+
+def test_an_unknown_parameter_is_named_with_those_that_exist() -> None:
+    with pytest.raises(InputError, match=r'^plant_sim: mass: unknown parameter, expected one of '
+                                         r'robot, .*payload.*$'):
+        check_parameters('plant_sim', {'mass': 0.1})
+
+
+def test_readme_holds_exactly_the_table(repository: Path) -> None:
+    assert f'\n\n{markdown_table()}\n\n' in (repository / 'README.md').read_text(encoding='utf-8')
+
+
+def _node(context: Context, name: str, **overrides: Any) -> Any:
+    from rclpy.node import Node
+    from rclpy.parameter import Parameter
+
+    return Node(name, context=context, parameter_overrides=[
+        Parameter(key, value=value) for key, value in overrides.items()])
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize('name', NODES)
+def test_nodes_declare_the_whole_table(ros_context: Context, name: str) -> None:
+    from msg_config.ros import declare_parameters
+
+    node = _node(ros_context, name)
+    assert declare_parameters(node) == check_parameters(name, {})
+    for row in load_parameters()[name].values():
+        described = node.describe_parameter(row.name)
+        assert described.description.startswith(row.description)
+        ranges = [*described.integer_range, *described.floating_point_range]
+        assert [(span.from_value, span.to_value) for span in ranges] == (
+            [] if row.minimum is None else [(row.minimum, row.maximum)])
+    node.destroy_node()
+
+
+@pytest.mark.ros
+def test_a_node_takes_an_int_for_a_double_at_start_and_later(ros_context: Context) -> None:
+    from msg_config.ros import declare_parameters, parameter_values
+    from rclpy.parameter import Parameter
+
+    node = _node(ros_context, 'plant_sim', payload=1, payload_schedule=[1, 0])
+    values = declare_parameters(node)
+    assert (values['payload'], values['payload_schedule']) == (1.0, (1.0, 0.0))
+    assert node.set_parameters([Parameter('payload', value=2)])[0].successful
+    assert parameter_values(node)['payload'] == 2.0
+    node.destroy_node()
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize(('name', 'value'), [
+    ('payload', -0.5), ('payload', -1), ('payload', 'heavy'), ('mode', 'fast'), ('modes', 0),
+    ('modes', 2.5), ('effects', [1.0]),
+])
+def test_a_node_refuses_what_the_table_refuses(
+    ros_context: Context, name: str, value: Any,
+) -> None:
+    from msg_config.ros import declare_parameters
+    from rclpy.parameter import Parameter
+
+    refused = _node(ros_context, 'plant_sim', **{name: value})
+    with pytest.raises(InputError, match=f'^plant_sim: .*{name}') as raised:
+        declare_parameters(refused)
+    assert '\n' not in str(raised.value)
+    refused.destroy_node()
+
+    running = _node(ros_context, 'plant_sim')
+    before = declare_parameters(running)
+    result = running.set_parameters([Parameter(name, value=value)])[0]
+    assert not result.successful
+    assert result.reason
+    assert check_parameters('plant_sim', {
+        key: running.get_parameter(key).value or before[key] for key in before}) == before
+    running.destroy_node()
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize('reliable', [False, True])
+def test_every_topic_reaches_a_subscription(ros_context: Context, reliable: bool) -> None:
+    from msg_config.ros import create_publisher, create_subscription, interface_class
+    from rclpy.executors import SingleThreadedExecutor
+
+    node = _node(ros_context, 'contract')
+    executor = SingleThreadedExecutor(context=ros_context)
+    executor.add_node(node)
+    received: set[str] = set()
+    publishers = {name: create_publisher(node, name) for name in CONTRACT}
+    subscriptions = [
+        create_subscription(node, name, lambda _, name=name: received.add(name), reliable=reliable)
+        for name in CONTRACT]
+    deadline = time.monotonic() + 30.0
+    while received != set(CONTRACT) and time.monotonic() < deadline:
+        for name, publisher in publishers.items():
+            publisher.publish(interface_class(CONTRACT[name])())
+        for _ in subscriptions:
+            executor.spin_once(timeout_sec=0.05)
+    executor.shutdown()
+    node.destroy_node()
+    assert received == set(CONTRACT)
+
+
+@pytest.mark.ros
+def test_a_late_subscriber_gets_the_last_payload(ros_context: Context) -> None:
+    from msg_config.ros import create_publisher, create_subscription, payload_message
+    from rclpy.executors import SingleThreadedExecutor
+
+    node = _node(ros_context, 'late')
+    create_publisher(node, 'payload').publish(payload_message(0.1, 1e-6, 2.0))
+    late = _node(ros_context, 'late_subscriber')
+    masses: list[float] = []
+    create_subscription(late, 'payload', lambda message: masses.append(message.data[0]))
+    executor = SingleThreadedExecutor(context=ros_context)
+    executor.add_node(late)
+    deadline = time.monotonic() + 30.0
+    while not masses and time.monotonic() < deadline:
+        executor.spin_once(timeout_sec=0.1)
+    executor.shutdown()
+    node.destroy_node()
+    late.destroy_node()
+    assert masses == [0.1]
+
+
+@pytest.mark.ros
+def test_qos_can_be_overridden_by_parameters(ros_context: Context) -> None:
+    from msg_config.ros import create_publisher
+    from rclpy.qos import ReliabilityPolicy
+
+    node = _node(ros_context, 'override', **{
+        'qos_overrides./strain.publisher.reliability': 'best_effort',
+        'qos_overrides./strain.publisher.depth': 3})
+    profile = create_publisher(node, 'strain').qos_profile
+    assert (profile.reliability, profile.depth) == (ReliabilityPolicy.BEST_EFFORT, 3)
+    node.destroy_node()
