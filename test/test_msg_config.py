@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 import time
 from typing import Any, TYPE_CHECKING
@@ -181,6 +182,10 @@ def test_a_node_refuses_what_the_table_refuses(
     running.destroy_node()
 
 
+def _note(received: set[str], name: str, _: Any) -> None:
+    received.add(name)
+
+
 @pytest.mark.ros
 @pytest.mark.parametrize('reliable', [False, True])
 def test_every_topic_reaches_a_subscription(ros_context: Context, reliable: bool) -> None:
@@ -193,7 +198,7 @@ def test_every_topic_reaches_a_subscription(ros_context: Context, reliable: bool
     received: set[str] = set()
     publishers = {name: create_publisher(node, name) for name in CONTRACT}
     subscriptions = [
-        create_subscription(node, name, lambda _, name=name: received.add(name), reliable=reliable)
+        create_subscription(node, name, partial(_note, received, name), reliable=reliable)
         for name in CONTRACT]
     deadline = time.monotonic() + 30.0
     while received != set(CONTRACT) and time.monotonic() < deadline:

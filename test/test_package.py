@@ -1,0 +1,158 @@
+"""package.xml, setup.py, the launch file and the two commands agree with each other."""
+
+from __future__ import annotations
+
+from configparser import ConfigParser
+from importlib import import_module
+from importlib.metadata import distribution
+import os
+from pathlib import Path
+import re
+import subprocess
+import sys
+from xml.etree import ElementTree
+
+import pytest
+
+EXECUTABLES = {
+    'plant_sim', 'payload_estimator', 'lqg_controller',
+    'flex_demo', 'flex_diagnose', 'flex_estimate', 'flex_figures', 'flex_replay',
+}
+PACKAGES = ('flex_plant_sim', 'flex_payload_estimator', 'msg_config')
+
+
+@pytest.fixture(scope='module')
+def manifest(repository: Path) -> ElementTree.Element:
+    """Return package.xml."""
+    return ElementTree.parse(repository / 'package.xml').getroot()
+
+
+@pytest.fixture(scope='module')
+def built(repository: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder into which setup.py installs as colcon calls it."""
+    prefix = tmp_path_factory.mktemp('prefix')
+    egg_info = tmp_path_factory.mktemp('egg_info')
+    subprocess.run(
+        [sys.executable, '-W', 'ignore', 'setup.py', '-q',
+         'egg_info', '--egg-base', str(egg_info), 'build', '--build-base', str(prefix / 'build'),
+         'install', '--prefix', str(prefix / 'install'),
+         '--record', str(prefix / 'record'), '--single-version-externally-managed'],
+        cwd=repository, check=True)
+    return prefix / 'install'
+
+
+def test_manifest_is_a_format_3_ament_python_package(manifest: ElementTree.Element) -> None:
+    assert manifest.get('format') == '3'
+    assert manifest.findtext('name') == 'flex_payload'
+    assert manifest.findtext('export/build_type') == 'ament_python'
+    assert manifest.findtext('license') == 'Apache-2.0'
+
+
+def test_version_is_the_same_everywhere(manifest: ElementTree.Element, repository: Path) -> None:
+    version = manifest.findtext('version')
+    setup = (repository / 'setup.py').read_text(encoding='utf-8')
+    assert re.findall(r"version='(.*)'", setup) == [version]
+    assert distribution('flex_payload').version == version
+
+
+def test_every_message_package_of_the_contract_is_a_dependency(
+    manifest: ElementTree.Element,
+) -> None:
+    from msg_config import load_services, load_topics
+
+    types = [topic.type for topic in load_topics().values()]
+    types += [service.type for service in load_services().values()]
+    assert {name.split('/')[0] for name in types} < {node.text for node in manifest.findall('exec_depend')}
+
+
+def test_every_folder_of_code_is_a_package(repository: Path) -> None:
+    for package in PACKAGES:
+        for module in (repository / package).rglob('*.py'):
+            assert (module.parent / '__init__.py').is_file(), f'{module.parent}: no __init__.py'
+
+
+def test_every_console_script_has_its_function() -> None:
+    scripts = {entry.name: entry.value for entry in distribution('flex_payload').entry_points
+               if entry.group == 'console_scripts'}
+    assert set(scripts) == EXECUTABLES
+    for value in scripts.values():
+        module, function = value.split(':')
+        assert callable(getattr(import_module(module), function)), value
+
+
+@pytest.mark.skipif(sys.prefix == sys.base_prefix, reason="only pip fills an environment's bin/; "
+                    'colcon fills lib/flex_payload, see test_colcon_build')
+@pytest.mark.parametrize('name', sorted(EXECUTABLES))
+def test_the_environment_has_the_console_script(name: str) -> None:
+    assert os.access(Path(sys.executable).parent / name, os.X_OK)
+
+
+def test_setup_installs_where_ros_looks(built: Path) -> None:
+    assert {path.name for path in (built / 'lib/flex_payload').iterdir()} == EXECUTABLES
+    share = built / 'share'
+    assert (share / 'ament_index/resource_index/packages/flex_payload').is_file()
+    assert (share / 'flex_payload/package.xml').is_file()
+    assert (share / 'flex_payload/launch/flex_payload.launch.py').is_file()
+
+
+def test_setup_installs_every_data_file(built: Path, repository: Path) -> None:
+    installed = next(built.glob('lib/python*/site-packages'))
+    for package in PACKAGES:
+        for source in (repository / package).rglob('*'):
+            if source.suffix in ('.py', '.yaml', '.html'):
+                path = installed / source.relative_to(repository)
+                assert path.read_bytes() == source.read_bytes(), path
+
+
+def test_flake8_settings_are_those_of_ament(repository: Path) -> None:
+    config = ConfigParser()
+    config.read(repository / 'setup.cfg')
+    settings = dict(config['flake8'])
+    settings.pop('exclude')
+    assert settings == {
+        'extend-ignore': 'C816,D100,D101,D102,D103,D104,D105,D106,D107,D203,D212,D404,I202',
+        'import-order-style': 'google',
+        'max-line-length': '99',
+    }
+
+
+def test_launch_file_starts_the_three_nodes_with_declared_parameters(repository: Path) -> None:
+    from msg_config.parameters import load_parameters
+
+    launch = (repository / 'launch/flex_payload.launch.py').read_text(encoding='utf-8')
+    assert set(re.findall(r"executable='(\w+)'", launch)) == set(load_parameters())
+    arguments = re.findall(r"^    '(\w+)': \('([\w.]+)'", launch, re.MULTILINE)
+    plant = load_parameters()['plant_sim']
+    assert {name: str(plant[name].default) for name, _ in arguments} == dict(arguments)
+
+
+def _environment(repository: Path, python: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        ['.ci/environment', 'test', os.devnull], cwd=repository, text=True, capture_output=True,
+        env={**os.environ, 'PYTHON': str(python)})
+
+
+@pytest.mark.parametrize(('script', 'message'), [
+    ('exit 127', r'cannot run .*: install Python 3\.10 or newer'),
+    ('case "$2" in *version_info*) exit 1;; esac; [ "$1" = --version ] && echo Python 3.8.1',
+     r'Python 3\.8\.1 is too old: install Python 3\.10 or newer'),
+    ('case "$2" in *ensurepip*) exit 1;; esac', r'has no venv: install it .*python3-venv'),
+    ('case "$2" in *machine*|*rclpy*) exit 1;; esac',
+     r'no rclpy here.*: source a ROS 2 first'),
+])
+def test_a_missing_prerequisite_is_told_in_one_line(
+    repository: Path, tmp_path: Path, script: str, message: str,
+) -> None:
+    python = tmp_path / 'python'
+    python.write_text(f'#!/bin/sh\n{script}\nexit 0\n', encoding='utf-8')
+    python.chmod(0o755)
+    result = _environment(repository, python)
+    assert result.returncode == 1
+    assert re.fullmatch(rf'flex_payload: .*{message}.*\n', result.stderr), result.stderr
+
+
+def test_make_help_lists_the_targets(repository: Path) -> None:
+    result = subprocess.run(
+        ['make', 'help'], cwd=repository, text=True, capture_output=True, check=True)
+    listed = [line.split()[0] for line in result.stdout.splitlines() if line and line[0] != 'm']
+    assert listed == ['help', 'demo', 'test', 'lint', 'bank', 'bench', 'figures', 'clean']

@@ -1,0 +1,64 @@
+"""Style, types and the rule that the numerical core knows no ROS."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import subprocess
+import sys
+
+import pytest
+
+SOURCES = ('flex_plant_sim', 'flex_payload_estimator', 'msg_config', 'test', 'benchmarks',
+           'launch', 'setup.py')
+PACKAGES = SOURCES[:3]
+# Modules that say in their docstring that they use ROS; every other one must not.
+ROS_MODULES = ('msg_config.ros', 'flex_payload_estimator.tools.demo')
+
+
+def _run(repository: Path, module: str, *arguments: str) -> None:
+    sources = [name for name in SOURCES if (repository / name).exists()]
+    targets = () if module == 'mypy' else sources
+    result = subprocess.run(
+        [sys.executable, '-m', module, *arguments, *targets], cwd=repository, text=True,
+        capture_output=True)
+    assert result.returncode == 0, f'{module}:\n{result.stdout}{result.stderr}'
+
+
+def test_ruff(repository: Path) -> None:
+    _run(repository, 'ruff', 'check', '--output-format', 'concise')
+
+
+def test_flake8_as_ament_configures_it(repository: Path) -> None:
+    _run(repository, 'flake8')
+
+
+def test_pep257_as_ament_configures_it(repository: Path) -> None:
+    _run(repository, 'pydocstyle')
+
+
+def test_types(repository: Path) -> None:
+    _run(repository, 'mypy')
+
+
+def _core_modules(repository: Path) -> list[str]:
+    paths = (path.relative_to(repository).with_suffix('')
+             for package in PACKAGES for path in sorted((repository / package).rglob('*.py')))
+    names = ('.'.join(path.parts).removesuffix('.__init__') for path in paths)
+    return [name for name in names if not name.endswith('_node') and name not in ROS_MODULES]
+
+
+def test_the_numerical_core_imports_no_ros(repository: Path) -> None:
+    modules = _core_modules(repository)
+    assert {'flex_plant_sim.beam', 'msg_config', 'msg_config.parameters'} < set(modules)
+    code = (f'import importlib, sys\nfor name in {modules!r}:\n    importlib.import_module(name)\n'
+            '    assert "rclpy" not in sys.modules, name\n')
+    result = subprocess.run(
+        [sys.executable, '-c', code], cwd=repository, text=True, capture_output=True)
+    assert result.returncode == 0, result.stderr
+
+
+@pytest.mark.parametrize('name', ['flex_plant_sim', 'flex_payload_estimator'])
+def test_modules_are_short(repository: Path, name: str) -> None:
+    long = {str(path): lines for path in (repository / name).rglob('*.py')
+            if (lines := len(path.read_text(encoding='utf-8').splitlines())) > 350}
+    assert not long
