@@ -1,0 +1,1 @@
+"""Independent truth of the two-link flexible arm: finite elements, own integrator, own effects."""

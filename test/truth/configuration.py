@@ -1,0 +1,194 @@
+"""What the true arm is made of: every part and every imperfection, null unless set.
+
+The numbers repeat the project's data sheets on purpose: the truth reads no file of the package.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from truth.beam_elements import BeamMesh
+
+GRAVITY = 9.81
+
+
+@dataclass(frozen=True)
+class Link:
+    """One link: a rigid hub of radius m, then a uniform beam clamped to it (SI units)."""
+
+    length: float
+    thickness: float
+    height: float
+    youngs_modulus: float
+    density: float
+    damping_ratio: float
+    gauges: tuple[float, ...]
+    hub_radius: float = 0.0
+    clamp_stiffness: float = float('inf')
+
+    @property
+    def mass_per_length(self) -> float:
+        """Mass per length, kg/m."""
+        return self.density * self.thickness * self.height
+
+    @property
+    def bending_stiffness(self) -> float:
+        """Bending stiffness EI, N m^2."""
+        return self.youngs_modulus * self.height * self.thickness**3 / 12.0
+
+    @property
+    def first_frequency(self) -> float:
+        """First clamped-free frequency, rad/s: (gamma L)^2 sqrt(EI / (rho A L^4))."""
+        scale = (self.bending_stiffness / (self.mass_per_length * self.length**4)) ** 0.5
+        return 1.8751040687119611**2 * scale
+
+    def mesh(self, elements: int = 20) -> BeamMesh:
+        """Return the finite-element mesh of the beam."""
+        return BeamMesh(self.length, self.mass_per_length, self.bending_stiffness, elements)
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One drive and gear: torque = torque_gain u - damping theta_dot, and its imperfections.
+
+    Units: inertia kg m^2, torque_gain N m per command unit, damping and viscous N m s/rad,
+    coulomb_forward, coulomb_backward, stribeck and ripple N m, stribeck_speed rad/s,
+    ripple_order cycles per radian of the joint, lag s, backlash rad (whole gap),
+    gear_stiffness N m/rad; bias, dead_zone and saturation in the command's unit.
+    """
+
+    inertia: float
+    torque_gain: float
+    damping: float
+    viscous: float = 0.0
+    coulomb_forward: float = 0.0
+    coulomb_backward: float = 0.0
+    stribeck: float = 0.0
+    stribeck_speed: float = 0.05
+    ripple: float = 0.0
+    ripple_order: float = 0.0
+    ripple_phase: float = 0.0
+    bias: float = 0.0
+    dead_zone: float = 0.0
+    saturation: float = float('inf')
+    lag: float = 0.0
+    backlash: float = 0.0
+    gear_stiffness: float = float('inf')
+
+
+@dataclass(frozen=True)
+class Payload:
+    """The payload at the tip: mass kg, rotary inertia kg m^2, an event, a loose mounting.
+
+    From `event_time` s on (over `event_duration` s, 0 for a step) the mass becomes `event_mass`.
+    `loose_frequency` rad/s (0 for a rigid grip) is that of the held mass on its spring.
+    """
+
+    mass: float
+    inertia: float = 0.0
+    event_time: float = float('inf')
+    event_mass: float = 0.0
+    event_duration: float = 0.0
+    loose_frequency: float = 0.0
+    loose_damping_ratio: float = 0.0
+
+    def mass_at(self, time: float) -> float:
+        """Return the mass at `time` s, kg."""
+        if time < self.event_time:
+            return self.mass
+        share = 1.0
+        if self.event_duration > 0.0:
+            share = min(1.0, (time - self.event_time) / self.event_duration)
+        return self.mass + share * (self.event_mass - self.mass)
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Elbow, base and surroundings: masses kg, inertias kg m^2, stiffness N m/rad, tilt rad.
+
+    `air_drag` N s^2/m^3 is the force per length and squared transverse speed.
+    """
+
+    elbow_mass: float
+    elbow_inertia: float
+    tilt_x: float = 0.0
+    tilt_y: float = 0.0
+    base_stiffness: float = float('inf')
+    base_inertia: float = 0.0
+    base_damping: float = 0.0
+    air_drag: float = 0.0
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """Angle sensors and strain gauges; one entry a joint or a gauge, noise in rad and m/m.
+
+    `strain_crosstalk[i]` is the share of the other gauge of the same link read by gauge i.
+    `filter_cutoff` rad/s (0 for none), `filter_damping` 0 for first order, else second order.
+    """
+
+    angle_gain: tuple[float, ...]
+    angle_offset: tuple[float, ...]
+    strain_gain: tuple[float, ...]
+    strain_bias: tuple[float, ...]
+    strain_drift: tuple[float, ...]
+    strain_crosstalk: tuple[float, ...]
+    angle_step: tuple[float, ...]
+    strain_step: float
+    angle_noise: float
+    strain_noise: float
+    filter_cutoff: float = 0.0
+    filter_damping: float = 0.0
+    strain_delay: float = 0.0
+
+
+@dataclass(frozen=True)
+class Arm:
+    """The whole true arm, with the sampling of its log and the position controller's gains."""
+
+    links: tuple[Link, Link]
+    joints: tuple[Joint, Joint]
+    structure: Structure
+    payload: Payload
+    sensors: Sensors
+    sample_time: float
+    step: float
+    shapes: tuple[int, int]
+    position_gain: tuple[float, float]
+    command_limit: tuple[float, float]
+    input_delay: float = 0.0
+    motion: dict[str, float] = field(default_factory=dict)
+
+
+def clean_sensors(gauges: int, angle_step: tuple[float, ...], strain_step: float,
+                  angle_noise: float, strain_noise: float) -> Sensors:
+    """Return ideal sensors but for noise and quantisation."""
+    zeros, ones = (0.0,) * gauges, (1.0,) * gauges
+    return Sensors((1.0, 1.0), (0.0, 0.0), ones, zeros, zeros, zeros, angle_step, strain_step,
+                   angle_noise, strain_noise)
+
+
+def reference_arm(payload: float) -> Arm:
+    """Return the reference robot: velocity loops, four gauges, 100 Hz."""
+    links = (Link(0.6, 0.003, 0.05, 70e9, 2700.0, 0.01, (0.03, 0.30)),
+             Link(0.5, 0.0018, 0.05473, 70e9, 2700.0, 0.01, (0.025, 0.25)))
+    joints = (Joint(0.2, 0.2 / 0.01, 0.2 / 0.01), Joint(0.05, 0.05 / 0.01, 0.05 / 0.01))
+    return Arm(links, joints, Structure(0.6, 6e-4), Payload(payload),
+               clean_sensors(4, (5e-5, 5e-5), 1e-8, 1e-4, 5e-7), sample_time=0.01, step=0.0005,
+               shapes=(5, 5), position_gain=(5.0, 5.0), command_limit=(1.5, 1.5))
+
+
+def quanser_arm(payload: float) -> Arm:
+    """Return the Quanser arm with the vendor's nominal values: current drives, two gauges."""
+    links = (Link(0.202, 1.27e-3, 76.2e-3, 2.068e11, 7850.0, 0.01, (0.0,), 0.079),
+             Link(0.20185, 0.889e-3, 38.1e-3, 2.068e11, 7850.0, 0.01, (0.0,), 0.079))
+    joints = (Joint(0.0635, 8.925, 4.0), Joint(0.00302, 0.870, 1.5))
+    # All of stage 2 weighs 1.578 kg; what is left of its 0.1704 kg m^2 about the shoulder.
+    structure = Structure(elbow_mass=1.3673, elbow_inertia=1.4e-3)
+    return Arm(links, joints, structure, Payload(payload),
+               clean_sensors(2, (1.53e-5, 3.07e-5), 1e-10, 2e-6, 2e-9), sample_time=0.002,
+               step=0.0005, shapes=(3, 3), position_gain=(5.0, 5.0),
+               command_limit=(0.94, 1.2))
+
+
+ROBOTS = {'reference': reference_arm, 'quanser_2dsfl': quanser_arm}

@@ -1,0 +1,150 @@
+"""Equations of motion of the floating-frame arm, written with numpy arrays.
+
+Coordinates p = (theta_1, theta_2, q_1, q_2[, base angle]); theta are the rotors' angles against
+their stators. Each link is described in body axes at its joint, x along the undeformed link. With
+alpha the joint's acceleration in body axes (less gravity), Omega the body rate and q the shapes'
+amplitudes, a link's inertia forces are
+
+    G(q) (alpha_x, alpha_y, dOmega/dt, ddq) + (
+        -2 Omega a.dq - dq A dq - c Omega^2,
+        -2 Omega q A dq - Omega^2 a.q,
+        2 Omega q C dq,
+        -Omega^2 C q)
+
+with c = m1 - q A q / 2, A and C the shortening and centrifugal matrices of `component_modes`.
+They are Lagrange's equations of the kinetic energy cut after the terms of second order in q, so
+that energy is conserved exactly by the equations.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from truth.beam_elements import Array
+
+
+class LinkTerms(NamedTuple):
+    """Inertia and elasticity of a link with its tip body, n shapes (see ComponentModes).
+
+    `moments` is (mass kg, first moment kg m, second moment kg m^2) about the joint.
+    """
+
+    moments: Array
+    a: Array
+    b: Array
+    mass: Array
+    shortening: Array
+    centrifugal: Array
+    stiffness: Array
+    damping: Array
+    tip: Array
+    tip_slope: Array
+    tip_shortening: Array
+    tip_arm: float
+
+
+class ElbowMotion(NamedTuple):
+    """Rows (2, 2 + n1) and bias (2,) of the elbow acceleration; angle between the links, rad."""
+
+    rows: Array
+    bias: Array
+    angle: float
+
+
+def link_inertia(link: LinkTerms, q: Array) -> tuple[Array, Array]:
+    """Return G's blocks: rigid (3, 3) over (x, y, Omega), and coupling (3, n) to the shapes."""
+    mass, first, second = link.moments
+    aq = link.a @ q
+    a_matrix_q = link.shortening @ q
+    c = first - 0.5 * q @ a_matrix_q
+    inertia = second + q @ link.centrifugal @ q
+    rigid = np.array([[mass, 0.0, -aq], [0.0, mass, c], [-aq, c, inertia]])
+    return rigid, np.vstack([-a_matrix_q, link.a, link.b])
+
+
+def link_bias(link: LinkTerms, q: Array, dq: Array, rate: float) -> tuple[Array, Array]:
+    """Return the velocity terms of the equations above: (3,) and (n,)."""
+    c = link.moments[1] - 0.5 * q @ link.shortening @ q
+    centrifugal_q = link.centrifugal @ q
+    rigid = np.array([
+        -2.0 * rate * (link.a @ dq) - dq @ link.shortening @ dq - c * rate**2,
+        -2.0 * rate * (q @ link.shortening @ dq) - rate**2 * (link.a @ q),
+        2.0 * rate * (centrifugal_q @ dq)])
+    return rigid, -rate**2 * centrifugal_q
+
+
+def rotate_back(angle: float, vectors: Array) -> Array:
+    """Return `vectors` (2, ...) in axes turned by `angle`, rad."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, s], [-s, c]]) @ vectors
+
+
+def elbow_motion(upper: LinkTerms, q: Array, dq: Array, theta_2: float, rate: float,
+                 gravity: Array) -> ElbowMotion:
+    """Return the elbow's acceleration (less `gravity`, in upper axes) in the lower body axes."""
+    s_q = upper.tip_shortening @ q
+    arm = upper.tip_arm - 0.5 * q @ s_q
+    deflection = upper.tip @ q
+    rows = np.zeros((2, 2 + q.size))
+    rows[:, 0] = -deflection, arm
+    rows[0, 2:], rows[1, 2:] = -s_q, upper.tip
+    ds, dw = s_q @ dq, upper.tip @ dq
+    bias = np.array([-dq @ upper.tip_shortening @ dq - 2.0 * rate * dw - rate**2 * arm,
+                     -2.0 * rate * ds - rate**2 * deflection]) - gravity
+    turned = theta_2 + upper.tip_slope @ q
+    return ElbowMotion(rotate_back(turned, rows), rotate_back(turned, bias), turned)
+
+
+def mass_and_bias(p: Array, v: Array, gravity: Array, upper: LinkTerms, lower: LinkTerms,
+                  constant_mass: Array) -> tuple[Array, Array]:
+    """Return the mass matrix (N, N) and the inertia and gravity bias (N,).
+
+    `gravity` (2,) m/s^2 in base axes; `constant_mass` (N, N) rotors, gears and base.
+    """
+    n1, n2 = upper.a.size, lower.a.size
+    last = 2 + n1 + n2
+    has_base = p.size > last
+    q1, d1, q2, d2 = p[2:2 + n1], v[2:2 + n1], p[2 + n1:last], v[2 + n1:last]
+    rate_1 = v[0] + (v[-1] if has_base else 0.0)
+    gravity_1 = rotate_back(p[0] + (p[-1] if has_base else 0.0), gravity)
+    elbow = elbow_motion(upper, q1, d1, p[1], rate_1, gravity_1)
+    w = np.zeros((3, 2 + n1))
+    w[:2], w[2, 0], w[2, 1], w[2, 2:] = elbow.rows, 1.0, 1.0, upper.tip_slope
+    rate_2 = rate_1 + v[1] + upper.tip_slope @ d1
+
+    mass, bias = np.zeros((last, last)), np.zeros(last)
+    rigid, coupling = link_inertia(upper, q1)
+    velocity, elastic = link_bias(upper, q1, d1, rate_1)
+    mass[0, 0] = rigid[2, 2]
+    mass[0, 2:2 + n1] = mass[2:2 + n1, 0] = coupling[2]
+    mass[2:2 + n1, 2:2 + n1] = upper.mass
+    bias[0] = velocity[2] - rigid[2, :2] @ gravity_1
+    bias[2:2 + n1] = elastic - gravity_1 @ coupling[:2]
+
+    rigid, coupling = link_inertia(lower, q2)
+    velocity, elastic = link_bias(lower, q2, d2, rate_2)
+    mass[:2 + n1, :2 + n1] += w.T @ rigid @ w
+    mass[:2 + n1, 2 + n1:] = w.T @ coupling
+    mass[2 + n1:, :2 + n1] = mass[:2 + n1, 2 + n1:].T
+    mass[2 + n1:, 2 + n1:] = lower.mass
+    bias[:2 + n1] += w.T @ (rigid[:, :2] @ elbow.bias + velocity)
+    bias[2 + n1:] = elastic + elbow.bias @ coupling[:2]
+    if has_base:
+        # The base turns everything that the first rotor turns, but not against its stator.
+        select = np.r_[np.arange(last), 0]
+        mass, bias = mass[np.ix_(select, select)], bias[select]
+    return mass + constant_mass, bias
+
+
+def acceleration(p: Array, v: Array, forces: Array, gravity: Array, upper: LinkTerms,
+                 lower: LinkTerms, constant_mass: Array) -> Array:
+    """Return ddp (N,) under the generalised `forces` (N,) and the links' own elasticity."""
+    n1, n2 = upper.a.size, lower.a.size
+    mass, bias = mass_and_bias(p, v, gravity, upper, lower, constant_mass)
+    rest = forces - bias
+    i1, i2 = slice(2, 2 + n1), slice(2 + n1, 2 + n1 + n2)
+    rest[i1] -= upper.stiffness @ p[i1] + upper.damping @ v[i1]
+    rest[i2] -= lower.stiffness @ p[i2] + lower.damping @ v[i2]
+    return np.linalg.solve(mass, rest)

@@ -1,0 +1,244 @@
+"""Fixed-step Runge-Kutta integration of the arm with its sampled position controller."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from truth.beam_elements import Array
+from truth.compiled import acceleration, compiled
+from truth.equations import LinkTerms
+
+# Joint travel over which dry friction builds up, rad: half the sensors' noise, so unseen.
+PRESLIDING = 5e-5
+
+# Columns of the drive table (2, 14).
+GAIN, DAMPING, FORWARD, BACKWARD, STRIBECK, STRIBECK_SPEED = range(6)
+RIPPLE, RIPPLE_ORDER, RIPPLE_PHASE, BIAS, DEAD_ZONE, SATURATION, LAG = range(6, 13)
+
+
+class Plant(NamedTuple):
+    """What the right-hand side needs; see `assembly.System` and the column names above."""
+
+    upper: LinkTerms
+    lower: LinkTerms
+    constant_mass: Array
+    gravity: Array
+    twist: Array
+    base: Array
+    drag: Array
+    drive: Array
+
+
+class Loop(NamedTuple):
+    """The experiment: samples N, steps per sample S, joints 2, gauges G.
+
+    `reference` (N, 2) rad and `feedback` (2, 2) = (gain, limit) per joint if `closed`, else
+    `command` (N, 2) is applied; `noise` (N, 2) rad; `angle` (2, 3) = (gain, offset rad, step rad)
+    per joint; `mass` (N S,) the payload at every step, kg; `delay` of the command in steps.
+    """
+
+    closed: bool
+    reference: Array
+    command: Array
+    feedback: Array
+    noise: Array
+    angle: Array
+    mass: Array
+    lower_empty: LinkTerms
+    payload_unit: LinkTerms
+    curvature: Array
+    step: float
+    steps_per_sample: int
+    delay: float
+
+
+@compiled
+def dry_friction(row: Array, travel: float, speed: float) -> float:
+    """Return the friction torque, N m: a spring that slips at the sliding friction.
+
+    Sliding friction has a Stribeck rise at low speed and may differ by direction.
+    """
+    share = min(max(travel / PRESLIDING, -1.0), 1.0)
+    level = row[FORWARD] if share > 0.0 else row[BACKWARD]
+    return share * (level + row[STRIBECK] * np.exp(-(speed / row[STRIBECK_SPEED])**2))
+
+
+@compiled
+def drive_torque(row: Array, command: float, theta: float, speed: float,
+                 travel: float) -> float:
+    """Return the torque on a rotor, N m."""
+    u = command + row[BIAS]
+    if row[DEAD_ZONE] > 0.0:
+        u = np.sign(u) * max(abs(u) - row[DEAD_ZONE], 0.0)
+    u = min(max(u, -row[SATURATION]), row[SATURATION])
+    torque = row[GAIN] * u - row[DAMPING] * speed - dry_friction(row, travel, speed)
+    return torque + row[RIPPLE] * np.sin(row[RIPPLE_ORDER] * theta + row[RIPPLE_PHASE])
+
+
+@compiled
+def gear_torque(row: Array, twist: float, speed: float) -> float:
+    """Return the torque of a gear, N m: a gap, then a spring and damper that only push."""
+    overlap = abs(twist) - row[3]
+    if overlap <= 0.0:
+        return 0.0
+    side = 1.0 if twist > 0.0 else -1.0
+    push = row[1] * overlap + row[2] * speed * side
+    if row[3] > 0.0:
+        push = max(push, 0.0)
+    return -side * push
+
+
+@compiled
+def add_air_drag(plant: Plant, p: Array, v: Array, forces: Array) -> None:
+    """Add the quadratic drag of both links' transverse motion to `forces`."""
+    upper, drag = plant.upper, plant.drag
+    n1, n2 = upper.a.size, plant.lower.a.size
+    rate, slope, tip_speed, slope_speed = v[0], 0.0, 0.0, 0.0
+    for i in range(n1):
+        slope += upper.tip_slope[i] * p[2 + i]
+        slope_speed += upper.tip_slope[i] * v[2 + i]
+        tip_speed += upper.tip[i] * v[2 + i]
+    cosine = np.cos(p[1] + slope)
+    elbow_speed = cosine * (rate * upper.tip_arm + tip_speed)
+    rate_2 = rate + v[1] + slope_speed
+    width = min(n2, drag.shape[2] - 2)
+    for k in range(drag.shape[1]):
+        normal = rate * drag[0, k, 1]
+        for i in range(n1):
+            normal += drag[0, k, 2 + i] * v[2 + i]
+        force = -drag[0, k, 0] * abs(normal) * normal
+        forces[0] += force * drag[0, k, 1]
+        for i in range(n1):
+            forces[2 + i] += force * drag[0, k, 2 + i]
+        normal = elbow_speed + rate_2 * drag[1, k, 1]
+        for i in range(width):
+            normal += drag[1, k, 2 + i] * v[2 + n1 + i]
+        force = -drag[1, k, 0] * abs(normal) * normal
+        forces[0] += force * (drag[1, k, 1] + cosine * upper.tip_arm)
+        forces[1] += force * drag[1, k, 1]
+        for i in range(n1):
+            forces[2 + i] += force * (drag[1, k, 1] * upper.tip_slope[i]
+                                      + cosine * upper.tip[i])
+        for i in range(width):
+            forces[2 + n1 + i] += force * drag[1, k, 2 + i]
+
+
+@compiled
+def right_side(plant: Plant, p: Array, v: Array, u: Array, anchor: Array) -> Array:
+    """Return ddp (N,) for commands `u` (2,) and friction anchors (2,) rad."""
+    forces = np.zeros(p.size)
+    for j in range(2):
+        forces[j] = drive_torque(plant.drive[j], u[j], p[j], v[j], p[j] - anchor[j])
+        if plant.twist[j, 0] >= 0.0:
+            k = int(plant.twist[j, 0])
+            forces[k] += gear_torque(plant.twist[j], p[k], v[k])
+    if plant.base[0] > 0.0:
+        forces[-1] = -plant.base[0] * p[-1] - plant.base[1] * v[-1]
+    if plant.drag[0, 0, 0] > 0.0:
+        add_air_drag(plant, p, v, forces)
+    return acceleration(p, v, forces, plant.gravity, plant.upper, plant.lower,
+                        plant.constant_mass)
+
+
+@compiled
+def runge_kutta_step(plant: Plant, p: Array, v: Array, start: Array, middle: Array, end: Array,
+                     anchor: Array, h: float) -> tuple[Array, Array]:
+    """Return (p, v) after one classical fourth-order step; commands at its three times."""
+    a1 = right_side(plant, p, v, start, anchor)
+    v2 = v + 0.5 * h * a1
+    a2 = right_side(plant, p + 0.5 * h * v, v2, middle, anchor)
+    v3 = v + 0.5 * h * a2
+    a3 = right_side(plant, p + 0.5 * h * v2, v3, middle, anchor)
+    v4 = v + h * a3
+    a4 = right_side(plant, p + h * v3, v4, end, anchor)
+    return (p + h / 6.0 * (v + 2.0 * v2 + 2.0 * v3 + v4),
+            v + h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4))
+
+
+@compiled
+def load_payload(lower: LinkTerms, empty: LinkTerms, unit: LinkTerms, mass: float) -> None:
+    """Write the lower link's terms with a payload of `mass` kg to `lower`, in place."""
+    lower.moments[:] = empty.moments + mass * unit.moments
+    lower.a[:] = empty.a + mass * unit.a
+    lower.b[:] = empty.b + mass * unit.b
+    lower.mass[:] = empty.mass + mass * unit.mass
+    lower.shortening[:] = empty.shortening + mass * unit.shortening
+    lower.centrifugal[:] = empty.centrifugal + mass * unit.centrifugal
+
+
+@compiled
+def measure_angles(plant: Plant, loop: Loop, p: Array, sample: int, out: Array) -> None:
+    """Write what the joint sensors (on the gears' output side) read, rad."""
+    for j in range(2):
+        angle = p[j]
+        if plant.twist[j, 0] >= 0.0:
+            angle += p[int(plant.twist[j, 0])]
+        reading = loop.angle[j, 0] * angle + loop.angle[j, 1] + loop.noise[sample, j]
+        if loop.angle[j, 2] > 0.0:
+            reading = loop.angle[j, 2] * np.round(reading / loop.angle[j, 2])
+        out[j] = reading
+
+
+@compiled
+def delayed_command(loop: Loop, step: int, out: Array) -> None:
+    """Write the mean over the step of the command as it reaches the drive."""
+    past = step - loop.delay
+    whole = int(np.floor(past))
+    share = past - whole
+    for j in range(2):
+        out[j] = 0.0
+        if whole >= 0:
+            out[j] = (1.0 - share) * loop.command[whole // loop.steps_per_sample, j]
+        if share > 0.0 and whole + 1 >= 0:
+            out[j] += share * loop.command[(whole + 1) // loop.steps_per_sample, j]
+
+
+@compiled
+def lag_command(drive: Array, h: float, lagged: Array, u: Array, middle: Array,
+                end: Array) -> None:
+    """Write the command behind each motor's first-order lag in mid-step and at its end."""
+    for j in range(2):
+        middle[j] = end[j] = u[j]
+        if drive[j, LAG] > 0.0:
+            middle[j] += (lagged[j] - u[j]) * np.exp(-0.5 * h / drive[j, LAG])
+            end[j] += (lagged[j] - u[j]) * np.exp(-h / drive[j, LAG])
+        else:
+            lagged[j] = u[j]
+
+
+@compiled
+def run(plant: Plant, loop: Loop, p: Array, v: Array, joint: Array, strain: Array,
+        states: Array) -> None:
+    """Fill `joint` (N, 2) rad, `strain` (N S, G), `states` (N, 2, coordinates) and the commands.
+
+    Row k holds the state at k T and the command applied from then on.
+    """
+    anchor, lagged, u = p[:2].copy(), np.zeros(2), np.zeros(2)
+    middle, end = np.zeros(2), np.zeros(2)
+    step, held = 0, -1.0
+    for sample in range(joint.shape[0]):
+        measure_angles(plant, loop, p, sample, joint[sample])
+        states[sample, 0], states[sample, 1] = p, v
+        if loop.closed:
+            for j in range(2):
+                wish = loop.feedback[j, 0] * (loop.reference[sample, j] - joint[sample, j])
+                loop.command[sample, j] = min(max(wish, -loop.feedback[j, 1]),
+                                              loop.feedback[j, 1])
+        for _ in range(loop.steps_per_sample):
+            if loop.mass[step] != held:
+                held = loop.mass[step]
+                load_payload(plant.lower, loop.lower_empty, loop.payload_unit, held)
+            for g in range(strain.shape[1]):
+                total = 0.0
+                for i in range(p.size):
+                    total += loop.curvature[g, i] * p[i]
+                strain[step, g] = total
+            delayed_command(loop, step, u)
+            lag_command(plant.drive, loop.step, lagged, u, middle, end)
+            p, v = runge_kutta_step(plant, p, v, lagged, middle, end, anchor, loop.step)
+            for j in range(2):
+                lagged[j] = end[j]
+                anchor[j] = min(max(anchor[j], p[j] - PRESLIDING), p[j] + PRESLIDING)
+            step += 1

@@ -1,0 +1,84 @@
+"""Run the true arm: open loop from commands, or in closed loop from set-points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from truth.assembly import add_terms, assemble, System
+from truth.beam_elements import Array
+from truth.configuration import Arm
+from truth.equations import LinkTerms, mass_and_bias
+from truth.integrator import Loop, Plant, run
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What the arm did: joint (N, 2) rad as read, command (N, 2), fine strain (N S, G) m/m.
+
+    `state` (N, 2, coordinates) holds coordinates and rates at the samples.
+    """
+
+    command: Array
+    joint: Array
+    fine_strain: Array
+    state: Array
+    steps_per_sample: int
+
+
+def copy_terms(terms: LinkTerms) -> LinkTerms:
+    """Return a copy whose arrays may be written."""
+    return LinkTerms(*(np.array(x) if isinstance(x, np.ndarray) else x for x in terms))
+
+
+def plant_of(arm: Arm, system: System) -> Plant:
+    """Return the right-hand side's arrays."""
+    drive = np.array([[
+        j.torque_gain, j.damping + j.viscous, j.coulomb_forward, j.coulomb_backward, j.stribeck,
+        j.stribeck_speed, j.ripple, j.ripple_order, j.ripple_phase, j.bias, j.dead_zone,
+        j.saturation, j.lag] for j in arm.joints])
+    lower = add_terms(system.lower_empty, system.payload_unit, arm.payload.mass)
+    return Plant(system.upper, copy_terms(lower), system.constant_mass, system.gravity,
+                 system.twist, system.base, system.drag, drive)
+
+
+def simulate(arm: Arm, reference: Array | None = None, command: Array | None = None,
+             noise: Array | None = None, state: Array | None = None) -> Motion:
+    """Simulate `arm` for N samples, from `reference` (N, 2) rad or from `command` (N, 2).
+
+    `noise` (N, 2) rad is added to the joint readings, `state` (2, coordinates) is the start.
+    """
+    given = reference if command is None else command
+    if given is None:
+        raise ValueError('simulate: expected a reference or a command')
+    samples = given.shape[0]
+    system = assemble(arm)
+    steps = round(arm.sample_time / arm.step)
+    sensors = arm.sensors
+    loop = Loop(
+        command is None, np.array(given), np.array(given),
+        np.array([arm.position_gain, arm.command_limit]).T.copy(),
+        np.zeros((samples, 2)) if noise is None else noise,
+        np.array([sensors.angle_gain, sensors.angle_offset, sensors.angle_step]).T.copy(),
+        np.array([arm.payload.mass_at(k * arm.step) for k in range(samples * steps)]),
+        copy_terms(system.lower_empty), copy_terms(system.payload_unit), system.curvature,
+        arm.step, steps, arm.input_delay / arm.step)
+    joint = np.zeros((samples, 2))
+    strain = np.zeros((samples * steps, system.curvature.shape[0]))
+    states = np.zeros((samples, 2, system.size))
+    start = np.zeros((2, system.size)) if state is None else np.array(state)
+    run(plant_of(arm, system), loop, start[0], start[1], joint, strain, states)
+    return Motion(loop.command, joint, strain, states, steps)
+
+
+def energy(arm: Arm, state: Array) -> float:
+    """Return the kinetic and elastic energy, J, at `state` (2, coordinates)."""
+    system = assemble(arm)
+    p, v = state
+    lower = add_terms(system.lower_empty, system.payload_unit, arm.payload.mass)
+    mass = mass_and_bias(p, v, np.zeros(2), system.upper, lower, system.constant_mass)[0]
+    q = p[2:2 + system.upper.a.size + lower.a.size]
+    stiffness = block_diag(system.upper.stiffness, lower.stiffness)
+    return float(0.5 * v @ mass @ v + 0.5 * q @ stiffness @ q)
