@@ -62,7 +62,8 @@ def test_every_message_package_of_the_contract_is_a_dependency(
 
     types = [topic.type for topic in load_topics().values()]
     types += [service.type for service in load_services().values()]
-    assert {name.split('/')[0] for name in types} < {node.text for node in manifest.findall('exec_depend')}
+    dependencies = {node.text for node in manifest.findall('exec_depend')}
+    assert {name.split('/')[0] for name in types} < dependencies
 
 
 def test_every_folder_of_code_is_a_package(repository: Path) -> None:
