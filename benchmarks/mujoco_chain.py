@@ -1,8 +1,8 @@
-"""Reference arm as a chain of rigid segments in MuJoCo: an independent truth, and a speed baseline.
+"""Reference arm as a chain of rigid segments in MuJoCo: an independent truth, a speed baseline.
 
-Each link is cut into `n` cells of length `h = L/n`. The bending compliance `h/EI` of a cell sits in
-one hinge at its centre, so the rigid bodies are `h/2, h, …, h, h/2` long and the clamp needs no
-half-stiff spring. This midpoint rule converges with `h²`. Nothing of `flex_plant_sim` is used.
+Each link is cut into `n` cells of length `h = L/n`. The bending compliance `h/EI` of a cell sits
+in one hinge at its centre, so the rigid bodies are `h/2, h, …, h, h/2` long and the clamp needs
+no half-stiff spring. This midpoint rule converges with `h²`. `flex_plant_sim` is not used.
 """
 
 from __future__ import annotations
@@ -83,11 +83,9 @@ class Arm:
 
     @property
     def gravity(self) -> tuple[float, float, float]:
-        """Return gravity in the arm's plane, m/s²: the base rotated by `tilt` about x and y."""
-        tilt_x, tilt_y = self.tilt
-        if tilt_x == 0.0 and tilt_y == 0.0:
-            return 0.0, 0.0, 0.0
-        return 9.81 * np.sin(tilt_y), -9.81 * np.sin(tilt_x), 0.0
+        """Return gravity in m/s², its in-plane part 9.81 sin(tilt) along x and along y."""
+        along_x, along_y = 9.81 * np.sin(self.tilt)
+        return along_x, along_y, 0.0
 
 
 @dataclass(frozen=True)
@@ -107,17 +105,31 @@ class Chain:
 
 def _hinge(body: ET.Element, name: str, **attributes: object) -> None:
     """Add a hinge about z at the body's origin."""
-    values = {key: (value if isinstance(value, str) else f'{value:.12g}')
-              for key, value in attributes.items() if value is not None}
+    values: dict[str, str] = {
+        key: (value if isinstance(value, str) else f'{value:.12g}')
+        for key, value in attributes.items() if value is not None}
     ET.SubElement(body, 'joint', name=name, type='hinge', axis='0 0 1', **values)
 
 
-def _point(body: ET.Element, name: str, position: float, mass: float, inertia: float) -> ET.Element:
+def _point(body: ET.Element, name: str, position: float, mass: float,
+           inertia: float) -> ET.Element:
     """Add a rigidly held body with its centre `position` m along the parent."""
     child = ET.SubElement(body, 'body', name=name, pos=f'{position:.12g} 0 0')
-    about_z = max(inertia, mass * 1e-9, 1e-12)
-    ET.SubElement(child, 'inertial', pos='0 0 0', mass=f'{max(mass, MASSLESS_KG):.12g}',
-                  diaginertia=f'{about_z:.12g} {about_z:.12g} {about_z:.12g}')
+    _inertial(child, max(mass, MASSLESS_KG), max(inertia, mass * 1e-9, 1e-12))
+    return child
+
+
+def _inertial(body: ET.Element, mass: float, inertia: float) -> None:
+    """Give the body a mass at its origin."""
+    ET.SubElement(body, 'inertial', pos='0 0 0', mass=f'{mass:.12g}',
+                  diaginertia=' '.join([f'{inertia:.12g}'] * 3))
+
+
+def _insert(body: ET.Element, name: str, **attributes: object) -> ET.Element:
+    """Add a body that turns against `body` about the same axis; `body` gets a gram to move."""
+    _inertial(body, 1e-3, 1e-6)
+    child = ET.SubElement(body, 'body', name=name)
+    _hinge(child, name, **attributes)
     return child
 
 
@@ -128,20 +140,17 @@ def _joint(body: ET.Element, arm: Arm, j: int, timestep: float) -> ET.Element:
     """
     damping = arm.rotor_inertia[j] / arm.time_constant[j] + arm.viscous_friction[j]
     _hinge(body, f'joint_{j + 1}', damping=damping,
-           armature=arm.rotor_inertia[j] - damping * timestep / 2, frictionloss=arm.coulomb_friction[j],
+           armature=arm.rotor_inertia[j] - damping * timestep / 2,
+           frictionloss=arm.coulomb_friction[j],
            solreffriction='0.002 1', solimpfriction='0.99 0.99 0.001')
-    if arm.gear_stiffness[j] is not None or arm.backlash[j] > 0:
-        body = _point(body, f'gear_{j + 1}', 0.0, 1e-3, 1e-6)
-        half = arm.backlash[j] / 2
-        limits = dict(range=f'{-half:.12g} {half:.12g}', limited='true', solreflimit='0.002 1') \
-            if half > 0 else {}
-        _hinge(body, f'gear_{j + 1}', stiffness=arm.gear_stiffness[j],
-               damping=arm.gear_damping[j], **limits)
-    if arm.clamp_stiffness[j] is not None:
-        body = _point(body, f'clamp_{j + 1}', 0.0, 1e-3, 1e-6)
-        stiffness = arm.clamp_stiffness[j]
-        _hinge(body, f'clamp_{j + 1}', stiffness=stiffness,
-               damping=stiffness * arm.links[j].retardation_time)
+    half, stiffness = arm.backlash[j] / 2, arm.clamp_stiffness[j]
+    limits = {'range': f'{-half:.12g} {half:.12g}', 'limited': 'true', 'solreflimit': '0.002 1'}
+    if arm.gear_stiffness[j] is not None or half > 0:
+        body = _insert(body, f'gear_{j + 1}', stiffness=arm.gear_stiffness[j],
+                       damping=arm.gear_damping[j], **(limits if half > 0 else {}))
+    if stiffness is not None:
+        body = _insert(body, f'clamp_{j + 1}', stiffness=stiffness,
+                       damping=stiffness * arm.links[j].retardation_time)
     if arm.hub_inertia[j] > 0:
         _point(body, f'hub_{j + 1}', 0.0, MASSLESS_KG, arm.hub_inertia[j])
     return body
@@ -187,7 +196,8 @@ def mjcf(arm: Arm, n: int, timestep: float) -> str:
     if arm.base_stiffness is not None:
         _hinge(body, 'base', stiffness=arm.base_stiffness, armature=arm.base_inertia,
                damping=0.02 * np.sqrt(arm.base_stiffness * arm.base_inertia))
-        body = _point(body, 'pedestal', 0.0, 1e-3, 1e-6)
+        _inertial(body, 1e-3, 1e-6)
+        body = ET.SubElement(body, 'body', name='upper_arm')
     tip = _link(_joint(body, arm, 0, timestep), arm.links[0], 0, n)
     cell = arm.links[0].length / n
     _point(tip, 'elbow', cell / 2, arm.elbow_mass, arm.elbow_inertia)

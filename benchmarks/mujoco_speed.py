@@ -7,7 +7,7 @@ from dataclasses import replace
 import time
 
 import mujoco
-from mujoco_chain import Arm, build, fit_percent, simulate
+from mujoco_chain import Arm, build, simulate
 import numpy as np
 from scipy.linalg import eigh
 
@@ -19,7 +19,8 @@ FINITE_ELEMENT_FREQUENCIES = {
 }
 
 
-def locked_frequencies(arm: Arm, theta_2: float, n_segments: int = 20, count: int = 4) -> np.ndarray:
+def locked_frequencies(arm: Arm, theta_2: float, n_segments: int = 20,
+                       count: int = 4) -> np.ndarray:
     """Return the first natural frequencies with both joints locked, rad/s."""
     chain = build(arm, n_segments)
     data = mujoco.MjData(chain.model)
