@@ -1,11 +1,10 @@
 """Start the arm, the payload estimator and the controller."""
 
+from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
-
-from launch import LaunchDescription
 
 ARGUMENTS = {
     'robot': ('reference', 'built-in robot or robot file, for all three nodes'),
