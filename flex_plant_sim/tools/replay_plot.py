@@ -1,0 +1,55 @@
+"""The plot of flex_replay: measured and simulated, and what is left."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from flex_plant_sim.atomic_file import whole_file
+from flex_plant_sim.errors import InputError
+from flex_plant_sim.tools.replay import fit_text, Replay
+
+SHOWN = {'rad': (1.0, 'rad'), 'm/m': (1e6, 'µm/m')}
+
+
+def write_plot(path: str | Path, result: Replay) -> None:
+    """
+    Plot every channel, measured and simulated on the left, their difference on the right.
+
+    Raises
+    ------
+    InputError
+        If nothing can be written there, or the suffix names no image format.
+
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    if Path(path).suffix[1:] not in FigureCanvasAgg.filetypes:
+        raise InputError(f'{path}: expected an image suffix such as .png, '
+                         f'got {Path(path).suffix!r}')
+    log, count = result.log, len(result.units)
+    figure = Figure(figsize=(14.0, 2.0 * count + 0.8), layout='constrained')
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(count, 2, sharex=True, width_ratios=(3, 2))
+    columns = zip(log.output_names, result.units, result.fit_percent, result.rmse,
+                  log.output.T, result.simulated.T, axes)
+    for name, unit, fit, error, measured, simulated, (left, right) in columns:
+        scale, shown = SHOWN[unit]
+        left.plot(log.time, scale * measured, color='tab:blue', linewidth=1.4, label='measured')
+        left.plot(log.time, scale * simulated, color='tab:orange', linewidth=0.8,
+                  label='simulated')
+        right.plot(log.time, scale * (measured - simulated), color='tab:red', linewidth=0.8)
+        left.set_ylabel(f'{name}, {shown}')
+        left.set_title(fit_text(fit), loc='right', fontsize='small')
+        right.set_title(f'residual, RMSE {scale * error:.3g} {shown}', loc='right',
+                        fontsize='small')
+        for axis in (left, right):
+            axis.grid(alpha=0.3)
+            axis.margins(x=0.01)
+    axes[0, 0].legend(loc='lower left', bbox_to_anchor=(0.0, 1.0), ncols=2, fontsize='small')
+    for axis in axes[-1]:
+        axis.set_xlabel('time, s')
+    arm = result.arm
+    figure.suptitle(f'{Path(log.source).name}: {arm.robot.name}, {arm.model_name}, '
+                    f'{arm.modes} modes, {arm.payload:.4g} kg')
+    with whole_file(path) as temporary:
+        figure.savefig(temporary, dpi=100)
