@@ -1,4 +1,5 @@
-"""Reference arm as a chain of rigid segments in MuJoCo: an independent truth, a speed baseline.
+"""
+Reference arm as a chain of rigid segments in MuJoCo: an independent truth, a speed baseline.
 
 Each link is cut into `n` cells of length `h = L/n`. The bending compliance `h/EI` of a cell sits
 in one hinge at its centre, so the rigid bodies are `h/2, h, …, h, h/2` long and the clamp needs
@@ -51,7 +52,8 @@ class Link:
 
 @dataclass(frozen=True)
 class Arm:
-    """The two-link arm and the mechanical extras that a hidden effect may switch on.
+    """
+    The two-link arm and the mechanical extras that a hidden effect may switch on.
 
     Pairs are (joint 1, joint 2). A stiffness of None means rigid. Units: SI, rad.
     """
@@ -105,10 +107,10 @@ class Chain:
 
 def _hinge(body: ET.Element, name: str, **attributes: object) -> None:
     """Add a hinge about z at the body's origin."""
-    values: dict[str, str] = {
+    values = {
         key: (value if isinstance(value, str) else f'{value:.12g}')
         for key, value in attributes.items() if value is not None}
-    ET.SubElement(body, 'joint', name=name, type='hinge', axis='0 0 1', **values)
+    ET.SubElement(body, 'joint', {'name': name, 'type': 'hinge', 'axis': '0 0 1', **values})
 
 
 def _point(body: ET.Element, name: str, position: float, mass: float,
@@ -134,7 +136,8 @@ def _insert(body: ET.Element, name: str, **attributes: object) -> ET.Element:
 
 
 def _joint(body: ET.Element, arm: Arm, j: int, timestep: float) -> ET.Element:
-    """Add the driven joint, then the gear and the clamp where they are not rigid.
+    """
+    Add the driven joint, then the gear and the clamp where they are not rigid.
 
     The integrator's implicit damping d acts like an inertia of d·timestep/2, which is taken off.
     """
@@ -240,7 +243,8 @@ Hook = Callable[[mujoco.MjModel, mujoco.MjData], None]
 
 def run(chain: Chain, command: Callable[[int, np.ndarray, np.ndarray], np.ndarray], count: int,
         period: float, hook: Hook | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Step the chain over `count` samples of `period` s.
+    """
+    Step the chain over `count` samples of `period` s.
 
     `command(k, joint, strain)` gets the true outputs sampled at `k·period` and returns what the
     drives get from then on, (2,). `hook(model, data)` runs before every sub-step.
@@ -266,7 +270,8 @@ def run(chain: Chain, command: Callable[[int, np.ndarray, np.ndarray], np.ndarra
 
 def simulate(arm: Arm, commands: np.ndarray, period: float, payload: float | None = None,
              n_segments: int = 20, substeps: int = 20) -> tuple[np.ndarray, np.ndarray]:
-    """Simulate from rest under `commands` (N, 2), each held for `period` s.
+    """
+    Simulate from rest under `commands` (N, 2), each held for `period` s.
 
     Returns what is sampled before each row's command acts: joint angles (N, 2) rad, strain (N, 4).
     """

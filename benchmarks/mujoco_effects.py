@@ -1,4 +1,5 @@
-"""What a MuJoCo record can hide: drive, sensor and mechanical deviations, one function an effect.
+"""
+What a MuJoCo record can hide: drive, sensor and mechanical deviations, one function an effect.
 
 An effect takes a seeded generator and a clean `Scenario` and returns the changed one, with the
 numbers of the change in `truth` (SI, rad) and where it acts in `site`.

@@ -1,4 +1,5 @@
-"""Make a measured-looking record of the arm with MuJoCo, hiding one effect; the truth beside it.
+"""
+Make a measured-looking record of the arm with MuJoCo, hiding one effect; the truth beside it.
 
 `python benchmarks/mujoco_records.py --effect coulomb_friction --seed 3 --out record.csv`
 writes `record.csv` (columns of the bench records) and `record.truth.json`. The arm follows random
@@ -52,7 +53,8 @@ def draw_arm(rng: np.random.Generator) -> Arm:
 
 
 class Loop:
-    """The closed loop around the chain: set-points, noisy angles, the drive's imperfections.
+    """
+    The closed loop around the chain: set-points, noisy angles, the drive's imperfections.
 
     Keeps what the log shows (`commands`, `angles`) and the strains at every sub-step.
     """
@@ -101,7 +103,8 @@ def _needs_every_step(scenario: Scenario) -> bool:
 
 def make_record(effect: str, seed: int, duration: float = 40.0, n_segments: int = 20,
                 substeps: int = 20) -> tuple[np.ndarray, dict]:
-    """Return the record (N, 9) in the order of `COLUMNS`, and its truth.
+    """
+    Return the record (N, 9) in the order of `COLUMNS`, and its truth.
 
     Raises KeyError for an unknown effect.
     """
