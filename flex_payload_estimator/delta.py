@@ -1,0 +1,133 @@
+"""Delta model (19)-(22): Omega, and how well it keeps its digits where the shift form fails."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+import math
+
+from flex_plant_sim.arm_model import Array
+from flex_plant_sim.errors import InputError
+import numpy as np
+
+BLOCK = 4
+TRUNCATION = 1e-14
+
+
+@lru_cache(maxsize=32)
+def _coefficients(terms: int) -> Array:
+    """Return 1/(i+1)! for i = 0…terms in rows of BLOCK, zero-padded."""
+    values = [1.0 / math.factorial(i + 1) for i in range(terms + 1)]
+    values += [0.0] * (-len(values) % BLOCK)
+    return np.array(values).reshape(-1, BLOCK)
+
+
+def omega(a: Array, step: float, terms: int = 15, halvings: int = 0) -> Array:
+    """
+    Return Omega = I + sum_{i=1}^{n'} (A h)^i / (i+1)!, (19), doubled back from h to T.
+
+    The sum is Horner's in blocks of four powers (Paterson and Stockmeyer): n' = 15 costs six
+    products. Doubling stays in the delta domain, Omega(2h) = Omega(h) (I + h/2 A Omega(h)),
+    and never forms I + T A.
+
+    Parameters
+    ----------
+    a : Array
+        A, (n, n), 1/s.
+    step : float
+        T, s.
+    terms : int
+        n' >= 1.
+    halvings : int
+        h = T / 2^halvings; 0 is (19) as printed.
+
+    Raises
+    ------
+    InputError
+        terms < 1 or halvings < 0.
+
+    """
+    if terms < 1 or halvings < 0:
+        raise InputError(f"omega: expected n' >= 1 and halvings >= 0, got {terms} and {halvings}")
+    h = step / 2.0**halvings
+    scaled = a * h
+    result = _series(scaled, _coefficients(terms))
+    for _ in range(halvings):
+        result = result + 0.5 * result.dot(scaled.dot(result))
+        scaled = 2.0 * scaled
+    return result
+
+
+def _series(x: Array, coefficients: Array) -> Array:
+    size = len(x)
+    powers = np.empty((BLOCK, size, size))
+    powers[0] = np.eye(size)
+    powers[1] = x
+    powers[2] = square = x.dot(x)
+    powers[3] = square.dot(x)
+    fourth = square.dot(square)
+    blocks = coefficients.dot(powers.reshape(BLOCK, -1)).reshape(-1, size, size)
+    result = blocks[-1]
+    for block in blocks[-2::-1]:
+        result = result.dot(fourth) + block
+    return result
+
+
+def halvings_for(spectral_radius: float, step: float, terms: int = 15) -> int:
+    """
+    Return how often to halve T so that the first term left out of (19) is below 1e-14.
+
+    The spectral radius of A (1/s) is taken, not a norm: A mixes units, so that its norm says
+    little about the size of A^i T^i.
+    """
+    size, halvings = spectral_radius * step, 0
+    log_limit = math.log(TRUNCATION) + math.lgamma(terms + 3)
+    while size > 0.0 and (terms + 1) * math.log(size) > log_limit:
+        size, halvings = 0.5 * size, halvings + 1
+    return halvings
+
+
+def delta_model(a: Array, b: Array, step: float, terms: int = 15,
+                halvings: int = 0) -> tuple[Array, Array]:
+    """Return A-bar = Omega A (n, n) and B-bar = Omega B (n, m), (20), (21)."""
+    big = omega(a, step, terms, halvings)
+    return big.dot(a), big.dot(b)
+
+
+def shift_round_trip(a: Array, step: float, terms: int = 15, halvings: int = 0) -> Array:
+    """Return (F - I) / T with F = I + T A-bar rounded to double: what the shift form keeps."""
+    a_bar, _ = delta_model(a, a, step, terms, halvings)
+    identity = np.eye(len(a))
+    return ((identity + step * a_bar) - identity) / step
+
+
+def digits_over_step(a: Array, steps: Array, spectral_radius: float) -> tuple[Array, Array]:
+    """
+    Return the relative errors of A-bar in delta and in shift form, each of steps.shape.
+
+    The reference is (19) with 40 terms in extended precision at a step halved until it
+    converges. Errors are in the largest entry.
+    """
+    delta, shift = [], []
+    for step in steps:
+        exact = _extended(a, float(step), spectral_radius)
+        halvings = halvings_for(spectral_radius, float(step))
+        scale = float(np.max(np.abs(exact)))
+        a_bar, _ = delta_model(a, a, float(step), halvings=halvings)
+        back = shift_round_trip(a, float(step), halvings=halvings)
+        delta.append(float(np.max(np.abs(a_bar - exact))) / scale)
+        shift.append(float(np.max(np.abs(back - exact))) / scale)
+    return np.array(delta), np.array(shift)
+
+
+def _extended(a: Array, step: float, spectral_radius: float) -> np.ndarray:
+    halvings = halvings_for(spectral_radius, step, 40)
+    wide = np.asarray(a, dtype=np.longdouble)
+    scaled = wide * (np.longdouble(step) / 2**halvings)
+    identity = np.eye(len(a), dtype=np.longdouble)
+    result = identity
+    for i in range(40, 0, -1):
+        result = identity + scaled @ result / np.longdouble(i + 1)
+    for _ in range(halvings):
+        result = result + result @ (scaled @ result) / 2
+        scaled = 2 * scaled
+    return result @ wide

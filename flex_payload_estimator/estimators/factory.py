@@ -1,0 +1,53 @@
+"""Payload estimators by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from flex_payload_estimator.estimators.base import PayloadEstimator
+from flex_payload_estimator.estimators.sf1 import PAPER_SETTINGS, SF1Estimator, SF1EstimatorSettings
+from flex_plant_sim.errors import InputError
+from flex_plant_sim.robot import Robot
+
+Builder = Callable[..., PayloadEstimator]
+
+
+def _sf1_paper(robot: Robot, model: str, modes: int, **changes: Any) -> PayloadEstimator:
+    return SF1Estimator(robot, model, modes, replace(PAPER_SETTINGS, **changes))
+
+
+def _sf1(robot: Robot, model: str, modes: int, **changes: Any) -> PayloadEstimator:
+    return SF1Estimator(robot, model, modes, SF1EstimatorSettings(**changes))
+
+
+BUILDERS: dict[str, Builder] = {'sf1_paper': _sf1_paper, 'sf1': _sf1}
+
+
+def make_estimator(name: str, robot: Robot, model: str = 'paper_reduced', modes: int = 2,
+                   **changes: Any) -> PayloadEstimator:
+    """
+    Return an estimator by name.
+
+    Parameters
+    ----------
+    name : str
+        'sf1_paper': as printed; 'sf1': resolvent split, normalised.
+    robot : Robot
+    model : str
+        'paper_reduced', 'paper' or 'assumed_modes'.
+    modes : int
+        Modes a link.
+    **changes
+        Settings of the estimator that differ from its defaults.
+
+    Raises
+    ------
+    InputError
+        Unknown name.
+
+    """
+    if name not in BUILDERS:
+        raise InputError(f'estimator: expected one of {", ".join(BUILDERS)}, got {name!r}')
+    return BUILDERS[name](robot, model, modes, **changes)

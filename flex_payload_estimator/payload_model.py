@@ -1,0 +1,164 @@
+"""The arm over (theta_2, m_p) as an estimator and a controller need it: fast, any n."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from flex_payload_estimator.delta import halvings_for
+from flex_payload_estimator.split import (compact_blocks, Split, split_second_order,
+                                          SplitKind)
+from flex_plant_sim.arm_model import Array, SecondOrderForm, Shapes
+from flex_plant_sim.assumed_modes import assumed_modes, KinematicRows
+from flex_plant_sim.errors import InputError
+from flex_plant_sim.paper_model import CompactModel, paper_model
+from flex_plant_sim.ritz import RitzShapes
+from flex_plant_sim.robot import Robot
+import numpy as np
+from scipy.linalg.lapack import dgesv
+
+MODEL_NAMES = ('paper_reduced', 'paper', 'assumed_modes')
+
+
+class PayloadModel(Protocol):
+    """
+    A(theta_2, m_p) and B(theta_2, m_p) with their split, and the output rows.
+
+    Attributes
+    ----------
+    states : int
+        n.
+    output : Array
+        C-bar to (theta_1, theta_2, gauges in V), (m, n).
+    end_point : Array
+        theta_2e over the state, (n,).
+    scale : Array
+        From (rad, rad, m/m…) to (rad, rad, V…), (m,).
+    spread : Array
+        Relative size of the states under a static load, by which modes share a gauge's
+        signal where there are fewer gauges than modes; (n,).
+    halvings : int
+        What (19) needs for full accuracy.
+
+    """
+
+    spread: Array
+    states: int
+    output: Array
+    end_point: Array
+    scale: Array
+    halvings: int
+
+    def split(self, cosine: float, mass: float, kind: SplitKind) -> Split:
+        """Return A, B and the split at cos(theta_2) and m_p, kg."""
+
+
+def payload_model(robot: Robot, name: str = 'paper_reduced', modes: int = 2) -> PayloadModel:
+    """
+    Return a model by name.
+
+    Raises
+    ------
+    InputError
+        Not one of MODEL_NAMES.
+
+    """
+    if name == 'paper_reduced':
+        return ReducedModel(robot, modes)
+    beams = robot.links[0].beam(modes), robot.links[1].beam(modes)
+    if name == 'paper':
+        return SecondOrderModel(robot, modes, paper_model(robot, modes), beams)
+    if name == 'assumed_modes':
+        shapes = RitzShapes.of(beams[0]), RitzShapes.of(beams[1])
+        return SecondOrderModel(robot, modes, assumed_modes(robot, modes), shapes)
+    raise InputError(f'model: expected one of {", ".join(MODEL_NAMES)}, got {name!r}')
+
+
+class ReducedModel:
+    """
+    (12)-(16): state (theta, q, q' - Lambda M_5 u), n_x = 2 + 4n.
+
+    M_1…M_5 of Appendix F are polynomials of second degree in cos(theta_2); their coefficients
+    are taken once, from the compact form at three points.
+    """
+
+    def __init__(self, robot: Robot, modes: int):
+        compact = CompactModel(robot, modes)
+        self._m_6, self._m_7, self._size = compact.m_6, compact.m_7, 2 * modes
+        self.states = 2 + 4 * modes
+        points = np.array([-1.0, 0.0, 1.0])
+        values = np.stack([self._row(compact, c) for c in points])
+        self._table = np.linalg.solve(np.vander(points, increasing=True),
+                                      values.reshape(3, -1))
+        beams = robot.links[0].beam(modes), robot.links[1].beam(modes)
+        rows = KinematicRows.of(robot, beams, modes)
+        self.spread = np.concatenate([_spread(beams), np.zeros(2 * modes)])
+        self.scale, output = _output(robot, compact.form)
+        self.output = np.hstack([output, np.zeros((len(output), 2 * modes))])
+        self.end_point = np.concatenate([end_point_row(rows), np.zeros(2 * modes)])
+        self.halvings = _halvings(self, robot.sample_time)
+
+    def _row(self, compact: CompactModel, cosine: float) -> Array:
+        form = compact.at_cosine(cosine)
+        return np.hstack([np.eye(self._size) - form.m_3[0], form.m_3[1], form.m_1,
+                          *form.m_2, *form.m_5])
+
+    def split(self, cosine: float, mass: float, kind: SplitKind) -> Split:
+        """Return A, B and the split at cos(theta_2) and m_p, kg."""
+        f = self._size
+        row = np.array([1.0, cosine, cosine * cosine]).dot(self._table).reshape(f, -1)
+        mass_0, mass_m = row[:, :f], row[:, f:2 * f]
+        lam = dgesv(mass_0 - mass * mass_m, np.eye(f))[2]
+        terms = (row[:, 2 * f:3 * f], row[:, 3 * f:4 * f], row[:, 4 * f:5 * f],
+                 row[:, 5 * f:5 * f + 2], row[:, 5 * f + 2:])
+        return compact_blocks(lam, mass_0, mass_m, terms, self._m_6, self._m_7, mass, kind)
+
+
+class SecondOrderModel:
+    """A second-order form as x = (p, p'), n_x = 4 + 4n."""
+
+    def __init__(self, robot: Robot, modes: int, form: SecondOrderForm,
+                 shapes: tuple[Shapes, Shapes]):
+        order = form.order
+        self.states = 2 * order
+        fixed = np.zeros((3, order, order + 2))
+        fixed[0] = np.hstack([-form.damping, form.input])
+        self._table = np.concatenate(
+            [form.mass, form.payload_mass, -form.stiffness, fixed], axis=2).reshape(3, -1)
+        self._order = order
+        rows = KinematicRows.of(robot, shapes, modes)
+        self.spread = np.concatenate([_spread(shapes), np.zeros(order)])
+        self.scale, output = _output(robot, form)
+        self.output = np.hstack([output, np.zeros_like(output)])
+        self.end_point = np.concatenate([end_point_row(rows), np.zeros(order)])
+        self.halvings = _halvings(self, robot.sample_time)
+
+    def split(self, cosine: float, mass: float, kind: SplitKind) -> Split:
+        """Return A, B and the split at cos(theta_2) and m_p, kg."""
+        n = self._order
+        row = np.array([1.0, cosine, cosine * cosine]).dot(self._table).reshape(n, -1)
+        return split_second_order(row[:, :n], row[:, n:2 * n], row[:, 2 * n:], mass, kind)
+
+
+def end_point_row(rows: KinematicRows) -> Array:
+    """Return theta_2e = theta_2 + sum phi_2j'(L_2) q_2j over p: the forearm's slope at its tip."""
+    row = rows.tip_slope - rows.root_2
+    row[1] = 1.0
+    return row
+
+
+def _output(robot: Robot, form: SecondOrderForm) -> tuple[Array, Array]:
+    gauges = len(form.strain)
+    scale = np.concatenate([np.ones(2), np.full(gauges, robot.gauge_amplifier)])
+    return scale, scale[:, None] * np.vstack([form.angle, form.strain])
+
+
+def _spread(shapes: tuple[Shapes, Shapes]) -> Array:
+    ratios = [(shape.frequencies[0] / shape.frequencies)**2 for shape in shapes]
+    return np.concatenate([np.ones(2), *ratios])
+
+
+def _halvings(model: ReducedModel | SecondOrderModel, step: float) -> int:
+    """Take the fastest mode, which the payload only slows down, over cos(theta_2)."""
+    radius = max(float(np.max(np.abs(np.linalg.eigvals(
+        model.split(c, 0.0, 'tangent').a)))) for c in (-1.0, 0.0, 1.0))
+    return halvings_for(radius, step)
