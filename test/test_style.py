@@ -6,12 +6,13 @@ from pathlib import Path
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 SOURCES = ('flex_plant_sim', 'flex_payload_estimator', 'msg_config', 'test', 'benchmarks',
            'launch', 'setup.py')
 PACKAGES = SOURCES[:3]
-# Modules that say in their docstring that they use ROS; every other one must not.
+# Beside the nodes, only these use ROS.
 ROS_MODULES = ('msg_config.ros', 'flex_payload_estimator.tools.demo')
 
 
@@ -36,6 +37,9 @@ def test_pep257_as_ament_configures_it(repository: Path) -> None:
     _run(repository, 'pydocstyle')
 
 
+@pytest.mark.skipif(
+    tuple(map(int, np.__version__.split('.')[:2])) < (2, 3),
+    reason='numpy before 2.3 (Python 3.10) annotates its results too loosely to be checked')
 def test_types(repository: Path) -> None:
     _run(repository, 'mypy')
 
