@@ -147,15 +147,17 @@ def _joint(body: ET.Element, arm: Arm, j: int, timestep: float) -> ET.Element:
            frictionloss=arm.coulomb_friction[j],
            solreffriction='0.002 1', solimpfriction='0.99 0.99 0.001')
     half, stiffness = arm.backlash[j] / 2, arm.clamp_stiffness[j]
-    limits = {'range': f'{-half:.12g} {half:.12g}', 'limited': 'true', 'solreflimit': '0.002 1'}
+    limits = {'range': f'{-half:.12g} {half:.12g}', 'limited': 'true', 'solreflimit': '0.001 1'}
     if arm.gear_stiffness[j] is not None or half > 0:
         body = _insert(body, f'gear_{j + 1}', stiffness=arm.gear_stiffness[j],
                        damping=arm.gear_damping[j], **(limits if half > 0 else {}))
     if stiffness is not None:
         body = _insert(body, f'clamp_{j + 1}', stiffness=stiffness,
                        damping=stiffness * arm.links[j].retardation_time)
-    if arm.hub_inertia[j] > 0:
-        _point(body, f'hub_{j + 1}', 0.0, MASSLESS_KG, arm.hub_inertia[j])
+    # A stop's stiffness grows with the inertia that hits it: a bare segment's stop would be soft.
+    hub = max(arm.hub_inertia[j], 0.01 * arm.rotor_inertia[j] if half > 0 else 0.0)
+    if hub > 0:
+        _point(body, f'hub_{j + 1}', 0.0, MASSLESS_KG, hub)
     return body
 
 
