@@ -22,7 +22,7 @@ NODES = ('plant_sim', 'payload_estimator', 'lqg_controller')
 SHIPPED = ('flex_plant_sim', 'flex_payload_estimator', 'msg_config', 'launch', 'resource',
            'package.xml', 'setup.py', 'setup.cfg', 'pyproject.toml')
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.xdist_group('colcon')]
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 
 @pytest.fixture(scope='module')
