@@ -56,11 +56,14 @@ class ExtendedArm:
             raise InputError(f'model: expected one of {", ".join(MODELS)}, got {model!r}')
         mass = robot.payload_mass if payload is None else payload
         self.robot = replace(robot, payload_mass=mass)
+        # What replaces the model comes first; what looks back on raw commands next.
+        effects = sorted(effects, key=lambda effect: (
+            not hasattr(effect, 'modes'), -effect.memory(robot.sample_time)))
+        self.model_name, self.effects = model, tuple(effects)
         for effect in effects:
             self.robot = effect.on_robot(self.robot)
         self.payload = self.robot.payload_mass
         self.modes = max(modes, *(int(getattr(e, 'modes', modes)) for e in effects), modes)
-        self.model_name, self.effects = model, tuple(effects)
         self.form: SecondOrderForm = MODELS[model](self.robot, self.modes)
         for effect in effects:
             self.form = effect.on_form(self.form, self.robot)
@@ -70,12 +73,14 @@ class ExtendedArm:
         self._torque = tuple(e for e in effects if type(e).force is not Effect.force)
         self._friction = tuple(e for e in effects
                                if type(e).dry_friction is not Effect.dry_friction)
+        self._contact = tuple(e for e in effects if type(e).on_step is not Effect.on_step)
         self._output = tuple(e for e in effects if type(e).on_output is not Effect.on_output)
         self._check_reduced()
 
     def _check_reduced(self) -> None:
         for effect in self.effects if self.compact else ():
-            if effect in self._torque + self._friction or type(effect).on_form != Effect.on_form:
+            if any(getattr(type(effect), hook) is not getattr(Effect, hook)
+                   for hook in ('force', 'dry_friction', 'on_step', 'on_form')):
                 raise InputError(f'model: paper_reduced has no joint velocities, {effect.identifier}'
                                  ' needs paper or assumed_modes')
 
@@ -125,7 +130,7 @@ class ExtendedArm:
         """Return what the hooks may look at."""
         n = self.form.order
         return Motion(time, state[..., :n], state[..., n:2 * n], command, self.robot, self.form,
-                      self.payload)
+                      self.payload, self.step_time)
 
     def advance(self, matrices: tuple[Array, Array, Array], state: Array, command: Array,
                 time: Any) -> Array:
@@ -149,11 +154,13 @@ class ExtendedArm:
         """
         f, g, e = matrices
         after = _apply(f, state) + _apply(g, command)
-        if not (self._torque or self._friction):
+        if not (self._torque or self._friction or self._contact):
             return after
         motion = self.motion(state, command, time)
         for effect in self._torque:
             after = after + _apply(e, effect.force(motion) + np.zeros(self.form.order))
+        for effect in self._contact:
+            after = effect.on_step(after, state, e @ self.form.force, motion)
         if self._friction:
             after = after + self._stop(e, after, motion)
         return after

@@ -137,7 +137,8 @@ class Simulator:
         limits = [drive.command_limit for drive in self.arm.robot.drives]
         applied = np.clip(command, np.negative(limits), limits)
         for effect in self.arm.effects:
-            applied = effect.on_command(applied, self._history, self.time)
+            applied = effect.on_command(applied, self._history, self.time,
+                                        self.arm.robot.sample_time)
         return applied
 
     def _matrices(self, time: float) -> tuple[Array, Array, Array]:

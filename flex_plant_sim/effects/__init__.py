@@ -1,0 +1,125 @@
+"""The catalogue of effects: every module of this package that defines one is in it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import lru_cache
+import importlib
+import math
+import pkgutil
+from types import MappingProxyType
+
+from flex_plant_sim.effects.base import Effect, Parameter
+from flex_plant_sim.errors import InputError
+from flex_plant_sim.robot import EffectSpec, Robot
+
+# What a class may name as its sites; gauges are the robot's own.
+SITES: Mapping[str, tuple[str, ...]] = MappingProxyType({
+    'joint': ('joint_1', 'joint_2'), 'link': ('link_1', 'link_2'), 'arm': ('arm',),
+    'hub': ('joint_1', 'joint_2', 'elbow')})
+
+
+@lru_cache(maxsize=1)
+def catalogue() -> Mapping[str, type[Effect]]:
+    """Return the effects by identifier, sorted by family and identifier."""
+    found = []
+    for module in pkgutil.iter_modules(__path__):
+        if module.name.startswith('_'):
+            continue
+        content = vars(importlib.import_module(f'{__name__}.{module.name}')).values()
+        found += [item for item in content if isinstance(item, type) and issubclass(item, Effect)
+                  and item is not Effect and item.__module__.endswith(f'.{module.name}')]
+    found.sort(key=lambda item: (item.family, item.identifier))
+    return MappingProxyType({item.identifier: item for item in found})
+
+
+def sites(effect: type[Effect], robot: Robot) -> tuple[str, ...]:
+    """Return where an effect can act on a robot: joints, links, gauges or the whole arm."""
+    return robot.gauge_names if effect.sites == 'gauge' else SITES[effect.sites]
+
+
+def build(spec: EffectSpec, robot: Robot | None = None) -> Effect:
+    """
+    Return the effect that a robot file names.
+
+    Parameters
+    ----------
+    spec : EffectSpec
+    robot : Robot, optional
+        Needed to check the name of a gauge.
+
+    Raises
+    ------
+    InputError
+        Unknown identifier or site; a parameter that is missing, unknown or out of bounds.
+
+    """
+    if spec.name not in catalogue():
+        raise InputError(f'effects: expected one of {", ".join(catalogue())}, got {spec.name!r}')
+    effect = catalogue()[spec.name]
+    _check_site(effect, spec, robot)
+    known = [parameter.name for parameter in effect.parameters]
+    for name in spec.values:
+        if name not in known:
+            raise InputError(f'effects: {spec.name}: expected {", ".join(known)}, got {name!r}')
+    return effect(spec.site, tuple(_value(spec, parameter) for parameter in effect.parameters))
+
+
+def _check_site(effect: type[Effect], spec: EffectSpec, robot: Robot | None) -> None:
+    if robot is None and effect.sites == 'gauge':
+        if not spec.site.startswith('strain_'):
+            raise InputError(f'effects: {spec.name}: site: expected a gauge, got {spec.site!r}')
+        return
+    allowed = SITES[effect.sites] if robot is None else sites(effect, robot)
+    if spec.site not in allowed:
+        raise InputError(f'effects: {spec.name}: site: expected one of {", ".join(allowed)}, '
+                         f'got {spec.site!r}')
+
+
+def _value(spec: EffectSpec, parameter: Parameter) -> float:
+    name = f'effects: {spec.name}: {parameter.name}'
+    if parameter.name not in spec.values:
+        raise InputError(f'{name}: expected a value in {parameter.unit}, it is missing')
+    value = float(spec.values[parameter.name])
+    if not (math.isfinite(value) and parameter.low <= value <= parameter.high):
+        raise InputError(f'{name}: expected {parameter.low:g} to {parameter.high:g} '
+                         f'{parameter.unit}, got {value:g}')
+    return value
+
+
+def parse(text: str) -> EffectSpec:
+    """
+    Return what a text such as coulomb_friction:joint_2:level_n_m=0.4 names.
+
+    Several parameters are separated by commas.
+
+    Raises
+    ------
+    InputError
+        Where the text has another form.
+
+    """
+    parts = text.split(':')
+    pairs = [pair.partition('=') for pair in parts[2].split(',')] if len(parts) == 3 else []
+    try:
+        values = {name.strip(): float(value) for name, _, value in pairs}
+    except ValueError:
+        values = {}
+    if not values:
+        raise InputError(f'effect: expected identifier:site:parameter=number,…, got {text!r}')
+    return EffectSpec(parts[0].strip(), parts[1].strip(), values)
+
+
+def effects_of(robot: Robot) -> tuple[Effect, ...]:
+    """Return the effects that a robot's file names, ready for an ExtendedArm."""
+    return tuple(build(spec, robot) for spec in robot.effects)
+
+
+def at_null(effect: type[Effect], site: str) -> Effect:
+    """Return an effect that is absent: all its parameters at their null values."""
+    return effect(site, tuple(parameter.null for parameter in effect.parameters))
+
+
+def explain(effect: Effect) -> str:
+    """Return the effect in one plain sentence with its site."""
+    return effect.explanation.format(site=effect.site.replace('_', ' '))

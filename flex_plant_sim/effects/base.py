@@ -29,7 +29,8 @@ class Parameter:
     starts : tuple of float
         Values from which a fit starts.
     smallest : float
-        Smallest deviation from null that matters in practice.
+        Smallest deviation from null that matters in practice; inf where the parameter only
+        shapes an effect whose size another parameter gives.
 
     """
 
@@ -60,6 +61,8 @@ class Motion:
     form : SecondOrderForm
     payload : float
         kg.
+    step : float
+        Length of the step that starts here, s.
 
     """
 
@@ -70,6 +73,7 @@ class Motion:
     robot: Robot
     form: SecondOrderForm
     payload: float
+    step: float
 
 
 @dataclass(frozen=True)
@@ -113,7 +117,8 @@ class Effect(ABC):
         """Return the plant with added first-order states (added ones come last)."""
         return plant
 
-    def on_command(self, command: Array, history: Array, time: Any) -> Array:
+    def on_command(self, command: Array, history: Array, time: Any,
+                   sample_time: float) -> Array:
         """
         Return the command that reaches the drive.
 
@@ -125,6 +130,8 @@ class Effect(ABC):
             (…, H, 2), the commands before it, the latest last; H = memory samples.
         time : Any
             s.
+        sample_time : float
+            Time between commands, s.
 
         """
         return command
@@ -140,6 +147,24 @@ class Effect(ABC):
     def dry_friction(self, motion: Motion) -> tuple[Array, Array] | None:
         """Return the largest torque against motion at each joint, N m: forward, backward."""
         return None
+
+    def on_step(self, after: Array, state: Array, response: Array, motion: Motion) -> Array:
+        """
+        Return the state after a step, changed by a contact that opens or closes within it.
+
+        Parameters
+        ----------
+        after : Array
+            (…, n), what the step gives without this effect.
+        state : Array
+            (…, n), at the start of the step.
+        response : Array
+            (…, n, 2), the change of `after` by a unit torque on each joint over the step.
+        motion : Motion
+            At the start of the step.
+
+        """
+        return after
 
     def on_output(self, output: Array, time: Any, robot: Robot) -> Array:
         """Return what the sensors say, given the true (theta_1, theta_2, strain…) (…, m)."""
