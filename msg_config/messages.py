@@ -1,0 +1,184 @@
+"""Messages of the contract to arrays and back. Needs the message packages, but no node."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Mapping, Sequence
+import math
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from flex_plant_sim.errors import InputError
+from geometry_msgs.msg import InertiaStamped
+import numpy as np
+from numpy.typing import NDArray
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
+
+Array = NDArray[np.float64]
+NANOSECONDS = 1_000_000_000
+JOINTS = ('joint_1', 'joint_2')
+LEVELS = {
+    'ok': DiagnosticStatus.OK, 'warn': DiagnosticStatus.WARN, 'error': DiagnosticStatus.ERROR,
+    'stale': DiagnosticStatus.STALE}
+
+
+def nanoseconds(time: float) -> int:
+    """Return a time, s, as the whole nanoseconds that a stamp holds."""
+    return round(time * NANOSECONDS)
+
+
+def seconds(stamp: int) -> float:
+    """Return the time of a stamp, ns, in s."""
+    return stamp / NANOSECONDS
+
+
+def time_message(stamp: int) -> Time:
+    """Return the message of a stamp, ns."""
+    whole, rest = divmod(stamp, NANOSECONDS)
+    return Time(sec=whole, nanosec=rest)
+
+
+def stamp_of(message: Any) -> int:
+    """Return the stamp of a message with a header, ns."""
+    stamp = message.header.stamp
+    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
+
+
+def _doubles(values: Sequence[float] | Array) -> array[float]:
+    return array('d', values.tolist() if isinstance(values, np.ndarray) else values)
+
+
+def joint_state(stamp: int, names: Sequence[str], position: Sequence[float] | Array = (),
+                velocity: Sequence[float] | Array = (),
+                effort: Sequence[float] | Array = ()) -> JointState:
+    """Return a JointState; fields left out stay empty."""
+    return JointState(
+        header=Header(stamp=time_message(stamp)), name=list(names), position=_doubles(position),
+        velocity=_doubles(velocity), effort=_doubles(effort))
+
+
+def channels(message: JointState, field: str, names: Sequence[str], topic: str) -> Array:
+    """
+    Return a field of a JointState in the order of `names`, whatever the message's own order.
+
+    Numbers that are not finite pass; `check_finite` refuses them.
+
+    Parameters
+    ----------
+    message : JointState
+        It may name more channels than are asked for.
+    field : str
+        position, velocity or effort.
+    names : sequence of str
+        What to pick, and in which order.
+    topic : str
+        Named in errors.
+
+    Returns
+    -------
+    Array
+        Shape (len(names),).
+
+    Raises
+    ------
+    InputError
+        A name is missing or twice there, or the lengths differ.
+
+    """
+    values, own = getattr(message, field), message.name
+    if len(values) != len(own):
+        raise InputError(f'{topic}: {field}: expected {len(own)} values, one a name, '
+                         f'got {len(values)}')
+    if list(own) != list(names):
+        values = _picked(dict(zip(own, values)), own, names, topic)
+    return np.array(values, dtype=float)
+
+
+def check_finite(values: Array, names: Sequence[str], where: str) -> None:
+    """
+    Raise where a value is not finite.
+
+    Raises
+    ------
+    InputError
+        Naming topic, field and channel.
+
+    """
+    if math.isfinite(values.sum()):
+        return
+    for name, value in zip(names, values):
+        if not math.isfinite(value):
+            raise InputError(f'{where} of {name}: expected a finite number, got {value}')
+
+
+def _picked(given: Mapping[str, float], own: Sequence[str], names: Sequence[str],
+            topic: str) -> list[float]:
+    if len(given) != len(own):
+        raise InputError(f'{topic}: name: expected each name once, got {", ".join(own)}')
+    for name in names:
+        if name not in given:
+            raise InputError(f'{topic}: name: expected {", ".join(names)}; {name} is missing '
+                             f'from {", ".join(own) or "an empty list"}')
+    return [given[name] for name in names]
+
+
+def inertia_message(stamp: int, mass: float) -> InertiaStamped:
+    """Return the payload as a point mass at the tip, in the tip frame."""
+    message = InertiaStamped(header=Header(stamp=time_message(stamp), frame_id='tip'))
+    message.inertia.m = mass
+    return message
+
+
+def payload_mass(message: InertiaStamped) -> float:
+    """
+    Return the mass, kg.
+
+    Raises
+    ------
+    InputError
+        It is not finite.
+
+    """
+    mass = float(message.inertia.m)
+    if not math.isfinite(mass):
+        raise InputError(f'payload/inertia: inertia.m: expected a finite mass, got {mass}')
+    return mass
+
+
+def clock_message(stamp: int) -> Clock:
+    """Return /clock of a stamp, ns."""
+    return Clock(clock=time_message(stamp))
+
+
+def diagnostic_status(name: str, level: str, text: str,
+                      values: Mapping[str, object]) -> DiagnosticStatus:
+    """
+    Return one status.
+
+    Parameters
+    ----------
+    name : str
+        Who reports, for example 'payload_estimator: model'.
+    level : str
+        ok, warn, error or stale.
+    text : str
+        One line for an engineer.
+    values : Mapping
+        Key with its unit to value.
+
+    """
+    return DiagnosticStatus(
+        level=LEVELS[level], name=name, message=text,
+        values=[KeyValue(key=key, value=_shown(value)) for key, value in values.items()])
+
+
+def diagnostic_array(stamp: int, statuses: Sequence[DiagnosticStatus]) -> DiagnosticArray:
+    """Return the array of statuses at a stamp, ns."""
+    return DiagnosticArray(header=Header(stamp=time_message(stamp)), status=list(statuses))
+
+
+def _shown(value: object) -> str:
+    return f'{value:.6g}' if isinstance(value, float) else str(value)
