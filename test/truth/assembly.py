@@ -42,7 +42,7 @@ class System:
 
 def twists(joint: Joint) -> bool:
     """Say whether the gear needs a coordinate of its own."""
-    return joint.backlash > 0.0 or np.isfinite(joint.gear_stiffness)
+    return joint.backlash > 0.0 or bool(np.isfinite(joint.gear_stiffness))
 
 
 def bare_terms(modes: ComponentModes, link: Link, extra: int = 0) -> LinkTerms:

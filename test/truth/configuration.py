@@ -5,7 +5,7 @@ The numbers repeat the project's data sheets on purpose: the truth reads no file
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from truth.beam_elements import BeamMesh
 
@@ -123,8 +123,8 @@ class Structure:
 class Sensors:
     """Angle sensors and strain gauges; one entry a joint or a gauge, noise in rad and m/m.
 
-    `strain_crosstalk[i]` is the share of the other gauge of the same link read by gauge i.
-    `filter_cutoff` rad/s (0 for none), `filter_damping` 0 for first order, else second order.
+    Channel `crosstalk_to` also reads `crosstalk` of channel `crosstalk_from`. The amplifier has a
+    second-order low pass of `filter_cutoff` rad/s (0 for none) and `filter_damping`.
     """
 
     angle_gain: tuple[float, ...]
@@ -132,14 +132,30 @@ class Sensors:
     strain_gain: tuple[float, ...]
     strain_bias: tuple[float, ...]
     strain_drift: tuple[float, ...]
-    strain_crosstalk: tuple[float, ...]
     angle_step: tuple[float, ...]
     strain_step: float
     angle_noise: float
     strain_noise: float
+    crosstalk: float = 0.0
+    crosstalk_from: int = 0
+    crosstalk_to: int = 1
     filter_cutoff: float = 0.0
-    filter_damping: float = 0.0
+    filter_damping: float = 0.8
     strain_delay: float = 0.0
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """Random set-points: a new one every `hold` s (low, high), reached in `rise` s (low, high).
+
+    Each differs from the last by at most `stride` rad and stays within `reach` rad of zero, per
+    joint; a joint with no reach stays at rest.
+    """
+
+    hold: tuple[float, float]
+    rise: tuple[float, float]
+    stride: tuple[float, float]
+    reach: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -156,15 +172,15 @@ class Arm:
     shapes: tuple[int, int]
     position_gain: tuple[float, float]
     command_limit: tuple[float, float]
+    excitation: Excitation
     input_delay: float = 0.0
-    motion: dict[str, float] = field(default_factory=dict)
 
 
 def clean_sensors(gauges: int, angle_step: tuple[float, ...], strain_step: float,
                   angle_noise: float, strain_noise: float) -> Sensors:
     """Return ideal sensors but for noise and quantisation."""
     zeros, ones = (0.0,) * gauges, (1.0,) * gauges
-    return Sensors((1.0, 1.0), (0.0, 0.0), ones, zeros, zeros, zeros, angle_step, strain_step,
+    return Sensors((1.0, 1.0), (0.0, 0.0), ones, zeros, zeros, angle_step, strain_step,
                    angle_noise, strain_noise)
 
 
@@ -174,8 +190,9 @@ def reference_arm(payload: float) -> Arm:
              Link(0.5, 0.0018, 0.05473, 70e9, 2700.0, 0.01, (0.025, 0.25)))
     joints = (Joint(0.2, 0.2 / 0.01, 0.2 / 0.01), Joint(0.05, 0.05 / 0.01, 0.05 / 0.01))
     return Arm(links, joints, Structure(0.6, 6e-4), Payload(payload),
-               clean_sensors(4, (5e-5, 5e-5), 1e-8, 1e-4, 5e-7), sample_time=0.01, step=0.0005,
-               shapes=(5, 5), position_gain=(5.0, 5.0), command_limit=(1.5, 1.5))
+               clean_sensors(4, (5e-5, 5e-5), 1e-8, 1e-4, 5e-7), sample_time=0.01, step=0.001,
+               shapes=(5, 5), position_gain=(4.0, 4.0), command_limit=(1.5, 1.5),
+               excitation=Excitation((0.9, 1.8), (0.4, 0.8), (0.55, 0.55), (0.9, 0.9)))
 
 
 def quanser_arm(payload: float) -> Arm:
@@ -187,8 +204,9 @@ def quanser_arm(payload: float) -> Arm:
     structure = Structure(elbow_mass=1.3673, elbow_inertia=1.4e-3)
     return Arm(links, joints, structure, Payload(payload),
                clean_sensors(2, (1.53e-5, 3.07e-5), 1e-10, 2e-6, 2e-9), sample_time=0.002,
-               step=0.0005, shapes=(3, 3), position_gain=(5.0, 5.0),
-               command_limit=(0.94, 1.2))
+               step=0.0005, shapes=(3, 3), position_gain=(3.0, 3.0),
+               command_limit=(0.94, 1.2),
+               excitation=Excitation((1.5, 3.0), (0.4, 1.0), (0.7, 0.35), (0.5, 0.3)))
 
 
 ROBOTS = {'reference': reference_arm, 'quanser_2dsfl': quanser_arm}

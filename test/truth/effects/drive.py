@@ -1,0 +1,84 @@
+"""Hidden effects of drives and timing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from truth.configuration import Arm
+from truth.effects.hidden_effect import any_joint, either_sign, HiddenEffect, Parameters
+from truth.effects.hidden_effect import with_joint
+
+
+def draw_gain(rng: np.random.Generator, arm: Arm, severity: float) -> Parameters:
+    """Draw a change of 6-12 % either way."""
+    return {'joint': any_joint(rng), 'factor': 1.0 + severity * either_sign(rng, 0.06, 0.12)}
+
+
+def apply_gain(arm: Arm, size: Parameters) -> Arm:
+    """Multiply the torque per command unit."""
+    gain = arm.joints[int(size['joint']) - 1].torque_gain
+    return with_joint(arm, size['joint'], torque_gain=gain * size['factor'])
+
+
+def draw_bias(rng: np.random.Generator, arm: Arm, severity: float) -> Parameters:
+    """Draw 0.02-0.05 command units either way."""
+    return {'joint': any_joint(rng), 'bias': severity * either_sign(rng, 0.02, 0.05)}
+
+
+def apply_bias(arm: Arm, size: Parameters) -> Arm:
+    """Add a constant to what the drive makes of the command."""
+    return with_joint(arm, size['joint'], bias=size['bias'])
+
+
+def draw_dead_zone(rng: np.random.Generator, arm: Arm, severity: float) -> Parameters:
+    """Draw a half width of 0.03-0.07 command units."""
+    return {'joint': any_joint(rng), 'half_width': severity * rng.uniform(0.03, 0.07)}
+
+
+def apply_dead_zone(arm: Arm, size: Parameters) -> Arm:
+    """Let the drive ignore small commands; larger ones lose the half width."""
+    return with_joint(arm, size['joint'], dead_zone=size['half_width'])
+
+
+def draw_saturation(rng: np.random.Generator, arm: Arm, severity: float) -> Parameters:
+    """Draw 0.3-0.45 command units: commands reach 0.8 (divided by the severity)."""
+    limit = rng.uniform(0.3, 0.45)
+    return {'joint': any_joint(rng),
+            'limit': limit / severity if severity > 0.0 else float('inf')}
+
+
+def apply_saturation(arm: Arm, size: Parameters) -> Arm:
+    """Limit the command in the drive; the log holds what was asked for."""
+    return with_joint(arm, size['joint'], saturation=size['limit'])
+
+
+def draw_motor_lag(rng: np.random.Generator, arm: Arm, severity: float) -> Parameters:
+    """Draw a time constant of 0.025-0.05 s."""
+    return {'joint': any_joint(rng), 'time_constant': severity * rng.uniform(0.025, 0.05)}
+
+
+def apply_motor_lag(arm: Arm, size: Parameters) -> Arm:
+    """Put a first-order lag between command and torque."""
+    return with_joint(arm, size['joint'], lag=size['time_constant'])
+
+
+def draw_input_delay(rng: np.random.Generator, arm: Arm, severity: float) -> Parameters:
+    """Draw 0.015-0.035 s for both joints, no multiple of the sample time."""
+    return {'delay': severity * rng.uniform(0.015, 0.035)}
+
+
+def apply_input_delay(arm: Arm, size: Parameters) -> Arm:
+    """Let all commands arrive late."""
+    return replace(arm, input_delay=size['delay'])
+
+
+EFFECTS = (
+    HiddenEffect('actuator_gain', draw_gain, apply_gain),
+    HiddenEffect('actuator_bias', draw_bias, apply_bias),
+    HiddenEffect('actuator_dead_zone', draw_dead_zone, apply_dead_zone),
+    HiddenEffect('actuator_saturation', draw_saturation, apply_saturation),
+    HiddenEffect('motor_lag', draw_motor_lag, apply_motor_lag),
+    HiddenEffect('input_delay', draw_input_delay, apply_input_delay),
+)

@@ -1,0 +1,154 @@
+"""Logs of the true arm, from a seed: the case says what is hidden, the record hides it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from zlib import crc32
+
+import numpy as np
+
+from truth.beam_elements import Array
+from truth.configuration import Arm, ROBOTS
+from truth.effects import CATALOGUE
+from truth.effects.hidden_effect import Parameters
+from truth.excitation import set_points
+from truth.sensors import amplifier_output, quantise, sensor_noise
+from truth.simulation import Motion, simulate
+from truth.tolerances import with_tolerances
+
+COLUMNS = {
+    'reference': ('time', 'command_1', 'command_2', 'joint_1', 'joint_2', 'strain_1a',
+                  'strain_1b', 'strain_2a', 'strain_2b'),
+    'quanser_2dsfl': ('time', 'command_1', 'command_2', 'joint_1', 'joint_2', 'strain_1',
+                      'strain_2')}
+# Payloads that cases are drawn from, kg; the second robot's nominal is 0.157.
+PAYLOAD_RANGE = {'reference': (0.05, 0.2), 'quanser_2dsfl': (0.12, 0.2)}
+DISTRACTOR_SEVERITY = 0.2
+
+
+@dataclass(frozen=True)
+class TruthCase:
+    """What a record is made from; `effects` are (identifier, parameters) in the truth's terms.
+
+    Attributes: payload_true, payload_told kg; excitation rich, rest or one_joint; noise scales
+    the sensors' noise (0: neither noise nor quantisation).
+    """
+
+    seed: int
+    effects: tuple[tuple[str, Parameters], ...] = ()
+    robot: str = 'reference'
+    duration_s: float = 40.0
+    payload_true: float = 0.1
+    payload_told: float = 0.1
+    excitation: str = 'rich'
+    tolerances: bool = True
+    noise: float = 1.0
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Identifiers of the hidden effects."""
+        return tuple(name for name, _ in self.effects)
+
+
+@dataclass(frozen=True)
+class Record:
+    """A log of N samples: time (N,) s, command and joint (N, 2), strain (N, gauges) m/m."""
+
+    time: Array
+    command: Array
+    joint: Array
+    strain: Array
+    columns: tuple[str, ...]
+
+    @property
+    def table(self) -> Array:
+        """All columns side by side, (N, len(columns))."""
+        return np.column_stack([self.time, self.command, self.joint, self.strain])
+
+    def write_csv(self, path: str | Path) -> None:
+        """Write the log as CSV with its header row."""
+        np.savetxt(path, self.table, fmt='%.9g', delimiter=',', header=','.join(self.columns),
+                   comments='')
+
+
+def build_arm(case: TruthCase) -> Arm:
+    """Return the arm of `case`: nominal parts, their tolerances, then the hidden effects."""
+    arm = ROBOTS[case.robot](case.payload_true)
+    if case.tolerances:
+        arm = with_tolerances(arm, random_stream(case, 'tolerances'))
+    arm = limit_excitation(arm, case)
+    for name, parameters in case.effects:
+        arm = CATALOGUE[name].apply(arm, parameters)
+    if case.noise == 0.0:
+        arm = replace(arm, sensors=replace(arm.sensors, angle_step=(0.0, 0.0), strain_step=0.0))
+    return arm
+
+
+def limit_excitation(arm: Arm, case: TruthCase) -> Arm:
+    """Return `arm` told to rest, to move one joint (which, the seed says), or both."""
+    if case.excitation == 'rich':
+        return arm
+    moving = {'rest': -1, 'one_joint': case.seed % 2}[case.excitation]
+    reach = arm.excitation.reach
+    kept = tuple(reach[j] if j == moving else 0.0 for j in range(2))
+    return replace(arm, excitation=replace(arm.excitation, reach=kept))
+
+
+def random_stream(case: TruthCase, purpose: str) -> np.random.Generator:
+    """Return the generator for one purpose: a change of effect leaves all others as they are."""
+    return np.random.default_rng([case.seed, crc32(purpose.encode())])
+
+
+def move(case: TruthCase, command: Array | None = None) -> tuple[Arm, Motion]:
+    """Return the arm and its motion, under its controller or under a given `command` (N, 2)."""
+    arm = build_arm(case)
+    samples = round(case.duration_s / arm.sample_time)
+    time = arm.sample_time * np.arange(samples)
+    noise = sensor_noise(random_stream(case, 'angle noise'), (samples, 2),
+                         case.noise * arm.sensors.angle_noise, arm.sample_time)
+    reference = set_points(random_stream(case, 'set-points'), time, arm.excitation)
+    return arm, simulate(arm, reference, command, noise)
+
+
+def make_record(case: TruthCase, command: Array | None = None) -> Record:
+    """Return the log of `case`; with `command` (N, 2) its own controller stays out."""
+    arm, motion = move(case, command)
+    strain = amplifier_output(motion, arm.sensors, arm.sample_time)
+    strain += sensor_noise(random_stream(case, 'strain noise'), strain.shape,
+                           case.noise * arm.sensors.strain_noise, arm.sample_time)
+    time = arm.sample_time * np.arange(motion.joint.shape[0])
+    return Record(time, motion.command, motion.joint,
+                  quantise(strain, arm.sensors.strain_step), COLUMNS[case.robot])
+
+
+def draw_case(identifier: str | tuple[str, ...] | None, seed: int, robot: str = 'reference',
+              severity: float = 1.0, distractors: int = 0, duration_s: float = 40.0,
+              excitation: str = 'rich') -> TruthCase:
+    """Draw a case: the effect or effects named (None for a clean arm), and distractors.
+
+    `severity` 1 is clear, 0 the null; distractors are other effects at a fifth of a clear size,
+    not among the case's `names`: they come last, under the name of their effect.
+    """
+    names = () if identifier is None else (
+        (identifier,) if isinstance(identifier, str) else tuple(identifier))
+    rng = np.random.default_rng([seed, crc32(' '.join(names).encode())])
+    told = float(rng.uniform(*PAYLOAD_RANGE[robot]))
+    case = TruthCase(seed, (), robot, duration_s, told, told, excitation)
+    others = [name for name in CATALOGUE if name not in names]
+    small = tuple(rng.choice(others, distractors, replace=False))
+    for name in names:
+        case = add_effect(case, name, rng, severity)
+    for name in small:
+        case = add_effect(case, str(name), rng, DISTRACTOR_SEVERITY)
+    return case
+
+
+def add_effect(case: TruthCase, name: str, rng: np.random.Generator,
+               severity: float) -> TruthCase:
+    """Return `case` with an effect of drawn size; a wrong payload shows in `payload_true`."""
+    nominal = ROBOTS[case.robot](case.payload_true)
+    parameters = CATALOGUE[name].draw(rng, nominal, severity)
+    if name == 'payload_mass':
+        case = replace(case, payload_true=case.payload_told * parameters['factor'])
+    return replace(case, effects=(*case.effects, (name, parameters)))

@@ -1,0 +1,52 @@
+"""From the true surface strain to what the amplifiers deliver, and the noise of a log."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.signal import bilinear, lfilter, lfilter_zi
+
+from truth.beam_elements import Array
+from truth.configuration import Sensors
+from truth.simulation import Motion
+
+# Coloured share of the noise: first-order Gauss-Markov of this correlation time.
+COLOURED_SHARE = 0.2
+CORRELATION_TIME = 0.2
+
+
+def low_pass(signal: Array, cutoff: float, damping: float, step: float) -> Array:
+    """Return `signal` (N, G) behind w^2 / (s^2 + 2 zeta w s + w^2), started at rest."""
+    b, a = bilinear([cutoff**2], [1.0, 2.0 * damping * cutoff, cutoff**2], fs=1.0 / step)
+    start = lfilter_zi(b, a)[:, None] * signal[0]
+    return np.asarray(lfilter(b, a, signal, axis=0, zi=start)[0])
+
+
+def amplifier_output(motion: Motion, sensors: Sensors, sample_time: float) -> Array:
+    """Return strain readings (N, G) m/m before noise and quantisation."""
+    step = sample_time / motion.steps_per_sample
+    strain = motion.fine_strain.copy()
+    strain[:, sensors.crosstalk_to] += (sensors.crosstalk
+                                        * motion.fine_strain[:, sensors.crosstalk_from])
+    strain *= sensors.strain_gain
+    if sensors.filter_cutoff > 0.0:
+        strain = low_pass(strain, sensors.filter_cutoff, sensors.filter_damping, step)
+    fine_time = step * np.arange(strain.shape[0])
+    time = sample_time * np.arange(motion.joint.shape[0])
+    sampled = np.column_stack([
+        np.interp(time - sensors.strain_delay, fine_time, column) for column in strain.T])
+    return sampled + np.array(sensors.strain_bias) + np.outer(time, sensors.strain_drift)
+
+
+def sensor_noise(rng: np.random.Generator, shape: tuple[int, int], deviation: float,
+                 sample_time: float) -> Array:
+    """Return noise (N, channels) of standard deviation `deviation`, white plus coloured."""
+    white = rng.standard_normal(shape)
+    decay = float(np.exp(-sample_time / CORRELATION_TIME))
+    drive = rng.standard_normal(shape) * (1.0 - decay**2) ** 0.5
+    coloured = np.asarray(lfilter([1.0], [1.0, -decay], drive, axis=0))
+    return deviation * ((1.0 - COLOURED_SHARE**2) ** 0.5 * white + COLOURED_SHARE * coloured)
+
+
+def quantise(signal: Array, step: float) -> Array:
+    """Return `signal` rounded to multiples of `step` (0: as it is)."""
+    return step * np.round(signal / step) if step > 0.0 else signal
