@@ -81,8 +81,8 @@ class ExtendedArm:
         for effect in self.effects if self.compact else ():
             if any(getattr(type(effect), hook) is not getattr(Effect, hook)
                    for hook in ('force', 'dry_friction', 'on_step', 'on_form')):
-                raise InputError(f'model: paper_reduced has no joint velocities, {effect.identifier}'
-                                 ' needs paper or assumed_modes')
+                raise InputError('model: paper_reduced has no joint velocities, '
+                                 f'{effect.identifier} needs paper or assumed_modes')
 
     @cached_property
     def plant(self) -> StateSpace:
@@ -126,11 +126,22 @@ class ExtendedArm:
         other.payload = payload
         return other
 
-    def motion(self, state: Array, command: Array, time: Any) -> Motion:
-        """Return what the hooks may look at."""
+    @property
+    def acts_on_motion(self) -> bool:
+        """Tell whether any effect acts on forces, sample by sample."""
+        return bool(self._torque or self._friction or self._contact)
+
+    @property
+    def acts_on_output(self) -> bool:
+        """Tell whether any effect acts on the sensors, sample by sample."""
+        return bool(self._output)
+
+    def motion(self, state: Array, command: Array, time: Any, after: Array) -> Motion:
+        """Return what the hooks may look at; `after` is the linear plant's next state."""
         n = self.form.order
-        return Motion(time, state[..., :n], state[..., n:2 * n], command, self.robot, self.form,
-                      self.payload, self.step_time)
+        acceleration = (after - state)[..., n:2 * n] / self.step_time
+        return Motion(time, state[..., :n], state[..., n:2 * n], acceleration, command,
+                      self.robot, self.form, self.payload, self.step_time)
 
     def advance(self, matrices: tuple[Array, Array, Array], state: Array, command: Array,
                 time: Any) -> Array:
@@ -154,9 +165,14 @@ class ExtendedArm:
         """
         f, g, e = matrices
         after = _apply(f, state) + _apply(g, command)
-        if not (self._torque or self._friction or self._contact):
+        return self.apply_effects(e, state, after, command, time)
+
+    def apply_effects(self, e: Array, state: Array, after: Array, command: Array,
+                      time: Any) -> Array:
+        """Return the state one step later, given what the linear plant alone would do."""
+        if not self.acts_on_motion:
             return after
-        motion = self.motion(state, command, time)
+        motion = self.motion(state, command, time, after)
         for effect in self._torque:
             after = after + _apply(e, effect.force(motion) + np.zeros(self.form.order))
         for effect in self._contact:

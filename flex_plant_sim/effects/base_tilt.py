@@ -1,0 +1,37 @@
+"""Base tilt: the plane of motion is not level, so gravity acts in it."""
+
+from __future__ import annotations
+
+from flex_plant_sim.arm_model import Array
+from flex_plant_sim.effects.base import Effect, Motion, Parameter
+from flex_plant_sim.effects.kinematics import elbow_state, field_load
+import numpy as np
+
+GRAVITY = 9.81
+
+
+class BaseTilt(Effect):
+    """
+    Gravity g (sin tilt_y, -sin tilt_x) in the plane of motion, x along the arm at zero angles.
+
+    A base turned about its x axis by tilt_x, about its y axis by tilt_y (right-handed).
+    """
+
+    identifier = 'base_tilt'
+    family = 'links and structure'
+    explanation = 'The base is not level: gravity pulls the arm to one side.'
+    parameters = (
+        Parameter('tilt_x_rad', 'rad', 0.0, -0.5, 0.5, (-0.03, 0.03), 0.003),
+        Parameter('tilt_y_rad', 'rad', 0.0, -0.5, 0.5, (-0.03, 0.03), 0.003))
+    sites = 'arm'
+
+    def force(self, motion: Motion) -> Array:
+        """Return gravity's generalised force, (…, N)."""
+        form, position = motion.form, motion.position
+        first = position[..., :1]
+        second = first + (position @ form.elbow_angle)[..., None]
+        x, y = GRAVITY * np.sin(self['tilt_y_rad']), -GRAVITY * np.sin(self['tilt_x_rad'])
+        cosine, _ = elbow_state(form, position)
+        return field_load(form, motion.robot, motion.payload,
+                          y * np.cos(first) - x * np.sin(first),
+                          y * np.cos(second) - x * np.sin(second), cosine)
