@@ -136,12 +136,11 @@ class ExtendedArm:
         """Tell whether any effect acts on the sensors, sample by sample."""
         return bool(self._output)
 
-    def motion(self, state: Array, command: Array, time: Any, after: Array) -> Motion:
-        """Return what the hooks may look at; `after` is the linear plant's next state."""
+    def motion(self, state: Array, command: Array, time: Any) -> Motion:
+        """Return what the hooks may look at."""
         n = self.form.order
-        acceleration = (after - state)[..., n:2 * n] / self.step_time
-        return Motion(time, state[..., :n], state[..., n:2 * n], acceleration, command,
-                      self.robot, self.form, self.payload, self.step_time)
+        return Motion(time, state[..., :n], state[..., n:2 * n], command, self.robot, self.form,
+                      self.payload, self.step_time)
 
     def advance(self, matrices: tuple[Array, Array, Array], state: Array, command: Array,
                 time: Any) -> Array:
@@ -172,7 +171,7 @@ class ExtendedArm:
         """Return the state one step later, given what the linear plant alone would do."""
         if not self.acts_on_motion:
             return after
-        motion = self.motion(state, command, time, after)
+        motion = self.motion(state, command, time)
         for effect in self._torque:
             after = after + _apply(e, effect.force(motion) + np.zeros(self.form.order))
         for effect in self._contact:

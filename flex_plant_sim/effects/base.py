@@ -52,8 +52,8 @@ class Motion:
     ----------
     time : Array
         s, (…,) or scalar.
-    position, velocity, acceleration : Array
-        p, p' and the mean p'' that the linear plant predicts for this step, (…, N).
+    position, velocity : Array
+        p and p', (…, N).
     command : Array
         u after the command hooks, (…, 2).
     robot : Robot
@@ -69,7 +69,6 @@ class Motion:
     time: Any
     position: Array
     velocity: Array
-    acceleration: Array
     command: Array
     robot: Robot
     form: SecondOrderForm

@@ -1,0 +1,94 @@
+"""A log cut into windows: some to fit and score on, the last part locked for the figures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from flex_plant_sim.arm_model import Array
+from flex_plant_sim.errors import InputError
+import numpy as np
+
+PERIODS = 5
+WARM_UP_PERIODS = 1
+LOCKED_SHARE = 0.25
+FEWEST = 4
+
+
+@dataclass(frozen=True)
+class Record:
+    """
+    One log as the diagnosis sees it.
+
+    Attributes
+    ----------
+    name : str
+    time : Array
+        s, (N,).
+    command : Array
+        As sent, (N, 2), with the samples needed by delays in front already dropped.
+    output : Array
+        (theta_1, theta_2, strain…), (N, m).
+    payload : float
+        What the operator says the arm carries, kg.
+
+    """
+
+    name: str
+    time: Array
+    command: Array
+    output: Array
+    payload: float
+
+
+@dataclass(frozen=True)
+class Windows:
+    """
+    Windows of equal length with a warm-up in front that is not scored.
+
+    Attributes
+    ----------
+    record : Record
+    starts : Array
+        First scored sample of each window, (W,), int.
+    length, warm_up : int
+        Samples.
+
+    """
+
+    record: Record
+    starts: Array
+    length: int
+    warm_up: int
+
+    @classmethod
+    def cut(cls, record: Record, slowest: float, sample_time: float) -> tuple[Windows, Windows]:
+        """
+        Return the windows to work on and the locked ones at the end.
+
+        Parameters
+        ----------
+        slowest : float
+            Slowest natural frequency, rad/s: a window lasts at least five periods of it.
+
+        Raises
+        ------
+        InputError
+            The log is too short.
+
+        """
+        period = 2.0 * np.pi / slowest / sample_time
+        length, warm_up = int(np.ceil(PERIODS * period)), int(np.ceil(WARM_UP_PERIODS * period))
+        count = (len(record.time) - warm_up) // length
+        if count < FEWEST + 1:
+            raise InputError(f'{record.name}: expected at least {FEWEST + 1} windows of '
+                             f'{length * sample_time:.1f} s, got a log of '
+                             f'{len(record.time) * sample_time:.1f} s')
+        starts = warm_up + length * np.arange(count)
+        locked = max(1, round(LOCKED_SHARE * count))
+        return (cls(record, starts[:-locked], length, warm_up),
+                cls(record, starts[-locked:], length, warm_up))
+
+    @property
+    def indices(self) -> Array:
+        """Return the sample numbers, warm-up first, (W, warm_up + length)."""
+        return self.starts[:, None] + np.arange(-self.warm_up, self.length)
