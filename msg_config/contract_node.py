@@ -68,8 +68,9 @@ class ContractNode(Node):
         try:
             return make()
         except InputError as error:
+            name = self.get_name()
             self.destroy_node()
-            raise InputError(f'{self.get_name()}: {error}') from None
+            raise InputError(f'{name}: {error}') from None
 
     def publisher(self, topic: str) -> Publisher:
         """Return a publisher of a topic of the contract."""

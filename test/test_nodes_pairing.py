@@ -1,0 +1,103 @@
+"""Samples out of messages: conversion by name, pairing by stamp, and the order of stamps."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from flex_payload_estimator.pairing import Order, Pairing, PENDING, StampOrder
+from flex_plant_sim.errors import InputError
+import numpy as np
+import pytest
+
+
+def message(names: list[str], position: list[float], **fields: Any) -> Any:
+    """Return a JointState."""
+    from msg_config.messages import joint_state
+
+    return joint_state(0, names, position, **fields)
+
+
+def test_channels_come_by_name_in_the_order_asked_for() -> None:
+    from msg_config.messages import channels
+
+    permuted = message(['strain_2a', 'other', 'strain_1a'], [2.0, 9.0, 1.0])
+    picked = channels(permuted, 'position', ('strain_1a', 'strain_2a'), 'strain')
+    assert picked.tolist() == [1.0, 2.0]
+
+
+@pytest.mark.parametrize(('names', 'values', 'text'), [
+    (['joint_1'], [0.0], 'joint_2 is missing from joint_1'),
+    (['joint_1', 'elbow'], [0.0, 0.0], 'joint_2 is missing from joint_1, elbow'),
+    ([], [], 'joint_1 is missing from an empty list'),
+    (['joint_1', 'joint_2'], [0.0], 'expected 2 values, one a name, got 1'),
+    (['joint_1', 'joint_2'], [0.0, 1.0, 2.0], 'expected 2 values, one a name, got 3'),
+    (['joint_1', 'joint_1', 'joint_2'], [0.0, 0.0, 0.0], 'expected each name once'),
+])
+def test_what_does_not_fit_is_named(names: list[str], values: list[float], text: str) -> None:
+    from msg_config.messages import channels, JOINTS
+
+    with pytest.raises(InputError, match=f'^joint_states: .*{text}') as raised:
+        channels(message(names, values), 'position', JOINTS, 'joint_states')
+    assert '\n' not in str(raised.value)
+
+
+@pytest.mark.parametrize('bad', [np.nan, np.inf, -np.inf])
+def test_what_is_not_finite_is_named(bad: float) -> None:
+    from msg_config.messages import check_finite
+
+    check_finite(np.array([1e308, 1e308]), ('a', 'b'), 'strain: position')
+    with pytest.raises(InputError, match=f'strain: position of b: expected a finite number, '
+                                         f'got {bad}'):
+        check_finite(np.array([1.0, bad]), ('a', 'b'), 'strain: position')
+
+
+@pytest.mark.parametrize('time', [0.0, 0.01, 1.0 / 3.0, 12345.678901234, 86400.0])
+def test_stamps_keep_nanoseconds(time: float) -> None:
+    from msg_config.messages import joint_state, nanoseconds, seconds, stamp_of
+
+    stamp = nanoseconds(time)
+    assert stamp_of(joint_state(stamp, ['a'], [0.0])) == stamp
+    assert abs(seconds(stamp) - time) <= 5.1e-10
+
+
+def test_a_sample_is_whole_when_its_last_part_comes_in_any_order() -> None:
+    pairing = Pairing(('a', 'b'))
+    assert pairing.add('b', 1, 'b1') is None
+    assert pairing.add('a', 2, 'a2') is None
+    assert pairing.add('a', 1, 'a1') == {'a': 'a1', 'b': 'b1'}
+    assert pairing.add('b', 2, 'b2') == {'a': 'a2', 'b': 'b2'}
+
+
+def test_a_repeated_sample_is_whole_again() -> None:
+    pairing = Pairing(('a', 'b'))
+    for _ in range(3):
+        assert pairing.add('a', 7, 1) is None
+        assert pairing.add('b', 7, 2) == {'a': 1, 'b': 2}
+
+
+def test_what_lacks_a_part_for_ever_is_forgotten() -> None:
+    pairing = Pairing(('a', 'b'))
+    for stamp in range(10 * PENDING):
+        pairing.add('a', stamp, None)
+    assert len(pairing._pending) == PENDING
+    assert pairing.add('b', 10 * PENDING - 1, None) is not None
+    assert len(pairing._pending) == 0
+
+
+def judged(*stamps: int) -> list[Order]:
+    """Return what a fresh order says of stamps."""
+    order = StampOrder()
+    return [order.judge(stamp) for stamp in stamps]
+
+
+def test_stamps_go_on_repeat_or_come_too_late() -> None:
+    new, repeated, stale = Order.NEW, Order.REPEATED, Order.STALE
+    assert judged(10, 20, 20, 15, 30) == [new, new, repeated, stale, new]
+    assert judged(10, 20, 15, 30, 25, 40) == [new, new, stale, new, stale, new], (
+        'stale samples that do not follow each other start nothing afresh')
+
+
+def test_a_time_that_begins_again_is_told_from_one_late_sample() -> None:
+    new, stale, restarted = Order.NEW, Order.STALE, Order.RESTARTED
+    assert judged(100, 110, 0, 10, 20) == [new, new, stale, restarted, new]
+    assert judged(100, 0, 0, 10) == [new, stale, restarted, new], 'the first sample, sent again'
