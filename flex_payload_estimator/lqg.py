@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+import math
 
 from flex_payload_estimator.delta import delta_model
 from flex_payload_estimator.kalman import KalmanPredictor
@@ -52,7 +53,7 @@ class LQGSettings:
     terms: int = 15
     integrator: bool = False
     disturbance: float = 1e-4
-    command_limit: float = 5.0
+    command_limit: float = math.inf
 
 
 class LQGController:
@@ -176,8 +177,7 @@ class LQGController:
         return limited
 
     def _delta(self, cosine: float, mass: float) -> tuple[Array, Array]:
-        split = self.model.split(cosine, mass, 'tangent')
-        return delta_model(split.a, split.b, self.step, self.settings.terms,
+        return delta_model(*self.model.matrices(cosine, mass), self.step, self.settings.terms,
                            self.model.halvings)
 
     def _augmented(self, a_bar: Array, b_bar: Array) -> tuple[Array, Array]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Protocol
 
 from flex_payload_estimator.delta import halvings_for
-from flex_payload_estimator.split import (compact_blocks, Split, split_second_order,
-                                          SplitKind)
+from flex_payload_estimator.split import (compact_state, CompactTerms, second_order_state, Split,
+                                          split_compact, split_second_order, SplitKind)
 from flex_plant_sim.arm_model import Array, SecondOrderForm, Shapes
 from flex_plant_sim.assumed_modes import assumed_modes, KinematicRows
 from flex_plant_sim.errors import InputError
@@ -14,7 +14,6 @@ from flex_plant_sim.paper_model import CompactModel, paper_model
 from flex_plant_sim.ritz import RitzShapes
 from flex_plant_sim.robot import Robot
 import numpy as np
-from scipy.linalg.lapack import dgesv
 
 MODEL_NAMES = ('paper_reduced', 'paper', 'assumed_modes')
 
@@ -47,6 +46,9 @@ class PayloadModel(Protocol):
     end_point: Array
     scale: Array
     halvings: int
+
+    def matrices(self, cosine: float, mass: float) -> tuple[Array, Array]:
+        """Return A (n, n) and B (n, 2) at cos(theta_2) and m_p, kg."""
 
     def split(self, cosine: float, mass: float, kind: SplitKind) -> Split:
         """Return A, B and the split at cos(theta_2) and m_p, kg."""
@@ -98,19 +100,22 @@ class ReducedModel:
         self.halvings = _halvings(self, robot.sample_time)
 
     def _row(self, compact: CompactModel, cosine: float) -> Array:
-        form = compact.at_cosine(cosine)
-        return np.hstack([np.eye(self._size) - form.m_3[0], form.m_3[1], form.m_1,
-                          *form.m_2, *form.m_5])
+        return np.hstack(CompactTerms.of(compact.at_cosine(cosine))[:7])
+
+    def _terms(self, cosine: float) -> CompactTerms:
+        f = self._size
+        row = np.array([1.0, cosine, cosine * cosine]).dot(self._table).reshape(f, -1)
+        return CompactTerms(
+            row[:, :f], row[:, f:2 * f], row[:, 2 * f:3 * f], row[:, 3 * f:4 * f],
+            row[:, 4 * f:5 * f], row[:, 5 * f:5 * f + 2], row[:, 5 * f + 2:], self._m_6, self._m_7)
+
+    def matrices(self, cosine: float, mass: float) -> tuple[Array, Array]:
+        """Return A and B at cos(theta_2) and m_p, kg."""
+        return compact_state(self._terms(cosine), mass)
 
     def split(self, cosine: float, mass: float, kind: SplitKind) -> Split:
         """Return A, B and the split at cos(theta_2) and m_p, kg."""
-        f = self._size
-        row = np.array([1.0, cosine, cosine * cosine]).dot(self._table).reshape(f, -1)
-        mass_0, mass_m = row[:, :f], row[:, f:2 * f]
-        lam = dgesv(mass_0 - mass * mass_m, np.eye(f))[2]
-        terms = (row[:, 2 * f:3 * f], row[:, 3 * f:4 * f], row[:, 4 * f:5 * f],
-                 row[:, 5 * f:5 * f + 2], row[:, 5 * f + 2:])
-        return compact_blocks(lam, mass_0, mass_m, terms, self._m_6, self._m_7, mass, kind)
+        return split_compact(self._terms(cosine), mass, kind)
 
 
 class SecondOrderModel:
@@ -132,18 +137,29 @@ class SecondOrderModel:
         self.end_point = np.concatenate([end_point_row(rows), np.zeros(order)])
         self.halvings = _halvings(self, robot.sample_time)
 
-    def split(self, cosine: float, mass: float, kind: SplitKind) -> Split:
-        """Return A, B and the split at cos(theta_2) and m_p, kg."""
+    def _terms(self, cosine: float) -> tuple[Array, Array, Array]:
         n = self._order
         row = np.array([1.0, cosine, cosine * cosine]).dot(self._table).reshape(n, -1)
-        return split_second_order(row[:, :n], row[:, n:2 * n], row[:, 2 * n:], mass, kind)
+        return row[:, :n], row[:, n:2 * n], row[:, 2 * n:]
+
+    def matrices(self, cosine: float, mass: float) -> tuple[Array, Array]:
+        """Return A and B at cos(theta_2) and m_p, kg."""
+        mass_0, mass_m, right = self._terms(cosine)
+        return second_order_state(mass_0 + mass * mass_m, right)
+
+    def split(self, cosine: float, mass: float, kind: SplitKind) -> Split:
+        """Return A, B and the split at cos(theta_2) and m_p, kg."""
+        return split_second_order(*self._terms(cosine), mass, kind)
 
 
 def end_point_row(rows: KinematicRows) -> Array:
-    """Return theta_2e = theta_2 + sum phi_2j'(L_2) q_2j over p: the forearm's slope at its tip."""
-    row = rows.tip_slope - rows.root_2
-    row[1] = 1.0
-    return row
+    """
+    Return theta_2e over p: the angle of the forearm at its end-point.
+
+    The paper writes b and e for a link's beginning and end: theta_1e = theta_b1 + sum phi_1'(L_1)
+    q_1, theta_b2 = theta_1e + theta_2, (54). So theta_2e = theta_b2 + sum phi_2'(L_2) q_2.
+    """
+    return rows.tip_slope
 
 
 def _output(robot: Robot, form: SecondOrderForm) -> tuple[Array, Array]:
@@ -160,5 +176,5 @@ def _spread(shapes: tuple[Shapes, Shapes]) -> Array:
 def _halvings(model: ReducedModel | SecondOrderModel, step: float) -> int:
     """Take the fastest mode, which the payload only slows down, over cos(theta_2)."""
     radius = max(float(np.max(np.abs(np.linalg.eigvals(
-        model.split(c, 0.0, 'tangent').a)))) for c in (-1.0, 0.0, 1.0))
+        model.matrices(c, 0.0)[0])))) for c in (-1.0, 0.0, 1.0))
     return halvings_for(radius, step)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from flex_plant_sim.errors import InputError
 
@@ -67,39 +68,57 @@ class SF1State:
         return cls(settings.mass_0, settings.p_0, settings.variance_0)
 
 
-def sf1_update(state: SF1State, psi: float, phi: float, noise: float, settings: SF1Settings,
-               step: float, normalise: bool) -> SF1State:
+class Regressor(NamedTuple):
     """
-    Return the state after one sample of psi = phi m_p + e, (29).
+    One sample of psi = phi m_p + e, (27).
+
+    Attributes
+    ----------
+    psi, phi : float
+        rad and rad/kg.
+    slope : float
+        What one kilogram really adds to psi, rad/kg; phi where the split is the tangent.
+    noise : float
+        Variance of e, rad^2.
+
+    """
+
+    psi: float
+    phi: float
+    slope: float
+    noise: float
+
+
+def sf1_update(state: SF1State, sample: Regressor, weight: float, settings: SF1Settings,
+               step: float) -> SF1State:
+    """
+    Return the state after one sample, (29).
 
     Parameters
     ----------
     state : SF1State
-    psi, phi : float
-        rad and rad/kg.
-    noise : float
-        Variance of e, rad^2.
+    sample : Regressor
+    weight : float
+        1 for (29) as printed; reference variance over var(e) where psi and phi are normalised.
     settings : SF1Settings
     step : float
         T, s.
-    normalise : bool
-        Divide psi and phi by the standard deviation of e, so that P counts in kg^2.
 
     Notes
     -----
-    With a gain kappa chosen in whatever way, the error m - m_t obeys
-    (1 - kappa phi) (m - m_{t-1}) - kappa e_t. The variance follows as Joseph's form,
-    V_t = (1 - kappa phi)^2 V_{t-1} + kappa^2 var(e), true where P of (29) is no variance.
+    Whatever the gain kappa, the error obeys (1 - kappa slope) (m - m_{t-1}) - kappa e_t. So the
+    variance follows Joseph's form, V_t = (1 - kappa slope)^2 V_{t-1} + kappa^2 var(e), where P of
+    (29) is none: (29) is least squares for var(e) = 1, and its forgetting restores P, not V.
 
     """
-    weight = 1.0 / noise if normalise else 1.0
-    kappa = state.p * phi * weight / (1.0 + phi * state.p * phi * weight)
-    mass = state.mass + kappa * (psi - phi * state.mass)
-    forgotten = (settings.alpha_1 - settings.alpha_0) / settings.alpha_1 * state.p \
-        + settings.alpha_0
-    rest = 1.0 - kappa * phi
-    variance = rest * rest * (state.variance + settings.drift * step) + kappa * kappa * noise
-    return SF1State(mass, rest * forgotten, variance)
+    phi, p = sample.phi, state.p
+    kappa = p * phi * weight / (1.0 + phi * p * phi * weight)
+    mass = state.mass + kappa * (sample.psi - phi * state.mass)
+    forgotten = (settings.alpha_1 - settings.alpha_0) / settings.alpha_1 * p + settings.alpha_0
+    rest = 1.0 - kappa * sample.slope
+    variance = rest * rest * (state.variance + settings.drift * step) \
+        + kappa * kappa * sample.noise
+    return SF1State(mass, (1.0 - kappa * phi) * forgotten, variance)
 
 
 def bounded(state: SF1State, low: float, high: float) -> SF1State:

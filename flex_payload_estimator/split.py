@@ -24,6 +24,8 @@ class Split(NamedTuple):
         A (n, n) and B (n, 2) at the payload.
     a_m, b_m : Array
         A^m and B^m, per kg; A^0 = A - m_p A^m.
+    a_slope, b_slope : Array
+        dA/dm_p and dB/dm_p at the payload, per kg: A^m of the tangent split.
     mass : float
         m_p, kg.
 
@@ -33,6 +35,8 @@ class Split(NamedTuple):
     b: Array
     a_m: Array
     b_m: Array
+    a_slope: Array
+    b_slope: Array
     mass: float
 
     @property
@@ -44,6 +48,43 @@ class Split(NamedTuple):
     def b_0(self) -> Array:
         """Return B^0."""
         return self.b - self.mass * self.b_m
+
+
+class CompactTerms(NamedTuple):
+    """
+    What (12) is made of at one theta_2, with f = 2n.
+
+    Attributes
+    ----------
+    mass_0, mass_m : Array
+        I - M_3^0 and M_3^m, (f, f).
+    m_1, m_20, m_2m, m_50, m_5m : Array
+        M_1, M_2^0, M_2^m (f, f), M_5^0, M_5^m (f, 2). M_4 vanishes.
+    m_6, m_7 : Array
+        (2, f) and (2, 2).
+
+    """
+
+    mass_0: Array
+    mass_m: Array
+    m_1: Array
+    m_20: Array
+    m_2m: Array
+    m_50: Array
+    m_5m: Array
+    m_6: Array
+    m_7: Array
+
+    @classmethod
+    def of(cls, form: CompactForm) -> CompactTerms:
+        """Return the terms of a compact form."""
+        return cls(np.eye(len(form.m_1)) - form.m_3[0], form.m_3[1], form.m_1, *form.m_2,
+                   *form.m_5, form.m_6, form.m_7)
+
+    def lam(self, mass: float) -> Array:
+        """Return Lambda = (I - M_3)^-1, (f, f)."""
+        inverse: Array = dgesv(self.mass_0 - mass * self.mass_m, np.eye(len(self.m_1)))[2]
+        return inverse
 
 
 def check_kind(kind: str) -> None:
@@ -60,14 +101,14 @@ def check_kind(kind: str) -> None:
         raise InputError(f'split: expected one of {", ".join(KINDS)}, got {kind!r}')
 
 
-def split_compact(form: CompactForm, mass: float, kind: SplitKind = 'resolvent') -> Split:
+def split_compact(terms: CompactTerms, mass: float, kind: SplitKind = 'resolvent') -> Split:
     """
-    Return the split of (12) for a compact form.
+    Return the split of (12).
 
     Parameters
     ----------
-    form : CompactForm
-        M_1…M_7 at theta_2.
+    terms : CompactTerms
+        At theta_2.
     mass : float
         A priori m_p, kg.
     kind : str
@@ -76,49 +117,65 @@ def split_compact(form: CompactForm, mass: float, kind: SplitKind = 'resolvent')
 
     """
     check_kind(kind)
-    return compact_blocks(form.lam(mass), np.eye(len(form.m_1)) - form.m_3[0], form.m_3[1],
-                          (form.m_1, *form.m_2, *form.m_5), form.m_6, form.m_7, mass, kind)
-
-
-def compact_blocks(lam: Array, mass_0: Array, mass_m: Array, terms: tuple[Array, ...],
-                   m_6: Array, m_7: Array, mass: float, kind: SplitKind) -> Split:
-    """
-    Return the split from Lambda, I - M_3^0, M_3^m and (M_1, M_2^0, M_2^m, M_5^0, M_5^m).
-
-    M_4 vanishes with the reduced actuators.
-    """
-    m_1, m_20, m_2m, m_50, m_5m = terms
-    f = len(m_1)
-    rate, jump = lam.dot(m_20 + mass * m_2m), lam.dot(m_50 + mass * m_5m)
-    a, b = np.zeros((2 + 2 * f, 2 + 2 * f)), np.zeros((2 + 2 * f, 2))
-    a[:2, 2:2 + f] = m_6
-    a[2:2 + f, 2 + f:] = np.eye(f)
-    a[2 + f:, 2:2 + f] = stiffness = lam.dot(m_1)
-    a[2 + f:, 2 + f:] = rate
-    b[:2], b[2:2 + f], b[2 + f:] = m_7, jump, rate.dot(jump)
-    a_m, b_m = np.zeros_like(a), np.zeros_like(b)
-    rate_m, jump_m = lam.dot(m_2m), lam.dot(m_5m)
+    lam = terms.lam(mass)
+    a, b, rate, jump = _compact_state(terms, lam, mass)
+    through, stiffness = lam.dot(terms.mass_m), a[-len(lam):, 2:2 + len(lam)]
+    rate_m, jump_m = lam.dot(terms.m_2m), lam.dot(terms.m_5m)
+    slope = _slope(len(lam), through.dot(stiffness), rate_m + through.dot(rate),
+                   jump_m + through.dot(jump), rate, jump)
+    if kind == 'tangent':
+        return Split(a, b, *slope, *slope, mass)
     if kind == 'paper':
-        # Lambda M_2^m Lambda M_5^0 + Lambda M_2^0 Lambda M_5^m, (15)
-        product_m = rate_m.dot(lam.dot(m_50)) + lam.dot(m_20).dot(jump_m)
-    else:
-        through = lam.dot(mass_m)
-        if kind == 'resolvent':
-            lam_0 = dgesv(mass_0, np.eye(f))[2]
-            stiffness, rate_0, jump_0 = lam_0.dot(m_1), lam_0.dot(m_20), lam_0.dot(m_50)
-            rate_m, jump_m = rate_m + through.dot(rate_0), jump_m + through.dot(jump_0)
-            product_m = rate_m.dot(jump_0) + rate.dot(jump_m)
-        else:
-            rate_m, jump_m = rate_m + through.dot(rate), jump_m + through.dot(jump)
-            product_m = rate_m.dot(jump) + rate.dot(jump_m)
-        a_m[2 + f:, 2:2 + f] = through.dot(stiffness)
-    a_m[2 + f:, 2 + f:] = rate_m
-    b_m[2:2 + f], b_m[2 + f:] = jump_m, product_m
-    return Split(a, b, a_m, b_m, mass)
+        # B^m_3 = Lambda M_2^m Lambda M_5^0 + Lambda M_2^0 Lambda M_5^m, (15)
+        frozen = _slope(len(lam), np.zeros_like(lam), rate_m, jump_m, lam.dot(terms.m_20),
+                        lam.dot(terms.m_50))
+        return Split(a, b, *frozen, *slope, mass)
+    lam_0 = terms.lam(0.0)
+    jump_0 = lam_0.dot(terms.m_50)
+    secant = _slope(len(lam), through.dot(lam_0.dot(terms.m_1)),
+                    rate_m + through.dot(lam_0.dot(terms.m_20)), jump_m + through.dot(jump_0),
+                    rate, jump_0)
+    return Split(a, b, *secant, *slope, mass)
+
+
+def compact_state(terms: CompactTerms, mass: float) -> tuple[Array, Array]:
+    """Return A and B of (12) alone."""
+    return _compact_state(terms, terms.lam(mass), mass)[:2]
+
+
+def _compact_state(terms: CompactTerms, lam: Array,
+                   mass: float) -> tuple[Array, Array, Array, Array]:
+    """Return A, B, Lambda M_2 and Lambda M_5."""
+    f = len(lam)
+    rate = lam.dot(terms.m_20 + mass * terms.m_2m)
+    jump = lam.dot(terms.m_50 + mass * terms.m_5m)
+    a, b = np.zeros((2 + 2 * f, 2 + 2 * f)), np.empty((2 + 2 * f, 2))
+    a[:2, 2:2 + f] = terms.m_6
+    a[2:2 + f, 2 + f:].flat[::f + 1] = 1.0
+    a[2 + f:, 2:2 + f] = lam.dot(terms.m_1)
+    a[2 + f:, 2 + f:] = rate
+    b[:2], b[2:2 + f], b[2 + f:] = terms.m_7, jump, rate.dot(jump)
+    return a, b, rate, jump
+
+
+def _slope(f: int, stiffness_m: Array, rate_m: Array, jump_m: Array, rate: Array,
+           jump: Array) -> tuple[Array, Array]:
+    """Return the blocks of A^m and B^m; the last is (X J)^m = X^m J + X J^m."""
+    a, b = np.zeros((2 + 2 * f, 2 + 2 * f)), np.zeros((2 + 2 * f, 2))
+    a[2 + f:, 2:2 + f] = stiffness_m
+    a[2 + f:, 2 + f:] = rate_m
+    b[2:2 + f], b[2 + f:] = jump_m, rate_m.dot(jump) + rate.dot(jump_m)
+    return a, b
+
+
+def second_order_state(mass: Array, right: Array) -> tuple[Array, Array]:
+    """Return A and B of x = (p, p') from M (N, N) and [-K, -D, B] (N, 2N + 2)."""
+    n = len(mass)
+    return _stacked(dgesv(mass, right)[2], np.eye(n))
 
 
 def split_second_order(mass_0: Array, mass_m: Array, right: Array, mass: float,
-                       kind: SplitKind) -> Split:
+                       kind: SplitKind = 'resolvent') -> Split:
     """
     Return the split of x = (p, p') with Lambda = M^-1, M = mass_0 + m_p mass_m.
 
@@ -145,15 +202,18 @@ def split_second_order(mass_0: Array, mass_m: Array, right: Array, mass: float,
     """
     check_kind(kind)
     if kind == 'paper':
-        raise InputError('split: expected resolvent or tangent for a second-order model, got '
-                         '\'paper\', which needs model paper_reduced')
+        raise InputError("split: expected resolvent or tangent for a second-order model, got "
+                         "'paper', which needs model paper_reduced")
     n = len(mass_0)
     solved = dgesv(mass_0 + mass * mass_m, np.hstack([right, mass_m]))[2]
-    base = dgesv(mass_0, right)[2] if kind == 'resolvent' else solved[:, :2 * n + 2]
-    slope = -solved[:, 2 * n + 2:].dot(base)
-    a, a_m = np.zeros((2, 2 * n, 2 * n))
-    b, b_m = np.zeros((2, 2 * n, 2))
-    a[:n, n:] = np.eye(n)
-    a[n:], b[n:] = solved[:, :2 * n], solved[:, 2 * n:2 * n + 2]
-    a_m[n:], b_m[n:] = slope[:, :2 * n], slope[:, 2 * n:]
-    return Split(a, b, a_m, b_m, mass)
+    through, zero = -solved[:, 2 * n + 2:], np.zeros((n, n))
+    slope = _stacked(through.dot(solved[:, :2 * n + 2]), zero)
+    secant = slope if kind == 'tangent' else _stacked(through.dot(dgesv(mass_0, right)[2]), zero)
+    return Split(*_stacked(solved[:, :2 * n + 2], np.eye(n)), *secant, *slope, mass)
+
+
+def _stacked(bottom: Array, identity: Array) -> tuple[Array, Array]:
+    n = len(bottom)
+    a, b = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, 2))
+    a[:n, n:], a[n:], b[n:] = identity, bottom[:, :2 * n], bottom[:, 2 * n:]
+    return a, b

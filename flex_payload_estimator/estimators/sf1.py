@@ -3,23 +3,49 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Literal
+import math
+from typing import Literal, NamedTuple
 
 from flex_payload_estimator.delta import omega
 from flex_payload_estimator.estimators.base import Estimate
 from flex_payload_estimator.kalman import KalmanPredictor
 from flex_payload_estimator.payload_model import payload_model
 from flex_payload_estimator.regression import CompositeMeasurement, regression
-from flex_payload_estimator.sf1 import bounded, SF1Settings, SF1State, sf1_update
+from flex_payload_estimator.sf1 import bounded, Regressor, SF1Settings, SF1State, sf1_update
 from flex_plant_sim.arm_model import Array
 from flex_plant_sim.errors import InputError
 from flex_plant_sim.robot import Robot
 import numpy as np
 
 Regression = Literal['paper', 'resolvent']
-MEMORY = 0.5
+# s; how far back noise, excitation and surprise are averaged.
+MEMORY = 1.0
+# What the last second alone must tell: ten times less variance than was assumed at the start.
 EXCITED = 9.0
 SUSPECT = 9.0
+SETTLING = 200
+PRIOR_SAMPLES = 2.0
+FLOOR = 1e-6
+
+
+class Prediction(NamedTuple):
+    """
+    The state predicted for this sample, (25), each (n,).
+
+    Attributes
+    ----------
+    state : Array
+        x^0 + m_{t-1} x^m.
+    part : Array
+        x^m, per kg.
+    slope : Array
+        What x^m is with the tangent split, per kg.
+
+    """
+
+    state: Array
+    part: Array
+    slope: Array
 
 
 @dataclass(frozen=True)
@@ -30,8 +56,10 @@ class SF1EstimatorSettings:
     Attributes
     ----------
     regression : str
-        'paper': split (15), (16), psi and phi as printed. 'resolvent': resolvent split, psi and
-        phi divided by the standard deviation of the composite innovation.
+        'paper': split (15), (16), psi and phi as printed, the state carried on by (23).
+        'resolvent': resolvent split, psi and phi divided by the standard deviation of the
+        composite innovation over its settled value (so that the constants keep their scale),
+        the state carried on by (24).
     r_1, r_2 : float
         R_1 = r_1 I, R_2 = r_2 I of the predictor, angles in rad, gauges in V.
     terms : int
@@ -91,7 +119,21 @@ class SF1Estimator:
                                                      @ self.composite.weights)
         self.kalman = KalmanPredictor(self.model.output, settings.r_1 * np.eye(n),
                                       settings.r_2 * np.eye(m), self.step)
+        self._reference = self._settled_noise()
         self.reset()
+
+    def _settled_noise(self) -> float:
+        """Return the variance to which the composite innovation settles, straight, unloaded."""
+        a, _ = self.model.matrices(1.0, 0.0)
+        a_bar = omega(a, self.step, self.settings.terms, self.halvings).dot(a)
+        for _ in range(SETTLING):
+            self.kalman.update(a_bar)
+        return self._innovation_variance()
+
+    def _innovation_variance(self) -> float:
+        """Return the variance of y' - C-bar' x that the predictor expects, rad^2."""
+        row = self.composite.row
+        return float(row.dot(self.kalman.covariance.dot(row))) + self._composite_noise
 
     def reset(self) -> None:
         """Forget everything."""
@@ -101,7 +143,8 @@ class SF1Estimator:
         self._output: Array | None = None
         self._angle, self._started = 0.0, False
         self._command = np.zeros(2)
-        self._information, self._surprise = 0.0, 1.0
+        self._information, self._surprise, self._samples = 0.0, 1.0, PRIOR_SAMPLES
+        self._noise = self._reference
         self._last = self._estimate(0.0, np.zeros(len(self.model.output)), 'not_excited')
 
     def update(self, time: float, output: Array, command: Array) -> Estimate:
@@ -133,54 +176,67 @@ class SF1Estimator:
         if np.isfinite(command).all():
             self._command = np.asarray(command, dtype=float)
         if not self._started:
-            return self._begin(time, scaled) if good else self._reject(time, scaled)
-        before, slope = self._predict()
+            return self._begin(time, scaled) if good else self._reject(time)
+        prediction = self._predict()
         if not good:
-            self.state, self._output = before + self.sf1.mass * slope, None
-            return self._reject(time, scaled)
-        return self._correct(time, scaled, before, slope)
+            self.state, self._output = prediction.state, None
+            return self._reject(time)
+        return self._correct(time, scaled, prediction)
 
     def _begin(self, time: float, scaled: Array) -> Estimate:
         self.state[:2] = scaled[:2]
         self._started = True
         return self._finish(time, scaled, scaled - self.model.output.dot(self.state))
 
-    def _predict(self) -> tuple[Array, Array]:
-        """Return x^0_t and x^m_t, (25)."""
+    def _predict(self) -> Prediction:
+        """Return (25), with P moved on."""
         x, u, step = self.state, self._command, self.step
-        split = self.model.split(np.cos(self._angle), self.sf1.mass, self._split_kind)
-        big = step * omega(split.a, step, self.settings.terms, self.halvings)
-        slope = big.dot(split.a_m.dot(x) + split.b_m.dot(u))
-        a_bar = big.dot(split.a) / step
-        whole = x + big.dot(split.a.dot(x) + split.b.dot(u))
+        split = self.model.split(math.cos(self._angle), self.sf1.mass, self.settings.regression)
+        big = omega(split.a, step, self.settings.terms, self.halvings)
+        rates = np.stack([split.a.dot(x) + split.b.dot(u),
+                          split.a_m.dot(x) + split.b_m.dot(u),
+                          split.a_slope.dot(x) + split.b_slope.dot(u)], axis=1)
+        change = step * big.dot(rates)
+        state, a_bar = x + change[:, 0], big.dot(split.a)
         if self._output is None:
             self.kalman.skip(a_bar)
         else:
             gain = self.kalman.update(a_bar)
-            whole = whole + step * gain.dot(self._output - self.model.output.dot(x))
-        return whole - self.sf1.mass * slope, slope
+            state = state + step * gain.dot(self._output - self.model.output.dot(x))
+        return Prediction(state, change[:, 1], change[:, 2])
 
-    @property
-    def _split_kind(self) -> Regression:
-        return self.settings.regression
-
-    def _correct(self, time: float, scaled: Array, before: Array, slope: Array) -> Estimate:
-        innovation = scaled - self.model.output.dot(before + self.sf1.mass * slope)
-        row = self.composite.row
-        psi, phi = regression(row, float(self.composite.weights.dot(scaled)), before, slope)
-        noise = float(row.dot(self.kalman.covariance.dot(row))) + self._composite_noise
-        updated = sf1_update(self.sf1, psi, phi, noise, self.settings.sf1, self.step,
-                             self.settings.regression == 'resolvent')
+    def _correct(self, time: float, scaled: Array, prediction: Prediction) -> Estimate:
+        """Regress and carry the state on."""
+        state, part, slope = prediction
+        mass, row = self.sf1.mass, self.composite.row
+        innovation = scaled - self.model.output.dot(state)
+        psi, phi = regression(row, float(self.composite.weights.dot(scaled)),
+                              state - mass * part, part)
+        self._measure_noise(psi - phi * mass)
+        weight = 1.0
+        if self.settings.regression == 'resolvent':
+            weight = self._reference / self._innovation_variance()
+        sample = Regressor(psi, phi, float(row.dot(slope)), self._noise)
+        updated = sf1_update(self.sf1, sample, weight, self.settings.sf1, self.step)
         self.sf1 = bounded(updated, 0.0, self.settings.mass_max)
-        self._information += phi * phi / noise - self.step / MEMORY * self._information
-        self.state = before + self.sf1.mass * slope
+        self._information += (sample.slope * sample.slope / self._noise
+                              - self.step / MEMORY * self._information)
+        self.state = state
+        if self.settings.regression == 'resolvent':
+            self.state = state + (self.sf1.mass - mass) * part
         return self._finish(time, scaled, innovation)
+
+    def _measure_noise(self, error: float) -> None:
+        """Follow the variance of e over the last MEMORY: R_1 and R_2 are tuning, not noise."""
+        self._samples = min(self._samples + 1.0, MEMORY / self.step)
+        floor = FLOOR * self._composite_noise
+        self._noise = max(floor, self._noise + (error * error - self._noise) / self._samples)
 
     def _finish(self, time: float, scaled: Array, innovation: Array) -> Estimate:
         self._output, self._angle = scaled, float(scaled[1])
         variances = self.kalman.innovation_covariance().diagonal()
         surprise = float(np.mean(innovation * innovation / variances))
-        self._surprise += self.step / MEMORY * (surprise - self._surprise)
+        self._surprise += min(1.0, self.step / MEMORY) * (surprise - self._surprise)
         status = 'ok'
         if self._surprise > SUSPECT:
             status = 'model_suspect'
@@ -189,7 +245,7 @@ class SF1Estimator:
         self._last = self._estimate(time, innovation, status)
         return self._last
 
-    def _reject(self, time: float, scaled: Array) -> Estimate:
+    def _reject(self, time: float) -> Estimate:
         self._last = replace(self._last, time=time, status='input_rejected')
         return self._last
 
