@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from math import comb
 
-from flex_plant_sim.arm_model import Array
+from flex_plant_sim.arm_model import Array, link_slice
 from flex_plant_sim.extended_arm import ExtendedArm
 import numpy as np
-from scipy.linalg import solve_discrete_are
 
 DIFFERENCES = 5
-GAIN_NODES = (0, 2, 4)
+GAIN_NODES = 4
+DOUBLINGS = 24
 
 
 def measurement_noise(output: Array) -> Array:
@@ -27,20 +27,40 @@ def measurement_noise(output: Array) -> Array:
     return np.maximum(spread, np.maximum(quantised, 1e-12))
 
 
-def process_noise(arm: ExtendedArm, loads: Array, level: tuple[float, float]) -> Array:
+def load_levels(arm: ExtendedArm, command: Array, output: Array) -> Array:
+    """
+    Return the root-mean-square generalised force on each coordinate in a record, (N,).
+
+    Drive torques from the commands (N, 2); bending from the strain in the outputs (N, m) as if
+    the first shape made it, the same for all shapes, as a force at the tip is. Coordinates that
+    an effect added get none.
+    """
+    loads, robot = np.zeros(arm.form.order), arm.robot
+    loads[:2] = [d.torque_gain * np.std(u) for d, u in zip(robot.drives, command.T)]
+    strain, row = np.std(output[:, 2:], axis=0), 0
+    for j, link in enumerate(robot.links):
+        if link.gauge_positions:
+            q = link_slice(j, arm.modes)
+            first = q.start
+            stiffness = arm.form.stiffness[0, first, first]
+            loads[q] = strain[row] * stiffness / np.abs(arm.form.strain[row, first])
+        row += len(link.gauge_positions)
+    return loads
+
+
+def process_noise(loads: Array, level: tuple[float, float]) -> Array:
     """
     Return the variance of the generalised force noise on each coordinate, (N,).
 
     Parameters
     ----------
-    arm : ExtendedArm
     loads : Array
-        Root-mean-square generalised force on each coordinate in the record, (N,).
+        load_levels, (N,).
     level : tuple of float
-        Shares of the loads: on the joints, on the deflections.
+        Noise as a share of the loads: on the joints, on the deflections.
 
     """
-    share = np.full(arm.form.order, level[1])
+    share = np.full(loads.size, level[1])
     share[:2] = level[0]
     return (share * loads)**2
 
@@ -53,20 +73,37 @@ def steady_gain(arm: ExtendedArm, force_variance: Array, noise: Array) -> Array:
     """
     n, c, nodes = arm.states, arm.output_matrix, arm.nodes
     table = arm.schedule.table.reshape(nodes.size, n, -1)
-    chosen = np.linspace(0, nodes.size - 1, len(GAIN_NODES)).round().astype(int)
-    gains = np.stack([_gain(table[k], c, force_variance, noise) for k in chosen])
-    vandermonde = np.vander(nodes[chosen], increasing=True)
-    coefficients = np.linalg.solve(vandermonde, gains.reshape(len(chosen), -1))
-    interpolated = np.vander(nodes, len(chosen), increasing=True) @ coefficients
-    return interpolated.reshape(nodes.size, n, c.shape[0])
+    chosen = np.linspace(0, nodes.size - 1, GAIN_NODES).round().astype(int)
+    f, e = table[chosen, :, :n], table[chosen, :, n + 2:n + 2 + force_variance.size]
+    p = predicted_covariance(f, (e * force_variance) @ np.swapaxes(e, 1, 2), c / noise[:, None])
+    scaled = c / noise[:, None]
+    s = scaled @ p @ scaled.T + np.eye(noise.size)
+    gains = np.swapaxes(np.linalg.solve(s, scaled @ p @ np.swapaxes(f, 1, 2)), 1, 2) / noise
+    coefficients = np.linalg.solve(np.vander(nodes[chosen], increasing=True),
+                                   gains.reshape(GAIN_NODES, -1))
+    interpolated = np.vander(nodes, GAIN_NODES, increasing=True) @ coefficients
+    return interpolated.reshape(nodes.size, n, noise.size)
 
 
-def _gain(table: Array, c: Array, force_variance: Array, noise: Array) -> Array:
-    n = len(table)
-    f, e = table[:, :n], table[:, n + 2:]
-    scale = noise[0]
-    q = (e[:, :force_variance.size] * force_variance) @ e[:, :force_variance.size].T
-    q = q / scale**2 + 1e-14 * np.eye(n)
-    r = np.diag((noise / scale)**2)
-    p = solve_discrete_are(f.T, c.T, q, r)
-    return np.linalg.solve(c @ p @ c.T + r, c @ p @ f.T).T
+def predicted_covariance(f: Array, q: Array, c: Array) -> Array:
+    """
+    Return P = F (P - P C'(C P C' + I)^-1 C P) F' + Q by the doubling algorithm, (…, n, n).
+
+    Chu, Fan, Lin and Wang, International Journal of Control 77 (2004); outputs come scaled to
+    unit noise.
+    """
+    a, h = np.swapaxes(f, -1, -2), q
+    g = np.broadcast_to(c.T @ c, f.shape)
+    identity = np.eye(f.shape[-1])
+    for _ in range(DOUBLINGS):
+        solved = np.linalg.solve(identity + g @ h, np.concatenate([a, g], axis=-1))
+        n = f.shape[-1]
+        inverse_a, inverse_g = solved[..., :n], solved[..., n:]
+        grown = np.swapaxes(a, -1, -2) @ h @ inverse_a
+        g = g + a @ inverse_g @ np.swapaxes(a, -1, -2)
+        a, h = a @ inverse_a, h + grown
+        h = 0.5 * (h + np.swapaxes(h, -1, -2))
+        own = np.diagonal(h, axis1=-2, axis2=-1)
+        if np.all(np.diagonal(grown, axis1=-2, axis2=-1) <= 1e-12 * own + 1e-300):
+            break
+    return h

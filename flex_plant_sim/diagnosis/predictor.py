@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from flex_plant_sim.arm_model import Array
-from flex_plant_sim.diagnosis.noise import process_noise, steady_gain
+from flex_plant_sim.diagnosis.noise import load_levels, process_noise, steady_gain
 from flex_plant_sim.diagnosis.windows import Record, Windows
 from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.extended_arm import ExtendedArm
@@ -78,16 +78,8 @@ class Predictor:
         self.states = self._filter(arm)
 
     def _force_variance(self, arm: ExtendedArm) -> Array:
-        """Return process noise in proportion to the record's drive torques and bending."""
-        strain = np.std(self.record.output[:, 2:], axis=0)
-        q = np.linalg.pinv(arm.form.strain[:, 2:]) @ strain
-        loads = np.zeros(arm.form.order)
-        flexible = np.diagonal(arm.form.stiffness[0])[2:]
-        softest = np.abs(flexible) * np.max(np.abs(q))
-        loads[2:] = np.where(flexible > 0.0, softest, 0.0)
-        gains = [drive.torque_gain for drive in arm.robot.drives]
-        loads[:2] = gains * np.std(self.record.command, axis=0)
-        return process_noise(arm, loads, self.base.level)
+        return process_noise(load_levels(arm, self.record.command, self.record.output),
+                             self.base.level)
 
     def _relinearise(self, arm: ExtendedArm) -> None:
         """Schedule on the angle between the links; evaluate the ambient forces."""
@@ -199,10 +191,9 @@ class Predictor:
         f, inputs, e = self._matrices(arm, gain)
         indices, command = self.windows.indices, self._command(arm)
         gains = self._gain_at(arm, gain) if _nonlinear(arm) else None
-        known = min(self.states.shape[1], arm.states)
-        batch = _batch(effects)
+        batch, start = _batch(effects), self._start(arm)
         state = np.zeros((len(indices), batch, arm.states))
-        state[..., :known] = self._start(arm)[indices[:, 0], None]
+        state[..., :start.shape[1]] = start[indices[:, 0], None]
         outputs = np.empty((indices.shape[1], len(indices), batch, self.noise.size))
         for k, rows in enumerate(indices.T):
             outputs[k] = arm.output(state, self.record.time[rows][:, None])

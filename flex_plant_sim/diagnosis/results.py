@@ -1,0 +1,122 @@
+"""What a diagnosis says: nouns only, no computation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from flex_plant_sim.effects.base import Effect
+
+VERDICTS = ('nothing_wrong', 'cause', 'cannot_tell', 'not_in_catalogue', 'cause_and_remainder',
+            'data_cannot_answer')
+
+
+@dataclass(frozen=True)
+class ParameterValue:
+    """A fitted parameter with its 95 % interval, in `unit`."""
+
+    name: str
+    value: float
+    low: float
+    high: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """
+    One hypothesis (an effect at a site) after fitting, for the ranking.
+
+    Attributes
+    ----------
+    name, site : str
+    parameters : tuple of ParameterValue
+    gain : float
+        Held-out log-likelihood gain over the model without it, nats.
+    window_gain : tuple of float
+        The same per window.
+    t : float
+        mean / standard error over the windows.
+    positive : float
+        Share of windows with a gain.
+    probability : float
+        That this is the cause, given that the catalogue holds it.
+    relevant : bool
+        Its size is beyond the smallest that matters, and off the bounds.
+
+    """
+
+    name: str
+    site: str
+    parameters: tuple[ParameterValue, ...]
+    gain: float
+    window_gain: tuple[float, ...]
+    t: float
+    positive: float
+    probability: float
+    relevant: bool
+
+
+@dataclass(frozen=True)
+class Cause:
+    """
+    A named cause.
+
+    Attributes
+    ----------
+    name, site : str
+    sentence : str
+        In an engineer's words, with the size and its uncertainty.
+    probability : float
+    parameters : tuple of ParameterValue
+    look_alikes : tuple of str
+        Identifiers that this record cannot tell from it.
+    effect : Effect
+        Ready for an ExtendedArm.
+
+    """
+
+    name: str
+    site: str
+    sentence: str
+    probability: float
+    parameters: tuple[ParameterValue, ...]
+    look_alikes: tuple[str, ...]
+    effect: Effect
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """
+    The whole answer of one run.
+
+    Attributes
+    ----------
+    verdict : str
+        One of VERDICTS.
+    sentence : str
+    causes : tuple of Cause
+    cannot_tell : tuple of tuple of str
+        Sets of identifiers that cannot be separated.
+    detection_limits : Mapping
+        'identifier:site' to the smallest size this record would have shown, with its unit.
+    not_excited : tuple of str
+        'identifier:site' that this record cannot show at any sensible size.
+    rounds : tuple of tuple of Candidate
+        The ranking of every round, best first.
+    advice : str
+        What to record next, where it would help.
+    remainder : Mapping
+        What is left of the residual after the causes, by channel and dependence.
+
+    """
+
+    verdict: str
+    sentence: str
+    causes: tuple[Cause, ...] = ()
+    cannot_tell: tuple[tuple[str, ...], ...] = ()
+    detection_limits: Mapping[str, tuple[float, str]] = field(default_factory=dict)
+    not_excited: tuple[str, ...] = ()
+    rounds: tuple[tuple[Candidate, ...], ...] = ()
+    advice: str = ''
+    remainder: Mapping[str, object] = field(default_factory=dict)
