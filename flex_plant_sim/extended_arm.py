@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
-from flex_plant_sim.arm_model import Array, ArmModel, SecondOrderForm
+from flex_plant_sim.arm_model import ArmModel, Array, SecondOrderForm
 from flex_plant_sim.assumed_modes import assumed_modes
 from flex_plant_sim.effects.base import Effect, Motion
 from flex_plant_sim.errors import InputError

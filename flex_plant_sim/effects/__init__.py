@@ -45,6 +45,7 @@ def build(spec: EffectSpec, robot: Robot | None = None) -> Effect:
     Parameters
     ----------
     spec : EffectSpec
+        Name, site and values.
     robot : Robot, optional
         Needed to check the name of a gauge.
 

@@ -6,8 +6,13 @@ from functools import lru_cache
 
 from flex_plant_sim.arm_model import Array, SecondOrderForm
 from flex_plant_sim.effects.base import Effect, Motion, Parameter
-from flex_plant_sim.effects.kinematics import (elbow_state, is_energy_form, link_columns,
-                                               link_shapes, root_row)
+from flex_plant_sim.effects.kinematics import (
+    elbow_state,
+    is_energy_form,
+    link_columns,
+    link_shapes,
+    root_row,
+)
 from flex_plant_sim.robot import Link, Robot
 import numpy as np
 

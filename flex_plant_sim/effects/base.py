@@ -141,7 +141,7 @@ class Effect(ABC):
         return 0
 
     def force(self, motion: Motion) -> Array | float:
-        """Return the generalised force (…, N) at the start of a step."""
+        """Return the generalised force at the start of a step, (…, N)."""
         return 0.0
 
     def dry_friction(self, motion: Motion) -> tuple[Array, Array] | None:

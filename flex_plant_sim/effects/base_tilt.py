@@ -12,9 +12,10 @@ GRAVITY = 9.81
 
 class BaseTilt(Effect):
     """
-    Gravity g (sin tilt_y, -sin tilt_x) in the plane of motion, x along the arm at zero angles.
+    Gravity g (sin tilt_x, sin tilt_y) in the plane of motion.
 
-    A base turned about its x axis by tilt_x, about its y axis by tilt_y (right-handed).
+    x points along the stretched arm at zero angles, y to its left: a positive tilt lets that side
+    sink.
     """
 
     identifier = 'base_tilt'
@@ -30,7 +31,7 @@ class BaseTilt(Effect):
         form, position = motion.form, motion.position
         first = position[..., :1]
         second = first + (position @ form.elbow_angle)[..., None]
-        x, y = GRAVITY * np.sin(self['tilt_y_rad']), -GRAVITY * np.sin(self['tilt_x_rad'])
+        x, y = (GRAVITY * np.sin(self[name]) for name in ('tilt_x_rad', 'tilt_y_rad'))
         cosine, _ = elbow_state(form, position)
         return field_load(form, motion.robot, motion.payload,
                           y * np.cos(first) - x * np.sin(first),

@@ -4,8 +4,13 @@ from __future__ import annotations
 
 from flex_plant_sim.arm_model import Array
 from flex_plant_sim.effects.base import Effect, Motion, Parameter
-from flex_plant_sim.effects.kinematics import (elbow_state, is_energy_form, link_columns,
-                                               lower_rows, root_row)
+from flex_plant_sim.effects.kinematics import (
+    elbow_state,
+    is_energy_form,
+    link_columns,
+    lower_rows,
+    root_row,
+)
 
 
 class CoriolisCentripetal(Effect):

@@ -5,8 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 from flex_plant_sim.arm_model import Array, SecondOrderForm
-from flex_plant_sim.effects.kinematics import (is_energy_form, link_columns, shapes_of,
-                                               with_root_turn)
+from flex_plant_sim.effects.kinematics import (
+    is_energy_form,
+    link_columns,
+    shapes_of,
+    with_root_turn,
+)
 from flex_plant_sim.robot import Robot
 import numpy as np
 
@@ -32,6 +36,10 @@ def with_elastic_root(form: SecondOrderForm, robot: Robot, index: int, complianc
 
     Parameters
     ----------
+    form : SecondOrderForm
+    robot : Robot
+    index : int
+        Joint and link, 0 or 1.
     compliance : float
         rad/(N m).
     moment : Array

@@ -10,6 +10,7 @@ from flex_plant_sim.arm_model import Array, SecondOrderForm, Shapes
 from flex_plant_sim.ritz import RitzShapes
 from flex_plant_sim.robot import Link, Robot
 import numpy as np
+from numpy.typing import NDArray
 
 
 def is_energy_form(form: SecondOrderForm) -> bool:
@@ -24,7 +25,7 @@ def is_energy_form(form: SecondOrderForm) -> bool:
     return math.isclose(form.mass[0, 0, 2], form.mass[0, 2, 0], rel_tol=1e-9)
 
 
-def link_columns(form: SecondOrderForm, index: int) -> Array:
+def link_columns(form: SecondOrderForm, index: int) -> NDArray[np.bool_]:
     """Return True where p holds the deflections of a link (index 0 or 1), (N,)."""
     return np.array([name.startswith(f'q_{index + 1}') for name in form.names])
 
@@ -71,6 +72,8 @@ def with_root_turn(form: SecondOrderForm, robot: Robot, index: int,
 
     Parameters
     ----------
+    form : SecondOrderForm
+    robot : Robot
     index : int
         Joint and link, 0 or 1.
     turn : Array
@@ -100,6 +103,10 @@ def field_load(form: SecondOrderForm, robot: Robot, payload: float, upper: Array
 
     Parameters
     ----------
+    form : SecondOrderForm
+    robot : Robot
+    payload : float
+        kg.
     upper, lower, cosine : Array
         Field across the upper and across the lower link, m/s^2, and cos(theta_2): (…, 1).
 
@@ -114,9 +121,9 @@ def field_load(form: SecondOrderForm, robot: Robot, payload: float, upper: Array
             + lower * (lower_rows(form) * load_2))
 
 
-def lower_rows(form: SecondOrderForm) -> Array:
+def lower_rows(form: SecondOrderForm) -> NDArray[np.bool_]:
     """Return True for the paper's rows that carry loads on the lower link, (N,)."""
-    rows = ~link_columns(form, 0)
+    rows = np.logical_not(link_columns(form, 0))
     rows[:2] = False
     return rows
 
