@@ -127,7 +127,8 @@ class CompactForm:
     def lam(self, payload: float) -> Array:
         """Return Lambda = (I - M_3)^-1, (2n, 2n)."""
         m_3 = self.at('m_3', payload)
-        return np.linalg.inv(np.eye(len(m_3)) - m_3)
+        inverse: Array = np.linalg.inv(np.eye(len(m_3)) - m_3)
+        return inverse
 
     def state_space(self, payload: float) -> tuple[Array, Array]:
         """
