@@ -37,7 +37,9 @@ def with_elastic_root(form: SecondOrderForm, robot: Robot, index: int, complianc
     Parameters
     ----------
     form : SecondOrderForm
+        The arm's equations.
     robot : Robot
+        With the parameter effects applied.
     index : int
         Joint and link, 0 or 1.
     compliance : float

@@ -73,7 +73,9 @@ def with_root_turn(form: SecondOrderForm, robot: Robot, index: int,
     Parameters
     ----------
     form : SecondOrderForm
+        The arm's equations.
     robot : Robot
+        With the parameter effects applied.
     index : int
         Joint and link, 0 or 1.
     turn : Array
@@ -104,7 +106,9 @@ def field_load(form: SecondOrderForm, robot: Robot, payload: float, upper: Array
     Parameters
     ----------
     form : SecondOrderForm
+        The arm's equations.
     robot : Robot
+        With the parameter effects applied.
     payload : float
         kg.
     upper, lower, cosine : Array
