@@ -23,7 +23,7 @@ def frequency_roots(n: int) -> Array:
         Shape (n,), dimensionless.
 
     """
-    x: Array = (np.arange(1, n + 1) - 0.5) * np.pi
+    x = (np.arange(1, n + 1) - 0.5) * np.pi
     for _ in range(20):
         sech = 2.0 * np.exp(-x) / (1.0 + np.exp(-2.0 * x))
         step = (np.cos(x) + sech) / (-np.sin(x) - sech * np.tanh(x))

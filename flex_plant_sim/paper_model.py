@@ -5,8 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from flex_plant_sim.arm_model import (angle_rows, Array, coordinate_names, link_slice,
-                                      SecondOrderForm, strain_rows)
+from flex_plant_sim.arm_model import (
+    angle_rows,
+    Array,
+    coordinate_names,
+    link_slice,
+    SecondOrderForm,
+    strain_rows,
+)
 from flex_plant_sim.assumed_modes import elastic_and_drive_terms, KinematicRows
 from flex_plant_sim.robot import Robot
 from flex_plant_sim.state_space import StateSpace
@@ -26,6 +32,7 @@ def paper_model(robot: Robot, modes: int, sign: Sign = 'corrected') -> SecondOrd
     Parameters
     ----------
     robot : Robot
+        Its payload's mass is left open: the form is affine in it.
     modes : int
         Modes a link, n.
     sign : str
@@ -127,12 +134,13 @@ class CompactForm:
     def lam(self, payload: float) -> Array:
         """Return Lambda = (I - M_3)^-1, (2n, 2n)."""
         m_3 = self.at('m_3', payload)
-        inverse: Array = np.linalg.inv(np.eye(len(m_3)) - m_3)
-        return inverse
+        return np.linalg.inv(np.eye(len(m_3)) - m_3)
 
     def state_space(self, payload: float) -> tuple[Array, Array]:
         """
-        Return A (2+4n, 2+4n) and B (2+4n, 2) for the state (theta, q, q' - Lambda M_5 u), (12).
+        Return A (2+4n, 2+4n) and B (2+4n, 2), (12).
+
+        The state is (theta, q, q' - Lambda M_5 u).
         """
         size, lam = len(self.m_1), self.lam(payload)
         m_2, m_5 = self.at('m_2', payload), self.at('m_5', payload)

@@ -15,7 +15,7 @@ MOTOR = DCMotor(torque_constant=0.046, resistance=2.1, friction=3e-5, inertia=2.
 
 
 def motor_acceleration(motor: DCMotor, rate: float, voltage: float, torque: float) -> float:
-    """Return the shaft's acceleration by Newton and Ohm, Figures 10 and 11; torque on the shaft."""
+    """Return the shaft's acceleration by Newton and Ohm, Figures 10 and 11."""
     armature = motor.amplifier_gain * (voltage - motor.tacho_gain * rate)
     current = (armature - motor.torque_constant * rate) / motor.resistance
     return (torque - motor.friction * rate + motor.torque_constant * current) / motor.inertia
@@ -23,7 +23,7 @@ def motor_acceleration(motor: DCMotor, rate: float, voltage: float, torque: floa
 
 @pytest.mark.parametrize('voltage, torque', [(0.0, 0.0), (3.0, 0.0), (0.0, 1.7), (-2.0, 0.6)])
 def test_constants_33_against_the_motor(voltage: float, torque: float) -> None:
-    """theta'' = k_1 V_r + k_2 M_b + k_3 theta', (32), behind the gear."""
+    """Behind the gear, theta'' = k_1 V_r + k_2 M_b + k_3 theta', (32)."""
     drive, ratio = MOTOR.drive(), MOTOR.gear_ratio
     for rate in (-1.3, 0.0, 0.8):
         joint = drive.k_1 * voltage + drive.k_2 * torque + drive.k_3 * rate

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 from finite_elements import mesh
 from flex_plant_sim.drive import Drive
-from flex_plant_sim.paper_model import Sign
+from flex_plant_sim.paper_model import paper_model, Sign
 from flex_plant_sim.robot import load_robot
-from flex_plant_sim.single_link import SingleLink, Surroundings
+from flex_plant_sim.single_link import ALONE, SingleLink, Surroundings
 import numpy as np
 from numpy.typing import NDArray
 import pytest
@@ -47,7 +47,7 @@ def frequencies(link: SingleLink) -> Array:
     return np.unique(found[found > 0.1].round(9))
 
 
-def static_tip(link: SingleLink, around: Surroundings = Surroundings(),
+def static_tip(link: SingleLink, around: Surroundings = ALONE,
                angle: float = 0.0, turning: float = 0.0) -> float:
     """Return the tip's deflection, m, at rest under constant loads."""
     n = link.modes
@@ -204,7 +204,6 @@ def test_payload_rides_on_a_moving_base() -> None:
 
 def test_equation_4_moves_the_lower_link_by_beta_star() -> None:
     """Misprint 14: (4) has beta*_2 cos(theta_2) for the elbow's acceleration, as corrected."""
-    from flex_plant_sim.paper_model import paper_model
     form = paper_model(ROBOT, 3)
     row = (form.mass[1] + PAYLOAD * form.payload_mass[1])[5:, 2:5]
     expected = -single(3).beam.modal_mass * np.outer(

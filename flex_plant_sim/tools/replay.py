@@ -10,6 +10,7 @@ import sys
 from typing import Any
 
 from flex_plant_sim.arm_model import Array
+from flex_plant_sim.effects import effects_of
 from flex_plant_sim.errors import InputError
 from flex_plant_sim.extended_arm import ExtendedArm
 from flex_plant_sim.fit import fit_percent, rmse
@@ -114,14 +115,6 @@ def replay(log: Log, robot: Robot, model: str = 'assumed_modes', modes: int = 3,
         simulated, _ = simulate(simulator, log.command)
     _check_bounded(log, arm, simulated)
     return Replay(log, arm, simulated)
-
-
-def effects_of(robot: Robot) -> tuple[Any, ...]:
-    """Return the effects that a diagnosed robot file names."""
-    if not robot.effects:
-        return ()
-    from flex_plant_sim import effects
-    return tuple(effects.effects_of(robot))
 
 
 def _check_bounded(log: Log, arm: ExtendedArm, simulated: Array) -> None:
