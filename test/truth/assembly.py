@@ -57,6 +57,10 @@ def bare_terms(modes: ComponentModes, link: Link, extra: int = 0) -> LinkTerms:
         np.array([modes.mass, modes.first_moment, modes.second_moment]),
         vector(modes.a), vector(modes.b), matrix(modes.mass_matrix), matrix(modes.shortening),
         matrix(modes.centrifugal), matrix(modes.stiffness), matrix(modes.damping),
+        np.append(link.mass_per_length * modes.point_weight, 0.0),
+        np.pad(np.vstack([modes.point_rows, modes.tip]), ((0, 0), (0, extra))),
+        np.pad(np.concatenate([modes.point_shortening, modes.tip_shortening[None]]),
+               ((0, 0), (0, extra), (0, extra))),
         vector(modes.tip), vector(modes.tip_slope), matrix(modes.tip_shortening),
         link.hub_radius + link.length)
 
@@ -71,12 +75,13 @@ def tip_body(terms: LinkTerms, mass: float, inertia: float, tip: Array | None = 
         np.array([mass, mass * arm, mass * arm**2 + inertia]), mass * phi,
         mass * arm * phi + inertia * slope,
         mass * np.outer(phi, phi) + inertia * np.outer(slope, slope), mass * shortening,
-        mass * (np.outer(phi, phi) - arm * shortening), none, none, *terms[8:])
+        mass * (np.outer(phi, phi) - arm * shortening), none, none,
+        mass * np.eye(terms.point_mass.size)[-1], *terms[9:])
 
 
 def add_terms(first: LinkTerms, second: LinkTerms, share: float = 1.0) -> LinkTerms:
     """Return `first + share second` for all inertia terms; the geometry is that of `first`."""
-    return LinkTerms(*(x + share * y for x, y in zip(first[:8], second[:8])), *first[8:])
+    return LinkTerms(*(x + share * y for x, y in zip(first[:9], second[:9])), *first[9:])
 
 
 def lower_terms(arm: Arm, modes: ComponentModes) -> tuple[LinkTerms, LinkTerms]:
@@ -86,7 +91,7 @@ def lower_terms(arm: Arm, modes: ComponentModes) -> tuple[LinkTerms, LinkTerms]:
     terms = bare_terms(modes, arm.links[1], int(loose))
     tip = terms.tip.copy()
     if loose:
-        tip[-1] = 1.0
+        tip[-1] = terms.point_rows[-1, -1] = 1.0
         terms.stiffness[-1, -1] = payload.mass * payload.loose_frequency**2
         terms.damping[-1, -1] = (2.0 * payload.loose_damping_ratio * payload.mass
                                  * payload.loose_frequency)
@@ -151,11 +156,11 @@ def assemble(arm: Arm) -> System:
 def drag_table(arm: Arm, modes: list[ComponentModes]) -> Array:
     """Return (2, points, 2 + n): weight times coefficient, arm and shape rows of each link."""
     width = 2 + max(m.size for m in modes)
-    table = np.zeros((2, modes[0].drag_arm.size, width))
+    table = np.zeros((2, modes[0].point_arm.size, width))
     for block, m in zip(table, modes):
-        block[:, 0] = arm.structure.air_drag * m.drag_weight
-        block[:, 1] = m.drag_arm
-        block[:, 2:2 + m.size] = m.drag_rows
+        block[:, 0] = arm.structure.air_drag * m.point_weight
+        block[:, 1] = m.point_arm
+        block[:, 2:2 + m.size] = m.point_rows
     return table
 
 

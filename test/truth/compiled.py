@@ -49,16 +49,6 @@ def solve_symmetric(matrix: Array, right: Array) -> Array:
 
 
 @compiled
-def multiply(matrix: Array, vector: Array, out: Array) -> None:
-    """Write the product of a square matrix and a vector to `out`."""
-    for i in range(out.size):
-        total = 0.0
-        for j in range(out.size):
-            total += matrix[i, j] * vector[j]
-        out[i] = total
-
-
-@compiled
 def dot(x: Array, y: Array) -> float:
     """Return the inner product."""
     total = 0.0
@@ -100,6 +90,37 @@ def link_terms(link: LinkTerms, q: Array, dq: Array, rate: float, rigid: Array,
 
 
 @compiled
+def point_terms(link: LinkTerms, q: Array, dq: Array, rate: float, rigid: Array,
+                coupling: Array, velocity: Array, elastic: Array, shapes: Array) -> None:
+    """Add the terms of third and fourth order, point by point."""
+    n = q.size
+    s_q = np.zeros(n)
+    for k in range(link.point_mass.size):
+        m = link.point_mass[k]
+        s, ds, dds, w, dw = 0.0, 0.0, 0.0, 0.0, 0.0
+        for i in range(n):
+            row_q, row_dq = 0.0, 0.0
+            for j in range(n):
+                row_q += link.point_shortening[k, i, j] * q[j]
+                row_dq += link.point_shortening[k, i, j] * dq[j]
+            s_q[i] = row_q
+            s += 0.5 * row_q * q[i]
+            ds += row_q * dq[i]
+            dds += row_dq * dq[i]
+            w += link.point_rows[k, i] * q[i]
+            dw += link.point_rows[k, i] * dq[i]
+        rigid[2, 2] += m * s * s
+        velocity[2] += m * (w * dds + 2.0 * rate * s * ds)
+        pull, drift = m * (dds + 2.0 * rate * dw - rate * rate * s), 2.0 * rate * m * ds
+        for i in range(n):
+            phi = link.point_rows[k, i]
+            coupling[2, i] += m * (w * s_q[i] - s * phi)
+            elastic[i] += pull * s_q[i] - drift * phi
+            for j in range(n):
+                shapes[i, j] += m * s_q[i] * s_q[j]
+
+
+@compiled
 def elbow_rows(upper: LinkTerms, q: Array, dq: Array, theta_2: float, rate: float,
                gravity_x: float, gravity_y: float, w: Array) -> tuple[float, float]:
     """Fill the rows `w` (3, 2 + n1) of the lower frame's acceleration; return its bias."""
@@ -132,7 +153,7 @@ def elbow_rows(upper: LinkTerms, q: Array, dq: Array, theta_2: float, rate: floa
 @compiled
 def add_lower(mass: Array, rest: Array, w: Array, rigid: Array, coupling: Array,
               velocity: Array, elastic: Array, bias_x: float, bias_y: float,
-              lower_mass: Array) -> None:
+              shapes: Array) -> None:
     """Add the lower link's inertia, carried by the rows `w`, to `mass` and to `-rest`."""
     m, n = w.shape[1], elastic.size
     for i in range(m):
@@ -154,7 +175,7 @@ def add_lower(mass: Array, rest: Array, w: Array, rigid: Array, coupling: Array,
     for i in range(n):
         rest[m + i] -= elastic[i] + coupling[0, i] * bias_x + coupling[1, i] * bias_y
         for j in range(n):
-            mass[m + i, m + j] += lower_mass[i, j]
+            mass[m + i, m + j] += shapes[i, j]
 
 
 @compiled
@@ -170,22 +191,24 @@ def loop_acceleration(p: Array, v: Array, forces: Array, gravity: Array, upper: 
     gx = np.cos(angle) * gravity[0] + np.sin(angle) * gravity[1]
     gy = -np.sin(angle) * gravity[0] + np.cos(angle) * gravity[1]
     w, rigid, velocity = np.zeros((3, 2 + n1)), np.zeros((3, 3)), np.zeros(3)
-    coupling, elastic = np.zeros((3, n1)), np.zeros(n1)
+    coupling, elastic, shapes = np.zeros((3, n1)), np.zeros(n1), upper.mass.copy()
     bias_x, bias_y = elbow_rows(upper, q1, d1, p[1], rate, gx, gy, w)
     rate_2 = rate + v[1] + dot(upper.tip_slope, d1)
 
     mass, rest = np.zeros((size, size)), forces.copy()
     link_terms(upper, q1, d1, rate, rigid, coupling, velocity, elastic)
+    point_terms(upper, q1, d1, rate, rigid, coupling, velocity, elastic, shapes)
     mass[0, 0] = rigid[2, 2]
     rest[0] -= velocity[2] - rigid[2, 0] * gx - rigid[2, 1] * gy
     for i in range(n1):
         mass[0, 2 + i] = mass[2 + i, 0] = coupling[2, i]
         rest[2 + i] -= elastic[i] - coupling[0, i] * gx - coupling[1, i] * gy
         for j in range(n1):
-            mass[2 + i, 2 + j] = upper.mass[i, j]
-    coupling, elastic = np.zeros((3, n2)), np.zeros(n2)
+            mass[2 + i, 2 + j] = shapes[i, j]
+    coupling, elastic, shapes = np.zeros((3, n2)), np.zeros(n2), lower.mass.copy()
     link_terms(lower, q2, d2, rate_2, rigid, coupling, velocity, elastic)
-    add_lower(mass, rest, w, rigid, coupling, velocity, elastic, bias_x, bias_y, lower.mass)
+    point_terms(lower, q2, d2, rate_2, rigid, coupling, velocity, elastic, shapes)
+    add_lower(mass, rest, w, rigid, coupling, velocity, elastic, bias_x, bias_y, shapes)
     if size > last:
         for i in range(last):
             mass[last, i] = mass[i, last] = mass[0, i]

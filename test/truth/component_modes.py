@@ -22,8 +22,9 @@ class ComponentModes:
     - s(x) = 1/2 q^T S(x) q, S = int_0^x phi' phi'^T, is the foreshortening:
       shortening = int S dm, centrifugal = int phi phi^T dm - int X S dm;
     - tip, tip_slope (n,), tip_shortening (n, n) at x = L;
-    - stiffness, damping (n, n); curvature rows (gauges, n); drag rows (points, n) with
-      drag_arm, drag_weight (points,).
+    - stiffness, damping (n, n); curvature rows (gauges, n);
+    - at five Gauss points: point_arm X m, point_weight m, point_rows phi (5, n) and
+      point_shortening S (5, n, n).
     """
 
     mass: float
@@ -40,9 +41,10 @@ class ComponentModes:
     stiffness: Array
     damping: Array
     curvature: Array
-    drag_arm: Array
-    drag_weight: Array
-    drag_rows: Array
+    point_arm: Array
+    point_weight: Array
+    point_rows: Array
+    point_shortening: Array
 
     @property
     def size(self) -> int:
@@ -81,6 +83,13 @@ def rigid_rotation(mesh: BeamMesh, hub_radius: float) -> Array:
     return rigid
 
 
+def shortening_to(mesh: BeamMesh, shapes: Array, position: float) -> Array:
+    """Return S(x) (n, n) at x = `position`, m: the integral of phi' phi'^T from the root."""
+    points, weights = np.polynomial.legendre.leggauss(24)
+    slope = np.array([mesh.row(0.5 * position * (s + 1.0), 1) @ shapes for s in points])
+    return slope.T @ (0.5 * position * weights[:, None] * slope)
+
+
 def link_modes(link: Link, count: int, tip_mass: float = 0.0, tip_inertia: float = 0.0,
                twist: bool = False, elements: int = 40) -> ComponentModes:
     """Return the component modes of `link`; the tip body only shapes the basis.
@@ -98,13 +107,14 @@ def link_modes(link: Link, count: int, tip_mass: float = 0.0, tip_inertia: float
     outer_moment = 0.5 * link.mass_per_length * ((link.hub_radius + link.length)**2 - arm**2)
     stiffness = shapes.T @ mesh.stiffness() @ shapes
     if np.isfinite(link.clamp_stiffness):
-        root = np.r_[shapes[1, :count], np.zeros(twist)]
+        root = np.r_[shapes[1, :count], np.zeros(int(twist))]
         stiffness += link.clamp_stiffness * np.outer(root, root)
     # The hub's own foreshortening when it turns against the rotor.
     hub = np.zeros_like(stiffness)
     hub[-1, -1] = link.hub_radius * twist
     mass_matrix = shapes.T @ mesh.mass() @ shapes
-    drag = drag_rows(link, mesh, shapes)
+    points, weights = np.polynomial.legendre.leggauss(5)
+    positions = 0.5 * link.length * (points + 1.0)
     return ComponentModes(
         mass=dm.sum(), first_moment=dm @ arm, second_moment=dm @ arm**2,
         a=dm @ phi, b=(dm * arm) @ phi, mass_matrix=mass_matrix,
@@ -116,12 +126,7 @@ def link_modes(link: Link, count: int, tip_mass: float = 0.0, tip_inertia: float
         stiffness=stiffness,
         damping=2.0 * link.damping_ratio / link.first_frequency * stiffness,
         curvature=np.array([mesh.row(g, 2) @ shapes for g in link.gauges]),
-        drag_arm=drag[0], drag_weight=drag[1], drag_rows=drag[2])
-
-
-def drag_rows(link: Link, mesh: BeamMesh, shapes: Array) -> tuple[Array, Array, Array]:
-    """Return arms (5,) m, weights (5,) m and shape rows (5, n) of a five-point Gauss rule."""
-    points, weights = np.polynomial.legendre.leggauss(5)
-    x = 0.5 * link.length * (points + 1.0)
-    rows = np.array([mesh.row(xi) @ shapes for xi in x])
-    return link.hub_radius + x, 0.5 * link.length * weights, rows
+        point_arm=link.hub_radius + positions, point_weight=0.5 * link.length * weights,
+        point_rows=np.array([mesh.row(xi) @ shapes for xi in positions]),
+        point_shortening=np.array([
+            shortening_to(mesh, shapes, xi) + hub for xi in positions]))

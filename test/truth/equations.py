@@ -12,8 +12,10 @@ amplitudes, a link's inertia forces are
         -Omega^2 C q)
 
 with c = m1 - q A q / 2, A and C the shortening and centrifugal matrices of `component_modes`.
-They are Lagrange's equations of the kinetic energy cut after the terms of second order in q, so
-that energy is conserved exactly by the equations.
+Terms of third and fourth order, needed when the links bend by more than 0.2 rad or so, are added at
+points along the links: with s = q S q / 2 and w = phi q there, G gains s^2, w S q - s phi and
+S q (S q)^T, the forces w dq S dq + 2 Omega s ds and S q (dq S dq + 2 Omega dw - Omega^2 s)
+- 2 Omega phi ds. These are Lagrange's equations of one kinetic energy, so that it is conserved.
 """
 
 from __future__ import annotations
@@ -28,7 +30,8 @@ from truth.beam_elements import Array
 class LinkTerms(NamedTuple):
     """Inertia and elasticity of a link with its tip body, n shapes (see ComponentModes).
 
-    `moments` is (mass kg, first moment kg m, second moment kg m^2) about the joint.
+    `moments` is (mass kg, first moment kg m, second moment kg m^2) about the joint; the points
+    (the tip body last) have masses (K,), shape rows (K, n) and matrices S (K, n, n).
     """
 
     moments: Array
@@ -39,6 +42,9 @@ class LinkTerms(NamedTuple):
     centrifugal: Array
     stiffness: Array
     damping: Array
+    point_mass: Array
+    point_rows: Array
+    point_shortening: Array
     tip: Array
     tip_slope: Array
     tip_shortening: Array
@@ -53,26 +59,36 @@ class ElbowMotion(NamedTuple):
     angle: float
 
 
-def link_inertia(link: LinkTerms, q: Array) -> tuple[Array, Array]:
-    """Return G's blocks: rigid (3, 3) over (x, y, Omega), and coupling (3, n) to the shapes."""
+def link_inertia(link: LinkTerms, q: Array) -> tuple[Array, Array, Array]:
+    """Return G's blocks: rigid (3, 3) over (x, y, Omega), coupling (3, n), shapes (n, n)."""
     mass, first, second = link.moments
     aq = link.a @ q
     a_matrix_q = link.shortening @ q
+    s_q = link.point_shortening @ q
+    weighted = link.point_mass[:, None] * s_q
+    s, w = 0.5 * s_q @ q, link.point_rows @ q
     c = first - 0.5 * q @ a_matrix_q
-    inertia = second + q @ link.centrifugal @ q
+    inertia = second + q @ link.centrifugal @ q + link.point_mass @ s**2
     rigid = np.array([[mass, 0.0, -aq], [0.0, mass, c], [-aq, c, inertia]])
-    return rigid, np.vstack([-a_matrix_q, link.a, link.b])
+    turning = link.b + w @ weighted - (link.point_mass * s) @ link.point_rows
+    return rigid, np.vstack([-a_matrix_q, link.a, turning]), link.mass + weighted.T @ s_q
 
 
 def link_bias(link: LinkTerms, q: Array, dq: Array, rate: float) -> tuple[Array, Array]:
     """Return the velocity terms of the equations above: (3,) and (n,)."""
     c = link.moments[1] - 0.5 * q @ link.shortening @ q
     centrifugal_q = link.centrifugal @ q
+    s_q, s_dq = link.point_shortening @ q, link.point_shortening @ dq
+    s, ds, dds = 0.5 * s_q @ q, s_q @ dq, s_dq @ dq
+    w, dw = link.point_rows @ q, link.point_rows @ dq
     rigid = np.array([
         -2.0 * rate * (link.a @ dq) - dq @ link.shortening @ dq - c * rate**2,
         -2.0 * rate * (q @ link.shortening @ dq) - rate**2 * (link.a @ q),
-        2.0 * rate * (centrifugal_q @ dq)])
-    return rigid, -rate**2 * centrifugal_q
+        2.0 * rate * (centrifugal_q @ dq)
+        + link.point_mass @ (w * dds + 2.0 * rate * s * ds)])
+    pull = link.point_mass * (dds + 2.0 * rate * dw - rate**2 * s)
+    drift = 2.0 * rate * link.point_mass * ds
+    return rigid, -rate**2 * centrifugal_q + pull @ s_q - drift @ link.point_rows
 
 
 def rotate_back(angle: float, vectors: Array) -> Array:
@@ -115,20 +131,20 @@ def mass_and_bias(p: Array, v: Array, gravity: Array, upper: LinkTerms, lower: L
     rate_2 = rate_1 + v[1] + upper.tip_slope @ d1
 
     mass, bias = np.zeros((last, last)), np.zeros(last)
-    rigid, coupling = link_inertia(upper, q1)
+    rigid, coupling, shapes = link_inertia(upper, q1)
     velocity, elastic = link_bias(upper, q1, d1, rate_1)
     mass[0, 0] = rigid[2, 2]
     mass[0, 2:2 + n1] = mass[2:2 + n1, 0] = coupling[2]
-    mass[2:2 + n1, 2:2 + n1] = upper.mass
+    mass[2:2 + n1, 2:2 + n1] = shapes
     bias[0] = velocity[2] - rigid[2, :2] @ gravity_1
     bias[2:2 + n1] = elastic - gravity_1 @ coupling[:2]
 
-    rigid, coupling = link_inertia(lower, q2)
+    rigid, coupling, shapes = link_inertia(lower, q2)
     velocity, elastic = link_bias(lower, q2, d2, rate_2)
     mass[:2 + n1, :2 + n1] += w.T @ rigid @ w
     mass[:2 + n1, 2 + n1:] = w.T @ coupling
     mass[2 + n1:, :2 + n1] = mass[:2 + n1, 2 + n1:].T
-    mass[2 + n1:, 2 + n1:] = lower.mass
+    mass[2 + n1:, 2 + n1:] = shapes
     bias[:2 + n1] += w.T @ (rigid[:, :2] @ elbow.bias + velocity)
     bias[2 + n1:] = elastic + elbow.bias @ coupling[:2]
     if has_base:

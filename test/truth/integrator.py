@@ -166,6 +166,7 @@ def load_payload(lower: LinkTerms, empty: LinkTerms, unit: LinkTerms, mass: floa
     lower.mass[:] = empty.mass + mass * unit.mass
     lower.shortening[:] = empty.shortening + mass * unit.shortening
     lower.centrifugal[:] = empty.centrifugal + mass * unit.centrifugal
+    lower.point_mass[:] = empty.point_mass + mass * unit.point_mass
 
 
 @compiled
