@@ -24,7 +24,7 @@ def catalogue() -> Mapping[str, type[Effect]]:
     """Return the effects by identifier, sorted by family and identifier."""
     found = []
     for module in pkgutil.iter_modules(__path__):
-        if module.name.startswith('_'):
+        if module.name == '__main__':
             continue
         content = vars(importlib.import_module(f'{__name__}.{module.name}')).values()
         found += [item for item in content if isinstance(item, type) and issubclass(item, Effect)

@@ -40,7 +40,9 @@ class Backlash(Effect):
     def on_form(self, form: SecondOrderForm, robot: Robot) -> SecondOrderForm:
         """Return the form with the lead as a coordinate that only `on_step` moves."""
         wide = extended(form, (self.coordinate,))
+        # Stable by itself, so that a predictor has nothing to observe there.
         wide.mass[0, -1, -1] = 1.0
+        wide.damping[-1, -1], wide.stiffness[0, -1, -1] = 20.0, 100.0
         wide.angle[self.index, -1] = self['sensor_behind_gear'] - 1.0
         return wide
 

@@ -8,28 +8,27 @@ from flex_plant_sim.robot import Robot
 from flex_plant_sim.state_space import StateSpace
 import numpy as np
 
-NO_FILTER = 1000.0
+NO_FILTER = 1e-4
 
 
 class StrainFilter(Effect):
-    """omega^2 / (s^2 + 2 zeta omega s + omega^2) on every gauge."""
+    """1 / (1 + 2 zeta tau s + tau^2 s^2) on every gauge; the cut-off is 1/tau, rad/s."""
 
     identifier = 'strain_filter'
     family = 'sensors'
     explanation = 'The strain amplifiers pass only slow signals: a low-pass filter of order two.'
     parameters = (
-        # Below 300 rad/s it delays by more than half a reference sample.
-        Parameter('cutoff_rad_per_s', 'rad/s', NO_FILTER, 1.0, NO_FILTER,
-                  (15.0, 30.0, 60.0, 120.0), NO_FILTER - 300.0),
+        # It delays slow signals by 2 zeta tau: 0.003 s is half a reference sample.
+        Parameter('time_constant_s', 's', 0.0, 0.0, 1.0, (0.008, 0.016, 0.03, 0.06), 0.003),
         Parameter('damping', '', 0.8, 0.1, 3.0, (0.7,), np.inf))
     sites = 'arm'
     structural = True
 
     def on_state_space(self, plant: StateSpace, robot: Robot) -> StateSpace:
-        """Return the plant with (w, w'/omega) of each gauge as its last states."""
-        omega = self['cutoff_rad_per_s']
-        if omega >= NO_FILTER:
+        """Return the plant with (w, tau w') of each gauge as its last states."""
+        if self['time_constant_s'] < NO_FILTER:
             return plant
+        omega = 1.0 / self['time_constant_s']
         old, gauges = plant.a.shape[-1], plant.c.shape[-2] - 2
         wider, unit = with_states(plant, 2 * gauges), np.eye(gauges)
         slow, fast = slice(old, old + gauges), slice(old + gauges, old + 2 * gauges)

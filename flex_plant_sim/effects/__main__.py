@@ -1,0 +1,58 @@
+"""Print the catalogue as the page docs/effects.md: `python -m flex_plant_sim.effects`."""
+
+from __future__ import annotations
+
+import math
+
+from flex_plant_sim.effects import catalogue, SITES
+from flex_plant_sim.effects.base import Effect, Parameter
+
+HEAD = """# Effects
+
+Made by `python -m flex_plant_sim.effects`; each effect is one file in `flex_plant_sim/effects/`.
+
+The same object extends the simulator, the predictor and the diagnosis. A robot file names effects
+under `effects:` (a list of `name`, `site` and the parameters), and `plant_sim` takes them as
+`identifier:site:parameter=number,…`. A null value means that the effect is absent. `smallest` is
+the deviation from null that matters in practice on robots of this size; where it is empty, the
+parameter only shapes the effect.
+"""
+TABLE = """
+| effect | acts on | parameter | unit | null | bounds | fits start at | smallest |
+|---|---|---|---|---|---|---|---|
+"""
+
+
+def page() -> str:
+    """Return the page, one section a family."""
+    families = dict.fromkeys(effect.family for effect in catalogue().values())
+    return HEAD + ''.join(_section(family) for family in families)
+
+
+def _section(family: str) -> str:
+    effects = [effect for effect in catalogue().values() if effect.family == family]
+    rows = ''.join(_row(effect, k) for effect in effects for k in range(len(effect.parameters)))
+    meaning = ''.join(f'- `{effect.identifier}`: {_sentence(effect)}\n' for effect in effects)
+    return f'\n## {family[0].upper()}{family[1:]}\n\n{meaning}{TABLE}{rows}'
+
+
+def _sentence(effect: type[Effect]) -> str:
+    return effect.explanation.format(site=f'the {effect.sites}').replace('the the', 'the')
+
+
+def _row(effect: type[Effect], k: int) -> str:
+    parameter = effect.parameters[k]
+    name = f'`{effect.identifier}`' if k == 0 else ''
+    sites = ', '.join(SITES.get(effect.sites, ('each gauge',))) if k == 0 else ''
+    smallest = f'{parameter.smallest:g}' if math.isfinite(parameter.smallest) else ''
+    return (f'| {name} | {sites} | `{parameter.name}` | {parameter.unit} | {parameter.null:g} '
+            f'| {parameter.low:g} to {parameter.high:g} | {_starts(parameter)} | {smallest} |\n')
+
+
+def _starts(parameter: Parameter) -> str:
+    values = [f'{value:g}' for value in parameter.starts]
+    return ', '.join(values) if len(values) < 8 else f'{values[0]}, {values[1]}, …, {values[-1]}'
+
+
+if __name__ == '__main__':
+    print(page(), end='')
