@@ -74,6 +74,8 @@ class Drive:
         -J_b k_3, N m s/rad.
     command_limit : float
         Largest magnitude of the command, in the drive's own unit.
+    closed_loop : bool
+        Whether a velocity loop ties the torque gain to the damping.
 
     """
 
@@ -81,13 +83,14 @@ class Drive:
     torque_gain: float
     damping: float
     command_limit: float = float('inf')
+    closed_loop: bool = False
 
     @classmethod
     def velocity_loop(cls, inertia: float, time_constant: float, steady_gain: float,
                       command_limit: float = float('inf')) -> Drive:
         """Return a closed tacho loop with its time constant tau_mt (s) and gain u -> theta'."""
         damping = inertia / time_constant
-        return cls(inertia, steady_gain * damping, damping, command_limit)
+        return cls(inertia, steady_gain * damping, damping, command_limit, closed_loop=True)
 
     @property
     def k_1(self) -> float:

@@ -1,0 +1,84 @@
+"""A hypothesis: one effect of the catalogue at one site, and where its fit starts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+import math
+
+from flex_plant_sim.arm_model import Array
+from flex_plant_sim.effects import catalogue, sites
+from flex_plant_sim.effects.base import Effect, Parameter
+from flex_plant_sim.robot import Robot
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """An effect at a site with free parameters."""
+
+    effect: type[Effect]
+    site: str
+
+    @property
+    def label(self) -> str:
+        """Return identifier:site."""
+        return f'{self.effect.identifier}:{self.site}'
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Return the effect's parameters."""
+        return self.effect.parameters
+
+    @property
+    def null(self) -> Array:
+        """Return the values at which the effect is absent, (k,)."""
+        return np.array([p.null for p in self.parameters])
+
+    @property
+    def low(self) -> Array:
+        """Return the lower bounds, (k,)."""
+        return np.array([p.low for p in self.parameters])
+
+    @property
+    def high(self) -> Array:
+        """Return the upper bounds, (k,)."""
+        return np.array([p.high for p in self.parameters])
+
+    @property
+    def scale(self) -> Array:
+        """Return the size of a typical deviation from null, (k,)."""
+        sizes = []
+        for p in self.parameters:
+            away = [abs(s - p.null) for s in p.starts if s != p.null]
+            sizes.append(min(away) if away else max(abs(p.null), 1.0))
+        return np.array(sizes)
+
+    @property
+    def sizes(self) -> Array:
+        """Return True where a parameter measures the effect's size, False for its shape, (k,)."""
+        return np.array([math.isfinite(p.smallest) for p in self.parameters])
+
+    def starts(self, duration: float) -> Array:
+        """Return the start values, (S, k); times beyond the record are left out."""
+        grids = [[s for s in p.starts if p.unit != 's' or not p.name.startswith('time')
+                  or s < duration] for p in self.parameters]
+        return np.array(list(product(*grids)))
+
+    def at(self, values: Array) -> Effect:
+        """Return the effect at values (k,), or a batch of them at (B, k)."""
+        if values.ndim == 1:
+            return self.effect(self.site, tuple(float(v) for v in values))
+        return self.effect(self.site, tuple(values[:, k:k + 1] for k in range(values.shape[1])))
+
+    def relevance(self, values: Array) -> float:
+        """Return the size over the smallest that matters: below 1 it does not."""
+        smallest = np.array([p.smallest for p in self.parameters])
+        return float(np.max(np.abs(values - self.null)[self.sizes] / smallest[self.sizes]))
+
+
+def hypotheses(robot: Robot, exclude: Sequence[str] = ()) -> tuple[Hypothesis, ...]:
+    """Return every effect of the catalogue at every site of a robot."""
+    return tuple(Hypothesis(effect, site) for name, effect in catalogue().items()
+                 if name not in exclude for site in sites(effect, robot))

@@ -1,0 +1,125 @@
+"""Records, base model and nuisances together: residuals and what base parameters explain."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from flex_plant_sim.arm_model import Array
+from flex_plant_sim.diagnosis.nuisance import Nuisance, nuisances
+from flex_plant_sim.diagnosis.predictor import Base, Predictor
+from flex_plant_sim.diagnosis.windows import Windows
+from flex_plant_sim.effects.base import Effect
+import numpy as np
+
+STEP = 0.2
+BLOCKS_PER_WINDOW = 8
+
+
+@dataclass(frozen=True)
+class Weighting:
+    """
+    How residuals turn into nats.
+
+    Attributes
+    ----------
+    whitener : Array
+        L^-1 with L L' the innovation covariance, (m, m).
+    temper : float
+        Long-run over white variance of the scores: coloured residuals count for less.
+
+    """
+
+    whitener: Array
+    temper: float
+
+    @property
+    def log_determinant(self) -> float:
+        """Return log det of the innovation covariance."""
+        return -2.0 * float(np.sum(np.log(np.diagonal(self.whitener))))
+
+    def white(self, residual: Array) -> Array:
+        """Return L^-1 e for e (…, m)."""
+        return residual @ self.whitener.T
+
+
+class Problem:
+    """
+    What every hypothesis is fitted to.
+
+    Parameters
+    ----------
+    base : Base
+    windows : sequence of Windows
+        One per record.
+    noise : sequence of Array
+        Sensor noise per record, (m,).
+
+    """
+
+    def __init__(self, base: Base, windows: Sequence[Windows], noise: Sequence[Array]):
+        self.base = base
+        self.predictors = [Predictor(base, w, s) for w, s in zip(windows, noise)]
+        self.nuisances: tuple[Nuisance, ...] = nuisances(
+            base.robot, windows[0].record.payload)
+        self.precision = np.array([n.tolerance**-2 for n in self.nuisances])
+
+    def residual(self, effects: Sequence[Effect] = (), nuisance: tuple[int, float] | None = None,
+                 gains: Sequence[Array] | None = None) -> Array:
+        """Return one-step prediction errors of all windows, (B, W, length, m)."""
+        robot = None
+        if nuisance is not None:
+            item, value = self.nuisances[nuisance[0]], nuisance[1]
+            robot = item.change(self.base.robot, value)
+            effects = (*effects, item.effect(value)) if item.effect else effects
+        parts = [p.innovations(effects, robot, None if gains is None else gains[k])
+                 for k, p in enumerate(self.predictors)]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
+
+    def gains(self, effects: Sequence[Effect]) -> list[Array]:
+        """Return the predictors' gains for an arm with further effects."""
+        return [p.gain_of(self.base.arm(p.record.payload, effects)) for p in self.predictors]
+
+    @cached_property
+    def nominal(self) -> Array:
+        """Return the residual of the base model, (W, length, m)."""
+        return self.residual()[0]
+
+    @cached_property
+    def sensitivity(self) -> Array:
+        """Return d residual / d nuisance, (W, length, m, p), by differences within tolerance."""
+        columns = []
+        for k, item in enumerate(self.nuisances):
+            step = STEP * item.tolerance
+            columns.append((self.residual(nuisance=(k, step))[0] - self.nominal) / step)
+        return np.stack(columns, axis=-1)
+
+    def weighting(self, residual: Array, sensitivity: Array | None = None) -> Weighting:
+        """Return the weighting that a residual (W, length, m) asks for."""
+        flat = residual.reshape(-1, residual.shape[-1])
+        covariance = flat.T @ flat / len(flat)
+        whitener = np.linalg.inv(np.linalg.cholesky(covariance))
+        directions = self.sensitivity if sensitivity is None else sensitivity
+        return Weighting(whitener, temper(residual @ whitener.T, whitener @ directions))
+
+
+def temper(white: Array, directions: Array) -> float:
+    """
+    Return the long-run over the white variance of the scores, at least 1.
+
+    Parameters
+    ----------
+    white : Array
+        Whitened residual, (W, length, m).
+    directions : Array
+        Whitened sensitivities, (W, length, m, p).
+
+    """
+    score = np.einsum('wtm,wtmp->wtp', white, directions)
+    length = score.shape[1] // BLOCKS_PER_WINDOW * BLOCKS_PER_WINDOW
+    blocks = score[:, :length].reshape(len(score), BLOCKS_PER_WINDOW, -1, score.shape[-1])
+    sums = blocks.sum(axis=2).reshape(-1, score.shape[-1])
+    long_run = np.sum((sums - sums.mean(axis=0))**2, axis=0)
+    short = np.sum(directions**2, axis=(0, 1, 2))
+    return max(1.0, float(np.median(long_run / np.maximum(short, 1e-300))))
