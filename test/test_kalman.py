@@ -1,0 +1,109 @@
+"""Predictor (23) in delta form: against the shift form's Riccati equation and scipy's."""
+
+from __future__ import annotations
+
+import math
+
+from flex_payload_estimator.delta import delta_model
+from flex_payload_estimator.kalman import KalmanPredictor
+from flex_payload_estimator.payload_model import payload_model
+from flex_payload_estimator.riccati import riccati_step, settled
+from flex_plant_sim.arm_model import Array
+from flex_plant_sim.robot import load_robot
+import numpy as np
+import pytest
+from scipy.linalg import solve_discrete_are
+
+STEP = 0.01
+MODEL = payload_model(load_robot('reference'), 'paper_reduced', 2)
+R_1, R_2 = 1e-4 * np.eye(10), 1e-4 * np.eye(6)
+
+
+def delta(step: float = STEP, cosine: float = math.cos(0.5)) -> tuple[Array, Array]:
+    """Return A-bar and B-bar of the reference arm with 0.1 kg."""
+    return delta_model(*MODEL.matrices(cosine, 0.1), step, halvings=MODEL.halvings)
+
+
+def test_one_update_is_the_shift_form_s() -> None:
+    a_bar, _ = delta()
+    predictor = KalmanPredictor(MODEL.output, R_1, R_2, STEP)
+    f, c = np.eye(10) + STEP * a_bar, MODEL.output
+    p = predictor.covariance
+    for _ in range(20):
+        s = c @ p @ c.T + R_2
+        np.testing.assert_allclose(predictor.innovation_covariance(), s, rtol=0,
+                                   atol=1e-11 * np.abs(s).max())
+        gain = f @ p @ c.T @ np.linalg.inv(s)
+        p = f @ p @ f.T + R_1 - gain @ s @ gain.T
+        np.testing.assert_allclose(STEP * predictor.update(a_bar), gain, rtol=0,
+                                   atol=1e-10 * np.abs(gain).max())
+        np.testing.assert_allclose(predictor.covariance, p, rtol=0, atol=1e-10 * np.abs(p).max())
+
+
+def test_the_iteration_settles_at_scipy_s_solution() -> None:
+    a_bar, _ = delta()
+    predictor = KalmanPredictor(MODEL.output, R_1, R_2, STEP)
+    for _ in range(3000):
+        predictor.update(a_bar)
+    f = np.eye(10) + STEP * a_bar
+    expected = solve_discrete_are(f.T, MODEL.output.T, R_1, R_2)
+    np.testing.assert_allclose(predictor.covariance, expected, rtol=0,
+                               atol=1e-8 * np.abs(expected).max())
+
+
+def test_the_controller_s_iteration_settles_at_scipy_s_solution() -> None:
+    a_bar, b_bar = delta()
+    q_1 = MODEL.output[:2].T @ MODEL.output[:2] + np.outer(MODEL.end_point, MODEL.end_point)
+    q_2 = 0.005 * np.eye(2)
+    gain, cost = settled(a_bar, b_bar, q_1, q_2, STEP)
+    f, g = np.eye(10) + STEP * a_bar, STEP * b_bar
+    expected = solve_discrete_are(f, g, q_1, q_2)
+    np.testing.assert_allclose(cost / STEP, expected, rtol=0, atol=1e-7 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        gain, np.linalg.solve(q_2 + g.T @ expected @ g, g.T @ expected @ f), rtol=0,
+        atol=1e-6 * np.abs(gain).max())
+
+
+def test_the_covariance_is_that_of_simulated_errors() -> None:
+    """The second route: 4000 arms with the assumed noise; their prediction errors' covariance."""
+    a_bar, _ = delta()
+    random = np.random.default_rng(1)
+    predictor = KalmanPredictor(MODEL.output, R_1, R_2, STEP)
+    errors = 0.1 * random.standard_normal((4000, 10))
+    for _ in range(60):
+        seen = errors @ MODEL.output.T + 1e-2 * random.standard_normal((4000, 6))
+        gain = predictor.update(a_bar)
+        errors = errors + STEP * (errors @ a_bar.T - seen @ gain.T) \
+            + 1e-2 * random.standard_normal((4000, 10))
+    ratio = errors.var(axis=0) / predictor.covariance.diagonal()
+    np.testing.assert_allclose(ratio, 1.0, atol=4.0 * math.sqrt(2.0 / 4000))
+
+
+def test_the_covariance_stays_symmetric_and_definite_while_the_arm_turns() -> None:
+    step = 1e-4
+    models = [delta(step, math.cos(angle))[0] for angle in np.linspace(0.0, 3.0, 50)]
+    predictor = KalmanPredictor(MODEL.output, 1e-10 * np.eye(10), 1e-8 * np.eye(6), step)
+    for k in range(20000):
+        predictor.update(models[k % 50])
+    p = predictor.covariance
+    assert np.abs(p - p.T).max() <= 1e-15 * np.abs(p).max()
+    assert np.linalg.eigvalsh(p).min() > 0.0
+
+
+def test_without_a_measurement_the_covariance_only_grows() -> None:
+    a_bar, _ = delta()
+    predictor = KalmanPredictor(MODEL.output, R_1, R_2, STEP)
+    for _ in range(50):
+        predictor.update(a_bar)
+    before = predictor.covariance
+    predictor.skip(a_bar)
+    f = np.eye(10) + STEP * a_bar
+    expected = f @ before @ f.T + R_1
+    np.testing.assert_allclose(predictor.covariance, expected, rtol=0,
+                               atol=1e-12 * np.abs(expected).max())
+
+
+def test_a_weight_that_is_not_definite_is_refused() -> None:
+    a_bar, b_bar = delta()
+    with pytest.raises(FloatingPointError, match='not positive definite'):
+        riccati_step(a_bar, b_bar, np.eye(10), -np.eye(2), np.zeros((10, 10)), STEP)
