@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 from flex_payload_estimator.estimators.base import PayloadEstimator
 from flex_payload_estimator.set_points import SetPoints
@@ -92,7 +92,7 @@ def run_loop(simulator: Simulator, estimator: PayloadEstimator, controller: Cont
     estimator.reset()
     controller.reset()
     order = simulator.arm.form.order
-    rows = []
+    rows: list[tuple[Any, ...]] = []
     for _ in range(round(duration / simulator.arm.robot.sample_time) + 1):
         sample = simulator.measure()
         output, set_point = sample.output, set_points(sample.time)
@@ -104,6 +104,9 @@ def run_loop(simulator: Simulator, estimator: PayloadEstimator, controller: Cont
                      estimate.innovation_std, estimate.status,
                      simulator.state[2:order].copy(), simulator.mass(sample.time)))
         simulator.step(command)
-    columns = list(zip(*rows))
-    arrays = [np.array(column) for column in columns]
-    return LoopRecord(*arrays[:10], tuple(columns[10]), *arrays[11:])
+    return LoopRecord(*_columns(rows))
+
+
+def _columns(rows: list[tuple[Any, ...]]) -> list[Any]:
+    """Return the rows' columns as arrays, texts as a tuple."""
+    return [column if isinstance(column[0], str) else np.array(column) for column in zip(*rows)]

@@ -9,7 +9,14 @@ from flex_payload_estimator.node_setup import controller_of, set_points_of
 from flex_payload_estimator.sample_node import Sample, SampleNode
 from flex_payload_estimator.trajectory import Trajectory
 from msg_config.contract_node import DIAGNOSTICS_INTERVAL, run
-from msg_config.messages import diagnostic_status, joint_state, JOINTS, seconds
+from msg_config.messages import (
+    diagnostic_status,
+    doubles,
+    joint_state,
+    JOINTS,
+    seconds,
+    set_stamp,
+)
 import numpy as np
 from trajectory_msgs.msg import JointTrajectory
 
@@ -28,6 +35,7 @@ class LQGControllerNode(SampleNode):
         self.set_points = set_points_of(self.values)
         self._command = self.publisher('command')
         self._sent = np.zeros(2)
+        self._message = joint_state(0, JOINTS, effort=self._sent)
         self.subscribe('reference', self._on_reference)
         estimate = ('payload/inertia',) if self.values['adapt'] else ()
         self.listen('joint_states', 'strain', *estimate)
@@ -48,9 +56,10 @@ class LQGControllerNode(SampleNode):
         else:
             self.reject('command', f'the command at {sample.time:.9g} s is not finite; the one '
                                    'before is kept')
-        message = joint_state(sample.stamp, JOINTS, effort=self._sent)
-        self.answer(message)
-        return message
+        set_stamp(self._message, sample.stamp)
+        self._message.effort = doubles(self._sent)
+        self.answer(self._message)
+        return self._message
 
     def answer(self, answer: Any) -> None:
         """Publish a command."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from typing import Any
 
@@ -13,10 +14,11 @@ from flex_payload_estimator.sample_node import Sample, SampleNode
 from msg_config.contract_node import DIAGNOSTICS_INTERVAL, run
 from msg_config.messages import (
     diagnostic_status,
+    doubles,
     inertia_message,
     joint_state,
     nanoseconds,
-    seconds,
+    set_stamp,
 )
 from msg_config.ros import payload_message
 import numpy as np
@@ -43,6 +45,10 @@ class PayloadEstimatorNode(SampleNode):
         self._payload = self.publisher('payload')
         self._inertia = self.publisher('payload/inertia')
         self._innovation = self.publisher('innovation')
+        # Made once and filled at every sample: making them takes longer than sending them.
+        empty = np.zeros(len(self.channels))
+        self._messages = (payload_message(0.0, 0.0, 0.0), inertia_message(0, 0.0),
+                          joint_state(0, self.channels, empty, effort=empty))
         self._estimate: Estimate | None = None
         self._reported, self._silent = 0, True
         self.listen('joint_states', 'strain')
@@ -54,41 +60,47 @@ class PayloadEstimatorNode(SampleNode):
         self.health.reset()
         self._estimate, self._reported = None, 0
 
-    def take(self, sample: Sample) -> tuple[Any, ...]:
-        """Return the messages that answer a sample."""
-        before, estimate = self._estimate, self.estimator.update(
-            sample.time, sample.output, sample.command)
-        self._estimate = estimate
-        messages = self._messages(sample.stamp, estimate)
-        self.answer(messages)
-        if estimate.status != 'input_rejected':
-            self.health.add(estimate.innovation, estimate.innovation_std)
-        changed = before is None or before.status != estimate.status
-        if changed or sample.stamp - self._reported >= nanoseconds(DIAGNOSTICS_INTERVAL):
-            self._report(sample.stamp)
-        return messages
-
-    def answer(self, messages: tuple[Any, ...]) -> None:
-        """Publish the payload first: somebody waits for it."""
-        payload, inertia, innovation = messages
-        if payload is None:
-            return
+    def take(self, sample: Sample) -> Any:
+        """Answer a new sample: the payload goes out first, as somebody waits for it."""
+        estimate = self.estimator.update(sample.time, sample.output, sample.command)
+        if not all(map(math.isfinite, (estimate.mass, estimate.variance, estimate.p))):
+            self.reject('payload', f'the estimate at {sample.time:.9g} s is not finite')
+            return None
+        payload, inertia, innovation = self._messages
+        payload.data = doubles((estimate.mass, estimate.variance, estimate.p))
         self._payload.publish(payload)
+        set_stamp(inertia, sample.stamp)
+        inertia.inertia.m = float(estimate.mass)
         self._inertia.publish(inertia)
-        if innovation is not None:
+        fresh = self._take_innovation(estimate)
+        if fresh:
+            set_stamp(innovation, sample.stamp)
             self._innovation.publish(innovation)
+        self._watch(sample.stamp, estimate)
+        return (payload, inertia, innovation) if fresh else (payload, inertia)
 
-    def _messages(self, stamp: int, estimate: Estimate) -> tuple[Any, Any, Any]:
-        if not np.all(np.isfinite((estimate.mass, estimate.variance, estimate.p))):
-            self.reject('payload', f'the estimate at {seconds(stamp):.9g} s is not finite')
-            return None, None, None
-        fresh = estimate.status != 'input_rejected' and np.all(np.isfinite(
-            (estimate.innovation, estimate.innovation_std)))
-        innovation = joint_state(
-            stamp, self.channels, estimate.innovation,
-            effort=estimate.innovation_std) if fresh else None
-        return (payload_message(estimate.mass, estimate.variance, estimate.p),
-                inertia_message(stamp, estimate.mass), innovation)
+    def answer(self, answer: tuple[Any, ...]) -> None:
+        """Publish an answer again."""
+        for publisher, message in zip((self._payload, self._inertia, self._innovation), answer):
+            publisher.publish(message)
+
+    def _take_innovation(self, estimate: Estimate) -> bool:
+        """Fill the message, and tell whether there is an innovation of this sample."""
+        if estimate.status == 'input_rejected' or not (
+                np.isfinite(estimate.innovation).all()
+                and np.isfinite(estimate.innovation_std).all()):
+            return False
+        innovation = self._messages[2]
+        innovation.position = doubles(estimate.innovation)
+        innovation.effort = doubles(estimate.innovation_std)
+        self.health.add(estimate.innovation, estimate.innovation_std)
+        return True
+
+    def _watch(self, stamp: int, estimate: Estimate) -> None:
+        before, self._estimate = self._estimate, estimate
+        changed = before is None or before.status != estimate.status
+        if changed or stamp - self._reported >= nanoseconds(DIAGNOSTICS_INTERVAL):
+            self._report(stamp)
 
     def _on_wall_timer(self) -> None:
         if self._silent:

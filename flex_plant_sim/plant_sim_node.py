@@ -15,10 +15,12 @@ from msg_config.messages import (
     check_finite,
     clock_message,
     diagnostic_status,
+    doubles,
     joint_state,
     JOINTS,
     nanoseconds,
     seconds,
+    set_stamp,
     stamp_of,
 )
 import numpy as np
@@ -50,6 +52,7 @@ class PlantSim(ContractNode):
         self._strain = self.publisher('strain')
         self._markers = self.publisher('arm_markers')
         self._clock_publisher = self.publisher('/clock') if self.values['publish_clock'] else None
+        self._messages = joint_state(0, JOINTS), joint_state(0, self.gauges)
         self.subscribe('command', self._on_command)
         self.offer('~/reset', self._on_reset)
         self.offer('~/pause', self._on_pause)
@@ -80,9 +83,12 @@ class PlantSim(ContractNode):
             self._diverge()
             return
         self._stamp = nanoseconds(sample.time)
-        self._messages = (
-            joint_state(self._stamp, JOINTS, sample.angle, sample.velocity, self._sent),
-            joint_state(self._stamp, self.gauges, sample.strain))
+        joint_states, strain = self._messages
+        set_stamp(joint_states, self._stamp)
+        set_stamp(strain, self._stamp)
+        joint_states.position, joint_states.velocity, joint_states.effort = (
+            doubles(sample.angle), doubles(sample.velocity), doubles(self._sent))
+        strain.position = doubles(sample.strain)
         self._answered = False
         self._resend_at = self.wall_time() + RESEND_INTERVAL
         self._publish()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
+import gc
 import sys
 from typing import Any, TypeVar
 
@@ -150,6 +151,9 @@ def run(make: Callable[[], Node], arguments: Sequence[str] | None = None) -> int
         node = make()
         executor = EventsExecutor()
         executor.add_node(node)
+        # What is there stays: the collector need not look at it again and again.
+        gc.collect()
+        gc.freeze()
         spin(executor, Future())
     except InputError as error:
         return _refuse(error)

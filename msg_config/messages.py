@@ -47,7 +47,14 @@ def stamp_of(message: Any) -> int:
     return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
 
 
-def _doubles(values: Sequence[float] | Array) -> array[float]:
+def set_stamp(message: Any, stamp: int) -> None:
+    """Give a message that is used again another stamp, ns."""
+    own = message.header.stamp
+    own.sec, own.nanosec = divmod(stamp, NANOSECONDS)
+
+
+def doubles(values: Sequence[float] | Array) -> array[float]:
+    """Return numbers as messages hold them."""
     return array('d', values.tolist() if isinstance(values, np.ndarray) else values)
 
 
@@ -56,8 +63,8 @@ def joint_state(stamp: int, names: Sequence[str], position: Sequence[float] | Ar
                 effort: Sequence[float] | Array = ()) -> JointState:
     """Return a JointState; fields left out stay empty."""
     return JointState(
-        header=Header(stamp=time_message(stamp)), name=list(names), position=_doubles(position),
-        velocity=_doubles(velocity), effort=_doubles(effort))
+        header=Header(stamp=time_message(stamp)), name=list(names), position=doubles(position),
+        velocity=doubles(velocity), effort=doubles(effort))
 
 
 def channels(message: JointState, field: str, names: Sequence[str], topic: str) -> Array:

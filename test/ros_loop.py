@@ -96,7 +96,7 @@ class RosLoop:
         return publisher
 
     def until(self, condition: Callable[[], bool], timeout: float = TIMEOUT) -> None:
-        """Run until a condition, checked at every recorded message, holds; fail at the time-out."""
+        """Run until a condition holds, checked at every recorded message; fail at the time-out."""
         self._condition, self._stop = condition, Future()
         self._check()
         if not self._stop.done():
@@ -111,7 +111,7 @@ class RosLoop:
     def call(self, node: str, service: str, **request: Any) -> Any:
         """Return a service's response."""
         kind = interface_class(load_services()[f'~/{service}'].type)
-        client = self.observer.create_client(kind, f'{node}/{service}')
+        client: Any = self.observer.create_client(kind, f'{node}/{service}')
         self.until(client.service_is_ready)
         future = client.call_async(kind.Request(**request))
         self.executor.spin_until_future_complete(future, timeout_sec=TIMEOUT)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any, TYPE_CHECKING
 
 from msg_config.parameters import check_parameters
@@ -174,7 +175,7 @@ def test_pause_step_and_go_on(loop: RosLoop) -> None:
     assert plant.simulator.samples == samples
     for step in (1, 2, 3):
         assert loop.call('plant_sim', 'step').success
-        loop.until(lambda: plant.simulator.samples == samples + step)
+        loop.until(partial(lambda n: plant.simulator.samples == n, samples + step))
     loop.wait(0.3)
     assert plant.simulator.samples == samples + 3
     assert loop.call('plant_sim', 'pause', data=False).success

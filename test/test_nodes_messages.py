@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any, TYPE_CHECKING
 
 from flex_plant_sim.errors import InputError
@@ -85,7 +86,7 @@ BAD: dict[str, tuple[str, Callable[[Bench], None], str]] = {
     'too few gauges': (
         'strain', lambda b: b.sample(1, strain=(0.0,) * 3, gauges=GAUGES[:3]), 'strain_2b'),
     'fewer values than names': ('strain', lambda b: b.sample(1, strain=(0.0,) * 3), 'got 3'),
-    'another robot\'s gauges': (
+    "another robot's gauges": (
         'strain', lambda b: b.sample(1, strain=(0.0, 0.0), gauges=('strain_1', 'strain_2')),
         'strain_1a'),
     'unknown joints': (
@@ -189,7 +190,7 @@ def test_diagnostics_name_the_estimate_and_the_model(loop: RosLoop) -> None:
     random = np.random.default_rng(0)
     for k in range(450):
         bench.sample(k, 1e-2 * random.standard_normal(2), 1e-4 * random.standard_normal(4))
-        loop.until(lambda: k * STEP in bench.answers.stamps)
+        loop.until(partial(bench.answers.stamps.__contains__, k * STEP))
     loop.until(lambda: bench.status('model') is not None
                and any('nis' in value.key for value in bench.status('model').values))
     values = {value.key: value.value for value in bench.status('model').values}

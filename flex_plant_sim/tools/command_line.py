@@ -39,13 +39,15 @@ def add_log_argument(options: argparse.ArgumentParser, nargs: str | None = None)
 
 
 def add_arm_arguments(options: argparse.ArgumentParser, model: str = 'assumed_modes',
-                      modes: int = 3) -> None:
-    """Add --robot, --model, --modes and --payload."""
+                      modes: int = 3, payload: bool = True) -> None:
+    """Add --robot, --model, --modes and, where it is asked for, --payload."""
     options.add_argument('--robot', default='reference', metavar='NAME|FILE',
                          help=f'{", ".join(built_in_robots())} or a YAML file')
     options.add_argument('--model', default=model, choices=sorted(MODELS), help='arm model')
     options.add_argument('--modes', default=modes, type=modes_number, metavar='N',
                          help='flexible modes a link, 1 to 20')
+    if not payload:
+        return
     options.add_argument('--payload', default=None, type=mass, metavar='KG',
                          help="payload mass; the robot file's if not given")
 

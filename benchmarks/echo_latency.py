@@ -1,0 +1,259 @@
+"""
+Latency of the estimator node: strain in to payload out, beside a bare rclpy echo node.
+
+Three processes: this one makes samples at a fixed rate and takes the time, the second is the
+installed payload_estimator, the third a node that does nothing but send strain back. Blocks of
+both alternate in one run, so that both see the same machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from typing import Any
+
+from flex_plant_sim.plant_setup import simulator_of
+from msg_config.messages import joint_state, JOINTS, nanoseconds, stamp_of
+from msg_config.parameters import check_parameters
+from msg_config.ros import create_publisher, create_subscription
+import numpy as np
+import rclpy
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from rclpy.task import Future
+from sensor_msgs.msg import JointState
+
+TARGETS = {50: 1.3, 99: 1.5}
+WARM_UP = 1.0
+PATIENCE = 30.0
+ECHO = 'echo/strain'
+
+
+def echo() -> None:
+    """Run the bare node: what strain carries goes out again on another topic."""
+    rclpy.init()
+    node = Node('echo')
+    publisher = node.create_publisher(JointState, ECHO, 10)
+    node.create_subscription(JointState, 'strain', publisher.publish, 10)
+    executor = EventsExecutor()
+    executor.add_node(node)
+    try:
+        executor.spin_until_future_complete(Future(), timeout_sec=1e6)
+    except KeyboardInterrupt:
+        pass
+
+
+class Samples:
+    """Measurements of an arm that moves as in the paper's experiment, over and over."""
+
+    def __init__(self, rate: float, arm: dict[str, Any]):
+        values = check_parameters('plant_sim', {**arm, 'sample_time': 1.0 / rate})
+        simulator = simulator_of(values)
+        self.gauges, self.rows = simulator.arm.robot.gauge_names, []
+        for k in range(round(8.0 * rate)):
+            sample = simulator.measure()
+            self.rows.append((sample.angle, sample.strain, sample.command))
+            wanted = 0.5 if (k // round(2.0 * rate)) % 2 == 0 else -0.5
+            simulator.step(np.clip(3.0 * (wanted - sample.angle), -2.0, 2.0))
+
+    def messages(self, k: int, stamp: int) -> tuple[JointState, JointState]:
+        """Return joint_states and strain of sample k."""
+        angle, strain, command = self.rows[k % len(self.rows)]
+        return (joint_state(stamp, JOINTS, angle, effort=command),
+                joint_state(stamp, self.gauges, strain))
+
+
+class Driver(Node):
+    """Publishes samples at a rate and takes the time until the answers come."""
+
+    def __init__(self, rate: float, samples: Samples):
+        super().__init__('driver')
+        self.rate, self.samples, self.k = rate, samples, 0
+        self._joint_states = create_publisher(self, 'joint_states')
+        self._strain = create_publisher(self, 'strain')
+        self.sent: dict[int, int] = {}
+        self.payloads: list[int] = []
+        self.answered: list[int] = []
+        self.echoed: dict[int, int] = {}
+        self._end: Future[None] = Future()
+        self._until = 0
+        create_subscription(self, 'payload', self._on_payload)
+        create_subscription(self, 'payload/inertia', self._on_inertia, reliable=True)
+        self.create_subscription(JointState, ECHO, self._on_echo, 10)
+        self.create_timer(1.0 / rate, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._running = False
+
+    @property
+    def heard(self) -> bool:
+        """Return whether somebody takes strain, and somebody answers."""
+        answers = self.count_publishers('payload/inertia') + self.count_publishers(ECHO)
+        return self._strain.get_subscription_count() > 0 and answers > 0
+
+    def run(self, executor: Any, seconds: float) -> None:
+        """Send samples for a time and wait for the last answers."""
+        self._end, self._until = Future(), self.k + round(seconds * self.rate)
+        self._running = True
+        executor.spin_until_future_complete(self._end, timeout_sec=10.0 * seconds + PATIENCE)
+        self._running = False
+        executor.spin_until_future_complete(Future(), timeout_sec=0.5)
+
+    def _tick(self) -> None:
+        if not self._running:
+            return
+        stamp = nanoseconds(self.k / self.rate)
+        joint_states, strain = self.samples.messages(self.k, stamp)
+        self._joint_states.publish(joint_states)
+        self.sent[stamp] = time.monotonic_ns()
+        self._strain.publish(strain)
+        self.k += 1
+        if self.k >= self._until:
+            self._running = False
+            self._end.set_result(None)
+
+    def _on_payload(self, _: Any) -> None:
+        self.payloads.append(time.monotonic_ns())
+
+    def _on_inertia(self, message: Any) -> None:
+        self.answered.append(stamp_of(message))
+
+    def _on_echo(self, message: Any) -> None:
+        self.echoed[stamp_of(message)] = time.monotonic_ns()
+
+
+@contextmanager
+def process(arguments: list[str]) -> Iterator[None]:
+    """Run a Python process for a while."""
+    child = subprocess.Popen([sys.executable, *arguments])
+    try:
+        yield
+    finally:
+        child.send_signal(signal.SIGINT)
+        child.wait(timeout=20.0)
+
+
+def wait_for(executor: Any, driver: Driver) -> None:
+    """Poll until the other process is there: discovery takes 0.1 s to several seconds."""
+    deadline = time.monotonic() + PATIENCE
+    while not driver.heard:
+        if time.monotonic() > deadline:
+            raise SystemExit(f'no answering node within {PATIENCE:g} s')
+        executor.spin_until_future_complete(Future(), timeout_sec=0.1)
+
+
+def latencies(driver: Driver, kind: str, first: int) -> tuple[np.ndarray, int]:
+    """Return the latencies of a block, s, and how many samples were lost."""
+    stamps = [nanoseconds(k / driver.rate) for k in range(first, driver.k)]
+    if kind == 'echo':
+        times = [driver.echoed[s] - driver.sent[s] for s in stamps if s in driver.echoed]
+    else:
+        # `payload` has no stamp, but is published just before `payload/inertia`, which has.
+        lost = len(stamps) - len(driver.answered)
+        if lost == 0 and len(driver.payloads) == len(driver.answered):
+            times = [at - driver.sent[s] for s, at in zip(driver.answered, driver.payloads)]
+        else:
+            times = []
+    lost = len(stamps) - len(driver.echoed if kind == 'echo' else driver.answered)
+    warm = round(WARM_UP * driver.rate)
+    return 1e-9 * np.array(times[warm:]), lost
+
+
+def block(kind: str, command: list[str], options: argparse.Namespace,
+          samples: Samples) -> tuple[np.ndarray, int]:
+    """Measure one node for one block."""
+    with process(command):
+        driver = Driver(options.rate, samples)
+        executor = EventsExecutor()
+        executor.add_node(driver)
+        wait_for(executor, driver)
+        driver.run(executor, WARM_UP + options.duration / options.blocks)
+        result = latencies(driver, kind, 0)
+        executor.remove_node(driver)
+        driver.destroy_node()
+        executor.shutdown()
+    return result
+
+
+def measure(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the percentiles of both nodes, their ratios and the samples lost."""
+    arm = {'model': options.model, 'modes': options.modes}
+    samples = Samples(options.rate, arm)
+    estimator = ['-m', 'flex_payload_estimator.payload_estimator_node', '--ros-args', '-p',
+                 f'sample_time:={1.0 / options.rate}', '-p', f'estimator:={options.estimator}',
+                 '-p', f'model:={options.model}', '-p', f'modes:={options.modes}']
+    commands = {'echo': [__file__, '--echo'], 'estimator': estimator}
+    times: dict[str, list[np.ndarray]] = {kind: [] for kind in commands}
+    lost = dict.fromkeys(commands, 0)
+    for number in range(options.blocks):
+        for kind, command in commands.items():
+            values, missing = block(kind, command, options, samples)
+            times[kind].append(values)
+            lost[kind] += missing
+            print(f'block {number + 1} of {options.blocks}, {kind:<9} '
+                  + (f'p50 {1e6 * np.percentile(values, 50):7.0f} µs   p99 '
+                     f'{1e6 * np.percentile(values, 99):7.0f} µs' if values.size else 'no latency')
+                  + f'   lost {missing}', flush=True)
+    return summary(options, {kind: np.concatenate(own) for kind, own in times.items()}, lost)
+
+
+def summary(options: argparse.Namespace, times: dict[str, np.ndarray],
+            lost: dict[str, int]) -> dict[str, Any]:
+    """Return the figures of the whole run."""
+    result: dict[str, Any] = {
+        'rate_hz': options.rate, 'duration_s': options.duration, 'lost': lost,
+        'estimator': options.estimator, 'model': options.model, 'modes': options.modes}
+    for percent in TARGETS:
+        for kind, own in times.items():
+            result[f'{kind}_p{percent}_us'] = float(1e6 * np.percentile(own, percent))
+        result[f'ratio_p{percent}'] = (result[f'estimator_p{percent}_us']
+                                       / result[f'echo_p{percent}_us'])
+    return result
+
+
+def options_of() -> argparse.Namespace:
+    """Return the parsed options."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
+    parser.add_argument('--rate', type=float, default=1000.0, help='samples a second')
+    parser.add_argument('--duration', type=float, default=12.0,
+                        help='s a node, in all blocks (60 for the figure in docs)')
+    parser.add_argument('--blocks', type=int, default=3, help='blocks of each node')
+    parser.add_argument('--estimator', default='rpe')
+    parser.add_argument('--model', default='assumed_modes')
+    parser.add_argument('--modes', type=int, default=3)
+    parser.add_argument('--json', help='write the figures to this file')
+    parser.add_argument('--echo', action='store_true', help=argparse.SUPPRESS)
+    return parser.parse_args()
+
+
+def main() -> int:
+    """Measure and print."""
+    options = options_of()
+    if options.echo:
+        echo()
+        return 0
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    rclpy.init(args=[])
+    result = measure(options)
+    rclpy.try_shutdown()
+    for percent, target in TARGETS.items():
+        print(f'p{percent}: echo {result[f"echo_p{percent}_us"]:.0f} µs, estimator '
+              f'{result[f"estimator_p{percent}_us"]:.0f} µs, ratio '
+              f'{result[f"ratio_p{percent}"]:.2f} (target {target})')
+    print(f'samples lost: {result["lost"]}')
+    if options.json:
+        with open(options.json, 'w', encoding='utf-8') as file:
+            json.dump(result, file, indent=2)
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

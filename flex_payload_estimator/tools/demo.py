@@ -1,0 +1,283 @@
+"""flex_demo: the paper's experiment in closed loop over ROS 2 topics."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+import json
+import os
+from pathlib import Path
+import shutil
+import sys
+from tempfile import TemporaryDirectory
+import time
+from typing import Any
+
+from flex_payload_estimator.loop import LoopRecord
+from flex_payload_estimator.loop_figures import FIGURES, save_figures
+from flex_payload_estimator.node_setup import set_points_of
+from flex_plant_sim.errors import InputError
+from flex_plant_sim.log import Log
+from flex_plant_sim.log_bag import write_bag
+from flex_plant_sim.log_csv import write_csv
+from flex_plant_sim.plant_setup import robot_of, simulator_of
+from flex_plant_sim.tools import command_line
+from msg_config.parameters import check_parameters, load_parameters
+import numpy as np
+
+SUMMARY = 'summary.json'
+PRINT_INTERVAL = 0.5
+SILENCE = 30.0
+WITHIN = 0.05
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """
+    The checked parameters of the three nodes, and a duration, s.
+
+    Attributes
+    ----------
+    plant, estimator, controller : Mapping
+    duration : float
+
+    """
+
+    plant: Mapping[str, Any]
+    estimator: Mapping[str, Any]
+    controller: Mapping[str, Any]
+    duration: float
+
+    @classmethod
+    def of(cls, options: argparse.Namespace) -> Experiment:
+        """Return the experiment that the options ask for."""
+        arm = {'robot': options.robot, 'model': options.model, 'modes': options.modes}
+        robot = robot_of({'robot': options.robot, 'sample_time': 0.0})
+        payload = robot.payload_mass if options.payload is None else options.payload
+        plant = {**arm, 'payload': payload, 'seed': options.seed, 'publish_clock': False,
+                 'angle_noise': robot.angle_noise, 'strain_noise': robot.strain_noise}
+        if options.drop_at is not None:
+            plant['payload_schedule'] = [options.drop_at, payload, options.drop_at, 0.0]
+        return cls(check_parameters('plant_sim', plant), check_parameters(
+            'payload_estimator', {**arm, 'estimator': options.estimator}),
+            check_parameters('lqg_controller', {**arm, 'integrator': False}), options.duration)
+
+    @property
+    def samples(self) -> int:
+        """Return how many samples the duration holds, the first included."""
+        return round(self.duration / robot_of(self.plant).sample_time) + 1
+
+
+def run_over_topics(experiment: Experiment) -> LoopRecord:
+    """
+    Run the three nodes in lock-step in this process; return what the topics carried.
+
+    The topics are in a namespace of this process, so that no other arm on the network hears
+    the commands.
+
+    Raises
+    ------
+    InputError
+        A parameter that does not fit, or no ROS 2.
+
+    """
+    try:
+        import rclpy
+    except ImportError:
+        raise InputError('rclpy is missing: run `make demo`, which installs it, or source '
+                         'a ROS 2 installation') from None
+    rclpy.init(args=[])
+    try:
+        return _spin(experiment)
+    finally:
+        rclpy.try_shutdown()
+
+
+def _spin(experiment: Experiment) -> LoopRecord:
+    from flex_payload_estimator.lqg_controller_node import LQGControllerNode
+    from flex_payload_estimator.payload_estimator_node import PayloadEstimatorNode
+    from flex_payload_estimator.topic_recorder import TopicRecorder
+    from flex_plant_sim.plant_sim_node import PlantSim
+    from rclpy.experimental import EventsExecutor
+    from rclpy.parameter import Parameter
+    from rclpy.task import Future
+
+    namespace = f'/flex_demo_{os.getpid()}'
+    end: Future[None] = Future()
+    print(f'topics: {namespace}/payload, joint_states, strain, command, diagnostics …')
+    progress = Progress()
+    recorder = TopicRecorder(
+        experiment.samples, robot_of(experiment.plant).gauge_names, progress,
+        lambda: end.set_result(None), namespace=namespace)
+    nodes: list[Any] = [recorder]
+    executor = EventsExecutor()
+    for kind, values in ((PayloadEstimatorNode, experiment.estimator),
+                         (LQGControllerNode, experiment.controller),
+                         (PlantSim, experiment.plant)):
+        nodes.append(kind(namespace=namespace, parameter_overrides=[
+            Parameter(name, value=list(value) if isinstance(value, tuple) else value)
+            for name, value in values.items() if value != ()]))
+    for node in nodes:
+        executor.add_node(node)
+    while not end.done():
+        heard = progress.count
+        executor.spin_until_future_complete(end, timeout_sec=SILENCE)
+        if progress.count == heard and not end.done():
+            raise InputError(f'no estimate for {SILENCE:g} s: is ROS 2 communication blocked on '
+                             'this machine?')
+    record = recorder.record(simulator_of(experiment.plant),
+                             set_points_of(experiment.controller))
+    for node in nodes:
+        executor.remove_node(node)
+        node.destroy_node()
+    executor.shutdown()
+    return record
+
+
+class Progress:
+    """Prints the estimate as it comes."""
+
+    def __init__(self) -> None:
+        self.count, self._next = 0, 0.0
+
+    def __call__(self, at: float, mass: float, variance: float) -> None:
+        """Print time, mass and standard deviation, at most twice a second of data."""
+        self.count += 1
+        if at + 1e-9 >= self._next:
+            self._next = at + PRINT_INTERVAL
+            print(f't = {at:6.2f} s   payload = {mass:.4f} ± {np.sqrt(variance):.4f} kg',
+                  flush=True)
+
+
+def log_of(record: LoopRecord, gauges: tuple[str, ...]) -> Log:
+    """Return the run as a log."""
+    return Log('flex_demo', record.time, record.command, record.output[:, :2],
+               record.output[:, 2:], gauges, record.velocity)
+
+
+def summary_of(experiment: Experiment, record: LoopRecord) -> dict[str, Any]:
+    """Return the run's figures for JSON."""
+    error = np.abs(record.mass - record.true_mass)
+    outside = np.flatnonzero(error > WITHIN * np.maximum(record.true_mass, 1e-9))
+    settled = 0 if outside.size == 0 else outside[-1] + 1
+    steps = {f'{t:g}': float(record.mass[k]) for t in (1.0, 3.0, 10.0, 30.0, 100.0)
+             for k in np.flatnonzero(np.abs(record.time - t) < 1e-6)}
+    return {
+        'robot': experiment.plant['robot'], 'model': experiment.plant['model'],
+        'modes': experiment.plant['modes'], 'estimator': experiment.estimator['estimator'],
+        'seed': experiment.plant['seed'], 'duration_s': experiment.duration,
+        'samples': len(record.time), 'true_mass_kg': float(record.true_mass[-1]),
+        'mass_kg': float(record.mass[-1]), 'std_kg': float(np.sqrt(record.variance[-1])),
+        'at_s': steps, 'within_5_percent_from_s':
+            float(record.time[settled]) if settled < len(record.time) else None}
+
+
+@contextmanager
+def whole_folder(path: Path) -> Iterator[Path]:
+    """
+    Yield a folder that takes the name `path` when the block ends well.
+
+    Raises
+    ------
+    InputError
+        Where something else than an earlier demo's output stands there, or nothing can.
+
+    """
+    if path.exists() and not (path / SUMMARY).is_file():
+        if not path.is_dir() or any(path.iterdir()):
+            raise InputError(f'--out: expected a new folder or an earlier output of flex_demo, '
+                             f'got {str(path)!r}')
+    if not path.absolute().parent.is_dir():
+        raise InputError(f'--out: expected an existing folder around {str(path)!r}')
+    try:
+        with TemporaryDirectory(prefix='.flex_demo_', dir=path.absolute().parent) as temporary:
+            new, old = Path(temporary) / 'new', Path(temporary) / 'old'
+            new.mkdir()
+            yield new
+            if path.exists():
+                shutil.move(path, old)
+            shutil.move(new, path)
+    except OSError as error:
+        raise InputError(f'--out: expected a writable place, got: {error}') from None
+
+
+def write_output(experiment: Experiment, record: LoopRecord, folder: Path,
+                 figures: tuple[int, ...]) -> None:
+    """Write summary, figures and the run's log."""
+    log = log_of(record, robot_of(experiment.plant).gauge_names)
+    write_csv(folder / 'run.csv', log)
+    write_bag(folder / 'run_mcap', log)
+    save_figures(record, folder, figures)
+    (folder / SUMMARY).write_text(json.dumps(summary_of(experiment, record), indent=2) + '\n')
+
+
+def closing_words(summary: Mapping[str, Any], out: Path, robot: str) -> str:
+    """Return what came out, and what to look at next."""
+    since = summary['within_5_percent_from_s']
+    verdict = 'not within 5 % of it at the end' if since is None else \
+        f'within 5 % of it from {since:g} s on'
+    option = '' if robot == 'reference' else f' --robot {robot}'
+    return f"""
+payload {summary['mass_kg']:.4f} ± {summary['std_kg']:.4f} kg after {summary['duration_s']:g} s; \
+true {summary['true_mass_kg']:g} kg, {verdict}
+look at   {out}/figure_5.png   the estimate (figures 4 to 9 as in the paper)
+          {out}/run.csv, {out}/run_mcap   the run as CSV and as a bag (MCAP)
+next      flex_estimate {out}/run.csv{option}
+          flex_replay {out}/run.csv{option}
+          flex_diagnose {out}/run.csv --robot {robot}"""
+
+
+def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
+    """Return the parsed options."""
+    options = command_line.parser("The paper's experiment in closed loop over ROS 2 topics.")
+    command_line.add_arm_arguments(options, 'paper_reduced', 2)
+    options.add_argument('--estimator', default='sf1_paper', help='payload estimator',
+                         choices=load_parameters()['payload_estimator']['estimator'].choices)
+    options.add_argument('--duration', default=10.0, type=_positive, metavar='S',
+                         help='simulated time, s')
+    options.add_argument('--drop-at', default=None, type=_positive, metavar='S',
+                         help='let the payload fall at this time, s')
+    options.add_argument('--seed', default=0, type=_seed, metavar='N', help='seed of all noise')
+    options.add_argument('--out', default='demo_output', type=Path, metavar='FOLDER',
+                         help='where figures and logs go')
+    options.add_argument('--figures', default=tuple(FIGURES), nargs='*', type=int,
+                         choices=tuple(FIGURES), metavar='N', help='which of figures 4 to 9')
+    return options.parse_args(arguments)
+
+
+def _positive(text: str) -> float:
+    value = command_line.mass(text)
+    if not 0.0 < value <= 1e5:
+        raise argparse.ArgumentTypeError(f'expected a time > 0 s, at most 1e5, got {text!r}')
+    return value
+
+
+def _seed(text: str) -> int:
+    if not (text.isdigit() and int(text) < 2**32):
+        raise argparse.ArgumentTypeError(f'expected a whole number from 0 to 2^32 - 1, '
+                                         f'got {text!r}')
+    return int(text)
+
+
+def _demo(arguments: Sequence[str] | None) -> None:
+    options = options_of(arguments)
+    experiment = Experiment.of(options)
+    with whole_folder(options.out) as folder:
+        begin = time.monotonic()
+        record = run_over_topics(experiment)
+        took = time.monotonic() - begin
+        print(f'{experiment.duration:g} s of data in {took:.1f} s over topics; writing '
+              f'{options.out}')
+        write_output(experiment, record, folder, tuple(options.figures))
+    print(closing_words(summary_of(experiment, record), options.out, options.robot))
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the tool and return its exit code."""
+    return command_line.run(lambda: _demo(arguments))
+
+
+if __name__ == '__main__':
+    sys.exit(main())

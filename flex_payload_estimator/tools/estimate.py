@@ -1,0 +1,151 @@
+"""flex_estimate: the payload that a log tells."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+import sys
+from typing import Any
+
+from flex_payload_estimator.estimators.base import PayloadEstimator
+from flex_payload_estimator.estimators.factory import make_estimator
+from flex_plant_sim.arm_model import Array
+from flex_plant_sim.log import Log, read_log
+from flex_plant_sim.robot import load_robot, Robot
+from flex_plant_sim.tools import command_line
+from msg_config.parameters import load_parameters
+import numpy as np
+
+TIMES = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
+INTERVAL = 1.959964  # standard deviations on either side hold 95 %
+
+
+@dataclass(frozen=True)
+class Estimates:
+    """
+    An estimator's answers over a log.
+
+    Attributes
+    ----------
+    source : str
+        The log.
+    time : Array
+        s since the log's start, (N,).
+    mass, variance : Array
+        kg and kg^2, (N,).
+    status : tuple of str
+        N.
+
+    """
+
+    source: str
+    time: Array
+    mass: Array
+    variance: Array
+    status: tuple[str, ...]
+
+    def row(self, index: int) -> tuple[float, float]:
+        """Return mass and standard deviation at a sample, kg."""
+        return float(self.mass[index]), float(np.sqrt(self.variance[index]))
+
+    def marks(self) -> dict[str, int]:
+        """Return the last sample no later than each of TIMES inside the log, by its time."""
+        return {f'{t:g}': int(np.searchsorted(self.time, t + 1e-9, side='right')) - 1
+                for t in TIMES if t <= self.time[-1] + 1e-9}
+
+    def results(self) -> dict[str, Any]:
+        """Return the figures for JSON."""
+        mass, std = self.row(-1)
+        counts = {name: self.status.count(name) for name in sorted(set(self.status))}
+        return {
+            'log': self.source, 'duration_s': round(float(self.time[-1]), 9),
+            'mass_kg': mass, 'std_kg': std,
+            'interval95_kg': [mass - INTERVAL * std, mass + INTERVAL * std],
+            'at_s': {key: self.row(k)[0] for key, k in self.marks().items()},
+            'std_at_s': {key: self.row(k)[1] for key, k in self.marks().items()},
+            'status': self.status[-1], 'status_samples': counts}
+
+    def table(self) -> str:
+        """Return the figures for a reader."""
+        rows = [*((f'{float(key):g} s', k) for key, k in self.marks().items()),
+                (f'end, {self.time[-1]:g} s', len(self.time) - 1)]
+        lines = [self.source]
+        for label, k in rows:
+            mass, std = self.row(k)
+            lines.append(f'  {label:>14}   {mass:8.4f} ± {std:.4f} kg   {self.status[k]}')
+        low, high = self.results()['interval95_kg']
+        return '\n'.join([*lines, f'  {"95 % interval":>14}   {low:8.4f} … {high:.4f} kg'])
+
+
+def estimate(log: Log, estimator: PayloadEstimator) -> Estimates:
+    """
+    Return what an estimator says over a log.
+
+    Row k's command is applied from then on, so the sample sees that of row k - 1.
+
+    Parameters
+    ----------
+    log : Log
+        A record.
+    estimator : PayloadEstimator
+        Made for the log's robot and sample time; reset first.
+
+    """
+    estimator.reset()
+    time = log.time - log.time[0]
+    applied = np.vstack([np.zeros(2), log.command[:-1]])
+    answers = [estimator.update(float(t), y, u) for t, y, u in zip(time, log.output, applied)]
+    return Estimates(log.source, time, np.array([a.mass for a in answers]),
+                     np.array([a.variance for a in answers]), tuple(a.status for a in answers))
+
+
+def estimate_file(path: str, robot: Robot, name: str, model: str, modes: int) -> Estimates:
+    """
+    Return the estimates over a file; the log's own sample time replaces the robot's.
+
+    Raises
+    ------
+    InputError
+        Naming what does not fit.
+
+    """
+    log = read_log(path, robot)
+    return estimate(log, make_estimator(
+        name, replace(robot, sample_time=log.sample_time), model, modes))
+
+
+def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
+    """Return the parsed options."""
+    options = command_line.parser('Estimate the payload over logs.')
+    command_line.add_log_argument(options, '+')
+    command_line.add_arm_arguments(options, payload=False)
+    row = load_parameters()['payload_estimator']['estimator']
+    options.add_argument('--estimator', default=row.default, choices=row.choices,
+                         help='payload estimator')
+    command_line.add_json_argument(options)
+    return options.parse_args(arguments)
+
+
+def _estimate(arguments: Sequence[str] | None) -> None:
+    options = options_of(arguments)
+    robot = load_robot(options.robot)
+    found = []
+    for path in options.log:
+        found.append(estimate_file(path, robot, options.estimator, options.model, options.modes))
+        print(found[-1].table())
+    settings = {'robot': robot.name, 'estimator': options.estimator, 'model': options.model,
+                'modes': options.modes}
+    if options.json:
+        results = [item.results() for item in found]
+        own = results[0] if len(results) == 1 else {}
+        command_line.write_json(options.json, {**settings, **own, 'logs': results})
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the tool and return its exit code."""
+    return command_line.run(lambda: _estimate(arguments))
+
+
+if __name__ == '__main__':
+    sys.exit(main())
