@@ -46,30 +46,54 @@ def omega(a: Array, step: float, terms: int = 15, halvings: int = 0) -> Array:
         terms < 1 or halvings < 0.
 
     """
-    if terms < 1 or halvings < 0:
-        raise InputError(f"omega: expected n' >= 1 and halvings >= 0, got {terms} and {halvings}")
-    h = step / 2.0**halvings
-    scaled = a * h
-    result = _series(scaled, _coefficients(terms))
-    for _ in range(halvings):
-        result = result + 0.5 * result.dot(scaled.dot(result))
-        scaled = 2.0 * scaled
-    return result
+    return DeltaOperator(len(a), step, terms, halvings)(a)
 
 
-def _series(x: Array, coefficients: Array) -> Array:
-    size = len(x)
-    powers = np.empty((BLOCK, size, size))
-    powers[0] = np.eye(size)
-    powers[1] = x
-    powers[2] = square = x.dot(x)
-    powers[3] = square.dot(x)
-    fourth = square.dot(square)
-    blocks = coefficients.dot(powers.reshape(BLOCK, -1)).reshape(-1, size, size)
-    result = blocks[-1]
-    for block in blocks[-2::-1]:
-        result = result.dot(fourth) + block
-    return result
+class DeltaOperator:
+    """
+    Omega for many matrices of one size: (19) without allocating what it works in.
+
+    Parameters
+    ----------
+    size : int
+        n.
+    step : float
+        T, s.
+    terms, halvings : int
+        As in `omega`.
+
+    """
+
+    def __init__(self, size: int, step: float, terms: int = 15, halvings: int = 0):
+        if terms < 1 or halvings < 0:
+            raise InputError(f"omega: expected n' >= 1 and halvings >= 0, got {terms} "
+                             f'and {halvings}')
+        self._first, self._halvings = step / 2.0**halvings, halvings
+        self._coefficients = _coefficients(terms)
+        self._powers = np.empty((BLOCK, size, size))
+        self._powers[0] = np.eye(size)
+        self._flat = self._powers.reshape(BLOCK, -1)
+        self._fourth = np.empty((size, size))
+
+    def __call__(self, a: Array) -> Array:
+        """Return Omega of A, (n, n)."""
+        _, x, square, cube = self._powers
+        np.multiply(a, self._first, out=x)
+        np.dot(x, x, out=square)
+        np.dot(square, x, out=cube)
+        np.dot(square, square, out=self._fourth)
+        blocks = self._coefficients.dot(self._flat).reshape(-1, *x.shape)
+        result = blocks[-1]
+        for block in blocks[-2::-1]:
+            result = result.dot(self._fourth)
+            result += block
+        x *= 0.5
+        for _ in range(self._halvings):
+            doubled = result.dot(x.dot(result))
+            doubled += result
+            result = doubled
+            x *= 2.0
+        return result
 
 
 def halvings_for(spectral_radius: float, step: float, terms: int = 15) -> int:

@@ -75,9 +75,13 @@ def run_loop(simulator: Simulator, estimator: PayloadEstimator, controller: Cont
     Parameters
     ----------
     simulator : Simulator
+        The plant.
     estimator : PayloadEstimator
+        Told outputs and commands.
     controller : Controller
+        Told the estimate too.
     set_points : SetPoints
+        Of the joint angles, rad, over time, s.
     duration : float
         s; the record holds round(duration / T) + 1 samples.
 
@@ -92,18 +96,20 @@ def run_loop(simulator: Simulator, estimator: PayloadEstimator, controller: Cont
     estimator.reset()
     controller.reset()
     order = simulator.arm.form.order
+    # What was sent: what a drive's effects make of it, neither of the two can know.
+    sent = np.zeros(2)
     rows: list[tuple[Any, ...]] = []
     for _ in range(round(duration / simulator.arm.robot.sample_time) + 1):
         sample = simulator.measure()
         output, set_point = sample.output, set_points(sample.time)
-        estimate = estimator.update(sample.time, output, sample.command)
-        command = controller.command(sample.time, output, sample.command, estimate.mass,
-                                     set_point)
+        estimate = estimator.update(sample.time, output, sent)
+        command = controller.command(sample.time, output, sent, estimate.mass, set_point)
         rows.append((sample.time, set_point, output, sample.velocity, command, estimate.mass,
                      estimate.variance, estimate.p, estimate.innovation,
                      estimate.innovation_std, estimate.status,
                      simulator.state[2:order].copy(), simulator.mass(sample.time)))
         simulator.step(command)
+        sent = command
     return LoopRecord(*_columns(rows))
 
 

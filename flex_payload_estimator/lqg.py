@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 import math
 
-from flex_payload_estimator.delta import delta_model
+from flex_payload_estimator.delta import DeltaOperator
 from flex_payload_estimator.kalman import KalmanPredictor
 from flex_payload_estimator.payload_model import payload_model
 from flex_payload_estimator.riccati import riccati_step, settled
@@ -91,6 +91,7 @@ class LQGController:
                                        np.zeros((len(self.model.output), extra))])
         self.kalman = KalmanPredictor(self._output_rows, np.diag(process),
                                       settings.r_2 * np.eye(len(self.model.output)), self.step)
+        self._omega = DeltaOperator(n, self.step, settings.terms, self.model.halvings)
         self._start = self._settled_design()
         self.reset()
 
@@ -173,12 +174,13 @@ class LQGController:
         command = -self.gain.dot(error)
         if self.settings.integrator:
             command = command - self.state[n:]
-        limited: Array = np.clip(command, -self._limit, self._limit)
+        limited: Array = np.minimum(np.maximum(command, -self._limit), self._limit)
         return limited
 
     def _delta(self, cosine: float, mass: float) -> tuple[Array, Array]:
-        return delta_model(*self.model.matrices(cosine, mass), self.step, self.settings.terms,
-                           self.model.halvings)
+        a, b = self.model.matrices(cosine, mass)
+        big = self._omega(a)
+        return big.dot(a), big.dot(b)
 
     def _augmented(self, a_bar: Array, b_bar: Array) -> tuple[Array, Array]:
         """Add the disturbance of the commands, constant over a sample, to the state."""

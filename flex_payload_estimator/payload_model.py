@@ -5,8 +5,16 @@ from __future__ import annotations
 from typing import Protocol
 
 from flex_payload_estimator.delta import halvings_for
-from flex_payload_estimator.split import (compact_state, CompactTerms, second_order_state, Split,
-                                          split_compact, split_second_order, SplitKind)
+from flex_payload_estimator.rates import compact_rates, second_order_rates
+from flex_payload_estimator.split import (
+    compact_state,
+    CompactTerms,
+    second_order_state,
+    Split,
+    split_compact,
+    split_second_order,
+    SplitKind,
+)
 from flex_plant_sim.arm_model import Array, SecondOrderForm, Shapes
 from flex_plant_sim.assumed_modes import assumed_modes, KinematicRows
 from flex_plant_sim.errors import InputError
@@ -52,6 +60,14 @@ class PayloadModel(Protocol):
 
     def split(self, cosine: float, mass: float, kind: SplitKind) -> Split:
         """Return A, B and the split at cos(theta_2) and m_p, kg."""
+
+    def rates(self, cosine: float, mass: float, state: Array, command: Array,
+              kind: SplitKind) -> tuple[Array, Array]:
+        """
+        Return A (n, n), and the columns A x + B u, A^m x + B^m u, A' x + B' u; (n, 3).
+
+        A' = dA/dm_p, B' = dB/dm_p. The same as from `split`, by vectors instead of matrices.
+        """
 
 
 def payload_model(robot: Robot, name: str = 'paper_reduced', modes: int = 2) -> PayloadModel:
@@ -117,6 +133,11 @@ class ReducedModel:
         """Return A, B and the split at cos(theta_2) and m_p, kg."""
         return split_compact(self._terms(cosine), mass, kind)
 
+    def rates(self, cosine: float, mass: float, state: Array, command: Array,
+              kind: SplitKind) -> tuple[Array, Array]:
+        """Return A and the columns A x + B u, A^m x + B^m u, A' x + B' u."""
+        return compact_rates(self._terms(cosine), mass, state, command, kind)
+
 
 class SecondOrderModel:
     """A second-order form as x = (p, p'), n_x = 4 + 4n."""
@@ -150,6 +171,11 @@ class SecondOrderModel:
     def split(self, cosine: float, mass: float, kind: SplitKind) -> Split:
         """Return A, B and the split at cos(theta_2) and m_p, kg."""
         return split_second_order(*self._terms(cosine), mass, kind)
+
+    def rates(self, cosine: float, mass: float, state: Array, command: Array,
+              kind: SplitKind) -> tuple[Array, Array]:
+        """Return A and the columns A x + B u, A^m x + B^m u, A' x + B' u."""
+        return second_order_rates(*self._terms(cosine), mass, state, command, kind)
 
 
 def end_point_row(rows: KinematicRows) -> Array:

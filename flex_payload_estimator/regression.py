@@ -39,7 +39,7 @@ class CompositeMeasurement:
         weighted = output * model.spread**2
         gram = weighted @ output.T
         weights = np.linalg.lstsq(gram, weighted @ model.end_point, rcond=1e-12)[0]
-        return cls(weights, weights @ output)
+        return cls(np.asarray(weights, dtype=np.float64), weights @ output)
 
 
 def regression(row: Array, composite: float, predicted_0: Array,

@@ -40,7 +40,7 @@ def riccati_step(a: Array, b: Array, q_1: Array, q_2: Array, s: Array,
     weight = q_2 + step * b.T.dot(product)
     _, gain, failure = dposv(weight, (product + step * a.T.dot(product)).T)
     if failure:
-        raise FloatingPointError('riccati: the weight Q_2 + T B\' S B is not positive definite')
+        raise FloatingPointError('riccati: expected a positive definite weight')
     closed = a - b.dot(gain)
     half = s.dot(closed)
     change = half + (0.5 * step) * closed.T.dot(half) + 0.5 * (q_1 + gain.T.dot(q_2.dot(gain)))

@@ -97,10 +97,13 @@ def sf1_update(state: SF1State, sample: Regressor, weight: float, settings: SF1S
     Parameters
     ----------
     state : SF1State
+        Before.
     sample : Regressor
+        Of this sample.
     weight : float
         1 for (29) as printed; reference variance over var(e) where psi and phi are normalised.
     settings : SF1Settings
+        Constants.
     step : float
         T, s.
 

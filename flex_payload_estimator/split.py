@@ -202,7 +202,7 @@ def split_second_order(mass_0: Array, mass_m: Array, right: Array, mass: float,
     """
     check_kind(kind)
     if kind == 'paper':
-        raise InputError("split: expected resolvent or tangent for a second-order model, got "
+        raise InputError('split: expected resolvent or tangent for a second-order model, got '
                          "'paper', which needs model paper_reduced")
     n = len(mass_0)
     solved = dgesv(mass_0 + mass * mass_m, np.hstack([right, mass_m]))[2]

@@ -5,8 +5,13 @@ from __future__ import annotations
 from fractions import Fraction
 import math
 
-from flex_payload_estimator.delta import (delta_model, digits_over_step, halvings_for, omega,
-                                          shift_round_trip)
+from flex_payload_estimator.delta import (
+    delta_model,
+    digits_over_step,
+    halvings_for,
+    omega,
+    shift_round_trip,
+)
 from flex_payload_estimator.payload_model import payload_model
 from flex_plant_sim.arm_model import Array
 from flex_plant_sim.errors import InputError

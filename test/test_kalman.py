@@ -105,5 +105,5 @@ def test_without_a_measurement_the_covariance_only_grows() -> None:
 
 def test_a_weight_that_is_not_definite_is_refused() -> None:
     a_bar, b_bar = delta()
-    with pytest.raises(FloatingPointError, match='not positive definite'):
+    with pytest.raises(FloatingPointError, match='positive definite'):
         riccati_step(a_bar, b_bar, np.eye(10), -np.eye(2), np.zeros((10, 10)), STEP)

@@ -20,11 +20,12 @@ import pytest
 ROBOT = load_robot('reference')
 # 1e-3 V behind 2000 V per unit strain.
 NOISE = Noise(angle=2e-4, strain=1e-3 / ROBOT.gauge_amplifier)
+SILENT = Noise()
 FROM_THREE = slice(300, None)
 
 
-@functools.lru_cache(maxsize=None)
-def experiment(name: str = 'sf1', noise: Noise = Noise(), seed: int = 0, seconds: float = 8.0,
+@functools.cache
+def experiment(name: str = 'sf1', noise: Noise = SILENT, seed: int = 0, seconds: float = 8.0,
                plant: str = 'paper_reduced', model: str = 'paper_reduced') -> LoopRecord:
     """Return the paper's experiment: square set-points, 0.1 kg, (30) and (31)."""
     simulator = Simulator(ExtendedArm(ROBOT, plant, 2, 0.1), None, noise, seed)

@@ -23,7 +23,8 @@ def run(controller: LQGController, target: Array, seconds: float, plant: str = '
         bias: float = 0.0, mass: float = 0.1) -> tuple[Array, Array]:
     """Return outputs and commands of a step to a target; bias is added behind the controller."""
     simulator = Simulator(ExtendedArm(ROBOT, plant, 2, 0.1), None, Noise())
-    outputs, commands = [], []
+    outputs: list[Array] = []
+    commands: list[Array] = []
     for _ in range(round(seconds / 0.01)):
         sample = simulator.measure()
         # The controller knows what it asked for, not the bias.

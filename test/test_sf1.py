@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 import math
+from typing import Any, cast
 
 from flex_payload_estimator.delta import omega
 from flex_payload_estimator.estimators.factory import make_estimator
-from flex_payload_estimator.estimators.sf1 import (PAPER_SETTINGS, SF1Estimator,
-                                                   SF1EstimatorSettings)
+from flex_payload_estimator.estimators.sf1 import (
+    PAPER_SETTINGS,
+    SF1Estimator,
+    SF1EstimatorSettings,
+)
 from flex_payload_estimator.payload_model import payload_model
 from flex_payload_estimator.regression import CompositeMeasurement, regression
 from flex_payload_estimator.sf1 import Regressor, sf1_update, SF1Settings, SF1State
@@ -172,7 +176,7 @@ def test_an_arm_at_rest_tells_nothing() -> None:
 def test_bad_settings_are_refused() -> None:
     for call, words in (
         (lambda: SF1Settings(alpha_0=2.0, alpha_1=1.0), 'alpha_0: expected 0 < alpha_0'),
-        (lambda: SF1EstimatorSettings(regression='other'), 'regression: expected paper'),
+        (lambda: SF1EstimatorSettings(regression=cast(Any, 'other')), 'regression: expected paper'),
         (lambda: SF1Estimator(ROBOT, 'assumed_modes', 2, PAPER_SETTINGS), 'paper_reduced'),
         (lambda: make_estimator('sf2', ROBOT), 'estimator: expected one of sf1_paper, sf1'),
         (lambda: make_estimator('sf1', ROBOT).update(0.0, np.zeros(5), np.zeros(2)),

@@ -108,10 +108,27 @@ def test_the_reduced_model_is_appendix_f_at_any_angle(cosine: float) -> None:
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-11 * np.abs(other).max())
 
 
+@pytest.mark.parametrize('name, kind', [
+    *[('paper_reduced', kind) for kind in KINDS],
+    *[(name, kind) for name in ('paper', 'assumed_modes') for kind in KINDS[1:]]])
+def test_rates_are_the_split_applied(name: str, kind: SplitKind) -> None:
+    model, random = payload_model(ROBOT, name, 2), np.random.default_rng(0)
+    x, u = random.standard_normal(model.states), random.standard_normal(2)
+    split = model.split(COSINE, MASS, kind)
+    a, columns = model.rates(COSINE, MASS, x, u, kind)
+    expected = [split.a @ x + split.b @ u, split.a_m @ x + split.b_m @ u,
+                split.a_slope @ x + split.b_slope @ u]
+    np.testing.assert_allclose(a, split.a, rtol=0, atol=1e-12 * np.abs(split.a).max())
+    for column, wanted in zip(columns.T, expected):
+        np.testing.assert_allclose(column, wanted, rtol=0, atol=1e-11 * np.abs(wanted).max())
+
+
 def test_bad_kinds_and_models_are_refused() -> None:
     with pytest.raises(InputError, match='split: expected one of paper, resolvent, tangent'):
         payload_model(ROBOT).split(1.0, 0.1, 'frozen')  # type: ignore[arg-type]
     with pytest.raises(InputError, match='paper_reduced'):
         payload_model(ROBOT, 'assumed_modes').split(1.0, 0.1, 'paper')
+    with pytest.raises(InputError, match='paper_reduced'):
+        payload_model(ROBOT, 'paper', 1).rates(1.0, 0.1, np.zeros(8), np.zeros(2), 'paper')
     with pytest.raises(InputError, match='model: expected one of paper_reduced'):
         payload_model(ROBOT, 'beam')

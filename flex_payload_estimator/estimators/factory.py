@@ -7,7 +7,11 @@ from dataclasses import replace
 from typing import Any
 
 from flex_payload_estimator.estimators.base import PayloadEstimator
-from flex_payload_estimator.estimators.sf1 import PAPER_SETTINGS, SF1Estimator, SF1EstimatorSettings
+from flex_payload_estimator.estimators.sf1 import (
+    PAPER_SETTINGS,
+    SF1Estimator,
+    SF1EstimatorSettings,
+)
 from flex_plant_sim.errors import InputError
 from flex_plant_sim.robot import Robot
 
@@ -35,6 +39,7 @@ def make_estimator(name: str, robot: Robot, model: str = 'paper_reduced', modes:
     name : str
         'sf1_paper': as printed; 'sf1': resolvent split, normalised.
     robot : Robot
+        The arm.
     model : str
         'paper_reduced', 'paper' or 'assumed_modes'.
     modes : int

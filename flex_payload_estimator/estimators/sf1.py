@@ -1,4 +1,4 @@
-"""The paper's payload estimator: predictor (23), regression (25)-(28), selective forgetting (29)."""
+"""The paper's payload estimator: predictor (23), regression (25)-(28), SF1 (29)."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from dataclasses import dataclass, field, replace
 import math
 from typing import Literal, NamedTuple
 
-from flex_payload_estimator.delta import omega
+from flex_payload_estimator.delta import DeltaOperator
 from flex_payload_estimator.estimators.base import Estimate
 from flex_payload_estimator.kalman import KalmanPredictor
 from flex_payload_estimator.payload_model import payload_model
 from flex_payload_estimator.regression import CompositeMeasurement, regression
-from flex_payload_estimator.sf1 import bounded, Regressor, SF1Settings, SF1State, sf1_update
+from flex_payload_estimator.sf1 import bounded, Regressor, sf1_update, SF1Settings, SF1State
 from flex_plant_sim.arm_model import Array
 from flex_plant_sim.errors import InputError
 from flex_plant_sim.robot import Robot
@@ -119,13 +119,14 @@ class SF1Estimator:
                                                      @ self.composite.weights)
         self.kalman = KalmanPredictor(self.model.output, settings.r_1 * np.eye(n),
                                       settings.r_2 * np.eye(m), self.step)
+        self._omega = DeltaOperator(n, self.step, settings.terms, self.halvings)
         self._reference = self._settled_noise()
         self.reset()
 
     def _settled_noise(self) -> float:
         """Return the variance to which the composite innovation settles, straight, unloaded."""
         a, _ = self.model.matrices(1.0, 0.0)
-        a_bar = omega(a, self.step, self.settings.terms, self.halvings).dot(a)
+        a_bar = self._omega(a).dot(a)
         for _ in range(SETTLING):
             self.kalman.update(a_bar)
         return self._innovation_variance()
@@ -145,7 +146,8 @@ class SF1Estimator:
         self._command = np.zeros(2)
         self._information, self._surprise, self._samples = 0.0, 1.0, PRIOR_SAMPLES
         self._noise = self._reference
-        self._last = self._estimate(0.0, np.zeros(len(self.model.output)), 'not_excited')
+        channels = len(self.model.output)
+        self._last = self._estimate(0.0, np.zeros(channels), np.ones(channels), 'not_excited')
 
     def update(self, time: float, output: Array, command: Array) -> Estimate:
         """
@@ -190,14 +192,12 @@ class SF1Estimator:
 
     def _predict(self) -> Prediction:
         """Return (25), with P moved on."""
-        x, u, step = self.state, self._command, self.step
-        split = self.model.split(math.cos(self._angle), self.sf1.mass, self.settings.regression)
-        big = omega(split.a, step, self.settings.terms, self.halvings)
-        rates = np.stack([split.a.dot(x) + split.b.dot(u),
-                          split.a_m.dot(x) + split.b_m.dot(u),
-                          split.a_slope.dot(x) + split.b_slope.dot(u)], axis=1)
+        x, step = self.state, self.step
+        a, rates = self.model.rates(math.cos(self._angle), self.sf1.mass, x, self._command,
+                                    self.settings.regression)
+        big = self._omega(a)
         change = step * big.dot(rates)
-        state, a_bar = x + change[:, 0], big.dot(split.a)
+        state, a_bar = x + change[:, 0], big.dot(a)
         if self._output is None:
             self.kalman.skip(a_bar)
         else:
@@ -235,22 +235,22 @@ class SF1Estimator:
     def _finish(self, time: float, scaled: Array, innovation: Array) -> Estimate:
         self._output, self._angle = scaled, float(scaled[1])
         variances = self.kalman.innovation_covariance().diagonal()
-        surprise = float(np.mean(innovation * innovation / variances))
+        surprise = float((innovation * innovation / variances).sum()) / len(variances)
         self._surprise += min(1.0, self.step / MEMORY) * (surprise - self._surprise)
         status = 'ok'
         if self._surprise > SUSPECT:
             status = 'model_suspect'
         elif self._information * self.settings.sf1.variance_0 < EXCITED:
             status = 'not_excited'
-        self._last = self._estimate(time, innovation, status)
+        self._last = self._estimate(time, innovation, variances, status)
         return self._last
 
     def _reject(self, time: float) -> Estimate:
         self._last = replace(self._last, time=time, status='input_rejected')
         return self._last
 
-    def _estimate(self, time: float, innovation: Array, status: str) -> Estimate:
-        deviation = np.sqrt(self.kalman.innovation_covariance().diagonal())
+    def _estimate(self, time: float, innovation: Array, variances: Array,
+                  status: str) -> Estimate:
         scale = self.model.scale
         return Estimate(time, self.sf1.mass, self.sf1.variance, self.sf1.p,
-                        innovation / scale, deviation / scale, status)
+                        innovation / scale, np.sqrt(variances) / scale, status)

@@ -1,0 +1,103 @@
+"""The split (13) applied to one state and command: a few products with vectors."""
+
+from __future__ import annotations
+
+from flex_payload_estimator.split import check_kind, CompactTerms, SplitKind
+from flex_plant_sim.arm_model import Array
+from flex_plant_sim.errors import InputError
+import numpy as np
+from scipy.linalg.lapack import dgesv
+
+
+def compact_rates(terms: CompactTerms, mass: float, state: Array, command: Array,
+                  kind: SplitKind) -> tuple[Array, Array]:
+    """
+    Return A of (12) and the columns A x + B u, A^m x + B^m u, A' x + B' u.
+
+    With j = Lambda M_5 u, v = z + j (that is q') and r = Lambda (M_1 q + M_2 v), the tangent is
+    j' = Lambda (M_3^m j + M_5^m u), r' = Lambda (M_3^m r + M_2^m v + M_2 j').
+
+    Parameters
+    ----------
+    terms : CompactTerms
+        At theta_2.
+    mass : float
+        m_p, kg.
+    state, command : Array
+        (n,) and (2,).
+    kind : str
+        'paper', 'resolvent' or 'tangent'.
+
+    Returns
+    -------
+    tuple of Array
+        (n, n) and (n, 3).
+
+    """
+    check_kind(kind)
+    f, lam = len(terms.m_1), terms.lam(mass)
+    q, z = state[2:2 + f], state[2 + f:]
+    rate, stiffness = lam.dot(terms.m_20 + mass * terms.m_2m), lam.dot(terms.m_1)
+    fixed, linear = terms.m_50.dot(command), terms.m_5m.dot(command)
+    jump = lam.dot(fixed + mass * linear)
+    velocity = z + jump
+    change = stiffness.dot(q) + rate.dot(velocity)
+    jump_slope = lam.dot(terms.mass_m.dot(jump) + linear)
+    slope = lam.dot(terms.mass_m.dot(change) + terms.m_2m.dot(velocity)) + rate.dot(jump_slope)
+    columns = np.zeros((2 + 2 * f, 3))
+    columns[:2, 0] = terms.m_6.dot(q) + terms.m_7.dot(command)
+    columns[2:2 + f, 0], columns[2 + f:, 0] = velocity, change
+    columns[2:2 + f, 2], columns[2 + f:, 2] = jump_slope, slope
+    if kind == 'tangent':
+        columns[:, 1] = columns[:, 2]
+    elif kind == 'paper':
+        part = lam.dot(linear)
+        columns[2:2 + f, 1] = part
+        columns[2 + f:, 1] = lam.dot(terms.m_2m.dot(z + lam.dot(fixed)) + terms.m_20.dot(part))
+    else:
+        lam_0 = terms.lam(0.0)
+        jump_0 = lam_0.dot(fixed)
+        before = z + jump_0
+        part = lam.dot(terms.mass_m.dot(jump_0) + linear)
+        empty = lam_0.dot(terms.m_1.dot(q) + terms.m_20.dot(before))
+        columns[2:2 + f, 1] = part
+        columns[2 + f:, 1] = lam.dot(terms.mass_m.dot(empty) + terms.m_2m.dot(before)) \
+            + rate.dot(part)
+    a = np.zeros((2 + 2 * f, 2 + 2 * f))
+    a[:2, 2:2 + f] = terms.m_6
+    a[2:2 + f, 2 + f:].flat[::f + 1] = 1.0
+    a[2 + f:, 2:2 + f], a[2 + f:, 2 + f:] = stiffness, rate
+    return a, columns
+
+
+def second_order_rates(mass_0: Array, mass_m: Array, right: Array, mass: float, state: Array,
+                       command: Array, kind: SplitKind) -> tuple[Array, Array]:
+    """
+    Return A and the columns A x + B u, A^m x + B^m u, A' x + B' u of x = (p, p').
+
+    With r = p'' the tangent is -Lambda M^m r, the resolvent's secant -Lambda M^m r(m_p = 0).
+
+    Raises
+    ------
+    InputError
+        kind is 'paper'.
+
+    """
+    check_kind(kind)
+    if kind == 'paper':
+        raise InputError('split: expected resolvent or tangent for a second-order model, got '
+                         "'paper', which needs model paper_reduced")
+    n = len(mass_0)
+    solved = dgesv(mass_0 + mass * mass_m, np.hstack([right, mass_m]))[2]
+    joined = np.concatenate([state, command])
+    change = solved[:, :2 * n + 2].dot(joined)
+    columns = np.zeros((2 * n, 3))
+    columns[:n, 0], columns[n:, 0] = state[n:], change
+    columns[n:, 2] = -solved[:, 2 * n + 2:].dot(change)
+    columns[n:, 1] = columns[n:, 2]
+    if kind == 'resolvent':
+        columns[n:, 1] = -solved[:, 2 * n + 2:].dot(dgesv(mass_0, right.dot(joined))[2])
+    a = np.zeros((2 * n, 2 * n))
+    a[:n, n:].flat[::n + 1] = 1.0
+    a[n:] = solved[:, :2 * n]
+    return a, columns
