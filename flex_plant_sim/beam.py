@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 
 
+@lru_cache(maxsize=32)
 def frequency_roots(n: int) -> Array:
     """
     Return the first n roots x = gamma L of cosh(x) cos(x) = -1, (41).
@@ -23,7 +25,7 @@ def frequency_roots(n: int) -> Array:
         Shape (n,), dimensionless.
 
     """
-    x = (np.arange(1, n + 1) - 0.5) * np.pi
+    x = np.linspace(0.5, n - 0.5, n) * np.pi
     for _ in range(20):
         sech = 2.0 * np.exp(-x) / (1.0 + np.exp(-2.0 * x))
         step = (np.cos(x) + sech) / (-np.sin(x) - sech * np.tanh(x))

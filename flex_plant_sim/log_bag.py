@@ -45,7 +45,12 @@ def read_bag(path: Path, robot: Robot) -> Log:
     time = (common - common[0]) / NANOSECONDS if common.size else np.zeros(0)
     log = Log(str(path), time, command, angle[joint_rows], strain[gauge_rows],
               robot.gauge_names, None if rate is None else rate[joint_rows])
-    return checked(log, lambda k: f'sample {k + 1}, stamp {common[k] / NANOSECONDS:.9f} s')
+    return checked(log, lambda k: f'sample {k + 1}, stamp {_seconds(common[k])}')
+
+
+def _seconds(stamp: int) -> str:
+    # A double has no room for the nanoseconds of today's clock.
+    return f'{stamp // NANOSECONDS}.{stamp % NANOSECONDS:09d} s'
 
 
 def _messages(path: Path) -> dict[str, list[Any]]:
@@ -99,8 +104,7 @@ def _stamps(path: Path, topic: str, messages: list[Any]) -> Stamps:
     if late.any():
         k = int(np.argmax(late)) + 1
         raise InputError(f'{path}: {topic}: message {k + 1}: expected a stamp after '
-                         f'{stamps[k - 1] / NANOSECONDS:.9f} s, '
-                         f'got {stamps[k] / NANOSECONDS:.9f} s')
+                         f'{_seconds(stamps[k - 1])}, got {_seconds(stamps[k])}')
     return stamps
 
 

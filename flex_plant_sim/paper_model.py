@@ -134,7 +134,7 @@ class CompactForm:
     def lam(self, payload: float) -> Array:
         """Return Lambda = (I - M_3)^-1, (2n, 2n)."""
         m_3 = self.at('m_3', payload)
-        return np.linalg.inv(np.eye(len(m_3)) - m_3)
+        return np.asarray(np.linalg.inv(np.eye(len(m_3)) - m_3), dtype=np.float64)
 
     def state_space(self, payload: float) -> tuple[Array, Array]:
         """

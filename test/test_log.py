@@ -1,0 +1,309 @@
+"""Logs: three formats say the same, and one line for every way to get them wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+import time
+from typing import Any, Literal
+
+from flex_plant_sim.atomic_file import whole_file
+from flex_plant_sim.errors import InputError
+from flex_plant_sim.log import Log, read_log
+from flex_plant_sim.log_bag import write_bag
+from flex_plant_sim.log_csv import write_csv
+from flex_plant_sim.robot import load_robot
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import get_typestore, Stores
+
+ROBOT = load_robot('reference')
+HEADER = 'time,command_1,command_2,joint_1,joint_2,strain_1a,strain_1b,strain_2a,strain_2b'
+FORMATS: tuple[Literal['mcap', 'sqlite3'], ...] = ('mcap', 'sqlite3')
+
+
+def some_log(rows: int = 50, velocity: bool = True) -> Log:
+    """Return a log of random numbers, exact in nine digits."""
+    rng = np.random.default_rng(7)
+    columns = rng.integers(-10**6, 10**6, (rows, 10)) / 1e6
+    return Log('some', 0.01 * np.arange(float(rows)), columns[:, :2], columns[:, 2:4],
+               ROBOT.gauge_names, columns[:, 8:] if velocity else None)
+
+
+def assert_same(found: Log, expected: Log) -> None:
+    for name in ('time', 'command', 'joint', 'strain', 'velocity'):
+        if getattr(expected, name) is None:
+            assert getattr(found, name) is None
+        else:
+            np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=0,
+                                       atol=1e-12, err_msg=name)
+    assert found.gauge_names == expected.gauge_names
+
+
+@pytest.mark.parametrize('velocity', [True, False])
+def test_csv_round_trip(tmp_path: Path, velocity: bool) -> None:
+    write_csv(tmp_path / 'log.csv', some_log(velocity=velocity))
+    found = read_log(tmp_path / 'log.csv', ROBOT)
+    assert_same(found, some_log(velocity=velocity))
+    assert found.sample_time == 0.01
+
+
+@pytest.mark.parametrize('storage', FORMATS)
+@pytest.mark.parametrize('velocity', [True, False])
+def test_bag_round_trip(tmp_path: Path, storage: Literal['mcap', 'sqlite3'],
+                        velocity: bool) -> None:
+    write_bag(tmp_path / 'bag', some_log(velocity=velocity), storage)
+    assert_same(read_log(tmp_path / 'bag', ROBOT), some_log(velocity=velocity))
+
+
+@pytest.mark.parametrize('storage, suffix', [('mcap', 'mcap'), ('sqlite3', 'db3')])
+def test_single_file_of_a_bag(tmp_path: Path, storage: Literal['mcap', 'sqlite3'],
+                              suffix: str) -> None:
+    write_bag(tmp_path / 'bag', some_log(), storage)
+    assert_same(read_log(tmp_path / 'bag' / f'bag.{suffix}', ROBOT), some_log())
+
+
+def test_csv_and_bag_of_a_real_record_agree(shared_data: Path, tmp_path: Path) -> None:
+    log = read_log(shared_data / 'bench' / 'case_8009d8b8.csv', ROBOT)
+    write_bag(tmp_path / 'bag', log)
+    assert_same(read_log(tmp_path / 'bag', ROBOT), log)
+
+
+def test_shared_records_read_as_their_readme_says(shared_data: Path) -> None:
+    bench = read_log(shared_data / 'bench' / 'case_8009d8b8.csv', ROBOT)
+    assert (len(bench), bench.sample_time) == (4000, 0.01)
+    quanser = load_robot('quanser_2dsfl')
+    real = read_log(shared_data / 'quanser_2dsfl' / 'square_10s.csv', quanser)
+    assert (len(real), real.sample_time) == (25500, 0.002)
+    # ±25 degrees and ±10 degrees, within the controller's overshoot.
+    assert np.degrees(np.abs(real.joint).max(axis=0)) == pytest.approx([25.0, 10.0], abs=5.0)
+
+
+def test_large_csv_is_read_fast(shared_data: Path) -> None:
+    robot = load_robot('quanser_2dsfl')
+    path = shared_data / 'quanser_2dsfl' / 'square_10s.csv'
+    best = np.inf
+    for _ in range(5):
+        start = time.perf_counter()
+        read_log(path, robot)
+        best = min(best, time.perf_counter() - start)
+    assert best < 0.3
+
+
+def test_columns_in_any_order_and_unknown_ones(tmp_path: Path) -> None:
+    rows = ['note,' + ','.join(HEADER.split(',')[::-1])]
+    rows += [f'7,4,3,2,1,20,10,200,100,{0.01 * k:g}' for k in range(3)]
+    (tmp_path / 'log.csv').write_text('\ufeff' + '\r\n'.join(rows) + '\r\n', encoding='utf-8')
+    log = read_log(tmp_path / 'log.csv', ROBOT)
+    np.testing.assert_array_equal(log.output[0], [10, 20, 1, 2, 3, 4])
+    np.testing.assert_array_equal(log.command[0], [100, 200])
+
+
+def good_rows() -> list[str]:
+    return [f'{0.01 * k:g},1,2,3,4,5,6,7,8' for k in range(6)]
+
+
+def edit(row: int, column: int, text: str) -> Callable[[list[str]], list[str]]:
+    def change(rows: list[str]) -> list[str]:
+        values = rows[row].split(',')
+        values[column] = text
+        return [*rows[:row], ','.join(values), *rows[row + 1:]]
+    return change
+
+
+FAULTS: list[tuple[str, Callable[[list[str]], list[str]], str]] = [
+    (HEADER, edit(2, 4, 'nan'), 'line 4: joint_2: expected a finite number, got nan'),
+    (HEADER, edit(3, 7, 'inf'), 'line 5: strain_2a: expected a finite number, got inf'),
+    (HEADER, edit(1, 2, '-inf'), 'line 3: command_2: expected a finite number, got -inf'),
+    (HEADER, edit(5, 0, 'nan'), 'line 7: time: expected a finite number, got nan'),
+    (HEADER, edit(2, 3, ''), "line 4: joint_1: expected a number, got ''"),
+    (HEADER, edit(2, 3, 'many'), "line 4: joint_1: expected a number, got 'many'"),
+    (HEADER, edit(4, 8, '8,9'), 'line 6: expected 9 columns, got 10'),
+    (HEADER, edit(3, 0, '0.02'), 'line 5: time: expected more than 0.02 s, got 0.02 s'),
+    (HEADER, edit(3, 0, '0.005'), 'line 5: time: expected more than 0.02 s, got 0.005 s'),
+    (HEADER, lambda rows: rows[:3] + rows[4:], 'line 5: time: expected 0.01 s after the row '
+                                               'before, got 0.02 s'),
+    (HEADER, lambda rows: rows[:1], 'expected at least 2 samples, got 1'),
+    (HEADER, lambda rows: [], 'expected at least 2 samples, got 0'),
+    (HEADER.replace('joint_2', 'angle_2'), lambda rows: rows, 'column joint_2: missing, got '),
+    (HEADER.replace('time', 't'), lambda rows: rows, 'column time: missing, got t, '),
+    (HEADER.replace('joint_2', 'joint_1'), lambda rows: rows, 'column joint_1: expected once, '
+                                                              'got 2'),
+    (HEADER.replace('strain_2b', 'spare'), lambda rows: rows,
+     'strain: expected 4 gauges (strain_1a, strain_1b, strain_2a, strain_2b) for reference, got '
+     '3 (strain_1a, strain_1b, strain_2a)'),
+    (HEADER.replace('strain_2b', 'strain_2c'), lambda rows: rows, 'column strain_2b: missing'),
+]
+
+
+@pytest.mark.parametrize('header, change, message', FAULTS)
+def test_a_fault_in_a_csv_is_named_in_one_line(
+        tmp_path: Path, header: str, change: Callable[[list[str]], list[str]],
+        message: str) -> None:
+    path = tmp_path / 'log.csv'
+    path.write_text('\n'.join([header, *change(good_rows())]) + '\n')
+    with pytest.raises(InputError) as error:
+        read_log(path, ROBOT)
+    assert str(error.value).startswith(f'{path}: {message}')
+    assert '\n' not in str(error.value)
+
+
+def test_files_that_are_no_logs(tmp_path: Path) -> None:
+    (tmp_path / 'empty.csv').write_text('')
+    (tmp_path / 'log.txt').write_text('time')
+    (tmp_path / 'binary.csv').write_bytes(b'\xff\xfe\x00\x01')
+    (tmp_path / 'torn.mcap').write_bytes(b'\x89MCAP0\r\nand no more')
+    (tmp_path / 'folder').mkdir()
+    for name, message in [('empty.csv', 'expected a header row, the file is empty'),
+                          ('log.txt', 'expected .csv, .mcap, .db3 or a bag folder'),
+                          ('binary.csv', 'expected a readable text file'),
+                          ('torn.mcap', 'expected a rosbag2'), ('folder', 'expected a rosbag2'),
+                          ('absent.csv', 'expected a log, the file does not exist')]:
+        with pytest.raises(InputError) as error:
+            read_log(tmp_path / name, ROBOT)
+        assert f'{name}: {message}' in str(error.value)
+        assert '\n' not in str(error.value)
+
+
+TYPES = get_typestore(Stores.ROS2_JAZZY)
+JOINT_STATE = 'sensor_msgs/msg/JointState'
+
+
+def joint_state(stamp: int, name: list[str], position: list[float] = [],  # noqa: B006
+                effort: list[float] = []) -> Any:  # noqa: B006
+    header = TYPES.types['std_msgs/msg/Header'](
+        TYPES.types['builtin_interfaces/msg/Time'](*divmod(stamp, 10**9)), '')
+    return TYPES.types[JOINT_STATE](header, name, np.array(position, dtype=float), np.zeros(0),
+                                    np.array(effort, dtype=float))
+
+
+def record(path: Path, messages: list[tuple[str, int, Any]]) -> Path:
+    """Write (topic, time of arrival, message) as MCAP."""
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        known = {topic: writer.add_connection(topic, JOINT_STATE, typestore=TYPES)
+                 for topic in sorted({topic for topic, _, _ in messages})}
+        for topic, arrival, message in messages:
+            writer.write(known[topic], arrival, TYPES.serialize_cdr(message, JOINT_STATE))
+    return path
+
+
+JOINTS = ['joint_1', 'joint_2']
+GAUGES = list(ROBOT.gauge_names)
+START = 1_700_000_000_123_456_789
+
+
+def ticks(count: int) -> list[int]:
+    return [START + k * 10_000_000 for k in range(count)]
+
+
+def states(count: int) -> list[tuple[str, int, Any]]:
+    """Return joint states k, -k with the effort applied before sample k: 10 (k - 1), 0."""
+    return [('/arm/joint_states', t + 5, joint_state(t, JOINTS, [k, -k], [10.0 * (k - 1), 0.0]))
+            for k, t in enumerate(ticks(count))]
+
+
+def strains(count: int) -> list[tuple[str, int, Any]]:
+    return [('/arm/strain', t + 9, joint_state(t, GAUGES, [k, 0.1, 0.2, 0.3]))
+            for k, t in enumerate(ticks(count))]
+
+
+def commands(count: int, late: int = 0) -> list[tuple[str, int, Any]]:
+    return [('/arm/command', t + 30, joint_state(t + late, JOINTS, [], [10.0 * k, 1.0]))
+            for k, t in enumerate(ticks(count))]
+
+
+def test_topics_are_aligned_by_stamp_not_by_arrival(tmp_path: Path) -> None:
+    """Strain arrives all at the end and out of step; only its stamps tell where it belongs."""
+    late = [(topic, arrival + 10**9, message) for topic, arrival, message in strains(6)[1:]]
+    bag = record(tmp_path / 'bag', [*states(5), *commands(5), *late])
+    log = read_log(bag, ROBOT)
+    np.testing.assert_allclose(log.time, [0.0, 0.01, 0.02, 0.03], atol=1e-12)
+    np.testing.assert_array_equal(log.joint[:, 0], [1, 2, 3, 4])
+    np.testing.assert_array_equal(log.strain[:, 0], [1, 2, 3, 4])
+    np.testing.assert_array_equal(log.command[:, 0], [10, 20, 30, 40])
+
+
+def test_names_in_a_message_say_which_value_is_whose(tmp_path: Path) -> None:
+    turned = [(topic, arrival, joint_state(t, GAUGES[::-1], list(message.position[::-1])))
+              for t, (topic, arrival, message) in zip(ticks(4), strains(4))]
+    log = read_log(record(tmp_path / 'bag', [*states(4), *turned, *commands(4)]), ROBOT)
+    np.testing.assert_array_equal(log.strain[2], [2, 0.1, 0.2, 0.3])
+
+
+def test_a_late_command_acts_from_its_stamp_on(tmp_path: Path) -> None:
+    bag = record(tmp_path / 'bag', [*states(4), *strains(4), *commands(4, late=2_000_000)])
+    np.testing.assert_array_equal(read_log(bag, ROBOT).command[:, 0], [0, 10, 20])
+
+
+def test_without_commands_the_effort_of_the_next_sample_is_the_command(tmp_path: Path) -> None:
+    log = read_log(record(tmp_path / 'bag', [*states(5), *strains(5)]), ROBOT)
+    np.testing.assert_array_equal(log.command[:, 0], [0, 10, 20, 30])
+
+
+BAG_FAULTS: list[tuple[Callable[[], list[tuple[str, int, Any]]], str]] = [
+    (lambda: states(4), 'topic strain: missing, got /arm/joint_states'),
+    (lambda: strains(4), 'topic joint_states: missing, got /arm/strain'),
+    (lambda: [*states(6), *strains(6)[:2], *strains(6)[3:]],
+     'sample 3, stamp 1700000000.153456789 s: time: expected 0.01 s after the row before, '
+     'got 0.02 s'),
+    (lambda: [*states(4), *strains(4), (*states(1)[0][:1], START + 10**9, states(1)[0][2])],
+     'joint_states: message 5: expected a stamp after 1700000000.153456789 s, '
+     'got 1700000000.123456789 s'),
+    (lambda: [*states(4), ('/arm/strain', START, joint_state(START, GAUGES[:2], [1.0, 2.0]))],
+     'strain: message 1: position: expected 4 values (strain_1a, strain_1b, strain_2a, '
+     'strain_2b), got 2'),
+    (lambda: [*states(4), ('/arm/strain', START, joint_state(START, list('abcd'), [1.0] * 4))],
+     'strain: expected gauges strain_1a, strain_1b, strain_2a, strain_2b, got a, b, c, d'),
+    (lambda: [*states(4), ('/arm/strain', START, joint_state(START + 1, GAUGES, [1.0] * 4))],
+     'strain: expected stamps of joint_states, none is shared'),
+    (lambda: [*states(4), ('/strain', START, joint_state(START, GAUGES, [1.0] * 4)), *strains(4)],
+     'strain: expected one topic, got /arm/strain, /strain'),
+    (lambda: [*states(4), *strains(3), ('/arm/strain', START + 10**9, joint_state(
+        ticks(4)[3], GAUGES, [1.0, float('nan'), 1.0, 1.0])), *commands(4)],
+     'sample 4, stamp 1700000000.153456789 s: strain_1b: expected a finite number, got nan'),
+]
+
+
+@pytest.mark.parametrize('messages, message', BAG_FAULTS)
+def test_a_fault_in_a_bag_is_named_in_one_line(
+        tmp_path: Path, messages: Callable[[], list[tuple[str, int, Any]]], message: str) -> None:
+    bag = record(tmp_path / 'bag', messages())
+    with pytest.raises(InputError) as error:
+        read_log(bag, ROBOT)
+    assert str(error.value).startswith(f'{bag}: {message}')
+    assert '\n' not in str(error.value)
+
+
+def test_parts_of_a_log() -> None:
+    part = some_log().part(10, 20)
+    assert len(part) == 10
+    np.testing.assert_array_equal(part.output, some_log().output[10:20])
+    assert part.sample_time == pytest.approx(0.01)
+
+
+def test_nothing_is_left_half_written(tmp_path: Path) -> None:
+    """After Ctrl-C in the midst of writing, the old file stands and no other does."""
+    target = tmp_path / 'results.json'
+    target.write_text('old')
+    with pytest.raises(KeyboardInterrupt), whole_file(target) as temporary:
+        temporary.write_text('new, but not all of')
+        raise KeyboardInterrupt
+    assert target.read_text() == 'old'
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_a_bag_replaces_a_bag_and_nothing_else(tmp_path: Path) -> None:
+    write_bag(tmp_path / 'bag', some_log(10))
+    write_bag(tmp_path / 'bag', some_log(20))
+    assert len(read_log(tmp_path / 'bag', ROBOT)) == 20
+    (tmp_path / 'papers').mkdir()
+    (tmp_path / 'papers' / 'mine').write_text('mine')
+    with pytest.raises(InputError, match='expected a file or a bag to replace, got a folder'):
+        write_bag(tmp_path / 'papers', some_log(10))
+    assert (tmp_path / 'papers' / 'mine').read_text() == 'mine'
+
+
+def test_writing_into_no_folder(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match='expected an existing folder'):
+        write_csv(tmp_path / 'absent' / 'log.csv', some_log())
