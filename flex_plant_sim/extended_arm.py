@@ -127,13 +127,13 @@ class ExtendedArm:
         return other
 
     @property
-    def acts_on_motion(self) -> bool:
-        """Tell whether any effect acts on forces, sample by sample."""
-        return bool(self._torque or self._friction or self._contact)
+    def has_contact(self) -> bool:
+        """Tell whether dry friction or backlash decides within a step."""
+        return bool(self._friction or self._contact)
 
     @property
     def acts_on_output(self) -> bool:
-        """Tell whether any effect acts on the sensors, sample by sample."""
+        """Tell whether any effect acts on the sensors."""
         return bool(self._output)
 
     def motion(self, state: Array, command: Array, time: Any) -> Motion:
@@ -169,11 +169,19 @@ class ExtendedArm:
     def apply_effects(self, e: Array, state: Array, after: Array, command: Array,
                       time: Any) -> Array:
         """Return the state one step later, given what the linear plant alone would do."""
-        if not self.acts_on_motion:
+        if not (self._torque or self.has_contact):
             return after
         motion = self.motion(state, command, time)
-        for effect in self._torque:
-            after = after + _apply(e, effect.force(motion) + np.zeros(self.form.order))
+        if self._torque:
+            after = after + _apply(e, self.smooth_force(motion))
+        return self.apply_contact(e, state, after, motion)
+
+    def smooth_force(self, motion: Motion) -> Array:
+        """Return the sum of the force effects, (…, N)."""
+        return np.zeros(self.form.order) + sum(effect.force(motion) for effect in self._torque)
+
+    def apply_contact(self, e: Array, state: Array, after: Array, motion: Motion) -> Array:
+        """Return the state one step later with backlash and dry friction, given it without."""
         for effect in self._contact:
             after = effect.on_step(after, state, e @ self.form.force, motion)
         if self._friction:
@@ -201,7 +209,10 @@ class ExtendedArm:
 
     def output(self, state: Array, time: Any) -> Array:
         """Return what the sensors say of a state (…, n): (…, m), rad and strain, no noise."""
-        output = state @ self.output_matrix.T
+        return self.sense(state @ self.output_matrix.T, time)
+
+    def sense(self, output: Array, time: Any) -> Array:
+        """Return what the sensors say of true outputs (…, m), after the sensor effects."""
         for effect in self._output:
             output = effect.on_output(output, time, self.robot)
         return output

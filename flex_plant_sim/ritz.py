@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 from flex_plant_sim.beam import Array, Beam
 import numpy as np
@@ -27,6 +28,8 @@ class RitzShapes:
         Shape k is sum_j candidate_j coefficients[j, k]; shape (n, n).
     frequencies : Array
         rad/s, ascending, shape (n,).
+    moments : tuple of Array
+        int phi_i d(x/L) and int (x/L) phi_i d(x/L), shape (n,) each.
 
     """
 
@@ -34,21 +37,14 @@ class RitzShapes:
     coefficients: Array
     frequencies: Array
 
+    moments: tuple[Array, Array]
+
     @classmethod
     def of(cls, beam: Beam) -> RitzShapes:
         """Return as many shapes as the beam has modes."""
-        x, w = _quadrature(beam)
-        mass_root = np.sqrt(beam.mass_per_length * w)[:, None]
-        stiffness_root = np.sqrt(beam.bending_stiffness * w)[:, None]
-        # The candidates are nearly dependent (condition 1e7 for n = 20): factors, not their
-        # squares, keep half of the digits.
-        factor = np.linalg.qr(mass_root * _candidates(beam, x, 0), mode='r')
-        bend = solve_triangular(factor, (stiffness_root * _candidates(beam, x, 2)).T, trans='T')
-        directions, frequencies, _ = np.linalg.svd(bend, full_matrices=False)
-        vectors = solve_triangular(factor, directions[:, ::-1]) * np.sqrt(beam.modal_mass)
-        tip = _candidates(beam, np.array(beam.length), 0) @ vectors
-        signs = np.where(tip < 0.0, -1.0, 1.0) * (-1.0)**np.arange(tip.size)
-        return cls(beam, vectors * signs, frequencies[::-1].copy())
+        coefficients, frequencies, moments = _unit_shapes(beam.roots.size)
+        scale = np.sqrt(beam.bending_stiffness / beam.mass_per_length) / beam.length**2
+        return cls(beam, coefficients, scale * frequencies, moments)
 
     @property
     def modal_mass(self) -> float:
@@ -58,20 +54,38 @@ class RitzShapes:
     @property
     def alpha(self) -> Array:
         """Return -(4/L) int x phi_i dx, m, shape (n,)."""
-        return self._moment(1)
+        return -4.0 * self.beam.length * self.moments[1]
 
     @property
     def beta(self) -> Array:
         """Return -(4/L) int phi_i dx, shape (n,)."""
-        return self._moment(0)
+        return -4.0 * self.moments[0]
 
     def shape(self, x: ArrayLike, derivative: int = 0) -> Array:
         """Return phi_i(x) or a derivative (0 to 3), shape x.shape + (n,)."""
         return _candidates(self.beam, np.asarray(x, dtype=float), derivative) @ self.coefficients
 
-    def _moment(self, power: int) -> Array:
-        x, w = _quadrature(self.beam)
-        return -4.0 / self.beam.length * (w * x**power) @ self.shape(x)
+
+@lru_cache(maxsize=32)
+def _unit_shapes(n: int) -> tuple[Array, Array, tuple[Array, Array]]:
+    """
+    Return coefficients, frequencies and the moments of order 0 and 1 on the unit beam.
+
+    Shapes over x/L depend on no dimension, so they are computed once for each n.
+    """
+    beam = Beam.with_modes(1.0, 1.0, 1.0, n)
+    x, w = _quadrature(beam)
+    root = np.sqrt(w)[:, None]
+    # The candidates are nearly dependent (condition 1e7 for n = 20): factors, not their
+    # squares, keep half of the digits.
+    factor = np.linalg.qr(root * _candidates(beam, x, 0), mode='r')
+    bend = solve_triangular(factor, (root * _candidates(beam, x, 2)).T, trans='T')
+    directions, frequencies, _ = np.linalg.svd(bend, full_matrices=False)
+    vectors = solve_triangular(factor, directions[:, ::-1]) * np.sqrt(beam.modal_mass)
+    tip = _candidates(beam, np.array(1.0), 0) @ vectors
+    vectors = vectors * np.where(tip < 0.0, -1.0, 1.0) * (-1.0)**np.arange(n)
+    values = _candidates(beam, x, 0) @ vectors
+    return vectors, frequencies[::-1].copy(), (w @ values, (w * x) @ values)
 
 
 def _quadrature(beam: Beam) -> tuple[Array, Array]:
