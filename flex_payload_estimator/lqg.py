@@ -83,8 +83,8 @@ class LQGController:
                                  settings.command_limit)
         n, extra = self.model.states, 2 * settings.integrator
         angles, end = self.model.output[:2], self.model.end_point[None]
-        self._q_1 = angles.T @ angles + end.T @ end
-        self._q_2 = settings.q_2 * np.eye(2)
+        self.q_1 = angles.T @ angles + end.T @ end
+        self.q_2 = settings.q_2 * np.eye(2)
         process = np.full(n + extra, settings.r_1)
         process[n:] = settings.disturbance
         self._output_rows = np.hstack([self.model.output,
@@ -98,7 +98,7 @@ class LQGController:
     def _settled_design(self) -> Array:
         """Return the S at which the iterations start: the solution at mass_0, theta_2 = 0."""
         a_bar, b_bar = self._delta(1.0, self.settings.mass_0)
-        return settled(a_bar, b_bar, self._q_1, self._q_2, self.step)[1]
+        return settled(a_bar, b_bar, self.q_1, self.q_2, self.step)[1]
 
     def reset(self) -> None:
         """Forget everything."""
@@ -147,7 +147,7 @@ class LQGController:
             self._mass = min(max(float(mass), 0.0), self.settings.mass_max)
         self._model = self._delta(np.cos(self._angle), self._mass)
         self.gain, self.cost, _ = riccati_step(
-            *self._model, self._q_1, self._q_2, self.cost, self.step)
+            *self._model, self.q_1, self.q_2, self.cost, self.step)
         return self._feedback(set_point)
 
     def _predict(self, scaled: Array) -> None:

@@ -101,7 +101,8 @@ class ReducedModel:
 
     def __init__(self, robot: Robot, modes: int):
         compact = CompactModel(robot, modes)
-        self._m_6, self._m_7, self._size = compact.m_6, compact.m_7, 2 * modes
+        self._fixed = CompactTerms.of(compact.at_cosine(1.0))[7:]
+        self._size = 2 * modes
         self.states = 2 + 4 * modes
         points = np.array([-1.0, 0.0, 1.0])
         values = np.stack([self._row(compact, c) for c in points])
@@ -123,7 +124,7 @@ class ReducedModel:
         row = np.array([1.0, cosine, cosine * cosine]).dot(self._table).reshape(f, -1)
         return CompactTerms(
             row[:, :f], row[:, f:2 * f], row[:, 2 * f:3 * f], row[:, 3 * f:4 * f],
-            row[:, 4 * f:5 * f], row[:, 5 * f:5 * f + 2], row[:, 5 * f + 2:], self._m_6, self._m_7)
+            row[:, 4 * f:5 * f], row[:, 5 * f:5 * f + 2], row[:, 5 * f + 2:], *self._fixed)
 
     def matrices(self, cosine: float, mass: float) -> tuple[Array, Array]:
         """Return A and B at cos(theta_2) and m_p, kg."""

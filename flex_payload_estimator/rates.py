@@ -63,9 +63,7 @@ def compact_rates(terms: CompactTerms, mass: float, state: Array, command: Array
         columns[2:2 + f, 1] = part
         columns[2 + f:, 1] = lam.dot(terms.mass_m.dot(empty) + terms.m_2m.dot(before)) \
             + rate.dot(part)
-    a = np.zeros((2 + 2 * f, 2 + 2 * f))
-    a[:2, 2:2 + f] = terms.m_6
-    a[2:2 + f, 2 + f:].flat[::f + 1] = 1.0
+    a = terms.frame.copy()
     a[2 + f:, 2:2 + f], a[2 + f:, 2 + f:] = stiffness, rate
     return a, columns
 

@@ -62,6 +62,8 @@ class CompactTerms(NamedTuple):
         M_1, M_2^0, M_2^m (f, f), M_5^0, M_5^m (f, 2). M_4 vanishes.
     m_6, m_7 : Array
         (2, f) and (2, 2).
+    frame : Array
+        A without its last block row, (2 + 2f, 2 + 2f).
 
     """
 
@@ -74,16 +76,21 @@ class CompactTerms(NamedTuple):
     m_5m: Array
     m_6: Array
     m_7: Array
+    frame: Array
 
     @classmethod
     def of(cls, form: CompactForm) -> CompactTerms:
         """Return the terms of a compact form."""
-        return cls(np.eye(len(form.m_1)) - form.m_3[0], form.m_3[1], form.m_1, *form.m_2,
-                   *form.m_5, form.m_6, form.m_7)
+        f = len(form.m_1)
+        frame = np.zeros((2 + 2 * f, 2 + 2 * f))
+        frame[:2, 2:2 + f], frame[2:2 + f, 2 + f:] = form.m_6, np.eye(f)
+        return cls(np.eye(f) - form.m_3[0], form.m_3[1], form.m_1, *form.m_2, *form.m_5,
+                   form.m_6, form.m_7, frame)
 
     def lam(self, mass: float) -> Array:
         """Return Lambda = (I - M_3)^-1, (f, f)."""
-        inverse: Array = dgesv(self.mass_0 - mass * self.mass_m, np.eye(len(self.m_1)))[2]
+        f = len(self.m_1)
+        inverse: Array = dgesv(self.mass_0 - mass * self.mass_m, self.frame[2:2 + f, 2 + f:])[2]
         return inverse
 
 
@@ -149,9 +156,7 @@ def _compact_state(terms: CompactTerms, lam: Array,
     f = len(lam)
     rate = lam.dot(terms.m_20 + mass * terms.m_2m)
     jump = lam.dot(terms.m_50 + mass * terms.m_5m)
-    a, b = np.zeros((2 + 2 * f, 2 + 2 * f)), np.empty((2 + 2 * f, 2))
-    a[:2, 2:2 + f] = terms.m_6
-    a[2:2 + f, 2 + f:].flat[::f + 1] = 1.0
+    a, b = terms.frame.copy(), np.empty((2 + 2 * f, 2))
     a[2 + f:, 2:2 + f] = lam.dot(terms.m_1)
     a[2 + f:, 2 + f:] = rate
     b[:2], b[2:2 + f], b[2 + f:] = terms.m_7, jump, rate.dot(jump)

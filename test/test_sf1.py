@@ -176,7 +176,7 @@ def test_an_arm_at_rest_tells_nothing() -> None:
 def test_bad_settings_are_refused() -> None:
     for call, words in (
         (lambda: SF1Settings(alpha_0=2.0, alpha_1=1.0), 'alpha_0: expected 0 < alpha_0'),
-        (lambda: SF1EstimatorSettings(regression=cast(Any, 'other')), 'regression: expected paper'),
+        (lambda: SF1EstimatorSettings(cast(Any, 'other')), 'regression: expected paper'),
         (lambda: SF1Estimator(ROBOT, 'assumed_modes', 2, PAPER_SETTINGS), 'paper_reduced'),
         (lambda: make_estimator('sf2', ROBOT), 'estimator: expected one of sf1_paper, sf1'),
         (lambda: make_estimator('sf1', ROBOT).update(0.0, np.zeros(5), np.zeros(2)),

@@ -183,7 +183,7 @@ class SF1Estimator:
         if not good:
             self.state, self._output = prediction.state, None
             return self._reject(time)
-        return self._correct(time, scaled, prediction)
+        return self.regress(time, scaled, prediction)
 
     def _begin(self, time: float, scaled: Array) -> Estimate:
         self.state[:2] = scaled[:2]
@@ -196,17 +196,22 @@ class SF1Estimator:
         a, rates = self.model.rates(math.cos(self._angle), self.sf1.mass, x, self._command,
                                     self.settings.regression)
         big = self._omega(a)
-        change = step * big.dot(rates)
-        state, a_bar = x + change[:, 0], big.dot(a)
+        a_bar, prediction = big.dot(a), self.prediction_of(x, big, rates)
         if self._output is None:
             self.kalman.skip(a_bar)
         else:
             gain = self.kalman.update(a_bar)
-            state = state + step * gain.dot(self._output - self.model.output.dot(x))
-        return Prediction(state, change[:, 1], change[:, 2])
+            correction = step * gain.dot(self._output - self.model.output.dot(x))
+            prediction = prediction._replace(state=prediction.state + correction)
+        return prediction
 
-    def _correct(self, time: float, scaled: Array, prediction: Prediction) -> Estimate:
-        """Regress and carry the state on."""
+    def prediction_of(self, state: Array, big: Array, rates: Array) -> Prediction:
+        """Return (25) without its innovation, from Omega and the model's rates."""
+        change = self.step * big.dot(rates)
+        return Prediction(state + change[:, 0], change[:, 1], change[:, 2])
+
+    def regress(self, time: float, scaled: Array, prediction: Prediction) -> Estimate:
+        """Regress (28), (29) on a prediction and carry the state on."""
         state, part, slope = prediction
         mass, row = self.sf1.mass, self.composite.row
         innovation = scaled - self.model.output.dot(state)
