@@ -23,7 +23,7 @@ def fit_percent(measured: Array, simulated: Array) -> Array:
     """
     spread = np.linalg.norm(measured - measured.mean(axis=0), axis=0)
     error = np.linalg.norm(measured - simulated, axis=0)
-    moving = spread > 0.0
+    moving = np.ptp(measured, axis=0) > 0.0
     return np.where(moving, 100.0 * (1.0 - error / np.where(moving, spread, 1.0)), np.nan)
 
 

@@ -125,8 +125,9 @@ def _check_bounded(log: Log, arm: ExtendedArm, simulated: Array) -> None:
         pole = float(np.linalg.eigvals(arm.plant.a).real.max())
         raise InputError(
             f'{arm.robot.name}: the model {arm.model_name} with {arm.modes} modes and '
-            f'{arm.payload:g} kg is unstable: {log.output_names[channel]} diverges after '
-            f'{log.time[k] - log.time[0]:g} s (fastest growing pole {pole:+.3g} 1/s)')
+            f'{arm.payload:g} kg is unstable: {log.output_names[channel]} passes '
+            f'{limits[channel]:g} after {log.time[k] - log.time[0]:g} s (fastest growing pole '
+            f'{pole:+.3g} 1/s)')
 
 
 def fit_text(fit: float) -> str:

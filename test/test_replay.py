@@ -1,0 +1,226 @@
+"""Replay of logs: recovers what it simulated, says how wrong it is, and fails in one line."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from importlib import resources
+import json
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+
+from flex_plant_sim.effects import build
+from flex_plant_sim.errors import InputError
+from flex_plant_sim.extended_arm import ExtendedArm
+from flex_plant_sim.fit import fit_percent, rmse
+from flex_plant_sim.log import Log, read_log
+from flex_plant_sim.log_csv import write_csv
+from flex_plant_sim.robot import EffectSpec, load_robot, Robot
+from flex_plant_sim.simulation import simulate, Simulator
+from flex_plant_sim.tools import replay as tool
+import numpy as np
+import pytest
+import yaml
+
+ROBOT = load_robot('reference')
+TOLD = 0.12378423790934351  # truth.json, payload_told of case_8009d8b8
+
+
+def simulated_log(robot: Robot = ROBOT, rows: int = 300, start: float = 0.4) -> Log:
+    """Return a log that the arm itself made, from joint angles `start` at rest."""
+    time_ = robot.sample_time * np.arange(float(rows))
+    command = np.column_stack([np.sin(3.0 * time_), 0.7 * np.cos(2.0 * time_)])
+    arm = ExtendedArm(robot, 'assumed_modes', 3,
+                      effects=[build(spec, robot) for spec in robot.effects])
+    simulator = Simulator(arm)
+    simulator.state[:2] = start
+    output, velocity = simulate(simulator, command)
+    return Log('made', time_, command, output[:, :2], output[:, 2:], robot.gauge_names, velocity)
+
+
+def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, '-m', 'flex_plant_sim.tools.replay', *arguments],
+                          capture_output=True, text=True)
+
+
+def test_fit_and_rmse_by_hand() -> None:
+    measured = np.array([[1.0, 5.0], [3.0, 5.0], [5.0, 5.0]])
+    simulated = np.array([[1.0, 5.0], [2.0, 5.0], [5.0, 5.5]])
+    fit = fit_percent(measured, simulated)
+    assert fit[0] == pytest.approx(100.0 * (1.0 - 1.0 / np.sqrt(8.0)))
+    assert np.isnan(fit[1])
+    assert rmse(measured, simulated) == pytest.approx([np.sqrt(1.0 / 3.0), np.sqrt(0.25 / 3.0)])
+    assert fit_percent(measured, measured.mean(axis=0) + 0.0 * measured)[0] == pytest.approx(0.0)
+
+
+def test_replay_of_its_own_simulation_is_exact() -> None:
+    result = tool.replay(simulated_log(), ROBOT)
+    np.testing.assert_allclose(result.fit_percent, 100.0, atol=1e-9)
+    np.testing.assert_allclose(result.residual, 0.0, atol=1e-13)
+
+
+def test_replay_applies_the_effects_of_the_robot_file() -> None:
+    spec = EffectSpec('coulomb_friction', 'joint_2', {'level_n_m': 0.4})
+    rubbing = replace(ROBOT, effects=(spec,))
+    log = simulated_log(rubbing)
+    np.testing.assert_allclose(tool.replay(log, rubbing).fit_percent, 100.0, atol=1e-9)
+    assert tool.replay(log, ROBOT).fit_percent[1] < 99.0
+
+
+def test_replay_takes_the_log_s_own_rate() -> None:
+    robot = replace(ROBOT, sample_time=0.002)
+    result = tool.replay(simulated_log(robot), ROBOT)
+    assert result.arm.robot.sample_time == 0.002
+    np.testing.assert_allclose(result.fit_percent, 100.0, atol=1e-9)
+
+
+def test_replay_starts_where_the_log_does() -> None:
+    result = tool.replay(simulated_log(start=-1.1), ROBOT)
+    np.testing.assert_allclose(result.simulated[0, :2], -1.1, atol=1e-14)
+    np.testing.assert_allclose(result.simulated[0, 2:], 0.0, atol=1e-18)
+
+
+def test_clean_record_of_another_simulator(shared_data: Path) -> None:
+    """`bench`, nothing hidden: joints >= 97 %, every gauge >= 85 %, three modes."""
+    log = read_log(shared_data / 'bench' / 'case_8009d8b8.csv', ROBOT)
+    modes = tool.replay(log, ROBOT, 'assumed_modes', 3, TOLD).fit_percent
+    assert np.all(modes[:2] >= 97.0)
+    assert np.all(modes[2:] >= 85.0)
+    paper = tool.replay(log, ROBOT, 'paper', 2, TOLD).fit_percent
+    assert np.all(paper[:2] >= 97.0)
+    assert np.all(paper[2:] < modes[2:] - 20.0)
+
+
+def test_real_record_shows_how_wrong_the_nominal_model_is(shared_data: Path) -> None:
+    robot = load_robot('quanser_2dsfl')
+    log = read_log(shared_data / 'quanser_2dsfl' / 'square_10s.csv', robot).part(0, 6000)
+    result = tool.replay(log, robot)
+    assert np.all(np.isfinite(result.simulated))
+    assert np.all(result.fit_percent < 50.0)
+
+
+def test_tool_writes_what_it_prints(tmp_path: Path) -> None:
+    write_csv(tmp_path / 'log.csv', simulated_log())
+    out, plot = tmp_path / 'out.json', tmp_path / 'out.png'
+    process = run(str(tmp_path / 'log.csv'), '--model', 'paper', '--modes', '2', '--payload',
+                  '0.05', '--json', str(out), '--plot', str(plot))
+    assert process.returncode == 0, process.stderr
+    results = json.loads(out.read_text())
+    assert (results['model'], results['modes'], results['payload_kg']) == ('paper', 2, 0.05)
+    assert (results['samples'], results['sample_time_s']) == (300, 0.01)
+    assert list(results['channels']) == ['joint_1', 'joint_2', *ROBOT.gauge_names]
+    log = read_log(tmp_path / 'log.csv', ROBOT)
+    expected = tool.replay(log, ROBOT, 'paper', 2, 0.05)
+    for k, (name, channel) in enumerate(results['channels'].items()):
+        assert channel['fit_percent'] == pytest.approx(expected.fit_percent[k], abs=1e-9)
+        assert channel['rmse'] == pytest.approx(expected.rmse[k], rel=1e-9)
+        assert channel['unit'] == ('rad' if name.startswith('joint') else 'm/m')
+        assert f'{name:<12}' in process.stdout
+        assert f'fit {channel["fit_percent"]:.1f} %' in process.stdout
+    assert plot.read_bytes().startswith(b'\x89PNG')
+
+
+def test_channel_at_rest_has_no_fit(tmp_path: Path) -> None:
+    log = simulated_log()
+    still = replace(log, command=0.0 * log.command, joint=0.0 * log.joint + 0.1,
+                    strain=0.0 * log.strain, velocity=None)
+    write_csv(tmp_path / 'log.csv', still)
+    process = run(str(tmp_path / 'log.csv'), '--json', str(tmp_path / 'out.json'))
+    assert process.returncode == 0, process.stderr
+    assert process.stdout.count('channel at rest') == 6
+    channels = json.loads((tmp_path / 'out.json').read_text())['channels']
+    assert all(channel['fit_percent'] is None for channel in channels.values())
+
+
+def test_other_rate_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_csv(tmp_path / 'log.csv', simulated_log(replace(ROBOT, sample_time=0.005)))
+    assert tool.main([str(tmp_path / 'log.csv')]) == 0
+    assert 'sampled every 0.005 s, not 0.01 s as reference says; the log wins' \
+        in capsys.readouterr().err
+
+
+def test_an_unstable_arm_is_an_error_not_numbers() -> None:
+    """No robot file is unstable, so this arm is made without one: its elbow drive pushes."""
+    robot = ROBOT.with_drive(1, damping=-4.0)
+    with pytest.raises(InputError) as error:
+        tool.replay(simulated_log(), robot)
+    message = str(error.value)
+    assert message.startswith('reference: the model assumed_modes with 3 modes and 0.1 kg is '
+                              'unstable: ')
+    assert 'fastest growing pole +' in message
+
+
+def test_unstable_parameters_leave_no_file(tmp_path: Path) -> None:
+    data = yaml.safe_load((resources.files('flex_plant_sim') / 'robots' / 'quanser_2dsfl.yaml')
+                          .read_text())
+    data['drives']['elbow']['damping_n_m_s'] = -1.5
+    (tmp_path / 'robot.yaml').write_text(yaml.safe_dump(data))
+    write_csv(tmp_path / 'log.csv', simulated_log())
+    process = run(str(tmp_path / 'log.csv'), '--robot', str(tmp_path / 'robot.yaml'), '--json',
+                  str(tmp_path / 'out.json'), '--plot', str(tmp_path / 'out.png'))
+    assert process.returncode == 2
+    assert process.stderr == (f'error: {tmp_path / "robot.yaml"}: drives.elbow.damping_n_m_s: '
+                              'expected a number >= 0, got -1.5\n')
+    assert not list(tmp_path.glob('out*'))
+
+
+BAD_CALLS = [
+    (['absent.csv'], 'error: absent.csv: expected a log, the file does not exist'),
+    (['absent.csv', '--robot', 'scara'], 'error: robot: expected one of quanser_2dsfl, '),
+    (['absent.csv', '--payload', '-0.1'], 'error: argument --payload: expected a mass >= 0 kg'),
+    (['absent.csv', '--payload', 'nan'], 'error: argument --payload: expected a mass >= 0 kg'),
+    (['absent.csv', '--modes', '0'], 'error: argument --modes: expected a whole number from 1'),
+    (['absent.csv', '--model', 'rigid'], "error: argument --model: invalid choice: 'rigid'"),
+    ([], 'error: the following arguments are required: LOG'),
+    (['{log}', '--json', '{folder}/absent/out.json'], 'error: {folder}/absent/out.json: expected '
+                                                      'an existing folder'),
+    (['{log}', '--plot', '{folder}/out.docx'], 'error: {folder}/out.docx: expected an image '
+                                               'suffix'),
+    (['{log}', '--robot', 'quanser_2dsfl'], 'error: {log}: strain: expected 2 gauges'),
+]
+
+
+@pytest.mark.parametrize('arguments, message', BAD_CALLS)
+def test_a_bad_call_is_one_line_and_exit_code_2(tmp_path: Path, arguments: list[str],
+                                                message: str,
+                                                capsys: pytest.CaptureFixture[str]) -> None:
+    write_csv(tmp_path / 'log.csv', simulated_log())
+    names = {'log': str(tmp_path / 'log.csv'), 'folder': str(tmp_path)}
+    try:
+        code = tool.main([argument.format(**names) for argument in arguments])
+    except SystemExit as leaving:  # argparse leaves by itself
+        code = int(leaving.code or 0)
+    shown = capsys.readouterr().err
+    assert code == 2
+    assert shown.startswith(message.format(**names))
+    assert shown.count('\n') == 1
+    assert [path.name for path in tmp_path.iterdir()] == ['log.csv']
+
+
+@contextmanager
+def started(*arguments: str) -> Iterator[subprocess.Popen[str]]:
+    process = subprocess.Popen([sys.executable, '-m', 'flex_plant_sim.tools.replay', *arguments],
+                               stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def test_ctrl_c_leaves_nothing_behind(tmp_path: Path) -> None:
+    """The log is a pipe that nobody fills, so the tool is surely running when Ctrl-C comes."""
+    os.mkfifo(tmp_path / 'log.csv')
+    with started(str(tmp_path / 'log.csv'), '--json', str(tmp_path / 'out.json')) as process:
+        # Opening for writing waits until the tool opens for reading.
+        with open(tmp_path / 'log.csv', 'w'):
+            time.sleep(0.1)
+            process.send_signal(signal.SIGINT)
+            _, error = process.communicate(timeout=60)
+    assert (process.returncode, error) == (130, 'interrupted\n')
+    assert [path.name for path in tmp_path.iterdir()] == ['log.csv']
