@@ -1,0 +1,136 @@
+"""The extended robot: the user's file, with what the diagnosis found under `effects:`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from importlib import resources
+import math
+from pathlib import Path
+import re
+from typing import Any
+
+from flex_plant_sim.atomic_file import whole_file
+from flex_plant_sim.effects.base import Effect
+from flex_plant_sim.errors import InputError
+from flex_plant_sim.robot import built_in_robots, EffectSpec, Link, parse_robot, Robot
+import yaml
+
+# The key at the start of a line and all that is indented below it.
+EFFECTS_BLOCK = re.compile(r'^effects:[^\n]*\n(?:(?:[ \t]+|-)[^\n]*\n|\s*\n(?=[ \t-]))*', re.M)
+
+
+def robot_text(source: str | Path) -> str:
+    """
+    Return the YAML text of a built-in robot, or of a file.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read.
+
+    """
+    name = str(source)
+    if name in built_in_robots():
+        return (resources.files('flex_plant_sim') / 'robots' / f'{name}.yaml').read_text()
+    try:
+        return Path(source).read_text(encoding='utf-8')
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f'{name}: expected a readable text file, got: {error}') from None
+
+
+def specs(effects: Sequence[Effect]) -> tuple[EffectSpec, ...]:
+    """Return effects as a robot file names them."""
+    return tuple(EffectSpec(effect.identifier, effect.site, {
+        parameter.name: float(value) for parameter, value in zip(effect.parameters, effect.values)
+    }) for effect in effects)
+
+
+def extended_text(source: str | Path, robot: Robot, effects: Sequence[Effect]) -> str:
+    """
+    Return the YAML text of an extended robot.
+
+    The user's own text stays, comments included, as long as only effects were added; otherwise
+    the file is written anew with the same keys.
+
+    Parameters
+    ----------
+    source : str or Path
+        Built-in robot or file that the extension started from.
+    robot : Robot
+        With the parameters to write; its effects are ignored.
+    effects : sequence of Effect
+        All that act, those of the user's file included.
+
+    """
+    text = robot_text(source)
+    original = parse_robot(text, str(source))
+    wanted = replace(robot, effects=specs(effects))
+    listed = yaml.safe_dump({'effects': [
+        {'name': spec.name, 'site': spec.site, **spec.values} for spec in wanted.effects]},
+        sort_keys=False, allow_unicode=True)
+    if replace(original, effects=()) == replace(robot, effects=()):
+        kept = EFFECTS_BLOCK.sub('', text).rstrip('\n') + '\n' + listed
+        if _parses_to(kept, wanted):
+            return kept
+    return yaml.safe_dump(document(robot), sort_keys=False, allow_unicode=True) + listed
+
+
+def _parses_to(text: str, wanted: Robot) -> bool:
+    try:
+        return parse_robot(text, 'extended') == wanted
+    except InputError:
+        return False
+
+
+def write_extended(path: str | Path, source: str | Path, robot: Robot,
+                   effects: Sequence[Effect]) -> None:
+    """
+    Write an extended robot, whole or not at all; see extended_text.
+
+    Raises
+    ------
+    InputError
+        If nothing can be written there, or the source cannot be read.
+
+    """
+    text = extended_text(source, robot, effects)
+    with whole_file(path) as temporary:
+        temporary.write_text(text, encoding='utf-8')
+
+
+def document(robot: Robot) -> dict[str, Any]:
+    """Return a robot without its effects as parse_robot reads it."""
+    return {
+        'name': robot.name,
+        'links': {'upper': _link(robot.links[0]), 'lower': _link(robot.links[1])},
+        'drives': {'shoulder': _drive(robot, 0), 'elbow': _drive(robot, 1)},
+        'elbow': {'mass_kg': robot.elbow_mass, 'inertia_kg_m2': robot.elbow_inertia},
+        'payload': {'mass_kg': robot.payload_mass, 'inertia_kg_m2': robot.payload_inertia},
+        'measurement': {
+            'sample_time_s': robot.sample_time,
+            'gauge_amplifier_v_per_strain': robot.gauge_amplifier,
+            'angle_noise_rad': robot.angle_noise, 'strain_noise': robot.strain_noise},
+        'tolerances': asdict(robot.tolerances)}
+
+
+def _link(link: Link) -> dict[str, Any]:
+    return {
+        'length_m': link.length, 'thickness_m': link.thickness, 'height_m': link.height,
+        'youngs_modulus_pa': link.youngs_modulus, 'density_kg_per_m3': link.density,
+        'damping_ratio': link.damping_ratio, 'hub_radius_m': link.hub_radius,
+        'gauge_positions_m': list(link.gauge_positions)}
+
+
+def _drive(robot: Robot, index: int) -> dict[str, Any]:
+    drive = robot.drives[index]
+    found: dict[str, Any] = {'inertia_kg_m2': drive.inertia}
+    if drive.closed_loop:
+        found |= {'kind': 'velocity_loop', 'time_constant_s': drive.inertia / drive.damping,
+                  'gain_rad_per_s': drive.torque_gain / drive.damping}
+    else:
+        found |= {'kind': 'current', 'torque_constant_n_m_per_a': drive.torque_gain,
+                  'damping_n_m_s': drive.damping}
+    if math.isfinite(drive.command_limit):
+        found['command_limit'] = drive.command_limit
+    return found

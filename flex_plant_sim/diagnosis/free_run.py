@@ -1,0 +1,72 @@
+"""Free runs: from a filtered state on by commands alone, from many start instants at once."""
+
+from __future__ import annotations
+
+from flex_plant_sim.arm_model import Array
+from flex_plant_sim.diagnosis.predictor import _at_drive, _payload_schedule, Predictor
+from flex_plant_sim.schedule import barycentric_weights
+import numpy as np
+
+START_COUNT = 240
+ONE_STEP = 1
+
+
+def start_instants(first: int, stop: int, count: int = START_COUNT) -> Array:
+    """Return at most `count` evenly spaced sample numbers from first to stop (exclusive)."""
+    instants: Array = np.arange(first, stop, max(1, -(-(stop - first) // count)))
+    return instants
+
+
+def free_run(predictor: Predictor, starts: Array, steps: int) -> Array:
+    """
+    Simulate without corrections, with every effect of the predictor's base.
+
+    A run starts at the state that the predictor knew one sample before, so its first output is
+    the one-step prediction and output k is k + 1 samples after the last measurement used.
+
+    Parameters
+    ----------
+    predictor : Predictor
+        Its base acts, its filtered states are where runs start.
+    starts : Array
+        Sample numbers, (S,), int.
+    steps : int
+        Samples a run.
+
+    Returns
+    -------
+    Array
+        Predicted outputs, (steps, S, m); NaN behind the record's end.
+
+    """
+    record, base = predictor.record, predictor.base
+    arm = base.arm(record.payload)
+    payload, table = _payload_schedule(arm, record.time, np.ones((len(record.time), 1)))
+    command = _at_drive(arm, record)[:, 0]
+    n, order = arm.states, arm.form.order
+    state = predictor.states[starts]
+    outputs = np.full((steps, len(starts), predictor.noise.size), np.nan)
+    with np.errstate(all='ignore'):
+        for k in range(steps):
+            rows = np.minimum(starts + k, len(record.time) - 1)
+            inside, time = starts + k < len(record.time), record.time[rows]
+            outputs[k, inside] = arm.output(state, time)[inside]
+            angle = barycentric_weights(np.cos(state[:, :order] @ arm.form.elbow_angle), arm.nodes)
+            both = (payload[rows][:, :, None] * angle[:, None, :]).reshape(len(rows), -1)
+            matrices = (both @ table).reshape(len(rows), n, -1)
+            inputs = np.concatenate([state, command[rows]], axis=1)
+            after = (matrices[..., :n + 2] @ inputs[..., None])[..., 0]
+            state = arm.apply_effects(matrices[..., n + 2:], state, after, command[rows], time)
+    return outputs
+
+
+def errors(predictor: Predictor, starts: Array, steps: int) -> Array:
+    """Return measured minus simulated over free runs, (steps, S, m); NaN behind the end."""
+    simulated = free_run(predictor, starts, steps)
+    rows = np.minimum(starts + np.arange(steps)[:, None], len(predictor.record.time) - 1)
+    return predictor.record.output[rows] - simulated
+
+
+def horizon_samples(horizon: float, sample_time: float) -> int:
+    """Return the horizon in samples, at least one."""
+    return max(ONE_STEP, round(horizon / sample_time))

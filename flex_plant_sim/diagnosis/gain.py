@@ -1,0 +1,184 @@
+"""What the extended model gains on the locked part of the records: errors before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from flex_plant_sim.arm_model import Array
+from flex_plant_sim.diagnosis.free_run import errors, horizon_samples, start_instants
+from flex_plant_sim.diagnosis.predictor import Predictor
+from flex_plant_sim.errors import InputError
+import numpy as np
+
+HORIZONS = (0.2, 1.0, 2.0, 5.0)
+FEWEST_STARTS = 20
+REPLICATES = 1000
+INTERVAL = (2.5, 97.5)
+# Blocks at least as long as the horizon, but never so long that fewer than this many remain.
+FEWEST_BLOCKS = 5
+
+
+@dataclass(frozen=True)
+class Gain:
+    """
+    Errors of one channel at one horizon, before and after the extension.
+
+    Attributes
+    ----------
+    channel, unit : str
+    horizon : float
+        Time since the last measurement used, s; one sample time is one-step prediction.
+    before, after : float
+        Root mean square over the start instants of the error at the end of the horizon.
+    low, high : float
+        95 % bootstrap interval of `after`.
+    ratio_low, ratio_high : float
+        The same of after / before, from the same replicates (pairs stay together).
+    starts : int
+        Start instants.
+
+    """
+
+    channel: str
+    unit: str
+    horizon: float
+    before: float
+    after: float
+    low: float
+    high: float
+    ratio_low: float
+    ratio_high: float
+    starts: int
+
+    @property
+    def ratio(self) -> float:
+        """Return after / before."""
+        return self.after / self.before if self.before > 0.0 else 1.0
+
+
+def horizon_errors(predictor: Predictor, horizons: Sequence[float],
+                   parts: tuple[int, int] | None = None) -> dict[float, Array]:
+    """
+    Return the errors at the end of free runs by horizon, s: (S, m) each.
+
+    Parameters
+    ----------
+    predictor : Predictor
+        Of the model to judge.
+    horizons : sequence of float
+        s; one that leaves too few start instants is left out.
+    parts : tuple of int, optional
+        First sample and stop of the part to use; the locked windows of the predictor if None.
+
+    """
+    step = predictor.base.robot.sample_time
+    first, stop = parts or locked_rows(predictor)
+    starts = start_instants(first, stop)
+    samples = {h: horizon_samples(h, step) for h in (step, *horizons)}
+    kept = {h: k for h, k in samples.items()
+            if np.count_nonzero(starts + k <= stop) >= min(FEWEST_STARTS, len(starts))}
+    found = errors(predictor, starts, max(kept.values()))
+    return {h: found[k - 1][starts + k <= stop] for h, k in kept.items()}
+
+
+def locked_rows(predictor: Predictor) -> tuple[int, int]:
+    """Return the first sample and the stop of a predictor's windows."""
+    windows = predictor.windows
+    return int(windows.starts[0]), int(windows.starts[-1]) + windows.length
+
+
+def measure_gain(nominal: Sequence[Predictor], extended: Sequence[Predictor],
+                 horizons: Sequence[float] = HORIZONS, seed: int = 0) -> tuple[Gain, ...]:
+    """
+    Return the errors before and after per channel and horizon.
+
+    Moving blocks of start instants are drawn again, circularly within each record and together
+    for both models (Künsch, Annals of Statistics 17 (1989)).
+
+    Parameters
+    ----------
+    nominal, extended : sequence of Predictor
+        One per record each, over the locked windows of the same records.
+    horizons : sequence of float
+        s; those that no record is long enough for are left out.
+    seed : int
+        Of the bootstrap.
+
+    Raises
+    ------
+    InputError
+        No record, or not the same ones.
+
+    """
+    if not nominal or len(nominal) != len(extended):
+        raise InputError(f'records: expected the same number before and after, at least one, '
+                         f'got {len(nominal)} and {len(extended)}')
+    before = [horizon_errors(p, horizons) for p in nominal]
+    after = [horizon_errors(p, horizons) for p in extended]
+    names, step = nominal[0].base.robot.output_names, nominal[0].base.robot.sample_time
+    spacing = [start_spacing(p) * step for p in nominal]
+    rng, gains = np.random.default_rng(seed), []
+    for horizon in (step, *horizons):
+        kept = [k for k, found in enumerate(before) if horizon in found]
+        if not kept:
+            continue
+        pairs = [np.stack([before[k][horizon], after[k][horizon]]) for k in kept]
+        blocks = [max(1, round(horizon / spacing[k])) for k in kept]
+        gains += _gains(names, horizon, pairs, blocks, rng)
+    return tuple(gains)
+
+
+def start_spacing(predictor: Predictor) -> int:
+    """Return the samples between start instants."""
+    starts = start_instants(*locked_rows(predictor))
+    return int(starts[1] - starts[0]) if len(starts) > 1 else 1
+
+
+def _gains(names: Sequence[str], horizon: float, pairs: Sequence[Array],
+           blocks: Sequence[int], rng: np.random.Generator) -> list[Gain]:
+    with np.errstate(over='ignore', invalid='ignore'):
+        squares = [pair**2 for pair in pairs]
+        count = sum(square.shape[1] for square in squares)
+        rms = np.sqrt(sum(square.sum(axis=1) for square in squares) / count)
+        replicates = np.sqrt(sum(
+            _resampled_sums(square, block, rng) for square, block in zip(squares, blocks)) / count)
+        after = np.percentile(replicates[:, 1], INTERVAL, axis=0)
+        ratio = np.percentile(replicates[:, 1] / np.maximum(replicates[:, 0], 1e-300),
+                              INTERVAL, axis=0)
+    return [Gain(name, 'rad' if k < 2 else 'm/m', horizon, float(rms[0, k]), float(rms[1, k]),
+                 float(after[0, k]), float(after[1, k]), float(ratio[0, k]), float(ratio[1, k]),
+                 count) for k, name in enumerate(names)]
+
+
+def _resampled_sums(squares: Array, block: int, rng: np.random.Generator) -> Array:
+    """Return sums over drawn circular blocks of squares (2, S, m), scaled to S: (R, 2, m)."""
+    count = squares.shape[1]
+    length = max(1, min(block, count // FEWEST_BLOCKS))
+    rounds = -(-count // length)
+    wrapped = np.concatenate([squares, squares[:, :length]], axis=1)
+    sums = np.cumsum(np.pad(wrapped, ((0, 0), (1, 0), (0, 0))), axis=1)
+    per_block = sums[:, length:length + count] - sums[:, :count]
+    drawn = rng.integers(0, count, (REPLICATES, rounds))
+    return per_block[:, drawn].sum(axis=2).transpose(1, 0, 2) * count / (rounds * length)
+
+
+def gain_results(gains: Sequence[Gain]) -> Mapping[str, Mapping[str, Any]]:
+    """
+    Return the gains for JSON: by channel, one list per figure, over the horizons.
+
+    `low` and `high` bound `after` (95 %), `ratio_low` and `ratio_high` after / before. Figures
+    of a simulation that diverged are null.
+    """
+    results: dict[str, dict[str, Any]] = {}
+    for gain in gains:
+        row = results.setdefault(gain.channel, {
+            'unit': gain.unit, 'horizon_s': [], 'before': [], 'after': [], 'low': [],
+            'high': [], 'ratio_low': [], 'ratio_high': [], 'starts': []})
+        row['horizon_s'].append(gain.horizon)
+        row['starts'].append(gain.starts)
+        for key in ('before', 'after', 'low', 'high', 'ratio_low', 'ratio_high'):
+            value = getattr(gain, key)
+            row[key].append(value if np.isfinite(value) else None)
+    return results

@@ -1,0 +1,262 @@
+"""What is wrong before any cause is named: sizes, whiteness and shape of the residual."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from flex_plant_sim.arm_model import Array
+from flex_plant_sim.diagnosis.free_run import errors, horizon_samples, start_instants
+from flex_plant_sim.diagnosis.predictor import Predictor
+import numpy as np
+from scipy.linalg import solve_toeplitz
+from scipy.signal import welch
+from scipy.stats import chi2
+
+HORIZONS = (0.2, 1.0, 5.0)
+LAGS = 20
+FOLDS = 5
+COMMAND_LAGS = 6
+# Speed below which a joint is taken to rest, as a share of its root-mean-square speed.
+REST = 0.1
+STARTS, SHORT_STARTS = 120, 900
+DRIFTED = 0.2
+
+
+@dataclass(frozen=True)
+class Whiteness:
+    """
+    How far the past of a residual tells its future.
+
+    Attributes
+    ----------
+    statistic : float
+        Ljung and Box, Biometrika 65 (1978): Q over `lags` lags.
+    lags : int
+    p_value : float
+        Of Q if the residual were white; with many samples any residual fails.
+    predictable : float
+        Share of the variance that an autoregression of as many lags explains: the size that
+        counts in practice.
+
+    """
+
+    statistic: float
+    lags: int
+    p_value: float
+    predictable: float
+
+
+@dataclass(frozen=True)
+class ChannelResidual:
+    """
+    What is wrong in one channel.
+
+    Attributes
+    ----------
+    channel, unit : str
+    noise : float
+        Standard deviation of the sensor's white noise, from the record itself.
+    free_run : Mapping
+        Root mean square error by horizon, s; the sample time stands for one-step prediction.
+    whiteness : Whiteness
+        Of the one-step residual.
+    one_step, drifted : Mapping
+        Share of the residual's power that a shape explains on held-out stretches: of the
+        one-step residual, and of the error after DRIFTED seconds of free run.
+    bands : tuple
+        (low Hz, high Hz, share of the one-step residual's power, share if it were white).
+
+    """
+
+    channel: str
+    unit: str
+    noise: float
+    free_run: Mapping[float, float]
+    whiteness: Whiteness
+    one_step: Mapping[str, float]
+    drifted: Mapping[str, float]
+    bands: tuple[tuple[float, float, float, float], ...]
+
+    def results(self) -> dict[str, Any]:
+        """Return the figures for JSON; what diverged is null."""
+        found = asdict(self)
+        found['free_run'] = {f'{h:g}': v if np.isfinite(v) else None
+                             for h, v in self.free_run.items()}
+        return found
+
+
+def whiteness(parts: Sequence[Array], lags: int = LAGS) -> Whiteness:
+    """Return the whiteness of a residual given as stretches (N_k,) without a gap each."""
+    count = sum(len(part) for part in parts)
+    lags = min(lags, *(len(part) - 1 for part in parts))
+    mean = sum(part.sum() for part in parts) / count
+    covariance = np.array([sum(float((p[k:] - mean) @ (p[:len(p) - k] - mean)) for p in parts)
+                           for k in range(lags + 1)])
+    if covariance[0] <= 0.0:
+        return Whiteness(0.0, lags, 1.0, 0.0)
+    rho = covariance / covariance[0]
+    statistic = float(count * (count + 2) * np.sum(rho[1:]**2 / (count - np.arange(1, lags + 1))))
+    explained = float(rho[1:] @ solve_toeplitz(rho[:-1], rho[1:]))
+    adjusted = 1.0 - (1.0 - explained) * count / max(count - lags, 1)
+    return Whiteness(statistic, lags, float(chi2.sf(statistic, lags)), max(adjusted, 0.0))
+
+
+def shapes(predictor: Predictor) -> dict[str, Array]:
+    """
+    Return what a residual may depend on, by name: columns (N, k) over the record.
+
+    They come from the predicted state and the commands, not from the measured channels, whose
+    noise is in the residual too.
+    """
+    arm, record, order = predictor.arm, predictor.record, predictor.arm.form.order
+    angle, speed = predictor.states[:, :2], predictor.states[:, order:order + 2]
+    load = arm.output(predictor.states, record.time)[:, 2:]
+    rest = REST * np.sqrt(np.mean(speed**2, axis=0)) + 1e-12
+    padded = np.vstack([np.repeat(record.command[:1], COMMAND_LAGS, axis=0), record.command])
+    commands = [padded[k:k + len(record.time)] for k in range(1, COMMAND_LAGS + 1)]
+    time = (record.time - record.time[0])[:, None] / max(np.ptp(record.time), 1e-12)
+    return {
+        'velocity sign': np.tanh(speed / rest),
+        'speed': np.hstack([speed, speed * np.abs(speed)]),
+        'angle': np.hstack([np.sin(angle), np.cos(angle)]),
+        'load': load,
+        'command': np.hstack(commands),
+        'time': np.hstack([time, time**2])}
+
+
+def explained_share(residual: Array, columns: Array, fold: Array) -> Array:
+    """
+    Return the share of each channel's power that the columns explain where not fitted, (m,).
+
+    Parameters
+    ----------
+    residual : Array
+        (N, m).
+    columns : Array
+        (N, k); a constant is added.
+    fold : Array
+        Number of the held-out group of each row, (N,).
+
+    """
+    design = np.hstack([np.ones((len(columns), 1)), columns])
+    scale = np.sqrt(np.mean(design**2, axis=0))
+    design = design[:, scale > 0.0] / scale[scale > 0.0]
+    left, constant = np.zeros(residual.shape[1]), np.zeros(residual.shape[1])
+    for k in np.unique(fold):
+        out = fold == k
+        fitted = np.linalg.lstsq(design[~out], residual[~out], rcond=1e-8)[0]
+        left += np.sum((residual[out] - design[out] @ fitted)**2, axis=0)
+        constant += np.sum((residual[out] - residual[~out].mean(axis=0))**2, axis=0)
+    return np.clip(1.0 - left / np.maximum(constant, 1e-300), 0.0, 1.0)
+
+
+def _dependences(residual: Array, columns: Mapping[str, Array], fold: Array) -> list[dict]:
+    constant = np.mean(residual, axis=0)**2 / np.maximum(np.mean(residual**2, axis=0), 1e-300)
+    shares = {'constant': constant, **{
+        name: explained_share(residual, values, fold) for name, values in columns.items()}}
+    return [{name: float(share[k]) for name, share in shares.items()}
+            for k in range(residual.shape[1])]
+
+
+def natural_frequencies(predictor: Predictor) -> Array:
+    """Return the vibration frequencies of the base at the middle angle, Hz, ascending."""
+    plant = predictor.arm.plant.a
+    poles = np.linalg.eigvals(plant[len(plant) // 2])
+    swinging = poles[poles.imag > 1e-3 * np.abs(poles)]
+    return np.sort(np.abs(swinging)) / (2.0 * np.pi)
+
+
+def bands(parts: Sequence[Array], edges: Array, sample_time: float
+          ) -> list[tuple[tuple[float, float, float, float], ...]]:
+    """Return per channel (low, high, share of power, share if white) between edges, Hz."""
+    length = min(512, *(len(part) for part in parts))
+    spectra = [welch(p, 1.0 / sample_time, nperseg=length, detrend=False, axis=0) for p in parts]
+    frequency = spectra[0][0]
+    power = sum(s[1] * len(p) for s, p in zip(spectra, parts))
+    inside = [(frequency >= low) & (frequency < high) for low, high in zip(edges, edges[1:])]
+    total = np.maximum(power.sum(axis=0), 1e-300)
+    return [tuple((float(low), float(high), float(power[i, k].sum() / total[k]),
+                   float(i.mean())) for low, high, i in zip(edges, edges[1:], inside))
+            for k in range(power.shape[1])]
+
+
+def band_edges(predictor: Predictor) -> Array:
+    """Return band edges: below the slowest mode, around each of two, above; Hz."""
+    nyquist = 0.5 / predictor.base.robot.sample_time
+    modes = natural_frequencies(predictor)
+    inner = [0.5 * modes[0], *(np.sqrt(modes[:2] * modes[1:3]))] if len(modes) > 2 else []
+    return np.array([0.0, *(f for f in inner if f < 0.9 * nyquist), 1.01 * nyquist])
+
+
+def one_step(predictor: Predictor) -> Array:
+    """Return measured minus predicted over the whole record but the first window, (N, m)."""
+    predicted = predictor.arm.output(predictor.states, predictor.record.time)
+    return (predictor.record.output - predicted)[predictor.windows.warm_up:]
+
+
+def describe(predictors: Sequence[Predictor],
+             horizons: Sequence[float] = HORIZONS) -> tuple[ChannelResidual, ...]:
+    """
+    Return what is wrong in every channel, over the whole of all records.
+
+    Parameters
+    ----------
+    predictors : sequence of Predictor
+        One per record, of the model to judge.
+    horizons : sequence of float
+        Of free runs, s; those beyond the records are left out.
+
+    """
+    first = predictors[0]
+    step, names = first.base.robot.sample_time, first.base.robot.output_names
+    steps = [one_step(p) for p in predictors]
+    rows = [p.windows.warm_up + np.arange(len(e)) for p, e in zip(predictors, steps)]
+    now = _over_records(predictors, steps, rows)
+    later = _after(predictors, DRIFTED)
+    spectrum = bands(steps, band_edges(first), step)
+    runs = _free_run_errors(predictors, steps, horizons)
+    noise = np.sqrt(np.mean([p.noise**2 for p in predictors], axis=0))
+    return tuple(ChannelResidual(
+        name, 'rad' if k < 2 else 'm/m', float(noise[k]),
+        {h: float(e[k]) for h, e in runs.items()}, whiteness([part[:, k] for part in steps]), now[k], later[k], spectrum[k])
+        for k, name in enumerate(names))
+
+
+def _over_records(predictors: Sequence[Predictor], residuals: Sequence[Array],
+                  rows: Sequence[Array]) -> list[dict]:
+    """Return the dependences of residuals at sample numbers, all records together."""
+    found = [shapes(p) for p in predictors]
+    columns = {name: np.vstack([s[name][r] for s, r in zip(found, rows)]) for name in found[0]}
+    fold = np.concatenate([r // p.windows.length % FOLDS for p, r in zip(predictors, rows)])
+    return _dependences(np.vstack(residuals), columns, fold)
+
+
+def _after(predictors: Sequence[Predictor], horizon: float) -> list[dict]:
+    """Return the dependences of the error after a free run on what was at its start."""
+    residuals, rows = [], []
+    for p in predictors:
+        samples = horizon_samples(horizon, p.base.robot.sample_time)
+        starts = start_instants(p.windows.warm_up, len(p.record.time) - samples, SHORT_STARTS)
+        residuals.append(np.nan_to_num(errors(p, starts, samples)[-1], posinf=0.0, neginf=0.0))
+        rows.append(starts + samples // 2)
+    return _over_records(predictors, residuals, rows)
+
+
+def _free_run_errors(predictors: Sequence[Predictor], steps: Sequence[Array],
+                     horizons: Sequence[float]) -> dict[float, Array]:
+    step = predictors[0].base.robot.sample_time
+    found: dict[float, list[Array]] = {step: list(steps)}
+    for p in predictors:
+        samples = {h: horizon_samples(h, step) for h in horizons}
+        count = len(p.record.time)
+        fitting = {h: k for h, k in samples.items() if p.windows.warm_up + k < count}
+        if not fitting:
+            continue
+        starts = start_instants(p.windows.warm_up, count - min(fitting.values()), STARTS)
+        error = errors(p, starts, max(fitting.values()))
+        for h, k in fitting.items():
+            found.setdefault(h, []).append(error[k - 1][starts + k <= count])
+    with np.errstate(over='ignore', invalid='ignore'):
+        return {h: np.sqrt(np.mean(np.vstack(e)**2, axis=0)) for h, e in found.items()}

@@ -1,0 +1,95 @@
+"""The extended robot file: it reads back as what was written, and keeps what the user wrote."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from flex_plant_sim.diagnosis.extend import document, extended_text, write_extended
+from flex_plant_sim.effects import build, catalogue, effects_of, parse, sites
+from flex_plant_sim.effects.base import Effect
+from flex_plant_sim.errors import InputError
+from flex_plant_sim.robot import built_in_robots, load_robot, parse_robot, Robot
+import pytest
+import yaml
+
+
+def some_of_each(robot: Robot) -> list[Effect]:
+    """Return every effect of the catalogue once, at an awkward value."""
+    found = []
+    for effect in catalogue().values():
+        values = tuple(min(max(p.low, p.starts[0] / 3.0), p.high) for p in effect.parameters)
+        found.append(effect(sites(effect, robot)[-1], values))
+    return found
+
+
+@pytest.mark.parametrize('name', built_in_robots())
+def test_every_effect_reads_back_exactly(name: str, tmp_path: Path) -> None:
+    robot = load_robot(name)
+    effects = some_of_each(robot)
+    write_extended(tmp_path / 'robot.yaml', name, robot, effects)
+    again = load_robot(tmp_path / 'robot.yaml')
+    assert effects_of(again) == tuple(effects)
+    assert replace(again, effects=()) == robot
+    assert [path.name for path in tmp_path.iterdir()] == ['robot.yaml']
+
+
+def test_comments_stay_and_effects_are_not_doubled(tmp_path: Path) -> None:
+    robot = load_robot('reference')
+    first = build(parse('coulomb_friction:joint_2:level_n_m=1e-05'), robot)
+    second = build(parse('strain_drift:strain_1a:drift_per_s=-3e-07'), robot)
+    path = tmp_path / 'once.yaml'
+    write_extended(path, 'reference', robot, [first])
+    text = extended_text(path, robot, [first, second])
+    assert text.startswith('# The reference robot')
+    assert text.count('effects:') == 1
+    assert effects_of(parse_robot(text, 'twice')) == (first, second)
+
+
+@pytest.mark.parametrize('existing', [
+    'effects: [{name: coulomb_friction, site: joint_1, level_n_m: 0.2}]\n',
+    'effects:\n- name: coulomb_friction\n  site: joint_1\n\n  level_n_m: 0.2\n',
+    'effects:\n  - {name: coulomb_friction,\n     site: joint_1, level_n_m: 0.2}\n'])
+def test_existing_effects_in_any_form_are_replaced(existing: str, tmp_path: Path) -> None:
+    text = extended_text('reference', load_robot('reference'), [])
+    head, tail = text.replace('effects: []\n', '').split('payload:')
+    path = tmp_path / 'robot.yaml'
+    path.write_text(f'{head}{existing}payload:{tail}', encoding='utf-8')
+    robot = load_robot(path)
+    assert len(robot.effects) == 1
+    added = build(parse('input_delay:arm:delay_s=0.013'), robot)
+    again = parse_robot(extended_text(path, robot, [*effects_of(robot), added]), 'again')
+    assert [spec.name for spec in again.effects] == ['coulomb_friction', 'input_delay']
+    assert replace(again, effects=()) == replace(robot, effects=())
+
+
+@pytest.mark.parametrize('name', built_in_robots())
+def test_changed_parameters_are_written_with_the_same_keys(name: str) -> None:
+    robot = load_robot(name)
+    link, drive = robot.links[1], robot.drives[0]
+    changed = robot.with_link(1, youngs_modulus=1.031 * link.youngs_modulus)
+    changed = changed.with_drive(0, inertia=1.07 * drive.inertia)
+    effect = build(parse('coulomb_friction:joint_2:level_n_m=0.43'), robot)
+    again = parse_robot(extended_text(name, changed, [effect]), 'again')
+    assert again.links == changed.links
+    assert again.tolerances == robot.tolerances
+    assert again.drives[0].inertia == pytest.approx(1.07 * drive.inertia, rel=1e-14)
+    assert again.drives[0].damping == pytest.approx(drive.damping, rel=1e-14)
+    assert again.drives[0].torque_gain == pytest.approx(drive.torque_gain, rel=1e-14)
+    assert effects_of(again) == (effect,)
+
+
+@pytest.mark.parametrize('name', built_in_robots())
+def test_a_written_document_is_the_robot(name: str) -> None:
+    robot = load_robot(name)
+    assert parse_robot(yaml.safe_dump(document(robot)), name) == robot
+
+
+def test_nothing_is_left_where_nothing_can_be_written(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match='expected an existing folder'):
+        write_extended(tmp_path / 'missing' / 'robot.yaml', 'reference',
+                       load_robot('reference'), [])
+    with pytest.raises(InputError, match='expected a readable text file'):
+        write_extended(tmp_path / 'robot.yaml', tmp_path / 'none.yaml',
+                       load_robot('reference'), [])
+    assert list(tmp_path.iterdir()) == []
