@@ -58,6 +58,8 @@ class Experiment:
         payload = robot.payload_mass if options.payload is None else options.payload
         plant = {**arm, 'payload': payload, 'seed': options.seed, 'publish_clock': False,
                  'angle_noise': robot.angle_noise, 'strain_noise': robot.strain_noise}
+        if options.no_noise:
+            plant.update(angle_noise=0.0, strain_noise=0.0)
         if options.drop_at is not None:
             plant['payload_schedule'] = [options.drop_at, payload, options.drop_at, 0.0]
         return cls(check_parameters('plant_sim', plant), check_parameters(
@@ -112,13 +114,13 @@ def _spin(experiment: Experiment) -> LoopRecord:
         experiment.samples, robot_of(experiment.plant).gauge_names, progress,
         lambda: end.set_result(None), namespace=namespace)
     nodes: list[Any] = [recorder]
-    executor = EventsExecutor()
     for kind, values in ((PayloadEstimatorNode, experiment.estimator),
                          (LQGControllerNode, experiment.controller),
                          (PlantSim, experiment.plant)):
         nodes.append(kind(namespace=namespace, parameter_overrides=[
             Parameter(name, value=list(value) if isinstance(value, tuple) else value)
             for name, value in values.items() if value != ()]))
+    executor = EventsExecutor()
     for node in nodes:
         executor.add_node(node)
     while not end.done():
@@ -189,18 +191,16 @@ def whole_folder(path: Path) -> Iterator[Path]:
         if not path.is_dir() or any(path.iterdir()):
             raise InputError(f'--out: expected a new folder or an earlier output of flex_demo, '
                              f'got {str(path)!r}')
-    if not path.absolute().parent.is_dir():
-        raise InputError(f'--out: expected an existing folder around {str(path)!r}')
-    try:
-        with TemporaryDirectory(prefix='.flex_demo_', dir=path.absolute().parent) as temporary:
-            new, old = Path(temporary) / 'new', Path(temporary) / 'old'
-            new.mkdir()
-            yield new
-            if path.exists():
-                shutil.move(path, old)
-            shutil.move(new, path)
-    except OSError as error:
-        raise InputError(f'--out: expected a writable place, got: {error}') from None
+    parent = path.absolute().parent
+    if not (parent.is_dir() and os.access(parent, os.W_OK)):
+        raise InputError(f'--out: expected a writable folder around {str(path)!r}')
+    with TemporaryDirectory(prefix='.flex_demo_', dir=parent) as temporary:
+        new, old = Path(temporary) / 'new', Path(temporary) / 'old'
+        new.mkdir()
+        yield new
+        if path.exists():
+            shutil.move(path, old)
+        shutil.move(new, path)
 
 
 def write_output(experiment: Experiment, record: LoopRecord, folder: Path,
@@ -233,12 +233,13 @@ def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
     """Return the parsed options."""
     options = command_line.parser("The paper's experiment in closed loop over ROS 2 topics.")
     command_line.add_arm_arguments(options, 'paper_reduced', 2)
-    options.add_argument('--estimator', default='sf1_paper', help='payload estimator',
+    options.add_argument('--estimator', default='sf1', help='payload estimator',
                          choices=load_parameters()['payload_estimator']['estimator'].choices)
     options.add_argument('--duration', default=10.0, type=_positive, metavar='S',
                          help='simulated time, s')
     options.add_argument('--drop-at', default=None, type=_positive, metavar='S',
                          help='let the payload fall at this time, s')
+    options.add_argument('--no-noise', action='store_true', help='measure without noise')
     options.add_argument('--seed', default=0, type=_seed, metavar='N', help='seed of all noise')
     options.add_argument('--out', default='demo_output', type=Path, metavar='FOLDER',
                          help='where figures and logs go')

@@ -61,15 +61,16 @@ class Estimates:
         return {
             'log': self.source, 'duration_s': round(float(self.time[-1]), 9),
             'mass_kg': mass, 'std_kg': std,
-            'interval95_kg': [mass - INTERVAL * std, mass + INTERVAL * std],
+            'interval95_kg': [max(mass - INTERVAL * std, 0.0), mass + INTERVAL * std],
             'at_s': {key: self.row(k)[0] for key, k in self.marks().items()},
             'std_at_s': {key: self.row(k)[1] for key, k in self.marks().items()},
             'status': self.status[-1], 'status_samples': counts}
 
     def table(self) -> str:
         """Return the figures for a reader."""
-        rows = [*((f'{float(key):g} s', k) for key, k in self.marks().items()),
-                (f'end, {self.time[-1]:g} s', len(self.time) - 1)]
+        last = len(self.time) - 1
+        rows = [*((f'{key} s', k) for key, k in self.marks().items() if k < last),
+                (f'end, {self.time[-1]:g} s', last)]
         lines = [self.source]
         for label, k in rows:
             mass, std = self.row(k)

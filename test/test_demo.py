@@ -1,0 +1,158 @@
+"""flex_demo: the whole way from options to figures and logs, over topics."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+import json
+import os
+from pathlib import Path
+import subprocess
+import sys
+from typing import Any
+
+from flex_payload_estimator.tools import demo
+from flex_plant_sim.log import read_log
+from flex_plant_sim.robot import load_robot
+import numpy as np
+import pytest
+
+PNG = b'\x89PNG\r\n\x1a\n'
+
+
+def run(domain_id: int, folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run flex_demo as a process in a ROS domain of its own."""
+    return subprocess.run(
+        [sys.executable, '-m', 'flex_payload_estimator.tools.demo', *arguments], cwd=folder,
+        env={**os.environ, 'ROS_DOMAIN_ID': str(domain_id),
+             'PYTHONPATH': str(Path(__file__).resolve().parents[1])},
+        text=True, capture_output=True, timeout=240.0)
+
+
+@pytest.fixture(scope='module')
+def output(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """Return the folder and the words of one short run."""
+    folder = tmp_path_factory.mktemp('demo')
+    # Domains above 101 are free of the tests' locked ones.
+    result = run(150 + os.getpid() % 50, folder, '--duration', '4', '--out', 'out')
+    assert result.returncode == 0, result.stderr
+    return folder / 'out', result.stdout
+
+
+@pytest.mark.ros
+def test_the_demo_estimates_the_payload_and_says_what_to_look_at(
+    output: tuple[Path, str],
+) -> None:
+    folder, words = output
+    summary = json.loads((folder / 'summary.json').read_text())
+    assert summary['mass_kg'] == pytest.approx(0.1, rel=0.05)
+    assert summary['within_5_percent_from_s'] <= 3.0
+    assert summary['at_s']['3'] == pytest.approx(0.1, rel=0.05)
+    assert words.count('payload = ') == 9, 'twice a second'
+    for text in ('±', 'figure_5.png', 'flex_estimate', 'flex_replay', 'flex_diagnose'):
+        assert text in words
+
+
+@pytest.mark.ros
+def test_the_demo_writes_six_figures_and_two_equal_logs(output: tuple[Path, str]) -> None:
+    folder, _ = output
+    figures = sorted(path.name for path in folder.glob('*.png'))
+    assert figures == [f'figure_{number}.png' for number in range(4, 10)]
+    for name in figures:
+        content = (folder / name).read_bytes()
+        assert content.startswith(PNG)
+        assert len(content) > 10_000
+    robot = load_robot('reference')
+    csv, bag = read_log(folder / 'run.csv', robot), read_log(folder / 'run_mcap', robot)
+    assert len(csv) == len(bag) == 401
+    np.testing.assert_allclose(csv.output, bag.output, rtol=1e-8, atol=1e-12)
+    np.testing.assert_allclose(csv.command, bag.command, rtol=1e-8, atol=1e-12)
+    assert {path.name for path in folder.parent.iterdir()} == {'out'}, 'nothing temporary stays'
+
+
+@pytest.mark.ros
+def test_the_topics_gave_what_the_offline_loop_gives(output: tuple[Path, str]) -> None:
+    from flex_payload_estimator.loop import run_loop
+    from flex_payload_estimator.node_setup import controller_of, estimator_of, set_points_of
+    from flex_plant_sim.plant_setup import simulator_of
+
+    experiment = demo.Experiment.of(demo.options_of(['--duration', '4']))
+    record = run_loop(simulator_of(experiment.plant), estimator_of(experiment.estimator),
+                      controller_of(experiment.controller),
+                      set_points_of(experiment.controller), experiment.duration)
+    bag = read_log(output[0] / 'run_mcap', load_robot('reference'))
+    np.testing.assert_allclose(bag.output, record.output, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(bag.command, record.command, rtol=0.0, atol=1e-12)
+    summary = json.loads((output[0] / 'summary.json').read_text())
+    assert summary['mass_kg'] == pytest.approx(record.mass[-1], abs=1e-12)
+
+
+@pytest.mark.ros
+def test_another_run_replaces_the_output_and_spares_what_is_not_a_demo_s(
+    output: tuple[Path, str], domain_id: int, tmp_path: Path,
+) -> None:
+    folder, _ = output
+    options = ('--duration', '0.1', '--figures', '--seed', '1', '--out')
+    assert run(domain_id, folder.parent, *options, 'again').returncode == 0
+    assert run(domain_id, folder.parent, *options, 'again').returncode == 0
+    assert sorted(path.name for path in (folder.parent / 'again').iterdir()) == [
+        'run.csv', 'run_mcap', 'summary.json']
+    (tmp_path / 'mine').mkdir()
+    (tmp_path / 'mine' / 'thesis.txt').write_text('years of work')
+    refused = run(domain_id, tmp_path, *options, 'mine')
+    assert refused.returncode == 2
+    assert refused.stderr.count('\n') == 1
+    assert (tmp_path / 'mine' / 'thesis.txt').read_text() == 'years of work'
+
+
+@pytest.mark.parametrize(('arguments', 'text'), [
+    (['--robot', 'nobody'], "expected one of .* got 'nobody'"),
+    (['--duration', '-1'], "expected a mass >= 0|expected a time > 0 s"),
+    (['--payload', 'nan'], "expected a mass >= 0 kg, got 'nan'"),
+    (['--estimator', 'oracle'], "invalid choice: 'oracle'"),
+    (['--estimator', 'sf1_paper', '--model', 'paper'], 'paper_reduced'),
+    (['--seed', '-1'], "expected a whole number .* got '-1'"),
+    (['--figures', '3'], 'invalid choice: 3'),
+    (['--out', 'no/such/folder'], "expected a writable folder around 'no/such/folder'"),
+])
+def test_bad_options_are_one_line_with_code_2_and_nothing_written(
+    arguments: list[str], text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    import re
+
+    monkeypatch.chdir(tmp_path)
+    try:
+        code: Any = demo.main(arguments)
+    except SystemExit as exit_:
+        code = exit_.code
+    assert code == 2
+    error = capsys.readouterr().err
+    assert re.search(text, error), error
+    assert error.count('\n') == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_options_reach_all_three_nodes() -> None:
+    experiment = demo.Experiment.of(demo.options_of([
+        '--robot', 'quanser_2dsfl', '--model', 'assumed_modes', '--modes', '4', '--seed', '7',
+        '--payload', '0.3', '--drop-at', '2', '--duration', '1']))
+    for values in (experiment.plant, experiment.estimator, experiment.controller):
+        assert (values['robot'], values['model'], values['modes']) == (
+            'quanser_2dsfl', 'assumed_modes', 4)
+    assert experiment.plant['payload_schedule'] == (2.0, 0.3, 2.0, 0.0)
+    assert (experiment.plant['payload'], experiment.plant['seed']) == (0.3, 7)
+    assert experiment.samples == 501, '500 Hz is the robot file\'s'
+
+
+def test_the_summary_tells_when_the_estimate_stays_close() -> None:
+    time = np.arange(0.0, 4.0, 0.5)
+    mass = np.array([0.0, 0.1, 0.2, 0.104, 0.096, 0.1, 0.1, 0.1])
+    record = Namespace(time=time, mass=mass, true_mass=np.full(8, 0.1), variance=np.full(8, 1e-6))
+    experiment = demo.Experiment.of(demo.options_of([]))
+    summary = demo.summary_of(experiment, record)  # type: ignore[arg-type]
+    assert summary['within_5_percent_from_s'] == 1.5
+    assert summary['at_s'] == {'1': 0.2, '3': 0.1}
+    assert summary['std_kg'] == pytest.approx(1e-3)
+    record.mass[-1] = 0.2
+    summary = demo.summary_of(experiment, record)  # type: ignore[arg-type]
+    assert summary['within_5_percent_from_s'] is None

@@ -1,0 +1,118 @@
+"""flex_estimate: the payload that a log tells."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from flex_payload_estimator.estimators.factory import make_estimator
+from flex_payload_estimator.loop import run_loop
+from flex_payload_estimator.lqg import LQGController
+from flex_payload_estimator.set_points import square
+from flex_payload_estimator.tools import estimate
+from flex_plant_sim.extended_arm import ExtendedArm
+from flex_plant_sim.log import Log
+from flex_plant_sim.log_bag import write_bag
+from flex_plant_sim.log_csv import write_csv
+from flex_plant_sim.robot import load_robot
+from flex_plant_sim.simulation import Noise, Simulator
+import numpy as np
+import pytest
+
+ROBOT = load_robot('reference')
+SF1 = ('--estimator', 'sf1', '--model', 'paper_reduced', '--modes', '2')
+
+
+@pytest.fixture(scope='module')
+def run() -> Any:
+    """Return an offline run of 3.5 s with 0.15 kg."""
+    simulator = Simulator(ExtendedArm(ROBOT, 'paper_reduced', 2, 0.15), noise=Noise(2e-4, 5e-7),
+                          seed=2)
+    return run_loop(simulator, make_estimator('sf1', ROBOT), LQGController(ROBOT), square(), 3.5)
+
+
+@pytest.fixture(scope='module')
+def logs(run: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Return the run as CSV and as a bag whose time does not start at zero."""
+    folder = tmp_path_factory.mktemp('logs')
+    log = Log('run', run.time + 17.0, run.command, run.output[:, :2], run.output[:, 2:],
+              ROBOT.gauge_names, run.velocity)
+    write_csv(folder / 'run.csv', log)
+    write_bag(folder / 'run_mcap', log)
+    return folder / 'run.csv', folder / 'run_mcap'
+
+
+def test_a_log_gives_the_loop_s_own_estimate(
+    run: Any, logs: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str],
+) -> None:
+    for path, digits in zip(logs, (1e-5, 1e-12)):
+        assert estimate.main([str(path), *SF1, '--json', str(tmp_path / 'out.json')]) == 0
+        result = json.loads((tmp_path / 'out.json').read_text())
+        std = np.sqrt(run.variance[-1])
+        assert result['mass_kg'] == pytest.approx(run.mass[-1], abs=digits)
+        assert result['std_kg'] == pytest.approx(std, abs=digits)
+        assert result['at_s'].keys() == {'1', '3'}
+        assert result['at_s']['1'] == pytest.approx(run.mass[100], abs=digits)
+        assert result['at_s']['3'] == pytest.approx(run.mass[300], abs=digits)
+        low, high = result['interval95_kg']
+        assert (high - low) / (2.0 * 1.96 * std) == pytest.approx(1.0, rel=1e-3)
+        assert low < 0.15 < high
+    table = capsys.readouterr().out
+    for text in ('1 s', '3 s', 'end, 3.5 s', '95 % interval', '±'):
+        assert text in table
+
+
+def test_several_logs_stand_in_one_list(
+    logs: tuple[Path, Path], tmp_path: Path,
+) -> None:
+    assert estimate.main([*map(str, logs), *SF1, '--json', str(tmp_path / 'out.json')]) == 0
+    result = json.loads((tmp_path / 'out.json').read_text())
+    assert [item['log'] for item in result['logs']] == [str(path) for path in logs]
+    assert 'mass_kg' not in result, 'whose would it be?'
+    one, other = (item['mass_kg'] for item in result['logs'])
+    assert one == pytest.approx(other, abs=1e-5)
+
+
+def test_the_log_s_sample_time_wins(tmp_path: Path) -> None:
+    time = 0.004 * np.arange(200)
+    log = Log('slow', time, np.zeros((200, 2)), np.zeros((200, 2)), np.zeros((200, 4)),
+              ROBOT.gauge_names)
+    write_csv(tmp_path / 'slow.csv', log)
+    found = estimate.estimate_file(str(tmp_path / 'slow.csv'), ROBOT, 'sf1', 'paper_reduced', 2)
+    assert found.time[-1] == pytest.approx(0.796)
+    assert set(found.status) == {'not_excited'}
+
+
+def test_the_defaults_run_on_a_shared_record(shared_data: Path, tmp_path: Path) -> None:
+    record = shared_data / 'bench' / 'case_8009d8b8.csv'
+    assert estimate.main([str(record), '--json', str(tmp_path / 'out.json')]) == 0
+    result = json.loads((tmp_path / 'out.json').read_text())
+    truth = json.loads((shared_data / 'bench' / 'truth.json').read_text())[record.stem]
+    low, high = result['interval95_kg']
+    assert result['at_s'].keys() == {'1', '3', '10', '30'}
+    assert result['at_s']['10'] == pytest.approx(truth['payload_true'], rel=0.03)
+    assert low < truth['payload_true'] < high
+
+
+@pytest.mark.parametrize(('arguments', 'text'), [
+    (['missing.csv'], 'missing.csv: expected a log, the file does not exist'),
+    (['{csv}', '--robot', 'quanser_2dsfl'], 'strain: expected 2 gauges'),
+    (['{csv}', '--estimator', 'sf1_paper', '--model', 'paper'], 'paper_reduced'),
+    (['{csv}', '--modes', '0'], "whole number from 1 to 20, got '0'"),
+    (['{csv}', *SF1, '--json', 'no/such/out.json'], 'no/such'),
+])
+def test_bad_input_is_one_line_with_code_2_and_nothing_written(
+    logs: tuple[Path, Path], arguments: list[str], text: str, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    try:
+        code: Any = estimate.main([item.format(csv=logs[0]) for item in arguments])
+    except SystemExit as exit_:
+        code = exit_.code
+    error = capsys.readouterr().err
+    assert code == 2
+    assert text in error
+    assert error.count('\n') == 1
+    assert list(tmp_path.iterdir()) == []

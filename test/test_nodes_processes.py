@@ -1,0 +1,100 @@
+"""The nodes as processes: how they end, and what a bad parameter says."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+from typing import Any, TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from rclpy.context import Context
+
+MODULES = {
+    'plant_sim': 'flex_plant_sim.plant_sim_node',
+    'payload_estimator': 'flex_payload_estimator.payload_estimator_node',
+    'lqg_controller': 'flex_payload_estimator.lqg_controller_node'}
+
+pytestmark = pytest.mark.ros
+
+
+def start(domain_id: int, node: str, *arguments: str) -> subprocess.Popen[str]:
+    """Start a node as a process in a ROS domain of its own."""
+    parameters = [item for text in arguments for item in ('-p', text)]
+    return subprocess.Popen(
+        [sys.executable, '-m', MODULES[node], '--ros-args', *parameters],
+        env={**os.environ, 'ROS_DOMAIN_ID': str(domain_id),
+             'PYTHONPATH': str(Path(__file__).resolve().parents[1])},
+        text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+
+
+@pytest.mark.parametrize('node', MODULES)
+@pytest.mark.parametrize(('number', 'codes'), [
+    (signal.SIGINT, (130,)), (signal.SIGTERM, (0,))], ids=['SIGINT', 'SIGTERM'])
+def test_a_node_ends_cleanly(
+    ros_context: Context, domain_id: int, node: str, number: signal.Signals,
+    codes: tuple[int, ...],
+) -> None:
+    from ros_loop import RosLoop
+
+    loop = RosLoop(ros_context)
+    diagnostics = loop.record('diagnostics')
+    process = start(domain_id, node)
+    try:
+        loop.until(lambda: len(diagnostics) > 0)
+        process.send_signal(number)
+        _, error = process.communicate(timeout=20.0)
+    finally:
+        process.kill()
+        loop.close()
+    assert process.returncode in codes, error
+    assert 'Traceback' not in error
+
+
+@pytest.mark.parametrize(('node', 'parameter', 'text'), [
+    ('plant_sim', 'payload:=-1.0', 'plant_sim: '),
+    ('plant_sim', 'robot:=nobody', "plant_sim: robot: expected one of "),
+    ('plant_sim', 'modes:=two', 'plant_sim: '),
+    ('payload_estimator', 'estimator:=oracle', 'payload_estimator: estimator: expected '),
+    ('lqg_controller', 'model:=magic', 'lqg_controller: model: expected '),
+    ('lqg_controller', 'payload_initial', 'payload_initial'),
+])
+def test_a_bad_parameter_is_one_line_with_code_2(
+    domain_id: int, node: str, parameter: str, text: str,
+) -> None:
+    process = start(domain_id, node, parameter)
+    _, error = process.communicate(timeout=60.0)
+    assert process.returncode == 2, error
+    assert text in error
+    assert parameter.partition(':=')[0] in error
+    own = [line for line in error.splitlines() if '[rcl]' not in line]
+    assert len(own) == 1, error
+
+
+def test_three_processes_in_lock_step_take_any_start_order(
+    ros_context: Context, domain_id: int,
+) -> None:
+    from ros_loop import RosLoop
+
+    loop = RosLoop(ros_context)
+    inertia = loop.record('payload/inertia')
+    common = ('model:=paper_reduced', 'modes:=2')
+    processes: list[subprocess.Popen[Any]] = [
+        start(domain_id, 'lqg_controller', *common),
+        start(domain_id, 'plant_sim', *common),
+        start(domain_id, 'payload_estimator', *common, 'estimator:=sf1')]
+    try:
+        loop.until(lambda: len(inertia.stamps) >= 350)
+        assert inertia[-1].inertia.m == pytest.approx(0.1, rel=0.05)
+        stamps = sorted(inertia.stamps)
+        assert {b - a for a, b in zip(stamps, stamps[1:])} == {10_000_000}
+    finally:
+        for process in processes:
+            process.send_signal(signal.SIGINT)
+        for process in processes:
+            process.communicate(timeout=20.0)
+        loop.close()
