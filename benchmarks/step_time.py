@@ -1,4 +1,4 @@
-"""Print the offline loop's speed and each part's time a step, beside FilterPy's in the same run."""
+"""Print the offline loop's speed and each part's time a step, beside FilterPy's."""
 
 from __future__ import annotations
 

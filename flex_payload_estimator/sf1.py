@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from flex_plant_sim.errors import InputError
@@ -42,8 +42,7 @@ class SF1Settings:
                              f'{self.alpha_0:g} and {self.alpha_1:g}')
 
 
-@dataclass(frozen=True)
-class SF1State:
+class SF1State(NamedTuple):
     """
     Between two samples.
 
@@ -126,4 +125,5 @@ def sf1_update(state: SF1State, sample: Regressor, weight: float, settings: SF1S
 
 def bounded(state: SF1State, low: float, high: float) -> SF1State:
     """Return the state with its mass inside [low, high], kg."""
-    return replace(state, mass=min(max(state.mass, low), high))
+    return state if low <= state.mass <= high else state._replace(
+        mass=min(max(state.mass, low), high))

@@ -99,7 +99,7 @@ def test_the_prediction_is_25() -> None:
     scale = estimator.model.scale
     first, second = random.standard_normal((2, 6)) * 0.1 / scale
     estimator.update(0.0, first, np.zeros(2))
-    estimator.sf1 = replace(estimator.sf1, mass=0.12)
+    estimator.sf1 = estimator.sf1._replace(mass=0.12)
     estimator.state = x = 0.1 * random.standard_normal(10)
     u, step, c = np.array([0.4, -0.7]), 0.01, estimator.model.output
     split = estimator.model.split(math.cos(first[1]), 0.12, 'paper')

@@ -94,6 +94,9 @@ class SF1Estimator:
     """
     SF1 on a delta model (section 4.1).
 
+    It regresses on one composite measurement and one step, so that it needs as many gauges on a
+    link as modes: with more modes the gauges cannot tell theta_2e, and it may settle elsewhere.
+
     Parameters
     ----------
     robot : Robot
