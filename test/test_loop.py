@@ -40,6 +40,7 @@ def test_the_payload_is_within_five_percent_from_three_seconds_on() -> None:
     assert np.abs(record.mass[FROM_THREE] - 0.1).max() < 1e-4
 
 
+@pytest.mark.slow
 def test_the_same_over_twenty_seeds_with_noise() -> None:
     worst = [np.abs(experiment(noise=NOISE, seed=seed, seconds=5.0).mass[FROM_THREE] - 0.1).max()
              for seed in range(20)]
@@ -119,12 +120,12 @@ def test_the_loop_is_ten_times_faster_than_real_time() -> None:
     estimator, controller = make_estimator('sf1', ROBOT), LQGController(ROBOT)
     run_loop(simulator, estimator, controller, square(), 0.2)
     best = np.inf
-    for _ in range(3):
+    for _ in range(8):
         simulator.reset()
         start = time.process_time()
-        run_loop(simulator, estimator, controller, square(), 2.0)
+        run_loop(simulator, estimator, controller, square(), 0.5)
         best = min(best, time.process_time() - start)
-    assert 2.0 / best > 10.0
+    assert 0.5 / best > 10.0
 
 
 def test_square_set_points_step_exactly_at_half_periods() -> None:
