@@ -8,7 +8,6 @@ from flex_plant_sim.arm_model import Array
 from flex_plant_sim.errors import InputError
 from flex_plant_sim.extended_arm import ExtendedArm
 from flex_plant_sim.payload_profile import PayloadProfile
-from flex_plant_sim.schedule import Schedule
 import numpy as np
 
 
@@ -90,7 +89,7 @@ class Simulator:
             raise InputError(f'step: expected the sample time {arm.robot.sample_time:g} s '
                              f'divided by a whole number, got {arm.step_time:g} s')
         self._memory = max([e.memory(arm.robot.sample_time) for e in arm.effects], default=0)
-        self._schedules: dict[float, Schedule] = {}
+        self._arms: dict[float, ExtendedArm] = {}
         self.reset()
 
     def reset(self) -> None:
@@ -125,9 +124,9 @@ class Simulator:
         torque = self.noise.torque * self._random.standard_normal(2)
         for k in range(self.substeps):
             time = self.time + k * self.arm.step_time
-            matrices = self._matrices(time)
+            arm, matrices = self._arm_and_matrices(time)
             disturbance = matrices[2][:, :2] @ torque if self.noise.torque else 0.0
-            self.state = self.arm.advance(matrices, self.state, applied, time) + disturbance
+            self.state = arm.advance(matrices, self.state, applied, time) + disturbance
         self._applied = applied
         self._history = np.vstack([self._history, sent])[1:] if self._memory else self._history
         self.samples += 1
@@ -141,15 +140,15 @@ class Simulator:
                                         self.arm.robot.sample_time)
         return applied
 
-    def _matrices(self, time: float) -> tuple[Array, Array, Array]:
+    def _arm_and_matrices(self, time: float) -> tuple[ExtendedArm, tuple[Array, Array, Array]]:
         """Interpolate a schedule while the payload stays; discretise afresh while it ramps."""
         cosine, mass = np.cos(self.state[1]), self.mass(time)
-        if mass in self._schedules:
-            return self._schedules[mass].at(cosine)
-        if mass != self.mass(time + self.arm.step_time):
-            return self.arm.matrices(cosine, mass)
-        self._schedules[mass] = self.arm.at_payload(mass).schedule
-        return self._schedules[mass].at(cosine)
+        if mass not in self._arms:
+            arm = self.arm.at_payload(mass)
+            if mass != self.mass(time + self.arm.step_time):
+                return arm, arm.matrices(cosine, mass)
+            self._arms[mass] = arm
+        return self._arms[mass], self._arms[mass].schedule.at(cosine)
 
 
 def simulate(simulator: Simulator, commands: Array) -> tuple[Array, Array]:
