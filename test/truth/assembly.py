@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -14,11 +15,15 @@ from truth.equations import LinkTerms, mass_and_bias
 # Share of a joint's inertia on the output side of a twisting gear, and the contact's stiffness.
 OUTPUT_SHARE = 0.05
 CONTACT_STIFFNESS_PER_INERTIA = 6e4
+# Terms that add up when bodies are joined.
+EXTENSIVE = ('moments', 'a', 'b', 'mass', 'shortening', 'centrifugal', 'stiffness', 'damping',
+             'point_mass', 'point_stiffness')
 
 
 @dataclass(frozen=True)
 class System:
-    """Arrays of an arm with a given payload: N coordinates, the last one the base if it moves.
+    """
+    Arrays of an arm with a given payload: N coordinates, the last one the base if it moves.
 
     `lower_empty` and `payload_unit` combine to the lower link's terms at a mass; `twist` holds
     each joint's (coordinate or -1, stiffness N m/rad, damping N m s/rad, half gap rad).
@@ -53,16 +58,22 @@ def bare_terms(modes: ComponentModes, link: Link, extra: int = 0) -> LinkTerms:
     def matrix(x: Array) -> Array:
         return np.pad(x, ((0, extra), (0, extra)))
 
+    def rows(order: int, tip: Array) -> Array:
+        return np.pad(np.vstack([modes.point_rows[order], tip]), ((0, 0), (0, extra)))
+
     return LinkTerms(
-        np.array([modes.mass, modes.first_moment, modes.second_moment]),
-        vector(modes.a), vector(modes.b), matrix(modes.mass_matrix), matrix(modes.shortening),
-        matrix(modes.centrifugal), matrix(modes.stiffness), matrix(modes.damping),
-        np.append(link.mass_per_length * modes.point_weight, 0.0),
-        np.pad(np.vstack([modes.point_rows, modes.tip]), ((0, 0), (0, extra))),
-        np.pad(np.concatenate([modes.point_shortening, modes.tip_shortening[None]]),
-               ((0, 0), (0, extra), (0, extra))),
-        vector(modes.tip), vector(modes.tip_slope), matrix(modes.tip_shortening),
-        link.hub_radius + link.length)
+        moments=np.array([modes.mass, modes.first_moment, modes.second_moment]),
+        a=vector(modes.a), b=vector(modes.b), mass=matrix(modes.mass_matrix),
+        shortening=matrix(modes.shortening), centrifugal=matrix(modes.centrifugal),
+        stiffness=matrix(modes.stiffness), damping=matrix(modes.damping),
+        point_mass=np.append(link.mass_per_length * modes.point_weight, 0.0),
+        point_stiffness=np.append(link.bending_stiffness * modes.point_weight, 0.0),
+        point_rows=rows(0, modes.tip), point_slope=rows(1, modes.tip_slope),
+        point_curvature=rows(2, np.zeros(modes.size)),
+        point_shortening=np.array([
+            matrix(x) for x in (*modes.point_shortening, modes.tip_shortening)]),
+        tip=vector(modes.tip), tip_slope=vector(modes.tip_slope),
+        tip_shortening=matrix(modes.tip_shortening), tip_arm=link.hub_radius + link.length)
 
 
 def tip_body(terms: LinkTerms, mass: float, inertia: float, tip: Array | None = None,
@@ -71,17 +82,20 @@ def tip_body(terms: LinkTerms, mass: float, inertia: float, tip: Array | None = 
     phi = terms.tip if tip is None else tip
     slope, shortening, arm = terms.tip_slope, terms.tip_shortening, terms.tip_arm
     none = np.zeros_like(shortening)
-    return LinkTerms(
-        np.array([mass, mass * arm, mass * arm**2 + inertia]), mass * phi,
-        mass * arm * phi + inertia * slope,
-        mass * np.outer(phi, phi) + inertia * np.outer(slope, slope), mass * shortening,
-        mass * (np.outer(phi, phi) - arm * shortening), none, none,
-        mass * np.eye(terms.point_mass.size)[-1], *terms[9:])
+    return terms._replace(
+        moments=np.array([mass, mass * arm, mass * arm**2 + inertia]), a=mass * phi,
+        b=mass * arm * phi + inertia * slope,
+        mass=mass * np.outer(phi, phi) + inertia * np.outer(slope, slope),
+        shortening=mass * shortening, centrifugal=mass * (np.outer(phi, phi) - arm * shortening),
+        stiffness=none, damping=none, point_mass=mass * np.eye(terms.point_mass.size)[-1],
+        point_stiffness=np.zeros_like(terms.point_stiffness))
 
 
 def add_terms(first: LinkTerms, second: LinkTerms, share: float = 1.0) -> LinkTerms:
-    """Return `first + share second` for all inertia terms; the geometry is that of `first`."""
-    return LinkTerms(*(x + share * y for x, y in zip(first[:9], second[:9])), *first[9:])
+    """Return `first + share second` for all extensive terms; the geometry is that of `first`."""
+    total: dict[str, Any] = {
+        name: getattr(first, name) + share * getattr(second, name) for name in EXTENSIVE}
+    return first._replace(**total)
 
 
 def lower_terms(arm: Arm, modes: ComponentModes) -> tuple[LinkTerms, LinkTerms]:
@@ -160,7 +174,7 @@ def drag_table(arm: Arm, modes: list[ComponentModes]) -> Array:
     for block, m in zip(table, modes):
         block[:, 0] = arm.structure.air_drag * m.point_weight
         block[:, 1] = m.point_arm
-        block[:, 2:2 + m.size] = m.point_rows
+        block[:, 2:2 + m.size] = m.point_rows[0]
     return table
 
 

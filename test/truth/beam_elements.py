@@ -45,7 +45,8 @@ def hermite(s: float, h: float, derivative: int = 0) -> Array:
 
 @dataclass(frozen=True)
 class BeamMesh:
-    """A uniform beam of `elements` equal elements; node k has degrees 2k (w, m), 2k+1 (w', rad).
+    """
+    A uniform beam of `elements` equal elements; node k has degrees 2k (w, m), 2k+1 (w', rad).
 
     Attributes: length m, mass_per_length kg/m, bending_stiffness N m^2.
     """
@@ -80,7 +81,8 @@ class BeamMesh:
         return total
 
     def row(self, x: float, derivative: int = 0) -> Array:
-        """Return the row (size,) that maps nodal values to w, w' or w'' at `x` m from the root.
+        """
+        Return what maps nodal values (size,) to w, w' or w'' at `x` m from the root.
 
         The curvature of the elements jumps at a node; there the mean of both sides is returned.
         """

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import os
+from typing import Any, cast, TypeVar
 
 import numpy as np
 
+from truth import equations
 from truth.beam_elements import Array
 from truth.equations import LinkTerms
-from truth.equations import acceleration as numpy_acceleration
 
 try:
     import numba
@@ -16,10 +18,12 @@ try:
 except ImportError:
     HAVE_NUMBA = False
 
+Function = TypeVar('Function', bound=Callable[..., Any])
 
-def compiled(function):
+
+def compiled(function: Function) -> Function:
     """Compile `function` where Numba is installed."""
-    return numba.njit(cache=True)(function) if HAVE_NUMBA else function
+    return cast(Function, numba.njit(cache=True)(function)) if HAVE_NUMBA else function
 
 
 @compiled
@@ -97,7 +101,7 @@ def point_terms(link: LinkTerms, q: Array, dq: Array, rate: float, rigid: Array,
     s_q = np.zeros(n)
     for k in range(link.point_mass.size):
         m = link.point_mass[k]
-        s, ds, dds, w, dw = 0.0, 0.0, 0.0, 0.0, 0.0
+        s, ds, dds, w, dw, slope, bend = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for i in range(n):
             row_q, row_dq = 0.0, 0.0
             for j in range(n):
@@ -109,51 +113,59 @@ def point_terms(link: LinkTerms, q: Array, dq: Array, rate: float, rigid: Array,
             dds += row_dq * dq[i]
             w += link.point_rows[k, i] * q[i]
             dw += link.point_rows[k, i] * dq[i]
+            slope += link.point_slope[k, i] * q[i]
+            bend += link.point_curvature[k, i] * q[i]
+        stiff = link.point_stiffness[k]
         rigid[2, 2] += m * s * s
         velocity[2] += m * (w * dds + 2.0 * rate * s * ds)
         pull, drift = m * (dds + 2.0 * rate * dw - rate * rate * s), 2.0 * rate * m * ds
         for i in range(n):
             phi = link.point_rows[k, i]
             coupling[2, i] += m * (w * s_q[i] - s * phi)
-            elastic[i] += pull * s_q[i] - drift * phi
+            elastic[i] += pull * s_q[i] - drift * phi + stiff * (
+                bend * slope * slope * link.point_curvature[k, i]
+                + bend * bend * slope * link.point_slope[k, i])
             for j in range(n):
                 shapes[i, j] += m * s_q[i] * s_q[j]
 
 
 @compiled
 def elbow_rows(upper: LinkTerms, q: Array, dq: Array, theta_2: float, rate: float,
-               gravity_x: float, gravity_y: float, w: Array) -> tuple[float, float]:
-    """Fill the rows `w` (3, 2 + n1) of the lower frame's acceleration; return its bias."""
+               gravity_x: float, gravity_y: float, w: Array, bias: Array) -> float:
+    """Fill `w` (3, 2 + n1) and `bias` (3,) of `equations.ElbowMotion`; return the tip's rate."""
     n = q.size
-    qsq, qsdq, dqsdq, deflection, speed, slope = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    qsq, qsdq, dqsdq, deflection, speed = 0.0, 0.0, 0.0, 0.0, 0.0
+    slope, slope_speed = dot(upper.tip_slope, q), dot(upper.tip_slope, dq)
+    stretch = 1.0 + 0.5 * slope * slope
     for i in range(n):
         s_q, s_dq = 0.0, 0.0
         for j in range(n):
             s_q += upper.tip_shortening[i, j] * q[j]
             s_dq += upper.tip_shortening[i, j] * dq[j]
-        w[0, 2 + i], w[1, 2 + i], w[2, 2 + i] = -s_q, upper.tip[i], upper.tip_slope[i]
+        w[0, 2 + i], w[1, 2 + i] = -s_q, upper.tip[i]
+        w[2, 2 + i] = stretch * upper.tip_slope[i]
         qsq += q[i] * s_q
         qsdq += q[i] * s_dq
         dqsdq += dq[i] * s_dq
         deflection += upper.tip[i] * q[i]
         speed += upper.tip[i] * dq[i]
-        slope += upper.tip_slope[i] * q[i]
     arm = upper.tip_arm - 0.5 * qsq
     w[0, 0], w[1, 0], w[2, 0] = -deflection, arm, 1.0
     w[0, 1], w[1, 1], w[2, 1] = 0.0, 0.0, 1.0
     x = -dqsdq - 2.0 * rate * speed - rate * rate * arm - gravity_x
     y = -2.0 * rate * qsdq - rate * rate * deflection - gravity_y
-    c, s = np.cos(theta_2 + slope), np.sin(theta_2 + slope)
+    angle = theta_2 + slope + slope**3 / 6.0
+    c, s = np.cos(angle), np.sin(angle)
     for i in range(2 + n):
         w0, w1 = w[0, i], w[1, i]
         w[0, i], w[1, i] = c * w0 + s * w1, -s * w0 + c * w1
-    return c * x + s * y, -s * x + c * y
+    bias[0], bias[1], bias[2] = c * x + s * y, -s * x + c * y, slope * slope_speed**2
+    return stretch * slope_speed
 
 
 @compiled
 def add_lower(mass: Array, rest: Array, w: Array, rigid: Array, coupling: Array,
-              velocity: Array, elastic: Array, bias_x: float, bias_y: float,
-              shapes: Array) -> None:
+              velocity: Array, elastic: Array, bias: Array, shapes: Array) -> None:
     """Add the lower link's inertia, carried by the rows `w`, to `mass` and to `-rest`."""
     m, n = w.shape[1], elastic.size
     for i in range(m):
@@ -170,10 +182,12 @@ def add_lower(mass: Array, rest: Array, w: Array, rigid: Array, coupling: Array,
                      + w[2, i] * coupling[2, j])
             mass[m + j, i] += value
             mass[i, m + j] += value
-        rest[i] -= (g0 * bias_x + g1 * bias_y + w[0, i] * velocity[0]
+        rest[i] -= (g0 * bias[0] + g1 * bias[1] + g2 * bias[2] + w[0, i] * velocity[0]
                     + w[1, i] * velocity[1] + w[2, i] * velocity[2])
     for i in range(n):
-        rest[m + i] -= elastic[i] + coupling[0, i] * bias_x + coupling[1, i] * bias_y
+        rest[m + i] -= elastic[i]
+        for j in range(3):
+            rest[m + i] -= coupling[j, i] * bias[j]
         for j in range(n):
             mass[m + i, m + j] += shapes[i, j]
 
@@ -191,9 +205,9 @@ def loop_acceleration(p: Array, v: Array, forces: Array, gravity: Array, upper: 
     gx = np.cos(angle) * gravity[0] + np.sin(angle) * gravity[1]
     gy = -np.sin(angle) * gravity[0] + np.cos(angle) * gravity[1]
     w, rigid, velocity = np.zeros((3, 2 + n1)), np.zeros((3, 3)), np.zeros(3)
+    bias = np.zeros(3)
     coupling, elastic, shapes = np.zeros((3, n1)), np.zeros(n1), upper.mass.copy()
-    bias_x, bias_y = elbow_rows(upper, q1, d1, p[1], rate, gx, gy, w)
-    rate_2 = rate + v[1] + dot(upper.tip_slope, d1)
+    rate_2 = rate + v[1] + elbow_rows(upper, q1, d1, p[1], rate, gx, gy, w, bias)
 
     mass, rest = np.zeros((size, size)), forces.copy()
     link_terms(upper, q1, d1, rate, rigid, coupling, velocity, elastic)
@@ -208,7 +222,7 @@ def loop_acceleration(p: Array, v: Array, forces: Array, gravity: Array, upper: 
     coupling, elastic, shapes = np.zeros((3, n2)), np.zeros(n2), lower.mass.copy()
     link_terms(lower, q2, d2, rate_2, rigid, coupling, velocity, elastic)
     point_terms(lower, q2, d2, rate_2, rigid, coupling, velocity, elastic, shapes)
-    add_lower(mass, rest, w, rigid, coupling, velocity, elastic, bias_x, bias_y, shapes)
+    add_lower(mass, rest, w, rigid, coupling, velocity, elastic, bias, shapes)
     if size > last:
         for i in range(last):
             mass[last, i] = mass[i, last] = mass[0, i]
@@ -220,4 +234,4 @@ def loop_acceleration(p: Array, v: Array, forces: Array, gravity: Array, upper: 
     return solve_symmetric(mass, rest)
 
 
-acceleration = loop_acceleration if HAVE_NUMBA else numpy_acceleration
+acceleration = loop_acceleration if HAVE_NUMBA else equations.acceleration

@@ -13,7 +13,8 @@ from truth.configuration import Link
 
 @dataclass(frozen=True)
 class ComponentModes:
-    """Shapes of one link and their integrals, with n shapes; body axes at the joint.
+    """
+    Shapes of one link and their integrals, with n shapes; body axes at the joint.
 
     With X = hub radius + x, shapes phi (n,), transverse mass density dm:
 
@@ -23,8 +24,8 @@ class ComponentModes:
       shortening = int S dm, centrifugal = int phi phi^T dm - int X S dm;
     - tip, tip_slope (n,), tip_shortening (n, n) at x = L;
     - stiffness, damping (n, n); curvature rows (gauges, n);
-    - at five Gauss points: point_arm X m, point_weight m, point_rows phi (5, n) and
-      point_shortening S (5, n, n).
+    - at five Gauss points: point_arm X m, point_weight m, point_rows phi, phi', phi'' (3, 5, n)
+      and point_shortening S (5, n, n).
     """
 
     mass: float
@@ -54,7 +55,8 @@ class ComponentModes:
 
 def link_shapes(mesh: BeamMesh, count: int, root_stiffness: float, tip_mass: float,
                 tip_inertia: float) -> Array:
-    """Return `count` mass-orthonormal shapes (mesh.size, count), lowest frequencies first.
+    """
+    Return `count` mass-orthonormal shapes (mesh.size, count), lowest frequencies first.
 
     Candidates are the two static tip-load shapes and the lowest clamped-free modes; the Ritz
     vectors of the link with its tip body are kept. `root_stiffness` N m/rad ties the root's slope
@@ -92,7 +94,8 @@ def shortening_to(mesh: BeamMesh, shapes: Array, position: float) -> Array:
 
 def link_modes(link: Link, count: int, tip_mass: float = 0.0, tip_inertia: float = 0.0,
                twist: bool = False, elements: int = 40) -> ComponentModes:
-    """Return the component modes of `link`; the tip body only shapes the basis.
+    """
+    Return the component modes of `link`; the tip body only shapes the basis.
 
     With `twist` a rigid rotation about the joint (gear twist or backlash, rad) comes last.
     """
@@ -116,7 +119,7 @@ def link_modes(link: Link, count: int, tip_mass: float = 0.0, tip_inertia: float
     points, weights = np.polynomial.legendre.leggauss(5)
     positions = 0.5 * link.length * (points + 1.0)
     return ComponentModes(
-        mass=dm.sum(), first_moment=dm @ arm, second_moment=dm @ arm**2,
+        mass=dm.sum(), first_moment=float(dm @ arm), second_moment=float(dm @ arm**2),
         a=dm @ phi, b=(dm * arm) @ phi, mass_matrix=mass_matrix,
         shortening=slope.T @ ((weight * outer_mass)[:, None] * slope) + dm.sum() * hub,
         centrifugal=(mass_matrix - slope.T @ ((weight * outer_moment)[:, None] * slope)
@@ -127,6 +130,7 @@ def link_modes(link: Link, count: int, tip_mass: float = 0.0, tip_inertia: float
         damping=2.0 * link.damping_ratio / link.first_frequency * stiffness,
         curvature=np.array([mesh.row(g, 2) @ shapes for g in link.gauges]),
         point_arm=link.hub_radius + positions, point_weight=0.5 * link.length * weights,
-        point_rows=np.array([mesh.row(xi) @ shapes for xi in positions]),
+        point_rows=np.array([[mesh.row(xi, order) @ shapes for xi in positions]
+                             for order in range(3)]),
         point_shortening=np.array([
             shortening_to(mesh, shapes, xi) + hub for xi in positions]))

@@ -1,4 +1,5 @@
-"""What the true arm is made of: every part and every imperfection, null unless set.
+"""
+What the true arm is made of: every part and every imperfection, null unless set.
 
 The numbers repeat the project's data sheets on purpose: the truth reads no file of the package.
 """
@@ -49,7 +50,8 @@ class Link:
 
 @dataclass(frozen=True)
 class Joint:
-    """One drive and gear: torque = torque_gain u - damping theta_dot, and its imperfections.
+    """
+    One drive and gear: torque = torque_gain u - damping theta_dot, and its imperfections.
 
     Units: inertia kg m^2, torque_gain N m per command unit, damping and viscous N m s/rad,
     coulomb_forward, coulomb_backward, stribeck and ripple N m, stribeck_speed rad/s,
@@ -78,7 +80,8 @@ class Joint:
 
 @dataclass(frozen=True)
 class Payload:
-    """The payload at the tip: mass kg, rotary inertia kg m^2, an event, a loose mounting.
+    """
+    The payload at the tip: mass kg, rotary inertia kg m^2, an event, a loose mounting.
 
     From `event_time` s on (over `event_duration` s, 0 for a step) the mass becomes `event_mass`.
     `loose_frequency` rad/s (0 for a rigid grip) is that of the held mass on its spring.
@@ -104,7 +107,8 @@ class Payload:
 
 @dataclass(frozen=True)
 class Structure:
-    """Elbow, base and surroundings: masses kg, inertias kg m^2, stiffness N m/rad, tilt rad.
+    """
+    Elbow, base and surroundings: masses kg, inertias kg m^2, stiffness N m/rad, tilt rad.
 
     `air_drag` N s^2/m^3 is the force per length and squared transverse speed.
     """
@@ -121,7 +125,8 @@ class Structure:
 
 @dataclass(frozen=True)
 class Sensors:
-    """Angle sensors and strain gauges; one entry a joint or a gauge, noise in rad and m/m.
+    """
+    Angle sensors and strain gauges; one entry a joint or a gauge, noise in rad and m/m.
 
     Channel `crosstalk_to` also reads `crosstalk` of channel `crosstalk_from`. The amplifier has a
     second-order low pass of `filter_cutoff` rad/s (0 for none) and `filter_damping`.
@@ -146,7 +151,8 @@ class Sensors:
 
 @dataclass(frozen=True)
 class Excitation:
-    """Random set-points: a new one every `hold` s (low, high), reached in `rise` s (low, high).
+    """
+    Random set-points: a new one every `hold` s (low, high), reached in `rise` s (low, high).
 
     Each differs from the last by at most `stride` rad and stays within `reach` rad of zero, per
     joint; a joint with no reach stays at rest.

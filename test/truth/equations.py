@@ -1,4 +1,5 @@
-"""Equations of motion of the floating-frame arm, written with numpy arrays.
+"""
+Equations of motion of the floating-frame arm, written with numpy arrays.
 
 Coordinates p = (theta_1, theta_2, q_1, q_2[, base angle]); theta are the rotors' angles against
 their stators. Each link is described in body axes at its joint, x along the undeformed link. With
@@ -12,10 +13,13 @@ amplitudes, a link's inertia forces are
         -Omega^2 C q)
 
 with c = m1 - q A q / 2, A and C the shortening and centrifugal matrices of `component_modes`.
-Terms of third and fourth order, needed when the links bend by more than 0.2 rad or so, are added at
-points along the links: with s = q S q / 2 and w = phi q there, G gains s^2, w S q - s phi and
-S q (S q)^T, the forces w dq S dq + 2 Omega s ds and S q (dq S dq + 2 Omega dw - Omega^2 s)
-- 2 Omega phi ds. These are Lagrange's equations of one kinetic energy, so that it is conserved.
+Terms of third and fourth order, needed when the links bend by more than 0.2 rad or so, are added
+at points along the links: with s = q S q / 2 and w = phi q there, G gains s^2, w S q - s phi and
+S q (S q)^T, the forces gain w dq S dq + 2 Omega s ds and
+S q (dq S dq + 2 Omega dw - Omega^2 s) - 2 Omega phi ds. With the angle
+asin(w') ~ w' + w'^3 / 6 of the beam's axis its curvature is w'' (1 + w'^2 / 2), and the strain
+energy gains EI w''^2 w'^2 / 2 per length (inextensible beam; Crespo da Silva and Glynn 1978).
+These are Lagrange's equations of one energy, so that it is conserved.
 """
 
 from __future__ import annotations
@@ -28,10 +32,12 @@ from truth.beam_elements import Array
 
 
 class LinkTerms(NamedTuple):
-    """Inertia and elasticity of a link with its tip body, n shapes (see ComponentModes).
+    """
+    Inertia and elasticity of a link with its tip body, n shapes (see ComponentModes).
 
     `moments` is (mass kg, first moment kg m, second moment kg m^2) about the joint; the points
-    (the tip body last) have masses (K,), shape rows (K, n) and matrices S (K, n, n).
+    (the tip body last) have masses (K,), stiffness EI dx (K,), rows (K, n) of w, w' and w'',
+    and matrices S (K, n, n).
     """
 
     moments: Array
@@ -43,7 +49,10 @@ class LinkTerms(NamedTuple):
     stiffness: Array
     damping: Array
     point_mass: Array
+    point_stiffness: Array
     point_rows: Array
+    point_slope: Array
+    point_curvature: Array
     point_shortening: Array
     tip: Array
     tip_slope: Array
@@ -52,11 +61,15 @@ class LinkTerms(NamedTuple):
 
 
 class ElbowMotion(NamedTuple):
-    """Rows (2, 2 + n1) and bias (2,) of the elbow acceleration; angle between the links, rad."""
+    """
+    Rows W (3, 2 + n1) and bias (3,) of the lower frame's acceleration, x, y and angular.
+
+    `rate` rad/s is that of the lower frame against the upper one.
+    """
 
     rows: Array
     bias: Array
-    angle: float
+    rate: float
 
 
 def link_inertia(link: LinkTerms, q: Array) -> tuple[Array, Array, Array]:
@@ -97,25 +110,41 @@ def rotate_back(angle: float, vectors: Array) -> Array:
     return np.array([[c, s], [-s, c]]) @ vectors
 
 
-def elbow_motion(upper: LinkTerms, q: Array, dq: Array, theta_2: float, rate: float,
+def elbow_motion(upper: LinkTerms, q: Array, dq: Array, joint: tuple[float, float], rate: float,
                  gravity: Array) -> ElbowMotion:
-    """Return the elbow's acceleration (less `gravity`, in upper axes) in the lower body axes."""
+    """
+    Return the lower frame's acceleration (less `gravity`, in upper axes) in its own axes.
+
+    `joint` is (theta_2 rad, its rate rad/s), `rate` the upper frame's, rad/s.
+    """
     s_q = upper.tip_shortening @ q
     arm = upper.tip_arm - 0.5 * q @ s_q
-    deflection = upper.tip @ q
-    rows = np.zeros((2, 2 + q.size))
-    rows[:, 0] = -deflection, arm
-    rows[0, 2:], rows[1, 2:] = -s_q, upper.tip
-    ds, dw = s_q @ dq, upper.tip @ dq
+    deflection, slope = upper.tip @ q, upper.tip_slope @ q
+    rows = np.zeros((3, 2 + q.size))
+    rows[:, 0] = -deflection, arm, 1.0
+    rows[2, 1] = 1.0
+    stretch = 1.0 + 0.5 * slope**2
+    rows[0, 2:], rows[1, 2:], rows[2, 2:] = -s_q, upper.tip, stretch * upper.tip_slope
+    ds, dw, dslope = s_q @ dq, upper.tip @ dq, upper.tip_slope @ dq
     bias = np.array([-dq @ upper.tip_shortening @ dq - 2.0 * rate * dw - rate**2 * arm,
                      -2.0 * rate * ds - rate**2 * deflection]) - gravity
-    turned = theta_2 + upper.tip_slope @ q
-    return ElbowMotion(rotate_back(turned, rows), rotate_back(turned, bias), turned)
+    angle = float(joint[0] + slope + slope**3 / 6.0)
+    rows[:2] = rotate_back(angle, rows[:2])
+    return ElbowMotion(rows, np.append(rotate_back(angle, bias), slope * dslope**2),
+                       float(joint[1] + stretch * dslope))
+
+
+def bending_stiffening(link: LinkTerms, q: Array) -> Array:
+    """Return the elastic forces (n,) of the exact curvature beyond the linear ones, N."""
+    slope, curvature = link.point_slope @ q, link.point_curvature @ q
+    return ((link.point_stiffness * curvature * slope**2) @ link.point_curvature
+            + (link.point_stiffness * curvature**2 * slope) @ link.point_slope)
 
 
 def mass_and_bias(p: Array, v: Array, gravity: Array, upper: LinkTerms, lower: LinkTerms,
                   constant_mass: Array) -> tuple[Array, Array]:
-    """Return the mass matrix (N, N) and the inertia and gravity bias (N,).
+    """
+    Return the mass matrix (N, N) and the inertia and gravity bias (N,).
 
     `gravity` (2,) m/s^2 in base axes; `constant_mass` (N, N) rotors, gears and base.
     """
@@ -125,10 +154,8 @@ def mass_and_bias(p: Array, v: Array, gravity: Array, upper: LinkTerms, lower: L
     q1, d1, q2, d2 = p[2:2 + n1], v[2:2 + n1], p[2 + n1:last], v[2 + n1:last]
     rate_1 = v[0] + (v[-1] if has_base else 0.0)
     gravity_1 = rotate_back(p[0] + (p[-1] if has_base else 0.0), gravity)
-    elbow = elbow_motion(upper, q1, d1, p[1], rate_1, gravity_1)
-    w = np.zeros((3, 2 + n1))
-    w[:2], w[2, 0], w[2, 1], w[2, 2:] = elbow.rows, 1.0, 1.0, upper.tip_slope
-    rate_2 = rate_1 + v[1] + upper.tip_slope @ d1
+    elbow = elbow_motion(upper, q1, d1, (p[1], v[1]), rate_1, gravity_1)
+    w, rate_2 = elbow.rows, rate_1 + elbow.rate
 
     mass, bias = np.zeros((last, last)), np.zeros(last)
     rigid, coupling, shapes = link_inertia(upper, q1)
@@ -145,8 +172,8 @@ def mass_and_bias(p: Array, v: Array, gravity: Array, upper: LinkTerms, lower: L
     mass[:2 + n1, 2 + n1:] = w.T @ coupling
     mass[2 + n1:, :2 + n1] = mass[:2 + n1, 2 + n1:].T
     mass[2 + n1:, 2 + n1:] = shapes
-    bias[:2 + n1] += w.T @ (rigid[:, :2] @ elbow.bias + velocity)
-    bias[2 + n1:] = elastic + elbow.bias @ coupling[:2]
+    bias[:2 + n1] += w.T @ (rigid @ elbow.bias + velocity)
+    bias[2 + n1:] = elastic + elbow.bias @ coupling
     if has_base:
         # The base turns everything that the first rotor turns, but not against its stator.
         select = np.r_[np.arange(last), 0]
@@ -161,6 +188,6 @@ def acceleration(p: Array, v: Array, forces: Array, gravity: Array, upper: LinkT
     mass, bias = mass_and_bias(p, v, gravity, upper, lower, constant_mass)
     rest = forces - bias
     i1, i2 = slice(2, 2 + n1), slice(2 + n1, 2 + n1 + n2)
-    rest[i1] -= upper.stiffness @ p[i1] + upper.damping @ v[i1]
-    rest[i2] -= lower.stiffness @ p[i2] + lower.damping @ v[i2]
-    return np.linalg.solve(mass, rest)
+    for link, i in ((upper, i1), (lower, i2)):
+        rest[i] -= link.stiffness @ p[i] + link.damping @ v[i] + bending_stiffening(link, p[i])
+    return np.asarray(np.linalg.solve(mass, rest), dtype=float)

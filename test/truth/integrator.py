@@ -32,7 +32,8 @@ class Plant(NamedTuple):
 
 
 class Loop(NamedTuple):
-    """The experiment: samples N, steps per sample S, joints 2, gauges G.
+    """
+    The experiment: samples N, steps per sample S, joints 2, gauges G.
 
     `reference` (N, 2) rad and `feedback` (2, 2) = (gain, limit) per joint if `closed`, else
     `command` (N, 2) is applied; `noise` (N, 2) rad; `angle` (2, 3) = (gain, offset rad, step rad)
@@ -56,7 +57,8 @@ class Loop(NamedTuple):
 
 @compiled
 def dry_friction(row: Array, travel: float, speed: float) -> float:
-    """Return the friction torque, N m: a spring that slips at the sliding friction.
+    """
+    Return the friction torque, N m: a spring that slips at the sliding friction.
 
     Sliding friction has a Stribeck rise at low speed and may differ by direction.
     """
@@ -212,7 +214,8 @@ def lag_command(drive: Array, h: float, lagged: Array, u: Array, middle: Array,
 @compiled
 def run(plant: Plant, loop: Loop, p: Array, v: Array, joint: Array, strain: Array,
         states: Array) -> None:
-    """Fill `joint` (N, 2) rad, `strain` (N S, G), `states` (N, 2, coordinates) and the commands.
+    """
+    Fill `joint` (N, 2) rad, `strain` (N S, G), `states` (N, 2, coordinates) and the commands.
 
     Row k holds the state at k T and the command applied from then on.
     """

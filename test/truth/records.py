@@ -29,7 +29,8 @@ DISTRACTOR_SEVERITY = 0.2
 
 @dataclass(frozen=True)
 class TruthCase:
-    """What a record is made from; `effects` are (identifier, parameters) in the truth's terms.
+    """
+    What a record is made from; `effects` are (identifier, parameters) in the truth's terms.
 
     Attributes: payload_true, payload_told kg; excitation rich, rest or one_joint; noise scales
     the sensors' noise (0: neither noise nor quantisation).
@@ -91,8 +92,13 @@ def limit_excitation(arm: Arm, case: TruthCase) -> Arm:
         return arm
     moving = {'rest': -1, 'one_joint': case.seed % 2}[case.excitation]
     reach = arm.excitation.reach
-    kept = tuple(reach[j] if j == moving else 0.0 for j in range(2))
+    kept = (reach[0] * (moving == 0), reach[1] * (moving == 1))
     return replace(arm, excitation=replace(arm.excitation, reach=kept))
+
+
+def sample_times(arm: Arm, samples: int) -> Array:
+    """Return the times of `samples` rows, s."""
+    return np.arange(samples, dtype=float) * arm.sample_time
 
 
 def random_stream(case: TruthCase, purpose: str) -> np.random.Generator:
@@ -104,7 +110,7 @@ def move(case: TruthCase, command: Array | None = None) -> tuple[Arm, Motion]:
     """Return the arm and its motion, under its controller or under a given `command` (N, 2)."""
     arm = build_arm(case)
     samples = round(case.duration_s / arm.sample_time)
-    time = arm.sample_time * np.arange(samples)
+    time = sample_times(arm, samples)
     noise = sensor_noise(random_stream(case, 'angle noise'), (samples, 2),
                          case.noise * arm.sensors.angle_noise, arm.sample_time)
     reference = set_points(random_stream(case, 'set-points'), time, arm.excitation)
@@ -117,7 +123,7 @@ def make_record(case: TruthCase, command: Array | None = None) -> Record:
     strain = amplifier_output(motion, arm.sensors, arm.sample_time)
     strain += sensor_noise(random_stream(case, 'strain noise'), strain.shape,
                            case.noise * arm.sensors.strain_noise, arm.sample_time)
-    time = arm.sample_time * np.arange(motion.joint.shape[0])
+    time = sample_times(arm, motion.joint.shape[0])
     return Record(time, motion.command, motion.joint,
                   quantise(strain, arm.sensors.strain_step), COLUMNS[case.robot])
 
@@ -125,7 +131,8 @@ def make_record(case: TruthCase, command: Array | None = None) -> Record:
 def draw_case(identifier: str | tuple[str, ...] | None, seed: int, robot: str = 'reference',
               severity: float = 1.0, distractors: int = 0, duration_s: float = 40.0,
               excitation: str = 'rich') -> TruthCase:
-    """Draw a case: the effect or effects named (None for a clean arm), and distractors.
+    """
+    Draw a case: the effect or effects named (None for a clean arm), and distractors.
 
     `severity` 1 is clear, 0 the null; distractors are other effects at a fifth of a clear size,
     not among the case's `names`: they come last, under the name of their effect.

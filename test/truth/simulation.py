@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -13,14 +14,14 @@ from truth.configuration import Arm
 from truth.equations import LinkTerms, mass_and_bias
 from truth.integrator import Loop, Plant, run
 
-
 # The classical Runge-Kutta method is stable for real decays up to 2.78 a step.
 STABLE_DECAY = 2.4
 
 
 @dataclass(frozen=True)
 class Motion:
-    """What the arm did: joint (N, 2) rad as read, command (N, 2), fine strain (N S, G) m/m.
+    """
+    What the arm did: joint (N, 2) rad as read, command (N, 2), fine strain (N S, G) m/m.
 
     `state` (N, 2, coordinates) holds coordinates and rates at the samples.
     """
@@ -34,7 +35,9 @@ class Motion:
 
 def copy_terms(terms: LinkTerms) -> LinkTerms:
     """Return a copy whose arrays may be written."""
-    return LinkTerms(*(np.array(x) if isinstance(x, np.ndarray) else x for x in terms))
+    arrays: dict[str, Any] = {name: value.copy() for name, value in terms._asdict().items()
+                              if isinstance(value, np.ndarray)}
+    return terms._replace(**arrays)
 
 
 def plant_of(arm: Arm, system: System) -> Plant:
@@ -64,7 +67,8 @@ def stable_step(arm: Arm, system: System) -> float:
 
 def simulate(arm: Arm, reference: Array | None = None, command: Array | None = None,
              noise: Array | None = None, state: Array | None = None) -> Motion:
-    """Simulate `arm` for N samples, from `reference` (N, 2) rad or from `command` (N, 2).
+    """
+    Simulate `arm` for N samples, from `reference` (N, 2) rad or from `command` (N, 2).
 
     `noise` (N, 2) rad is added to the joint readings, `state` (2, coordinates) is the start.
     """
@@ -100,4 +104,9 @@ def energy(arm: Arm, state: Array) -> float:
     mass = mass_and_bias(p, v, np.zeros(2), system.upper, lower, system.constant_mass)[0]
     q = p[2:2 + system.upper.a.size + lower.a.size]
     stiffness = block_diag(system.upper.stiffness, lower.stiffness)
-    return float(0.5 * v @ mass @ v + 0.5 * q @ stiffness @ q)
+    total = 0.5 * v @ mass @ v + 0.5 * q @ stiffness @ q
+    n1 = system.upper.a.size
+    for link, shapes in ((system.upper, q[:n1]), (lower, q[n1:])):
+        bend, slope = link.point_curvature @ shapes, link.point_slope @ shapes
+        total += 0.5 * link.point_stiffness @ (bend * slope)**2
+    return float(total)

@@ -7,8 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from truth.configuration import Arm
-from truth.effects.hidden_effect import any_joint, either_sign, HiddenEffect, Parameters
-from truth.effects.hidden_effect import with_joint
+from truth.effects.hidden_effect import (
+    any_joint,
+    either_sign,
+    HiddenEffect,
+    Parameters,
+    with_joint,
+)
 
 
 def draw_gain(rng: np.random.Generator, arm: Arm, severity: float) -> Parameters:

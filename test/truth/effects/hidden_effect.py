@@ -1,4 +1,5 @@
-"""What a hidden effect is: it changes the true arm in its own physical way, its size from a seed.
+"""
+What a hidden effect is: it changes the true arm in its own physical way, its size from a seed.
 
 `severity` 1 draws a size that an engineer would call clear, 0.2 a distractor below any sensible
 threshold, 0 the null. Sizes are told as each `draw` states them; friction is given against the
@@ -9,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -38,14 +40,14 @@ def any_joint(rng: np.random.Generator) -> int:
     return int(rng.integers(1, 3))
 
 
-def with_joint(arm: Arm, number: float, **changes: float) -> Arm:
+def with_joint(arm: Arm, number: float, **changes: Any) -> Arm:
     """Return `arm` with joint `number` (1 or 2) changed."""
     joints = list(arm.joints)
     joints[int(number) - 1] = replace(joints[int(number) - 1], **changes)
     return replace(arm, joints=(joints[0], joints[1]))
 
 
-def with_link(arm: Arm, number: float, **changes: float) -> Arm:
+def with_link(arm: Arm, number: float, **changes: Any) -> Arm:
     """Return `arm` with link `number` (1 or 2) changed."""
     links = list(arm.links)
     links[int(number) - 1] = replace(links[int(number) - 1], **changes)
@@ -56,7 +58,8 @@ def with_sensor(arm: Arm, number: float, name: str, change: Callable[[float], fl
     """Return `arm` with entry `number` (from 1) of the sensors' table `name` changed."""
     values = list(getattr(arm.sensors, name))
     values[int(number) - 1] = change(values[int(number) - 1])
-    return replace(arm, sensors=replace(arm.sensors, **{name: tuple(values)}))
+    changes: dict[str, Any] = {name: tuple(values)}
+    return replace(arm, sensors=replace(arm.sensors, **changes))
 
 
 def tip_stiffness(arm: Arm, number: int) -> float:

@@ -7,8 +7,14 @@ from dataclasses import replace
 import numpy as np
 
 from truth.configuration import Arm
-from truth.effects.hidden_effect import any_joint, compliant, HiddenEffect, Parameters
-from truth.effects.hidden_effect import tip_stiffness, with_joint
+from truth.effects.hidden_effect import (
+    any_joint,
+    compliant,
+    HiddenEffect,
+    Parameters,
+    tip_stiffness,
+    with_joint,
+)
 
 
 def viscous_scale(arm: Arm, joint: int) -> float:

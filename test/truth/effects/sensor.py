@@ -7,8 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from truth.configuration import Arm
-from truth.effects.hidden_effect import any_joint, either_sign, HiddenEffect, Parameters
-from truth.effects.hidden_effect import with_sensor
+from truth.effects.hidden_effect import (
+    any_joint,
+    either_sign,
+    HiddenEffect,
+    Parameters,
+    with_sensor,
+)
 
 
 def any_gauge(rng: np.random.Generator, arm: Arm) -> int:

@@ -7,8 +7,15 @@ from dataclasses import replace
 import numpy as np
 
 from truth.configuration import Arm
-from truth.effects.hidden_effect import any_joint, compliant, either_sign, HiddenEffect
-from truth.effects.hidden_effect import Parameters, tip_stiffness, with_link
+from truth.effects.hidden_effect import (
+    any_joint,
+    compliant,
+    either_sign,
+    HiddenEffect,
+    Parameters,
+    tip_stiffness,
+    with_link,
+)
 
 
 def draw_link_stiffness(rng: np.random.Generator, arm: Arm, severity: float) -> Parameters:
