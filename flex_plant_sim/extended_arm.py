@@ -173,7 +173,9 @@ class ExtendedArm:
             return after
         motion = self.motion(state, command, time)
         if self._torque:
-            after = after + _apply(e, self.smooth_force(motion))
+            # From the middle of the step, so that the scheme is of second order.
+            middle = self.motion(0.5 * (state + after), command, time)
+            after = after + _apply(e, self.smooth_force(middle))
         return self.apply_contact(e, state, after, motion)
 
     def smooth_force(self, motion: Motion) -> Array:

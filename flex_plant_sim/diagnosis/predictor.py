@@ -148,7 +148,8 @@ class _Run:
         self.closed = np.ascontiguousarray(every[..., :n])
         self.response = every[..., n + 2:n + 2 + order]
         trajectory = predictor.started(arm)[:, None]
-        motion = arm.motion(trajectory, self.command, self.record.time[:, None])
+        ahead = np.concatenate([trajectory[1:], trajectory[-1:]])
+        motion = arm.motion(0.5 * (trajectory + ahead), self.command, self.record.time[:, None])
         parts = (self.command, arm.smooth_force(motion), self.measured)
         drive = np.concatenate([np.broadcast_to(part, (len(weights), batch, width))
                                 for part, width in zip(parts, (2, order, m))], axis=-1)

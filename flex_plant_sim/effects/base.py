@@ -48,6 +48,8 @@ class Motion:
     """
     Where the arm is, for the hooks that depend on it; leading axes are a batch.
 
+    At the start of a step; for `force`, at its predicted middle.
+
     Attributes
     ----------
     time : Array
@@ -62,7 +64,7 @@ class Motion:
     payload : float
         kg.
     step : float
-        Length of the step that starts here, s.
+        Length of the step, s.
 
     """
 
@@ -141,7 +143,7 @@ class Effect(ABC):
         return 0
 
     def force(self, motion: Motion) -> Array | float:
-        """Return the generalised force at the start of a step, (…, N)."""
+        """Return the generalised force over a step, (…, N), from the motion at its middle."""
         return 0.0
 
     def dry_friction(self, motion: Motion) -> tuple[Array, Array] | None:

@@ -21,9 +21,7 @@ class TorqueRipple(Effect):
     sites = 'joint'
 
     def force(self, motion: Motion) -> Array:
-        """Return the torque at the angle of the step's middle, as a generalised force."""
-        j = slice(self.index, self.index + 1)
-        middle = motion.position[..., j] + 0.5 * motion.step * motion.velocity[..., j]
-        phase = self['periods_per_turn'] * middle
+        """Return the torque as a generalised force, (…, N)."""
+        phase = self['periods_per_turn'] * motion.position[..., self.index:self.index + 1]
         torque = self['sine_n_m'] * np.sin(phase) + self['cosine_n_m'] * np.cos(phase)
         return torque * motion.form.force[:, self.index]
