@@ -34,7 +34,7 @@ class LQGControllerNode(SampleNode):
         self.controller = self.configured(lambda: controller_of(self.values))
         self.set_points = set_points_of(self.values)
         self._command = self.publisher('command')
-        self._sent = np.zeros(2)
+        self.commanded = self._sent = np.zeros(2)
         self._message = joint_state(0, JOINTS, effort=self._sent)
         self.subscribe('reference', self._on_reference)
         estimate = ('payload/inertia',) if self.values['adapt'] else ()
@@ -44,7 +44,7 @@ class LQGControllerNode(SampleNode):
     def restart(self) -> None:
         """Forget everything but the set-points."""
         self.controller.reset()
-        self._sent = np.zeros(2)
+        self.commanded = self._sent = np.zeros(2)
 
     def take(self, sample: Sample) -> Any:
         """Return the command that answers a sample."""
@@ -52,7 +52,7 @@ class LQGControllerNode(SampleNode):
         command = self.controller.command(sample.time, sample.output, sample.command, mass,
                                           self.set_points(sample.time))
         if np.all(np.isfinite(command)):
-            self._sent = command
+            self.commanded = self._sent = command
         else:
             self.reject('command', f'the command at {sample.time:.9g} s is not finite; the one '
                                    'before is kept')

@@ -13,15 +13,20 @@ from flex_payload_estimator.node_setup import estimator_of
 from flex_payload_estimator.sample_node import Sample, SampleNode
 from msg_config.contract_node import DIAGNOSTICS_INTERVAL, run
 from msg_config.messages import (
+    channels,
+    check_finite,
     diagnostic_status,
     doubles,
     inertia_message,
     joint_state,
+    JOINTS,
     nanoseconds,
     set_stamp,
+    stamp_of,
 )
 from msg_config.ros import payload_message
 import numpy as np
+from sensor_msgs.msg import JointState
 
 MESSAGES = {
     'ok': ('ok', 'ok'),
@@ -51,6 +56,9 @@ class PayloadEstimatorNode(SampleNode):
                           joint_state(0, self.channels, empty, effort=empty))
         self._estimate: Estimate | None = None
         self._reported, self._silent = 0, True
+        self._prepare = getattr(self.estimator, 'prepare', None)
+        self._prepared: int | None = None
+        self.subscribe('command', self._on_command)
         self.listen('joint_states', 'strain')
         self.every(DIAGNOSTICS_INTERVAL, self._on_wall_timer)
 
@@ -58,6 +66,7 @@ class PayloadEstimatorNode(SampleNode):
         """Forget everything."""
         self.estimator.reset()
         self.health.reset()
+        self.commanded = self._prepared = None
         self._estimate, self._reported = None, 0
 
     def take(self, sample: Sample) -> Any:
@@ -78,6 +87,15 @@ class PayloadEstimatorNode(SampleNode):
             self._innovation.publish(innovation)
         self._watch(sample.stamp, estimate)
         return (payload, inertia, innovation) if fresh else (payload, inertia)
+
+    def _on_command(self, message: JointState) -> None:
+        """Predict while nobody waits, with the command that will have been applied."""
+        command = channels(message, 'effort', JOINTS, 'command')
+        check_finite(command, JOINTS, 'command: effort')
+        self.commanded, stamp = command, stamp_of(message)
+        if self._prepare is not None and self._prepared != stamp == self.order.last:
+            self._prepared = stamp
+            self._prepare(command)
 
     def answer(self, answer: tuple[Any, ...]) -> None:
         """Publish an answer again."""

@@ -61,6 +61,13 @@ class SampleNode(ContractNode):
     A node that answers each sample once, and a repeated sample with the same answer again.
 
     Subclasses give `take`, `answer` and `restart`.
+
+    Attributes
+    ----------
+    commanded : Array or None
+        The last command that this node sent or heard of, (2,): what is taken as applied where
+        joint_states has no effort, as many robots have none.
+
     """
 
     def __init__(self, name: str, **options: Any):
@@ -70,6 +77,7 @@ class SampleNode(ContractNode):
         self.order = StampOrder()
         self._pairing = Pairing(())
         self._answer: Any = None
+        self.commanded: Array | None = None
         self._lost = 0
         self._restarts = 0
 
@@ -100,10 +108,16 @@ class SampleNode(ContractNode):
 
     def _on_joint_states(self, message: JointState) -> None:
         angle = channels(message, 'position', JOINTS, 'joint_states')
-        command = channels(message, 'effort', JOINTS, 'joint_states')
+        command = self._applied(message)
         self._add('joint_states', stamp_of(message), (angle, command))
         check_finite(angle, JOINTS, 'joint_states: position')
         check_finite(command, JOINTS, 'joint_states: effort')
+
+    def _applied(self, message: JointState) -> Array:
+        """Return u up to this sample: the effort, or else the last command."""
+        if len(message.effort) or self.commanded is None:
+            return channels(message, 'effort', JOINTS, 'joint_states')
+        return self.commanded
 
     def _on_strain(self, message: JointState) -> None:
         strain = channels(message, 'position', self.gauges, 'strain')

@@ -106,7 +106,7 @@ def test_another_run_replaces_the_output_and_spares_what_is_not_a_demo_s(
 
 @pytest.mark.parametrize(('arguments', 'text'), [
     (['--robot', 'nobody'], "expected one of .* got 'nobody'"),
-    (['--duration', '-1'], "expected a mass >= 0|expected a time > 0 s"),
+    (['--duration', '-1'], 'expected a mass >= 0|expected a time > 0 s'),
     (['--payload', 'nan'], "expected a mass >= 0 kg, got 'nan'"),
     (['--estimator', 'oracle'], "invalid choice: 'oracle'"),
     (['--estimator', 'sf1_paper', '--model', 'paper'], 'paper_reduced'),
@@ -141,7 +141,7 @@ def test_the_options_reach_all_three_nodes() -> None:
             'quanser_2dsfl', 'assumed_modes', 4)
     assert experiment.plant['payload_schedule'] == (2.0, 0.3, 2.0, 0.0)
     assert (experiment.plant['payload'], experiment.plant['seed']) == (0.3, 7)
-    assert experiment.samples == 501, '500 Hz is the robot file\'s'
+    assert experiment.samples == 501, "500 Hz is the robot file's"
 
 
 def test_the_summary_tells_when_the_estimate_stays_close() -> None:

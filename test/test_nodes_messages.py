@@ -93,7 +93,6 @@ BAD: dict[str, tuple[str, Callable[[Bench], None], str]] = {
         'joint_states', lambda b: b.sample(1, joints=('shoulder', 'elbow')), 'joint_1'),
     'no names': ('joint_states', lambda b: b.sample(1, angle=(), joints=(), effort=()),
                  'joint_1'),
-    'no effort': ('joint_states', lambda b: b.sample(1, effort=()), 'effort'),
     'a name twice': (
         'joint_states', lambda b: b.sample(1, (0.0,) * 3, effort=(0.0,) * 3,
                                            joints=('joint_1', 'joint_2', 'joint_2')), 'once'),
@@ -128,6 +127,28 @@ def test_what_is_not_finite_is_rejected_and_the_sample_still_answered(
     for message in bench.answers:
         values = [message.inertia.m] if hasattr(message, 'inertia') else message.effort
         assert np.all(np.isfinite(values))
+
+
+def test_a_robot_without_effort_needs_a_command_topic(loop: RosLoop) -> None:
+    from msg_config.messages import joint_state
+
+    innovation = loop.record('innovation')
+    bench = Bench(loop, 'estimator')
+    bench.answered(0)
+    bench.sample(1, effort=(0.5, -0.5))
+    loop.until(lambda: STEP in innovation.stamps)
+    assert loop.call('payload_estimator', 'reset').success
+    bench.answered(0)
+    bench.sample(1, effort=())
+    loop.until(lambda: bench.node.rejected['joint_states'] == 1)
+    assert 'effort: expected 2 values' in bench.node.last_rejection
+    command = loop.publisher('command')
+    command.publish(joint_state(0, JOINTS[::-1], effort=(-0.5, 0.5)))
+    loop.until(lambda: bench.node.commanded is not None)
+    bench.sample(1, effort=())
+    loop.until(lambda: len([m for m in innovation if m.header.stamp.nanosec == STEP]) == 2)
+    one, other = [m for m in innovation if m.header.stamp.nanosec == STEP]
+    assert one == other
 
 
 def test_channels_are_taken_by_name(loop: RosLoop) -> None:

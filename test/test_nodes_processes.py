@@ -57,7 +57,7 @@ def test_a_node_ends_cleanly(
 
 @pytest.mark.parametrize(('node', 'parameter', 'text'), [
     ('plant_sim', 'payload:=-1.0', 'plant_sim: '),
-    ('plant_sim', 'robot:=nobody', "plant_sim: robot: expected one of "),
+    ('plant_sim', 'robot:=nobody', 'plant_sim: robot: expected one of '),
     ('plant_sim', 'modes:=two', 'plant_sim: '),
     ('payload_estimator', 'estimator:=oracle', 'payload_estimator: estimator: expected '),
     ('lqg_controller', 'model:=magic', 'lqg_controller: model: expected '),

@@ -147,6 +147,7 @@ class SF1Estimator:
         self._output: Array | None = None
         self._angle, self._started = 0.0, False
         self._command = np.zeros(2)
+        self._ahead: tuple[Array, Prediction, tuple[Array, Array | None]] | None = None
         self._information, self._surprise, self._samples = 0.0, 1.0, PRIOR_SAMPLES
         self._noise = self._reference
         channels = len(self.model.output)
@@ -193,20 +194,53 @@ class SF1Estimator:
         self._started = True
         return self._finish(time, scaled, scaled - self.model.output.dot(self.state))
 
+    def prepare(self, command: Array) -> None:
+        """
+        Predict while no measurement waits: `update` is then quicker, and its answer the same.
+
+        Parameters
+        ----------
+        command : Array
+            What will have been applied up to the next sample, (2,); where `update` is told
+            otherwise, it predicts again.
+
+        """
+        if self._started and self._ahead is None and np.isfinite(command).all():
+            self._command = np.array(command, dtype=float)
+            self._ahead = self._command, self._predict(), self._moved
+
     def _predict(self) -> Prediction:
         """Return (25), with P moved on."""
-        x, step = self.state, self.step
-        a, rates = self.model.rates(math.cos(self._angle), self.sf1.mass, x, self._command,
-                                    self.settings.regression)
+        if self._ahead is not None:
+            command, prediction, moved = self._ahead
+            self._ahead = None
+            return prediction if np.array_equal(command, self._command) else self._from(*moved)
+        a, rates = self._rates()
         big = self._omega(a)
-        a_bar, prediction = big.dot(a), self.prediction_of(x, big, rates)
+        self._moved = big, self._move_on(big.dot(a))
+        return self._from(*self._moved, rates)
+
+    def _rates(self) -> tuple[Array, Array]:
+        return self.model.rates(math.cos(self._angle), self.sf1.mass, self.state, self._command,
+                                self.settings.regression)
+
+    def _move_on(self, a_bar: Array) -> Array | None:
+        """Move P on and return T K (y - C x), or None without a y."""
         if self._output is None:
             self.kalman.skip(a_bar)
-        else:
-            gain = self.kalman.update(a_bar)
-            correction = step * gain.dot(self._output - self.model.output.dot(x))
-            prediction = prediction._replace(state=prediction.state + correction)
-        return prediction
+            return None
+        gain = self.kalman.update(a_bar)
+        correction: Array = self.step * gain.dot(
+            self._output - self.model.output.dot(self.state))
+        return correction
+
+    def _from(self, big: Array, correction: Array | None,
+              rates: Array | None = None) -> Prediction:
+        prediction = self.prediction_of(
+            self.state, big, self._rates()[1] if rates is None else rates)
+        if correction is None:
+            return prediction
+        return prediction._replace(state=prediction.state + correction)
 
     def prediction_of(self, state: Array, big: Array, rates: Array) -> Prediction:
         """Return (25) without its innovation, from Omega and the model's rates."""
