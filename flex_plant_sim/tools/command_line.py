@@ -75,6 +75,23 @@ def mass(text: str) -> float:
     return value
 
 
+def output_folder(path: str | Path) -> Path:
+    """
+    Return a folder, made if need be.
+
+    Raises
+    ------
+    InputError
+        If it cannot be made.
+
+    """
+    try:
+        Path(path).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f'{path}: expected a folder, got: {error}') from None
+    return Path(path)
+
+
 def write_json(path: str | Path, results: Mapping[str, Any]) -> None:
     """
     Write results as JSON, whole or not at all.
