@@ -10,7 +10,7 @@ from flex_plant_sim.errors import InputError
 import numpy as np
 
 BLOCK = 4
-TRUNCATION = 1e-14
+TRUNCATION = 1e-12
 
 
 @lru_cache(maxsize=32)
@@ -98,7 +98,7 @@ class DeltaOperator:
 
 def halvings_for(spectral_radius: float, step: float, terms: int = 15) -> int:
     """
-    Return how often to halve T so that the first term left out of (19) is below 1e-14.
+    Return how often to halve T so that the first term left out of (19) is below 1e-12.
 
     The spectral radius of A (1/s) is taken, not a norm: A mixes units, so that its norm says
     little about the size of A^i T^i.

@@ -117,14 +117,13 @@ class ReducedModel:
         self.halvings = _halvings(self, robot.sample_time)
 
     def _row(self, compact: CompactModel, cosine: float) -> Array:
-        return np.hstack(CompactTerms.of(compact.at_cosine(cosine))[:7])
+        return np.concatenate([part.ravel()
+                               for part in CompactTerms.of(compact.at_cosine(cosine))[:7]])
 
     def _terms(self, cosine: float) -> CompactTerms:
-        f = self._size
-        row = np.array([1.0, cosine, cosine * cosine]).dot(self._table).reshape(f, -1)
-        return CompactTerms(
-            row[:, :f], row[:, f:2 * f], row[:, 2 * f:3 * f], row[:, 3 * f:4 * f],
-            row[:, 4 * f:5 * f], row[:, 5 * f:5 * f + 2], row[:, 5 * f + 2:], *self._fixed)
+        f, row = self._size, np.array([1.0, cosine, cosine * cosine]).dot(self._table)
+        square, narrow = row[:5 * f * f].reshape(5, f, f), row[5 * f * f:].reshape(2, f, 2)
+        return CompactTerms(*square, *narrow, *self._fixed)
 
     def matrices(self, cosine: float, mass: float) -> tuple[Array, Array]:
         """Return A and B at cos(theta_2) and m_p, kg."""

@@ -37,35 +37,32 @@ def compact_rates(terms: CompactTerms, mass: float, state: Array, command: Array
     check_kind(kind)
     f, lam = len(terms.m_1), terms.lam(mass)
     q, z = state[2:2 + f], state[2 + f:]
-    rate, stiffness = lam.dot(terms.m_20 + mass * terms.m_2m), lam.dot(terms.m_1)
+    stiffness, rate = lam.dot(terms.m_1), lam.dot(terms.m_20 + mass * terms.m_2m)
     fixed, linear = terms.m_50.dot(command), terms.m_5m.dot(command)
     jump = lam.dot(fixed + mass * linear)
     velocity = z + jump
     change = stiffness.dot(q) + rate.dot(velocity)
     jump_slope = lam.dot(terms.mass_m.dot(jump) + linear)
     slope = lam.dot(terms.mass_m.dot(change) + terms.m_2m.dot(velocity)) + rate.dot(jump_slope)
-    columns = np.zeros((2 + 2 * f, 3))
-    columns[:2, 0] = terms.m_6.dot(q) + terms.m_7.dot(command)
-    columns[2:2 + f, 0], columns[2 + f:, 0] = velocity, change
-    columns[2:2 + f, 2], columns[2 + f:, 2] = jump_slope, slope
-    if kind == 'tangent':
-        columns[:, 1] = columns[:, 2]
-    elif kind == 'paper':
+    part, last = jump_slope, slope
+    if kind == 'paper':
         part = lam.dot(linear)
-        columns[2:2 + f, 1] = part
-        columns[2 + f:, 1] = lam.dot(terms.m_2m.dot(z + lam.dot(fixed)) + terms.m_20.dot(part))
-    else:
+        last = lam.dot(terms.m_2m.dot(z + lam.dot(fixed)) + terms.m_20.dot(part))
+    elif kind == 'resolvent':
         lam_0 = terms.lam(0.0)
-        jump_0 = lam_0.dot(fixed)
-        before = z + jump_0
-        part = lam.dot(terms.mass_m.dot(jump_0) + linear)
+        empty_jump = lam_0.dot(fixed)
+        before = z + empty_jump
         empty = lam_0.dot(terms.m_1.dot(q) + terms.m_20.dot(before))
-        columns[2:2 + f, 1] = part
-        columns[2 + f:, 1] = lam.dot(terms.mass_m.dot(empty) + terms.m_2m.dot(before)) \
-            + rate.dot(part)
+        part = lam.dot(terms.mass_m.dot(empty_jump) + linear)
+        last = lam.dot(terms.mass_m.dot(empty) + terms.m_2m.dot(before)) + rate.dot(part)
+    columns = np.zeros((3, 2 + 2 * f))
+    columns[0, :2] = terms.m_6.dot(q) + terms.m_7.dot(command)
+    columns[0, 2:2 + f], columns[0, 2 + f:] = velocity, change
+    columns[1, 2:2 + f], columns[1, 2 + f:] = part, last
+    columns[2, 2:2 + f], columns[2, 2 + f:] = jump_slope, slope
     a = terms.frame.copy()
     a[2 + f:, 2:2 + f], a[2 + f:, 2 + f:] = stiffness, rate
-    return a, columns
+    return a, columns.T
 
 
 def second_order_rates(mass_0: Array, mass_m: Array, right: Array, mass: float, state: Array,

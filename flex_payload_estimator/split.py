@@ -90,7 +90,9 @@ class CompactTerms(NamedTuple):
     def lam(self, mass: float) -> Array:
         """Return Lambda = (I - M_3)^-1, (f, f)."""
         f = len(self.m_1)
-        inverse: Array = dgesv(self.mass_0 - mass * self.mass_m, self.frame[2:2 + f, 2 + f:])[2]
+        # Transposed twice: LAPACK works by columns, and what follows is faster by rows.
+        mass_matrix = self.mass_0 - mass * self.mass_m
+        inverse: Array = dgesv(mass_matrix.T, self.frame[2:2 + f, 2 + f:])[2].T
         return inverse
 
 
