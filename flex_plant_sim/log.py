@@ -151,15 +151,14 @@ def checked(log: Log, row: Callable[[int], str]) -> Log:
 
 
 def _check_finite(log: Log, row: Callable[[int], str]) -> None:
-    columns = [('time', log.time[:, None]), ('command', log.command), ('joint', log.joint),
-               ('strain', log.strain)]
+    names = ['time', 'command_1', 'command_2', *log.output_names]
+    columns = [log.time[:, None], log.command, log.output]
     if log.velocity is not None:
-        columns.append(('velocity', log.velocity))
-    for name, values in columns:
-        bad = ~np.isfinite(values)
-        if bad.any():
-            k, column = (int(index) for index in np.argwhere(bad)[0])
-            label = {'time': 'time', 'strain': (log.gauge_names or ('',))[
-                min(column, len(log.gauge_names) - 1)]}.get(name, f'{name}_{column + 1}')
-            raise InputError(f'{log.source}: {row(k)}: {label}: expected a finite number, '
-                             f'got {values[k, column]}')
+        names += ['velocity_1', 'velocity_2']
+        columns.append(log.velocity)
+    values = np.hstack(columns)
+    bad = np.argwhere(~np.isfinite(values))
+    if bad.size:
+        k, column = bad[0]
+        raise InputError(f'{log.source}: {row(int(k))}: {names[column]}: expected a finite '
+                         f'number, got {values[k, column]}')

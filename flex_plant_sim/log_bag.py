@@ -173,8 +173,11 @@ def write_bag(path: str | Path, log: Log, storage: Literal['mcap', 'sqlite3'] = 
         If nothing can be written there.
 
     """
-    from rosbags.rosbag2 import StoragePlugin, Writer
-    from rosbags.typesys import get_typestore, Stores
+    try:
+        from rosbags.rosbag2 import StoragePlugin, Writer
+        from rosbags.typesys import get_typestore, Stores
+    except ImportError:
+        raise InputError(f'{path}: writing bags needs the package rosbags') from None
     types = get_typestore(Stores.ROS2_JAZZY)
     plugin = StoragePlugin.MCAP if storage == 'mcap' else StoragePlugin.SQLITE3
     with whole_file(path) as temporary, Writer(temporary, version=9,
