@@ -123,7 +123,7 @@ class ReducedModel:
     def _terms(self, cosine: float) -> CompactTerms:
         f, row = self._size, np.array([1.0, cosine, cosine * cosine]).dot(self._table)
         square, narrow = row[:5 * f * f].reshape(5, f, f), row[5 * f * f:].reshape(2, f, 2)
-        return CompactTerms(*square, *narrow, *self._fixed)
+        return CompactTerms._make((*square, *narrow, *self._fixed))
 
     def matrices(self, cosine: float, mass: float) -> tuple[Array, Array]:
         """Return A and B at cos(theta_2) and m_p, kg."""
