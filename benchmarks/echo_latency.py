@@ -1,9 +1,9 @@
 """
 Latency of the estimator node: strain in to payload out, beside a bare rclpy echo node.
 
-Three processes: this one makes samples at a fixed rate and takes the time, the second is the
-installed payload_estimator, the third a node that does nothing but send strain back. Blocks of
-both alternate in one run, so that both see the same machine.
+This process makes samples at a fixed rate, sends a command after every answer as a controller
+does, and takes the time. The other one is payload_estimator, or a node that does nothing but send
+strain back; blocks of both alternate in one run, so that both see the same machine.
 """
 
 from __future__ import annotations
@@ -20,9 +20,10 @@ import time
 from typing import Any
 
 from flex_plant_sim.plant_setup import simulator_of
+from geometry_msgs.msg import InertiaStamped
 from msg_config.messages import joint_state, JOINTS, nanoseconds, stamp_of
 from msg_config.parameters import check_parameters
-from msg_config.ros import create_publisher, create_subscription
+from msg_config.ros import create_publisher
 import numpy as np
 import rclpy
 from rclpy.clock import Clock
@@ -31,11 +32,14 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
 
 TARGETS = {50: 1.3, 99: 1.5}
 WARM_UP = 1.0
 PATIENCE = 30.0
 ECHO = 'echo/strain'
+DEPTH = 1000
+ANSWERS_TO_START = 20
 
 
 def echo() -> None:
@@ -65,6 +69,10 @@ class Samples:
             wanted = 0.5 if (k // round(2.0 * rate)) % 2 == 0 else -0.5
             simulator.step(np.clip(3.0 * (wanted - sample.angle), -2.0, 2.0))
 
+    def command(self, k: int) -> np.ndarray:
+        """Return what was applied up to sample k."""
+        return self.rows[k % len(self.rows)][2]
+
     def messages(self, k: int, stamp: int) -> tuple[JointState, JointState]:
         """Return joint_states and strain of sample k."""
         angle, strain, command = self.rows[k % len(self.rows)]
@@ -77,26 +85,28 @@ class Driver(Node):
 
     def __init__(self, rate: float, samples: Samples):
         super().__init__('driver')
-        self.rate, self.samples, self.k = rate, samples, 0
+        self.rate, self.samples, self.k, self.first = rate, samples, 0, 0
         self._joint_states = create_publisher(self, 'joint_states')
         self._strain = create_publisher(self, 'strain')
+        self._command = create_publisher(self, 'command')
         self.sent: dict[int, int] = {}
         self.payloads: list[int] = []
         self.answered: list[int] = []
         self.echoed: dict[int, int] = {}
         self._end: Future[None] = Future()
         self._until = 0
-        create_subscription(self, 'payload', self._on_payload)
-        create_subscription(self, 'payload/inertia', self._on_inertia, reliable=True)
-        self.create_subscription(JointState, ECHO, self._on_echo, 10)
+        for kind, topic, callback in ((Float64MultiArray, 'payload', self._on_payload),
+                                      (InertiaStamped, 'payload/inertia', self._on_inertia),
+                                      (JointState, ECHO, self._on_echo)):
+            self.create_subscription(kind, topic, callback, DEPTH)
         self.create_timer(1.0 / rate, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._running = False
 
-    @property
-    def heard(self) -> bool:
-        """Return whether somebody takes strain, and somebody answers."""
-        answers = self.count_publishers('payload/inertia') + self.count_publishers(ECHO)
-        return self._strain.get_subscription_count() > 0 and answers > 0
+    def forget(self) -> None:
+        """Begin to count at the next sample."""
+        self.first = self.k
+        for record in (self.sent, self.payloads, self.answered, self.echoed):
+            record.clear()  # type: ignore[attr-defined]
 
     def run(self, executor: Any, seconds: float) -> None:
         """Send samples for a time and wait for the last answers."""
@@ -104,7 +114,7 @@ class Driver(Node):
         self._running = True
         executor.spin_until_future_complete(self._end, timeout_sec=10.0 * seconds + PATIENCE)
         self._running = False
-        executor.spin_until_future_complete(Future(), timeout_sec=0.5)
+        executor.spin_until_future_complete(Future(), timeout_sec=0.2)
 
     def _tick(self) -> None:
         if not self._running:
@@ -124,9 +134,17 @@ class Driver(Node):
 
     def _on_inertia(self, message: Any) -> None:
         self.answered.append(stamp_of(message))
+        self._answer(self.answered[-1])
 
     def _on_echo(self, message: Any) -> None:
-        self.echoed[stamp_of(message)] = time.monotonic_ns()
+        stamp = stamp_of(message)
+        self.echoed[stamp] = time.monotonic_ns()
+        self._answer(stamp)
+
+    def _answer(self, stamp: int) -> None:
+        """Send the command that is applied from a sample on: the next sample's effort."""
+        command = self.samples.command(round(stamp * 1e-9 * self.rate) + 1)
+        self._command.publish(joint_state(stamp, JOINTS, effort=command))
 
 
 @contextmanager
@@ -141,26 +159,26 @@ def process(arguments: list[str]) -> Iterator[None]:
 
 
 def wait_for(executor: Any, driver: Driver) -> None:
-    """Poll until the other process is there: discovery takes 0.1 s to several seconds."""
+    """Send until all answers come: discovery takes 0.1 s to several seconds."""
     deadline = time.monotonic() + PATIENCE
-    while not driver.heard:
+    while len(driver.answered) + len(driver.echoed) < ANSWERS_TO_START:
         if time.monotonic() > deadline:
             raise SystemExit(f'no answering node within {PATIENCE:g} s')
-        executor.spin_until_future_complete(Future(), timeout_sec=0.1)
+        driver.run(executor, 0.1)
+    driver.forget()
 
 
-def latencies(driver: Driver, kind: str, first: int) -> tuple[np.ndarray, int]:
+def latencies(driver: Driver, kind: str) -> tuple[np.ndarray, int]:
     """Return the latencies of a block, s, and how many samples were lost."""
-    stamps = [nanoseconds(k / driver.rate) for k in range(first, driver.k)]
+    stamps = [nanoseconds(k / driver.rate) for k in range(driver.first, driver.k)]
     if kind == 'echo':
         times = [driver.echoed[s] - driver.sent[s] for s in stamps if s in driver.echoed]
     else:
         # `payload` has no stamp, but is published just before `payload/inertia`, which has.
-        lost = len(stamps) - len(driver.answered)
-        if lost == 0 and len(driver.payloads) == len(driver.answered):
-            times = [at - driver.sent[s] for s, at in zip(driver.answered, driver.payloads)]
-        else:
-            times = []
+        times = [at - driver.sent[s] for s, at in zip(driver.answered, driver.payloads)]
+        if len(driver.payloads) != len(driver.answered):
+            raise SystemExit(f'{len(driver.payloads)} payloads and {len(driver.answered)} '
+                             'inertias came: this machine loses what is reliable')
     lost = len(stamps) - len(driver.echoed if kind == 'echo' else driver.answered)
     warm = round(WARM_UP * driver.rate)
     return 1e-9 * np.array(times[warm:]), lost
@@ -175,7 +193,7 @@ def block(kind: str, command: list[str], options: argparse.Namespace,
         executor.add_node(driver)
         wait_for(executor, driver)
         driver.run(executor, WARM_UP + options.duration / options.blocks)
-        result = latencies(driver, kind, 0)
+        result = latencies(driver, kind)
         executor.remove_node(driver)
         driver.destroy_node()
         executor.shutdown()

@@ -113,11 +113,10 @@ class ModelHealth:
 
     def add(self, innovation: Array, deviation: Array) -> None:
         """Take an innovation and its standard deviation, (m,); what is not finite is left out."""
-        with np.errstate(divide='ignore', invalid='ignore'):
-            scaled = innovation / deviation
-        if not np.all(np.isfinite(scaled)):
+        if not (np.isfinite(innovation).all() and deviation.all()
+                and np.isfinite(deviation).all()):
             return
-        self._ring[self._count % self.window] = scaled
+        self._ring[self._count % self.window] = innovation / deviation
         self._count += 1
         if self._count >= self._judged + self.window:
             self._judged = self._count

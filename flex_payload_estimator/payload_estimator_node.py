@@ -75,18 +75,19 @@ class PayloadEstimatorNode(SampleNode):
         if not all(map(math.isfinite, (estimate.mass, estimate.variance, estimate.p))):
             self.reject('payload', f'the estimate at {sample.time:.9g} s is not finite')
             return None
-        payload, inertia, innovation = self._messages
+        payload, inertia, _ = self._messages
         payload.data = doubles((estimate.mass, estimate.variance, estimate.p))
         self._payload.publish(payload)
         set_stamp(inertia, sample.stamp)
         inertia.inertia.m = float(estimate.mass)
         self._inertia.publish(inertia)
-        fresh = self._take_innovation(estimate)
-        if fresh:
-            set_stamp(innovation, sample.stamp)
-            self._innovation.publish(innovation)
         self._watch(sample.stamp, estimate)
-        return (payload, inertia, innovation) if fresh else (payload, inertia)
+        if estimate.status == 'input_rejected':
+            return payload, inertia
+        self.health.add(estimate.innovation, estimate.innovation_std)
+        if not self._innovation.get_subscription_count():
+            return payload, inertia
+        return (payload, inertia) + self._answer_innovation(sample.stamp, estimate)
 
     def _on_command(self, message: JointState) -> None:
         """Predict while nobody waits, with the command that will have been applied."""
@@ -102,17 +103,16 @@ class PayloadEstimatorNode(SampleNode):
         for publisher, message in zip((self._payload, self._inertia, self._innovation), answer):
             publisher.publish(message)
 
-    def _take_innovation(self, estimate: Estimate) -> bool:
-        """Fill the message, and tell whether there is an innovation of this sample."""
-        if estimate.status == 'input_rejected' or not (
-                np.isfinite(estimate.innovation).all()
+    def _answer_innovation(self, stamp: int, estimate: Estimate) -> tuple[JointState, ...]:
+        if not (np.isfinite(estimate.innovation).all()
                 and np.isfinite(estimate.innovation_std).all()):
-            return False
+            return ()
         innovation = self._messages[2]
+        set_stamp(innovation, stamp)
         innovation.position = doubles(estimate.innovation)
         innovation.effort = doubles(estimate.innovation_std)
-        self.health.add(estimate.innovation, estimate.innovation_std)
-        return True
+        self._innovation.publish(innovation)
+        return (innovation,)
 
     def _watch(self, stamp: int, estimate: Estimate) -> None:
         before, self._estimate = self._estimate, estimate
