@@ -10,7 +10,9 @@ from flex_payload_estimator.estimators.factory import make_estimator
 from flex_payload_estimator.lqg import LQGController, LQGSettings
 from flex_payload_estimator.set_points import SetPoints, square
 from flex_payload_estimator.sf1 import SF1Settings
+from flex_plant_sim.effects import effects_of
 from flex_plant_sim.plant_setup import robot_of
+from flex_plant_sim.robot import Robot
 
 
 def estimator_of(values: Mapping[str, Any]) -> PayloadEstimator:
@@ -52,7 +54,14 @@ def controller_of(values: Mapping[str, Any]) -> LQGController:
         adapt=values['adapt'], mass_0=values['payload_initial'], q_2=values['q_2'],
         r_1=values['r_1'], r_2=values['r_2'], terms=values['n_prime'],
         integrator=values['integrator'], command_limit=values['command_limit'])
-    return LQGController(robot_of(values), values['model'], values['modes'], settings)
+    return LQGController(_as_built(robot_of(values)), values['model'], values['modes'], settings)
+
+
+def _as_built(robot: Robot) -> Robot:
+    """Return the robot with what its file's effects say of its parameters."""
+    for effect in effects_of(robot):
+        robot = effect.on_robot(robot)
+    return robot
 
 
 def set_points_of(values: Mapping[str, Any]) -> SetPoints:

@@ -14,7 +14,7 @@ from flex_plant_sim.payload_profile import PayloadProfile
 from flex_plant_sim.robot import load_robot, Robot
 from flex_plant_sim.simulation import Noise, Simulator
 
-CORIOLIS = 'coriolis_centripetal:arm:scale=1'
+CORIOLIS = 'coriolis_centripetal:arm:share=1'
 
 
 def robot_of(values: Mapping[str, Any]) -> Robot:

@@ -1,0 +1,116 @@
+"""The nodes take a diagnosed robot's file, and plant_sim any effect of the catalogue."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from importlib import resources
+from pathlib import Path
+from typing import Any, TYPE_CHECKING
+
+from flex_payload_estimator.node_setup import controller_of
+from flex_plant_sim.effects import at_null, catalogue, sites
+from flex_plant_sim.plant_setup import simulator_of
+from flex_plant_sim.robot import load_robot
+from flex_plant_sim.simulation import simulate
+from msg_config.parameters import check_parameters
+import numpy as np
+import pytest
+
+if TYPE_CHECKING:
+    from rclpy.context import Context
+    from ros_loop import RosLoop
+
+FOUND = """
+effects:
+  - {name: coulomb_friction, site: joint_2, level_n_m: 0.3}
+  - {name: input_delay, site: arm, delay_s: 0.02}
+  - {name: link_stiffness, site: link_2, factor: 0.8}
+"""
+SAMPLES = 121
+COMMANDS = np.random.default_rng(0).uniform(-1.0, 1.0, (12, 2)).repeat(10, axis=0)
+
+
+@pytest.fixture
+def extended(tmp_path: Path) -> str:
+    """Return the reference robot's file with three effects."""
+    text = (resources.files('flex_plant_sim') / 'robots' / 'reference.yaml').read_text()
+    (tmp_path / 'extended.yaml').write_text(text + FOUND)
+    return str(tmp_path / 'extended.yaml')
+
+
+@pytest.fixture
+def loop(ros_context: Context) -> Iterator[RosLoop]:
+    """Return an executor in a ROS domain of its own."""
+    from ros_loop import RosLoop
+
+    loop = RosLoop(ros_context)
+    yield loop
+    loop.close()
+
+
+def outputs(**values: Any) -> np.ndarray:
+    """Return what a plant without noise measures under COMMANDS."""
+    table = check_parameters('plant_sim', {'angle_noise': 0.0, 'strain_noise': 0.0, 'modes': 2,
+                                           **values})
+    return simulate(simulator_of(table), COMMANDS)[0]
+
+
+def test_effects_of_the_file_and_of_the_parameters_are_the_same(extended: str) -> None:
+    by_parameter = outputs(effects=[
+        'coulomb_friction:joint_2:level_n_m=0.3', 'input_delay:arm:delay_s=0.02',
+        'link_stiffness:link_2:factor=0.8'])
+    np.testing.assert_array_equal(outputs(robot=extended), by_parameter)
+    difference = np.abs(by_parameter - outputs()).max(axis=0)
+    assert difference[0] > 1e-3
+    assert difference[1] > 1e-3
+
+
+def test_coriolis_terms_are_one_switch() -> None:
+    switched = outputs(coriolis=True)
+    np.testing.assert_array_equal(
+        switched, outputs(effects=['coriolis_centripetal:arm:share=1']))
+    assert np.abs(switched - outputs()).max() > 1e-6
+
+
+@pytest.mark.parametrize('identifier', catalogue())
+def test_plant_sim_starts_with_every_effect(identifier: str) -> None:
+    effect, robot = catalogue()[identifier], load_robot('reference')
+    null = at_null(effect, sites(effect, robot)[0])
+    pairs = ','.join(f'{parameter.name}={null[parameter.name]!r}'
+                     for parameter in effect.parameters)
+    text = f'{identifier}:{null.site}:{pairs}'
+    assert np.all(np.isfinite(outputs(effects=[text])[:5]))
+
+
+def test_the_controller_takes_the_parameters_that_were_found(extended: str) -> None:
+    values = {'model': 'assumed_modes', 'modes': 2}
+    nominal = controller_of(check_parameters('lqg_controller', values))
+    found = controller_of(check_parameters('lqg_controller', {**values, 'robot': extended}))
+    stiffness = [np.linalg.eigvals(c.model.matrices(1.0, 0.0)[0]).imag.max()
+                 for c in (nominal, found)]
+    assert stiffness[1] < 0.99 * stiffness[0]
+
+
+@pytest.mark.ros
+def test_the_loop_runs_with_an_extended_robot_as_offline(loop: RosLoop, extended: str) -> None:
+    from flex_payload_estimator.loop import run_loop
+    from flex_payload_estimator.lqg_controller_node import LQGControllerNode
+    from flex_payload_estimator.node_setup import estimator_of, set_points_of
+    from flex_payload_estimator.payload_estimator_node import PayloadEstimatorNode
+    from flex_plant_sim.plant_sim_node import PlantSim
+
+    common = {'robot': extended, 'modes': 2}
+    tables = {'plant_sim': {**common, 'seed': 4}, 'lqg_controller': common,
+              'payload_estimator': {**common, 'estimator': 'sf1'}}
+    inertia, commands = loop.record('payload/inertia'), loop.record('command')
+    for kind, values in zip((PlantSim, LQGControllerNode, PayloadEstimatorNode),
+                            tables.values()):
+        loop.start(kind, **values)
+    loop.until(lambda: min(len(inertia.stamps), len(commands.stamps)) >= SAMPLES)
+    plant, controller, estimator = (check_parameters(name, own) for name, own in tables.items())
+    record = run_loop(simulator_of(plant), estimator_of(estimator), controller_of(controller),
+                      set_points_of(controller), 0.01 * (SAMPLES - 1))
+    mass = [m.inertia.m for m in inertia.by_stamp().values()][:SAMPLES]
+    sent = [m.effort for m in commands.by_stamp().values()][:SAMPLES]
+    np.testing.assert_allclose(mass, record.mass, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(np.array(sent), record.command, rtol=0.0, atol=1e-12)
