@@ -12,9 +12,11 @@ from truth import equations
 from truth.beam_elements import Array
 from truth.equations import LinkTerms
 
+# Numba's own switch; without compilation the loops would be far slower than numpy.
+HAVE_NUMBA = os.environ.get('NUMBA_DISABLE_JIT', '0') == '0'
 try:
-    import numba
-    HAVE_NUMBA = os.environ.get('NUMBA_DISABLE_JIT', '0') == '0'
+    if HAVE_NUMBA:
+        import numba
 except ImportError:
     HAVE_NUMBA = False
 

@@ -33,7 +33,8 @@ class TruthCase:
     What a record is made from; `effects` are (identifier, parameters) in the truth's terms.
 
     Attributes: payload_true, payload_told kg; excitation rich, rest or one_joint; noise scales
-    the sensors' noise (0: neither noise nor quantisation).
+    the sensors' noise (0: neither noise nor quantisation); distractors are further effects, too
+    small to be named.
     """
 
     seed: int
@@ -45,6 +46,7 @@ class TruthCase:
     excitation: str = 'rich'
     tolerances: bool = True
     noise: float = 1.0
+    distractors: tuple[tuple[str, Parameters], ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -79,7 +81,7 @@ def build_arm(case: TruthCase) -> Arm:
     if case.tolerances:
         arm = with_tolerances(arm, random_stream(case, 'tolerances'))
     arm = limit_excitation(arm, case)
-    for name, parameters in case.effects:
+    for name, parameters in (*case.effects, *case.distractors):
         arm = CATALOGUE[name].apply(arm, parameters)
     if case.noise == 0.0:
         arm = replace(arm, sensors=replace(arm.sensors, angle_step=(0.0, 0.0), strain_step=0.0))
@@ -134,21 +136,20 @@ def draw_case(identifier: str | tuple[str, ...] | None, seed: int, robot: str = 
     """
     Draw a case: the effect or effects named (None for a clean arm), and distractors.
 
-    `severity` 1 is clear, 0 the null; distractors are other effects at a fifth of a clear size,
-    not among the case's `names`: they come last, under the name of their effect.
+    `severity` 1 is clear, 0 the null; each distractor is another effect at a fifth of that.
     """
     names = () if identifier is None else (
         (identifier,) if isinstance(identifier, str) else tuple(identifier))
     rng = np.random.default_rng([seed, crc32(' '.join(names).encode())])
     told = float(rng.uniform(*PAYLOAD_RANGE[robot]))
     case = TruthCase(seed, (), robot, duration_s, told, told, excitation)
-    others = [name for name in CATALOGUE if name not in names]
-    small = tuple(rng.choice(others, distractors, replace=False))
     for name in names:
         case = add_effect(case, name, rng, severity)
-    for name in small:
+    named = case.effects
+    others = [name for name in CATALOGUE if name not in names]
+    for name in rng.choice(others, distractors, replace=False):
         case = add_effect(case, str(name), rng, DISTRACTOR_SEVERITY)
-    return case
+    return replace(case, effects=named, distractors=case.effects[len(named):])
 
 
 def add_effect(case: TruthCase, name: str, rng: np.random.Generator,

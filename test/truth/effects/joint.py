@@ -22,6 +22,13 @@ def viscous_scale(arm: Arm, joint: int) -> float:
     return arm.joints[joint - 1].damping
 
 
+def with_friction(arm: Arm, joint: float, forward: float, backward: float) -> Arm:
+    """Return `arm` with more dry friction, N m, on top of what the joint has."""
+    now = arm.joints[int(joint) - 1]
+    return with_joint(arm, joint, coulomb_forward=now.coulomb_forward + forward,
+                      coulomb_backward=now.coulomb_backward + backward)
+
+
 def draw_coulomb(rng: np.random.Generator, arm: Arm, severity: float) -> Parameters:
     """Draw 6-11 % of the drive's viscous torque at 1 rad/s (0.43 N m at joint 2 is 8.7 %)."""
     joint = any_joint(rng)
@@ -31,8 +38,7 @@ def draw_coulomb(rng: np.random.Generator, arm: Arm, severity: float) -> Paramet
 
 def apply_coulomb(arm: Arm, size: Parameters) -> Arm:
     """Add dry friction, N m, equal in both directions."""
-    return with_joint(arm, size['joint'], coulomb_forward=size['torque'],
-                      coulomb_backward=size['torque'])
+    return with_friction(arm, size['joint'], size['torque'], size['torque'])
 
 
 def draw_viscous(rng: np.random.Generator, arm: Arm, severity: float) -> Parameters:
@@ -57,8 +63,7 @@ def draw_asymmetric(rng: np.random.Generator, arm: Arm, severity: float) -> Para
 
 def apply_asymmetric(arm: Arm, size: Parameters) -> Arm:
     """Add dry friction that differs by direction, N m."""
-    return with_joint(arm, size['joint'], coulomb_forward=size['forward'],
-                      coulomb_backward=size['backward'])
+    return with_friction(arm, size['joint'], size['forward'], size['backward'])
 
 
 def draw_stribeck(rng: np.random.Generator, arm: Arm, severity: float) -> Parameters:
@@ -71,8 +76,8 @@ def draw_stribeck(rng: np.random.Generator, arm: Arm, severity: float) -> Parame
 
 def apply_stribeck(arm: Arm, size: Parameters) -> Arm:
     """Add dry friction, N m, that is larger by `extra` at rest than in sliding."""
-    return with_joint(arm, size['joint'], coulomb_forward=size['sliding'],
-                      coulomb_backward=size['sliding'], stribeck=size['extra'],
+    rubbing = with_friction(arm, size['joint'], size['sliding'], size['sliding'])
+    return with_joint(rubbing, size['joint'], stribeck=size['extra'],
                       stribeck_speed=size['speed'])
 
 
