@@ -9,11 +9,14 @@ from flex_plant_sim.diagnosis.hypothesis import Hypothesis
 from flex_plant_sim.diagnosis.problem import Problem, Weighting
 import numpy as np
 
-ITERATIONS = 8
+ITERATIONS = 10
 BATCH = 24
 DIFFERENCE = 0.05
 KEPT_STARTS = 2
-ENOUGH = 0.05
+ENOUGH = 0.3
+SHARE = 1e-4
+LIMIT = 3.0
+DAMPINGS = (1e-4, 0.03, 1.0, 30.0)
 
 
 @dataclass(frozen=True)
@@ -51,35 +54,58 @@ class Fit:
 
 
 class Projector:
-    """Takes the base parameters out of whitened residuals, as far as their priors allow."""
+    """
+    Takes the base parameters out of whitened residuals, as far as their tolerances allow.
+
+    Each has a Gaussian prior and stays within LIMIT standard deviations of nominal: a part
+    further out than that is a cause to be named, not a tolerance.
+    """
 
     def __init__(self, problem: Problem, weighting: Weighting):
         self.weighting = weighting
         white = weighting.whitener @ problem.sensitivity
         self.columns = white.reshape(-1, white.shape[-1]) / np.sqrt(weighting.temper)
-        gram = self.columns.T @ self.columns + np.diag(problem.precision)
-        self.factor = np.linalg.inv(gram)
+        self.gram = self.columns.T @ self.columns + np.diag(problem.precision)
+        self.bound = LIMIT / np.sqrt(problem.precision)
 
     def white(self, residual: Array) -> Array:
         """Return tempered whitened residuals, flat: (…, W length m)."""
         flat = self.weighting.white(residual) / np.sqrt(self.weighting.temper)
         return flat.reshape(residual.shape[:-3] + (-1,))
 
-    def nuisance(self, flat: Array) -> Array:
-        """Return the best deviations of the base parameters, (p,)."""
-        return -self.factor @ (self.columns.T @ flat)
+    def nuisance(self, flat: Array) -> tuple[Array, Array]:
+        """Return the best deviations of the base parameters (p,), and which are free (p,)."""
+        load = self.columns.T @ flat
+        free, value = np.ones(load.size, dtype=bool), np.zeros(load.size)
+        for _ in range(load.size):
+            held = self.gram[np.ix_(free, ~free)] @ value[~free]
+            value[free] = -np.linalg.solve(self.gram[np.ix_(free, free)], load[free] + held)
+            beyond = free & (np.abs(value) > self.bound)
+            if not beyond.any():
+                break
+            value = np.clip(value, -self.bound, self.bound)
+            free = free & ~beyond
+        return value, free
 
     def cost(self, flat: Array) -> float:
         """Return half the squared residual that the base parameters leave, nats."""
-        load = self.columns.T @ flat
-        return float(0.5 * (flat @ flat - load @ self.factor @ load))
+        value, _ = self.nuisance(flat)
+        return float(0.5 * (flat @ flat) + (self.columns.T @ flat) @ value
+                     + 0.5 * value @ self.gram @ value)
 
     def normal(self, flat: Array, columns: Array) -> tuple[Array, Array]:
         """Return Hessian (k, k) and gradient (k,) of the cost for columns (k, M)."""
-        cross = columns @ self.columns
-        hessian = columns @ columns.T - cross @ self.factor @ cross.T
-        gradient = columns @ flat - cross @ (self.factor @ (self.columns.T @ flat))
-        return hessian, gradient
+        value, free = self.nuisance(flat)
+        cross = (columns @ self.columns)
+        own = cross[:, free]
+        hessian = columns @ columns.T - own @ np.linalg.solve(
+            self.gram[np.ix_(free, free)], own.T)
+        return hessian, columns @ flat + cross @ value
+
+
+def frozen_precision(problem: Problem, free: Array) -> Array:
+    """Return the prior precision of the base parameters, those at a limit held there, (p,)."""
+    return np.where(free, problem.precision, 1e12 * problem.precision)
 
 
 def fit_base(problem: Problem) -> Fit:
@@ -88,11 +114,11 @@ def fit_base(problem: Problem) -> Fit:
     for _ in range(3):
         projector = Projector(problem, weighting)
         flat = projector.white(problem.nominal)
-        nuisance = projector.nuisance(flat)
+        nuisance, free = projector.nuisance(flat)
         residual = problem.nominal + problem.sensitivity @ nuisance
         weighting = problem.weighting(residual)
-    return Fit(None, np.zeros(0), nuisance, residual, problem.sensitivity, problem.precision,
-               weighting, projector.cost(flat))
+    return Fit(None, np.zeros(0), nuisance, residual, problem.sensitivity,
+               frozen_precision(problem, free), weighting, projector.cost(flat))
 
 
 def fit_hypothesis(problem: Problem, hypothesis: Hypothesis, weighting: Weighting,
@@ -107,16 +133,32 @@ def fit_hypothesis(problem: Problem, hypothesis: Hypothesis, weighting: Weightin
 
     """
     search = _Search(problem, hypothesis, Projector(problem, weighting))
-    values = search.best_starts(hypothesis.starts(duration))
-    tried = [search.descend(v) for v in values]
-    best = min(tried, key=lambda pair: pair[1])[0]
+    starts = search.best_starts(hypothesis.starts(duration))
+    point = min((search.descend(v) for v in starts), key=lambda p: p.cost)
     for _ in range(2):
-        residual = search.residual(best[None])[0]
-        nuisance = search.projector.nuisance(search.projector.white(residual))
-        own = problem.weighting(residual + problem.sensitivity @ nuisance)
+        nuisance, _ = search.projector.nuisance(point.flat)
+        own = problem.weighting(point.residual + problem.sensitivity @ nuisance)
         search = _Search(problem, hypothesis, Projector(problem, own))
-        best, cost = search.descend(best)
-    return search.result(best, cost)
+        point = search.descend(point.values)
+    return search.result(point)
+
+
+def refit(problem: Problem, fit: Fit) -> Fit:
+    """Return a fit again from its own values, for another linearisation of the base."""
+    assert fit.hypothesis is not None
+    search = _Search(problem, fit.hypothesis, Projector(problem, fit.weighting))
+    return search.result(search.descend(fit.values))
+
+
+@dataclass(frozen=True)
+class _Point:
+    """A linearisation: values (k,), residual (W, length, m), columns (k, W, length, m)."""
+
+    values: Array
+    residual: Array
+    columns: Array
+    flat: Array
+    cost: float
 
 
 class _Search:
@@ -124,7 +166,6 @@ class _Search:
 
     def __init__(self, problem: Problem, hypothesis: Hypothesis, projector: Projector):
         self.problem, self.hypothesis, self.projector = problem, hypothesis, projector
-        self._gains = None
 
     def residual(self, values: Array) -> Array:
         """Return residuals at values (B, k): (B, W, length, m)."""
@@ -147,52 +188,50 @@ class _Search:
             return starts
         return starts[np.argsort(self.costs(starts))[:KEPT_STARTS]]
 
-    def linearise(self, values: Array) -> tuple[Array, Array]:
-        """Return residual (W, length, m) and columns (k, W, length, m) by differences."""
+    def linearise(self, values: Array) -> _Point:
+        """Return residual and columns at values, by differences."""
         away = np.abs(values - self.hypothesis.null)
         step = DIFFERENCE * np.maximum(away, 0.2 * self.hypothesis.scale)
         step = np.where(values + step > self.hypothesis.high, -step, step)
         moved = values + np.concatenate([np.zeros((1, len(values))), np.diag(step)])
         residual = self.residual(moved)
+        flat = self.projector.white(residual[0])
         columns = (residual[1:] - residual[0]) / step[:, None, None, None]
-        return residual[0], columns
+        return _Point(values, residual[0], columns, flat, self.projector.cost(flat))
 
-    def descend(self, values: Array) -> tuple[Array, float]:
-        """Return the minimum found from a start, and its cost."""
-        damping, cost = 1e-3, np.inf
+    def descend(self, values: Array) -> _Point:
+        """Return the minimum found from a start, linearised there."""
+        point = self.linearise(values)
         for _ in range(ITERATIONS):
-            residual, columns = self.linearise(values)
-            flat = self.projector.white(residual)
-            before = self.projector.cost(flat)
-            hessian, gradient = self.projector.normal(flat, self.projector.white(columns))
-            values_next, cost = self._step(values, before, hessian, gradient, damping)
-            done = before - cost < ENOUGH
-            values = values_next
-            if done:
+            values = self._next(point)
+            if values is None:
                 break
-        return values, cost
+            point = self.linearise(values)
+        return point
 
-    def _step(self, values: Array, before: float, hessian: Array, gradient: Array,
-              damping: float) -> tuple[Array, float]:
-        """Return the best of a few damped steps within the bounds, and its cost."""
+    def _next(self, point: _Point) -> Array | None:
+        """Return better values within the bounds, or None where little is to be gained."""
+        columns = self.projector.white(point.columns)
+        hessian, gradient = self.projector.normal(point.flat, columns)
         diagonal = np.diag(np.maximum(np.diagonal(hessian), 1e-12))
-        factors = damping * 30.0**np.arange(4)
-        trials = []
-        for factor in factors:
-            change = -np.linalg.lstsq(hessian + factor * diagonal, gradient, rcond=None)[0]
-            trials.append(np.clip(values + change, self.hypothesis.low, self.hypothesis.high))
-        for trial in trials:
-            cost = self.costs(trial[None])[0]
-            if cost < before:
-                return trial, cost
-        return values, before
+        for damping in DAMPINGS:
+            change = -np.linalg.lstsq(hessian + damping * diagonal, gradient, rcond=None)[0]
+            trial = np.clip(point.values + change, self.hypothesis.low, self.hypothesis.high)
+            change = trial - point.values
+            promised = -(gradient @ change + 0.5 * change @ hessian @ change)
+            if promised < ENOUGH + SHARE * point.cost:
+                return None
+            if point.cost - self.costs(trial[None])[0] > 0.1 * promised:
+                return trial
+        return None
 
-    def result(self, values: Array, cost: float) -> Fit:
-        """Return the fit at final values."""
-        residual, columns = self.linearise(values)
-        nuisance = self.projector.nuisance(self.projector.white(residual))
+    def result(self, point: _Point) -> Fit:
+        """Return the fit at a point."""
+        nuisance, free = self.projector.nuisance(point.flat)
         sensitivity = self.problem.sensitivity
-        directions = np.concatenate([np.moveaxis(columns, 0, -1), sensitivity], axis=-1)
-        precision = np.concatenate([np.zeros(len(values)), self.problem.precision])
-        return Fit(self.hypothesis, values, nuisance, residual + sensitivity @ nuisance,
-                   directions, precision, self.projector.weighting, cost)
+        directions = np.concatenate([np.moveaxis(point.columns, 0, -1), sensitivity], axis=-1)
+        precision = np.concatenate([np.zeros(len(point.values)),
+                                    frozen_precision(self.problem, free)])
+        return Fit(self.hypothesis, point.values, nuisance,
+                   point.residual + sensitivity @ nuisance, directions, precision,
+                   self.projector.weighting, point.cost)

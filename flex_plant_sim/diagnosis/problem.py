@@ -55,10 +55,14 @@ class Problem:
         One per record.
     noise : sequence of Array
         Sensor noise per record, (m,).
+    around : tuple of Effect
+        Effects that are on while the sensitivity to base parameters is taken.
 
     """
 
-    def __init__(self, base: Base, windows: Sequence[Windows], noise: Sequence[Array]):
+    def __init__(self, base: Base, windows: Sequence[Windows], noise: Sequence[Array],
+                 around: tuple[Effect, ...] = ()):
+        self.around, self.noise = around, tuple(noise)
         self.base = base
         self.predictors = [Predictor(base, w, s) for w, s in zip(windows, noise)]
         self.nuisances: tuple[Nuisance, ...] = nuisances(
@@ -89,10 +93,12 @@ class Problem:
     @cached_property
     def sensitivity(self) -> Array:
         """Return d residual / d nuisance, (W, length, m, p), by differences within tolerance."""
-        columns = []
+        columns, gains = [], self.gains(self.around)
+        start = self.residual(self.around)[0] if self.around else self.nominal
         for k, item in enumerate(self.nuisances):
             step = STEP * item.tolerance
-            columns.append((self.residual(nuisance=(k, step))[0] - self.nominal) / step)
+            moved = self.residual(self.around, (k, step), gains)[0]
+            columns.append((moved - start) / step)
         return np.stack(columns, axis=-1)
 
     def weighting(self, residual: Array, sensitivity: Array | None = None) -> Weighting:

@@ -168,13 +168,19 @@ def natural_frequencies(predictor: Predictor) -> Array:
     return np.sort(np.abs(swinging)) / (2.0 * np.pi)
 
 
+def spectrum(parts: Sequence[Array], sample_time: float) -> tuple[Array, Array]:
+    """Return frequencies, Hz, (F,), and the power density of stretches (N_k, m), (F, m)."""
+    length = min(512, *(len(part) for part in parts))
+    spectra = [welch(p, 1.0 / sample_time, nperseg=length, detrend=False, axis=0) for p in parts]
+    weight = np.array([len(part) for part in parts], dtype=float)
+    power = np.tensordot(weight / weight.sum(), [density for _, density in spectra], axes=1)
+    return spectra[0][0], power
+
+
 def bands(parts: Sequence[Array], edges: Array, sample_time: float
           ) -> list[tuple[tuple[float, float, float, float], ...]]:
     """Return per channel (low, high, share of power, share if white) between edges, Hz."""
-    length = min(512, *(len(part) for part in parts))
-    spectra = [welch(p, 1.0 / sample_time, nperseg=length, detrend=False, axis=0) for p in parts]
-    frequency = spectra[0][0]
-    power = sum(s[1] * len(p) for s, p in zip(spectra, parts))
+    frequency, power = spectrum(parts, sample_time)
     inside = [(frequency >= low) & (frequency < high) for low, high in zip(edges, edges[1:])]
     total = np.maximum(power.sum(axis=0), 1e-300)
     return [tuple((float(low), float(high), float(power[i, k].sum() / total[k]),
@@ -212,16 +218,17 @@ def describe(predictors: Sequence[Predictor],
     first = predictors[0]
     step, names = first.base.robot.sample_time, first.base.robot.output_names
     steps = [one_step(p) for p in predictors]
-    rows = [p.windows.warm_up + np.arange(len(e)) for p, e in zip(predictors, steps)]
-    now = _over_records(predictors, steps, rows)
-    later = _after(predictors, DRIFTED)
-    spectrum = bands(steps, band_edges(first), step)
+    now = _over_records(predictors, steps, [
+        p.windows.warm_up + np.arange(len(e)) for p, e in zip(predictors, steps)])
+    rows, final = zip(*(drift(p) for p in predictors))
+    later = _over_records(predictors, final, rows)
+    in_bands = bands(steps, band_edges(first), step)
     runs = _free_run_errors(predictors, steps, horizons)
     noise = np.sqrt(np.mean([p.noise**2 for p in predictors], axis=0))
     return tuple(ChannelResidual(
         name, 'rad' if k < 2 else 'm/m', float(noise[k]),
-        {h: float(e[k]) for h, e in runs.items()}, whiteness([part[:, k] for part in steps]), now[k], later[k], spectrum[k])
-        for k, name in enumerate(names))
+        {h: float(e[k]) for h, e in runs.items()}, whiteness([part[:, k] for part in steps]),
+        now[k], later[k], in_bands[k]) for k, name in enumerate(names))
 
 
 def _over_records(predictors: Sequence[Predictor], residuals: Sequence[Array],
@@ -233,15 +240,13 @@ def _over_records(predictors: Sequence[Predictor], residuals: Sequence[Array],
     return _dependences(np.vstack(residuals), columns, fold)
 
 
-def _after(predictors: Sequence[Predictor], horizon: float) -> list[dict]:
-    """Return the dependences of the error after a free run on what was at its start."""
-    residuals, rows = [], []
-    for p in predictors:
-        samples = horizon_samples(horizon, p.base.robot.sample_time)
-        starts = start_instants(p.windows.warm_up, len(p.record.time) - samples, SHORT_STARTS)
-        residuals.append(np.nan_to_num(errors(p, starts, samples)[-1], posinf=0.0, neginf=0.0))
-        rows.append(starts + samples // 2)
-    return _over_records(predictors, residuals, rows)
+def drift(predictor: Predictor, horizon: float = DRIFTED) -> tuple[Array, Array]:
+    """Return the sample numbers amid short free runs, (S,), and the errors at their end, (S, m)."""
+    samples = horizon_samples(horizon, predictor.base.robot.sample_time)
+    starts = start_instants(predictor.windows.warm_up, len(predictor.record.time) - samples,
+                            SHORT_STARTS)
+    final = errors(predictor, starts, samples)[-1]
+    return starts + samples // 2, np.where(np.isfinite(final), final, 0.0)
 
 
 def _free_run_errors(predictors: Sequence[Predictor], steps: Sequence[Array],

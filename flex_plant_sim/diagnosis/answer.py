@@ -1,0 +1,111 @@
+"""The answer of a run: for programs (JSON) and for a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+import math
+from typing import Any
+
+from flex_plant_sim.diagnosis.gain import Gain, gain_results
+from flex_plant_sim.diagnosis.payload_gain import PayloadGain
+from flex_plant_sim.diagnosis.quantity import interval_text, name_text, percent_text
+from flex_plant_sim.diagnosis.report_figures import shown
+from flex_plant_sim.diagnosis.residual import ChannelResidual
+from flex_plant_sim.diagnosis.results import Candidate, Cause, Diagnosis, ParameterValue
+import numpy as np
+
+TERMINAL_HORIZONS = (0.2, 1.0, 5.0)
+
+
+def answer(diagnosis: Diagnosis, gains: Sequence[Gain], before: Sequence[ChannelResidual],
+           after: Sequence[ChannelResidual], payload: Sequence[PayloadGain],
+           settings: Mapping[str, Any]) -> dict[str, Any]:
+    """
+    Return everything for JSON.
+
+    `verdict`, `causes`, `cannot_tell`, `detection_limits`, `gain` and `payload` are meant for
+    programs and stay; numbers that are not finite are null.
+    """
+    rows = [row.results() for row in payload]
+    found = {
+        'verdict': diagnosis.verdict, 'sentence': diagnosis.sentence,
+        'causes': [_cause(cause) for cause in diagnosis.causes],
+        'cannot_tell': [list(names) for names in diagnosis.cannot_tell],
+        'detection_limits': {label: {'value': value, 'unit': unit}
+                             for label, (value, unit) in diagnosis.detection_limits.items()},
+        'not_excited': list(diagnosis.not_excited),
+        'gain': gain_results(gains),
+        'payload': {**(rows[0] if len(rows) == 1 else {}), 'logs': rows} if rows else None,
+        'advice': diagnosis.advice, 'remainder': diagnosis.remainder,
+        'residual': {'before': {row.channel: row.results() for row in before},
+                     'after': {row.channel: row.results() for row in after}},
+        'candidates': [[_candidate(item) for item in ranking] for ranking in diagnosis.rounds],
+        'settings': settings}
+    cleaned: dict[str, Any] = plain(found)
+    return cleaned
+
+
+def _cause(cause: Cause) -> dict[str, Any]:
+    return {'name': cause.name, 'site': cause.site, 'probability': cause.probability,
+            'sentence': cause.sentence, 'parameters': _parameters(cause.parameters),
+            'look_alikes': list(cause.look_alikes)}
+
+
+def _parameters(parameters: Sequence[ParameterValue]) -> dict[str, Any]:
+    return {p.name: {'value': p.value, 'low': p.low, 'high': p.high, 'unit': p.unit}
+            for p in parameters}
+
+
+def _candidate(item: Candidate) -> dict[str, Any]:
+    return {'name': item.name, 'site': item.site, 'gain_nats': item.gain, 't': item.t,
+            'positive': item.positive, 'probability': item.probability,
+            'relevant': item.relevant, 'parameters': _parameters(item.parameters)}
+
+
+def plain(value: Any) -> Any:
+    """Return a value as JSON knows it: no arrays, no numpy numbers, nothing infinite."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def answer_text(diagnosis: Diagnosis, gains: Sequence[Gain],
+                payload: Sequence[PayloadGain]) -> str:
+    """Return what a reader wants first: the sentence, causes, errors before and after."""
+    lines = [diagnosis.sentence, *([diagnosis.advice] if diagnosis.advice else []), '']
+    for cause in diagnosis.causes:
+        sizes = ', '.join(f'{p.name} {interval_text(p)}' for p in cause.parameters)
+        lines.append(f'  {name_text(cause.name, cause.site):<32}'
+                     f'{percent_text(cause.probability):>7}   {sizes}')
+        if cause.look_alikes:
+            names = ', '.join(name.replace('_', ' ') for name in cause.look_alikes)
+            lines.append(f'      this record cannot tell it from {names}')
+    lines += ['', *_gain_lines(gains), *(_payload_line(row) for row in payload)]
+    return '\n'.join(lines)
+
+
+def _gain_lines(gains: Sequence[Gain]) -> list[str]:
+    """Return a table of the rms errors, before -> after, on the locked part."""
+    table = {(gain.channel, gain.horizon): gain for gain in gains}
+    horizons = [h for h in dict.fromkeys(gain.horizon for gain in gains)
+                if h in TERMINAL_HORIZONS]
+    lines = ['  error on the locked part ' + ''.join(f'{f"after {h:g} s":>21}' for h in horizons)]
+    for channel in dict.fromkeys(gain.channel for gain in gains):
+        cells = []
+        for horizon in horizons:
+            gain = table[channel, horizon]
+            scale, unit = shown(gain.unit)
+            cells.append(f'{scale * gain.before:.3g} -> {scale * gain.after:.3g}')
+        lines.append(f'  {f"{channel}, {unit}":<25}' + ''.join(f'{cell:>21}' for cell in cells))
+    return lines if horizons else []
+
+
+def _payload_line(row: PayloadGain) -> str:
+    return (f'  payload {row.true:.4g} kg, {row.estimator}: {row.before:.4g} kg '
+            f'({row.before_percent:+.1f} %) -> {row.after:.4g} kg ({row.after_percent:+.1f} %)')

@@ -1,0 +1,138 @@
+"""From fits to a ranking: gains, relevance, parsimony, look-alikes, probabilities."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from flex_plant_sim.arm_model import Array
+from flex_plant_sim.diagnosis.allowance import misfit
+from flex_plant_sim.diagnosis.evidence import held_out, spread
+from flex_plant_sim.diagnosis.fit import Fit
+from flex_plant_sim.diagnosis.hypothesis import Hypothesis
+from flex_plant_sim.diagnosis.results import Candidate, ParameterValue
+import numpy as np
+from scipy.stats import t as student
+
+TIE = 0.02
+TIE_NATS = 3.0
+LOOK_ALIKE = 0.5
+LEAST_T = 2.5
+LEAST_POSITIVE = 0.6
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """A fit and what it is worth; misfit and explained are in allowances per channel, (m,)."""
+
+    fit: Fit
+    window_gain: Array
+    misfit: Array
+    explained: Array
+
+    @property
+    def hypothesis(self) -> Hypothesis:
+        """Return the hypothesis; a ranked fit always has one."""
+        assert self.fit.hypothesis is not None
+        return self.fit.hypothesis
+
+    @property
+    def gain(self) -> float:
+        """Return the held-out gain, nats."""
+        return float(self.window_gain.sum())
+
+    @property
+    def t(self) -> float:
+        """Return mean over standard error of the windows' gains."""
+        error = self.window_gain.std(ddof=1) / np.sqrt(self.window_gain.size)
+        return float(self.window_gain.mean() / max(error, 1e-12))
+
+    @property
+    def positive(self) -> float:
+        """Return the share of windows that gain."""
+        return float(np.mean(self.window_gain > 0.0))
+
+    @property
+    def relevant(self) -> bool:
+        """Tell whether it explains more than an allowance, on most windows."""
+        return bool(self.gain > 0.0 and self.explained.max() >= 1.0
+                    and (self.t >= LEAST_T or self.positive >= LEAST_POSITIVE))
+
+
+def rank(fits: Sequence[Fit], base: Fit, noise: Sequence[Array], allowed: Array) -> list[Ranked]:
+    """Return the fits, best held-out gain first; gains are tempered like the best one."""
+    before = held_out(base) * base.weighting.temper
+    raw = [held_out(fit) * fit.weighting.temper - before for fit in fits]
+    best = max(range(len(fits)), key=lambda k: raw[k].sum())
+    temper = fits[best].weighting.temper
+    start = misfit(base.residual, noise, allowed)
+    ranked = []
+    for fit, gain in zip(fits, raw):
+        left = misfit(fit.residual, noise, allowed)
+        ranked.append(Ranked(fit, gain / temper, left, start - left))
+    return sorted(ranked, key=lambda r: -r.gain)
+
+
+def choose(ranked: Sequence[Ranked]) -> Ranked | None:
+    """Return the simplest of the best: fewest parameters within a tie in gain."""
+    relevant = [r for r in ranked if r.relevant]
+    if not relevant:
+        return None
+    tie = relevant[0].gain - max(TIE_NATS, TIE * relevant[0].gain)
+    near = [r for r in relevant if r.gain >= tie]
+    return min(near, key=lambda r: (len(r.fit.values), -r.gain))
+
+
+def look_alikes(chosen: Ranked, ranked: Sequence[Ranked]) -> tuple[Ranked, ...]:
+    """Return other effects that leave practically the same residual."""
+    close, seen = [], {chosen.hypothesis.effect.identifier}
+    for other in ranked:
+        name = other.hypothesis.effect.identifier
+        worse = np.max(other.misfit - chosen.misfit)
+        if name not in seen and other.relevant and worse < LOOK_ALIKE:
+            close.append(other)
+            seen.add(name)
+    return tuple(close)
+
+
+def probabilities(ranked: Sequence[Ranked], chosen: Ranked | None) -> Array:
+    """
+    Return each hypothesis's probability given that the catalogue holds the cause, (H,).
+
+    Gains count relative to the best one: a model that is one percent wrong cannot tell gains
+    apart that differ by a few percent. Every further parameter costs a nat.
+    """
+    if chosen is None:
+        return np.zeros(len(ranked))
+    scale = TIE_NATS + TIE * max(chosen.gain, 0.0)
+    score = np.array([r.gain / scale - len(r.fit.values) if r.relevant else -np.inf
+                      for r in ranked])
+    weight = np.exp(score - score.max())
+    return weight / weight.sum()
+
+
+def parameter_values(fit: Fit) -> tuple[ParameterValue, ...]:
+    """Return values with 95 % intervals: the wider of curvature and window-to-window spread."""
+    assert fit.hypothesis is not None
+    count = len(fit.values)
+    curvature = spread(fit)
+    root = np.sqrt(fit.weighting.temper)
+    columns = fit.weighting.whitener @ fit.directions / root
+    white = fit.weighting.white(fit.residual) / root
+    score = np.einsum('wtmk,wtm->wk', columns, white)
+    windows = len(score)
+    sandwich = curvature @ (score.T @ score) @ curvature * windows / max(windows - 1, 1)
+    variance = np.maximum(np.diagonal(curvature), np.diagonal(sandwich))[:count]
+    reach = student.ppf(0.975, max(windows - 1, 2)) * np.sqrt(variance)
+    low, high = fit.hypothesis.low, fit.hypothesis.high
+    return tuple(
+        ParameterValue(p.name, float(v), float(max(v - r, a)), float(min(v + r, b)), p.unit)
+        for p, v, r, a, b in zip(fit.hypothesis.parameters, fit.values, reach, low, high))
+
+
+def candidate(ranked: Ranked, probability: float) -> Candidate:
+    """Return the row of a ranking."""
+    return Candidate(ranked.hypothesis.effect.identifier, ranked.hypothesis.site,
+                     parameter_values(ranked.fit), ranked.gain,
+                     tuple(float(g) for g in ranked.window_gain), ranked.t, ranked.positive,
+                     probability, ranked.relevant)

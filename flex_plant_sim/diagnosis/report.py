@@ -1,0 +1,188 @@
+"""The report: one HTML file that needs no other, for a phone, a desk or paper."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import resources
+import math
+from pathlib import Path
+from typing import Any
+
+from flex_plant_sim.atomic_file import whole_file
+from flex_plant_sim.diagnosis.gain import Gain
+from flex_plant_sim.diagnosis.payload_gain import PayloadGain
+from flex_plant_sim.diagnosis.quantity import interval_text, name_text, percent_text, size_text
+from flex_plant_sim.diagnosis.report_figures import Picture, shown
+from flex_plant_sim.diagnosis.residual import ChannelResidual
+from flex_plant_sim.diagnosis.results import Candidate, Cause, Diagnosis
+from flex_plant_sim.errors import InputError
+
+FILE_NAME = 'report.html'
+VERDICT_TEXT: Mapping[str, str] = {
+    'nothing_wrong': 'nothing wrong', 'cause': 'cause found',
+    'cannot_tell': 'cannot tell which', 'not_in_catalogue': 'not in the catalogue',
+    'cause_and_remainder': 'cause found, something is left',
+    'data_cannot_answer': 'the data cannot answer'}
+RANKED = 12
+
+
+@dataclass(frozen=True)
+class Report:
+    """
+    All that the report shows.
+
+    Attributes
+    ----------
+    diagnosis : Diagnosis
+    before, after : tuple of ChannelResidual
+        What is wrong with the nominal model, and what is left with the extended one.
+    gains : tuple of Gain
+    payload : tuple of PayloadGain
+    settings : Mapping
+        Robot, model, logs, seed, version.
+    pictures : Mapping
+        Under traces, gains, speed and spectrum.
+
+    """
+
+    diagnosis: Diagnosis
+    before: tuple[ChannelResidual, ...]
+    after: tuple[ChannelResidual, ...]
+    gains: tuple[Gain, ...]
+    payload: tuple[PayloadGain, ...] = ()
+    settings: Mapping[str, str] = field(default_factory=dict)
+    pictures: Mapping[str, Sequence[Picture]] = field(default_factory=dict)
+
+
+def render(report: Report) -> str:
+    """
+    Return the report as HTML.
+
+    Raises
+    ------
+    InputError
+        Without jinja2.
+
+    """
+    try:
+        from jinja2 import Environment, StrictUndefined
+    except ImportError:
+        raise InputError('report: expected jinja2 to be installed (pip install '
+                         "'flex_payload[report]')") from None
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True,
+                              lstrip_blocks=True)
+    environment.filters |= {'percent': percent_text, 'interval': interval_text, 'site': _site_text, 'nats': _nats}
+    template = (resources.files('flex_plant_sim') / 'diagnosis' / FILE_NAME).read_text(
+        encoding='utf-8')
+    return environment.from_string(template).render(
+        report=report, diagnosis=report.diagnosis, verdict=VERDICT_TEXT[report.diagnosis.verdict],
+        causes=[_cause(cause) for cause in report.diagnosis.causes],
+        errors=_error_rows(report.gains), channels=_channel_rows(report),
+        rounds=[_ranking(candidates) for candidates in report.diagnosis.rounds],
+        limits=_limits(report.diagnosis), remainder=_remainder(report.diagnosis))
+
+
+def write_report(folder: str | Path, report: Report) -> Path:
+    """
+    Write report.html into a folder, made if need be; return its path.
+
+    Raises
+    ------
+    InputError
+        If nothing can be written there.
+
+    """
+    folder = Path(folder)
+    text = render(report)
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise InputError(f'{folder}: expected a folder for the report, got: {error}') from None
+    with whole_file(folder / FILE_NAME) as temporary:
+        temporary.write_text(text, encoding='utf-8')
+    return folder / FILE_NAME
+
+
+def _site_text(label: str) -> str:
+    """Return identifier:site as a reader says it."""
+    name, _, site = label.partition(':')
+    return name_text(name, site)
+
+
+def _cause(cause: Cause) -> dict[str, Any]:
+    parameters = [(p.name, interval_text(p)) for p in cause.parameters]
+    return {'title': name_text(cause.name, cause.site), 'sentence': cause.sentence,
+            'probability': cause.probability, 'parameters': parameters,
+            'look_alikes': [_site_text(name) for name in cause.look_alikes]}
+
+
+def _error_rows(gains: Sequence[Gain]) -> list[dict[str, Any]]:
+    """Return a row per channel and horizon, in the reader's units."""
+    rows, order = [], list(dict.fromkeys(gain.channel for gain in gains))
+    for gain in sorted(gains, key=lambda g: order.index(g.channel)):
+        scale, unit = shown(gain.unit)
+        finite = all(math.isfinite(value) for value in (gain.before, gain.after, gain.high))
+        rows.append({
+            'channel': gain.channel.replace('_', ' '), 'horizon': f'{gain.horizon:g} s',
+            'before': _number(scale * gain.before), 'after': _number(scale * gain.after),
+            'interval': f'{_number(scale * gain.low)} to {_number(scale * gain.high)}',
+            'ratio': f'{1.0 / gain.ratio:.3g} ×' if finite and gain.ratio > 0.0 else '–',
+            'unit': unit})
+    return rows
+
+
+def _nats(value: float) -> str:
+    return f'{value:.0f}' if abs(value) >= 100.0 else f'{value:.3g}'
+
+
+def _number(value: float) -> str:
+    return f'{value:.3g}' if math.isfinite(value) else 'diverges'
+
+
+def _channel_rows(report: Report) -> list[dict[str, Any]]:
+    rows = []
+    for before, after in zip(report.before, report.after):
+        scale, unit = shown(before.unit)
+        rows.append({
+            'name': before.channel.replace('_', ' '), 'unit': unit,
+            'noise': _number(scale * before.noise),
+            'free_run': [(f'{h:g} s', _number(scale * e)) for h, e in before.free_run.items()],
+            'before': before, 'after': after,
+            'shapes': [(shape, share, after.drifted.get(shape, 0.0))
+                       for shape, share in before.drifted.items()],
+            'bands': [(f'{low:.2g} to {high:.2g} Hz', share, white)
+                      for low, high, share, white in before.bands]})
+    return rows
+
+
+def _ranking(candidates: Sequence[Candidate]) -> list[dict[str, Any]]:
+    """Return the best candidates of a round, with the length of their bars in percent."""
+    best = sorted(candidates, key=lambda c: -c.gain)[:RANKED]
+    largest = max((c.gain for c in best), default=0.0)
+    return [{'title': name_text(c.name, c.site), 'gain': c.gain, 't': c.t,
+             'positive': c.positive, 'probability': c.probability, 'relevant': c.relevant,
+             'sizes': ', '.join(interval_text(p) for p in c.parameters),
+             'width': 100.0 * max(c.gain, 0.0) / largest if largest > 0.0 else 0.0}
+            for c in best]
+
+
+def _limits(diagnosis: Diagnosis) -> list[tuple[str, str]]:
+    return [(_site_text(label), size_text(*limit))
+            for label, limit in sorted(diagnosis.detection_limits.items())]
+
+
+def _remainder(diagnosis: Diagnosis) -> list[tuple[str, str]]:
+    return [(str(key).replace('_', ' '), _plain(value))
+            for key, value in diagnosis.remainder.items()]
+
+
+def _plain(value: object) -> str:
+    """Return a value of the remainder as text: numbers short, mappings as pairs."""
+    if isinstance(value, Mapping):
+        return ', '.join(f'{str(k).replace("_", " ")} {_plain(v)}' for k, v in value.items())
+    if isinstance(value, float):
+        return f'{value:.3g}'
+    if isinstance(value, (list, tuple)):
+        return ', '.join(_plain(item) for item in value)
+    return str(value)

@@ -1,0 +1,212 @@
+"""The figures of the report: one small SVG a channel, sized for a phone, as data URIs."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from io import BytesIO
+from typing import Any
+
+from flex_plant_sim.arm_model import Array
+from flex_plant_sim.diagnosis.free_run import free_run, horizon_samples
+from flex_plant_sim.diagnosis.gain import Gain, locked_rows
+from flex_plant_sim.diagnosis.predictor import Predictor
+from flex_plant_sim.diagnosis.residual import drift, DRIFTED, one_step, spectrum
+import numpy as np
+
+MEASURED, BEFORE, AFTER = '#333333', '#d95f02', '#1b6ca8'
+SHOWN = {'rad': (180.0 / np.pi, '°'), 'm/m': (1e6, 'µm/m')}
+SIZE = (4.4, 2.7)
+POINTS = 400
+SHOWN_SECONDS = 8.0
+SPEED_BINS = 24
+
+
+@dataclass(frozen=True)
+class Picture:
+    """An image ready for <img src>, and what it shows for those who cannot see it."""
+
+    source: str
+    text: str
+
+
+def shown(unit: str) -> tuple[float, str]:
+    """Return factor and name of the unit that a reader sees."""
+    return SHOWN[unit]
+
+
+def gain_pictures(gains: Sequence[Gain]) -> list[Picture]:
+    """Return the error before and after over the horizon, one picture a channel."""
+    pictures = []
+    for channel in dict.fromkeys(gain.channel for gain in gains):
+        rows = [gain for gain in gains if gain.channel == channel and np.isfinite(gain.before)]
+        scale, unit = shown(rows[0].unit)
+
+        def draw(figure: Any, rows: list[Gain] = rows, scale: float = scale,
+                 unit: str = unit) -> None:
+            axis, at = figure.subplots(), [gain.horizon for gain in rows]
+            axis.loglog(at, [scale * g.before for g in rows], 'o-', color=BEFORE, label='before')
+            axis.loglog(at, [scale * g.after for g in rows], 's-', color=AFTER, label='after')
+            axis.fill_between(at, [scale * g.low for g in rows], [scale * g.high for g in rows],
+                              color=AFTER, alpha=0.2, linewidth=0)
+            axis.set_xticks(at, [f'{h:g}' for h in at])
+            axis.minorticks_off()
+            axis.set_xlabel('simulated ahead, s')
+            axis.set_ylabel(f'rms error, {unit}')
+            axis.legend(frameon=False)
+
+        worst = rows[-1]
+        pictures.append(picture(draw, channel, (
+            f'{channel}: root mean square error over the horizon; at {worst.horizon:g} s '
+            f'{scale * worst.before:.3g} {unit} before, {scale * worst.after:.3g} after')))
+    return pictures
+
+
+def trace_pictures(nominal: Predictor, extended: Predictor) -> list[Picture]:
+    """Return measurement and free runs of both models on the locked part, and what is left."""
+    step, (first, stop) = nominal.base.robot.sample_time, locked_rows(nominal)
+    steps = min(stop - first, horizon_samples(SHOWN_SECONDS, step))
+    rows = first + np.arange(steps)
+    before, after = (free_run(p, np.array([first]), steps)[:, 0] for p in (nominal, extended))
+    kept = slice(None, None, max(1, steps // POINTS))
+    pictures = []
+    for k, name in enumerate(nominal.base.robot.output_names):
+        scale, unit = shown('rad' if k < 2 else 'm/m')
+        lines = [scale * values[kept, k] for values in
+                 (nominal.record.output[rows], before, after)]
+
+        def draw(figure: Any, lines: list[Array] = lines, unit: str = unit) -> None:
+            _draw_traces(figure, nominal.record.time[rows][kept], lines, unit)
+
+        pictures.append(picture(draw, name, (
+            f'{name}: measured and simulated over {steps * step:.3g} s of the locked part, '
+            'before and after, and the difference from the measurement'), (SIZE[0], 3.6)))
+    return pictures
+
+
+def _draw_traces(figure: Any, time: Array, lines: Sequence[Array], unit: str) -> None:
+    measured, before, after = lines
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+    upper.plot(time, before, color=BEFORE, label='before')
+    upper.plot(time, after, color=AFTER, label='after')
+    upper.plot(time, measured, color=MEASURED, linewidth=0.8, linestyle=(0, (3, 1)),
+               label='measured')
+    # A model that diverges must not squeeze the measurement to a line.
+    reach = 1.5 * np.ptp(measured) + 1e-9
+    upper.set_ylim(measured.min() - reach * 0.5, measured.max() + reach * 0.5)
+    upper.autoscale(axis='y', tight=False) if np.max(np.abs(before)) < 3.0 * reach else None
+    upper.set_ylabel(unit)
+    upper.legend(frameon=False, ncols=3, loc='lower center', bbox_to_anchor=(0.5, 0.97),
+                 handlelength=1.2, columnspacing=1.0)
+    lower.plot(time, measured - before, color=BEFORE)
+    lower.plot(time, measured - after, color=AFTER)
+    lower.axhline(0.0, color=MEASURED, linewidth=0.5)
+    lower.set_ylabel(f'error, {unit}')
+    lower.set_xlabel('time, s')
+
+
+def speed_pictures(nominal: Sequence[Predictor], extended: Sequence[Predictor]) -> list[Picture]:
+    """Return the mean error after a short free run over the speed of the joint nearest to it."""
+    both = [_speeds_and_errors(predictors) for predictors in (nominal, extended)]
+    pictures = []
+    for k, name in enumerate(nominal[0].base.robot.output_names):
+        joint = int(name.split('_')[1][0]) - 1
+        scale, unit = shown('rad' if k < 2 else 'm/m')
+        curves = [_binned(speed[:, joint], scale * error[:, k]) for speed, error in both]
+
+        def draw(figure: Any, curves: list[Array] = curves, joint: int = joint,
+                 unit: str = unit) -> None:
+            axis = figure.subplots()
+            for (speed, mean, spread), colour, label in zip(
+                    curves, (BEFORE, AFTER), ('before', 'after')):
+                axis.errorbar(speed, mean, spread, color=colour, label=label, marker='.',
+                              elinewidth=0.6)
+            axis.axhline(0.0, color=MEASURED, linewidth=0.5)
+            axis.set_xlabel(f'speed of joint {joint + 1}, rad/s')
+            axis.set_ylabel(f'error after {DRIFTED:g} s, {unit}')
+            axis.legend(frameon=False)
+
+        pictures.append(picture(draw, name, (
+            f'{name}: mean error after {DRIFTED:g} s of free run over the speed of joint '
+            f'{joint + 1}, before and after')))
+    return pictures
+
+
+def _speeds_and_errors(predictors: Sequence[Predictor]) -> tuple[Array, Array]:
+    found = []
+    for p in predictors:
+        rows, error = drift(p)
+        order = p.arm.form.order
+        found.append((p.states[rows, order:order + 2], error))
+    return np.vstack([f[0] for f in found]), np.vstack([f[1] for f in found])
+
+
+def _binned(speed: Array, error: Array) -> Array:
+    """Return bin centres, means and standard deviations of bins with five or more, (3, K)."""
+    edges = np.quantile(speed, np.linspace(0.0, 1.0, SPEED_BINS + 1))
+    inside = np.clip(np.searchsorted(edges, speed, side='right') - 1, 0, SPEED_BINS - 1)
+    rows = [(speed[inside == b].mean(), error[inside == b].mean(), error[inside == b].std())
+            for b in range(SPEED_BINS) if np.count_nonzero(inside == b) >= 5]
+    return np.array(rows).reshape(-1, 3).T
+
+
+def spectrum_pictures(nominal: Sequence[Predictor],
+                      extended: Sequence[Predictor]) -> list[Picture]:
+    """Return the power density of the one-step error before and after, and of the noise."""
+    step = nominal[0].base.robot.sample_time
+    both = [spectrum([one_step(p) for p in predictors], step)
+            for predictors in (nominal, extended)]
+    pictures = []
+    for k, name in enumerate(nominal[0].base.robot.output_names):
+        scale, unit = shown('rad' if k < 2 else 'm/m')
+        white = scale**2 * nominal[0].noise[k]**2 * 2.0 * step
+
+        def draw(figure: Any, k: int = k, white: float = white, scale: float = scale,
+                 unit: str = unit) -> None:
+            axis = figure.subplots()
+            for (frequency, power), colour, label in zip(
+                    both, (BEFORE, AFTER), ('before', 'after')):
+                axis.loglog(frequency[1:], scale**2 * power[1:, k], color=colour, label=label)
+            axis.axhline(white, color=MEASURED, linewidth=0.8, linestyle='--',
+                         label='sensor noise')
+            axis.set_xlabel('frequency, Hz')
+            axis.set_ylabel(f'({unit})²/Hz')
+            axis.legend(frameon=False)
+
+        pictures.append(picture(draw, name, (
+            f'{name}: power density of the one-step error before and after, beside that of '
+            'the sensor noise')))
+    return pictures
+
+
+def picture(draw: Callable[[Any], None], title: str, text: str,
+            size: tuple[float, float] = SIZE) -> Picture:
+    """Return what `draw` puts on a figure."""
+    from matplotlib import rc_context
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+    from matplotlib.figure import Figure
+    style = {'font.size': 9.0, 'axes.titlesize': 10.0, 'axes.titleweight': 'bold',
+             'axes.spines.top': False, 'axes.spines.right': False, 'axes.grid': True,
+             'grid.alpha': 0.25, 'lines.linewidth': 1.3, 'svg.hashsalt': 'flex_diagnose',
+             'axes.formatter.limits': (-3, 4), 'axes.xmargin': 0.02}
+    with rc_context(style):
+        figure = Figure(figsize=size)
+        figure.subplots_adjust(left=0.17, right=0.97, bottom=0.17, top=0.86, hspace=0.12)
+        FigureCanvasSVG(figure)
+        draw(figure)
+        figure.suptitle(title.replace('_', ' '), x=0.02, ha='left', fontsize=10.0,
+                        fontweight='bold')
+        stream = BytesIO()
+        figure.savefig(stream, format='svg', metadata={'Date': None, 'Creator': None})
+    encoded = base64.b64encode(stream.getvalue()).decode('ascii')
+    return Picture(f'data:image/svg+xml;base64,{encoded}', text)
+
+
+def all_pictures(gains: Sequence[Gain], nominal: Sequence[Predictor],
+                 extended: Sequence[Predictor]) -> dict[str, list[Picture]]:
+    """Return every picture of the report; the traces are those of the first record."""
+    return {'gains': gain_pictures(gains),
+            'traces': trace_pictures(nominal[0], extended[0]),
+            'speed': speed_pictures(nominal, extended),
+            'spectrum': spectrum_pictures(nominal, extended)}
