@@ -60,7 +60,7 @@ def figure_8(record: LoopRecord, figure: Figure) -> None:
         for k, (scale, colour) in enumerate(((1.0, BLUE), (10.0, ORANGE))[:modes]):
             axes.plot(record.time, 1e3 * scale * record.modal[:, link * modes + k], color=colour,
                       lw=1.0, label=f'{"10 " if k else ""}$q_{{{link + 1}{k + 1}}}$')
-        _finish(axes, 'mm', 'Figure 8: harmonic time functions' if link == 0 else '',
+        _finish(axes, 'q / mm', 'Figure 8: harmonic time functions' if link == 0 else '',
                 last=link == 1)
 
 
@@ -102,4 +102,5 @@ def _finish(axes: Axes, label: str, title: str, last: bool = True) -> None:
         axes.set_title(title, loc='left', fontsize=10)
     axes.margins(x=0.0)
     axes.grid(alpha=0.3)
-    axes.legend(loc='upper right', frameon=False, fontsize=9, ncols=2)
+    axes.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1, frameon=False,
+                fontsize=9, ncols=4)

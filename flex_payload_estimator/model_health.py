@@ -11,6 +11,8 @@ import numpy as np
 from scipy.stats import chi2, norm
 
 LAGS = 10
+# Beyond so many standard deviations all are alike; higher powers must not overflow.
+LARGEST = 1e6
 # How rarely a healthy channel fails a window's test; six channels, a window a second: weekly.
 FALSE_ALARM = 1e-7
 # R_1 and R_2 are known roughly: only what is twice too large is told.
@@ -116,7 +118,7 @@ class ModelHealth:
         if not (np.isfinite(innovation).all() and deviation.all()
                 and np.isfinite(deviation).all()):
             return
-        self._ring[self._count % self.window] = innovation / deviation
+        self._ring[self._count % self.window] = np.clip(innovation / deviation, -LARGEST, LARGEST)
         self._count += 1
         if self._count >= self._judged + self.window:
             self._judged = self._count
