@@ -26,8 +26,7 @@ from msg_config.parameters import check_parameters
 from msg_config.ros import create_publisher
 import numpy as np
 import rclpy
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
+from rclpy.clock import Clock, ClockType
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.task import Future

@@ -19,11 +19,10 @@ from msg_config.ros import (
 )
 import numpy as np
 import rclpy
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
+from rclpy.clock import Clock, ClockType
+from rclpy.context import Context
 from rclpy.exceptions import ROSInterruptException
-from rclpy.executors import Executor, ExternalShutdownException
-from rclpy.experimental import EventsExecutor
+from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.task import Future
@@ -118,8 +117,17 @@ class ContractNode(Node):
         self._diagnostics.publish(diagnostic_array(stamp, [*statuses, self.input_status()]))
 
 
+def make_executor(context: Context | None = None) -> Executor:
+    """Return an EventsExecutor, or before ROS 2 Kilted the single-threaded one."""
+    try:
+        from rclpy.experimental import EventsExecutor
+    except ImportError:
+        return SingleThreadedExecutor(context=context)
+    return EventsExecutor(context=context)
+
+
 def spin(executor: Executor, stop: Future[Any]) -> None:
-    """Run an EventsExecutor until `stop` is done; without a time-out it would never rest."""
+    """Run until `stop` is done; without a time-out an EventsExecutor would never rest."""
     while not stop.done():
         executor.spin_until_future_complete(stop, timeout_sec=1e6)
 
@@ -149,7 +157,7 @@ def run(make: Callable[[], Node], arguments: Sequence[str] | None = None) -> int
     node = None
     try:
         node = make()
-        executor = EventsExecutor()
+        executor = make_executor()
         executor.add_node(node)
         # What is there stays: the collector need not look at it again and again.
         gc.collect()

@@ -6,12 +6,11 @@ from collections.abc import Callable
 from typing import Any
 
 from msg_config import load_services
+from msg_config.contract_node import make_executor
 from msg_config.messages import stamp_of
 from msg_config.ros import create_publisher, create_subscription, interface_class
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
+from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
-from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
@@ -56,7 +55,7 @@ class RosLoop:
 
     def __init__(self, context: Context):
         self.context = context
-        self.executor = EventsExecutor(context=context)
+        self.executor = make_executor(context)
         self.observer = Node('observer', context=context)
         self.executor.add_node(self.observer)
         self.nodes: list[Node] = [self.observer]

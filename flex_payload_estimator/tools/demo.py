@@ -102,7 +102,7 @@ def _spin(experiment: Experiment) -> LoopRecord:
     from flex_payload_estimator.payload_estimator_node import PayloadEstimatorNode
     from flex_payload_estimator.topic_recorder import TopicRecorder
     from flex_plant_sim.plant_sim_node import PlantSim
-    from rclpy.experimental import EventsExecutor
+    from msg_config.contract_node import make_executor
     from rclpy.parameter import Parameter
     from rclpy.task import Future
 
@@ -120,7 +120,7 @@ def _spin(experiment: Experiment) -> LoopRecord:
         nodes.append(kind(namespace=namespace, parameter_overrides=[
             Parameter(name, value=list(value) if isinstance(value, tuple) else value)
             for name, value in values.items() if value != ()]))
-    executor = EventsExecutor()
+    executor = make_executor()
     for node in nodes:
         executor.add_node(node)
     while not end.done():
