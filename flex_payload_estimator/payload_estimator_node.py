@@ -55,7 +55,7 @@ class PayloadEstimatorNode(SampleNode):
         self._messages = (payload_message(0.0, 0.0, 0.0), inertia_message(0, 0.0),
                           joint_state(0, self.channels, empty, effort=empty))
         self._estimate: Estimate | None = None
-        self._reported, self._silent = 0, True
+        self._reported, self._silent, self._events = 0, True, 0
         self._prepare = getattr(self.estimator, 'prepare', None)
         self._prepared: int | None = None
         self.subscribe('command', self._on_command)
@@ -67,7 +67,7 @@ class PayloadEstimatorNode(SampleNode):
         self.estimator.reset()
         self.health.reset()
         self.commanded = self._prepared = None
-        self._estimate, self._reported = None, 0
+        self._estimate, self._reported, self._events = None, 0, 0
 
     def take(self, sample: Sample) -> Any:
         """Answer a new sample: the payload goes out first, as somebody waits for it."""
@@ -117,7 +117,8 @@ class PayloadEstimatorNode(SampleNode):
     def _watch(self, stamp: int, estimate: Estimate) -> None:
         before, self._estimate = self._estimate, estimate
         changed = before is None or before.status != estimate.status
-        if changed or stamp - self._reported >= nanoseconds(DIAGNOSTICS_INTERVAL):
+        found, self._events = self._events, len(self._changes())
+        if changed or self._events > found or stamp - self._reported >= nanoseconds(DIAGNOSTICS_INTERVAL):
             self._report(stamp)
 
     def _on_wall_timer(self) -> None:
@@ -128,7 +129,23 @@ class PayloadEstimatorNode(SampleNode):
     def _report(self, stamp: int) -> None:
         self._reported, self._silent = stamp, False
         self.publish_diagnostics(stamp, [
-            self._estimator_status(), self.sample_status(), model_status(self.health.report())])
+            self._estimator_status(), self._change_status(), self.sample_status(),
+            model_status(self.health.report())])
+
+    def _changes(self) -> list[Any]:
+        """Return the payload changes that the estimator has found, if it looks for them."""
+        return getattr(self.estimator, 'events', [])
+
+    def _change_status(self) -> DiagnosticStatus:
+        changes = self._changes()
+        if not changes:
+            return diagnostic_status('payload_estimator: payload change', 'ok', 'none', {})
+        last = changes[-1]
+        text = (f'the payload went from {last.before:.4g} to {last.after:.4g} kg at '
+                f'{last.time:.6g} s, found at {last.found:.6g} s')
+        return diagnostic_status('payload_estimator: payload change', 'ok', text, {
+            'count': len(changes), 'time s': float(last.time), 'found s': float(last.found),
+            'before kg': float(last.before), 'after kg': float(last.after)})
 
     def _estimator_status(self) -> DiagnosticStatus:
         if self._estimate is None:

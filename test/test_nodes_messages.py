@@ -222,6 +222,23 @@ def test_diagnostics_name_the_estimate_and_the_model(loop: RosLoop) -> None:
         'status', 'mass kg', 'standard deviation kg'}
 
 
+def test_a_payload_change_is_announced_at_once_with_its_time(loop: RosLoop) -> None:
+    from argparse import Namespace
+
+    bench = Bench(loop, 'estimator')
+    for k in range(5):
+        bench.answered(k)
+    before = len(bench.diagnostics)
+    # What an estimator that looks for changes keeps: see estimators/rpe_events.py.
+    bench.node.estimator.events = [Namespace(time=0.02, found=0.05, before=0.2, after=0.05)]
+    bench.answered(5)
+    loop.until(lambda: len(bench.diagnostics) > before)
+    status = bench.status('payload change')
+    assert status.message == ('the payload went from 0.2 to 0.05 kg at 0.02 s, '
+                              'found at 0.05 s')
+    assert {value.key: value.value for value in status.values}['found s'] == '0.05'
+
+
 # ---- the plant
 
 def plant(loop: RosLoop, **values: Any) -> Any:

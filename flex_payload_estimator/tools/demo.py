@@ -213,8 +213,9 @@ def write_output(experiment: Experiment, record: LoopRecord, folder: Path,
     (folder / SUMMARY).write_text(json.dumps(summary_of(experiment, record), indent=2) + '\n')
 
 
-def closing_words(summary: Mapping[str, Any], out: Path, robot: str) -> str:
+def closing_words(summary: Mapping[str, Any], options: argparse.Namespace) -> str:
     """Return what came out, and what to look at next."""
+    out, robot = options.out, options.robot
     since = summary['within_5_percent_from_s']
     verdict = 'not within 5 % of it at the end' if since is None else \
         f'within 5 % of it from {since:g} s on'
@@ -222,7 +223,7 @@ def closing_words(summary: Mapping[str, Any], out: Path, robot: str) -> str:
     return f"""
 payload {summary['mass_kg']:.4f} ± {summary['std_kg']:.4f} kg after {summary['duration_s']:g} s; \
 true {summary['true_mass_kg']:g} kg, {verdict}
-look at   {out}/figure_5.png   the estimate (figures 4 to 9 as in the paper)
+look at   {out}/figure_4.png … figure_9.png   as in the paper; figure 5 is the estimate
           {out}/run.csv, {out}/run_mcap   the run as CSV and as a bag (MCAP)
 next      flex_estimate {out}/run.csv{option}
           flex_replay {out}/run.csv{option}
@@ -272,7 +273,7 @@ def _demo(arguments: Sequence[str] | None) -> None:
         print(f'{experiment.duration:g} s of data in {took:.1f} s over topics; writing '
               f'{options.out}')
         write_output(experiment, record, folder, tuple(options.figures))
-    print(closing_words(summary_of(experiment, record), options.out, options.robot))
+    print(closing_words(summary_of(experiment, record), options))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
