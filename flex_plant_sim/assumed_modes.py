@@ -4,14 +4,28 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from flex_plant_sim.arm_model import (angle_rows, Array, coordinate_names, link_slice,
-                                      modal_damping, SecondOrderForm, Shapes, strain_rows)
+from flex_plant_sim.arm_model import (
+    angle_rows,
+    Array,
+    coordinate_names,
+    link_slice,
+    modal_damping,
+    SecondOrderForm,
+    Shapes,
+    strain_rows,
+)
 from flex_plant_sim.ritz import RitzShapes
 from flex_plant_sim.robot import Robot
 import numpy as np
 
 
 def assumed_modes(robot: Robot, modes: int) -> SecondOrderForm:
+    """Return the energy form of links that bend in statically complete shapes."""
+    shapes = (RitzShapes.of(robot.links[0].beam(modes)), RitzShapes.of(robot.links[1].beam(modes)))
+    return energy_form(robot, shapes, modes)
+
+
+def energy_form(robot: Robot, shapes: tuple[Shapes, Shapes], modes: int) -> SecondOrderForm:
     """
     Return the form whose mass matrix is that of the kinetic energy (symmetric, definite).
 
@@ -23,10 +37,10 @@ def assumed_modes(robot: Robot, modes: int) -> SecondOrderForm:
 
     linear in the deflections, as the paper's equations are.
     """
-    shapes = (RitzShapes.of(robot.links[0].beam(modes)), RitzShapes.of(robot.links[1].beam(modes)))
     order, rows = 2 + 2 * modes, KinematicRows.of(robot, shapes, modes)
     mass, payload = np.zeros((3, order, order)), np.zeros((3, order, order))
-    mass[0] = (_link_mass(robot, 0, shapes, rows.base_1) + _link_mass(robot, 1, shapes, rows.root_2)
+    mass[0] = (_link_mass(robot, 0, shapes, rows.base_1)
+               + _link_mass(robot, 1, shapes, rows.root_2)
                + (robot.elbow_mass + robot.links[1].mass) * _square(rows.elbow)
                + robot.elbow_inertia * _square(rows.elbow_slope)
                + robot.payload_inertia * _square(rows.tip_slope))

@@ -111,9 +111,33 @@ class ExtendedArm:
         """Return C to (theta_1, theta_2, strain…), (m, n)."""
         return self.plant.c[0]
 
+    @cached_property
+    def openings(self) -> tuple[Schedule, ...]:
+        """
+        Return how each contact acts on a step: [F_open - F, G_open - G, F M^-1].
+
+        The change while the contact is open, and what unit impulses at its start do.
+        """
+        changes = []
+        for effect in self._contact:
+            form = effect.open_form(self.form, self.robot)
+            plant = self._with_states(state_space(form, self.nodes, self.payload))
+            opened = Schedule.of(plant, self.nodes, self.step_time)
+            changes.append(self._with_impulses(opened))
+        return tuple(changes)
+
+    def _with_impulses(self, opened: Schedule) -> Schedule:
+        n, closed = opened.states, self.schedule.table
+        tables = (opened.table - closed).reshape(opened.nodes.size, n, -1)
+        f = closed.reshape(tables.shape)[..., :n]
+        tables[..., n + 2:] = f @ self.plant.e
+        return replace(opened, table=tables.reshape(opened.nodes.size, -1))
+
     def _plant(self, cosine: Any, payload: Any) -> StateSpace:
-        plant = (self.compact.plant(cosine, payload) if self.compact
-                 else state_space(self.form, cosine, payload))
+        return self._with_states(self.compact.plant(cosine, payload) if self.compact
+                                 else state_space(self.form, cosine, payload))
+
+    def _with_states(self, plant: StateSpace) -> StateSpace:
         for effect in self.effects:
             plant = effect.on_state_space(plant, self.robot)
         return plant
@@ -122,7 +146,7 @@ class ExtendedArm:
         """Return the same arm with another payload, kg."""
         other = object.__new__(ExtendedArm)
         other.__dict__.update({key: value for key, value in self.__dict__.items()
-                               if key not in ('plant', 'schedule')})
+                               if key not in ('plant', 'schedule', 'openings')})
         other.payload = payload
         return other
 
@@ -184,8 +208,10 @@ class ExtendedArm:
 
     def apply_contact(self, e: Array, state: Array, after: Array, motion: Motion) -> Array:
         """Return the state one step later with backlash and dry friction, given it without."""
-        for effect in self._contact:
-            after = effect.on_step(after, state, e @ self.form.force, motion)
+        for effect, opening in zip(self._contact, self.openings):
+            f, g, impulse = opening.at(np.cos(motion.position[..., 1]))
+            parted = after + _apply(f, state) + _apply(g, motion.command)
+            after = effect.on_step(after, parted, state, impulse @ self.form.force, motion)
         if self._friction:
             after = after + self._stop(e, after, motion)
         return after

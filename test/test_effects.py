@@ -10,8 +10,7 @@ import sys
 from typing import Any
 
 from flex_plant_sim.arm_model import Array
-from flex_plant_sim.effects import (
-    at_null, build, catalogue, effects_of, explain, parse, sites)
+from flex_plant_sim.effects import at_null, build, catalogue, effects_of, explain, parse, sites
 from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.errors import InputError
 from flex_plant_sim.extended_arm import ExtendedArm

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from flex_plant_sim.arm_model import Array, SecondOrderForm
 from flex_plant_sim.effects.base import Effect, Motion, Parameter
-from flex_plant_sim.effects.kinematics import extended
+from flex_plant_sim.effects.kinematics import extended, momentum_rows
 from flex_plant_sim.robot import Robot
 import numpy as np
 
@@ -13,11 +15,11 @@ class Backlash(Effect):
     """
     A gap between rotor and link; the joint's coordinate is the link's side.
 
-    While the teeth touch, rotor and link are one and the arm's equations hold exactly. They part
-    when the teeth would have to pull. Apart, the rotor obeys its drive alone; the arm, whose
-    equations include the rotor, gets the torque that leaves the link no impulse over the step.
-    Where a step would end beyond the gap the teeth meet and do not rebound. So a contact is
-    decided once a step, like the dry friction, needs no stiff spring and is stable at any step.
+    While the teeth touch, rotor and link are one and the arm's equations hold; they part when the
+    teeth would have to pull. Apart, the rotor obeys its drive alone, and the arm has no rotor at
+    that joint. Both are linear and sampled exactly. Where a step would end beyond the gap the
+    teeth meet and do not rebound. So a contact is decided once a step, like the dry friction,
+    needs no stiff spring and is stable at any step.
 
     The coordinate gap_joint_j is the link's lead over the rotor, rad, within half the gap. With
     sensor_behind_gear = 1 the sensor sees the link, with 0 the rotor.
@@ -46,28 +48,36 @@ class Backlash(Effect):
         wide.angle[self.index, -1] = self['sensor_behind_gear'] - 1.0
         return wide
 
-    def on_step(self, after: Array, state: Array, response: Array, motion: Motion) -> Array:
-        """Return the state with rotor and link parted, or joined after a gap."""
+    def open_form(self, form: SecondOrderForm, robot: Robot) -> SecondOrderForm:
+        """Return the form without the joint's rotor and drive: theta_j is the link's alone."""
+        j = self.index
+        mass, payload = momentum_rows(form, robot, j)
+        opened = replace(form, mass=form.mass.copy(), payload_mass=form.payload_mass.copy(),
+                         damping=form.damping.copy(), stiffness=form.stiffness.copy(),
+                         input=form.input.copy())
+        opened.mass[:, j], opened.payload_mass[:, j] = mass, payload
+        opened.damping[j, j] -= robot.drives[j].damping
+        opened.stiffness[:, j] = 0.0
+        opened.input[j] = 0.0
+        return opened
+
+    def on_step(self, after: Array, parted: Array, state: Array, impulse: Array,
+                motion: Motion) -> Array:
+        """Return the state with rotor and link parted, or joined at an end of the gap."""
         n, j = motion.form.order, self.index
         k = motion.form.names.index(self.coordinate)
-        drive, step, half = motion.robot.drives[j], motion.step, 0.5 * self['gap_rad']
-        speed, lead, slip = (state[..., i:i + 1] for i in (n + j, k, n + k))
-        turned = after[..., j:j + 1] - state[..., j:j + 1]
-        sped = after[..., n + j:n + j + 1] - speed
-        column = response[..., j]
-        turn, kick = column[..., j:j + 1], column[..., n + j:n + j + 1]
+        drive, half = motion.robot.drives[j], 0.5 * self['gap_rad']
+        angle, speed, lead, slip = (state[..., i:i + 1] for i in (j, n + j, k, n + k))
         motor = drive.torque_gain * motion.command[..., j:j + 1]
-        taken = step * motor - drive.inertia * sped - drive.damping * turned
-        freeing = -taken / (step - drive.inertia * kick - drive.damping * turn)
-        rotor_turn, rotor_speed = _rotor(drive.inertia, drive.damping, motor, speed - slip, step)
-        apart = lead + turned + turn * freeing - rotor_turn
-        open_gap = np.abs(apart) < half
+        turn, rate = _rotor(drive.inertia, drive.damping, motor, speed - slip, motion.step)
+        apart = lead + parted[..., j:j + 1] - angle - turn
+        is_open = np.abs(apart) < half
         met = np.clip(apart, -half, half)
-        joining = (drive.damping * (met - lead) - drive.inertia * slip) / step
-        result = after + column * np.where(open_gap, freeing, joining)
-        parting = speed + sped + kick * freeing - rotor_speed
+        # The rotor's momentum and drag that the joined arm's equations do not know of.
+        joining = drive.damping * (met - lead) - drive.inertia * slip
+        result = np.where(is_open, parted, after + impulse[..., j] * joining)
         result[..., k:k + 1] = met
-        result[..., n + k:n + k + 1] = np.where(open_gap, parting, 0.0)
+        result[..., n + k:n + k + 1] = np.where(is_open, parted[..., n + j:n + j + 1] - rate, 0.0)
         return result
 
 

@@ -150,18 +150,23 @@ class Effect(ABC):
         """Return the largest torque against motion at each joint, N m: forward, backward."""
         return None
 
-    def on_step(self, after: Array, state: Array, response: Array, motion: Motion) -> Array:
+    def open_form(self, form: SecondOrderForm, robot: Robot) -> SecondOrderForm:
+        """Return the form while the effect's contact is open; for effects with on_step."""
+        return form
+
+    def on_step(self, after: Array, parted: Array, state: Array, impulse: Array,
+                motion: Motion) -> Array:
         """
-        Return the state after a step, changed by a contact that opens or closes within it.
+        Return the state after a step in which a contact may open or close.
 
         Parameters
         ----------
-        after : Array
-            (…, n), what the step gives without this effect.
+        after, parted : Array
+            (…, n), what the step gives with the contact closed and with it open.
         state : Array
             (…, n), at the start of the step.
-        response : Array
-            (…, n, 2), the change of `after` by a unit torque on each joint over the step.
+        impulse : Array
+            (…, n, 2), the change of `after` by a unit impulse on each joint at the start, N m s.
         motion : Motion
             At the start of the step.
 

@@ -7,6 +7,7 @@ from functools import lru_cache
 import math
 
 from flex_plant_sim.arm_model import Array, SecondOrderForm, Shapes
+from flex_plant_sim.assumed_modes import energy_form
 from flex_plant_sim.ritz import RitzShapes
 from flex_plant_sim.robot import Link, Robot
 import numpy as np
@@ -47,6 +48,29 @@ def root_row(form: SecondOrderForm, index: int) -> Array:
     """Return the row of the rotation rate of a link's root, (N,)."""
     base = np.eye(form.order)[0]
     return base if index == 0 else base + form.elbow_angle
+
+
+def momentum_rows(form: SecondOrderForm, robot: Robot, index: int) -> tuple[Array, Array]:
+    """
+    Return the angular momentum that a joint's rotor gives its link, over p'.
+
+    Polynomials in cos(theta_2), (3, N) each: without payload, and per kilogram of it. The
+    paper's rows of theta hold no momentum but the rotor's, so it is taken from the energy of the
+    paper's own shapes.
+    """
+    if is_energy_form(form):
+        mass, payload = form.mass[:, index].copy(), form.payload_mass[:, index]
+    else:
+        plain = _paper_energy(replace(robot, effects=()), int(link_columns(form, 0).sum()))
+        wide = extended(plain, form.names[plain.order:])
+        mass, payload = wide.mass[:, index].copy(), wide.payload_mass[:, index]
+    mass[0, index] -= robot.drives[index].inertia
+    return mass, payload
+
+
+@lru_cache(maxsize=16)
+def _paper_energy(robot: Robot, modes: int) -> SecondOrderForm:
+    return energy_form(robot, (robot.links[0].beam(modes), robot.links[1].beam(modes)), modes)
 
 
 def extended(form: SecondOrderForm, names: tuple[str, ...]) -> SecondOrderForm:
