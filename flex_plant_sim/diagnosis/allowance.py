@@ -11,17 +11,20 @@ import numpy as np
 MODEL_SHARE = 0.01
 
 
-def allowance(records: Sequence[Record], noise: Sequence[Array]) -> Array:
+def model_error(records: Sequence[Record]) -> Array:
     """
-    Return the mean squared prediction error that passes for correct, per channel, (m,).
+    Return the mean squared error of a model that passes for correct, per channel, (m,).
 
-    The sensors' noise, and for strain one percent of what the gauges see: two good models of
-    the same arm (finite elements, a rigid-segment chain) differ by as much.
+    One percent of what the gauges see: two good models of the same arm (finite elements, a
+    rigid-segment chain) differ by as much. Joints are integrators and get none.
     """
     strain = np.mean([np.var(record.output[:, 2:], axis=0) for record in records], axis=0)
-    allowed = np.mean([level**2 for level in noise], axis=0)
-    allowed[2:] += MODEL_SHARE**2 * strain
-    return allowed
+    return np.concatenate([np.zeros(2), MODEL_SHARE**2 * strain])
+
+
+def allowance(records: Sequence[Record], noise: Sequence[Array]) -> Array:
+    """Return the squared prediction error that passes: noise and model error, (m,)."""
+    return np.mean([level**2 for level in noise], axis=0) + model_error(records)
 
 
 def misfit(residual: Array, noise: Sequence[Array], allowed: Array) -> Array:

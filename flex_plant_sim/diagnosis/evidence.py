@@ -21,7 +21,7 @@ def held_out(fit: Fit) -> Array:
         windows, white.shape[1], -1) / root
     gram = np.einsum('wmk,wml->wkl', columns, columns)
     score = np.einsum('wmk,wm->wk', columns, white)
-    hessian = gram.sum(axis=0) + np.diag(fit.precision + 1e-12)
+    hessian = gram.sum(axis=0) + np.diag(fit.precision)
     total = np.zeros(windows)
     for w in range(windows):
         change = np.linalg.solve(hessian - gram[w], score[w])
@@ -39,4 +39,4 @@ def spread(fit: Fit) -> Array:
     root = np.sqrt(fit.weighting.temper)
     columns = (fit.weighting.whitener @ fit.directions).reshape(
         -1, fit.directions.shape[-1]) / root
-    return np.linalg.inv(columns.T @ columns + np.diag(fit.precision + 1e-12))
+    return np.linalg.inv(columns.T @ columns + np.diag(fit.precision))

@@ -9,13 +9,16 @@ from flex_plant_sim.diagnosis.hypothesis import Hypothesis
 from flex_plant_sim.diagnosis.problem import Problem, Weighting
 import numpy as np
 
-ITERATIONS = 10
+ITERATIONS = 8
+FIRST_STEPS = 2
+REWEIGHTINGS = 2
 BATCH = 24
 DIFFERENCE = 0.05
 KEPT_STARTS = 2
 ENOUGH = 0.3
 SHARE = 1e-4
 LIMIT = 3.0
+WIDE = 30.0
 DAMPINGS = (1e-4, 0.03, 1.0, 30.0)
 
 
@@ -36,7 +39,7 @@ class Fit:
     directions : Array
         d residual / d (values, nuisance), (W, length, m, k + p).
     precision : Array
-        Of the priors on (values, nuisance), (k + p,); zero for values.
+        Of the priors on (values, nuisance), (k + p,); next to nothing for values.
     weighting : Weighting
     cost : float
         Negative log-posterior at the weighting, nats.
@@ -121,10 +124,10 @@ def fit_base(problem: Problem) -> Fit:
                frozen_precision(problem, free), weighting, projector.cost(flat))
 
 
-def fit_hypothesis(problem: Problem, hypothesis: Hypothesis, weighting: Weighting,
-                   duration: float) -> Fit:
+def explore(problem: Problem, hypothesis: Hypothesis, weighting: Weighting,
+            duration: float) -> Fit:
     """
-    Return the best fit from all starts, weighted first as given, then as it asks for itself.
+    Return a first fit: the best of all starts after a few steps, at a given weighting.
 
     Parameters
     ----------
@@ -134,20 +137,18 @@ def fit_hypothesis(problem: Problem, hypothesis: Hypothesis, weighting: Weightin
     """
     search = _Search(problem, hypothesis, Projector(problem, weighting))
     starts = search.best_starts(hypothesis.starts(duration))
-    point = min((search.descend(v) for v in starts), key=lambda p: p.cost)
-    for _ in range(2):
-        nuisance, _ = search.projector.nuisance(point.flat)
-        own = problem.weighting(point.residual + problem.sensitivity @ nuisance)
-        search = _Search(problem, hypothesis, Projector(problem, own))
-        point = search.descend(point.values)
-    return search.result(point)
+    points = [search.descend(v, FIRST_STEPS) for v in starts]
+    return search.result(min(points, key=lambda p: p.cost))
 
 
-def refit(problem: Problem, fit: Fit) -> Fit:
-    """Return a fit again from its own values, for another linearisation of the base."""
-    assert fit.hypothesis is not None
-    search = _Search(problem, fit.hypothesis, Projector(problem, fit.weighting))
-    return search.result(search.descend(fit.values))
+def refine(problem: Problem, fit: Fit) -> Fit:
+    """Return a fit carried to its end, weighted as its own residual asks for."""
+    for _ in range(REWEIGHTINGS):
+        assert fit.hypothesis is not None
+        weighting = problem.weighting(fit.residual)
+        search = _Search(problem, fit.hypothesis, Projector(problem, weighting))
+        fit = search.result(search.descend(fit.values, ITERATIONS))
+    return fit
 
 
 @dataclass(frozen=True)
@@ -199,10 +200,10 @@ class _Search:
         columns = (residual[1:] - residual[0]) / step[:, None, None, None]
         return _Point(values, residual[0], columns, flat, self.projector.cost(flat))
 
-    def descend(self, values: Array) -> _Point:
+    def descend(self, values: Array, iterations: int) -> _Point:
         """Return the minimum found from a start, linearised there."""
         point = self.linearise(values)
-        for _ in range(ITERATIONS):
+        for _ in range(iterations):
             values = self._next(point)
             if values is None:
                 break
@@ -230,8 +231,8 @@ class _Search:
         nuisance, free = self.projector.nuisance(point.flat)
         sensitivity = self.problem.sensitivity
         directions = np.concatenate([np.moveaxis(point.columns, 0, -1), sensitivity], axis=-1)
-        precision = np.concatenate([np.zeros(len(point.values)),
-                                    frozen_precision(self.problem, free)])
+        wide = (WIDE * self.hypothesis.scale)**-2
+        precision = np.concatenate([wide, frozen_precision(self.problem, free)])
         return Fit(self.hypothesis, point.values, nuisance,
                    point.residual + sensitivity @ nuisance, directions, precision,
                    self.projector.weighting, point.cost)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from flex_plant_sim.arm_model import Array
+from flex_plant_sim.diagnosis.allowance import model_error
 from flex_plant_sim.diagnosis.nuisance import Nuisance, nuisances
 from flex_plant_sim.diagnosis.predictor import Base, Predictor
 from flex_plant_sim.diagnosis.windows import Windows
@@ -27,7 +28,8 @@ class Weighting:
     whitener : Array
         L^-1 with L L' the innovation covariance, (m, m).
     temper : float
-        Long-run over white variance of the scores: coloured residuals count for less.
+        Long-run over white variance of the scores: coloured residuals and model error count
+        for less.
 
     """
 
@@ -63,6 +65,8 @@ class Problem:
     def __init__(self, base: Base, windows: Sequence[Windows], noise: Sequence[Array],
                  around: tuple[Effect, ...] = ()):
         self.around, self.noise = around, tuple(noise)
+        self.model_error = model_error([w.record for w in windows])
+        self.correlated = windows[0].warm_up / 2.0
         self.base = base
         self.predictors = [Predictor(base, w, s) for w, s in zip(windows, noise)]
         self.nuisances: tuple[Nuisance, ...] = nuisances(
@@ -102,17 +106,24 @@ class Problem:
         return np.stack(columns, axis=-1)
 
     def weighting(self, residual: Array, sensitivity: Array | None = None) -> Weighting:
-        """Return the weighting that a residual (W, length, m) asks for."""
+        """
+        Return the weighting that a residual (W, length, m) asks for.
+
+        Model error that is allowed for joins the covariance. It is the same again and again
+        within half a period of the slowest mode, so there it counts as one sample.
+        """
         flat = residual.reshape(-1, residual.shape[-1])
-        covariance = flat.T @ flat / len(flat)
-        whitener = np.linalg.inv(np.linalg.cholesky(covariance))
+        seen, allowed = flat.T @ flat / len(flat), np.diag(self.model_error)
+        whitener = np.linalg.inv(np.linalg.cholesky(seen + allowed))
         directions = self.sensitivity if sensitivity is None else sensitivity
-        return Weighting(whitener, temper(residual @ whitener.T, whitener @ directions))
+        own = temper(residual @ whitener.T, whitener @ directions)
+        share = float(np.trace(whitener @ allowed @ whitener.T)) / len(allowed)
+        return Weighting(whitener, own + share * self.correlated)
 
 
 def temper(white: Array, directions: Array) -> float:
     """
-    Return the long-run over the white variance of the scores, at least 1.
+    Return the long-run over the white variance of the scores.
 
     Parameters
     ----------
@@ -128,4 +139,4 @@ def temper(white: Array, directions: Array) -> float:
     sums = blocks.sum(axis=2).reshape(-1, score.shape[-1])
     long_run = np.sum((sums - sums.mean(axis=0))**2, axis=0)
     short = np.sum(directions**2, axis=(0, 1, 2))
-    return max(1.0, float(np.median(long_run / np.maximum(short, 1e-300))))
+    return max(0.3, float(np.median(long_run / np.maximum(short, 1e-300))))

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from multiprocessing import get_context
+from typing import Any
 
 from flex_plant_sim.arm_model import Array
 from flex_plant_sim.diagnosis.allowance import allowance, misfit
-from flex_plant_sim.diagnosis.fit import Fit, fit_base, fit_hypothesis, refit
+from flex_plant_sim.diagnosis.fit import explore, Fit, fit_base, refine
 from flex_plant_sim.diagnosis.hypothesis import hypotheses, Hypothesis
 from flex_plant_sim.diagnosis.noise import measurement_noise
 from flex_plant_sim.diagnosis.predictor import Base
-from flex_plant_sim.diagnosis.problem import Problem
+from flex_plant_sim.diagnosis.problem import Problem, Weighting
 from flex_plant_sim.diagnosis.ranking import choose, rank, Ranked
 from flex_plant_sim.diagnosis.windows import Record, Windows
 import numpy as np
 
 ROUNDS = 4
 WRONG = 1.0
+LEADING = 8
 
 Progress = Callable[[str, float], None]
 
@@ -118,9 +122,8 @@ def search(data: Data, nominal: Base, jobs: int, progress: Progress,
         trial = [h for h in hypotheses(base.robot, exclude) if h not in known
                  and not any(h.effect is type(e) for e in nominal.effects)]
         step = f'round {len(rounds) + 1}'
-        fits = _fit_all(problem, trial, fitted, data.duration, jobs,
-                        lambda share, step=step: progress(step, share))
-        ranked = rank(fits, fitted, data.noise, data.allowed)
+        ranked = _fit_all(problem, trial, fitted, data, jobs,
+                          lambda share, step=step: progress(step, share))
         chosen = choose(ranked)
         rounds.append(Round(fitted, tuple(ranked), chosen))
         if chosen is None:
@@ -148,7 +151,7 @@ def _refitted(problem: Problem, ranked: Ranked, base: Fit, data: Data) -> Ranked
     """Return the fit again, base parameters linearised with the effect on."""
     effect = ranked.hypothesis.at(ranked.fit.values)
     around = Problem(problem.base, data.windows, data.noise, around=(effect,))
-    fit = refit(around, ranked.fit)
+    fit = refine(around, ranked.fit)
     return rank([fit], base, data.noise, data.allowed)[0]
 
 
@@ -165,48 +168,74 @@ def _still_needed(nominal: Base, accepted: Sequence[Ranked], data: Data) -> list
     return kept
 
 
-def _fit_all(problem: Problem, trial: Sequence[Hypothesis], fitted: Fit, duration: float,
-             jobs: int, progress: Callable[[float], None]) -> list[Fit]:
-    """Return the fits that succeed, in the order of the hypotheses."""
-    task = _Task(problem, fitted, duration)
-    fits, done = [], 0
-    if jobs <= 1:
-        results = map(task, trial)
-        pool = None
-    else:
-        pool = get_context('fork').Pool(jobs, initializer=_remember, initargs=(task,))
-        results = pool.imap(_run, trial)
-    try:
-        for fit in results:
-            done += 1
-            progress(done / len(trial))
-            fits += [fit] if fit is not None else []
-    finally:
-        if pool is not None:
-            pool.terminate()
-    return fits
+def _fit_all(problem: Problem, trial: Sequence[Hypothesis], fitted: Fit, data: Data, jobs: int,
+             progress: Callable[[float], None]) -> list[Ranked]:
+    """
+    Return every hypothesis, ranked.
+
+    All get a first fit from all their starts; the leading ones are carried to the end. None is
+    left out for a local score.
+    """
+    first = _Explore(problem, fitted.weighting, data.duration)
+    fits = _each(first, trial, jobs, lambda share: progress(0.8 * share))
+    order = [r.fit for r in rank(fits, fitted, data.noise, data.allowed)]
+    leading = _each(_Refine(problem), order[:LEADING], jobs,
+                    lambda share: progress(0.8 + 0.2 * share))
+    return rank([*leading, *order[LEADING:]], fitted, data.noise, data.allowed)
 
 
 @dataclass(frozen=True)
-class _Task:
+class _Explore:
     problem: Problem
-    fitted: Fit
+    weighting: Weighting
     duration: float
 
-    def __call__(self, hypothesis: Hypothesis) -> Fit | None:
-        try:
-            fit = fit_hypothesis(self.problem, hypothesis, self.fitted.weighting, self.duration)
-        except (np.linalg.LinAlgError, FloatingPointError):
-            return None
-        return fit if np.all(np.isfinite(fit.residual)) else None
+    def __call__(self, hypothesis: Hypothesis) -> Fit:
+        return explore(self.problem, hypothesis, self.weighting, self.duration)
 
 
-_worker: list[_Task] = []
+@dataclass(frozen=True)
+class _Refine:
+    problem: Problem
+
+    def __call__(self, fit: Fit) -> Fit:
+        return refine(self.problem, fit)
 
 
-def _remember(task: _Task) -> None:
+def _each(task: Callable[[Any], Fit], items: Sequence[Any], jobs: int,
+          progress: Callable[[float], None]) -> list[Fit]:
+    """Return the task's fits that succeed, in the order of the items."""
+    fits: list[Fit] = []
+    with ExitStack() as stack:
+        if jobs <= 1:
+            results: Iterable[Fit | None] = map(partial(_attempt, task), items)
+        else:
+            pool = stack.enter_context(get_context('fork').Pool(
+                jobs, initializer=_remember, initargs=(task,)))
+            results = pool.imap(_run, items)
+        for done, fit in enumerate(results, start=1):
+            progress(done / len(items))
+            fits += [fit] if fit is not None else []
+    return fits
+
+
+def _attempt(task: Callable[[Any], Fit], item: Any) -> Fit | None:
+    """Return the task's fit, or None where the hypothesis makes no finite prediction."""
+    try:
+        fit = task(item)
+    except np.linalg.LinAlgError:
+        return None
+    return fit if np.all(np.isfinite(fit.residual)) else None
+
+
+# The pool's own copy of the task: set once in each worker process, so that the problem is
+# inherited and not sent with every hypothesis.
+_worker: list[Callable[[Any], Fit]] = []
+
+
+def _remember(task: Callable[[Any], Fit]) -> None:
     _worker[:] = [task]
 
 
-def _run(hypothesis: Hypothesis) -> Fit | None:
-    return _worker[0](hypothesis)
+def _run(item: Any) -> Fit | None:
+    return _attempt(_worker[0], item)
