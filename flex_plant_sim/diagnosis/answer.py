@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 import math
 from typing import Any
 
@@ -15,6 +16,22 @@ from flex_plant_sim.diagnosis.results import Candidate, Cause, Diagnosis, Parame
 import numpy as np
 
 TERMINAL_HORIZONS = (0.2, 1.0, 5.0)
+SENTENCE_HORIZON = 1.0
+
+
+def with_gain(diagnosis: Diagnosis, gains: Sequence[Gain]) -> Diagnosis:
+    """Return the diagnosis with what its causes gain at the end of its sentence."""
+    sure = [gain for gain in gains if gain.horizon == SENTENCE_HORIZON and gain.ratio_high < 1.0]
+    if not diagnosis.causes or not sure:
+        return diagnosis
+    best = min(sure, key=lambda gain: gain.ratio)
+    scale, unit = shown(best.unit)
+    space = '' if unit == '°' else ' '
+    them = 'it' if len(diagnosis.causes) == 1 else 'them'
+    text = (f'With {them} the {best.horizon:g} s prediction error of '
+            f'{best.channel.replace("_", " ")} falls from {scale * best.before:.2g}{space}{unit} '
+            f'to {scale * best.after:.2g}{space}{unit}.')
+    return replace(diagnosis, sentence=f'{diagnosis.sentence} {text}')
 
 
 def answer(diagnosis: Diagnosis, gains: Sequence[Gain], before: Sequence[ChannelResidual],

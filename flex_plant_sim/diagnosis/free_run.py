@@ -6,18 +6,18 @@ from flex_plant_sim.arm_model import Array
 from flex_plant_sim.diagnosis.predictor import _at_drive, _payload_schedule, Predictor
 from flex_plant_sim.schedule import barycentric_weights
 import numpy as np
+from numpy.typing import NDArray
 
 START_COUNT = 240
 ONE_STEP = 1
 
 
-def start_instants(first: int, stop: int, count: int = START_COUNT) -> Array:
+def start_instants(first: int, stop: int, count: int = START_COUNT) -> NDArray[np.int_]:
     """Return at most `count` evenly spaced sample numbers from first to stop (exclusive)."""
-    instants: Array = np.arange(first, stop, max(1, -(-(stop - first) // count)))
-    return instants
+    return np.arange(first, stop, max(1, -(-(stop - first) // count)))
 
 
-def free_run(predictor: Predictor, starts: Array, steps: int) -> Array:
+def free_run(predictor: Predictor, starts: NDArray[np.int_], steps: int) -> Array:
     """
     Simulate without corrections, with every effect of the predictor's base.
 
@@ -60,7 +60,7 @@ def free_run(predictor: Predictor, starts: Array, steps: int) -> Array:
     return outputs
 
 
-def errors(predictor: Predictor, starts: Array, steps: int) -> Array:
+def errors(predictor: Predictor, starts: NDArray[np.int_], steps: int) -> Array:
     """Return measured minus simulated over free runs, (steps, S, m); NaN behind the end."""
     simulated = free_run(predictor, starts, steps)
     rows = np.minimum(starts + np.arange(steps)[:, None], len(predictor.record.time) - 1)

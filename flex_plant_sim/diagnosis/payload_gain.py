@@ -65,6 +65,7 @@ def payload_gain(logs: Sequence[Log], true: float, nominal: Base,
     Parameters
     ----------
     logs : sequence of Log
+        With the same payload each.
     true : float
         The payload, kg, > 0.
     nominal, extended : Base

@@ -72,7 +72,8 @@ def render(report: Report) -> str:
                          "'flex_payload[report]')") from None
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True,
                               lstrip_blocks=True)
-    environment.filters |= {'percent': percent_text, 'interval': interval_text, 'site': _site_text, 'nats': _nats}
+    environment.filters |= {'percent': percent_text, 'interval': interval_text,
+                            'site': _site_text, 'nats': _nats}
     template = (resources.files('flex_plant_sim') / 'diagnosis' / FILE_NAME).read_text(
         encoding='utf-8')
     return environment.from_string(template).render(

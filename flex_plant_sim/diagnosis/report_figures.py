@@ -186,10 +186,11 @@ def picture(draw: Callable[[Any], None], title: str, text: str,
     from matplotlib import rc_context
     from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure
-    style = {'font.size': 9.0, 'axes.titlesize': 10.0, 'axes.titleweight': 'bold',
-             'axes.spines.top': False, 'axes.spines.right': False, 'axes.grid': True,
-             'grid.alpha': 0.25, 'lines.linewidth': 1.3, 'svg.hashsalt': 'flex_diagnose',
-             'axes.formatter.limits': (-3, 4), 'axes.xmargin': 0.02}
+    style: Any = {
+        'font.size': 9.0, 'axes.titlesize': 10.0, 'axes.titleweight': 'bold',
+        'axes.spines.top': False, 'axes.spines.right': False, 'axes.grid': True,
+        'grid.alpha': 0.25, 'lines.linewidth': 1.3, 'svg.hashsalt': 'flex_diagnose',
+        'axes.formatter.limits': (-3, 4), 'axes.xmargin': 0.02}
     with rc_context(style):
         figure = Figure(figsize=size)
         figure.subplots_adjust(left=0.17, right=0.97, bottom=0.17, top=0.86, hspace=0.12)

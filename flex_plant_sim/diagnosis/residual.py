@@ -10,6 +10,7 @@ from flex_plant_sim.arm_model import Array
 from flex_plant_sim.diagnosis.free_run import errors, horizon_samples, start_instants
 from flex_plant_sim.diagnosis.predictor import Predictor
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import solve_toeplitz
 from scipy.signal import welch
 from scipy.stats import chi2
@@ -232,7 +233,7 @@ def describe(predictors: Sequence[Predictor],
 
 
 def _over_records(predictors: Sequence[Predictor], residuals: Sequence[Array],
-                  rows: Sequence[Array]) -> list[dict]:
+                  rows: Sequence[NDArray[np.int_]]) -> list[dict]:
     """Return the dependences of residuals at sample numbers, all records together."""
     found = [shapes(p) for p in predictors]
     columns = {name: np.vstack([s[name][r] for s, r in zip(found, rows)]) for name in found[0]}
@@ -240,8 +241,9 @@ def _over_records(predictors: Sequence[Predictor], residuals: Sequence[Array],
     return _dependences(np.vstack(residuals), columns, fold)
 
 
-def drift(predictor: Predictor, horizon: float = DRIFTED) -> tuple[Array, Array]:
-    """Return the sample numbers amid short free runs, (S,), and the errors at their end, (S, m)."""
+def drift(predictor: Predictor,
+          horizon: float = DRIFTED) -> tuple[NDArray[np.int_], Array]:
+    """Return sample numbers amid short free runs, (S,), and the errors at their end, (S, m)."""
     samples = horizon_samples(horizon, predictor.base.robot.sample_time)
     starts = start_instants(predictor.windows.warm_up, len(predictor.record.time) - samples,
                             SHORT_STARTS)

@@ -1,0 +1,210 @@
+"""flex_diagnose: name what the simulation gets wrong, extend the model, measure the gain."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from importlib.metadata import PackageNotFoundError, version
+import os
+from pathlib import Path
+import sys
+from typing import Any, Protocol
+
+from flex_plant_sim.diagnosis.answer import answer, answer_text, with_gain
+from flex_plant_sim.diagnosis.extend import write_extended
+from flex_plant_sim.diagnosis.gain import Gain, measure_gain
+from flex_plant_sim.diagnosis.payload_gain import payload_gain, PayloadGain
+from flex_plant_sim.diagnosis.predictor import Base, Predictor
+from flex_plant_sim.diagnosis.report import Report, write_report
+from flex_plant_sim.diagnosis.report_figures import all_pictures
+from flex_plant_sim.diagnosis.residual import ChannelResidual, describe
+from flex_plant_sim.diagnosis.results import Diagnosis
+from flex_plant_sim.diagnosis.verdict import diagnose, nominal_base
+from flex_plant_sim.diagnosis.windows import Record
+from flex_plant_sim.effects import catalogue
+from flex_plant_sim.errors import InputError
+from flex_plant_sim.log import Log, read_log
+from flex_plant_sim.robot import load_robot, Robot
+from flex_plant_sim.tools import command_line
+
+SAMPLING_AGREES = 1e-3
+SEARCH_SHARE = 0.9
+
+
+class Progress(Protocol):
+    """Told what is being done and how much is done, 0 to 1."""
+
+    def __call__(self, label: str, share: float) -> None:
+        """Take note."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """All that a run found, before anything is written."""
+
+    diagnosis: Diagnosis
+    extended: Base
+    predictors: tuple[list[Predictor], list[Predictor]]
+    gains: tuple[Gain, ...]
+    before: tuple[ChannelResidual, ...]
+    after: tuple[ChannelResidual, ...]
+    payload: tuple[PayloadGain, ...]
+
+
+def options() -> argparse.ArgumentParser:
+    """Return the options of flex_diagnose."""
+    parser = command_line.parser('Name what the simulation of a log gets wrong, extend the '
+                                 'robot file and measure the gain.')
+    command_line.add_log_argument(parser, '+')
+    command_line.add_arm_arguments(parser)
+    parser.add_argument('--report', default=None, metavar='DIR',
+                        help='folder for report.html, made if need be')
+    parser.add_argument('--extended', default=None, metavar='FILE',
+                        help='write the robot file with its effects')
+    command_line.add_json_argument(parser)
+    parser.add_argument('--jobs', default=len(os.sched_getaffinity(0)), type=_count, metavar='N',
+                        help='processes')
+    parser.add_argument('--true-payload', default=None, type=command_line.mass, metavar='KG',
+                        help='what the arm really carries, to measure the payload estimate')
+    parser.add_argument('--no-coriolis', action='store_true',
+                        help='leave Coriolis and centripetal forces out of the nominal model')
+    parser.add_argument('--exclude', default=[], action='append', metavar='EFFECT',
+                        choices=sorted(catalogue()),
+                        help='an effect that is not to be considered; may be given again')
+    parser.add_argument('--seed', default=0, type=int, metavar='N', help='of the bootstrap')
+    return parser
+
+
+def _count(text: str) -> int:
+    if not (text.isdigit() and int(text) >= 1):
+        raise argparse.ArgumentTypeError(f'expected a whole number >= 1, got {text!r}')
+    return int(text)
+
+
+def read_logs(paths: Sequence[str], robot: Robot) -> list[Log]:
+    """
+    Return the logs, all sampled alike.
+
+    Raises
+    ------
+    InputError
+        Naming the file that cannot be read or is sampled otherwise.
+
+    """
+    logs = [read_log(path, robot) for path in paths]
+    for log in logs[1:]:
+        if abs(log.sample_time - logs[0].sample_time) > SAMPLING_AGREES * logs[0].sample_time:
+            raise InputError(f'{log.source}: expected a sample time of {logs[0].sample_time:g} s '
+                             f'as in {logs[0].source}, got {log.sample_time:g} s')
+    return logs
+
+
+def record_of(log: Log, payload: float) -> Record:
+    """Return a log as the diagnosis sees it: time from zero, one payload told."""
+    return Record(log.source, log.time - log.time[0], log.command, log.output, payload)
+
+
+def run(logs: Sequence[Log], robot: Robot, arguments: argparse.Namespace,
+        progress: Progress) -> Run:
+    """Diagnose, extend and measure; write nothing."""
+    payload = robot.payload_mass if arguments.payload is None else arguments.payload
+    records = [record_of(log, payload) for log in logs]
+    nominal = nominal_base(robot, arguments.model, arguments.modes, not arguments.no_coriolis)
+    diagnosis, data, search = diagnose(
+        records, nominal, arguments.jobs,
+        lambda label, share: progress(label, SEARCH_SHARE * share), arguments.exclude)
+    extended = nominal if search is None else search.extended
+    progress('measuring the gain', SEARCH_SHARE)
+    before, after = ([Predictor(base, windows, noise) for windows, noise in
+                      zip(data.locked, data.noise)] for base in (nominal, extended))
+    gains = measure_gain(before, after, seed=arguments.seed)
+    found = Run(
+        with_gain(diagnosis, gains), extended, (before, after), gains, describe(before),
+        describe(after), () if arguments.true_payload is None else payload_gain(
+            logs, arguments.true_payload, nominal, extended))
+    progress('done', 1.0)
+    return found
+
+
+@contextmanager
+def progress_bar() -> Iterator[Progress]:
+    """Yield a progress bar on stderr where that is a terminal, else nothing that shows."""
+    try:
+        from tqdm import tqdm
+    except ImportError:
+        yield lambda label, share: None
+        return
+    with tqdm(total=100.0, disable=None, leave=False, file=sys.stderr,
+              bar_format='{desc} {bar} {percentage:3.0f} % [{elapsed}]') as bar:
+        def show(label: str, share: float) -> None:
+            bar.set_description_str(f'{label:<28.28}', refresh=False)
+            bar.update(max(0.0, 100.0 * share - bar.n))
+        yield show
+
+
+def settings_of(arguments: argparse.Namespace, robot: Robot, logs: Sequence[Log]
+                ) -> dict[str, Any]:
+    """Return what the run was made with."""
+    try:
+        number = version('flex_payload')
+    except PackageNotFoundError:
+        number = 'not installed'
+    told = robot.payload_mass if arguments.payload is None else arguments.payload
+    described = [f'{log.source}: {len(log)} samples, '
+                 f'{log.time[-1] - log.time[0] + log.sample_time:.4g} s at '
+                 f'{1.0 / log.sample_time:.4g} Hz' for log in logs]
+    return {
+        'logs': described, 'robot': f'{robot.name} ({arguments.robot})',
+        'model': arguments.model, 'modes': arguments.modes, 'payload_told_kg': told,
+        'coriolis': not arguments.no_coriolis, 'excluded': list(arguments.exclude),
+        'jobs': arguments.jobs, 'seed': arguments.seed, 'version': number}
+
+
+def check_places(arguments: argparse.Namespace) -> None:
+    """Raise InputError before the work starts where an answer could not be written."""
+    for place in (arguments.report, arguments.extended, arguments.json):
+        if place is not None and not Path(place).absolute().parent.is_dir():
+            raise InputError(f'{place}: expected an existing folder, got '
+                             f'{str(Path(place).parent)!r}')
+    if arguments.true_payload == 0.0:
+        raise InputError('--true-payload: expected a mass > 0 kg, got 0')
+
+
+def _main(arguments: argparse.Namespace) -> None:
+    check_places(arguments)
+    robot = load_robot(arguments.robot)
+    logs = read_logs(arguments.log, robot)
+    with progress_bar() as progress:
+        found = run(logs, replace(robot, sample_time=logs[0].sample_time), arguments, progress)
+        report = None if arguments.report is None else report_of(
+            found, settings_of(arguments, robot, logs))
+    print(answer_text(found.diagnosis, found.gains, found.payload))
+    if arguments.extended:
+        changed = replace(found.extended.robot, sample_time=robot.sample_time)
+        write_extended(arguments.extended, arguments.robot, changed, found.extended.effects)
+        print(f'extended robot: {arguments.extended}')
+    if arguments.json:
+        command_line.write_json(arguments.json, answer(
+            found.diagnosis, found.gains, found.before, found.after, found.payload,
+            settings_of(arguments, robot, logs)))
+    if report is not None:
+        print(f'report: {write_report(arguments.report, report)}')
+
+
+def report_of(found: Run, settings: Mapping[str, Any]) -> Report:
+    """Return the report of a run with its pictures."""
+    texts = {key.replace('_', ' '): ', '.join(value) if isinstance(value, list) else str(value)
+             for key, value in settings.items()}
+    return Report(found.diagnosis, found.before, found.after, found.gains, found.payload, texts,
+                  all_pictures(found.gains, *found.predictors))
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run flex_diagnose."""
+    return command_line.run(lambda: _main(options().parse_args(argv)))
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,177 @@
+"""What a hidden effect is in the catalogue's terms: site and parameters, where they compare."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from truth.effects.hidden_effect import Parameters
+from truth.records import COLUMNS, TruthCase
+
+
+@dataclass(frozen=True)
+class Term:
+    """
+    An effect as the catalogue says it.
+
+    Attributes
+    ----------
+    name, site : str
+    values : dict
+        Parameter to its true value; empty where truth and catalogue describe the effect in
+        quantities that do not compare (a coefficient per height against one per area).
+    size : float
+        Deviation from null of what the detection limit is stated in; NaN where unknown.
+
+    """
+
+    name: str
+    site: str
+    values: dict[str, float] = field(default_factory=dict)
+    size: float = float('nan')
+
+
+def hidden_terms(case: TruthCase) -> tuple[Term, ...]:
+    """Return the hidden effects of a case in the catalogue's terms."""
+    return tuple(_term(case, name, parameters) for name, parameters in case.effects)
+
+
+def _term(case: TruthCase, name: str, size: Parameters) -> Term:
+    site, values, deviation = _SAID[name](case, size)
+    return Term(name, site, values, deviation)
+
+
+def _joint(size: Parameters) -> str:
+    return f'joint_{int(size["joint"])}'
+
+
+def _link(size: Parameters) -> str:
+    return f'link_{int(size["link"])}'
+
+
+def _gauge(case: TruthCase, size: Parameters, key: str = 'gauge') -> str:
+    return COLUMNS[case.robot][4 + int(size[key])]
+
+
+Said = Callable[[TruthCase, Parameters], tuple[str, dict[str, float], float]]
+
+
+def _at_joint(ours: str, theirs: str, null: float = 0.0) -> Said:
+    return lambda case, p: (_joint(p), {theirs: p[ours]}, abs(p[ours] - null))
+
+
+def _at_link(ours: str, theirs: str, null: float = 0.0) -> Said:
+    return lambda case, p: (_link(p), {theirs: p[ours]}, abs(p[ours] - null))
+
+
+def _at_gauge(ours: str, theirs: str, null: float = 0.0) -> Said:
+    return lambda case, p: (_gauge(case, p), {theirs: p[ours]}, abs(p[ours] - null))
+
+
+def _for_arm(ours: str, theirs: str) -> Said:
+    return lambda case, p: ('arm', {theirs: p[ours]}, abs(p[ours]))
+
+
+def _flexible(site: Callable[[Parameters], str]) -> Said:
+    return lambda case, p: (site(p), {'compliance_rad_per_n_m': 1.0 / p['stiffness']},
+                            1.0 / p['stiffness'])
+
+
+def _asymmetric(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], float]:
+    values = {'forward_n_m': p['forward'], 'backward_n_m': p['backward']}
+    return _joint(p), values, max(values.values())
+
+
+def _stribeck(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], float]:
+    return _joint(p), {'level_n_m': p['sliding'], 'extra_n_m': p['extra'],
+                       'speed_rad_per_s': p['speed']}, p['sliding']
+
+
+def _ripple(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], float]:
+    return _joint(p), {'sine_n_m': p['torque'] * np.cos(p['phase']),
+                       'cosine_n_m': p['torque'] * np.sin(p['phase']),
+                       'periods_per_turn': p['order']}, p['torque']
+
+
+def _saturation(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], float]:
+    return _joint(p), {'inverse_limit': 1.0 / p['limit']}, 1.0 / p['limit']
+
+
+def _crosstalk(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], float]:
+    return _gauge(case, p, 'to_gauge'), {'share': p['share'], 'source': p['from_gauge']}, abs(
+        p['share'])
+
+
+def _filter(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], float]:
+    return 'arm', {'time_constant_s': 1.0 / p['cutoff'],
+                   'damping': p['damping']}, 1.0 / p['cutoff']
+
+
+def _tilt(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], float]:
+    return 'arm', {'tilt_x_rad': p['tilt_x'], 'tilt_y_rad': p['tilt_y']}, max(
+        abs(p['tilt_x']), abs(p['tilt_y']))
+
+
+def _base(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], float]:
+    return 'arm', {'compliance_rad_per_n_m': 1.0 / p['stiffness'],
+                   'inertia_kg_m2': p['stiffness'] / p['frequency']**2}, 1.0 / p['stiffness']
+
+
+def _payload_mass(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], float]:
+    deviation = case.payload_true - case.payload_told
+    return 'arm', {'deviation_kg': deviation}, abs(deviation)
+
+
+def _payload_change(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], float]:
+    change = p['mass'] - case.payload_true
+    return 'arm', {'change_kg': change, 'time_s': p['time'],
+                   'duration_s': p['duration']}, abs(change)
+
+
+def _loose(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], float]:
+    compliance = 1.0 / (case.payload_true * p['frequency']**2)
+    return 'arm', {'compliance_m_per_n': compliance,
+                   'damping_ratio': p['damping_ratio']}, compliance
+
+
+def _unsized(site: str) -> Said:
+    return lambda case, p: (site, {}, float('nan'))
+
+
+_SAID: dict[str, Said] = {
+    'coulomb_friction': _at_joint('torque', 'level_n_m'),
+    'viscous_friction': _at_joint('coefficient', 'damping_n_m_s'),
+    'asymmetric_friction': _asymmetric,
+    'stribeck_friction': _stribeck,
+    'backlash': _at_joint('gap', 'gap_rad'),
+    'gear_compliance': _flexible(_joint),
+    'torque_ripple': _ripple,
+    'actuator_gain': _at_joint('factor', 'factor', 1.0),
+    'actuator_bias': _at_joint('bias', 'bias'),
+    'actuator_dead_zone': _at_joint('half_width', 'half_width'),
+    'actuator_saturation': _saturation,
+    'motor_lag': _at_joint('time_constant', 'time_constant_s'),
+    'input_delay': _for_arm('delay', 'delay_s'),
+    'angle_gain': _at_joint('factor', 'factor', 1.0),
+    'angle_offset': _at_joint('offset', 'offset_rad'),
+    'strain_bias': _at_gauge('bias', 'bias'),
+    'strain_drift': _at_gauge('rate', 'drift_per_s'),
+    'strain_gain': _at_gauge('factor', 'factor', 1.0),
+    'strain_crosstalk': _crosstalk,
+    'strain_filter': _filter,
+    'strain_delay': _for_arm('delay', 'delay_s'),
+    'link_stiffness': _at_link('factor', 'factor', 1.0),
+    'modal_damping': _at_link('factor', 'factor', 1.0),
+    'air_drag': _unsized('arm'),
+    'clamp_compliance': _flexible(_link),
+    'base_tilt': _tilt,
+    'base_compliance': _base,
+    'coriolis_centripetal': _unsized('arm'),
+    'modal_truncation': _unsized('arm'),
+    'hub_inertia': lambda case, p: ('elbow', {'inertia_kg_m2': p['inertia']}, p['inertia']),
+    'payload_mass': _payload_mass,
+    'payload_inertia': _for_arm('inertia', 'inertia_kg_m2'),
+    'payload_change': _payload_change,
+    'loose_payload': _loose,
+}
