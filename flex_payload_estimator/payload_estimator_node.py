@@ -118,7 +118,8 @@ class PayloadEstimatorNode(SampleNode):
         before, self._estimate = self._estimate, estimate
         changed = before is None or before.status != estimate.status
         found, self._events = self._events, len(self._changes())
-        if changed or self._events > found or stamp - self._reported >= nanoseconds(DIAGNOSTICS_INTERVAL):
+        due = stamp - self._reported >= nanoseconds(DIAGNOSTICS_INTERVAL)
+        if changed or due or self._events > found:
             self._report(stamp)
 
     def _on_wall_timer(self) -> None:

@@ -88,19 +88,20 @@ def test_the_topics_gave_what_the_offline_loop_gives(output: tuple[Path, str]) -
 
 @pytest.mark.ros
 def test_another_run_replaces_the_output_and_spares_what_is_not_a_demo_s(
-    output: tuple[Path, str], domain_id: int, tmp_path: Path,
+    domain_id: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    folder, _ = output
-    options = ('--duration', '0.1', '--figures', '--seed', '1', '--out')
-    assert run(domain_id, folder.parent, *options, 'again').returncode == 0
-    assert run(domain_id, folder.parent, *options, 'again').returncode == 0
-    assert sorted(path.name for path in (folder.parent / 'again').iterdir()) == [
-        'run.csv', 'run_mcap', 'summary.json']
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(domain_id))
+    monkeypatch.chdir(tmp_path)
+    options = ['--duration', '0.1', '--figures', '--out']
+    for seed in ('1', '2'):
+        assert demo.main([*options, 'again', '--seed', seed]) == 0
+        assert sorted(path.name for path in (tmp_path / 'again').iterdir()) == [
+            'run.csv', 'run_mcap', 'summary.json']
+        summary = json.loads((tmp_path / 'again' / 'summary.json').read_text())
+        assert summary['seed'] == int(seed)
     (tmp_path / 'mine').mkdir()
     (tmp_path / 'mine' / 'thesis.txt').write_text('years of work')
-    refused = run(domain_id, tmp_path, *options, 'mine')
-    assert refused.returncode == 2
-    assert refused.stderr.count('\n') == 1
+    assert demo.main([*options, 'mine']) == 2
     assert (tmp_path / 'mine' / 'thesis.txt').read_text() == 'years of work'
 
 

@@ -100,7 +100,7 @@ BAD: dict[str, tuple[str, Callable[[Bench], None], str]] = {
 
 
 @pytest.mark.parametrize('case', BAD)
-def test_what_does_not_fit_is_rejected_counted_and_told(bench: Bench, case: str) -> None:
+def test_what_does_not_fit_is_rejected_and_counted(bench: Bench, case: str) -> None:
     topic, publish, text = BAD[case]
     publish(bench)
     bench.loop.until(lambda: bench.node.rejected[topic] == 1)
@@ -108,6 +108,11 @@ def test_what_does_not_fit_is_rejected_counted_and_told(bench: Bench, case: str)
     assert STEP not in bench.answers.stamps
     assert text in bench.node.last_rejection
     assert '\n' not in bench.node.last_rejection
+
+
+def test_rejections_are_told_on_diagnostics(bench: Bench) -> None:
+    bench.sample(1, strain=(0.0,) * 3)
+    bench.answered(2)
     bench.loop.until(lambda: bench.status('input') is not None
                      and bench.status('input').message.startswith('1 messages rejected'))
     assert {value.key: value.value for value in bench.status('input').values}['rejected'] == '1'
