@@ -7,6 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 from flex_payload_estimator.estimators.base import PayloadEstimator
+from flex_payload_estimator.estimators.rpe import RecursivePredictionError
+from flex_payload_estimator.estimators.rpe_settings import RpeSettings
 from flex_payload_estimator.estimators.sf1 import (
     PAPER_SETTINGS,
     SF1Estimator,
@@ -26,7 +28,11 @@ def _sf1(robot: Robot, model: str, modes: int, **changes: Any) -> PayloadEstimat
     return SF1Estimator(robot, model, modes, SF1EstimatorSettings(**changes))
 
 
-BUILDERS: dict[str, Builder] = {'sf1_paper': _sf1_paper, 'sf1': _sf1}
+def _rpe(robot: Robot, model: str, modes: int, **changes: Any) -> PayloadEstimator:
+    return RecursivePredictionError(robot, model, modes, settings=RpeSettings(**changes))
+
+
+BUILDERS: dict[str, Builder] = {'sf1_paper': _sf1_paper, 'sf1': _sf1, 'rpe': _rpe}
 
 
 def make_estimator(name: str, robot: Robot, model: str = 'paper_reduced', modes: int = 2,
@@ -37,7 +43,8 @@ def make_estimator(name: str, robot: Robot, model: str = 'paper_reduced', modes:
     Parameters
     ----------
     name : str
-        'sf1_paper': as printed; 'sf1': resolvent split, normalised.
+        'sf1_paper': as printed; 'sf1': resolvent split, normalised; 'rpe': recursive
+        prediction error.
     robot : Robot
         The arm.
     model : str

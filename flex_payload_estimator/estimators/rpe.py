@@ -1,0 +1,301 @@
+"""Recursive prediction error: the default payload estimator."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+import math
+from typing import NamedTuple
+
+from flex_payload_estimator.estimators.base import Estimate
+from flex_payload_estimator.estimators.rpe_bank import Bank
+from flex_payload_estimator.estimators.rpe_effects import EffectStep
+from flex_payload_estimator.estimators.rpe_events import ChangeDetector, Event
+from flex_payload_estimator.estimators.rpe_hypothesis import Hypothesis, Sample, Stepper
+from flex_payload_estimator.estimators.rpe_levels import (
+    Activity,
+    levels,
+    start_spread,
+    told_noise,
+)
+from flex_payload_estimator.estimators.rpe_parts import gain_columns, variants
+from flex_payload_estimator.estimators.rpe_schedule import PayloadSchedule
+from flex_payload_estimator.estimators.rpe_settings import RpeSettings
+from flex_plant_sim.arm_model import Array
+from flex_plant_sim.effects import effects_of
+from flex_plant_sim.effects.base import Effect
+from flex_plant_sim.errors import InputError
+from flex_plant_sim.extended_arm import ExtendedArm
+from flex_plant_sim.robot import Robot
+import numpy as np
+
+# A gap longer than this, s, loses the state; a reading beyond these is no measurement.
+LONGEST_GAP_S = 1.0
+LARGEST_ANGLE, LARGEST_STRAIN, LARGEST_COMMAND = 1e4, 1.0, 1e9
+# What a window must tell about a payload change of a sixth of the heaviest: five sigma.
+EXCITED = 25.0
+SUSPECT_MISFIT = 2.0
+
+
+class Ahead(NamedTuple):
+    """
+    A prediction made before its measurement, and how to take it back.
+
+    Attributes
+    ----------
+    command : Array
+        Assumed, (2,).
+    saved : list of (Hypothesis, Hypothesis)
+        Each hypothesis and its copy before.
+    history : Array
+        Past commands before.
+    sample : Sample
+        The one before.
+
+    """
+
+    command: Array
+    saved: list[tuple[Hypothesis, Hypothesis]]
+    history: Array
+    sample: Sample
+
+
+class RecursivePredictionError:
+    """
+    Predictors that carry the sensitivity of their state to the payload along.
+
+    A bank of them starts from payloads over the whole range and from four levels of model
+    error, and collapses to one (see docs/estimators.md).
+
+    Parameters
+    ----------
+    robot : Robot
+        Its noise is believed at the exact level, its tolerances at the others.
+    model : str
+        'assumed_modes', 'paper' or 'paper_reduced'.
+    modes : int
+        Modes a link.
+    effects : sequence of Effect or None
+        None takes the robot file's.
+    settings : RpeSettings or None
+        None takes the defaults.
+
+    Attributes
+    ----------
+    events : list of Event
+        Payload changes found so far; one that later samples refute is taken back.
+    rejected : int
+        Samples that were no measurement.
+
+    """
+
+    def __init__(self, robot: Robot, model: str = 'assumed_modes', modes: int = 3,
+                 effects: Sequence[Effect] | None = None,
+                 settings: RpeSettings | None = None):
+        settings = settings or RpeSettings()
+        chosen = effects_of(robot) if effects is None else tuple(effects)
+        self.settings, self.arm = settings, ExtendedArm(robot, model, modes, effects=chosen)
+        heaviest = settings.payload_max or 4.0 * robot.links[1].mass + 2.0 * robot.payload_mass
+        arms, tolerances = variants(self.arm, robot)
+        self.told, self._effects = told_noise(self.arm), EffectStep(self.arm)
+        self.stepper = Stepper(
+            PayloadSchedule.of(self.arm, heaviest, arms),
+            levels(self.arm, np.asarray(settings.torque_noise)), self.told, self._effects,
+            heaviest, gain_columns(self.told.size, len(arms), tolerances.size))
+        self.bank, self._spread = Bank(self.stepper, tolerances), start_spread(self.arm)
+        self._block = max(2, round(settings.block_s / self.arm.step_time))
+        self.stepper.warm(np.zeros(self.arm.states), np.diag(self._spread**2))
+        self._largest = np.array([LARGEST_ANGLE] * 2 + [LARGEST_STRAIN] * (self.told.size - 2))
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self.bank.clear()
+        self._effects.reset()
+        self.detector = ChangeDetector(self.stepper, self._block, self.settings.event_nats)
+        self.events: list[Event] = []
+        self.rejected = self.samples = 0
+        self._activity, self._command = Activity(self.arm), np.zeros(2)
+        self._excited, self._lost = False, False
+        self._unchanged: Hypothesis | None = None
+        self._ahead: Ahead | None = None
+        channels, mass = self.told.size, 0.5 * self.stepper.heaviest
+        self._last = Estimate(0.0, mass, mass**2 / 3.0, mass**2 / 3.0, np.zeros(channels),
+                              np.full(channels, np.inf), 'not_excited')
+        self._time: float | None = None
+
+    def update(self, time: float, output: Array, command: Array) -> Estimate:
+        """
+        Return the estimate after the sample of a time.
+
+        A sample that is no measurement is rejected: the predictors run on without it, and the
+        last estimate is returned with status 'input_rejected'.
+
+        Parameters
+        ----------
+        time : float
+            s; a gap of up to LONGEST_GAP_S is predicted across.
+        output : Array
+            (theta_1, theta_2, strain…), rad and m/m, (m,).
+        command : Array
+            Applied up to this sample, (2,).
+
+        Raises
+        ------
+        InputError
+            Wrong number of outputs or commands.
+
+        """
+        output, command = np.asarray(output, dtype=float), np.asarray(command, dtype=float)
+        if output.shape != self.told.shape or command.shape != (2,):
+            raise InputError(f'output, command: expected {self.told.size} and 2 numbers, got '
+                             f'shapes {output.shape} and {command.shape}')
+        good = self._is_measurement(time, output, command)
+        if self._time is None:
+            return self._begin(time, output) if good else self._reject(time)
+        if (np.abs(command) <= LARGEST_COMMAND).all():
+            self._command = command
+        self._predict(time if good else self._time + self.arm.step_time, good)
+        if not good:
+            self.detector.recent.record(self._sample, self.bank.best())
+            return self._reject(time)
+        return self._learn(output)
+
+    def prepare(self, command: Array) -> None:
+        """
+        Predict while no measurement waits: `update` is then quicker, and its answer the same.
+
+        Parameters
+        ----------
+        command : Array
+            What will have been applied up to the next sample, (2,); where `update` is told
+            otherwise, it predicts again.
+
+        """
+        if self._time is None or self._ahead or not (np.abs(command) <= LARGEST_COMMAND).all():
+            return
+        history = self._effects.history
+        saved = [(h, h.copy()) for h in self.bank.hypotheses]
+        sample = self._sample
+        self._advance(self._time + self.arm.step_time, np.array(command, dtype=float))
+        self._ahead = Ahead(np.array(command, dtype=float), saved, history, sample)
+
+    def _is_measurement(self, time: float, output: Array, command: Array) -> bool:
+        # A comparison with NaN is false.
+        return bool(math.isfinite(time) and (np.abs(output) <= self._largest).all()
+                    and (np.abs(command) <= LARGEST_COMMAND).all())
+
+    def _predict(self, time: float, good: bool) -> None:
+        """Bring every hypothesis to the time of the sample, across a gap if there is one."""
+        assert self._time is not None
+        step, start = self.arm.step_time, self._time
+        steps = max(1, round((time - start) / step))
+        self._time = max(time, start) if good else time
+        ahead, self._ahead = self._ahead, None
+        if ahead and steps == 1 and np.array_equal(ahead.command, self._command):
+            return
+        if ahead:
+            self._effects.history, self._sample = ahead.history, ahead.sample
+            for h, before in ahead.saved:
+                h.x, h.cov, h.sens, h.piece = before.x, before.cov, before.sens, before.piece
+        if steps * step > LONGEST_GAP_S:
+            self._lost = True
+            return
+        for k in range(1, steps + 1):
+            self._advance(start + k * step if k < steps or time <= start else time,
+                          self._command)
+            if k < steps:
+                self.detector.recent.record(self._sample, self.bank.best())
+
+    def _advance(self, time: float, command: Array) -> None:
+        """Predict one sample."""
+        applied = self._effects.at_drive(command, time - self.arm.step_time)
+        activity = self._sample.activity
+        self._sample = Sample(time, None, applied, activity, activity)
+        for h in self.bank.hypotheses:
+            self.stepper.predict(h, self._sample)
+
+    def _begin(self, time: float, output: Array) -> Estimate:
+        self.bank.start(self._standing(output), np.diag(self._spread**2))
+        self._time, self._sample = time, Sample(time, None, np.zeros(2), 0.0, 0.0)
+        return self._learn(output)
+
+    def _relocate(self, output: Array) -> None:
+        """Start the state again after a gap, with what is known of the payload."""
+        for h in self.bank.hypotheses:
+            self.stepper.relocate(h, self._standing(output), np.diag(self._spread**2))
+        self.detector.recent.forget()
+        self._lost = False
+
+    def _standing(self, output: Array) -> Array:
+        x = np.zeros(self.arm.states)
+        x[:2] = output[:2]
+        return x
+
+    def _learn(self, output: Array) -> Estimate:
+        """Weigh the sample, look for a change, and say what is known."""
+        bank, assumed = self.bank, self._sample
+        if self._lost:
+            self._relocate(output)
+        self._sample = assumed._replace(measured=output / self.told,
+                                        activity=self._activity.follow(output[2:]))
+        for h in bank.hypotheses:
+            self.stepper.correct(h, self._sample)
+        bank.prune()
+        self._confirm()
+        active = bank.best()
+        self.detector.recent.record(self._sample, active)
+        self.samples += 1
+        if bank.decided and not self._change(active) and bank.widen(self._spread):
+            self.detector.recent.forget()
+        if self.samples % self._block == 0:
+            self._turn(1 + self.samples // self._block % 2)
+        self._last = self._estimate(bank.best())
+        return self._last
+
+    def _change(self, active: Hypothesis) -> bool:
+        """Look for a change of payload, and let it compete with none."""
+        change = self.detector.look(active)
+        if change is None:
+            return False
+        self.events.append(Event(change.time, self._sample.time, active.mass,
+                                 change.hypothesis.mass))
+        exact = self.stepper.levels[active.level].exact
+        self.bank.rival(change.hypothesis, 2 * self._block,
+                        5.0 * self.detector.limit(active, exact))
+        self._unchanged = active
+        self.detector.recent.forget()
+        self.detector.quiet(self._block)
+        return True
+
+    def _confirm(self) -> None:
+        """Take the last event back where no change turns out likelier."""
+        if self._unchanged is not None and len(self.bank.hypotheses) == 1:
+            if self.bank.hypotheses[0] is self._unchanged:
+                self.events.pop()
+                self.detector.recent.forget()
+            self._unchanged = None
+
+    def _turn(self, column: int) -> None:
+        """Close a block; where it told nothing of the payload, let the payload walk."""
+        told = self.bank.best().windows.information[column] * (self.stepper.heaviest / 6.0)**2
+        self._excited = bool(told > EXCITED)
+        self.bank.lively_blocks += self._excited
+        walk = self.settings.rest_drift**2 * self._block * self.arm.step_time
+        for h in self.bank.hypotheses:
+            if not self._excited and h.variance < (self.stepper.heaviest / 6.0)**2:
+                self.stepper.drift(h, walk)
+            self.stepper.turn(h, column)
+
+    def _estimate(self, best: Hypothesis) -> Estimate:
+        mass, variance = self.bank.moments()
+        status = 'ok' if self._excited else 'not_excited'
+        if best.misfit > SUSPECT_MISFIT:
+            status = 'model_suspect'
+        return Estimate(
+            self._sample.time, mass, variance, best.variance, best.innovation * self.told,
+            np.sqrt(best.channel) * self.told, status)
+
+    def _reject(self, time: float) -> Estimate:
+        self.rejected += 1
+        return replace(self._last, time=time, status='input_rejected')

@@ -1,0 +1,139 @@
+"""A bank of hypotheses: weighed by likelihood, pruned until one is left."""
+
+from __future__ import annotations
+
+from flex_payload_estimator.estimators.rpe_events import EXACT_MISFIT
+from flex_payload_estimator.estimators.rpe_hypothesis import Hypothesis, Stepper
+from flex_plant_sim.arm_model import Array
+import numpy as np
+
+START_MASSES = 6
+KEEP_NATS = 30.0
+# Two filters agree where the payload is known to this share of (m + soft mass).
+FINE = 0.05
+ROBUST_MISFIT = 6.0
+# Blocks with motion after which the level of model error is decided.
+BLOCKS_TO_DECIDE = 4
+
+
+class Bank:
+    """
+    Hypotheses over the starting payload and over the level of model error.
+
+    Parameters
+    ----------
+    stepper : Stepper
+    tolerances : Array
+        Of the part parameters, relative, (p,).
+
+    """
+
+    def __init__(self, stepper: Stepper, tolerances: Array):
+        self.stepper, self.tolerances = stepper, tolerances
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self.hypotheses: list[Hypothesis] = []
+        self.lively_blocks = 0
+        self._doubt, self._doubt_nats = 0, KEEP_NATS
+
+    def start(self, x: Array, cov: Array) -> None:
+        """Fill the bank: every level with payloads from 0 to the heaviest."""
+        soft, heaviest = self.stepper.schedule.soft_mass, self.stepper.heaviest
+        shares = np.arange(START_MASSES + 1) / START_MASSES
+        edges = soft * (1.0 + heaviest / soft)**shares - soft
+        self.hypotheses = [
+            self.stepper.start(level, x, cov, 0.5 * (low + high), 0.5 * (high - low))
+            for level in range(len(self.stepper.levels))
+            for low, high in zip(edges[:-1], edges[1:])]
+
+    @property
+    def decided(self) -> bool:
+        """Tell whether there was motion enough to decide between levels."""
+        return self.lively_blocks >= BLOCKS_TO_DECIDE
+
+    def weight(self, h: Hypothesis) -> float:
+        """Return a log-weight: levels by what was recent, payloads by all samples."""
+        first = max((other for other in self.hypotheses if other.level == h.level),
+                    key=lambda other: other.log_likelihood)
+        return first.recent + h.log_likelihood - first.log_likelihood
+
+    def best(self) -> Hypothesis:
+        """Return the likeliest hypothesis."""
+        if len(self.hypotheses) == 1:
+            return self.hypotheses[0]
+        return max(self.hypotheses, key=self.weight)
+
+    def prune(self) -> None:
+        """Drop what is unlikely within its level, or agrees with a likelier one; then levels."""
+        if len(self.hypotheses) == 1:
+            return
+        nats = KEEP_NATS
+        if self._doubt:
+            self._doubt -= 1
+            nats = self._doubt_nats if self._doubt else 0.0
+        kept: list[Hypothesis] = []
+        for h in sorted(self.hypotheses, key=lambda h: -h.log_likelihood):
+            rivals = [other for other in kept if other.level == h.level]
+            if not any(h.log_likelihood <= other.log_likelihood - nats or self._agree(h, other)
+                       for other in rivals):
+                kept.append(h)
+        self.hypotheses = kept
+        if self.decided:
+            best = self.best()
+            self.hypotheses = [h for h in kept if h.recent > best.recent - KEEP_NATS]
+
+    def _agree(self, one: Hypothesis, other: Hypothesis) -> bool:
+        fine = FINE * (other.mass + self.stepper.schedule.soft_mass)
+        return other.variance < fine**2 and (one.mass - other.mass)**2 < 9.0 * other.variance
+
+    def rival(self, changed: Hypothesis, samples: int, nats: float) -> None:
+        """Let a changed payload compete with the unchanged one for some samples."""
+        self.hypotheses = [changed, self.best()]
+        self._doubt, self._doubt_nats = samples, nats
+
+    def widen(self, spread: Array) -> bool:
+        """
+        Bring larger model errors back in where the only hypothesis left no longer fits.
+
+        Parameters
+        ----------
+        spread : Array
+            Standard deviation of the state at the start, (n,).
+
+        """
+        if len(self.hypotheses) > 1:
+            return False
+        active, levels = self.hypotheses[0], self.stepper.levels
+        exact = levels[active.level].exact
+        if active.misfit < (EXACT_MISFIT if exact else ROBUST_MISFIT):
+            return False
+        for level in range(active.level + 1, len(levels)):
+            h = active.copy()
+            self.stepper.loosen(h, level)
+            if exact:
+                self.stepper.reopen(h, self.stepper.heaviest / 6.0)
+                h.cov = h.cov + np.diag(1e-4 * spread**2)
+            self.hypotheses.append(h)
+        active.misfit, self.lively_blocks = 1.0, 0
+        return len(self.hypotheses) > 1
+
+    def variance(self, h: Hypothesis) -> float:
+        """Return the variance of a payload's error, kg^2: colour and tolerances included."""
+        if self.stepper.levels[h.level].exact:
+            return h.variance
+        lean = h.lean * self.tolerances
+        return h.variance * h.windows.colour + float(lean @ lean)
+
+    def moments(self) -> tuple[float, float]:
+        """Return mean and variance of the payload, kg and kg^2."""
+        if len(self.hypotheses) == 1:
+            return self.hypotheses[0].mass, self.variance(self.hypotheses[0])
+        logs = np.array([self.weight(h) for h in self.hypotheses])
+        weights = np.exp(logs - logs.max())
+        weights /= weights.sum()
+        masses = np.array([h.mass for h in self.hypotheses])
+        mean = float(weights @ masses)
+        spread = np.array([self.variance(h) for h in self.hypotheses]) + (masses - mean)**2
+        return mean, float(weights @ spread)

@@ -1,0 +1,252 @@
+"""One hypothesis of the bank: a filter at one level of model error, started at one payload."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+from flex_payload_estimator.estimators.rpe_effects import EffectStep
+from flex_payload_estimator.estimators.rpe_kernel import correct, MASS_COLUMNS, predict
+from flex_payload_estimator.estimators.rpe_levels import Level, speed_feedback
+from flex_payload_estimator.estimators.rpe_schedule import PayloadSchedule, PayloadSlice
+from flex_plant_sim.arm_model import Array
+import numpy as np
+
+MISFIT_MEMORY_S = 0.5
+# What the scores' colour is taken for before blocks have shown it, and how many that is worth.
+COLOUR_PRIOR, PRIOR_BLOCKS = 3.0, 4.0
+
+
+class Sample(NamedTuple):
+    """
+    What a step uses.
+
+    Attributes
+    ----------
+    time : float
+        Of the measurement, s.
+    measured : Array or None
+        Channels in units of the told noise, (m,); None where there is none.
+    command : Array
+        At the drives up to the measurement, (2,).
+    before, activity : float
+        Activity at the sample before and at this one.
+
+    """
+
+    time: float
+    measured: Array | None
+    command: Array
+    before: float
+    activity: float
+
+
+@dataclass(frozen=True)
+class Windows:
+    """
+    Scores and informations of the three payload columns since their windows began.
+
+    Attributes
+    ----------
+    score, information : Array
+        (3,): over the current block, and over either staggered window.
+    squared, expected : float
+        Sums over past blocks of the first score squared, and of its information.
+    changes : float
+        Sum over past windows of score^2 / information of a change of payload.
+    blocks : float
+        How many.
+
+    """
+
+    score: Array = field(default_factory=lambda: np.zeros(MASS_COLUMNS))
+    information: Array = field(default_factory=lambda: np.zeros(MASS_COLUMNS))
+    squared: float = 0.0
+    expected: float = 0.0
+    changes: float = 0.0
+    blocks: float = 0.0
+
+    def turned(self, column: int) -> Windows:
+        """Return the sums with a block closed, and the window of a column begun again."""
+        kept = np.ones(MASS_COLUMNS)
+        kept[[0, column]] = 0.0
+        known = self.information[column]
+        change = self.score[column]**2 / known if known > 0.0 else 0.0
+        return Windows(self.score * kept, self.information * kept,
+                       self.squared + self.score[0]**2, self.expected + self.information[0],
+                       self.changes + change, self.blocks + 1.0)
+
+    def emptied(self) -> Windows:
+        """Return the sums with all windows begun again."""
+        return replace(self, score=np.zeros(MASS_COLUMNS), information=np.zeros(MASS_COLUMNS))
+
+    @property
+    def colour(self) -> float:
+        """Return the score's long-run variance over that of white innovations, at least 1."""
+        if self.expected <= 0.0:
+            return COLOUR_PRIOR
+        sums = COLOUR_PRIOR * PRIOR_BLOCKS + self.blocks * self.squared / self.expected
+        return max(1.0, sums / (PRIOR_BLOCKS + self.blocks))
+
+
+@dataclass
+class Hypothesis:
+    """
+    State of one filter; its arrays are replaced at every step, never changed.
+
+    Attributes
+    ----------
+    level : int
+        Index of its Level.
+    x, cov, sens, mass, variance, lean
+        See rpe_kernel.
+    piece : PayloadSlice
+        Where the schedule is expanded.
+    log_likelihood, recent : float
+        Sum over all samples, and with a memory of MISFIT_MEMORY_S.
+    misfit : float
+        Mean of e'S^-1 e per channel with that memory; 1 where the model is right.
+    windows : Windows
+    innovation, channel : Array
+        In units of the told noise, and its variance, (m,).
+
+    """
+
+    level: int
+    x: Array
+    cov: Array
+    sens: Array
+    mass: float
+    variance: float
+    lean: Array
+    piece: PayloadSlice
+    log_likelihood: float = 0.0
+    recent: float = 0.0
+    misfit: float = 1.0
+    windows: Windows = field(default_factory=Windows)
+    innovation: Array = field(default_factory=lambda: np.zeros(0))
+    channel: Array = field(default_factory=lambda: np.zeros(0))
+
+    def copy(self) -> Hypothesis:
+        """Return an independent copy."""
+        return replace(self)
+
+
+class Stepper:
+    """
+    Steps hypotheses through one schedule.
+
+    Parameters
+    ----------
+    schedule : PayloadSchedule
+    levels : tuple of Level
+    told : Array
+        Standard deviation of each channel, rad and m/m, (m,).
+    effects : EffectStep
+    heaviest : float
+        kg.
+    gains : Array
+        Where a strain gain acts among the part parameters, (m, p).
+
+    """
+
+    def __init__(self, schedule: PayloadSchedule, levels: tuple[Level, ...], told: Array,
+                 effects: EffectStep, heaviest: float, gains: Array):
+        self.schedule, self.levels, self.told = schedule, levels, told
+        self.effects, self.heaviest = effects, heaviest
+        self.output = np.ascontiguousarray(effects.output_matrix() / told[:, None])
+        step = effects.arm.step_time
+        self.memory = min(1.0, step / MISFIT_MEMORY_S)
+        self._gains = {True: np.zeros((told.size, 0)), False: gains}
+        self._no_parts = np.zeros((1, 0))
+        self._speed = speed_feedback(effects.arm)
+
+    def start(self, level: int, x: Array, cov: Array, mass: float, std: float) -> Hypothesis:
+        """Return a hypothesis that knows of the payload only mass and std, kg."""
+        parts = self._gains[self.levels[level].exact].shape[1]
+        return Hypothesis(level, x, cov, np.zeros((x.size, MASS_COLUMNS + parts)), mass,
+                          std**2, np.zeros(parts), self.schedule.cut(mass))
+
+    def warm(self, x: Array, cov: Array) -> None:
+        """Compile the kernels where they are compiled, so that no sample waits for it."""
+        channels = self.told.size
+        sample = Sample(0.0, np.zeros(channels), np.zeros(2), 1.0, 1.0)
+        for level in (0, len(self.levels) - 1):
+            h = self.start(level, x, cov, 0.5 * self.heaviest, self.heaviest)
+            self.predict(h, sample)
+            self.correct(h, sample)
+
+    def predict(self, h: Hypothesis, sample: Sample) -> None:
+        """Advance one sample."""
+        if not h.piece.serves(h.mass):
+            h.piece = self.schedule.cut(h.mass)
+        level, piece, start = self.levels[h.level], h.piece, h.x
+        h.x, h.cov, h.sens = predict(
+            h.x, h.cov, h.sens, self.schedule.order, piece.value, piece.slopes,
+            self._no_parts if level.exact else piece.parts, h.mass - piece.payload,
+            sample.command, level.torque(sample.before, sample.command - self._speed @ start),
+            sample.before**2 * level.floor)
+        if self.effects.moves:
+            h.x = self.effects.push(piece.payload, start, h.x, sample.command,
+                                    sample.time - self.effects.arm.step_time)
+
+    def correct(self, h: Hypothesis, sample: Sample) -> None:
+        """Learn from a sample that has a measurement."""
+        if sample.measured is None:
+            return
+        level = self.levels[h.level]
+        expected = self._expected(h.x, sample.time)
+        direct = self._gains[level.exact] * expected[:, None]
+        h.innovation = sample.measured - expected
+        h.x, h.cov, h.sens, h.mass, h.variance, h.lean, h.channel, found = correct(
+            h.x, h.cov, h.sens, h.mass, h.variance, h.lean, h.innovation, self.output, direct,
+            level.noise(sample.activity), self.heaviest)
+        gained = -0.5 * (found[0] + found[1])
+        h.log_likelihood += gained
+        h.recent += gained - self.memory * h.recent
+        h.misfit += self.memory * (found[0] / expected.size - h.misfit)
+        w = h.windows
+        h.windows = Windows(w.score + found[2:2 + MASS_COLUMNS],
+                            w.information + found[2 + MASS_COLUMNS:],
+                            w.squared, w.expected, w.changes, w.blocks)
+
+    def _expected(self, x: Array, time: float) -> Array:
+        arm = self.effects.arm
+        return arm.output(x, time) / self.told if arm.acts_on_output else self.output @ x
+
+    def turn(self, h: Hypothesis, column: int) -> None:
+        """Close a block, and begin the window of a column (1 or 2) again."""
+        h.windows = h.windows.turned(column)
+        h.sens = h.sens.copy()
+        h.sens[:, column] = 0.0
+
+    def reopen(self, h: Hypothesis, std: float) -> None:
+        """Forget the payload, which may have changed just now; std in kg."""
+        s = h.sens[:, 0].copy()
+        h.cov = h.cov + h.variance * np.outer(s, s)
+        h.sens = h.sens.copy()
+        h.sens[:, MASS_COLUMNS:] += np.outer(s, h.lean)
+        h.sens[:, :MASS_COLUMNS] = 0.0
+        h.lean, h.variance = np.zeros_like(h.lean), std**2
+        h.windows = h.windows.emptied()
+
+    def loosen(self, h: Hypothesis, level: int) -> None:
+        """Move to another level; an exact one starts to lean on its parts from here on."""
+        if self.levels[h.level].exact and not self.levels[level].exact:
+            parts = self._gains[False].shape[1]
+            h.sens = np.hstack([h.sens, np.zeros((h.x.size, parts))])
+            h.lean = np.zeros(parts)
+        h.level = level
+
+    def drift(self, h: Hypothesis, variance: float) -> None:
+        """Let the payload walk at random, kg^2: exact for the joint covariance with x."""
+        s, after = h.sens[:, 0], h.variance + variance
+        h.cov = h.cov + h.variance * variance / after * np.outer(s, s)
+        h.sens = h.sens.copy()
+        h.sens[:, 0] *= h.variance / after
+        h.variance = after
+
+    def relocate(self, h: Hypothesis, x: Array, cov: Array) -> None:
+        """Keep the payload, and nothing else."""
+        h.x, h.cov, h.sens = x, cov, np.zeros_like(h.sens)
+        h.windows = h.windows.emptied()

@@ -1,0 +1,138 @@
+"""
+The arithmetic of one recursive-prediction-error step, on plain arrays.
+
+The same code runs with and without Numba (the `numba` extra); only two-dimensional products.
+Columns of the sensitivity: dx/dm since the start, dx/dm since the start of either of two
+staggered windows (what a payload change then would have done), dx/d(part parameter).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from flex_plant_sim.arm_model import Array
+import numpy as np
+
+try:
+    from numba import njit
+except ImportError:
+    def njit(**_: Any) -> Callable[[Any], Any]:  # type: ignore[no-redef]
+        """Return the function as it is."""
+        return lambda function: function
+
+MASS_COLUMNS = 3
+
+
+@njit(cache=True)
+def predict(x: Array, cov: Array, sens: Array, order: Array, value: Array, slopes: Array,
+            parts: Array, away: float, command: Array, torque: Array, floor: Array
+            ) -> tuple[Array, Array, Array]:
+    """
+    Return state, covariance and sensitivity one sample later, delta form.
+
+    x+ = x + T (A x + B u),  s+ = s + T (J s + dA/dm x + dB/dm u),  P+ = (I + T J) P (I + T J)'
+    + Q, with J the Jacobian of A x + B u over x (theta_2 inside A and B included).
+
+    Parameters
+    ----------
+    x, cov, sens : Array
+        (n,), (n, n) given the payload, (n, 3 + p).
+    order : Array
+        0, 1, … of the cosine series, (K,).
+    value, slopes, parts : Array
+        See PayloadSlice.
+    away : float
+        m - slice payload, kg.
+    command : Array
+        u held over the sample, (2,).
+    torque : Array
+        Standard deviation of the command's disturbance, in its unit, (2,).
+    floor : Array
+        Covariance added to the state, (n, n).
+
+    """
+    n = x.size
+    width = n * (n + 2)
+    angles = x[1] * order
+    wave = np.cos(angles)
+    over = wave @ slopes
+    bend = away * over[width:]
+    over_m = over[:width] + bend
+    increment = (wave @ value + away * (over_m - 0.5 * bend)).reshape(n, n + 2)
+    over_angle = (-order * np.sin(angles)) @ value
+    drive = np.concatenate((x, command))
+    jacobian = increment[:, :n].copy()
+    jacobian[:, 1] += over_angle.reshape(n, n + 2) @ drive
+    sens = sens + jacobian @ sens
+    sens[:, :MASS_COLUMNS] += (over_m.reshape(n, n + 2) @ drive).reshape(n, 1)
+    if parts.shape[1] > 0:
+        coarse = ((wave[:parts.shape[0]] @ parts).reshape(-1, n + 2) @ drive).reshape(-1, n)
+        sens[:, MASS_COLUMNS:MASS_COLUMNS + coarse.shape[0]] += coarse.T
+    noise = increment[:, n:] * torque
+    half = jacobian @ cov
+    cov = cov + half + half.T + half @ jacobian.T + noise @ noise.T + floor
+    return x + increment @ drive, cov, sens
+
+
+@njit(cache=True)
+def correct(x: Array, cov: Array, sens: Array, mass: float, variance: float, lean: Array,
+            innovation: Array, output: Array, direct: Array, noise: Array, heaviest: float
+            ) -> tuple[Array, Array, Array, float, float, Array, Array, Array]:
+    """
+    Return the hypothesis after a measurement, and its statistics.
+
+    Joseph form; the state moves with the payload by its sensitivity, so that the whole is the
+    augmented Kalman filter in factored form (Friedland, IEEE Trans. Autom. Control 14, 1969).
+
+    Parameters
+    ----------
+    x, cov, sens : Array
+        See predict.
+    mass, variance : float
+        kg, and kg^2 for white innovations and exact parts.
+    lean : Array
+        d(m - estimate)/d(part parameter), (p,).
+    innovation : Array
+        y - C x, (m,).
+    output : Array
+        C, (m, n).
+    direct : Array
+        Derivative of y over the part parameters beyond C dx, (m, p).
+    noise : Array
+        Covariance of the measurement, (m, m).
+    heaviest : float
+        The payload stays in [0, heaviest], kg.
+
+    Returns
+    -------
+    tuple
+        x, cov, sens, mass, variance, lean, the innovation's variance per channel (m,), and
+        (e'S^-1 e, log det S) with S the innovation's covariance, payload included, then
+        psi'S^-1 e and psi'S^-1 psi of the three payload columns, S for a known payload.
+
+    """
+    projected = cov @ output.T
+    total = output @ projected + noise
+    inverse = np.linalg.inv(total)
+    gain = projected @ inverse
+    psi = output @ sens
+    psi[:, MASS_COLUMNS:] += direct
+    weighted = inverse @ psi
+    score = innovation @ weighted
+    information = np.sum(psi * weighted, axis=0)
+    cross = np.sum(psi[:, MASS_COLUMNS:] * weighted[:, :1], axis=0)
+    spread = 1.0 + variance * information[0]
+    pull = variance / spread
+    after = min(max(mass + pull * score[0], 0.0), heaviest)
+    misfit = innovation @ (inverse @ innovation) - pull * score[0] * score[0]
+    log_det = np.log(spread * np.linalg.det(total))
+    channel = np.diag(total) + variance * psi[:, 0] * psi[:, 0]
+    sens = sens - gain @ psi
+    x = x + gain @ innovation + sens[:, 0] * (after - mass)
+    keep = np.eye(x.size) - gain @ output
+    cov = keep @ cov @ keep.T + gain @ noise @ gain.T
+    statistics = np.concatenate((np.array([misfit, log_det]), score[:MASS_COLUMNS],
+                                 information[:MASS_COLUMNS]))
+    lean = lean - pull * (cross + information[0] * lean)
+    return x, 0.5 * (cov + cov.T), sens, after, pull, lean, channel, statistics

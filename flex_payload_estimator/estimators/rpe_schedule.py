@@ -1,0 +1,164 @@
+"""The sampled arm over theta_2 and payload: a cosine series, with its derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from flex_plant_sim.arm_model import Array
+from flex_plant_sim.extended_arm import ExtendedArm
+from flex_plant_sim.schedule import barycentric_weights, chebyshev_nodes
+from flex_plant_sim.state_space import zero_order_hold
+import numpy as np
+
+ANGLE_TERMS, PAYLOAD_NODES = 19, 28
+COARSE_TERMS, COARSE_NODES = 9, 12
+# The arm over xi = m / (m + soft mass) is nearly a polynomial; soft mass over lower link's mass.
+SOFT_SHARE = 0.4
+# A slice serves payloads within this share of (m + soft mass); the cubic remainder is 1e-8.
+SLICE_REACH = 2e-3
+
+
+def differentiation_matrix(nodes: Array) -> Array:
+    """Return D with (D f)_k = f'(x_k) for polynomials through Chebyshev nodes, (K, K)."""
+    weights = (-1.0)**np.arange(nodes.size)
+    weights[[0, -1]] *= 0.5
+    gap = nodes[:, None] - nodes + np.eye(nodes.size)
+    matrix = weights / weights[:, None] / gap
+    np.fill_diagonal(matrix, 0.0)
+    np.fill_diagonal(matrix, -matrix.sum(axis=1))
+    return matrix
+
+
+def cosine_transform(count: int) -> Array:
+    """Return what turns values at Chebyshev nodes of c into a_k of sum a_k cos(k theta)."""
+    angle = np.arccos(np.clip(chebyshev_nodes(count), -1.0, 1.0))
+    return np.linalg.inv(np.cos(angle[:, None] * np.arange(count)))
+
+
+@dataclass(frozen=True)
+class PayloadSlice:
+    """
+    The series at one payload.
+
+    Attributes
+    ----------
+    payload, reach : float
+        kg, and how far from it, kg, the second-order expansion serves.
+    value : Array
+        T [A B], (K, W), W = n (n + 2).
+    slopes : Array
+        d/dm and d^2/dm^2, (K, 2 W).
+    parts : Array
+        d/d(part parameter), (K', p W).
+
+    """
+
+    payload: float
+    reach: float
+    value: Array
+    slopes: Array
+    parts: Array
+
+    def serves(self, payload: float) -> bool:
+        """Tell whether the expansion is good at a payload, kg."""
+        return abs(payload - self.payload) <= self.reach
+
+
+@dataclass(frozen=True)
+class PayloadSchedule:
+    """
+    T A and T B of the delta model x+ = x + T (A x + B u), over theta_2 and m.
+
+    Attributes
+    ----------
+    axis, coarse_axis : Array
+        Chebyshev nodes of the payload axis, on [-1, 1].
+    table : Array
+        (L, K W), W = n (n + 2).
+    parts : Array
+        Derivatives over part parameters, (L', K' p W).
+    slope : Array
+        Differentiation matrix of the payload axis, (L, L).
+    states, parameters : int
+        n and p.
+    soft_mass, span : float
+        kg, and the largest xi = m / (m + soft mass).
+    order : Array
+        0, 1, … of the cosine series, (K,).
+
+    """
+
+    axis: Array
+    coarse_axis: Array
+    table: Array
+    parts: Array
+    slope: Array
+    states: int
+    parameters: int
+    soft_mass: float
+    span: float
+    order: Array
+
+    @classmethod
+    def of(cls, arm: ExtendedArm, heaviest: float,
+           variants: Sequence[tuple[ExtendedArm, float]] = ()) -> PayloadSchedule:
+        """
+        Tabulate an arm for payloads from 0 to `heaviest`, kg.
+
+        Parameters
+        ----------
+        arm : ExtendedArm
+            The model.
+        heaviest : float
+            kg.
+        variants : sequence of (ExtendedArm, float)
+            The arm with one part parameter changed, and by how much.
+
+        """
+        soft = SOFT_SHARE * arm.robot.links[1].mass
+        span = heaviest / (heaviest + soft)
+        axis, coarse = chebyshev_nodes(PAYLOAD_NODES), chebyshev_nodes(COARSE_NODES)
+        table = _table(arm, ANGLE_TERMS, _payloads(axis, span, soft))
+        base = _table(arm, COARSE_TERMS, _payloads(coarse, span, soft))
+        width = arm.states * (arm.states + 2)
+        parts = np.zeros((COARSE_NODES, COARSE_TERMS, len(variants), width))
+        for k, (variant, change) in enumerate(variants):
+            moved = _table(variant, COARSE_TERMS, _payloads(coarse, span, soft))
+            parts[:, :, k] = (moved - base).reshape(COARSE_NODES, COARSE_TERMS, width) / change
+        return cls(axis, coarse, table, parts.reshape(COARSE_NODES, -1),
+                   differentiation_matrix(axis), arm.states, len(variants), soft, span,
+                   np.arange(float(ANGLE_TERMS)))
+
+    def cut(self, payload: float) -> PayloadSlice:
+        """Return the series at one payload, kg."""
+        total = payload + self.soft_mass
+        place = min(2.0 * payload / total / self.span - 1.0, 1.0)
+        weights = barycentric_weights(place, self.axis)
+        first, slope = weights @ self.slope, 2.0 / self.span * self.soft_mass / total**2
+        second = slope**2 * first @ self.slope - 2.0 * slope / total * first
+        width = self.states * (self.states + 2)
+        cuts = (np.stack([weights, slope * first, second]) @ self.table).reshape(3, -1, width)
+        parts = barycentric_weights(place, self.coarse_axis) @ self.parts
+        return PayloadSlice(payload, SLICE_REACH * total, np.ascontiguousarray(cuts[0]),
+                            np.concatenate([cuts[1], cuts[2]], axis=1),
+                            parts.reshape(COARSE_TERMS, -1))
+
+
+def _payloads(axis: Array, span: float, soft: float) -> Array:
+    xi = 0.5 * span * (axis + 1.0)
+    return soft * xi / (1.0 - xi)
+
+
+def _table(arm: ExtendedArm, terms: int, payloads: Array) -> Array:
+    """Return the series coefficients of [exp(A T) - I, int exp(A s) ds B], (L, terms W)."""
+    transform, cosines = cosine_transform(terms), chebyshev_nodes(terms)
+    layers = []
+    for payload in payloads:
+        loaded = arm.at_payload(float(payload))
+        loaded.nodes = cosines
+        plant = loaded.plant
+        _, increments = zero_order_hold(
+            plant.a, np.concatenate([plant.a, plant.b], axis=-1), arm.step_time)
+        layers.append((transform @ increments.reshape(terms, -1)).ravel())
+    return np.stack(layers)
