@@ -11,6 +11,7 @@ from flex_plant_sim.diagnosis.problem import Problem
 import numpy as np
 
 SIGMAS = 4.5
+UNSTABLE = 1e8
 
 
 def detection_limits(problem: Problem, base: Fit, allowed: Array, duration: float,
@@ -46,6 +47,6 @@ def _limit(problem: Problem, projector: Projector, hypothesis: Hypothesis, allow
     statistical = 2.0 * projector.cost(flat) / SIGMAS**2
     shown = min(practical, statistical)
     size = abs(start[k] - null)
-    if not np.isfinite(shown) or shown <= 1e-12:
+    if not 1e-12 < shown < UNSTABLE:
         return float('inf'), unit
     return float(size / np.sqrt(shown)), unit

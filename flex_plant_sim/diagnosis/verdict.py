@@ -10,7 +10,8 @@ from flex_plant_sim.diagnosis.predictor import Base
 from flex_plant_sim.diagnosis.ranking import (candidate, look_alikes, parameter_values,
                                               probabilities, Ranked)
 from flex_plant_sim.diagnosis.results import Cause, Diagnosis, ParameterValue
-from flex_plant_sim.diagnosis.search import Data, Progress, Round, search, Search, WRONG
+from flex_plant_sim.diagnosis.search import (Data, Progress, Round, search, Search, still_wrong,
+                                            WRONG)
 from flex_plant_sim.diagnosis.windows import Record
 from flex_plant_sim.effects import catalogue, effects_of
 from flex_plant_sim.robot import Robot
@@ -143,7 +144,7 @@ def _verdict(found: Search, causes: Sequence[Cause],
     if sets:
         return 'cannot_tell', (f'One of {", ".join(sets[0])}: this record cannot tell them '
                                f'apart. Best guess: {sentence}'), sets
-    if after > REMAINDER:
+    if np.any(still_wrong(found.before, found.after / REMAINDER)):
         return 'cause_and_remainder', f'{sentence} Something unnamed is left.', ()
     return 'cause', f'{sentence} Nothing else in the catalogue explains the record as well.', ()
 
