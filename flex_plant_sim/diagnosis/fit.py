@@ -12,7 +12,7 @@ import numpy as np
 ITERATIONS = 8
 FIRST_STEPS = 2
 REWEIGHTINGS = 2
-BATCH = 24
+BATCH = 8
 DIFFERENCE = 0.05
 KEPT_STARTS = 2
 ENOUGH = 0.3
@@ -36,8 +36,10 @@ class Fit:
         Deviations of the base parameters, (p,).
     residual : Array
         One-step prediction errors with both, (W, length, m).
-    directions : Array
-        d residual / d (values, nuisance), (W, length, m, k + p).
+    columns : Array
+        d residual / d values, (W, length, m, k).
+    sensitivity : Array
+        d residual / d nuisance, (W, length, m, p): the problem's own, shared by all its fits.
     precision : Array
         Of the priors on (values, nuisance), (k + p,); next to nothing for values.
     weighting : Weighting
@@ -50,10 +52,16 @@ class Fit:
     values: Array
     nuisance: Array
     residual: Array
-    directions: Array
+    columns: Array
+    sensitivity: Array
     precision: Array
     weighting: Weighting
     cost: float
+
+    @property
+    def directions(self) -> Array:
+        """Return d residual / d (values, nuisance), (W, length, m, k + p)."""
+        return np.concatenate([self.columns, self.sensitivity], axis=-1)
 
 
 class Projector:
@@ -120,8 +128,8 @@ def fit_base(problem: Problem) -> Fit:
         nuisance, free = projector.nuisance(flat)
         residual = problem.nominal + problem.sensitivity @ nuisance
         weighting = problem.weighting(residual)
-    return Fit(None, np.zeros(0), nuisance, residual, problem.sensitivity,
-               frozen_precision(problem, free), weighting, projector.cost(flat))
+    return Fit(None, np.zeros(0), nuisance, residual, np.zeros(residual.shape + (0,)),
+               problem.sensitivity, frozen_precision(problem, free), weighting, projector.cost(flat))
 
 
 def explore(problem: Problem, hypothesis: Hypothesis, weighting: Weighting,
@@ -230,9 +238,8 @@ class _Search:
         """Return the fit at a point."""
         nuisance, free = self.projector.nuisance(point.flat)
         sensitivity = self.problem.sensitivity
-        directions = np.concatenate([np.moveaxis(point.columns, 0, -1), sensitivity], axis=-1)
         wide = (WIDE * self.hypothesis.scale)**-2
         precision = np.concatenate([wide, frozen_precision(self.problem, free)])
         return Fit(self.hypothesis, point.values, nuisance,
-                   point.residual + sensitivity @ nuisance, directions, precision,
-                   self.projector.weighting, point.cost)
+                   point.residual + sensitivity @ nuisance, np.moveaxis(point.columns, 0, -1),
+                   sensitivity, precision, self.projector.weighting, point.cost)

@@ -187,9 +187,9 @@ def _fit_all(problem: Problem, trial: Sequence[Hypothesis], fitted: Fit, data: D
     """
     first = _Explore(problem, fitted.weighting, data.duration)
     fits = _each(first, trial, jobs, lambda share: progress(0.8 * share))
-    order = [r.fit for r in rank(fits, fitted, data.noise, data.allowed)]
-    leading = _each(_Refine(problem), order[:LEADING], jobs,
-                    lambda share: progress(0.8 + 0.2 * share))
+    order = [r.fit for r in rank(_joined(fits, problem), fitted, data.noise, data.allowed)]
+    leading = _joined(_each(_Refine(problem), [_alone(f) for f in order[:LEADING]], jobs,
+                            lambda share: progress(0.8 + 0.2 * share)), problem)
     return rank([*leading, *order[LEADING:]], fitted, data.noise, data.allowed)
 
 
@@ -200,7 +200,7 @@ class _Explore:
     duration: float
 
     def __call__(self, hypothesis: Hypothesis) -> Fit:
-        return explore(self.problem, hypothesis, self.weighting, self.duration)
+        return _alone(explore(self.problem, hypothesis, self.weighting, self.duration))
 
 
 @dataclass(frozen=True)
@@ -208,7 +208,17 @@ class _Refine:
     problem: Problem
 
     def __call__(self, fit: Fit) -> Fit:
-        return refine(self.problem, fit)
+        return _alone(refine(self.problem, fit))
+
+
+def _alone(fit: Fit) -> Fit:
+    """Return a fit without the problem's sensitivity, to be sent between processes."""
+    return replace(fit, sensitivity=np.zeros(0))
+
+
+def _joined(fits: Sequence[Fit], problem: Problem) -> list[Fit]:
+    """Return fits with the problem's own sensitivity, one array for all."""
+    return [replace(fit, sensitivity=problem.sensitivity) for fit in fits]
 
 
 def _each(task: Callable[[Any], Fit], items: Sequence[Any], jobs: int,
