@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 import math
 from typing import NamedTuple
 
@@ -35,6 +36,15 @@ LARGEST_ANGLE, LARGEST_STRAIN, LARGEST_COMMAND = 1e4, 1.0, 1e9
 # What a window must tell about a payload change of a sixth of the heaviest: five sigma.
 EXCITED = 25.0
 SUSPECT_MISFIT = 2.0
+
+
+@lru_cache(maxsize=4)
+def tabulated(robot: Robot, model: str, modes: int, effects: tuple[Effect, ...],
+              heaviest: float) -> tuple[PayloadSchedule, Array]:
+    """Return the schedule, and the tolerances of its parts; the last few arms are kept."""
+    arm = ExtendedArm(robot, model, modes, effects=effects)
+    arms, tolerances = variants(arm, robot)
+    return PayloadSchedule.of(arm, heaviest, arms), tolerances
 
 
 class Ahead(NamedTuple):
@@ -96,12 +106,13 @@ class RecursivePredictionError:
         chosen = effects_of(robot) if effects is None else tuple(effects)
         self.settings, self.arm = settings, ExtendedArm(robot, model, modes, effects=chosen)
         heaviest = settings.payload_max or 4.0 * robot.links[1].mass + 2.0 * robot.payload_mass
-        arms, tolerances = variants(self.arm, robot)
+        bare = replace(robot, effects=(), angle_noise=1.0, strain_noise=1.0)
+        schedule, tolerances = tabulated(bare, model, modes, chosen, heaviest)
         self.told, self._effects = told_noise(self.arm), EffectStep(self.arm)
         self.stepper = Stepper(
-            PayloadSchedule.of(self.arm, heaviest, arms),
-            levels(self.arm, np.asarray(settings.torque_noise)), self.told, self._effects,
-            heaviest, gain_columns(self.told.size, len(arms), tolerances.size))
+            schedule, levels(self.arm, np.asarray(settings.torque_noise)), self.told,
+            self._effects, heaviest,
+            gain_columns(self.told.size, schedule.parameters, tolerances.size))
         self.bank, self._spread = Bank(self.stepper, tolerances), start_spread(self.arm)
         self._block = max(2, round(settings.block_s / self.arm.step_time))
         self.stepper.warm(np.zeros(self.arm.states), np.diag(self._spread**2))

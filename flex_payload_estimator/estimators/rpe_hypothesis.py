@@ -178,13 +178,14 @@ class Stepper:
 
     def predict(self, h: Hypothesis, sample: Sample) -> None:
         """Advance one sample."""
-        if not h.piece.serves(h.mass):
+        if h.piece.index != self.schedule.index(h.mass):
             h.piece = self.schedule.cut(h.mass)
         level, piece, start = self.levels[h.level], h.piece, h.x
+        parts = self._no_parts if level.exact else self.schedule.parts_at(h.mass)
         h.x, h.cov, h.sens = predict(
             h.x, h.cov, h.sens, self.schedule.order, piece.value, piece.slopes,
-            self._no_parts if level.exact else piece.parts, h.mass - piece.payload,
-            sample.command, level.torque(sample.before, sample.command - self._speed @ start),
+            parts, h.mass - piece.payload, sample.command,
+            level.torque(sample.before, sample.command - self._speed @ start),
             sample.before**2 * level.floor)
         if self.effects.moves:
             h.x = self.effects.push(piece.payload, start, h.x, sample.command,

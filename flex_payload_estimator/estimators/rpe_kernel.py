@@ -40,8 +40,10 @@ def predict(x: Array, cov: Array, sens: Array, order: Array, value: Array, slope
         (n,), (n, n) given the payload, (n, 3 + p).
     order : Array
         0, 1, … of the cosine series, (K,).
-    value, slopes, parts : Array
+    value, slopes : Array
         See PayloadSlice.
+    parts : Array
+        Derivatives over the part parameters, (K', p W), or (1, 0).
     away : float
         m - slice payload, kg.
     command : Array

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+import math
+from typing import Any
 
 from flex_plant_sim.arm_model import Array
 from flex_plant_sim.extended_arm import ExtendedArm
@@ -15,8 +17,10 @@ ANGLE_TERMS, PAYLOAD_NODES = 19, 28
 COARSE_TERMS, COARSE_NODES = 9, 12
 # The arm over xi = m / (m + soft mass) is nearly a polynomial; soft mass over lower link's mass.
 SOFT_SHARE = 0.4
-# A slice serves payloads within this share of (m + soft mass); the cubic remainder is 1e-8.
-SLICE_REACH = 2e-3
+# Slices stand at steps of this share of (m + soft mass): a cubic remainder of 1e-8. The parts'
+# derivatives, which only a variance uses, stand at coarser ones.
+SLICE_STEP, PART_STEP = 4e-3, 0.1
+KEPT_SLICES, KEPT_PARTS = 128, 32
 
 
 def differentiation_matrix(nodes: Array) -> Array:
@@ -39,30 +43,40 @@ def cosine_transform(count: int) -> Array:
 @dataclass(frozen=True)
 class PayloadSlice:
     """
-    The series at one payload.
+    The series about one payload.
 
     Attributes
     ----------
-    payload, reach : float
-        kg, and how far from it, kg, the second-order expansion serves.
+    index : int
+        Which slice.
+    payload : float
+        kg.
     value : Array
         T [A B], (K, W), W = n (n + 2).
     slopes : Array
         d/dm and d^2/dm^2, (K, 2 W).
-    parts : Array
-        d/d(part parameter), (K', p W).
 
     """
 
+    index: int
     payload: float
-    reach: float
     value: Array
     slopes: Array
-    parts: Array
 
-    def serves(self, payload: float) -> bool:
-        """Tell whether the expansion is good at a payload, kg."""
-        return abs(payload - self.payload) <= self.reach
+
+class Kept:
+    """The last few results of a function of a number."""
+
+    def __init__(self, most: int):
+        self.most, self.results = most, {}  # type: int, dict[int, Any]
+
+    def get(self, key: int, make: Callable[[], Any]) -> Any:
+        """Return the result of a key, made if it is not there."""
+        if key not in self.results:
+            if len(self.results) >= self.most:
+                del self.results[next(iter(self.results))]
+            self.results[key] = make()
+        return self.results[key]
 
 
 @dataclass(frozen=True)
@@ -99,6 +113,8 @@ class PayloadSchedule:
     soft_mass: float
     span: float
     order: Array
+    slices: Kept = field(default_factory=lambda: Kept(KEPT_SLICES))
+    part_slices: Kept = field(default_factory=lambda: Kept(KEPT_PARTS))
 
     @classmethod
     def of(cls, arm: ExtendedArm, heaviest: float,
@@ -130,19 +146,41 @@ class PayloadSchedule:
                    differentiation_matrix(axis), arm.states, len(variants), soft, span,
                    np.arange(float(ANGLE_TERMS)))
 
+    def index(self, payload: float, step: float = SLICE_STEP) -> int:
+        """Return which slice serves a payload, kg."""
+        return round(math.log1p(payload / self.soft_mass) / step)
+
     def cut(self, payload: float) -> PayloadSlice:
-        """Return the series at one payload, kg."""
+        """Return the slice that serves a payload, kg."""
+        index = self.index(payload)
+        found: PayloadSlice = self.slices.get(index, lambda: self._cut(index))
+        return found
+
+    def _cut(self, index: int) -> PayloadSlice:
+        payload = self.soft_mass * math.expm1(index * SLICE_STEP)
         total = payload + self.soft_mass
-        place = min(2.0 * payload / total / self.span - 1.0, 1.0)
-        weights = barycentric_weights(place, self.axis)
+        weights = barycentric_weights(self._place(payload), self.axis)
         first, slope = weights @ self.slope, 2.0 / self.span * self.soft_mass / total**2
         second = slope**2 * first @ self.slope - 2.0 * slope / total * first
-        width = self.states * (self.states + 2)
-        cuts = (np.stack([weights, slope * first, second]) @ self.table).reshape(3, -1, width)
-        parts = barycentric_weights(place, self.coarse_axis) @ self.parts
-        return PayloadSlice(payload, SLICE_REACH * total, np.ascontiguousarray(cuts[0]),
-                            np.concatenate([cuts[1], cuts[2]], axis=1),
-                            parts.reshape(COARSE_TERMS, -1))
+        cuts = (np.stack([weights, slope * first, second]) @ self.table).reshape(
+            3, ANGLE_TERMS, -1)
+        return PayloadSlice(index, payload, np.ascontiguousarray(cuts[0]),
+                            np.concatenate([cuts[1], cuts[2]], axis=1))
+
+    def parts_at(self, payload: float) -> Array:
+        """Return derivatives over the part parameters near a payload, kg: (K', p W)."""
+        index = self.index(payload, PART_STEP)
+        found: Array = self.part_slices.get(index, lambda: self._cut_parts(index))
+        return found
+
+    def _cut_parts(self, index: int) -> Array:
+        place = self._place(self.soft_mass * math.expm1(index * PART_STEP))
+        weights = barycentric_weights(min(place, 1.0), self.coarse_axis)
+        return np.asarray(weights @ self.parts).reshape(COARSE_TERMS, -1)
+
+    def _place(self, payload: float) -> float:
+        """Return where a payload, kg, stands on the axis: -1 … 1, and a little beyond."""
+        return 2.0 * payload / (payload + self.soft_mass) / self.span - 1.0
 
 
 def _payloads(axis: Array, span: float, soft: float) -> Array:

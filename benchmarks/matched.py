@@ -1,0 +1,109 @@
+"""
+The experiment of the matched-model studies: the simulator's arm is the estimator's.
+
+A P controller on the measured joint angles, u = 4 (w - theta) in rad/s, follows square
+set-points of +-0.5 rad and 4 s on both joints, so that the arm moves from the first sample on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+import multiprocessing
+from multiprocessing.pool import Pool
+
+from flex_payload_estimator.cramer_rao import linearise, payload_bound
+from flex_payload_estimator.estimators.rpe_levels import start_spread
+from flex_plant_sim.arm_model import Array
+from flex_plant_sim.extended_arm import ExtendedArm
+from flex_plant_sim.robot import load_robot, Robot
+from flex_plant_sim.simulation import Noise, Simulator
+import numpy as np
+
+AMPLITUDE, PERIOD_S, GAIN = 0.5, 4.0, 4.0
+LIGHTEST, HEAVIEST = 0.03, 0.3
+SMALLEST_NOISE, LARGEST_NOISE = 1e-4, 1e-2
+TORQUE_NOISE = 0.05
+
+
+@dataclass(frozen=True)
+class Record:
+    """
+    A run without an estimator.
+
+    Attributes
+    ----------
+    time : Array
+        s, (N,).
+    states, outputs, commands : Array
+        (N, n), (N, m) and (N, 2); command k is applied from time k on.
+    mass : float
+        kg.
+
+    """
+
+    time: Array
+    states: Array
+    outputs: Array
+    commands: Array
+    mass: float
+
+
+@dataclass(frozen=True)
+class Case:
+    """Payload, kg, noise level (rad on angles, V on gauges), torque noise, N m, and seed."""
+
+    mass: float
+    noise: float
+    torque: float
+    seed: int
+
+    @classmethod
+    def draw(cls, seed: int, torque: float) -> Case:
+        """Draw a payload uniformly, a noise level uniformly in its logarithm."""
+        random = np.random.default_rng([seed, 1])
+        low, high = np.log(SMALLEST_NOISE), np.log(LARGEST_NOISE)
+        return cls(random.uniform(LIGHTEST, HEAVIEST), float(np.exp(random.uniform(low, high))),
+                   torque, seed)
+
+    def robot(self) -> Robot:
+        """Return the reference robot with this noise."""
+        robot = load_robot('reference')
+        return replace(robot, angle_noise=self.noise,
+                       strain_noise=self.noise / robot.gauge_amplifier)
+
+
+def set_point(time: float) -> float:
+    """Return the square set-point of both joints, rad."""
+    return AMPLITUDE if (time + 1e-9) % PERIOD_S < PERIOD_S / 2 else -AMPLITUDE
+
+
+def record(arm: ExtendedArm, case: Case, seconds: float) -> Record:
+    """Simulate a case in closed loop."""
+    robot = case.robot()
+    noise = Noise(robot.angle_noise, robot.strain_noise, case.torque)
+    simulator = Simulator(arm.at_payload(case.mass), None, noise, case.seed)
+    rows = []
+    for _ in range(round(seconds / robot.sample_time) + 1):
+        sample = simulator.measure()
+        command = GAIN * (set_point(sample.time) - sample.angle)
+        rows.append((sample.time, simulator.state.copy(), sample.output, command))
+        simulator.step(command)
+    time, states, outputs, commands = (np.array(column) for column in zip(*rows))
+    return Record(time, states, outputs, commands, case.mass)
+
+
+def bound(arm: ExtendedArm, case: Case, run: Record) -> Array:
+    """Return the Cramer-Rao bound of the payload's standard deviation, kg, at each sample."""
+    robot = case.robot()
+    model = linearise(arm.at_payload(case.mass), run.states[:-1], run.commands[:-1])
+    noise = [robot.angle_noise] * 2 + [robot.strain_noise] * (run.outputs.shape[1] - 2)
+    return payload_bound(model, noise, start_spread(arm), [case.torque] * 2)
+
+
+@contextmanager
+def workers(jobs: int) -> Iterator[Pool]:
+    """Give a pool of processes, each started fresh."""
+    with multiprocessing.get_context('spawn').Pool(jobs) as pool:
+        yield pool
