@@ -13,7 +13,6 @@ ITERATIONS = 8
 FIRST_STEPS = 2
 REWEIGHTINGS = 2
 BATCH = 8
-DIFFERENCE = 0.05
 KEPT_STARTS = 2
 ENOUGH = 0.3
 SHARE = 1e-4
@@ -199,9 +198,7 @@ class _Search:
 
     def linearise(self, values: Array) -> _Point:
         """Return residual and columns at values, by differences."""
-        away = np.abs(values - self.hypothesis.null)
-        step = DIFFERENCE * np.maximum(away, 0.2 * self.hypothesis.scale)
-        step = np.where(values + step > self.hypothesis.high, -step, step)
+        step = self.hypothesis.steps(values)
         moved = values + np.concatenate([np.zeros((1, len(values))), np.diag(step)])
         residual = self.residual(moved)
         flat = self.projector.white(residual[0])

@@ -13,6 +13,9 @@ from flex_plant_sim.effects.base import Effect, Parameter
 from flex_plant_sim.robot import Robot
 import numpy as np
 
+DIFFERENCE = 0.05
+GRID = 5
+
 
 @dataclass(frozen=True)
 class Hypothesis:
@@ -59,6 +62,19 @@ class Hypothesis:
     def sizes(self) -> Array:
         """Return True where a parameter measures the effect's size, False for its shape, (k,)."""
         return np.array([math.isfinite(p.smallest) for p in self.parameters])
+
+    def steps(self, values: Array) -> Array:
+        """
+        Return difference steps at values, (k,).
+
+        A share of the deviation from null; for a shape that is searched on a grid (a time, a
+        count of periods) a share of the grid's spacing, however far from null it is.
+        """
+        steps = DIFFERENCE * np.maximum(np.abs(values - self.null), 0.2 * self.scale)
+        for k, parameter in enumerate(self.parameters):
+            if len(parameter.starts) >= GRID and not self.sizes[k]:
+                steps[k] = DIFFERENCE * float(np.min(np.diff(np.unique(parameter.starts))))
+        return np.where(values + steps > self.high, -steps, steps)
 
     def starts(self, duration: float) -> Array:
         """Return the start values, (S, k); times beyond the record are left out."""
