@@ -30,9 +30,10 @@ from flex_plant_sim.extended_arm import ExtendedArm
 from flex_plant_sim.robot import Robot
 import numpy as np
 
-# A gap longer than this, s, loses the state; a reading beyond these is no measurement.
+# A gap longer than this, s, loses the state. A reading of more standard deviations of noise, or a
+# command of more than this, is none.
 LONGEST_GAP_S = 1.0
-LARGEST_ANGLE, LARGEST_STRAIN, LARGEST_COMMAND = 1e4, 1.0, 1e9
+LARGEST, LARGEST_COMMAND = 1e9, 1e9
 # What a window must tell about a payload change of a sixth of the heaviest: five sigma.
 EXCITED = 25.0
 SUSPECT_MISFIT = 2.0
@@ -45,6 +46,11 @@ def tabulated(robot: Robot, model: str, modes: int, effects: tuple[Effect, ...],
     arm = ExtendedArm(robot, model, modes, effects=effects)
     arms, tolerances = variants(arm, robot)
     return PayloadSchedule.of(arm, heaviest, arms), tolerances
+
+
+def _is_command(command: Array) -> bool:
+    # A comparison with NaN is false.
+    return bool(command @ command < LARGEST_COMMAND**2)
 
 
 class Ahead(NamedTuple):
@@ -116,7 +122,6 @@ class RecursivePredictionError:
         self.bank, self._spread = Bank(self.stepper, tolerances), start_spread(self.arm)
         self._block = max(2, round(settings.block_s / self.arm.step_time))
         self.stepper.warm(np.zeros(self.arm.states), np.diag(self._spread**2))
-        self._largest = np.array([LARGEST_ANGLE] * 2 + [LARGEST_STRAIN] * (self.told.size - 2))
         self.reset()
 
     def reset(self) -> None:
@@ -161,16 +166,17 @@ class RecursivePredictionError:
         if output.shape != self.told.shape or command.shape != (2,):
             raise InputError(f'output, command: expected {self.told.size} and 2 numbers, got '
                              f'shapes {output.shape} and {command.shape}')
-        good = self._is_measurement(time, output, command)
+        measured, sent = output / self.told, _is_command(command)
+        good = sent and math.isfinite(time) and bool(measured @ measured < LARGEST**2)
         if self._time is None:
-            return self._begin(time, output) if good else self._reject(time)
-        if (np.abs(command) <= LARGEST_COMMAND).all():
+            return self._begin(time, output, measured) if good else self._reject(time)
+        if sent:
             self._command = command
         self._predict(time if good else self._time + self.arm.step_time, good)
         if not good:
             self.detector.recent.record(self._sample, self.bank.best())
             return self._reject(time)
-        return self._learn(output)
+        return self._learn(output, measured)
 
     def prepare(self, command: Array) -> None:
         """
@@ -183,18 +189,13 @@ class RecursivePredictionError:
             otherwise, it predicts again.
 
         """
-        if self._time is None or self._ahead or not (np.abs(command) <= LARGEST_COMMAND).all():
+        if self._time is None or self._ahead or not _is_command(command):
             return
         history = self._effects.history
         saved = [(h, h.copy()) for h in self.bank.hypotheses]
         sample = self._sample
         self._advance(self._time + self.arm.step_time, np.array(command, dtype=float))
         self._ahead = Ahead(np.array(command, dtype=float), saved, history, sample)
-
-    def _is_measurement(self, time: float, output: Array, command: Array) -> bool:
-        # A comparison with NaN is false.
-        return bool(math.isfinite(time) and (np.abs(output) <= self._largest).all()
-                    and (np.abs(command) <= LARGEST_COMMAND).all())
 
     def _predict(self, time: float, good: bool) -> None:
         """Bring every hypothesis to the time of the sample, across a gap if there is one."""
@@ -226,10 +227,10 @@ class RecursivePredictionError:
         for h in self.bank.hypotheses:
             self.stepper.predict(h, self._sample)
 
-    def _begin(self, time: float, output: Array) -> Estimate:
+    def _begin(self, time: float, output: Array, measured: Array) -> Estimate:
         self.bank.start(self._standing(output), np.diag(self._spread**2))
         self._time, self._sample = time, Sample(time, None, np.zeros(2), 0.0, 0.0)
-        return self._learn(output)
+        return self._learn(output, measured)
 
     def _relocate(self, output: Array) -> None:
         """Start the state again after a gap, with what is known of the payload."""
@@ -243,13 +244,13 @@ class RecursivePredictionError:
         x[:2] = output[:2]
         return x
 
-    def _learn(self, output: Array) -> Estimate:
+    def _learn(self, output: Array, measured: Array) -> Estimate:
         """Weigh the sample, look for a change, and say what is known."""
         bank, assumed = self.bank, self._sample
         if self._lost:
             self._relocate(output)
-        self._sample = assumed._replace(measured=output / self.told,
-                                        activity=self._activity.follow(output[2:]))
+        self._sample = Sample(assumed.time, measured, assumed.command, assumed.before,
+                              self._activity.follow(output[2:]))
         for h in bank.hypotheses:
             self.stepper.correct(h, self._sample)
         bank.prune()

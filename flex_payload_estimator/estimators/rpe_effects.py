@@ -24,6 +24,7 @@ class EffectStep:
     def __init__(self, arm: ExtendedArm):
         self.arm = arm
         self.limits = np.array([drive.command_limit for drive in arm.robot.drives])
+        self.limited = bool(np.isfinite(self.limits).any())
         self.moves = arm.has_contact or any(
             type(effect).force is not Effect.force for effect in arm.effects)
         self.memory = max([e.memory(arm.robot.sample_time) for e in arm.effects], default=0)
@@ -41,7 +42,7 @@ class EffectStep:
 
     def at_drive(self, command: Array, time: float) -> Array:
         """Return what of a sent command (2,) reaches the drives, (2,)."""
-        applied = np.clip(command, -self.limits, self.limits)
+        applied = np.clip(command, -self.limits, self.limits) if self.limited else command
         for effect in self.arm.effects:
             applied = effect.on_command(applied, self.history, time,
                                         self.arm.robot.sample_time)

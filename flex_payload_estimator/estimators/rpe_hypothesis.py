@@ -157,13 +157,13 @@ class Stepper:
         self.output = np.ascontiguousarray(effects.output_matrix() / told[:, None])
         step = effects.arm.step_time
         self.memory = min(1.0, step / MISFIT_MEMORY_S)
-        self._gains = {True: np.zeros((told.size, 0)), False: gains}
+        self._gains, self._no_gains = gains, np.zeros((told.size, 0))
         self._no_parts = np.zeros((1, 0))
         self._speed = speed_feedback(effects.arm)
 
     def start(self, level: int, x: Array, cov: Array, mass: float, std: float) -> Hypothesis:
         """Return a hypothesis that knows of the payload only mass and std, kg."""
-        parts = self._gains[self.levels[level].exact].shape[1]
+        parts = 0 if self.levels[level].exact else self._gains.shape[1]
         return Hypothesis(level, x, cov, np.zeros((x.size, MASS_COLUMNS + parts)), mass,
                           std**2, np.zeros(parts), self.schedule.cut(mass))
 
@@ -197,19 +197,20 @@ class Stepper:
             return
         level = self.levels[h.level]
         expected = self._expected(h.x, sample.time)
-        direct = self._gains[level.exact] * expected[:, None]
+        direct = self._no_gains if level.exact else self._gains * expected[:, None]
         h.innovation = sample.measured - expected
-        h.x, h.cov, h.sens, h.mass, h.variance, h.lean, h.channel, found = correct(
+        (h.x, h.cov, h.sens, h.mass, h.variance, h.lean, h.channel, misfit, log_det, score,
+         information) = correct(
             h.x, h.cov, h.sens, h.mass, h.variance, h.lean, h.innovation, self.output, direct,
             level.noise(sample.activity), self.heaviest)
-        gained = -0.5 * (found[0] + found[1])
+        gained = -0.5 * (misfit + log_det)
         h.log_likelihood += gained
         h.recent += gained - self.memory * h.recent
-        h.misfit += self.memory * (found[0] / expected.size - h.misfit)
+        h.misfit += self.memory * (misfit / expected.size - h.misfit)
         w = h.windows
-        h.windows = Windows(w.score + found[2:2 + MASS_COLUMNS],
-                            w.information + found[2 + MASS_COLUMNS:],
-                            w.squared, w.expected, w.changes, w.blocks)
+        h.windows = Windows(w.score + score[:MASS_COLUMNS],
+                            w.information + information[:MASS_COLUMNS], w.squared,
+                            w.expected, w.changes, w.blocks)
 
     def _expected(self, x: Array, time: float) -> Array:
         arm = self.effects.arm
@@ -234,7 +235,7 @@ class Stepper:
     def loosen(self, h: Hypothesis, level: int) -> None:
         """Move to another level; an exact one starts to lean on its parts from here on."""
         if self.levels[h.level].exact and not self.levels[level].exact:
-            parts = self._gains[False].shape[1]
+            parts = self._gains.shape[1]
             h.sens = np.hstack([h.sens, np.zeros((h.x.size, parts))])
             h.lean = np.zeros(parts)
         h.level = level

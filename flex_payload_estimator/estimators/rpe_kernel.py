@@ -51,7 +51,7 @@ def predict(x: Array, cov: Array, sens: Array, order: Array, value: Array, slope
     torque : Array
         Standard deviation of the command's disturbance, in its unit, (2,).
     floor : Array
-        Covariance added to the state, (n, n).
+        Covariance added to the state, (n, n), or (0, 0) for none.
 
     """
     n = x.size
@@ -73,14 +73,17 @@ def predict(x: Array, cov: Array, sens: Array, order: Array, value: Array, slope
         sens[:, MASS_COLUMNS:MASS_COLUMNS + coarse.shape[0]] += coarse.T
     noise = increment[:, n:] * torque
     half = jacobian @ cov
-    cov = cov + half + half.T + half @ jacobian.T + noise @ noise.T + floor
+    cov = cov + half + half.T + half @ jacobian.T + noise @ noise.T
+    if floor.size > 0:
+        cov += floor
     return x + increment @ drive, cov, sens
 
 
 @njit(cache=True)
 def correct(x: Array, cov: Array, sens: Array, mass: float, variance: float, lean: Array,
             innovation: Array, output: Array, direct: Array, noise: Array, heaviest: float
-            ) -> tuple[Array, Array, Array, float, float, Array, Array, Array]:
+            ) -> tuple[Array, Array, Array, float, float, Array, Array, float, float, Array,
+                       Array]:
     """
     Return the hypothesis after a measurement, and its statistics.
 
@@ -102,39 +105,41 @@ def correct(x: Array, cov: Array, sens: Array, mass: float, variance: float, lea
     direct : Array
         Derivative of y over the part parameters beyond C dx, (m, p).
     noise : Array
-        Covariance of the measurement, (m, m).
+        Variance of each channel, (m,).
     heaviest : float
         The payload stays in [0, heaviest], kg.
 
     Returns
     -------
     tuple
-        x, cov, sens, mass, variance, lean, the innovation's variance per channel (m,), and
-        (e'S^-1 e, log det S) with S the innovation's covariance, payload included, then
-        psi'S^-1 e and psi'S^-1 psi of the three payload columns, S for a known payload.
+        x, cov, sens, mass, variance, lean; the innovation's variance per channel (m,);
+        e'S^-1 e and log det S with S the innovation's covariance, payload included; psi'S^-1 e
+        and psi'S^-1 psi of all columns, S for a known payload, (3 + p,).
 
     """
     projected = cov @ output.T
-    total = output @ projected + noise
+    total = output @ projected + np.diag(noise)
     inverse = np.linalg.inv(total)
     gain = projected @ inverse
     psi = output @ sens
-    psi[:, MASS_COLUMNS:] += direct
+    if lean.size > 0:
+        psi[:, MASS_COLUMNS:] += direct
     weighted = inverse @ psi
     score = innovation @ weighted
     information = np.sum(psi * weighted, axis=0)
-    cross = np.sum(psi[:, MASS_COLUMNS:] * weighted[:, :1], axis=0)
-    spread = 1.0 + variance * information[0]
+    known, pushed = information[0], score[0]
+    spread = 1.0 + variance * known
     pull = variance / spread
-    after = min(max(mass + pull * score[0], 0.0), heaviest)
-    misfit = innovation @ (inverse @ innovation) - pull * score[0] * score[0]
+    after = min(max(mass + pull * pushed, 0.0), heaviest)
+    misfit = innovation @ (inverse @ innovation) - pull * pushed * pushed
     log_det = np.log(spread * np.linalg.det(total))
-    channel = np.diag(total) + variance * psi[:, 0] * psi[:, 0]
+    channel = np.diag(total) + variance * psi[:, 0]**2
+    if lean.size > 0:
+        cross = np.sum(psi[:, MASS_COLUMNS:] * weighted[:, :1], axis=0)
+        lean = lean - pull * (cross + known * lean)
     sens = sens - gain @ psi
     x = x + gain @ innovation + sens[:, 0] * (after - mass)
     keep = np.eye(x.size) - gain @ output
-    cov = keep @ cov @ keep.T + gain @ noise @ gain.T
-    statistics = np.concatenate((np.array([misfit, log_det]), score[:MASS_COLUMNS],
-                                 information[:MASS_COLUMNS]))
-    lean = lean - pull * (cross + information[0] * lean)
-    return x, 0.5 * (cov + cov.T), sens, after, pull, lean, channel, statistics
+    cov = keep @ cov @ keep.T + (gain * noise) @ gain.T
+    return (x, 0.5 * (cov + cov.T), sens, after, pull, lean, channel, misfit, log_det, score,
+            information)

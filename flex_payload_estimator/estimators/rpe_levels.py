@@ -32,7 +32,7 @@ class Level:
     told_torque, extra_torque : Array
         Standard deviations of the command's disturbance, in its unit, (2,).
     floor : Array
-        Covariance added to the state every sample, (n, n).
+        Covariance added to the state every sample, (n, n), or (0, 0) for none.
     extra_noise : Array
         Variance of each channel beyond the told one, over it, (m,).
     net_share : float
@@ -65,8 +65,8 @@ class Level:
                        + (self.net_share * net)**2)
 
     def noise(self, activity: float) -> Array:
-        """Return the covariance of the measurements over the told one, (m, m)."""
-        return np.diag(1.0 + activity**2 * self.extra_noise)
+        """Return the variance of each channel over the told one, (m,)."""
+        return 1.0 + activity**2 * self.extra_noise
 
 
 class Activity:
@@ -104,8 +104,8 @@ def levels(arm: ExtendedArm, torque_noise: Array) -> tuple[Level, ...]:
 
     """
     gains = np.array([drive.torque_gain for drive in arm.robot.drives])
-    told, n, noise = torque_noise / gains, arm.states, told_noise(arm)
-    found = [Level(True, told, np.zeros(2), np.zeros((n, n)), np.zeros(noise.size))]
+    told, noise = torque_noise / gains, told_noise(arm)
+    found = [Level(True, told, np.zeros(2), np.zeros((0, 0)), np.zeros(noise.size))]
     inertia = np.diag(arm.form.mass_at(1.0, arm.robot.payload_mass))[:2]
     hold, push = np.sqrt(HOLD_S / arm.step_time), _held_force(arm)
     for joint, link, bend, share in ROBUST_LEVELS:
