@@ -12,7 +12,8 @@ from typing import Any
 
 from bank import summary
 from bank.cases import all_cases, BankCase, first, limit_case
-from bank.run import Limits, run_case
+from bank.run import run_case
+from bank.sizes import Limits, stated_limits
 from tqdm import tqdm
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -56,7 +57,7 @@ def run_all(cases: list[BankCase], known: dict[str, dict[str, Any]], path: Path,
     with open(path, 'a', encoding='utf-8') as file, get_context('spawn').Pool(
             jobs, maxtasksperchild=20) as pool:
         known |= _keep(pool.imap_unordered(_run, [(case, {}) for case in needed]), file, needed)
-        limits = {robot: detection_limits(known[limit_case(robot).key]) for robot in robots}
+        limits = {robot: stated_limits(known[limit_case(robot).key]) for robot in robots}
         open_cases = [case for case in cases if case.key not in known]
         known |= _keep(pool.imap_unordered(
             _run, [(case, limits[case.robot]) for case in open_cases]), file, open_cases)
@@ -79,12 +80,6 @@ def _with_bar(results: Iterable[dict[str, Any]], total: int) -> Iterator[dict[st
 
 def _run(work: tuple[BankCase, Limits]) -> dict[str, Any]:
     return run_case(*work)
-
-
-def detection_limits(line: dict[str, Any]) -> dict[str, float]:
-    """Return the limits that the clean record stated."""
-    return {label: limit['value'] for label, limit in line['limits'].items()
-            if limit['value'] is not None}
 
 
 def main() -> int:

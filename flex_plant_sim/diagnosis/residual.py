@@ -127,7 +127,7 @@ def shapes(predictor: Predictor) -> dict[str, Array]:
         'time': np.hstack([time, time**2])}
 
 
-def explained_share(residual: Array, columns: Array, fold: Array) -> Array:
+def explained_share(residual: Array, columns: Array, fold: NDArray[np.int_]) -> Array:
     """
     Return the share of each channel's power that the columns explain where not fitted, (m,).
 
@@ -153,7 +153,8 @@ def explained_share(residual: Array, columns: Array, fold: Array) -> Array:
     return np.clip(1.0 - left / np.maximum(constant, 1e-300), 0.0, 1.0)
 
 
-def _dependences(residual: Array, columns: Mapping[str, Array], fold: Array) -> list[dict]:
+def _dependences(residual: Array, columns: Mapping[str, Array],
+                 fold: NDArray[np.int_]) -> list[dict]:
     constant = np.mean(residual, axis=0)**2 / np.maximum(np.mean(residual**2, axis=0), 1e-300)
     shares = {'constant': constant, **{
         name: explained_share(residual, values, fold) for name, values in columns.items()}}

@@ -40,7 +40,6 @@ HALF_SIZE = ('strain_filter', 'strain_delay', 'gear_compliance', 'clamp_complian
              'motor_lag', 'payload_inertia', 'hub_inertia', 'link_stiffness')
 TAKEN_OUT = tuple(name for name in CATALOGUE if name not in MODEL_OPTIONS)
 CONTROLS = ('noise_only', 'shuffled_residuals', 'swapped_strain_labels', 'swapped_joint_labels')
-DISTRACTORS = 2
 FIRST_SEED = 1000
 
 
@@ -77,8 +76,7 @@ class BankCase:
             excitation = 'rest' if self.seed % 2 else 'one_joint'
             return draw_case(hidden, self.seed, self.robot, severity, 0, excitation=excitation)
         share = 0.5 if self.kind == 'look_alike' else 1.0
-        small = DISTRACTORS if self.kind in ('one', 'clean', 'pair') else 0
-        return draw_case(hidden, self.seed, self.robot, share * severity, small)
+        return draw_case(hidden, self.seed, self.robot, share * severity)
 
     @property
     def options(self) -> tuple[str, ...]:

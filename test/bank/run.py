@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from contextlib import redirect_stderr, redirect_stdout
 from io import StringIO
 import json
-import math
 from pathlib import Path
 from tempfile import TemporaryDirectory
 import time
@@ -14,16 +12,11 @@ from typing import Any
 
 from bank.cases import BankCase
 from bank.records import write_record
-from bank.terms import hidden_terms, Term
+from bank.sizes import Limits, relative_size, sized_truth
 from flex_plant_sim.tools.diagnose import main
 from truth.records import TruthCase
 
-TIMES_LIMIT = 3.0
-LARGEST_SEVERITY = 4.0
 KEPT = ('verdict', 'sentence', 'causes', 'cannot_tell', 'not_excited')
-SIZED = ('one', 'missing', 'pair')
-
-Limits = Mapping[str, float]
 
 
 def run_case(case: BankCase, limits: Limits) -> dict[str, Any]:
@@ -64,30 +57,3 @@ def diagnose_file(path: Path, case: BankCase,
                      '--json', str(answer), '--jobs', '1', *case.options])
     found = json.loads(answer.read_text(encoding='utf-8')) if answer.is_file() else {}
     return code, found, errors.getvalue().strip()
-
-
-def sized_truth(case: BankCase, limits: Limits) -> tuple[TruthCase, tuple[Term, ...]]:
-    """Return the case's truth, its effects at least three detection limits in size."""
-    severity = 1.0
-    truth, terms = _at(case, severity)
-    if case.kind in SIZED:
-        known = [ratio for term in terms
-                 if (ratio := relative_size(term, limits)) is not None and ratio > 0.0]
-        if known and min(known) < TIMES_LIMIT:
-            severity = min(1.02 * TIMES_LIMIT / min(known), LARGEST_SEVERITY)
-            truth, terms = _at(case, severity)
-    return truth, terms
-
-
-def _at(case: BankCase, severity: float) -> tuple[TruthCase, tuple[Term, ...]]:
-    truth = case.truth(severity)
-    named = () if case.kind == 'control' else hidden_terms(truth)[:len(case.names)]
-    return truth, named
-
-
-def relative_size(term: Term, limits: Limits) -> float | None:
-    """Return an effect's size over its detection limit; None where either is unknown."""
-    limit = limits.get(f'{term.name}:{term.site}')
-    if limit is None or not limit > 0.0 or math.isnan(term.size):
-        return None
-    return term.size / limit

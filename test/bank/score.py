@@ -8,6 +8,7 @@ import math
 from typing import Any
 
 from bank.cases import LOOK_ALIKES
+from bank.sizes import TIMES_LIMIT
 import numpy as np
 
 Z = 1.959964
@@ -78,6 +79,12 @@ def in_small_set(line: Line) -> bool:
     """Tell whether what is hidden is named, or in a stated set of at most three."""
     names = stated_set(line)
     return exact(line) or (set(line['names']) <= names and len(names) <= LARGEST_SET)
+
+
+def large_enough(line: Line) -> bool:
+    """Tell whether what is hidden reaches three detection limits, as far as that is known."""
+    return all(term['times_limit'] is None or term['times_limit'] >= TIMES_LIMIT
+               for term in line['truth'])
 
 
 def right_site(line: Line) -> bool:

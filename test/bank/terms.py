@@ -9,6 +9,8 @@ import numpy as np
 from truth.effects.hidden_effect import Parameters
 from truth.records import COLUMNS, TruthCase
 
+HEIGHT = 0.052
+
 
 @dataclass(frozen=True)
 class Term:
@@ -135,6 +137,11 @@ def _loose(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], float
                    'damping_ratio': p['damping_ratio']}, compliance
 
 
+def _air_drag(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], float]:
+    # Half of density times drag coefficient times the links' height, 0.05 m and a little more.
+    return 'arm', {}, 2.0 * p['coefficient'] / HEIGHT
+
+
 def _unsized(site: str) -> Said:
     return lambda case, p: (site, {}, float('nan'))
 
@@ -163,7 +170,7 @@ _SAID: dict[str, Said] = {
     'strain_delay': _for_arm('delay', 'delay_s'),
     'link_stiffness': _at_link('factor', 'factor', 1.0),
     'modal_damping': _at_link('factor', 'factor', 1.0),
-    'air_drag': _unsized('arm'),
+    'air_drag': _air_drag,
     'clamp_compliance': _flexible(_link),
     'base_tilt': _tilt,
     'base_compliance': _base,

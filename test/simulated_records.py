@@ -1,0 +1,64 @@
+"""Records made by the package's own simulator, for tests of what is done with a record."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from flex_plant_sim.arm_model import Array
+from flex_plant_sim.diagnosis.noise import measurement_noise
+from flex_plant_sim.diagnosis.predictor import Base, Predictor
+from flex_plant_sim.diagnosis.windows import Record, Windows
+from flex_plant_sim.effects import build, parse
+from flex_plant_sim.effects.base import Effect
+from flex_plant_sim.log import Log
+from flex_plant_sim.log_csv import write_csv
+from flex_plant_sim.robot import load_robot, Robot
+from flex_plant_sim.simulation import Noise, simulate, Simulator
+import numpy as np
+
+REFERENCE = load_robot('reference')
+SLOWEST = 10.0
+
+
+def effects(*texts: str, robot: Robot = REFERENCE) -> tuple[Effect, ...]:
+    """Return effects named as identifier:site:parameter=number."""
+    return tuple(build(parse(text), robot) for text in texts)
+
+
+def commands(robot: Robot, duration: float, seed: int = 0) -> Array:
+    """Return random steps of both commands, held for about a second, (N, 2)."""
+    rng = np.random.default_rng(seed)
+    count = round(duration / robot.sample_time)
+    hold = round(0.9 / robot.sample_time)
+    levels = rng.uniform(-0.6, 0.6, (count // hold + 1, 2))
+    levels[1::2] = -levels[::2][:len(levels[1::2])]
+    return np.repeat(levels, hold, axis=0)[:count]
+
+
+def simulated(hidden: Sequence[Effect] = (), duration: float = 24.0, noise: float = 1.0,
+              robot: Robot = REFERENCE, seed: int = 0) -> Record:
+    """Return the record of an arm with effects; its sensors' noise is scaled."""
+    base = Base(robot, effects=tuple(hidden))
+    arm = base.arm(robot.payload_mass)
+    simulator = Simulator(arm, noise=Noise(noise * 1e-4, noise * 5e-7), seed=seed)
+    command = commands(robot, duration, seed)
+    output, _ = simulate(simulator, command)
+    time: Array = robot.sample_time * np.arange(len(command), dtype=float)
+    return Record('simulated', time, command, output, robot.payload_mass)
+
+
+def predictor(record: Record, assumed: Sequence[Effect] = (), robot: Robot = REFERENCE,
+              locked: bool = True, level: tuple[float, float] = Base.level) -> Predictor:
+    """Return the predictor of an arm with effects over a record's locked or other windows."""
+    cut = Windows.cut(record, SLOWEST, robot.sample_time)
+    noise = np.maximum(measurement_noise(record.output), 1e-9)
+    base = Base(robot, effects=tuple(assumed), level=level)
+    return Predictor(base, cut[1 if locked else 0], noise)
+
+
+def write(record: Record, path: Path, robot: Robot = REFERENCE) -> Path:
+    """Write a record as a CSV log; return its path."""
+    write_csv(path, Log(str(path), record.time, record.command, record.output[:, :2],
+                        record.output[:, 2:], robot.gauge_names))
+    return path

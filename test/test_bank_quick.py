@@ -1,0 +1,92 @@
+"""A handful of cases of the bank, one of them with all that flex_diagnose writes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from bank import score
+from bank.cases import BankCase, limit_case
+from bank.records import write_record
+from bank.run import run_case
+from bank.sizes import Limits, stated_limits
+from bank.terms import hidden_terms
+from flex_plant_sim.log import read_log
+from flex_plant_sim.robot import load_robot
+from flex_plant_sim.tools.diagnose import main
+from flex_plant_sim.tools.replay import replay
+import pytest
+
+FRICTION = BankCase('one', ('coulomb_friction',), 'reference', 1000)
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a record that hides friction, and all that the tool made of it."""
+    folder = tmp_path_factory.mktemp('friction')
+    truth = FRICTION.truth()
+    write_record(FRICTION, truth, folder / 'record.csv')
+    code = main([str(folder / 'record.csv'), '--payload', f'{truth.payload_told:.9g}', '--jobs',
+                 '2', '--json', str(folder / 'answer.json'), '--report', str(folder / 'report'),
+                 '--extended', str(folder / 'robot.yaml')])
+    assert code == 0
+    return folder
+
+
+def answer_of(folder: Path) -> dict[str, Any]:
+    """Return the tool's answer."""
+    found: dict[str, Any] = json.loads((folder / 'answer.json').read_text(encoding='utf-8'))
+    return found
+
+
+def test_friction_is_named_at_its_joint_with_its_size(folder: Path) -> None:
+    term, = hidden_terms(FRICTION.truth())[:1]
+    cause = answer_of(folder)['causes'][0]
+    assert (cause['name'], cause['site']) == (term.name, term.site)
+    size = cause['parameters']['level_n_m']
+    assert size['value'] == pytest.approx(term.values['level_n_m'], rel=0.1)
+    assert size['unit'] == 'N m'
+
+
+def test_gain_is_measured_and_sure(folder: Path) -> None:
+    term, = hidden_terms(FRICTION.truth())[:1]
+    row = answer_of(folder)['gain'][term.site]
+    k = row['horizon_s'].index(1.0)
+    assert row['after'][k] < 0.25 * row['before'][k]
+    assert row['ratio_high'][k] < 0.5
+
+
+def test_extended_robot_replays_the_record_better(folder: Path) -> None:
+    joint = int(hidden_terms(FRICTION.truth())[0].site[-1]) - 1
+    payload = FRICTION.truth().payload_told
+    errors = []
+    for name in ('reference', str(folder / 'robot.yaml')):
+        robot = load_robot(name)
+        log = read_log(folder / 'record.csv', robot)
+        errors.append(float(replay(log, robot, payload=payload).rmse[joint]))
+    assert errors[1] < 0.25 * errors[0]
+
+
+def test_report_holds_sentence_and_pictures(folder: Path) -> None:
+    text = (folder / 'report' / 'report.html').read_text(encoding='utf-8')
+    assert answer_of(folder)['sentence'].split('.')[0] in text
+    assert text.count('<img src="data:image/svg+xml;base64,') == 4 * 6
+
+
+@pytest.fixture(scope='module')
+def limits() -> Limits:
+    """Return the detection limits of a clean record."""
+    return stated_limits(run_case(limit_case('reference'), {}))
+
+
+def test_clean_arm_with_tolerances_and_distractors_is_left_alone(limits: Limits) -> None:
+    line = run_case(BankCase('clean', (), 'reference', 1001), limits)
+    assert line['code'] == 0
+    assert score.named(line) == []
+
+
+def test_noise_alone_gets_no_name() -> None:
+    line = run_case(BankCase('control', ('noise_only',), 'reference', 1002), {})
+    assert line['code'] == 0
+    assert (line['verdict'], score.named(line)) == ('data_cannot_answer', [])

@@ -1,0 +1,168 @@
+"""How the bank scores: shares, sets, calibration, coverage, terms."""
+
+from __future__ import annotations
+
+from collections import Counter
+import math
+from typing import Any
+
+from bank import score, summary
+from bank.cases import all_cases, BankCase, first, LOOK_ALIKES, quick_cases, TAKEN_OUT
+from bank.records import control
+from bank.sizes import relative_size, sized_truth
+from bank.terms import hidden_terms
+from flex_plant_sim.effects import catalogue
+import numpy as np
+import pytest
+from truth.effects import CATALOGUE
+from truth.records import draw_case
+
+
+def line(hidden: list[str], causes: dict[str, float], verdict: str = 'cause',
+         look_alikes: tuple[str, ...] = (), cannot_tell: tuple[tuple[str, ...], ...] = (),
+         kind: str = 'one') -> dict[str, Any]:
+    """Return a line of results."""
+    return {'kind': kind, 'names': hidden, 'verdict': verdict, 'code': 0, 'complaint': '',
+            'key': 'x', 'robot': 'reference', 'seed': 1, 'seconds': 1.0,
+            'truth': [{'name': name, 'site': 'joint_2', 'values': {'level_n_m': 0.4},
+                       'times_limit': None} for name in hidden],
+            'causes': [{'name': name, 'site': 'joint_2', 'probability': probability,
+                        'look_alikes': list(look_alikes),
+                        'parameters': {'level_n_m': {'value': 0.41, 'low': 0.39, 'high': 0.43}}}
+                       for name, probability in causes.items()],
+            'cannot_tell': [list(group) for group in cannot_tell]}
+
+
+@pytest.mark.parametrize('right, total, low, high', [
+    (0, 10, 0.0, 0.2775), (10, 10, 0.7225, 1.0), (81, 263, 0.2553, 0.3662)])
+def test_wilson_intervals_of_the_literature(right: int, total: int, low: float,
+                                            high: float) -> None:
+    """81 of 263: Newcombe, Statistics in Medicine 17 (1998), table I; the others by (1)."""
+    assert score.Share(right, total).interval == pytest.approx((low, high), abs=1e-4)
+
+
+def test_exact_means_that_name_and_no_other() -> None:
+    assert score.exact(line(['coulomb_friction'], {'coulomb_friction': 0.9}))
+    assert not score.exact(line(['coulomb_friction'], {'coulomb_friction': 0.9, 'backlash': 0.5}))
+    assert not score.exact(line(['coulomb_friction'], {}))
+    assert score.exact(line([], {}, 'nothing_wrong'))
+
+
+def test_a_set_counts_up_to_three() -> None:
+    hidden = ['strain_delay']
+    assert score.in_small_set(line(hidden, {'strain_filter': 0.5},
+                                   look_alikes=('strain_delay:arm',)))
+    assert score.in_small_set(line(hidden, {'strain_filter': 0.5}, 'cannot_tell',
+                                   cannot_tell=(('strain_filter', 'strain_delay'),)))
+    assert not score.in_small_set(line(hidden, {'strain_filter': 0.5}, look_alikes=(
+        'strain_delay', 'input_delay', 'motor_lag')))
+    assert not score.in_small_set(line(hidden, {'strain_filter': 0.9}))
+
+
+def test_missing_effects_may_be_unknown_or_doubted_look_alikes() -> None:
+    hidden = ['coulomb_friction']
+    unknown = line(hidden, {}, 'not_in_catalogue')
+    doubted = line(hidden, {'stribeck_friction': 0.6}, 'cannot_tell')
+    sure_alike = line(hidden, {'stribeck_friction': 0.97})
+    sure_wrong = line(hidden, {'strain_gain': 0.97})
+    missed = line(hidden, {}, 'nothing_wrong')
+    cases = [unknown, doubted, sure_alike, sure_wrong, missed]
+    assert [score.unknown_recognised(c) for c in cases] == [True, True, False, False, False]
+    assert [score.confidently_wrong(c) for c in cases] == [False, False, False, True, False]
+
+
+def test_calibration_of_an_honest_and_of_a_boastful_forecaster() -> None:
+    rng = np.random.default_rng(0)
+    stated = rng.uniform(0.2, 1.0, 4000)
+    honest = [(p, bool(rng.random() < p)) for p in stated]
+    boastful = [(0.99, bool(rng.random() < 0.6)) for _ in range(4000)]
+    assert score.calibration(honest)[0] < 0.03
+    assert score.calibration(boastful)[0] == pytest.approx(0.39, abs=0.03)
+    assert math.isnan(score.calibration([])[0])
+    assert sum(count for _, _, count in score.calibration(honest)[1]) == 4000
+
+
+def test_coverage_counts_parameters_of_right_names_at_right_sites() -> None:
+    right = line(['coulomb_friction'], {'coulomb_friction': 0.9})
+    elsewhere = line(['coulomb_friction'], {'coulomb_friction': 0.9})
+    elsewhere['causes'][0]['site'] = 'joint_1'
+    off = line(['coulomb_friction'], {'coulomb_friction': 0.9})
+    off['truth'][0]['values']['level_n_m'] = 0.5
+    held, rows = score.coverage([right, elsewhere, off])
+    assert (held.right, held.total) == (1, 2)
+    assert [row[2] for row in rows] == [True, False]
+    assert score.right_site(right) and not score.right_site(elsewhere)
+
+
+def test_confusion_counts_every_case_once() -> None:
+    lines = [line(['coulomb_friction'], {'coulomb_friction': 0.9}),
+             line(['coulomb_friction'], {'stribeck_friction': 0.9}),
+             line(['backlash'], {'backlash': 0.5, 'motor_lag': 0.5}),
+             line([], {}, 'nothing_wrong', kind='clean')]
+    hidden, columns, counts = score.confusion(lines)
+    assert counts.sum() == 4
+    assert counts[hidden.index('coulomb_friction'), columns.index('stribeck_friction')] == 1
+    assert counts[hidden.index('backlash'), columns.index('several')] == 1
+    assert counts[hidden.index('nothing'), columns.index('nothing_wrong')] == 1
+    text = summary.text(lines)
+    assert '| exact name | >= 90 % | 33.3 %' in text and '**missed**' in text
+    assert 'coulomb_friction' in summary.terminal_matrix(lines)
+
+
+def test_bank_holds_what_it_promises() -> None:
+    counts = Counter((case.kind, case.robot) for case in all_cases())
+    assert counts['one', 'reference'] == 5 * len(CATALOGUE)
+    assert counts['clean', 'reference'] == 60
+    assert counts['one', 'quanser_2dsfl'] == len(CATALOGUE)
+    keys = [case.key for case in all_cases()]
+    assert len(set(keys)) == len(keys)
+    assert set(CATALOGUE) == set(catalogue())
+    assert {name for group in LOOK_ALIKES for name in group} <= set(CATALOGUE)
+    assert {case.names[0] for case in all_cases() if case.kind == 'missing'} == set(TAKEN_OUT)
+    assert len(first(all_cases(), 'clean/', 7)) == 7
+    assert quick_cases()[0].kind == 'clean'
+
+
+@pytest.mark.parametrize('robot', ['reference', 'quanser_2dsfl'])
+def test_every_hidden_effect_has_its_catalogue_terms(robot: str) -> None:
+    for name in CATALOGUE:
+        case = draw_case(name, 3, robot)
+        term, = hidden_terms(case)
+        parameters = [p.name for p in catalogue()[name].parameters]
+        assert term.name == name
+        assert set(term.values) <= set(parameters)
+        for key, value in term.values.items():
+            parameter = catalogue()[name].parameters[parameters.index(key)]
+            assert parameter.low <= value <= parameter.high, (name, key, value)
+
+
+def test_sizes_grow_to_three_detection_limits() -> None:
+    case = BankCase('one', ('coulomb_friction',), 'reference', 1000)
+    _, (drawn,) = sized_truth(case, {})
+    limit = 0.5 * drawn.size
+    _, (grown,) = sized_truth(case, {f'coulomb_friction:{drawn.site}': limit})
+    assert 3.0 * limit <= grown.size < 3.2 * limit
+    _, (kept,) = sized_truth(case, {f'coulomb_friction:{drawn.site}': 0.1 * limit})
+    assert kept.size == drawn.size
+
+
+def test_distractors_stay_below_half_a_detection_limit() -> None:
+    limits = {f'{name}:{site}': 1e-3 for name in CATALOGUE
+              for site in ('arm', 'elbow', 'joint_1', 'joint_2', 'link_1', 'link_2',
+                           'strain_1a', 'strain_1b', 'strain_2a', 'strain_2b')}
+    for seed in range(1000, 1030):
+        truth, terms = sized_truth(BankCase('clean', (), 'reference', seed), limits)
+        assert terms == ()
+        assert len(truth.effects) == 2
+        for term in hidden_terms(truth):
+            ratio = relative_size(term, limits)
+            assert ratio is None or ratio < 0.5001, (term, ratio)
+
+
+def test_shuffled_residuals_keep_their_size_and_lose_their_order() -> None:
+    case = BankCase('control', ('shuffled_residuals',), 'reference', 700)
+    clean = control(BankCase('control', ('swapped_joint_labels',), 'reference', 700))
+    added = control(case).strain - clean.strain
+    assert np.std(added) > 1e-6
+    step = added[:, 0] - added[:, 0].mean()
+    assert abs(step[1:] @ step[:-1] / (step @ step)) < 0.1

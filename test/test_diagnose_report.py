@@ -1,0 +1,169 @@
+"""The report and the texts: whole, self-contained, for every verdict."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from html.parser import HTMLParser
+import json
+from pathlib import Path
+import re
+
+from flex_plant_sim.diagnosis.answer import answer, answer_text, plain, with_gain
+from flex_plant_sim.diagnosis.gain import Gain
+from flex_plant_sim.diagnosis.payload_gain import PayloadGain
+from flex_plant_sim.diagnosis.quantity import interval_text, percent_text, rounded, unit_text
+from flex_plant_sim.diagnosis.report import render, Report, write_report
+from flex_plant_sim.diagnosis.report_figures import picture
+from flex_plant_sim.diagnosis.residual import ChannelResidual, Whiteness
+from flex_plant_sim.diagnosis.results import (
+    Candidate,
+    Cause,
+    Diagnosis,
+    ParameterValue,
+    VERDICTS,
+)
+from flex_plant_sim.errors import InputError
+import numpy as np
+import pytest
+from simulated_records import effects
+
+LEVEL = ParameterValue('level_n_m', 0.4312, 0.412, 0.451, 'N m')
+FRICTION = effects('coulomb_friction:joint_2:level_n_m=0.4312')[0]
+CAUSE = Cause('coulomb_friction', 'joint_2', 'Joint 2 has dry friction.', 0.97, (LEVEL,),
+              ('stribeck_friction',), FRICTION)
+CANDIDATES = (Candidate('coulomb_friction', 'joint_2', (LEVEL,), 2140.0, (300.0,), 12.0, 1.0,
+                        0.97, True),
+              Candidate('strain_gain', 'strain_1a', (LEVEL,), -3.0, (-1.0,), -0.2, 0.4, 0.0,
+                        False))
+WHITE = Whiteness(25.0, 20, 0.2, 0.01)
+CHANNEL = ChannelResidual('joint_2', 'rad', 1e-4, {0.01: 2e-4, 1.0: 0.0651}, WHITE,
+                          {'angle': 0.02}, {'velocity sign': 0.98, 'angle': 0.0},
+                          ((0.0, 1.0, 0.9, 0.1), (1.0, 50.5, 0.1, 0.9)))
+GAIN = Gain('joint_2', 'rad', 1.0, 0.0651, 0.00066, 0.0005, 0.0008, 0.007, 0.013, 200)
+PAYLOAD = PayloadGain('record.csv', 'rpe', 0.1, 0.135, 0.002, 0.101, 0.001)
+
+
+def report(verdict: str = 'cause', causes: tuple[Cause, ...] = (CAUSE,)) -> Report:
+    """Return a small report."""
+    diagnosis = Diagnosis(
+        verdict, 'Joint 2 has dry friction & no <script>.', causes,
+        (('coulomb_friction', 'stribeck_friction'),), {'input_delay:arm': (0.002, 's')},
+        ('backlash:joint_1',), (CANDIDATES,), 'Record more.', {'joint_2': 0.4})
+    pictures = {'gains': [picture(lambda figure: figure.subplots().plot([1, 2]), 'x', 'two')]}
+    return Report(diagnosis, (CHANNEL,), (CHANNEL,), (GAIN,), (PAYLOAD,),
+                  {'robot': 'reference'}, pictures)
+
+
+class TagCheck(HTMLParser):
+    """Checks that tags match and collects what a page would load."""
+
+    empty = {'meta', 'img', 'br'}
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.loaded: list[str] = []
+        self.pictures: list[dict[str, str | None]] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Note a tag."""
+        if tag not in self.empty:
+            self.open.append(tag)
+        self.loaded += [value or '' for name, value in attrs if name in ('src', 'href')]
+        self.pictures += [dict(attrs)] if tag == 'img' else []
+
+    def handle_endtag(self, tag: str) -> None:
+        """Close a tag."""
+        assert self.open.pop() == tag
+
+
+@pytest.mark.parametrize('verdict', VERDICTS)
+def test_every_verdict_renders_whole_and_self_contained(verdict: str) -> None:
+    causes = (CAUSE,) if verdict in ('cause', 'cause_and_remainder', 'cannot_tell') else ()
+    page = TagCheck()
+    page.feed(render(report(verdict, causes)))
+    assert page.open == []
+    assert page.pictures and all(p['alt'] for p in page.pictures)
+    assert all(address.startswith('data:image/') for address in page.loaded)
+
+
+def test_page_says_what_was_found_and_escapes_it() -> None:
+    text = render(report())
+    assert 'no &lt;script&gt;' in text and '<script' not in text
+    for expected in ('0.431 ± 0.020 N·m', '97 %', 'stribeck friction', '3.73', '0.0378',
+                     '+35.0 %', '+1.0 %', 'input delay', 'width=device-width', '@media print'):
+        assert expected in text, expected
+    assert not re.search(r'url\((?!data:)|@import|https?://', text)
+
+
+def test_bare_report_without_causes_or_payload_renders() -> None:
+    bare = Report(Diagnosis('nothing_wrong', 'Nothing is wrong.'), (CHANNEL,), (CHANNEL,), ())
+    text = render(bare)
+    assert 'Payload estimate' not in text and 'Causes' not in text
+
+
+def test_written_whole_into_a_new_folder(tmp_path: Path) -> None:
+    path = write_report(tmp_path / 'new', report())
+    assert path.read_text(encoding='utf-8').rstrip().endswith('</html>')
+    assert [item.name for item in (tmp_path / 'new').iterdir()] == ['report.html']
+    with pytest.raises(InputError, match='expected a folder'):
+        write_report(path, report())
+
+
+@pytest.mark.parametrize('value, uncertainty, text', [
+    (0.4312, 0.0195, '0.431'), (1234.5, 87.0, '1234'), (2.05e-5, 3e-7, '2.050e-05'),
+    (0.5, 0.0, '0.5'), (3.0, float('inf'), '3'), (12.0, 0.4, '12.00')])
+def test_numbers_are_rounded_to_their_uncertainty(value: float, uncertainty: float,
+                                                  text: str) -> None:
+    assert float(rounded(value, uncertainty)) == pytest.approx(float(text))
+
+
+def test_intervals_in_words() -> None:
+    assert interval_text(LEVEL) == '0.431 ± 0.020 N·m'
+    lopsided = replace(LEVEL, low=0.40, high=0.60)
+    assert interval_text(lopsided) == '0.43 (0.40 to 0.60) N·m'
+    assert interval_text(replace(LEVEL, low=0.4312, high=0.4312)) == '0.4312 N·m'
+    assert unit_text('N m s/rad') == 'N·m·s/rad'
+    assert unit_text('kg m^2') == 'kg·m²'
+    assert unit_text('command unit') == 'command unit'
+    assert (percent_text(0.999), percent_text(0.001), percent_text(0.62)) == (
+        '> 99 %', '< 1 %', '62 %')
+
+
+def test_json_has_the_keys_that_programs_read() -> None:
+    r = report()
+    found = answer(r.diagnosis, r.gains, r.before, r.after, r.payload, {'seed': 0})
+    assert json.loads(json.dumps(found, allow_nan=False)) == found
+    cause = found['causes'][0]
+    assert cause['parameters']['level_n_m'] == {
+        'value': 0.4312, 'low': 0.412, 'high': 0.451, 'unit': 'N m'}
+    assert {'name', 'site', 'probability', 'look_alikes'} <= set(cause)
+    assert {'verdict', 'cannot_tell', 'detection_limits', 'gain', 'payload'} <= set(found)
+    assert found['detection_limits']['input_delay:arm'] == {'value': 0.002, 'unit': 's'}
+    assert found['gain']['joint_2']['horizon_s'] == [1.0]
+    assert found['payload']['before_percent'] == pytest.approx(35.0)
+    assert found['payload']['after_kg'] == 0.101
+    without = answer(r.diagnosis, r.gains, r.before, r.after, (), {})
+    assert without['payload'] is None
+
+
+def test_json_holds_nothing_that_json_does_not_know() -> None:
+    assert plain({'a': np.float64(np.nan), 'b': (np.arange(2), np.bool_(True))}) == {
+        'a': None, 'b': [[0, 1], True]}
+
+
+def test_sentence_ends_with_the_surest_gain() -> None:
+    r = report()
+    assert with_gain(r.diagnosis, [GAIN]).sentence.endswith(
+        'With it the 1 s prediction error of joint 2 falls from 3.7° to 0.038°.')
+    unsure = replace(GAIN, ratio_high=1.2)
+    assert with_gain(r.diagnosis, [unsure]) == r.diagnosis
+    assert with_gain(replace(r.diagnosis, causes=()), [GAIN]).sentence == r.diagnosis.sentence
+
+
+def test_terminal_text_is_short_and_complete() -> None:
+    text = answer_text(report().diagnosis, [GAIN], [PAYLOAD])
+    assert len(text.splitlines()) < 12
+    for expected in ('coulomb friction, joint 2', '97 %', 'cannot tell it from stribeck',
+                     '3.73 -> 0.0378', '+35.0 %'):
+        assert expected in text

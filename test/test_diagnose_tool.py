@@ -1,0 +1,120 @@
+"""flex_diagnose as a user starts it: answers, files, one-line errors, Ctrl-C."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import json
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+
+from flex_plant_sim.effects import effects_of
+from flex_plant_sim.errors import InputError
+from flex_plant_sim.robot import load_robot
+from flex_plant_sim.tools.diagnose import main, progress_bar, read_logs
+import numpy as np
+import pytest
+from simulated_records import effects, REFERENCE, simulated, write
+
+
+@pytest.fixture(scope='module')
+def at_rest(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a log in which nothing moves."""
+    record = simulated(duration=40.0)
+    noise = np.random.default_rng(0).standard_normal(record.output.shape)
+    still = replace(record, command=0.0 * record.command,
+                    output=np.array([1e-4] * 2 + [5e-7] * 4) * noise)
+    return write(still, tmp_path_factory.mktemp('rest') / 'rest.csv')
+
+
+def test_record_at_rest_is_refused_with_advice_and_all_files(
+        at_rest: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    places = {name: str(tmp_path / name) for name in ('report', 'robot.yaml', 'answer.json')}
+    code = main([str(at_rest), '--report', places['report'], '--extended', places['robot.yaml'],
+                 '--json', places['answer.json'], '--jobs', '1', '--payload', '0.1'])
+    out, err = capsys.readouterr()
+    assert (code, err) == (0, '')
+    assert 'cannot answer' in out and places['report'] in out
+    found = json.loads(Path(places['answer.json']).read_text(encoding='utf-8'))
+    assert (found['verdict'], found['causes']) == ('data_cannot_answer', [])
+    assert found['advice']
+    assert set(found['gain']) == set(REFERENCE.output_names)
+    assert found['settings']['payload_told_kg'] == 0.1
+    robot = load_robot(places['robot.yaml'])
+    assert replace(robot, effects=()) == REFERENCE
+    assert [effect.identifier for effect in effects_of(robot)] == ['coriolis_centripetal']
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(places)
+
+
+@pytest.mark.parametrize('arguments, message', [
+    (['missing.csv'], 'missing.csv: expected a log, the file does not exist'),
+    (['LOG', '--robot', 'quanser_2dsfl'], 'strain: expected 2 gauges'),
+    (['LOG', '--robot', 'none.yaml'], 'robot: expected one of'),
+    (['LOG', '--json', 'no/such/folder.json'], 'no/such/folder.json: expected an existing'),
+    (['LOG', '--report', 'no/such/folder'], 'no/such/folder: expected an existing folder'),
+    (['LOG', '--jobs', '0'], 'argument --jobs: expected a whole number >= 1'),
+    (['LOG', '--payload', '-1'], 'argument --payload: expected a mass >= 0 kg'),
+    (['LOG', '--true-payload', '0'], '--true-payload: expected a mass > 0 kg, got 0'),
+    (['LOG', '--exclude', 'rust'], 'argument --exclude: invalid choice'),
+    ([], 'the following arguments are required: LOG')])
+def test_bad_input_is_one_line_and_code_2(
+        arguments: list[str], message: str, at_rest: Path, tmp_path: Path,
+        monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.chdir(tmp_path)
+    try:
+        code = main([str(at_rest) if a == 'LOG' else a for a in arguments])
+    except SystemExit as stop:
+        code = int(stop.code or 0)
+    out, err = capsys.readouterr()
+    assert (code, out) == (2, '')
+    assert message in err and len(err.splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_short_log_says_what_it_needs(tmp_path: Path,
+                                      capsys: pytest.CaptureFixture[str]) -> None:
+    path = write(simulated(duration=20.0), tmp_path / 'short.csv')
+    assert main([str(path), '--json', str(tmp_path / 'a.json')]) == 2
+    err = capsys.readouterr().err
+    assert 'short.csv: expected at least 5 windows' in err and len(err.splitlines()) == 1
+    assert [item.name for item in tmp_path.iterdir()] == ['short.csv']
+
+
+def test_logs_must_be_sampled_alike(at_rest: Path, tmp_path: Path) -> None:
+    record = simulated(duration=8.0)
+    other = write(replace(record, time=1.02 * record.time), tmp_path / 'other.csv')
+    with pytest.raises(InputError, match=r'other.csv: expected a sample time of 0.01 s'):
+        read_logs([str(at_rest), str(other)], REFERENCE)
+
+
+def test_progress_bar_is_silent_where_nobody_watches(
+        capsys: pytest.CaptureFixture[str]) -> None:
+    with progress_bar() as progress:
+        for share in (0.0, 0.5, 0.4, 1.0):
+            progress('fitting', share)
+    assert capsys.readouterr() == ('', '')
+
+
+def test_interrupt_leaves_nothing_behind(tmp_path: Path) -> None:
+    """Ctrl-C reaches the whole process group while fits run in parallel."""
+    record = simulated(effects('coulomb_friction:joint_2:level_n_m=0.5'), 40.0)
+    log = write(record, tmp_path / 'log.csv')
+    places = [str(tmp_path / name) for name in ('answer.json', 'robot.yaml', 'report')]
+    run = subprocess.Popen(
+        [sys.executable, '-m', 'flex_plant_sim.tools.diagnose', str(log), '--jobs', '2',
+         '--json', places[0], '--extended', places[1], '--report', places[2]],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    children = Path(f'/proc/{run.pid}/task/{run.pid}/children')
+    deadline = time.monotonic() + 120.0
+    while time.monotonic() < deadline and run.poll() is None:
+        if children.read_text().split():
+            break
+        time.sleep(0.1)
+    os.killpg(run.pid, signal.SIGINT)
+    out, err = run.communicate(timeout=60.0)
+    assert (run.returncode, out) == (130, '')
+    assert err.splitlines()[-1] == 'interrupted'
+    assert [item.name for item in tmp_path.iterdir()] == ['log.csv']
