@@ -9,6 +9,7 @@ strain back; blocks of both alternate in one run, so that both see the same mach
 from __future__ import annotations
 
 import argparse
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 import json
@@ -35,6 +36,7 @@ from std_msgs.msg import Float64MultiArray
 
 TARGETS = {50: 1.3, 99: 1.5}
 WARM_UP = 1.0
+SETTLING = 3.0
 PATIENCE = 30.0
 ECHO = 'echo/strain'
 DEPTH = 1000
@@ -89,8 +91,8 @@ class Driver(Node):
         self._strain = create_publisher(self, 'strain')
         self._command = create_publisher(self, 'command')
         self.sent: dict[int, int] = {}
-        self.payloads: list[int] = []
-        self.answered: list[int] = []
+        self.payloads: deque[int] = deque()
+        self.answered: dict[int, int] = {}
         self.echoed: dict[int, int] = {}
         self._end: Future[None] = Future()
         self._until = 0
@@ -104,8 +106,8 @@ class Driver(Node):
     def forget(self) -> None:
         """Begin to count at the next sample."""
         self.first = self.k
-        for record in (self.sent, self.payloads, self.answered, self.echoed):
-            record.clear()  # type: ignore[attr-defined]
+        for record in (self.sent, self.answered, self.echoed):
+            record.clear()
 
     def run(self, executor: Any, seconds: float) -> None:
         """Send samples for a time and wait for the last answers."""
@@ -132,8 +134,10 @@ class Driver(Node):
         self.payloads.append(time.monotonic_ns())
 
     def _on_inertia(self, message: Any) -> None:
-        self.answered.append(stamp_of(message))
-        self._answer(self.answered[-1])
+        # `payload` has no stamp, but goes out just before `payload/inertia`, which has one.
+        stamp = stamp_of(message)
+        self.answered[stamp] = self.payloads.popleft()
+        self._answer(stamp)
 
     def _on_echo(self, message: Any) -> None:
         stamp = stamp_of(message)
@@ -164,21 +168,18 @@ def wait_for(executor: Any, driver: Driver) -> None:
         if time.monotonic() > deadline:
             raise SystemExit(f'no answering node within {PATIENCE:g} s')
         driver.run(executor, 0.1)
+    # The estimator starts with many hypotheses; then it catches up.
+    driver.run(executor, SETTLING)
+    driver.run(executor, 0.1)
     driver.forget()
 
 
 def latencies(driver: Driver, kind: str) -> tuple[np.ndarray, int]:
     """Return the latencies of a block, s, and how many samples were lost."""
     stamps = [nanoseconds(k / driver.rate) for k in range(driver.first, driver.k)]
-    if kind == 'echo':
-        times = [driver.echoed[s] - driver.sent[s] for s in stamps if s in driver.echoed]
-    else:
-        # `payload` has no stamp, but is published just before `payload/inertia`, which has.
-        times = [at - driver.sent[s] for s, at in zip(driver.answered, driver.payloads)]
-        if len(driver.payloads) != len(driver.answered):
-            raise SystemExit(f'{len(driver.payloads)} payloads and {len(driver.answered)} '
-                             'inertias came: this machine loses what is reliable')
-    lost = len(stamps) - len(driver.echoed if kind == 'echo' else driver.answered)
+    arrived = driver.echoed if kind == 'echo' else driver.answered
+    times = [arrived[stamp] - driver.sent[stamp] for stamp in stamps if stamp in arrived]
+    lost = len(stamps) - len(times)
     warm = round(WARM_UP * driver.rate)
     return 1e-9 * np.array(times[warm:]), lost
 
@@ -224,6 +225,9 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 def summary(options: argparse.Namespace, times: dict[str, np.ndarray],
             lost: dict[str, int]) -> dict[str, Any]:
     """Return the figures of the whole run."""
+    for kind, own in times.items():
+        if not own.size:
+            raise SystemExit(f'{kind}: no sample was answered')
     result: dict[str, Any] = {
         'rate_hz': options.rate, 'duration_s': options.duration, 'lost': lost,
         'estimator': options.estimator, 'model': options.model, 'modes': options.modes}

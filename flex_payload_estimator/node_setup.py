@@ -27,6 +27,8 @@ def estimator_of(values: Mapping[str, Any]) -> PayloadEstimator:
     """
     name = values['estimator']
     changes = _sf1_changes(values) if name.startswith('sf1') else {}
+    if values['payload_max']:
+        changes['mass_max' if changes else 'payload_max'] = values['payload_max']
     return make_estimator(name, robot_of(values), values['model'], values['modes'], **changes)
 
 
@@ -34,7 +36,7 @@ def _sf1_changes(values: Mapping[str, Any]) -> dict[str, Any]:
     sf1 = SF1Settings(values['alpha_0'], values['alpha_1'], values['p_0'],
                       values['payload_initial'], values['payload_variance_initial'])
     changes = {'r_1': values['r_1'], 'r_2': values['r_2'], 'terms': values['n_prime'],
-               'mass_max': values['payload_max'], 'sf1': sf1}
+               'sf1': sf1}
     if values['estimator'] == 'sf1':
         changes['regression'] = values['regression']
     return changes

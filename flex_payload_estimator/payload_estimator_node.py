@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 import math
 import sys
 from typing import Any
@@ -32,7 +33,10 @@ MESSAGES = {
     'ok': ('ok', 'ok'),
     'not_excited': ('ok', 'the arm does not move enough to tell the payload'),
     'model_suspect': ('warn', 'the innovation is larger than the model explains'),
+    'restarted': ('error', 'the estimate was not finite; the last good one is kept'),
     'input_rejected': ('warn', 'a measurement was not finite; the last good estimate is kept')}
+
+NO_INNOVATION = ('input_rejected', 'restarted')
 
 
 class PayloadEstimatorNode(SampleNode):
@@ -73,8 +77,12 @@ class PayloadEstimatorNode(SampleNode):
         """Answer a new sample: the payload goes out first, as somebody waits for it."""
         estimate = self.estimator.update(sample.time, sample.output, sample.command)
         if not all(map(math.isfinite, (estimate.mass, estimate.variance, estimate.p))):
-            self.reject('payload', f'the estimate at {sample.time:.9g} s is not finite')
-            return None
+            self.reject('payload', f'the estimate at {sample.time:.9g} s is not finite: the '
+                                   'estimator begins again')
+            self.estimator.reset()
+            if self._estimate is None:
+                return None
+            estimate = replace(self._estimate, time=sample.time, status='restarted')
         payload, inertia, _ = self._messages
         payload.data = doubles((estimate.mass, estimate.variance, estimate.p))
         self._payload.publish(payload)
@@ -82,7 +90,7 @@ class PayloadEstimatorNode(SampleNode):
         inertia.inertia.m = float(estimate.mass)
         self._inertia.publish(inertia)
         self._watch(sample.stamp, estimate)
-        if estimate.status == 'input_rejected':
+        if estimate.status in NO_INNOVATION:
             return payload, inertia
         self.health.add(estimate.innovation, estimate.innovation_std)
         if not self._innovation.get_subscription_count():

@@ -48,6 +48,8 @@ class ContractNode(Node):
         The parameters, checked.
     rejected : Counter
         Messages rejected, by topic.
+    interrupted : Future
+        Done after a Ctrl-C inside a callback: raised there, an EventsExecutor would print it.
 
     """
 
@@ -60,6 +62,7 @@ class ContractNode(Node):
             raise
         self.rejected: Counter[str] = Counter()
         self.last_rejection = ''
+        self.interrupted: Future[None] = Future()
         self._wall = Clock(clock_type=ClockType.STEADY_TIME)
         self._diagnostics = self.publisher('diagnostics')
 
@@ -80,7 +83,7 @@ class ContractNode(Node):
         """Take messages of a topic of the contract; what raises InputError is rejected."""
         def guarded(message: Any) -> None:
             try:
-                callback(message)
+                self._run(callback, message)
             except REFUSED as error:
                 self.reject(topic, str(error))
         create_subscription(self, topic, guarded)
@@ -91,7 +94,17 @@ class ContractNode(Node):
 
     def every(self, interval: float, callback: Callable[[], None]) -> Timer:
         """Call back at an interval of wall time, s."""
-        return self.create_timer(interval, callback, clock=self._wall)
+        return self.create_timer(interval, lambda: self._run(callback), clock=self._wall)
+
+    def _run(self, callback: Callable[..., None], *arguments: Any) -> None:
+        try:
+            callback(*arguments)
+        except (KeyboardInterrupt, Exception) as error:  # noqa: B902
+            # rclpy shuts its context down first; compiled code may wrap the Ctrl-C.
+            if self.context.ok() and not _by_ctrl_c(error):
+                raise
+            if not self.interrupted.done():
+                self.interrupted.set_result(None)
 
     def wall_time(self) -> float:
         """Return the wall clock (monotonic), s."""
@@ -132,7 +145,7 @@ def spin(executor: Executor, stop: Future[Any]) -> None:
         executor.spin_until_future_complete(stop, timeout_sec=1e6)
 
 
-def run(make: Callable[[], Node], arguments: Sequence[str] | None = None) -> int:
+def run(make: Callable[[], ContractNode], arguments: Sequence[str] | None = None) -> int:
     """
     Run one node until Ctrl-C or SIGTERM.
 
@@ -162,18 +175,28 @@ def run(make: Callable[[], Node], arguments: Sequence[str] | None = None) -> int
         # What is there stays: the collector need not look at it again and again.
         gc.collect()
         gc.freeze()
-        spin(executor, Future())
+        spin(executor, node.interrupted)
     except InputError as error:
         return _refuse(error)
     except KeyboardInterrupt:
         return 130
     except (ExternalShutdownException, ROSInterruptException):
         return 0
+    except Exception:  # noqa: B902
+        # A signal before the node was whole.
+        if rclpy.ok():
+            raise
+        return 130
     finally:
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
-    return 0
+    return 130
+
+
+def _by_ctrl_c(error: BaseException | None) -> bool:
+    return error is not None and (
+        isinstance(error, KeyboardInterrupt) or _by_ctrl_c(error.__cause__))
 
 
 def _refuse(error: Exception) -> int:

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 ROBOT = load_robot('reference')
-CASES = {'sf1_paper': ('paper_reduced', 2), 'sf1': ('assumed_modes', 2)}
+CASES = {'sf1_paper': ('paper_reduced', 2), 'sf1': ('assumed_modes', 2),
+         'rpe': ('assumed_modes', 2)}
 
 
 def answers(name: str, told: str, samples: int = 120) -> list[Estimate]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from typing import Any, TYPE_CHECKING
 
@@ -242,6 +243,21 @@ def test_a_payload_change_is_announced_at_once_with_its_time(loop: RosLoop) -> N
     assert status.message == ('the payload went from 0.2 to 0.05 kg at 0.02 s, '
                               'found at 0.05 s')
     assert {value.key: value.value for value in status.values}['found s'] == '0.05'
+
+
+def test_an_estimate_that_is_not_finite_is_not_published(loop: RosLoop) -> None:
+    bench = Bench(loop, 'estimator')
+    for k in range(5):
+        bench.answered(k)
+    good, update = bench.answers[-1].inertia.m, bench.node.estimator.update
+    bench.node.estimator.update = lambda *sample: replace(update(*sample), variance=np.nan)
+    bench.answered(5)
+    assert bench.answers[-1].inertia.m == good
+    assert 'the estimate at 0.05 s is not finite' in bench.node.last_rejection
+    loop.until(lambda: 'not finite' in bench.status('estimate').message)
+    bench.node.estimator.update = update
+    bench.answered(6)
+    assert np.isfinite(bench.answers[-1].inertia.m)
 
 
 # ---- the plant

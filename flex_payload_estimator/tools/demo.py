@@ -93,6 +93,11 @@ def run_over_topics(experiment: Experiment) -> LoopRecord:
     rclpy.init(args=[])
     try:
         return _spin(experiment)
+    except Exception:  # noqa: B902  rclpy raises many kinds
+        # Ctrl-C shuts rclpy down first, and whatever uses it then fails.
+        if rclpy.ok():
+            raise
+        raise KeyboardInterrupt from None
     finally:
         rclpy.try_shutdown()
 
@@ -123,12 +128,16 @@ def _spin(experiment: Experiment) -> LoopRecord:
     executor = make_executor()
     for node in nodes:
         executor.add_node(node)
+    for node in nodes[1:]:
+        node.interrupted.add_done_callback(lambda _: end.set_result(None))
     while not end.done():
         heard = progress.count
         executor.spin_until_future_complete(end, timeout_sec=SILENCE)
         if progress.count == heard and not end.done():
             raise InputError(f'no estimate for {SILENCE:g} s: is ROS 2 communication blocked on '
                              'this machine?')
+    if any(node.interrupted.done() for node in nodes[1:]):
+        raise KeyboardInterrupt
     record = recorder.record(simulator_of(experiment.plant),
                              set_points_of(experiment.controller))
     for node in nodes:
