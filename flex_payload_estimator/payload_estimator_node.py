@@ -75,14 +75,9 @@ class PayloadEstimatorNode(SampleNode):
 
     def take(self, sample: Sample) -> Any:
         """Answer a new sample: the payload goes out first, as somebody waits for it."""
-        estimate = self.estimator.update(sample.time, sample.output, sample.command)
-        if not all(map(math.isfinite, (estimate.mass, estimate.variance, estimate.p))):
-            self.reject('payload', f'the estimate at {sample.time:.9g} s is not finite: the '
-                                   'estimator begins again')
-            self.estimator.reset()
-            if self._estimate is None:
-                return None
-            estimate = replace(self._estimate, time=sample.time, status='restarted')
+        estimate = self._estimate_of(sample)
+        if estimate is None:
+            return None
         payload, inertia, _ = self._messages
         payload.data = doubles((estimate.mass, estimate.variance, estimate.p))
         self._payload.publish(payload)
@@ -96,6 +91,19 @@ class PayloadEstimatorNode(SampleNode):
         if not self._innovation.get_subscription_count():
             return payload, inertia
         return (payload, inertia) + self._answer_innovation(sample.stamp, estimate)
+
+    def _estimate_of(self, sample: Sample) -> Estimate | None:
+        """Return the estimate, or the last good one where this is no number."""
+        try:
+            estimate = self.estimator.update(sample.time, sample.output, sample.command)
+            if all(map(math.isfinite, (estimate.mass, estimate.variance, estimate.p))):
+                return estimate
+        except (ArithmeticError, np.linalg.LinAlgError):
+            pass
+        self.reject('payload', f'the estimate at {sample.time:.9g} s is not finite: the '
+                               'estimator begins again')
+        self.estimator.reset()
+        return self._estimate and replace(self._estimate, time=sample.time, status='restarted')
 
     def _on_command(self, message: JointState) -> None:
         """Predict while nobody waits, with the command that will have been applied."""

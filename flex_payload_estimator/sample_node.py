@@ -137,16 +137,15 @@ class SampleNode(ContractNode):
     def _on_sample(self, sample: Sample) -> None:
         last = self.order.last
         order = self.order.judge(sample.stamp)
-        if order is Order.REPEATED:
-            if self._answer is not None:
-                self.answer(self._answer)
+        if order is Order.REPEATED and self._answer is not None:
+            self.answer(self._answer)
             return
         if order is Order.STALE:
             raise InputError(f'joint_states, strain: header.stamp: expected more than '
                              f'{seconds(last or 0):.9g} s, got {sample.time:.9g} s')
         if order is Order.RESTARTED:
             self._begin_again(last or 0, sample)
-        elif last is not None:
+        elif order is Order.NEW and last is not None:
             self._watch_interval(sample.stamp - last)
         self._answer = None
         self._answer = self.take(sample)

@@ -245,6 +245,19 @@ def test_a_payload_change_is_announced_at_once_with_its_time(loop: RosLoop) -> N
     assert {value.key: value.value for value in status.values}['found s'] == '0.05'
 
 
+def _raise(*_: Any) -> Any:
+    raise np.linalg.LinAlgError('singular')
+
+
+def test_an_estimator_that_fails_at_once_is_asked_again(loop: RosLoop) -> None:
+    bench = Bench(loop, 'estimator')
+    update, bench.node.estimator.update = bench.node.estimator.update, _raise
+    bench.sample(0)
+    loop.until(lambda: bench.node.rejected['payload'] == 1)
+    bench.node.estimator.update = update
+    bench.answered(0)
+
+
 def test_an_estimate_that_is_not_finite_is_not_published(loop: RosLoop) -> None:
     bench = Bench(loop, 'estimator')
     for k in range(5):
@@ -253,10 +266,13 @@ def test_an_estimate_that_is_not_finite_is_not_published(loop: RosLoop) -> None:
     bench.node.estimator.update = lambda *sample: replace(update(*sample), variance=np.nan)
     bench.answered(5)
     assert bench.answers[-1].inertia.m == good
+    bench.node.estimator.update = _raise
+    bench.answered(6)
+    assert bench.answers[-1].inertia.m == good
     assert 'the estimate at 0.05 s is not finite' in bench.node.last_rejection
     loop.until(lambda: 'not finite' in bench.status('estimate').message)
     bench.node.estimator.update = update
-    bench.answered(6)
+    bench.answered(7)
     assert np.isfinite(bench.answers[-1].inertia.m)
 
 
