@@ -1,0 +1,55 @@
+"""The estimator or the controller alone, fed by hand."""
+
+from __future__ import annotations
+
+from typing import Any, TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ros_loop import RosLoop
+
+PAPER: dict[str, Any] = {'model': 'paper_reduced', 'modes': 2}
+ESTIMATOR: dict[str, Any] = {**PAPER, 'estimator': 'sf1_paper'}
+GAUGES = ('strain_1a', 'strain_1b', 'strain_2a', 'strain_2b')
+JOINTS = ('joint_1', 'joint_2')
+STEP = 10_000_000
+
+
+class Bench:
+    """A node under test, fed by hand."""
+
+    def __init__(self, loop: RosLoop, kind: str):
+        from flex_payload_estimator.lqg_controller_node import LQGControllerNode
+        from flex_payload_estimator.payload_estimator_node import PayloadEstimatorNode
+
+        self.loop = loop
+        self.answers = loop.record('payload/inertia' if kind == 'estimator' else 'command')
+        self.diagnostics = loop.record('diagnostics')
+        self.node = (loop.start(PayloadEstimatorNode, **ESTIMATOR) if kind == 'estimator'
+                     else loop.start(LQGControllerNode, **PAPER, adapt=False))
+        self.joint_states = loop.publisher('joint_states')
+        self.strain = loop.publisher('strain')
+        loop.until(lambda: self.answers_are_heard)
+
+    @property
+    def answers_are_heard(self) -> bool:
+        """Return whether the recorder has found the node."""
+        return bool(self.loop.observer.count_publishers(
+            'payload/inertia' if 'payload' in self.node.get_name() else 'command'))
+
+    def sample(self, k: int, angle: Any = (0.1, 0.2), strain: Any = (0.0,) * 4, *,
+               joints: Any = JOINTS, gauges: Any = GAUGES, effort: Any = (0.0, 0.0)) -> None:
+        """Publish sample k."""
+        from msg_config.messages import joint_state
+
+        self.joint_states.publish(joint_state(k * STEP, joints, angle, effort=effort))
+        self.strain.publish(joint_state(k * STEP, gauges, strain))
+
+    def answered(self, k: int) -> None:
+        """Publish a good sample k and wait for its answer."""
+        self.sample(k)
+        self.loop.until(lambda: k * STEP in self.answers.stamps)
+
+    def status(self, name: str) -> Any:
+        """Return the latest status of a name."""
+        found = [s for m in self.diagnostics for s in m.status if s.name.endswith(name)]
+        return found[-1] if found else None
