@@ -9,7 +9,7 @@ from typing import Any
 from bank import score, summary
 from bank.cases import all_cases, BankCase, first, LOOK_ALIKES, quick_cases, TAKEN_OUT
 from bank.records import control
-from bank.sizes import relative_size, sized_truth
+from bank.sizes import over_threshold, sized_truth
 from bank.terms import hidden_terms
 from flex_plant_sim.effects import catalogue
 import numpy as np
@@ -155,8 +155,7 @@ def test_distractors_stay_below_half_a_detection_limit() -> None:
         assert terms == ()
         assert len(truth.effects) == 2
         for term in hidden_terms(truth):
-            ratio = relative_size(term, limits)
-            assert ratio is None or ratio < 0.5001, (term, ratio)
+            assert over_threshold(term, limits) < 0.5001, term
 
 
 def test_shuffled_residuals_keep_their_size_and_lose_their_order() -> None:

@@ -8,11 +8,13 @@ from typing import Any
 
 from bank.cases import BankCase, MODEL_OPTIONS
 from bank.terms import hidden_terms, Term
+from flex_plant_sim.effects import catalogue
 import numpy as np
 from truth.effects import CATALOGUE
 from truth.records import add_effect, TruthCase
 
-# What is hidden is at least so many detection limits in size, a distractor at most half a one.
+# What is hidden is at least so many detection limits in size; a distractor at most half a limit,
+# and half of what the catalogue calls the smallest size that matters.
 TIMES_LIMIT, DISTRACTOR_LIMIT = 3.0, 0.5
 LARGEST_SEVERITY, DISTRACTOR_SEVERITY = 4.0, 0.2
 DISTRACTORS = 2
@@ -67,6 +69,12 @@ def relative_size(term: Term, limits: Limits) -> float | None:
     return float(term.size / limit)
 
 
+def over_threshold(term: Term, limits: Limits) -> float:
+    """Return a size over the detection limit or the smallest that matters, whichever is less."""
+    smallest = min(parameter.smallest for parameter in catalogue()[term.name].parameters)
+    return max(relative_size(term, limits) or 0.0, term.size / smallest)
+
+
 def with_distractors(truth: TruthCase, limits: Limits) -> TruthCase:
     """Return the truth with further effects, each too small to be found."""
     others = [name for name in CATALOGUE if name not in (*truth.names, *NO_DISTRACTORS)]
@@ -74,8 +82,8 @@ def with_distractors(truth: TruthCase, limits: Limits) -> TruthCase:
     for number, name in enumerate(map(str, chosen)):
         severity = DISTRACTOR_SEVERITY
         trial = _added(truth, name, number, severity)
-        ratio = relative_size(hidden_terms(trial)[-1], limits)
-        if ratio is not None and ratio > DISTRACTOR_LIMIT:
+        ratio = over_threshold(hidden_terms(trial)[-1], limits)
+        if ratio > DISTRACTOR_LIMIT:
             trial = _added(truth, name, number, severity * DISTRACTOR_LIMIT / ratio)
         truth = trial
     return truth
