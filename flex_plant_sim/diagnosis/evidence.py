@@ -6,13 +6,16 @@ from flex_plant_sim.arm_model import Array
 from flex_plant_sim.diagnosis.fit import Fit
 import numpy as np
 
+HELD = 1e12
+
 
 def held_out(fit: Fit) -> Array:
     """
     Return each window's log-likelihood under the fit to the other windows, nats, (W,).
 
     The fit is linear around its optimum, so leaving a window out needs no new simulation.
-    The innovation covariance, too, comes from the other windows.
+    The innovation covariance, too, comes from the other windows. Shapes (the time of an event,
+    say) stay as fitted: windows without the event could not tell them.
     """
     windows, length, channels = fit.residual.shape
     root = np.sqrt(fit.weighting.temper)
@@ -21,7 +24,10 @@ def held_out(fit: Fit) -> Array:
         windows, white.shape[1], -1) / root
     gram = np.einsum('wmk,wml->wkl', columns, columns)
     score = np.einsum('wmk,wm->wk', columns, white)
-    hessian = gram.sum(axis=0) + np.diag(fit.precision)
+    precision = fit.precision.copy()
+    if fit.hypothesis is not None:
+        precision[:len(fit.values)] *= np.where(fit.hypothesis.sizes, 1.0, HELD)
+    hessian = gram.sum(axis=0) + np.diag(precision)
     total = np.zeros(windows)
     for w in range(windows):
         change = np.linalg.solve(hessian - gram[w], score[w])

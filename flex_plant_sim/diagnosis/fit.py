@@ -227,8 +227,11 @@ class _Search:
             promised = -(gradient @ change + 0.5 * change @ hessian @ change)
             if promised < ENOUGH + SHARE * point.cost:
                 return None
-            if point.cost - self.costs(trial[None])[0] > 0.1 * promised:
-                return trial
+            # Half the step as well: beyond a clip (a payload below zero) nothing changes.
+            trials = np.stack([trial, point.values + 0.5 * change])
+            costs = self.costs(trials)
+            if point.cost - costs.min() > 0.1 * promised:
+                return trials[np.argmin(costs)]
         return None
 
     def result(self, point: _Point) -> Fit:
