@@ -58,6 +58,7 @@ def test_record_at_rest_is_refused_with_advice_and_all_files(
     (['LOG', '--jobs', '0'], 'argument --jobs: expected a whole number >= 1'),
     (['LOG', '--payload', '-1'], 'argument --payload: expected a mass >= 0 kg'),
     (['LOG', '--true-payload', '0'], '--true-payload: expected a mass > 0 kg, got 0'),
+    (['LOG', '--model', 'paper_reduced'], '--model: expected assumed_modes or paper'),
     (['LOG', '--exclude', 'rust'], 'argument --exclude: invalid choice'),
     ([], 'the following arguments are required: LOG')])
 def test_bad_input_is_one_line_and_code_2(

@@ -162,18 +162,21 @@ def settings_of(arguments: argparse.Namespace, robot: Robot, logs: Sequence[Log]
         'jobs': arguments.jobs, 'seed': arguments.seed, 'version': number}
 
 
-def check_places(arguments: argparse.Namespace) -> None:
-    """Raise InputError before the work starts where an answer could not be written."""
+def check_arguments(arguments: argparse.Namespace) -> None:
+    """Raise InputError before the work starts where it would be in vain."""
     for place in (arguments.report, arguments.extended, arguments.json):
         if place is not None and not Path(place).absolute().parent.is_dir():
             raise InputError(f'{place}: expected an existing folder, got '
                              f'{str(Path(place).parent)!r}')
     if arguments.true_payload == 0.0:
         raise InputError('--true-payload: expected a mass > 0 kg, got 0')
+    if arguments.model == 'paper_reduced':
+        raise InputError('--model: expected assumed_modes or paper, got paper_reduced, which has '
+                         'no joint velocities for effects to act on')
 
 
 def _main(arguments: argparse.Namespace) -> None:
-    check_places(arguments)
+    check_arguments(arguments)
     robot = load_robot(arguments.robot)
     logs = read_logs(arguments.log, robot)
     with progress_bar() as progress:

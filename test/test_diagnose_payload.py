@@ -1,0 +1,35 @@
+"""The payload estimate before and after: the extended model helps, and tells nothing away."""
+
+from __future__ import annotations
+
+from flex_plant_sim.diagnosis.payload_gain import payload_gain
+from flex_plant_sim.diagnosis.predictor import Base
+from flex_plant_sim.log import Log
+import pytest
+from simulated_records import effects, REFERENCE, simulated
+
+TRUE = REFERENCE.payload_mass
+
+
+@pytest.fixture(scope='module')
+def log() -> Log:
+    """Return the log of an arm whose lower gauge reads a fifth too much."""
+    record = simulated(effects('strain_gain:strain_2a:factor=1.2'), 15.0)
+    return Log('made.csv', record.time, record.command, record.output[:, :2],
+               record.output[:, 2:], REFERENCE.gauge_names)
+
+
+def test_the_right_effect_brings_the_payload_right(log: Log) -> None:
+    right = Base(REFERENCE, effects=effects('strain_gain:strain_2a:factor=1.2'))
+    row, = payload_gain([log], TRUE, Base(REFERENCE), right)
+    assert abs(row.after_percent) < 2.0
+    assert abs(row.after_percent) < 0.5 * abs(row.before_percent)
+    found = row.results()
+    assert found['before_kg'] == row.before and found['true_kg'] == TRUE
+    assert found['after_percent'] == pytest.approx(100.0 * (row.after / TRUE - 1.0))
+
+
+def test_a_payload_that_was_found_is_not_told_to_the_estimator(log: Log) -> None:
+    told = Base(REFERENCE, effects=effects('payload_mass:arm:deviation_kg=0.05'))
+    row, = payload_gain([log], TRUE, Base(REFERENCE), told)
+    assert (row.after, row.after_std) == (row.before, row.before_std)
