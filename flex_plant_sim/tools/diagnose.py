@@ -198,10 +198,15 @@ def _main(arguments: argparse.Namespace) -> None:
 
 def report_of(found: Run, settings: Mapping[str, Any]) -> Report:
     """Return the report of a run with its pictures."""
-    texts = {key.replace('_', ' '): ', '.join(value) if isinstance(value, list) else str(value)
-             for key, value in settings.items()}
+    texts = {key.replace('_', ' '): _said(value) for key, value in settings.items()}
     return Report(found.diagnosis, found.before, found.after, found.gains, found.payload, texts,
                   all_pictures(found.gains, *found.predictors))
+
+
+def _said(value: Any) -> str:
+    if isinstance(value, bool):
+        return 'yes' if value else 'no'
+    return (', '.join(value) or 'none') if isinstance(value, list) else str(value)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
