@@ -108,14 +108,23 @@ def test_interrupt_leaves_nothing_behind(tmp_path: Path) -> None:
         [sys.executable, '-m', 'flex_plant_sim.tools.diagnose', str(log), '--jobs', '2',
          '--json', places[0], '--extended', places[1], '--report', places[2]],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    try:
+        _wait_for_children(run)
+        os.killpg(run.pid, signal.SIGINT)
+        out, err = run.communicate(timeout=60.0)
+    finally:
+        if run.poll() is None:
+            os.killpg(run.pid, signal.SIGKILL)
+    assert (run.returncode, out) == (130, '')
+    assert err.splitlines()[-1] == 'interrupted'
+    assert [item.name for item in tmp_path.iterdir()] == ['log.csv']
+
+
+def _wait_for_children(run: subprocess.Popen[str]) -> None:
+    """Wait until a process has started others, or has ended."""
     children = Path(f'/proc/{run.pid}/task/{run.pid}/children')
     deadline = time.monotonic() + 120.0
     while time.monotonic() < deadline and run.poll() is None:
         if children.read_text().split():
-            break
-        time.sleep(0.1)
-    os.killpg(run.pid, signal.SIGINT)
-    out, err = run.communicate(timeout=60.0)
-    assert (run.returncode, out) == (130, '')
-    assert err.splitlines()[-1] == 'interrupted'
-    assert [item.name for item in tmp_path.iterdir()] == ['log.csv']
+            return
+        time.sleep(0.05)
