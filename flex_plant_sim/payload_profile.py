@@ -49,7 +49,7 @@ class PayloadProfile:
 
     @classmethod
     def of_pairs(cls, pairs: Sequence[float]) -> PayloadProfile:
-        """Return the profile of time, mass, time, mass…"""
+        """Return the profile of pairs: time, mass, time, mass and so on."""
         return cls(tuple(pairs[::2]), tuple(pairs[1::2]))
 
     def at(self, time: float) -> float:

@@ -127,8 +127,9 @@ def fit_base(problem: Problem) -> Fit:
         nuisance, free = projector.nuisance(flat)
         residual = problem.nominal + problem.sensitivity @ nuisance
         weighting = problem.weighting(residual)
+    precision = frozen_precision(problem, free)
     return Fit(None, np.zeros(0), nuisance, residual, np.zeros(residual.shape + (0,)),
-               problem.sensitivity, frozen_precision(problem, free), weighting, projector.cost(flat))
+               problem.sensitivity, precision, weighting, projector.cost(flat))
 
 
 def explore(problem: Problem, hypothesis: Hypothesis, weighting: Weighting,
@@ -136,11 +137,7 @@ def explore(problem: Problem, hypothesis: Hypothesis, weighting: Weighting,
     """
     Return a first fit: the best of all starts after a few steps, at a given weighting.
 
-    Parameters
-    ----------
-    duration : float
-        Of the longest record, s.
-
+    Starts at a time beyond the duration of the longest record, s, are left out.
     """
     search = _Search(problem, hypothesis, Projector(problem, weighting))
     starts = search.best_starts(hypothesis.starts(duration))

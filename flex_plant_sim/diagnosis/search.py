@@ -101,17 +101,8 @@ def search(data: Data, nominal: Base, jobs: int, progress: Progress,
     """
     Return the course of a search: add the cause that helps most until nothing wrong is left.
 
-    Parameters
-    ----------
-    data : Data
-    nominal : Base
-    jobs : int
-        Processes.
-    progress : Callable
-        Told a step's name and its share done.
-    exclude : sequence of str
-        Identifiers to leave out of the catalogue.
-
+    It runs in `jobs` processes, tells `progress` a step's name and its share done, and leaves the
+    identifiers in `exclude` out of the catalogue.
     """
     base, rounds, accepted = nominal, [], []
     problem = Problem(base, data.windows, data.noise)

@@ -7,11 +7,23 @@ from collections.abc import Sequence
 from flex_plant_sim.diagnosis.detection import detection_limits
 from flex_plant_sim.diagnosis.fit import fit_base
 from flex_plant_sim.diagnosis.predictor import Base
-from flex_plant_sim.diagnosis.ranking import (candidate, look_alikes, parameter_values,
-                                              probabilities, Ranked)
+from flex_plant_sim.diagnosis.ranking import (
+    candidate,
+    look_alikes,
+    parameter_values,
+    probabilities,
+    Ranked,
+)
 from flex_plant_sim.diagnosis.results import Cause, Diagnosis, ParameterValue
-from flex_plant_sim.diagnosis.search import (Data, Progress, Round, search, Search, still_wrong,
-                                            WRONG)
+from flex_plant_sim.diagnosis.search import (
+    Data,
+    Progress,
+    Round,
+    Search,
+    search,
+    still_wrong,
+    WRONG,
+)
 from flex_plant_sim.diagnosis.windows import Record
 from flex_plant_sim.effects import catalogue, effects_of
 from flex_plant_sim.robot import Robot

@@ -65,10 +65,7 @@ class Windows:
         """
         Return the windows to work on and the locked ones at the end.
 
-        Parameters
-        ----------
-        slowest : float
-            Slowest natural frequency, rad/s: a window lasts at least five periods of it.
+        A window lasts at least five periods of the slowest natural frequency, rad/s.
 
         Raises
         ------

@@ -28,6 +28,7 @@ from flex_plant_sim.errors import InputError
 from flex_plant_sim.log import Log, read_log
 from flex_plant_sim.robot import load_robot, Robot
 from flex_plant_sim.tools import command_line
+import numpy as np
 
 SAMPLING_AGREES = 1e-3
 SEARCH_SHARE = 0.9
@@ -112,9 +113,11 @@ def run(logs: Sequence[Log], robot: Robot, arguments: argparse.Namespace,
     payload = robot.payload_mass if arguments.payload is None else arguments.payload
     records = [record_of(log, payload) for log in logs]
     nominal = nominal_base(robot, arguments.model, arguments.modes, not arguments.no_coriolis)
-    diagnosis, data, search = diagnose(
-        records, nominal, arguments.jobs,
-        lambda label, share: progress(label, SEARCH_SHARE * share), arguments.exclude)
+    # A hypothesis may diverge; its fit is dropped, and nobody wants to hear of it.
+    with np.errstate(all='ignore'):
+        diagnosis, data, search = diagnose(
+            records, nominal, arguments.jobs,
+            lambda label, share: progress(label, SEARCH_SHARE * share), arguments.exclude)
     extended = nominal if search is None else search.extended
     progress('measuring the gain', SEARCH_SHARE)
     before, after = ([Predictor(base, windows, noise) for windows, noise in
