@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
 import math
-from typing import NamedTuple
 
 from flex_payload_estimator.estimators.base import Estimate
-from flex_payload_estimator.estimators.rpe_bank import Bank
+from flex_payload_estimator.estimators.rpe_bank import Ahead, Bank
 from flex_payload_estimator.estimators.rpe_effects import EffectStep
-from flex_payload_estimator.estimators.rpe_events import ChangeDetector, Event
+from flex_payload_estimator.estimators.rpe_events import ChangeDetector, Event, EventLog
 from flex_payload_estimator.estimators.rpe_hypothesis import Hypothesis, Sample, Stepper
 from flex_payload_estimator.estimators.rpe_levels import (
     Activity,
@@ -19,8 +17,7 @@ from flex_payload_estimator.estimators.rpe_levels import (
     start_spread,
     told_noise,
 )
-from flex_payload_estimator.estimators.rpe_parts import gain_columns, variants
-from flex_payload_estimator.estimators.rpe_schedule import PayloadSchedule
+from flex_payload_estimator.estimators.rpe_parts import gain_columns, tabulated
 from flex_payload_estimator.estimators.rpe_settings import RpeSettings
 from flex_plant_sim.arm_model import Array
 from flex_plant_sim.effects import effects_of
@@ -39,41 +36,9 @@ EXCITED = 25.0
 SUSPECT_MISFIT = 2.0
 
 
-@lru_cache(maxsize=4)
-def tabulated(robot: Robot, model: str, modes: int, effects: tuple[Effect, ...],
-              heaviest: float) -> tuple[PayloadSchedule, Array]:
-    """Return the schedule, and the tolerances of its parts; the last few arms are kept."""
-    arm = ExtendedArm(robot, model, modes, effects=effects)
-    arms, tolerances = variants(arm, robot)
-    return PayloadSchedule.of(arm, heaviest, arms), tolerances
-
-
 def _is_command(command: Array) -> bool:
     # A comparison with NaN is false.
-    return bool(command @ command < LARGEST_COMMAND**2)
-
-
-class Ahead(NamedTuple):
-    """
-    A prediction made before its measurement, and how to take it back.
-
-    Attributes
-    ----------
-    command : Array
-        Assumed, (2,).
-    saved : list of (Hypothesis, Hypothesis)
-        Each hypothesis and its copy before.
-    history : Array
-        Past commands before.
-    sample : Sample
-        The one before.
-
-    """
-
-    command: Array
-    saved: list[tuple[Hypothesis, Hypothesis]]
-    history: Array
-    sample: Sample
+    return bool(np.abs(command).max() < LARGEST_COMMAND)
 
 
 class RecursivePredictionError:
@@ -98,8 +63,6 @@ class RecursivePredictionError:
 
     Attributes
     ----------
-    events : list of Event
-        Payload changes found so far; one that later samples refute is taken back.
     rejected : int
         Samples that were no measurement.
 
@@ -129,7 +92,7 @@ class RecursivePredictionError:
         self.bank.clear()
         self._effects.reset()
         self.detector = ChangeDetector(self.stepper, self._block, self.settings.event_nats)
-        self.events: list[Event] = []
+        self._log = EventLog(2 * self._block * self.arm.step_time)
         self.rejected = self.samples = 0
         self._activity, self._command = Activity(self.arm), np.zeros(2)
         self._excited, self._lost = False, False
@@ -139,6 +102,11 @@ class RecursivePredictionError:
         self._last = Estimate(0.0, mass, mass**2 / 3.0, mass**2 / 3.0, np.zeros(channels),
                               np.full(channels, np.inf), 'not_excited')
         self._time: float | None = None
+
+    @property
+    def events(self) -> list[Event]:
+        """Return the payload changes found; one that later samples refute is taken back."""
+        return list(self._log.events)
 
     def update(self, time: float, output: Array, command: Array) -> Estimate:
         """
@@ -167,7 +135,7 @@ class RecursivePredictionError:
             raise InputError(f'output, command: expected {self.told.size} and 2 numbers, got '
                              f'shapes {output.shape} and {command.shape}')
         measured, sent = output / self.told, _is_command(command)
-        good = sent and math.isfinite(time) and bool(measured @ measured < LARGEST**2)
+        good = sent and math.isfinite(time) and bool(np.abs(measured).max() < LARGEST)
         if self._time is None:
             return self._begin(time, output, measured) if good else self._reject(time)
         if sent:
@@ -208,8 +176,7 @@ class RecursivePredictionError:
             return
         if ahead:
             self._effects.history, self._sample = ahead.history, ahead.sample
-            for h, before in ahead.saved:
-                h.x, h.cov, h.sens, h.piece = before.x, before.cov, before.sens, before.piece
+            ahead.restore()
         if steps * step > LONGEST_GAP_S:
             self._lost = True
             return
@@ -258,7 +225,7 @@ class RecursivePredictionError:
         active = bank.best()
         self.detector.recent.record(self._sample, active)
         self.samples += 1
-        if bank.decided and not self._change(active) and bank.widen(self._spread):
+        if bank.decided and not self._change(active) and bank.widen(self._spread, self._block):
             self.detector.recent.forget()
         if self.samples % self._block == 0:
             self._turn(1 + self.samples // self._block % 2)
@@ -270,8 +237,8 @@ class RecursivePredictionError:
         change = self.detector.look(active)
         if change is None:
             return False
-        self.events.append(Event(change.time, self._sample.time, active.mass,
-                                 change.hypothesis.mass))
+        self._log.notice(Event(change.time, self._sample.time, active.mass,
+                               change.hypothesis.mass))
         exact = self.stepper.levels[active.level].exact
         self.bank.rival(change.hypothesis, 2 * self._block,
                         5.0 * self.detector.limit(active, exact))
@@ -284,7 +251,7 @@ class RecursivePredictionError:
         """Take the last event back where no change turns out likelier."""
         if self._unchanged is not None and len(self.bank.hypotheses) == 1:
             if self.bank.hypotheses[0] is self._unchanged:
-                self.events.pop()
+                self._log.take_back()
                 self.detector.recent.forget()
             self._unchanged = None
 
@@ -293,11 +260,15 @@ class RecursivePredictionError:
         told = self.bank.best().windows.information[column] * (self.stepper.heaviest / 6.0)**2
         self._excited = bool(told > EXCITED)
         self.bank.lively_blocks += self._excited
+        if not self.bank.lively_blocks:
+            # At rest the likelihoods compare only how a vague start fits.
+            self.bank.level_weights()
         walk = self.settings.rest_drift**2 * self._block * self.arm.step_time
         for h in self.bank.hypotheses:
             if not self._excited and h.variance < (self.stepper.heaviest / 6.0)**2:
                 self.stepper.drift(h, walk)
             self.stepper.turn(h, column)
+            self.stepper.follow_trend(h)
 
     def _estimate(self, best: Hypothesis) -> Estimate:
         mass, variance = self.bank.moments()

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from flex_payload_estimator.estimators.rpe_events import EXACT_MISFIT
-from flex_payload_estimator.estimators.rpe_hypothesis import Hypothesis, Stepper
+from flex_payload_estimator.estimators.rpe_hypothesis import Hypothesis, Sample, Stepper
 from flex_plant_sim.arm_model import Array
 import numpy as np
 
@@ -14,6 +16,34 @@ FINE = 0.05
 ROBUST_MISFIT = 6.0
 # Blocks with motion after which the level of model error is decided.
 BLOCKS_TO_DECIDE = 4
+
+
+class Ahead(NamedTuple):
+    """
+    A prediction made before its measurement, and how to take it back.
+
+    Attributes
+    ----------
+    command : Array
+        Assumed, (2,).
+    saved : list of (Hypothesis, Hypothesis)
+        Each hypothesis and its copy before.
+    history : Array
+        Past commands before.
+    sample : Sample
+        The one before.
+
+    """
+
+    command: Array
+    saved: list[tuple[Hypothesis, Hypothesis]]
+    history: Array
+    sample: Sample
+
+    def restore(self) -> None:
+        """Take the prediction of every hypothesis back."""
+        for h, before in self.saved:
+            h.x, h.cov, h.sens, h.piece = before.x, before.cov, before.sens, before.piece
 
 
 class Bank:
@@ -36,7 +66,7 @@ class Bank:
         """Forget everything."""
         self.hypotheses: list[Hypothesis] = []
         self.lively_blocks = 0
-        self._doubt, self._doubt_nats = 0, KEEP_NATS
+        self._doubt, self._doubt_nats, self._misfits = 0, KEEP_NATS, 0
 
     def start(self, x: Array, cov: Array) -> None:
         """Fill the bank: every level with payloads from 0 to the heaviest."""
@@ -88,12 +118,17 @@ class Bank:
         fine = FINE * (other.mass + self.stepper.schedule.soft_mass)
         return other.variance < fine**2 and (one.mass - other.mass)**2 < 9.0 * other.variance
 
+    def level_weights(self) -> None:
+        """Hold all hypotheses for equally likely."""
+        for h in self.hypotheses:
+            h.log_likelihood = h.recent = 0.0
+
     def rival(self, changed: Hypothesis, samples: int, nats: float) -> None:
         """Let a changed payload compete with the unchanged one for some samples."""
         self.hypotheses = [changed, self.best()]
         self._doubt, self._doubt_nats = samples, nats
 
-    def widen(self, spread: Array) -> bool:
+    def widen(self, spread: Array, patience: int) -> bool:
         """
         Bring larger model errors back in where the only hypothesis left no longer fits.
 
@@ -101,14 +136,19 @@ class Bank:
         ----------
         spread : Array
             Standard deviation of the state at the start, (n,).
+        patience : int
+            Samples for which it must not fit: a change of payload looks the same at first.
 
         """
         if len(self.hypotheses) > 1:
             return False
         active, levels = self.hypotheses[0], self.stepper.levels
         exact = levels[active.level].exact
-        if active.misfit < (EXACT_MISFIT if exact else ROBUST_MISFIT):
+        fits = active.misfit < (EXACT_MISFIT if exact else ROBUST_MISFIT)
+        self._misfits = 0 if fits else self._misfits + 1
+        if self._misfits < patience:
             return False
+        self._misfits = 0
         for level in range(active.level + 1, len(levels)):
             h = active.copy()
             self.stepper.loosen(h, level)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+import math
 from typing import NamedTuple
 
 from flex_payload_estimator.estimators.rpe_hypothesis import Hypothesis, Sample, Stepper
@@ -14,7 +15,6 @@ SHARES = (0.0, 0.5, 1.0, 1.5)
 # With a wrong model, a change must also be larger than the model's errors look.
 SMALLEST_SHARE = 0.1
 SIGMAS = 5.0
-CHANGES_PRIOR, PRIOR_BLOCKS = 2.0, 8.0
 # Mean of e'S^-1 e per channel beyond which an exact model is none.
 EXACT_MISFIT = 1.6
 
@@ -59,73 +59,122 @@ class Change(NamedTuple):
     hypothesis: Hypothesis
 
 
-class Recent:
+class EventLog:
     """
-    The last samples, and the active hypothesis every few of them.
+    The payload changes found so far; the last one may still be bettered or taken back.
 
     Parameters
     ----------
-    length, stride : int
-        Samples kept, and samples between snapshots.
+    gap : float
+        Changes noticed within this, s, are one.
 
     """
 
-    def __init__(self, length: int, stride: int):
-        self.stride, self.count = stride, 0
-        self.samples: deque[Sample] = deque(maxlen=length)
-        self.snapshots: deque[tuple[int, float, Hypothesis]] = deque(maxlen=length // stride)
+    def __init__(self, gap: float):
+        self.gap = gap
+        self.events: list[Event] = []
+        self._before: list[Event] = []
+        self._noticed = -math.inf
+
+    def notice(self, event: Event) -> None:
+        """Add a change, or better the last one where it goes on."""
+        self._before = list(self.events)
+        if self.events and event.time < self._noticed + self.gap:
+            self.events[-1] = replace(self.events[-1], after=event.after)
+        else:
+            self.events.append(event)
+        self._noticed = event.found
+
+    def take_back(self) -> None:
+        """Undo the last notice."""
+        self.events = self._before
+
+
+class Recent:
+    """
+    The last samples, and the active hypothesis after each of them.
+
+    Parameters
+    ----------
+    length : int
+        Samples kept.
+
+    """
+
+    def __init__(self, length: int):
+        self.samples: deque[tuple[Sample, Hypothesis]] = deque(maxlen=length)
 
     def record(self, sample: Sample, active: Hypothesis) -> None:
         """Keep a sample that `active` has seen."""
-        self.samples.append(sample)
-        self.count += 1
-        if self.count % self.stride == 0:
-            self.snapshots.append((self.count, sample.time, active.copy()))
+        self.samples.append((sample, active.copy()))
 
     def forget(self) -> None:
         """Drop everything."""
         self.samples.clear()
-        self.snapshots.clear()
 
-    def replay(self, stepper: Stepper, snapshot: int, mass: float, std: float) -> Hypothesis:
+    def replay(self, stepper: Stepper, place: int, mass: float, std: float) -> Hypothesis:
         """
-        Return the hypothesis that the payload changed at a snapshot.
+        Return the hypothesis that the payload changed after one of the samples.
 
         Parameters
         ----------
         stepper : Stepper
             What steps it.
-        snapshot : int
-            Index.
+        place : int
+            Which sample.
         mass, std : float
-            What it became, kg: the filter starts there.
+            What the payload became, kg: the filter starts there.
 
         """
-        seen, _, before = self.snapshots[snapshot]
-        h = before.copy()
+        h = self.samples[place][1].copy()
+        jump = mass - h.mass
         stepper.reopen(h, std)
         h.mass, h.piece = mass, stepper.schedule.cut(mass)
-        first = len(self.samples) - (self.count - seen)
-        for sample in list(self.samples)[first:]:
+        for k in range(place + 1, len(self.samples)):
+            sample = self.samples[k][0]
             stepper.predict(h, sample)
+            if k == place + 1:
+                # It changed somewhere within this sample.
+                h.cov = h.cov + jump**2 / 12.0 * np.outer(h.sens[:, 0], h.sens[:, 0])
             stepper.correct(h, sample)
         return h
 
-    def search(self, stepper: Stepper, active: Hypothesis, guess: float) -> Change | None:
-        """Try a guess, kg, from every snapshot, then payloads around it from the best one."""
-        if not self.snapshots:
+    def search(self, stepper: Stepper, active: Hypothesis, guess: float, stride: int
+               ) -> Change | None:
+        """
+        Return the likeliest change.
+
+        Parameters
+        ----------
+        stepper : Stepper
+            What steps the trials.
+        active : Hypothesis
+            Without a change.
+        guess : float
+            Of the payload after it, kg; payloads around are tried too.
+        stride : int
+            Samples between the first trials of when it was; finer ones follow.
+
+        """
+        last = len(self.samples) - 2
+        if last < 0:
             return None
         std = stepper.heaviest / 6.0
-        trials = [self.replay(stepper, k, guess, std) for k in range(len(self.snapshots))]
-        when = int(np.argmax([h.log_likelihood for h in trials]))
-        best = trials[when]
-        around = active.mass + np.array(SHARES) * (best.mass - active.mass)
-        trials = [best] + [self.replay(stepper, when, mass, std)
-                           for mass in np.clip(around, 0.0, stepper.heaviest)]
-        best = max(trials, key=lambda h: h.log_likelihood)
-        again = self.replay(stepper, when, best.mass, std)
-        best = max(best, again, key=lambda h: h.log_likelihood)
-        return Change(best.log_likelihood - active.log_likelihood, self.snapshots[when][1], best)
+        trials = {k: self.replay(stepper, k, guess, std) for k in range(last, -1, -stride)}
+        when = max(trials, key=lambda k: trials[k].log_likelihood)
+        guess = trials[when].mass
+        trials = {k: self.replay(stepper, k, guess, std)
+                  for k in range(max(0, when - stride + 1), min(last, when + stride - 1) + 1)}
+        when = max(trials, key=lambda k: trials[k].log_likelihood)
+        found = [trials[when]]
+        around = active.mass + np.array(SHARES) * (trials[when].mass - active.mass)
+        for mass in np.clip(around, 0.0, stepper.heaviest):
+            found.append(self.replay(stepper, when, float(mass), std))
+        best = max(found, key=lambda h: h.log_likelihood)
+        found = [best, self.replay(stepper, when, best.mass, std)]
+        best = max(found, key=lambda h: h.log_likelihood)
+        return Change(best.log_likelihood - active.log_likelihood,
+                      self.samples[when][0].time, best)
 
 
 class ChangeDetector:
@@ -144,7 +193,7 @@ class ChangeDetector:
 
     def __init__(self, stepper: Stepper, block: int, nats: float):
         self.stepper, self.block, self.nats = stepper, block, nats
-        self.recent = Recent(2 * block + 2, max(1, block // 5))
+        self.recent = Recent(2 * block + 2)
         self._pause = 0
 
     def quiet(self, samples: int) -> None:
@@ -159,9 +208,10 @@ class ChangeDetector:
         gain, step = self._score(active, exact)
         if gain < limit or self._pause:
             return None
-        self._pause = max(1, self.block // 5)
+        stride = max(1, self.block // 5)
+        self._pause = stride
         guess = min(max(active.mass + step, 0.0), self.stepper.heaviest)
-        change = self.recent.search(self.stepper, active, guess)
+        change = self.recent.search(self.stepper, active, guess, stride)
         if change is None or change.gain < limit or not self._clear(change, active, exact):
             return None
         change.hypothesis.windows = active.windows.emptied()
@@ -171,9 +221,7 @@ class ChangeDetector:
         """Return the log-likelihood that a change must gain; more where scores are coloured."""
         if exact:
             return self.nats
-        w = active.windows
-        usual = (CHANGES_PRIOR * PRIOR_BLOCKS + w.changes) / (PRIOR_BLOCKS + w.blocks)
-        return self.nats * max(1.0, usual)
+        return self.nats * max(active.windows.scatter, 0.5 * active.windows.colour)
 
     def _score(self, active: Hypothesis, exact: bool) -> tuple[float, float]:
         """Return the larger gain of the two windows, and the step of payload, kg."""

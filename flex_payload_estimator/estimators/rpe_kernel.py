@@ -81,9 +81,9 @@ def predict(x: Array, cov: Array, sens: Array, order: Array, value: Array, slope
 
 @njit(cache=True)
 def correct(x: Array, cov: Array, sens: Array, mass: float, variance: float, lean: Array,
-            innovation: Array, output: Array, direct: Array, noise: Array, heaviest: float
-            ) -> tuple[Array, Array, Array, float, float, Array, Array, float, float, Array,
-                       Array]:
+            innovation: Array, output: Array, direct: Array, noise: Array, halves: Array,
+            heaviest: float) -> tuple[Array, Array, Array, float, float, Array, Array, float,
+                                      float, Array, Array]:
     """
     Return the hypothesis after a measurement, and its statistics.
 
@@ -106,6 +106,8 @@ def correct(x: Array, cov: Array, sens: Array, mass: float, variance: float, lea
         Derivative of y over the part parameters beyond C dx, (m, p).
     noise : Array
         Variance of each channel, (m,).
+    halves : Array
+        What P + P' is multiplied with: 1/2, a little more on the diagonal, (n, n).
     heaviest : float
         The payload stays in [0, heaviest], kg.
 
@@ -141,5 +143,5 @@ def correct(x: Array, cov: Array, sens: Array, mass: float, variance: float, lea
     x = x + gain @ innovation + sens[:, 0] * (after - mass)
     keep = np.eye(x.size) - gain @ output
     cov = keep @ cov @ keep.T + (gain * noise) @ gain.T
-    return (x, 0.5 * (cov + cov.T), sens, after, pull, lean, channel, misfit, log_det, score,
+    return (x, halves * (cov + cov.T), sens, after, pull, lean, channel, misfit, log_det, score,
             information)

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import lru_cache
 
+from flex_payload_estimator.estimators.rpe_schedule import PayloadSchedule
 from flex_plant_sim.arm_model import Array
+from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.extended_arm import ExtendedArm
 from flex_plant_sim.robot import Robot
 import numpy as np
@@ -49,3 +52,12 @@ def gain_columns(outputs: int, parts: int, total: int) -> Array:
     for k in range(total - parts):
         columns[2 + k, parts + k] = 1.0
     return columns
+
+
+@lru_cache(maxsize=4)
+def tabulated(robot: Robot, model: str, modes: int, effects: tuple[Effect, ...],
+              heaviest: float) -> tuple[PayloadSchedule, Array]:
+    """Return the schedule, and the tolerances of its parts; the last few arms are kept."""
+    arm = ExtendedArm(robot, model, modes, effects=effects)
+    arms, tolerances = variants(arm, robot)
+    return PayloadSchedule.of(arm, heaviest, arms), tolerances
