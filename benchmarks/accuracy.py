@@ -16,7 +16,7 @@ from flex_payload_estimator.estimators.factory import make_estimator
 from flex_plant_sim.arm_model import Array
 from flex_plant_sim.extended_arm import ExtendedArm
 from flex_plant_sim.robot import load_robot
-from matched import bound, Case, record, TORQUE_NOISE, workers
+from matched import bound, Case, record, TORQUE_NOISE, wilson, workers
 from matplotlib.figure import Figure
 import numpy as np
 
@@ -44,14 +44,6 @@ def run(seed: int, torque: float, modes: int) -> Array:
     limit = bound(arm, case, data)
     return np.array([(estimates[k].mass - case.mass, estimates[k].variance**0.5, limit[k])
                      for k in (round(time / 0.01) for time in TIMES_S)]).T
-
-
-def wilson(hits: int, count: int) -> tuple[float, float]:
-    """Return the 95 % interval of a share (Wilson 1927)."""
-    z, share = 1.96, hits / count
-    centre = (share + z * z / (2 * count)) / (1 + z * z / count)
-    half = z / (1 + z * z / count) * np.sqrt(share * (1 - share) / count + (z / count)**2 / 4)
-    return centre - half, centre + half
 
 
 def report(name: str, found: Array) -> None:

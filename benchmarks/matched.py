@@ -102,6 +102,14 @@ def bound(arm: ExtendedArm, case: Case, run: Record) -> Array:
     return payload_bound(model, noise, start_spread(arm), [case.torque] * 2)
 
 
+def wilson(hits: int, count: int) -> tuple[float, float]:
+    """Return the 95 % interval of a share (Wilson 1927)."""
+    z, share = 1.96, hits / count
+    centre = (share + z * z / (2 * count)) / (1 + z * z / count)
+    half = z / (1 + z * z / count) * np.sqrt(share * (1 - share) / count + (z / count)**2 / 4)
+    return centre - half, centre + half
+
+
 @contextmanager
 def workers(jobs: int) -> Iterator[Pool]:
     """Give a pool of processes, each started fresh."""

@@ -147,7 +147,7 @@ class SecondOrderModel:
         order = form.order
         self.states = 2 * order
         fixed = np.zeros((3, order, order + 2))
-        fixed[0] = np.hstack([-form.damping, form.input])
+        fixed[0] = np.hstack([-form.damping, form.input_matrix])
         self._table = np.concatenate(
             [form.mass, form.payload_mass, -form.stiffness, fixed], axis=2).reshape(3, -1)
         self._order = order

@@ -27,7 +27,7 @@ class SecondOrderForm:
         D, shape (N, N).
     stiffness : Array
         K = sum_k c^k stiffness[k], shape (3, N, N).
-    input : Array
+    input_matrix : Array
         B: generalised force per unit of command, shape (N, 2).
     force : Array
         Generalised force of a torque on joint 1, on joint 2; shape (N, 2).
@@ -49,7 +49,7 @@ class SecondOrderForm:
     payload_mass: Array
     damping: Array
     stiffness: Array
-    input: Array
+    input_matrix: Array
     force: Array
     angle: Array
     strain: Array

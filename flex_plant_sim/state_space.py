@@ -48,7 +48,7 @@ def state_space(form: SecondOrderForm, cosine: ArrayLike, payload: ArrayLike) ->
     right = np.concatenate([
         form.stiffness_at(cosine),
         np.broadcast_to(form.damping, mass.shape),
-        np.broadcast_to(form.input, mass.shape[:-1] + (2,)),
+        np.broadcast_to(form.input_matrix, mass.shape[:-1] + (2,)),
         np.broadcast_to(np.eye(n), mass.shape)], axis=-1)
     solved = np.linalg.solve(mass, right)
     a = np.zeros(mass.shape[:-2] + (2 * n, 2 * n))

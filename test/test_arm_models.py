@@ -121,7 +121,7 @@ def test_shoulder_and_elbow_rows_are_the_full_actuators_32() -> None:
     form, rng = paper_model(ROBOT, 3), np.random.default_rng(1)
     state, command = rng.standard_normal((3, 8)), rng.standard_normal(2)
     rows = (form.mass_at(0.3, 0.1) @ state[2] + form.damping @ state[1]
-            + form.stiffness_at(0.3) @ state[0] - form.input @ command)[:2]
+            + form.stiffness_at(0.3) @ state[0] - form.input_matrix @ command)[:2]
     for j, (drive, link) in enumerate(zip(ROBOT.drives, ROBOT.links)):
         bent = state[0, 2 + 3 * j:5 + 3 * j]
         moment = link.bending_stiffness * link.beam(3).shape(0.0, 2) @ bent

@@ -198,6 +198,8 @@ class _Search:
         step = self.hypothesis.steps(values)
         moved = values + np.concatenate([np.zeros((1, len(values))), np.diag(step)])
         residual = self.residual(moved)
+        if not np.all(np.isfinite(residual)):
+            raise np.linalg.LinAlgError(f'{self.hypothesis.label}: no finite prediction')
         flat = self.projector.white(residual[0])
         columns = (residual[1:] - residual[0]) / step[:, None, None, None]
         return _Point(values, residual[0], columns, flat, self.projector.cost(flat))
@@ -206,10 +208,10 @@ class _Search:
         """Return the minimum found from a start, linearised there."""
         point = self.linearise(values)
         for _ in range(iterations):
-            values = self._next(point)
-            if values is None:
+            better = self._next(point)
+            if better is None:
                 break
-            point = self.linearise(values)
+            point = self.linearise(better)
         return point
 
     def _next(self, point: _Point) -> Array | None:

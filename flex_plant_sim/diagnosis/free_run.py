@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from flex_plant_sim.arm_model import Array
-from flex_plant_sim.diagnosis.predictor import _at_drive, _payload_schedule, Predictor
+from flex_plant_sim.diagnosis.predictor import at_drive, payload_schedule, Predictor
 from flex_plant_sim.schedule import barycentric_weights
 import numpy as np
 from numpy.typing import NDArray
@@ -41,8 +41,8 @@ def free_run(predictor: Predictor, starts: NDArray[np.int_], steps: int) -> Arra
     """
     record, base = predictor.record, predictor.base
     arm = base.arm(record.payload)
-    payload, table = _payload_schedule(arm, record.time, np.ones((len(record.time), 1)))
-    command = _at_drive(arm, record)[:, 0]
+    payload, table = payload_schedule(arm, record.time, np.ones((len(record.time), 1)))
+    command = at_drive(arm, record)[:, 0]
     n, order = arm.states, arm.form.order
     state = predictor.states[starts]
     outputs = np.full((steps, len(starts), predictor.noise.size), np.nan)

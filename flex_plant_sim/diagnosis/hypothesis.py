@@ -83,7 +83,7 @@ class Hypothesis:
         return np.array(list(product(*grids)))
 
     def at(self, values: Array) -> Effect:
-        """Return the effect at values (k,), or a batch of them at (B, k)."""
+        """Return the effect with values (k,), or a batch of them with (B, k)."""
         if values.ndim == 1:
             return self.effect(self.site, tuple(float(v) for v in values))
         return self.effect(self.site, tuple(values[:, k:k + 1] for k in range(values.shape[1])))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from flex_plant_sim.arm_model import Array
 from flex_plant_sim.diagnosis.noise import load_levels, process_noise, steady_gain
 from flex_plant_sim.diagnosis.scan import scan
-from flex_plant_sim.diagnosis.windows import Record, Windows
+from flex_plant_sim.diagnosis.windows import Indices, Record, Windows
 from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.extended_arm import ExtendedArm
 from flex_plant_sim.robot import Robot
@@ -136,10 +136,10 @@ class _Run:
 
     def __init__(self, predictor: Predictor, arm: ExtendedArm, gain: Array, batch: int):
         self.arm, self.record, self.gain = arm, predictor.record, gain
-        self.command = _at_drive(arm, self.record)
+        self.command = at_drive(arm, self.record)
         self.measured = _undo_sensors(arm, self.record)
         n, m, order = arm.states, self.record.output.shape[1], arm.form.order
-        weights, table = _payload_schedule(arm, self.record.time, predictor.weights)
+        weights, table = payload_schedule(arm, self.record.time, predictor.weights)
         table = table.reshape(len(table), n, -1)
         k = np.tile(gain, (len(table) // NODES, 1, 1))
         every = np.concatenate([table[..., :n] - k @ arm.output_matrix, table[..., n:], k],
@@ -155,7 +155,7 @@ class _Run:
                                 for part, width in zip(parts, (2, order, m))], axis=-1)
         self.inputs = np.matmul(drive, np.swapaxes(every[..., n:], 1, 2))
 
-    def states(self, rows: Array, start: Array) -> Array:
+    def states(self, rows: Indices, start: Array) -> Array:
         """Return the predicted states along windows, rows (S, W): (S, W, B, n)."""
         if not self.arm.has_contact:
             return scan(self.closed, self.inputs, start, rows)
@@ -169,7 +169,7 @@ class _Run:
         return states
 
 
-def _at_drive(arm: ExtendedArm, record: Record) -> Array:
+def at_drive(arm: ExtendedArm, record: Record) -> Array:
     """Return the command at the drive, (N, 1 or B, 2)."""
     limits = np.array([drive.command_limit for drive in arm.robot.drives])
     command = np.clip(record.command, -limits, limits)[:, None, :]
@@ -194,10 +194,10 @@ def _undo_sensors(arm: ExtendedArm, record: Record) -> Array:
     columns = [arm.sense(np.broadcast_to(unit, (1, 1, m)), time[:1]) - zero[:1]
                for unit in np.eye(m)]
     gain = np.stack(columns, axis=-1)
-    return np.linalg.solve(gain, (measured - zero)[..., None])[..., 0]
+    return np.asarray(np.linalg.solve(gain, (measured - zero)[..., None])[..., 0], dtype=float)
 
 
-def _payload_schedule(arm: ExtendedArm, time: Array, weights: Array) -> tuple[Array, Array]:
+def payload_schedule(arm: ExtendedArm, time: Array, weights: Array) -> tuple[Array, Array]:
     """Return weights over schedule nodes, times payload nodes while the payload changes."""
     mass = np.full(len(time), arm.payload)
     for effect in arm.effects:

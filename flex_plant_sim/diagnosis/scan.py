@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from flex_plant_sim.arm_model import Array
+from flex_plant_sim.diagnosis.windows import Indices
 import numpy as np
 
 try:
     from numba import njit
 except ImportError:
-    njit = None
+    njit = None  # type: ignore[assignment]
 
 
-def scan(closed: Array, inputs: Array, start: Array, rows: Array) -> Array:
+def scan(closed: Array, inputs: Array, start: Array, rows: Indices) -> Array:
     """
     Return the states x(k+1) = F_k x_k + d_k along every window, (S, W, B, n).
 
@@ -23,8 +24,8 @@ def scan(closed: Array, inputs: Array, start: Array, rows: Array) -> Array:
         d, (N, B, n).
     start : Array
         x_0, (W, n).
-    rows : Array
-        Sample of each step, (S, W), int.
+    rows : Indices
+        Sample of each step, (S, W).
 
     """
     if _compiled is not None:
@@ -37,7 +38,7 @@ def scan(closed: Array, inputs: Array, start: Array, rows: Array) -> Array:
     return states
 
 
-def _loops(closed: Array, inputs: Array, start: Array, rows: Array) -> Array:
+def _loops(closed: Array, inputs: Array, start: Array, rows: Indices) -> Array:
     steps, windows = rows.shape
     batch, n = inputs.shape[1:]
     states = np.empty((steps, windows, batch, n))

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing import get_context
+import signal
 from typing import Any
 
 from flex_plant_sim.arm_model import Array
@@ -104,7 +105,9 @@ def search(data: Data, nominal: Base, jobs: int, progress: Progress,
     It runs in `jobs` processes, tells `progress` a step's name and its share done, and leaves the
     identifiers in `exclude` out of the catalogue.
     """
-    base, rounds, accepted = nominal, [], []
+    base = nominal
+    rounds: list[Round] = []
+    accepted: list[Ranked] = []
     problem = Problem(base, data.windows, data.noise)
     fitted = fit_base(problem)
     before = after = misfit(fitted.residual, data.noise, data.allowed)
@@ -113,8 +116,7 @@ def search(data: Data, nominal: Base, jobs: int, progress: Progress,
         trial = [h for h in hypotheses(base.robot, exclude) if h not in known
                  and not any(h.effect is type(e) for e in nominal.effects)]
         step = f'round {len(rounds) + 1}'
-        ranked = _fit_all(problem, trial, fitted, data, jobs,
-                          lambda share, step=step: progress(step, share))
+        ranked = _fit_all(problem, trial, fitted, data, jobs, partial(progress, step))
         chosen = choose(ranked)
         rounds.append(Round(fitted, tuple(ranked), chosen))
         if chosen is None:
@@ -220,13 +222,24 @@ def _each(task: Callable[[Any], Fit], items: Sequence[Any], jobs: int,
         if jobs <= 1:
             results: Iterable[Fit | None] = map(partial(_attempt, task), items)
         else:
-            pool = stack.enter_context(get_context('fork').Pool(
-                jobs, initializer=_remember, initargs=(task,)))
+            with _interrupts_held():
+                pool = stack.enter_context(get_context('fork').Pool(
+                    jobs, initializer=_remember, initargs=(task,)))
             results = pool.imap(_run, items)
         for done, fit in enumerate(results, start=1):
             progress(done / len(items))
             fits += [fit] if fit is not None else []
     return fits
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Hold Ctrl-C back while workers start, who never get it: one in a fork would be lost."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _attempt(task: Callable[[Any], Fit], item: Any) -> Fit | None:

@@ -82,10 +82,11 @@ def diagnose(records: Sequence[Record], nominal: Base, jobs: int = 1,
     blind = tuple(k for k, v in limits.items() if not np.isfinite(v[0]))
     rounds = tuple(_rows(r) for r in found.rounds)
     causes = tuple(_cause(r, _round_of(r, found.rounds)) for r in found.accepted)
-    verdict, sentence, sets = _verdict(found, causes, data)
+    verdict, sentence, sets = _verdict(found, causes)
+    named = () if verdict == 'not_in_catalogue' else causes
     channels = nominal.robot.output_names
     remainder = {name: float(left) for name, left in zip(channels, found.after)}
-    return Diagnosis(verdict, sentence, causes, sets, shown, blind, rounds,
+    return Diagnosis(verdict, sentence, named, sets, shown, blind, rounds,
                      _advice(verdict, sets), remainder), data, found
 
 
@@ -140,8 +141,8 @@ def cause_sentence(ranked: Ranked, values: Sequence[ParameterValue]) -> str:
     return f'{text.rstrip(".")} ({", ".join(sizes)}).'
 
 
-def _verdict(found: Search, causes: Sequence[Cause],
-             data: Data) -> tuple[str, str, tuple[tuple[str, ...], ...]]:
+def _verdict(found: Search,
+             causes: Sequence[Cause]) -> tuple[str, str, tuple[tuple[str, ...], ...]]:
     before, after = float(found.before.max()), float(found.after.max())
     if before <= WRONG:
         return ('nothing_wrong', 'Nothing in the catalogue is wrong with the simulation: its '
@@ -173,5 +174,3 @@ def _advice(verdict: str, sets: Sequence[Sequence[str]]) -> str:
     if verdict == 'not_in_catalogue':
         return 'Look at the residual plots: channel, band and dependence say where to look.'
     return ''
-
-

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from flex_plant_sim.arm_model import Array
 from flex_plant_sim.errors import InputError
 import numpy as np
+from numpy.typing import NDArray
+
+Indices = NDArray[np.int64]
 
 PERIODS = 5
 WARM_UP_PERIODS = 1
@@ -48,15 +51,15 @@ class Windows:
     Attributes
     ----------
     record : Record
-    starts : Array
-        First scored sample of each window, (W,), int.
+    starts : Indices
+        First scored sample of each window, (W,).
     length, warm_up : int
         Samples.
 
     """
 
     record: Record
-    starts: Array
+    starts: Indices
     length: int
     warm_up: int
 
@@ -80,12 +83,12 @@ class Windows:
             raise InputError(f'{record.name}: expected at least {FEWEST + 1} windows of '
                              f'{length * sample_time:.1f} s, got a log of '
                              f'{len(record.time) * sample_time:.1f} s')
-        starts = warm_up + length * np.arange(count)
+        starts = warm_up + length * np.arange(count, dtype=np.int64)
         locked = max(1, round(LOCKED_SHARE * count))
         return (cls(record, starts[:-locked], length, warm_up),
                 cls(record, starts[-locked:], length, warm_up))
 
     @property
-    def indices(self) -> Array:
+    def indices(self) -> Indices:
         """Return the sample numbers, warm-up first, (W, warm_up + length)."""
         return self.starts[:, None] + np.arange(-self.warm_up, self.length)

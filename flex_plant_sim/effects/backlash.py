@@ -54,11 +54,11 @@ class Backlash(Effect):
         mass, payload = momentum_rows(form, robot, j)
         opened = replace(form, mass=form.mass.copy(), payload_mass=form.payload_mass.copy(),
                          damping=form.damping.copy(), stiffness=form.stiffness.copy(),
-                         input=form.input.copy())
+                         input_matrix=form.input_matrix.copy())
         opened.mass[:, j], opened.payload_mass[:, j] = mass, payload
         opened.damping[j, j] -= robot.drives[j].damping
         opened.stiffness[:, j] = 0.0
-        opened.input[j] = 0.0
+        opened.input_matrix[j] = 0.0
         return opened
 
     def on_step(self, after: Array, parted: Array, state: Array, impulse: Array,

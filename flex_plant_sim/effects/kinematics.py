@@ -80,7 +80,7 @@ def extended(form: SecondOrderForm, names: tuple[str, ...]) -> SecondOrderForm:
     return replace(
         form, mass=np.pad(form.mass, square), payload_mass=np.pad(form.payload_mass, square),
         damping=np.pad(form.damping, square[1:]), stiffness=np.pad(form.stiffness, square),
-        input=np.pad(form.input, rows), force=np.pad(form.force, rows),
+        input_matrix=np.pad(form.input_matrix, rows), force=np.pad(form.force, rows),
         angle=np.pad(form.angle, ((0, 0), last)), strain=np.pad(form.strain, ((0, 0), last)),
         names=form.names + names, elbow_angle=np.pad(form.elbow_angle, (last,)),
         field=np.pad(form.field, ((0, 0), (0, 0), last)))
