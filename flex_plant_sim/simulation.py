@@ -120,7 +120,7 @@ class Simulator:
         if not np.all(np.isfinite(command)):
             raise InputError(f'command: expected finite numbers, got {command}')
         sent = np.asarray(command, dtype=float)
-        applied = self.at_drive(sent)
+        applied = self._at_drive(sent)
         torque = self.noise.torque * self._random.standard_normal(2)
         for k in range(self.substeps):
             time = self.time + k * self.arm.step_time
@@ -132,7 +132,7 @@ class Simulator:
         self.samples += 1
         self.time = self.samples * self.arm.robot.sample_time
 
-    def at_drive(self, command: Array) -> Array:
+    def _at_drive(self, command: Array) -> Array:
         limits = [drive.command_limit for drive in self.arm.robot.drives]
         applied = np.clip(command, np.negative(limits), limits)
         for effect in self.arm.effects:

@@ -33,8 +33,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     truth = FRICTION.truth()
     write_record(FRICTION, truth, folder / 'record.csv')
     others = [f'--exclude={name}' for name in catalogue() if name not in RIVALS]
-    code = main([str(folder / 'record.csv'), *others, '--jobs', '2', '--payload',
-                 f'{truth.payload_told:.9g}', '--json', str(folder / 'answer.json'), '--report', str(folder / 'report'),
+    code = main([str(folder / 'record.csv'), *others, '--jobs', '2',
+                 '--payload', f'{truth.payload_told:.9g}',
+                 '--json', str(folder / 'answer.json'), '--report', str(folder / 'report'),
                  '--extended', str(folder / 'robot.yaml')])
     assert code == 0
     return folder
