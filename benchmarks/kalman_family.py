@@ -1,0 +1,234 @@
+"""
+Put the default estimator beside an augmented EKF and UKF (FilterPy) on the same data.
+
+`python benchmarks/kalman_family.py` runs matched cases (as in accuracy.py, n = 2) and the clean
+record of the independent simulator. EKF and UKF carry (x, m), know the noise levels and start at
+0.1 kg; on the record they get the smallest of the estimator's levels of model error, with which
+they do best there.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+import json
+from pathlib import Path
+import time
+
+from filterpy.kalman import ExtendedKalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
+from flex_payload_estimator.estimators.factory import make_estimator
+from flex_payload_estimator.estimators.rpe_kernel import predict
+from flex_payload_estimator.estimators.rpe_levels import Level, levels, start_spread, told_noise
+from flex_payload_estimator.estimators.rpe_parts import tabulated
+from flex_payload_estimator.estimators.rpe_schedule import PayloadSchedule
+from flex_plant_sim.arm_model import Array
+from flex_plant_sim.extended_arm import ExtendedArm
+from flex_plant_sim.robot import load_robot, Robot
+from matched import bound, Case, Record, record
+import numpy as np
+
+START_KG, SPREAD_KG, HEAVIEST_KG = 0.1, 0.1, 0.7
+TIMES_S = (1.0, 3.0, 10.0)
+BENCH = Path(__file__).resolve().parents[2] / 'shared' / 'data' / 'bench'
+Step = Callable[[Array, Array], tuple[float, float]]
+
+
+class Arm:
+    """The sampled arm as a function of (x, m), from the same table for all filters."""
+
+    def __init__(self, robot: Robot, modes: int):
+        self.arm = ExtendedArm(robot, 'assumed_modes', modes)
+        self.schedule: PayloadSchedule = tabulated(robot, 'assumed_modes', modes, (),
+                                                   HEAVIEST_KG)[0]
+        self.told = told_noise(self.arm)
+        self.output = self.arm.output_matrix / self.told[:, None]
+        self.none = np.zeros((1, 0))
+
+    def step(self, state: Array, command: Array) -> tuple[Array, Array, Array]:
+        """Return (x, m) one sample later, its Jacobian, and [dx/du]."""
+        n = self.arm.states
+        mass = min(max(state[n], 0.0), HEAVIEST_KG)
+        piece = self.schedule.cut(mass)
+        x, _, sens = predict(
+            state[:n].copy(), np.zeros((n, n)), np.hstack([np.zeros((n, 3)), np.zeros((n, 0))]),
+            self.schedule.order, piece.value, piece.slopes, self.none, mass - piece.payload,
+            command, np.zeros(2), np.zeros((0, 0)))
+        jacobian = np.eye(n + 1)
+        jacobian[:n, n] = sens[:, 0]
+        wave = np.cos(state[1] * self.schedule.order)
+        increment = (wave @ piece.value).reshape(n, n + 2)
+        slope = -self.schedule.order * np.sin(state[1] * self.schedule.order)
+        jacobian[:n, :n] += increment[:, :n]
+        jacobian[:n, 1] += (slope @ piece.value).reshape(n, n + 2) @ np.r_[state[:n], command]
+        return np.r_[x, mass], jacobian, increment[:, n:]
+
+    def process_noise(self, level: Level, push: Array) -> Array:
+        """Return the covariance of a sample's process noise on (x, m)."""
+        n = self.arm.states
+        noise = np.zeros((n + 1, n + 1))
+        noise[:n, :n] = (push * level.torque(1.0, np.zeros(2))) @ (
+            push * level.torque(1.0, np.zeros(2))).T
+        if level.floor.size:
+            noise[:n, :n] += level.floor
+        # FilterPy's UKF takes a Cholesky factor: rounding must not make P indefinite.
+        noise[np.arange(n + 1), np.arange(n + 1)] += 1e-18
+        return noise
+
+
+def ekf(arm: Arm, level: Level) -> Step:
+    """Return an augmented extended Kalman filter as a function of output and command."""
+    n = arm.arm.states
+    kf = ExtendedKalmanFilter(n + 1, len(arm.told))
+    kf.x, kf.P, kf.R = start(arm)[0], start(arm)[1], np.diag(level.noise(1.0))
+    output = np.hstack([arm.output, np.zeros((len(arm.told), 1))])
+    first = [True]
+
+    def step(measured: Array, command: Array) -> tuple[float, float]:
+        if not first[0]:
+            after, kf.F, push = arm.step(kf.x, command)
+            kf.Q = arm.process_noise(level, push)
+            kf.P = kf.F @ kf.P @ kf.F.T + kf.Q
+            kf.x = after
+        else:
+            kf.x[:2], first[0] = measured[:2] * arm.told[:2], False
+        kf.update(measured, lambda x: output, lambda x: output @ x)
+        kf.P = 0.5 * (kf.P + kf.P.T)
+        return float(kf.x[n]), float(kf.P[n, n])
+
+    return step
+
+
+def ukf(arm: Arm, level: Level) -> Step:
+    """Return an augmented unscented Kalman filter as a function of output and command."""
+    n = arm.arm.states
+    points = MerweScaledSigmaPoints(n + 1, alpha=1e-2, beta=2.0, kappa=2.0 - n)
+    output = np.hstack([arm.output, np.zeros((len(arm.told), 1))])
+    kf = UnscentedKalmanFilter(
+        n + 1, len(arm.told), arm.arm.step_time, lambda x: output @ x,
+        lambda x, dt, command: arm.step(x, command)[0], points)
+    kf.x, kf.P, kf.R = start(arm)[0], start(arm)[1], np.diag(level.noise(1.0))
+    first = [True]
+
+    def step(measured: Array, command: Array) -> tuple[float, float]:
+        if not first[0]:
+            kf.Q = arm.process_noise(level, arm.step(kf.x, command)[2])
+            kf.predict(command=command)
+        else:
+            kf.x[:2], first[0] = measured[:2] * arm.told[:2], False
+            kf.sigmas_f = points.sigma_points(kf.x, kf.P)
+        kf.update(measured)
+        kf.P = 0.5 * (kf.P + kf.P.T)
+        return float(kf.x[n]), float(kf.P[n, n])
+
+    return step
+
+
+def start(arm: Arm) -> tuple[Array, Array]:
+    """Return state and covariance before the first sample."""
+    n = arm.arm.states
+    x, spread = np.zeros(n + 1), np.r_[start_spread(arm.arm), SPREAD_KG]
+    x[n] = START_KG
+    return x, np.diag(spread**2)
+
+
+def default(robot: Robot, modes: int, torque: float) -> Step:
+    """Return the default estimator as a function of output and command."""
+    estimator = make_estimator('rpe', robot, 'assumed_modes', modes,
+                               torque_noise=(torque, torque), payload_max=HEAVIEST_KG)
+    told, clock = told_noise(ExtendedArm(robot, 'assumed_modes', modes)), [0.0]
+
+    def step(measured: Array, command: Array) -> tuple[float, float]:
+        estimate = estimator.update(clock[0], measured * told, command)
+        clock[0] += robot.sample_time
+        return estimate.mass, estimate.variance
+
+    return step
+
+
+def answers(step: Step, outputs: Array, commands: Array) -> tuple[Array, Array, Array]:
+    """Return masses, variances and processor seconds a step; NaN after a breakdown."""
+    found = np.full((3, len(outputs)), np.nan)
+    command = np.zeros(2)
+    for k, measured in enumerate(outputs):
+        begin = time.process_time()
+        try:
+            found[:2, k] = step(measured, command)
+        except np.linalg.LinAlgError:
+            break
+        found[2, k] = time.process_time() - begin
+        command = commands[k]
+    return found[0], found[1], found[2]
+
+
+def matched_study(runs: int, modes: int) -> None:
+    """Print errors over the bound and times of the three on matched cases."""
+    truth = ExtendedArm(load_robot('reference'), 'assumed_modes', modes)
+    errors: dict[str, list[Array]] = {}
+    times: dict[str, list[Array]] = {}
+    scaled: dict[str, list[Array]] = {}
+    at = [round(t / 0.01) for t in TIMES_S]
+    for seed in range(runs):
+        case = Case.draw(200_000 + seed, 0.05 * (seed % 2))
+        data, robot = record(truth, case, TIMES_S[-1]), case.robot()
+        limit = bound(truth, case, data)[at]
+        for name, found in beside(robot, data, modes, case.torque).items():
+            error = found[0][at] - case.mass
+            errors.setdefault(name, []).append(np.abs(error) / limit)
+            scaled.setdefault(name, []).append(np.abs(error) / np.sqrt(found[1][at]))
+            times.setdefault(name, []).append(found[2])
+    print(f'matched model, n = {modes}, {runs} runs: error over the Cramer-Rao bound')
+    print(f'{"":6s}' + ''.join(f'{f"RMS at {t:g} s":>14s}' for t in TIMES_S)
+          + f'{"median at 10 s":>16s}{"in 95 %":>9s}{"broke down":>12s}{"us a step":>11s}')
+    for name, values in errors.items():
+        ratio = np.array(values)
+        rms = np.sqrt(np.nanmean(ratio**2, axis=0))
+        step_us = 1e6 * np.nanmedian(np.concatenate(times[name]))
+        covered = 100 * np.mean(np.array(scaled[name]) < 1.96)
+        print(f'{name:6s}' + ''.join(f'{value:14.2f}' for value in rms)
+              + f'{np.nanmedian(ratio[:, -1]):16.2f}{covered:8.1f}%'
+              f'{int(np.isnan(ratio[:, -1]).sum()):12d}{step_us:11.0f}')
+
+
+def beside(robot: Robot, data: Record, modes: int, torque: float
+           ) -> dict[str, tuple[Array, Array, Array]]:
+    """Return the answers of the three on one record."""
+    arm = Arm(robot, modes)
+    level, outputs = levels(arm.arm, np.full(2, torque))[0], data.outputs / arm.told
+    steps = {'rpe': default(robot, modes, torque), 'EKF': ekf(arm, level),
+             'UKF': ukf(arm, level)}
+    return {name: answers(step, outputs, data.commands) for name, step in steps.items()}
+
+
+def record_study(modes: int) -> None:
+    """Print the errors of the three on the independent simulator's clean record."""
+    if not BENCH.is_dir():
+        print('the bench records are absent: expected ../shared/data/bench')
+        return
+    truths = json.loads((BENCH / 'truth.json').read_text())
+    name = next(key for key, truth in truths.items() if truth['name'] == 'nothing')
+    rows = np.loadtxt(BENCH / f'{name}.csv', delimiter=',', skiprows=1, max_rows=1001)
+    robot, mass = load_robot('reference'), truths[name]['payload_true']
+    arm = Arm(robot, modes)
+    level = levels(arm.arm, np.zeros(2))[1]
+    print(f'clean record of the independent simulator, n = {modes}: error ± std, %')
+    for label, step in (('rpe', default(robot, modes, 0.0)), ('EKF', ekf(arm, level)),
+                        ('UKF', ukf(arm, level))):
+        found = answers(step, rows[:, 3:9] / arm.told, rows[:, 1:3])
+        texts = [f'{100 * (found[0][k] / mass - 1):7.2f} ±{100 * found[1][k]**0.5 / mass:5.2f}'
+                 for k in (round(t / 0.01) for t in TIMES_S)]
+        print(f'{label:6s}' + ''.join(f'{text:>18s}' for text in texts)
+              + f'{1e6 * np.nanmedian(found[2]):10.0f} us a step')
+
+
+def main() -> None:
+    """Print both tables."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
+    parser.add_argument('--runs', type=int, default=20)
+    parser.add_argument('--modes', type=int, default=2)
+    options = parser.parse_args()
+    matched_study(options.runs, options.modes)
+    record_study(3)
+
+
+if __name__ == '__main__':
+    main()
