@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from flex_payload_estimator.estimators.rpe_events import EXACT_MISFIT
+from flex_payload_estimator.estimators.rpe_events import EXPLAINED
 from flex_payload_estimator.estimators.rpe_hypothesis import Hypothesis, Sample, Stepper
 from flex_plant_sim.arm_model import Array
 import numpy as np
@@ -111,8 +111,12 @@ class Bank:
                 kept.append(h)
         self.hypotheses = kept
         if self.decided:
-            best = self.best()
-            self.hypotheses = [h for h in kept if h.recent > best.recent - KEEP_NATS]
+            # The first of a level in `kept` is its likeliest.
+            recent: dict[int, float] = {}
+            for h in kept:
+                recent.setdefault(h.level, h.recent)
+            least = max(recent.values()) - KEEP_NATS
+            self.hypotheses = [h for h in kept if recent[h.level] > least]
 
     def _agree(self, one: Hypothesis, other: Hypothesis) -> bool:
         fine = FINE * (other.mass + self.stepper.schedule.soft_mass)
@@ -144,7 +148,7 @@ class Bank:
             return False
         active, levels = self.hypotheses[0], self.stepper.levels
         exact = levels[active.level].exact
-        fits = active.misfit < (EXACT_MISFIT if exact else ROBUST_MISFIT)
+        fits = active.misfit < (EXPLAINED if exact else ROBUST_MISFIT)
         self._misfits = 0 if fits else self._misfits + 1
         if self._misfits < patience:
             return False

@@ -15,8 +15,8 @@ SHARES = (0.0, 0.5, 1.0, 1.5)
 # With a wrong model, a change must also be larger than the model's errors look.
 SMALLEST_SHARE = 0.1
 SIGMAS = 5.0
-# Mean of e'S^-1 e per channel beyond which an exact model is none.
-EXACT_MISFIT = 1.6
+# Mean of e'S^-1 e per channel beyond which a change explains nothing, or an exact model is none.
+EXPLAINED = 1.6
 
 
 @dataclass(frozen=True)
@@ -241,5 +241,4 @@ class ChangeDetector:
         """Tell whether a change exceeds its uncertainty, and explains what was wrong."""
         colour = 1.0 if exact else active.windows.colour
         size = (change.hypothesis.mass - active.mass)**2
-        fits = not exact or change.hypothesis.misfit < EXACT_MISFIT
-        return fits and size > SIGMAS**2 * colour * change.hypothesis.variance
+        return change.hypothesis.misfit < EXPLAINED and size > SIGMAS**2 * colour * change.hypothesis.variance
