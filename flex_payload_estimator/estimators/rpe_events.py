@@ -240,5 +240,6 @@ class ChangeDetector:
     def _clear(self, change: Change, active: Hypothesis, exact: bool) -> bool:
         """Tell whether a change exceeds its uncertainty, and explains what was wrong."""
         colour = 1.0 if exact else active.windows.colour
-        size = (change.hypothesis.mass - active.mass)**2
-        return change.hypothesis.misfit < EXPLAINED and size > SIGMAS**2 * colour * change.hypothesis.variance
+        h = change.hypothesis
+        clear = (h.mass - active.mass)**2 > SIGMAS**2 * colour * h.variance
+        return clear and h.misfit < EXPLAINED
