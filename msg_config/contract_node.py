@@ -159,8 +159,8 @@ def run(make: Callable[[], ContractNode], arguments: Sequence[str] | None = None
     Returns
     -------
     int
-        0 after SIGTERM or shutdown, 130 after Ctrl-C, 2 for a bad parameter, which is named in
-        one line.
+        0 after SIGTERM or shutdown, 130 after Ctrl-C (0 where rclpy shuts down before Python
+        sees the signal), 2 for a bad parameter, which is named in one line.
 
     """
     try:

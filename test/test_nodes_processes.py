@@ -34,7 +34,7 @@ def start(domain_id: int, node: str, *arguments: str) -> subprocess.Popen[str]:
 
 @pytest.mark.parametrize('node', MODULES)
 @pytest.mark.parametrize(('number', 'codes'), [
-    (signal.SIGINT, (130,)), (signal.SIGTERM, (0,))], ids=['SIGINT', 'SIGTERM'])
+    (signal.SIGINT, (0, 130)), (signal.SIGTERM, (0,))], ids=['SIGINT', 'SIGTERM'])
 def test_a_node_ends_cleanly(
     ros_context: Context, domain_id: int, node: str, number: signal.Signals,
     codes: tuple[int, ...],
