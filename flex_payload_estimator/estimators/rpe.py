@@ -19,6 +19,7 @@ from flex_payload_estimator.estimators.rpe_levels import (
 )
 from flex_payload_estimator.estimators.rpe_parts import gain_columns, tabulated
 from flex_payload_estimator.estimators.rpe_settings import RpeSettings
+from flex_payload_estimator.estimators.rpe_windows import PERSISTENT
 from flex_plant_sim.arm_model import Array
 from flex_plant_sim.effects import effects_of
 from flex_plant_sim.effects.base import Effect
@@ -34,6 +35,8 @@ LARGEST, LARGEST_COMMAND = 1e9, 1e9
 # What a window must tell about a payload change of a sixth of the heaviest: five sigma.
 EXCITED = 25.0
 SUSPECT_MISFIT = 2.0
+# Of a drifting payload, heaviest payloads per square root of a second.
+DRIFT_SHARE = 0.04
 
 
 def _is_command(command: Array) -> bool:
@@ -79,8 +82,8 @@ class RecursivePredictionError:
         schedule, tolerances = tabulated(bare, model, modes, chosen, heaviest)
         self.told, self._effects = told_noise(self.arm), EffectStep(self.arm)
         self.stepper = Stepper(
-            schedule, levels(self.arm, np.asarray(settings.torque_noise)), self.told,
-            self._effects, heaviest,
+            schedule, levels(self.arm, np.asarray(settings.torque_noise), DRIFT_SHARE * heaviest),
+            self.told, self._effects, heaviest,
             gain_columns(self.told.size, schedule.parameters, tolerances.size))
         self.bank, self._spread = Bank(self.stepper, tolerances), start_spread(self.arm)
         self._block = max(2, round(settings.block_s / self.arm.step_time))
@@ -225,7 +228,8 @@ class RecursivePredictionError:
         active = bank.best()
         self.detector.recent.record(self._sample, active)
         self.samples += 1
-        if bank.decided and not self._change(active) and bank.widen(self._spread, self._block):
+        if bank.decided and not self._change(active) and bank.widen(
+                self._spread, self._block // 2, self.detector.recent):
             self.detector.recent.forget()
         if self.samples % self._block == 0:
             self._turn(1 + self.samples // self._block % 2)
@@ -257,18 +261,25 @@ class RecursivePredictionError:
 
     def _turn(self, column: int) -> None:
         """Close a block; where it told nothing of the payload, let the payload walk."""
-        told = self.bank.best().windows.information[column] * (self.stepper.heaviest / 6.0)**2
+        best, span, now = self.bank.best(), self._block * self.arm.step_time, self._sample.time
+        told = best.windows.information[column] * (self.stepper.heaviest / 6.0)**2
         self._excited = bool(told > EXCITED)
         self.bank.lively_blocks += self._excited
         if not self.bank.lively_blocks:
             # At rest the likelihoods compare only how a vague start fits.
             self.bank.level_weights()
-        walk = self.settings.rest_drift**2 * self._block * self.arm.step_time
+        walk = self.settings.rest_drift**2 * span
         for h in self.bank.hypotheses:
             if not self._excited and h.variance < (self.stepper.heaviest / 6.0)**2:
                 self.stepper.drift(h, walk)
             self.stepper.turn(h, column)
-            self.stepper.follow_trend(h)
+            step = self.stepper.follow_trend(h)
+            if h is best and abs(step) > self.detector.smallest(h):
+                self._log.notice(Event(now - PERSISTENT * span, now, h.mass, h.mass + step))
+        drifted = self.bank.drifted(best)
+        if drifted and abs(best.mass - drifted[1]) > self.detector.smallest(best):
+            self._log.notice(Event(drifted[0], now, drifted[1], best.mass))
+        self.bank.settle()
 
     def _estimate(self, best: Hypothesis) -> Estimate:
         mass, variance = self.bank.moments()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from flex_payload_estimator.estimators.rpe_events import EXPLAINED
+from flex_payload_estimator.estimators.rpe_events import EXPLAINED, Recent
 from flex_payload_estimator.estimators.rpe_hypothesis import Hypothesis, Sample, Stepper
 from flex_plant_sim.arm_model import Array
 import numpy as np
@@ -16,6 +16,10 @@ FINE = 0.05
 ROBUST_MISFIT = 6.0
 # Blocks with motion after which the level of model error is decided.
 BLOCKS_TO_DECIDE = 4
+# And blocks after which an exact level has proved itself.
+BLOCKS_TO_TRUST = 10
+# The simpler of two hypotheses may be behind by this.
+SIMPLER_NATS = 3.0
 
 
 class Ahead(NamedTuple):
@@ -66,7 +70,8 @@ class Bank:
         """Forget everything."""
         self.hypotheses: list[Hypothesis] = []
         self.lively_blocks = 0
-        self._doubt, self._doubt_nats, self._misfits = 0, KEEP_NATS, 0
+        self._doubt, self._doubt_nats, self._misfits, self._calm = 0, KEEP_NATS, 0, 0
+        self._since = 0.0, 0.0
 
     def start(self, x: Array, cov: Array) -> None:
         """Fill the bank: every level with payloads from 0 to the heaviest."""
@@ -75,7 +80,7 @@ class Bank:
         edges = soft * (1.0 + heaviest / soft)**shares - soft
         self.hypotheses = [
             self.stepper.start(level, x, cov, 0.5 * (low + high), 0.5 * (high - low))
-            for level in range(len(self.stepper.levels))
+            for level, kind in enumerate(self.stepper.levels) if not kind.drift
             for low, high in zip(edges[:-1], edges[1:])]
 
     @property
@@ -132,7 +137,7 @@ class Bank:
         self.hypotheses = [changed, self.best()]
         self._doubt, self._doubt_nats = samples, nats
 
-    def widen(self, spread: Array, patience: int) -> bool:
+    def widen(self, spread: Array, patience: int, recent: Recent) -> bool:
         """
         Bring larger model errors back in where the only hypothesis left no longer fits.
 
@@ -142,6 +147,8 @@ class Bank:
             Standard deviation of the state at the start, (n,).
         patience : int
             Samples for which it must not fit: a change of payload looks the same at first.
+        recent : Recent
+            From before: a drifting payload is tried from there.
 
         """
         if len(self.hypotheses) > 1:
@@ -154,6 +161,14 @@ class Bank:
             return False
         self._misfits = 0
         for level in range(active.level + 1, len(levels)):
+            if levels[level].drift:
+                # Only what was exact for a while can be exact but for a drifting payload.
+                drifting = recent.replay_at(self.stepper, level) \
+                    if self.lively_blocks >= BLOCKS_TO_TRUST else None
+                if drifting:
+                    self.hypotheses.append(drifting)
+                    self._since = recent.samples[0][0].time, recent.samples[0][1].mass
+                continue
             h = active.copy()
             self.stepper.loosen(h, level)
             if exact:
@@ -162,6 +177,29 @@ class Bank:
             self.hypotheses.append(h)
         active.misfit, self.lively_blocks = 1.0, 0
         return len(self.hypotheses) > 1
+
+    def drifted(self, best: Hypothesis) -> tuple[float, float] | None:
+        """Return since when, s, and from where, kg, the payload drifts, if it does."""
+        drifting = self.stepper.levels[best.level].drift and len(self.hypotheses) == 1
+        return self._since if drifting else None
+
+    def settle(self) -> None:
+        """Once a block: let a payload that drifted try to stand still again."""
+        first = self.hypotheses[0]
+        if len(self.hypotheses) == 1 and self.stepper.levels[first.level].drift:
+            self._calm += 1
+            if self._calm == BLOCKS_TO_DECIDE:
+                still = first.copy()
+                self.stepper.loosen(still, 0)
+                self.hypotheses.append(still)
+                self._calm = -BLOCKS_TO_DECIDE
+        elif self._calm < 0:
+            self._calm += 1
+            if self._calm == 0:
+                best = max(h.recent for h in self.hypotheses)
+                stands = [h for h in self.hypotheses
+                          if h.level == 0 and h.recent > best - SIMPLER_NATS]
+                self.hypotheses = stands or [h for h in self.hypotheses if h.level]
 
     def variance(self, h: Hypothesis) -> float:
         """Return the variance of a payload's error, kg^2: colour and tolerances included."""

@@ -12,7 +12,7 @@ import numpy as np
 
 # Payloads tried beside the best guess, as shares of the way to it.
 SHARES = (0.0, 0.5, 1.0, 1.5)
-# With a wrong model, a change must also be larger than the model's errors look.
+# A change must also be larger than a wrong model's errors look, share of the payload.
 SMALLEST_SHARE = 0.1
 SIGMAS = 5.0
 # Mean of e'S^-1 e per channel beyond which a change explains nothing, or an exact model is none.
@@ -139,6 +139,17 @@ class Recent:
             stepper.correct(h, sample)
         return h
 
+    def replay_at(self, stepper: Stepper, level: int) -> Hypothesis | None:
+        """Return the oldest hypothesis kept, brought up to now at another level."""
+        if not self.samples:
+            return None
+        h = self.samples[0][1].copy()
+        stepper.loosen(h, level)
+        for k in range(1, len(self.samples)):
+            stepper.predict(h, self.samples[k][0])
+            stepper.correct(h, self.samples[k][0])
+        return h
+
     def search(self, stepper: Stepper, active: Hypothesis, guess: float, stride: int
                ) -> Change | None:
         """
@@ -214,8 +225,16 @@ class ChangeDetector:
         change = self.recent.search(self.stepper, active, guess, stride)
         if change is None or change.gain < limit or not self._clear(change, active, exact):
             return None
+        if abs(change.hypothesis.mass - active.mass) < self.smallest(active):
+            # No payload that anybody took or left: the model is not exact.
+            active.misfit = max(active.misfit, 2.0 * EXPLAINED)
+            return None
         change.hypothesis.windows = active.windows.emptied()
         return change
+
+    def smallest(self, active: Hypothesis) -> float:
+        """Return the smallest change, kg, that model errors do not look like."""
+        return SMALLEST_SHARE * (active.mass + 0.4 * self.stepper.schedule.soft_mass)
 
     def limit(self, active: Hypothesis, exact: bool) -> float:
         """Return the log-likelihood that a change must gain; more where scores are coloured."""
@@ -226,8 +245,7 @@ class ChangeDetector:
     def _score(self, active: Hypothesis, exact: bool) -> tuple[float, float]:
         """Return the larger gain of the two windows, and the step of payload, kg."""
         best = 0.0, 0.0
-        smallest = 0.0 if exact else SMALLEST_SHARE * (
-            active.mass + 0.4 * self.stepper.schedule.soft_mass)
+        smallest = 0.0 if exact else self.smallest(active)
         for column in (1, 2):
             score = float(active.windows.score[column])
             known = float(active.windows.information[column])

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-import math
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from flex_payload_estimator.estimators.rpe_effects import EffectStep
 from flex_payload_estimator.estimators.rpe_kernel import correct, MASS_COLUMNS, predict
 from flex_payload_estimator.estimators.rpe_levels import Level, speed_feedback
 from flex_payload_estimator.estimators.rpe_schedule import PayloadSchedule, PayloadSlice
+from flex_payload_estimator.estimators.rpe_windows import Windows
 from flex_plant_sim.arm_model import Array
 import numpy as np
 
@@ -17,11 +17,6 @@ MISFIT_MEMORY_S = 0.5
 # P's diagonal grows by this share a sample, well above what rounding takes, so that P stays
 # positive definite where damped modes have forgotten everything; a memory of 1e12 samples.
 JITTER = 1e-12
-# What the scores' colour is taken for before blocks have shown it, and how many that is worth.
-COLOUR_PRIOR, PRIOR_BLOCKS = 3.0, 4.0
-SCATTER_PRIOR, PRIOR_WINDOWS = 2.0, 8.0
-# A payload drifts where this many windows in a row agree, on average by so many sigma.
-PERSISTENT, SIGMAS = 6, 3.0
 
 
 class Sample(NamedTuple):
@@ -46,82 +41,6 @@ class Sample(NamedTuple):
     command: Array
     before: float
     activity: float
-
-
-def _standardised(window: tuple[float, float]) -> float:
-    score, known = window
-    return score / math.sqrt(known) if known > 0.0 else 0.0
-
-
-@dataclass(frozen=True)
-class Windows:
-    """
-    Scores and informations of the three payload columns since their windows began.
-
-    Attributes
-    ----------
-    score, information : Array
-        (3,): over the current block, and over either staggered window.
-    squared, expected : float
-        Sums over past blocks of the first score squared, and of its information.
-    changes : float
-        Sum over past windows of half the squared difference of a window's standardised score
-        from the one before: what scores scatter by, without what persists (von Neumann 1941).
-    blocks : float
-        How many.
-    closed : tuple of (float, float)
-        Score and information of the last PERSISTENT windows; each overlaps half the next.
-
-    """
-
-    score: Array = field(default_factory=lambda: np.zeros(MASS_COLUMNS))
-    information: Array = field(default_factory=lambda: np.zeros(MASS_COLUMNS))
-    squared: float = 0.0
-    expected: float = 0.0
-    changes: float = 0.0
-    blocks: float = 0.0
-    closed: tuple[tuple[float, float], ...] = ()
-
-    def turned(self, column: int) -> Windows:
-        """Return the sums with a block closed, and the window of a column begun again."""
-        kept = np.ones(MASS_COLUMNS)
-        kept[[0, column]] = 0.0
-        known = self.information[column]
-        closed = (*self.closed, (float(self.score[column]), float(known)))[-PERSISTENT:]
-        change = 0.0
-        if len(closed) > 2:
-            change = 0.5 * (_standardised(closed[-1]) - _standardised(closed[-3]))**2
-        return Windows(self.score * kept, self.information * kept,
-                       self.squared + self.score[0]**2, self.expected + self.information[0],
-                       self.changes + change, self.blocks + 1.0, closed)
-
-    def emptied(self) -> Windows:
-        """Return the sums with all windows begun again."""
-        zero = np.zeros(MASS_COLUMNS)
-        return replace(self, score=zero, information=zero, closed=())
-
-    @property
-    def scatter(self) -> float:
-        """Return the variance of windows' standardised scores, at least 1."""
-        return max(1.0, (SCATTER_PRIOR * PRIOR_WINDOWS + self.changes)
-                   / (PRIOR_WINDOWS + self.blocks))
-
-    def trend(self) -> float:
-        """Return the payload step, kg, that the last windows agree on; 0 where they do not."""
-        scores = [_standardised(window) for window in self.closed]
-        if len(scores) < PERSISTENT or min(scores) * max(scores) <= 0.0:
-            return 0.0
-        if abs(sum(scores)) < SIGMAS * PERSISTENT * self.scatter**0.5:
-            return 0.0
-        return sum(score for score, _ in self.closed) / sum(known for _, known in self.closed)
-
-    @property
-    def colour(self) -> float:
-        """Return the score's long-run variance over that of white innovations, at least 1."""
-        if self.expected <= 0.0:
-            return COLOUR_PRIOR
-        sums = COLOUR_PRIOR * PRIOR_BLOCKS + self.blocks * self.squared / self.expected
-        return max(1.0, sums / (PRIOR_BLOCKS + self.blocks))
 
 
 @dataclass
@@ -226,6 +145,8 @@ class Stepper:
             parts, h.mass - piece.payload, sample.command,
             level.torque(sample.before, sample.command - self._speed @ start),
             sample.before**2 * level.floor)
+        if level.drift:
+            self.drift(h, level.drift**2 * self.effects.arm.step_time)
         if self.effects.moves:
             h.x = self.effects.push(piece.payload, start, h.x, sample.command,
                                     sample.time - self.effects.arm.step_time)
@@ -287,12 +208,13 @@ class Stepper:
         h.sens[:, 0] *= h.variance / after
         h.variance = after
 
-    def follow_trend(self, h: Hypothesis) -> None:
-        """Let the payload of an inexact model go where all recent windows pull it."""
+    def follow_trend(self, h: Hypothesis) -> float:
+        """Let an inexact model's payload go where recent windows pull it; return how far, kg."""
         step = 0.0 if self.levels[h.level].exact else h.windows.trend()
         if step:
             self.drift(h, step**2)
             h.windows = h.windows.emptied()
+        return step
 
     def relocate(self, h: Hypothesis, x: Array, cov: Array) -> None:
         """Keep the payload, and nothing else."""

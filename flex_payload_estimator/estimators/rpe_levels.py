@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from flex_plant_sim.arm_model import Array
 from flex_plant_sim.extended_arm import ExtendedArm
@@ -37,6 +37,8 @@ class Level:
         Variance of each channel beyond the told one, over it, (m,).
     net_share : float
         Disturbance as a share of the drive's net torque.
+    drift : float
+        Random walk of the payload, kg per square root of a second.
 
     """
 
@@ -46,6 +48,7 @@ class Level:
     floor: Array
     extra_noise: Array
     net_share: float = 0.0
+    drift: float = 0.0
 
     def torque(self, activity: float, net: Array) -> Array:
         """
@@ -91,9 +94,9 @@ def told_noise(arm: ExtendedArm) -> Array:
     return np.array([arm.robot.angle_noise] * 2 + [arm.robot.strain_noise] * gauges)
 
 
-def levels(arm: ExtendedArm, torque_noise: Array) -> tuple[Level, ...]:
+def levels(arm: ExtendedArm, torque_noise: Array, drift: float) -> tuple[Level, ...]:
     """
-    Return the exact level and the robust ones, from small to large model error.
+    Return the exact level, the exact one with a drifting payload, and the robust ones.
 
     Parameters
     ----------
@@ -101,11 +104,14 @@ def levels(arm: ExtendedArm, torque_noise: Array) -> tuple[Level, ...]:
         The model.
     torque_noise : Array
         Told process noise: torque on each joint held over a sample, N m, (2,).
+    drift : float
+        Of the second level, kg per square root of a second.
 
     """
     gains = np.array([drive.torque_gain for drive in arm.robot.drives])
     told, noise = torque_noise / gains, told_noise(arm)
-    found = [Level(True, told, np.zeros(2), np.zeros((0, 0)), np.zeros(noise.size))]
+    exact = Level(True, told, np.zeros(2), np.zeros((0, 0)), np.zeros(noise.size))
+    found = [exact, replace(exact, drift=drift)]
     inertia = np.diag(arm.form.mass_at(1.0, arm.robot.payload_mass))[:2]
     hold, push = np.sqrt(HOLD_S / arm.step_time), _held_force(arm)
     for joint, link, bend, share in ROBUST_LEVELS:
