@@ -193,7 +193,7 @@ def beside(robot: Robot, data: Record, modes: int, torque: float
            ) -> dict[str, tuple[Array, Array, Array]]:
     """Return the answers of the three on one record."""
     arm = Arm(robot, modes)
-    level, outputs = levels(arm.arm, np.full(2, torque))[0], data.outputs / arm.told
+    level, outputs = levels(arm.arm, np.full(2, torque), 0.0)[0], data.outputs / arm.told
     steps = {'rpe': default(robot, modes, torque), 'EKF': ekf(arm, level),
              'UKF': ukf(arm, level)}
     return {name: answers(step, outputs, data.commands) for name, step in steps.items()}
@@ -209,7 +209,7 @@ def record_study(modes: int) -> None:
     rows = np.loadtxt(BENCH / f'{name}.csv', delimiter=',', skiprows=1, max_rows=1001)
     robot, mass = load_robot('reference'), truths[name]['payload_true']
     arm = Arm(robot, modes)
-    level = levels(arm.arm, np.zeros(2))[1]
+    level = next(level for level in levels(arm.arm, np.zeros(2), 0.0) if not level.exact)
     print(f'clean record of the independent simulator, n = {modes}: error ± std, %')
     for label, step in (('rpe', default(robot, modes, 0.0)), ('EKF', ekf(arm, level)),
                         ('UKF', ukf(arm, level))):
