@@ -16,6 +16,7 @@ BATCH = 8
 KEPT_STARTS = 2
 ENOUGH = 0.3
 SHARE = 1e-4
+RIDGE = 1e-4
 LIMIT = 3.0
 WIDE = 30.0
 DAMPINGS = (1e-4, 0.03, 1.0, 30.0)
@@ -98,10 +99,18 @@ class Projector:
         return value, free
 
     def cost(self, flat: Array) -> float:
-        """Return half the squared residual that the base parameters leave, nats."""
+        """Return half the squared residual that the base parameters leave, nats; or inf."""
+        if not np.all(np.isfinite(flat)):
+            return np.inf
         value, _ = self.nuisance(flat)
         return float(0.5 * (flat @ flat) + (self.columns.T @ flat) @ value
                      + 0.5 * value @ self.gram @ value)
+
+    def gain(self, flat: Array, directions: Array) -> float:
+        """Return the nats that the best mixture of directions (k, M) takes off the cost."""
+        hessian, gradient = self.normal(flat, directions)
+        own = np.diag(RIDGE * np.diagonal(hessian) + 1e-12)
+        return float(0.5 * gradient @ np.linalg.solve(hessian + own, gradient))
 
     def normal(self, flat: Array, columns: Array) -> tuple[Array, Array]:
         """Return Hessian (k, k) and gradient (k,) of the cost for columns (k, M)."""
@@ -132,16 +141,52 @@ def fit_base(problem: Problem) -> Fit:
                problem.sensitivity, precision, weighting, projector.cost(flat))
 
 
-def explore(problem: Problem, hypothesis: Hypothesis, weighting: Weighting,
-            duration: float) -> Fit:
+@dataclass(frozen=True)
+class Promise:
     """
-    Return a first fit: the best of all starts after a few steps, at a given weighting.
+    What a hypothesis could explain at most, seen from its starts alone.
+
+    Attributes
+    ----------
+    hypothesis : Hypothesis
+    gain : float
+        Nats, by the best mixture of what its starts do; of whole sizes, not of derivatives.
+    starts : Array
+        The most promising starts, (<= KEPT_STARTS, k).
+
+    """
+
+    hypothesis: Hypothesis
+    gain: float
+    starts: Array
+
+
+def promise(problem: Problem, hypothesis: Hypothesis, projector: Projector,
+            duration: float) -> Promise:
+    """
+    Return what the starts of a hypothesis promise.
 
     Starts at a time beyond the duration of the longest record, s, are left out.
     """
-    search = _Search(problem, hypothesis, Projector(problem, weighting))
-    starts = search.best_starts(hypothesis.starts(duration))
-    points = [search.descend(v, FIRST_STEPS) for v in starts]
+    search = _Search(problem, hypothesis, projector)
+    starts, flat = hypothesis.starts(duration), projector.white(problem.nominal)
+    costs, kept, gains = [], np.zeros((0, flat.size)), np.zeros(0)
+    for k in range(0, len(starts), BATCH):
+        moved = projector.white(search.residual(starts[k:k + BATCH]))
+        costs += [projector.cost(f) for f in moved]
+        change = moved[np.all(np.isfinite(moved), axis=1)] - flat
+        kept = np.concatenate([kept, change])
+        gains = np.concatenate([gains, [projector.gain(flat, d[None]) for d in change]])
+        best = np.argsort(-gains)[:BATCH]
+        kept, gains = kept[best], gains[best]
+    most = max(projector.gain(flat, kept), projector.cost(flat) - min(costs, default=np.inf))
+    return Promise(hypothesis, most, starts[np.argsort(costs)[:KEPT_STARTS]])
+
+
+def explore(problem: Problem, promised: Promise, projector: Projector) -> Fit:
+    """Return a first fit: the better of the promising starts after a few steps."""
+    search = _Search(problem, promised.hypothesis, projector)
+    points = [search.descend(v, FIRST_STEPS) for v in promised.starts]
     return search.result(min(points, key=lambda p: p.cost))
 
 
@@ -184,14 +229,7 @@ class _Search:
     def costs(self, values: Array) -> Array:
         """Return the cost at values (B, k): (B,)."""
         flat = self.projector.white(self.residual(values))
-        return np.array([self.projector.cost(f) if np.all(np.isfinite(f)) else np.inf
-                         for f in flat])
-
-    def best_starts(self, starts: Array) -> Array:
-        """Return the most promising starts, (<= KEPT_STARTS, k)."""
-        if len(starts) <= KEPT_STARTS:
-            return starts
-        return starts[np.argsort(self.costs(starts))[:KEPT_STARTS]]
+        return np.array([self.projector.cost(f) for f in flat])
 
     def linearise(self, values: Array) -> _Point:
         """Return residual and columns at values, by differences."""

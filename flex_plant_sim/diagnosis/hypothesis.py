@@ -15,6 +15,7 @@ import numpy as np
 
 DIFFERENCE = 0.05
 GRID = 5
+TIMES = 30
 
 
 @dataclass(frozen=True)
@@ -77,10 +78,16 @@ class Hypothesis:
         return np.where(values + steps > self.high, -steps, steps)
 
     def starts(self, duration: float) -> Array:
-        """Return the start values, (S, k); times beyond the record are left out."""
-        grids = [[s for s in p.starts if p.unit != 's' or not p.name.startswith('time')
-                  or s < duration] for p in self.parameters]
-        return np.array(list(product(*grids)))
+        """Return the start values, (S, k); times are spread over the record's duration, s."""
+        return np.array(list(product(*(self._grid(p, duration) for p in self.parameters))))
+
+    @staticmethod
+    def _grid(parameter: Parameter, duration: float) -> Sequence[float]:
+        if parameter.name != 'time_s':
+            return parameter.starts
+        spacing = float(np.min(np.diff(parameter.starts)))
+        count = int(np.clip(duration / spacing, GRID, TIMES))
+        return tuple(duration * k / count for k in range(1, count))
 
     def at(self, values: Array) -> Effect:
         """Return the effect with values (k,), or a batch of them with (B, k)."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from flex_plant_sim.arm_model import Array
 from flex_plant_sim.diagnosis.noise import load_levels, process_noise, steady_gain
@@ -103,17 +104,25 @@ class Predictor:
 
         """
         arm = self.base.arm(self.record.payload, effects, robot)
-        gain = self.gain_of(arm) if gain is None else gain
-        run = _Run(self, arm, gain, _batch(effects))
+        if gain is None and robot is None and not any(e.structural for e in effects):
+            run = _Run(self, arm, self.matrices, _batch(effects))
+        else:
+            gain = self.gain_of(arm) if gain is None else gain
+            run = _Run(self, arm, _Matrices.of(self, arm, gain), _batch(effects))
         rows = np.ascontiguousarray(self.windows.indices.T)
         states = run.states(rows, self.started(arm)[rows[0]])
         scored, rows = states[self.windows.warm_up:], rows[self.windows.warm_up:]
         errors = run.measured[rows] - scored @ arm.output_matrix.T
         return np.ascontiguousarray(errors.transpose(2, 1, 0, 3))
 
+    @cached_property
+    def matrices(self) -> _Matrices:
+        """Return the base's matrices, which serve all effects that leave the plant alone."""
+        return _Matrices.of(self, self.arm, self.gain)
+
     def _filter(self, arm: ExtendedArm) -> Array:
         """Return the predicted states of the base over the whole record, (N, n)."""
-        run = _Run(self, arm, self.gain, 1)
+        run = _Run(self, arm, _Matrices.of(self, arm, self.gain), 1)
         start = np.zeros((1, arm.states))
         start[0, :2] = self.record.output[0, :2]
         return run.states(np.arange(len(self.record.time))[:, None], start)[:, 0, 0]
@@ -131,29 +140,52 @@ class Predictor:
         return states
 
 
-class _Run:
-    """One arm driven through the record: matrices and inputs of every sample."""
+@dataclass(frozen=True)
+class _Matrices:
+    """
+    The predictor's matrices at every sample of a record.
 
-    def __init__(self, predictor: Predictor, arm: ExtendedArm, gain: Array, batch: int):
-        self.arm, self.record, self.gain = arm, predictor.record, gain
-        self.command = at_drive(arm, self.record)
-        self.measured = _undo_sensors(arm, self.record)
-        n, m, order = arm.states, self.record.output.shape[1], arm.form.order
-        weights, table = payload_schedule(arm, self.record.time, predictor.weights)
+    Attributes
+    ----------
+    closed : Array
+        F - K C, (N, n, n).
+    drive : Array
+        [G, E, K], (N, n, 2 + order + m).
+
+    """
+
+    closed: Array
+    drive: Array
+
+    @classmethod
+    def of(cls, predictor: Predictor, arm: ExtendedArm, gain: Array) -> _Matrices:
+        """Interpolate them over the record."""
+        n = arm.states
+        weights, table = payload_schedule(arm, predictor.record.time, predictor.weights)
         table = table.reshape(len(table), n, -1)
         k = np.tile(gain, (len(table) // NODES, 1, 1))
-        every = np.concatenate([table[..., :n] - k @ arm.output_matrix, table[..., n:], k],
-                               axis=-1)
-        every = (weights @ every.reshape(len(every), -1)).reshape(len(weights), n, -1)
-        self.closed = np.ascontiguousarray(every[..., :n])
-        self.response = every[..., n + 2:n + 2 + order]
+        closed = (table[..., :n] - k @ arm.output_matrix).reshape(len(table), -1)
+        drive = np.concatenate([table[..., n:], k], axis=-1).reshape(len(table), -1)
+        return cls((weights @ closed).reshape(len(weights), n, n),
+                   (weights @ drive).reshape(len(weights), n, -1))
+
+
+class _Run:
+    """One arm driven through the record: inputs of every sample."""
+
+    def __init__(self, predictor: Predictor, arm: ExtendedArm, matrices: _Matrices, batch: int):
+        self.arm, self.record = arm, predictor.record
+        self.command = at_drive(arm, self.record)
+        self.measured = _undo_sensors(arm, self.record)
+        m, order = self.record.output.shape[1], arm.form.order
+        self.closed, self.response = matrices.closed, matrices.drive[..., 2:2 + order]
         trajectory = predictor.started(arm)[:, None]
         ahead = np.concatenate([trajectory[1:], trajectory[-1:]])
         motion = arm.motion(0.5 * (trajectory + ahead), self.command, self.record.time[:, None])
         parts = (self.command, arm.smooth_force(motion), self.measured)
-        drive = np.concatenate([np.broadcast_to(part, (len(weights), batch, width))
+        drive = np.concatenate([np.broadcast_to(part, (len(self.closed), batch, width))
                                 for part, width in zip(parts, (2, order, m))], axis=-1)
-        self.inputs = np.matmul(drive, np.swapaxes(every[..., n:], 1, 2))
+        self.inputs = np.matmul(drive, np.swapaxes(matrices.drive, 1, 2))
 
     def states(self, rows: Indices, start: Array) -> Array:
         """Return the predicted states along windows, rows (S, W): (S, W, B, n)."""
@@ -201,8 +233,7 @@ def payload_schedule(arm: ExtendedArm, time: Array, weights: Array) -> tuple[Arr
     """Return weights over schedule nodes, times payload nodes while the payload changes."""
     mass = np.full(len(time), arm.payload)
     for effect in arm.effects:
-        if type(effect).payload_at is not Effect.payload_at:
-            mass = np.array([effect.payload_at(t, m) for t, m in zip(time, mass)])
+        mass = np.asarray(effect.payload_at(time, mass), dtype=float)
     nodes = np.unique([mass.min(), mass.max()])
     if nodes.size == 1:
         return weights, arm.at_payload(float(nodes[0])).schedule.table

@@ -8,24 +8,34 @@ from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing import get_context
 import signal
-from typing import Any
+from typing import Any, TypeVar
 
 from flex_plant_sim.arm_model import Array
 from flex_plant_sim.diagnosis.allowance import allowance, misfit, MODEL_SHARE
-from flex_plant_sim.diagnosis.fit import explore, Fit, fit_base, refine
+from flex_plant_sim.diagnosis.fit import (
+    explore,
+    Fit,
+    fit_base,
+    Projector,
+    Promise,
+    promise,
+    refine,
+)
 from flex_plant_sim.diagnosis.hypothesis import hypotheses, Hypothesis
 from flex_plant_sim.diagnosis.noise import measurement_noise
 from flex_plant_sim.diagnosis.predictor import Base
-from flex_plant_sim.diagnosis.problem import Problem, Weighting
+from flex_plant_sim.diagnosis.problem import Problem
 from flex_plant_sim.diagnosis.ranking import choose, rank, Ranked
 from flex_plant_sim.diagnosis.windows import Record, Windows
 import numpy as np
 
 ROUNDS = 4
 WRONG = 1.0
-LEADING = 8
+FEWEST_EXPLORED, WORTH_EXPLORING = 12, 0.1
+FEWEST_REFINED, WORTH_REFINING = 3, 0.5
 
 Progress = Callable[[str, float], None]
+Found = TypeVar('Found')
 
 
 @dataclass(frozen=True)
@@ -173,27 +183,44 @@ def _still_needed(nominal: Base, accepted: Sequence[Ranked], data: Data) -> list
 def _fit_all(problem: Problem, trial: Sequence[Hypothesis], fitted: Fit, data: Data, jobs: int,
              progress: Callable[[float], None]) -> list[Ranked]:
     """
-    Return every hypothesis, ranked.
+    Return the hypotheses that could explain something, ranked.
 
-    All get a first fit from all their starts; the leading ones are carried to the end. None is
-    left out for a local score.
+    All are tried at all their starts; those that promise a share of the best get a first fit, of
+    which the leading ones are carried to the end. None is left out for a local score.
     """
-    first = _Explore(problem, fitted.weighting, data.duration)
-    fits = _each(first, trial, jobs, lambda share: progress(0.8 * share))
-    order = [r.fit for r in rank(_joined(fits, problem), fitted, data.noise, data.allowed)]
-    leading = _joined(_each(_Refine(problem), [_alone(f) for f in order[:LEADING]], jobs,
-                            lambda share: progress(0.8 + 0.2 * share)), problem)
-    return rank([*leading, *order[LEADING:]], fitted, data.noise, data.allowed)
+    projector = Projector(problem, fitted.weighting)
+    promises = sorted(_each(_Promise(problem, projector, data.duration), trial, jobs,
+                            lambda share: progress(0.4 * share)), key=lambda p: -p.gain)
+    worth = [p for k, p in enumerate(promises)
+             if k < FEWEST_EXPLORED or p.gain > WORTH_EXPLORING * promises[0].gain]
+    fits = _each(_Explore(problem, projector), worth, jobs,
+                 lambda share: progress(0.4 + 0.3 * share))
+    first = rank(_joined(fits, problem), fitted, data.noise, data.allowed)
+    leading = [r.fit for k, r in enumerate(first)
+               if k < FEWEST_REFINED or r.gain > WORTH_REFINING * first[0].gain]
+    refined = _joined(_each(_Refine(problem), [_alone(f) for f in leading], jobs,
+                            lambda share: progress(0.7 + 0.3 * share)), problem)
+    rest = [r.fit for r in first[len(leading):]]
+    return rank([*refined, *rest], fitted, data.noise, data.allowed)
+
+
+@dataclass(frozen=True)
+class _Promise:
+    problem: Problem
+    projector: Projector
+    duration: float
+
+    def __call__(self, hypothesis: Hypothesis) -> Promise:
+        return promise(self.problem, hypothesis, self.projector, self.duration)
 
 
 @dataclass(frozen=True)
 class _Explore:
     problem: Problem
-    weighting: Weighting
-    duration: float
+    projector: Projector
 
-    def __call__(self, hypothesis: Hypothesis) -> Fit:
-        return _alone(explore(self.problem, hypothesis, self.weighting, self.duration))
+    def __call__(self, promised: Promise) -> Fit:
+        return _alone(explore(self.problem, promised, self.projector))
 
 
 @dataclass(frozen=True)
@@ -214,22 +241,22 @@ def _joined(fits: Sequence[Fit], problem: Problem) -> list[Fit]:
     return [replace(fit, sensitivity=problem.sensitivity) for fit in fits]
 
 
-def _each(task: Callable[[Any], Fit], items: Sequence[Any], jobs: int,
-          progress: Callable[[float], None]) -> list[Fit]:
-    """Return the task's fits that succeed, in the order of the items."""
-    fits: list[Fit] = []
+def _each(task: Callable[[Any], Found], items: Sequence[Any], jobs: int,
+          progress: Callable[[float], None]) -> list[Found]:
+    """Return what the task finds where it succeeds, in the order of the items."""
+    found: list[Found] = []
     with ExitStack() as stack:
         if jobs <= 1:
-            results: Iterable[Fit | None] = map(partial(_attempt, task), items)
+            results: Iterable[Found | None] = map(partial(_attempt, task), items)
         else:
             with _interrupts_held():
                 pool = stack.enter_context(get_context('fork').Pool(
                     jobs, initializer=_remember, initargs=(task,)))
             results = pool.imap(_run, items)
-        for done, fit in enumerate(results, start=1):
+        for done, result in enumerate(results, start=1):
             progress(done / len(items))
-            fits += [fit] if fit is not None else []
-    return fits
+            found += [result] if result is not None else []
+    return found
 
 
 @contextmanager
@@ -242,23 +269,22 @@ def _interrupts_held() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _attempt(task: Callable[[Any], Fit], item: Any) -> Fit | None:
-    """Return the task's fit, or None where the hypothesis makes no finite prediction."""
+def _attempt(task: Callable[[Any], Found], item: Any) -> Found | None:
+    """Return what the task finds, or None where the hypothesis makes no finite prediction."""
     try:
-        fit = task(item)
+        return task(item)
     except np.linalg.LinAlgError:
         return None
-    return fit if np.all(np.isfinite(fit.residual)) else None
 
 
 # The pool's own copy of the task: set once in each worker process, so that the problem is
 # inherited and not sent with every hypothesis.
-_worker: list[Callable[[Any], Fit]] = []
+_worker: list[Callable[[Any], Any]] = []
 
 
-def _remember(task: Callable[[Any], Fit]) -> None:
+def _remember(task: Callable[[Any], Any]) -> None:
     _worker[:] = [task]
 
 
-def _run(item: Any) -> Fit | None:
+def _run(item: Any) -> Any:
     return _attempt(_worker[0], item)

@@ -177,8 +177,8 @@ class Effect(ABC):
         """Return what the sensors say, given the true (theta_1, theta_2, strain…) (…, m)."""
         return output
 
-    def payload_at(self, time: float, payload: float) -> float:
-        """Return the payload, kg, at a time, s."""
+    def payload_at(self, time: Any, payload: Any) -> Any:
+        """Return the payload, kg, at times, s, given what it would be without; scalar or (N,)."""
         return payload
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from flex_plant_sim.effects.base import Effect, Parameter
 import numpy as np
 
@@ -19,10 +21,8 @@ class PayloadChange(Effect):
     sites = 'arm'
     structural = True
 
-    def payload_at(self, time: float, payload: float) -> float:
-        """Return the payload, kg, at a time, s; at the instant of a step, that after it."""
-        late = time - self['time_s']
-        if late < 0.0:
-            return payload
-        share = min(late / self['duration_s'], 1.0) if self['duration_s'] > 0.0 else 1.0
-        return max(payload + share * self['change_kg'], 0.0)
+    def payload_at(self, time: Any, payload: Any) -> Any:
+        """Return the payload, kg, at times, s; at the instant of a step, that after it."""
+        late = np.asarray(time) - self['time_s']
+        share = late / self['duration_s'] if self['duration_s'] > 0.0 else late >= 0.0
+        return np.maximum(payload + np.clip(share, 0.0, 1.0) * self['change_kg'], 0.0)
