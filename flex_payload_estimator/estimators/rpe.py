@@ -84,10 +84,11 @@ class RecursivePredictionError:
         self.stepper = Stepper(
             schedule, levels(self.arm, np.asarray(settings.torque_noise), DRIFT_SHARE * heaviest),
             self.told, self._effects, heaviest,
-            gain_columns(self.told.size, schedule.parameters, tolerances.size))
+            gain_columns(self.told.size, schedule.parameters, tolerances.size),
+            start_spread(self.arm))
         self.bank, self._spread = Bank(self.stepper, tolerances), start_spread(self.arm)
         self._block = max(2, round(settings.block_s / self.arm.step_time))
-        self.stepper.warm(np.zeros(self.arm.states), np.diag(self._spread**2))
+        self.stepper.warm()
         self.reset()
 
     def reset(self) -> None:
@@ -198,27 +199,22 @@ class RecursivePredictionError:
             self.stepper.predict(h, self._sample)
 
     def _begin(self, time: float, output: Array, measured: Array) -> Estimate:
-        self.bank.start(self._standing(output), np.diag(self._spread**2))
+        self.bank.start(measured)
         self._time, self._sample = time, Sample(time, None, np.zeros(2), 0.0, 0.0)
         return self._learn(output, measured)
 
-    def _relocate(self, output: Array) -> None:
+    def _relocate(self, measured: Array) -> None:
         """Start the state again after a gap, with what is known of the payload."""
         for h in self.bank.hypotheses:
-            self.stepper.relocate(h, self._standing(output), np.diag(self._spread**2))
+            self.stepper.relocate(h, measured)
         self.detector.recent.forget()
         self._lost = False
-
-    def _standing(self, output: Array) -> Array:
-        x = np.zeros(self.arm.states)
-        x[:2] = output[:2]
-        return x
 
     def _learn(self, output: Array, measured: Array) -> Estimate:
         """Weigh the sample, look for a change, and say what is known."""
         bank, assumed = self.bank, self._sample
         if self._lost:
-            self._relocate(output)
+            self._relocate(measured)
         self._sample = Sample(assumed.time, measured, assumed.command, assumed.before,
                               self._activity.follow(output[2:]))
         for h in bank.hypotheses:

@@ -73,13 +73,13 @@ class Bank:
         self._doubt, self._doubt_nats, self._misfits, self._calm = 0, KEEP_NATS, 0, 0
         self._since = 0.0, 0.0
 
-    def start(self, x: Array, cov: Array) -> None:
+    def start(self, measured: Array) -> None:
         """Fill the bank: every level with payloads from 0 to the heaviest."""
         soft, heaviest = self.stepper.schedule.soft_mass, self.stepper.heaviest
         shares = np.arange(START_MASSES + 1) / START_MASSES
         edges = soft * (1.0 + heaviest / soft)**shares - soft
         self.hypotheses = [
-            self.stepper.start(level, x, cov, 0.5 * (low + high), 0.5 * (high - low))
+            self.stepper.start(level, measured, 0.5 * (low + high), 0.5 * (high - low))
             for level, kind in enumerate(self.stepper.levels) if not kind.drift
             for low, high in zip(edges[:-1], edges[1:])]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+import math
 from typing import NamedTuple
 
 from flex_payload_estimator.estimators.rpe_effects import EffectStep
@@ -17,6 +18,9 @@ MISFIT_MEMORY_S = 0.5
 # P's diagonal grows by this share a sample, well above what rounding takes, so that P stays
 # positive definite where damped modes have forgotten everything; a memory of 1e12 samples.
 JITTER = 1e-12
+# A state is lost where its outputs have this many times a start's variance: beyond, rounding takes
+# what the sensors tell. In the second sample they have up to a thousand times.
+LOST = 1e5
 
 
 class Sample(NamedTuple):
@@ -103,11 +107,13 @@ class Stepper:
         kg.
     gains : Array
         Where a strain gain acts among the part parameters, (m, p).
+    spread : Array
+        Standard deviation of the state at the start, (n,).
 
     """
 
     def __init__(self, schedule: PayloadSchedule, levels: tuple[Level, ...], told: Array,
-                 effects: EffectStep, heaviest: float, gains: Array):
+                 effects: EffectStep, heaviest: float, gains: Array, spread: Array):
         self.schedule, self.levels, self.told = schedule, levels, told
         self.effects, self.heaviest = effects, heaviest
         self.output = np.ascontiguousarray(effects.output_matrix() / told[:, None])
@@ -118,19 +124,28 @@ class Stepper:
         states = self.output.shape[1]
         self._halves = 0.5 * (np.ones((states, states)) + JITTER * np.eye(states))
         self._speed = speed_feedback(effects.arm)
+        self._cov = np.diag(spread**2)
+        self._limit = LOST * ((self.output * spread)**2).sum(axis=1)
 
-    def start(self, level: int, x: Array, cov: Array, mass: float, std: float) -> Hypothesis:
-        """Return a hypothesis that knows of the payload only mass and std, kg."""
+    def start(self, level: int, measured: Array, mass: float, std: float) -> Hypothesis:
+        """Return a hypothesis of an arm at rest that knows of the payload mass and std, kg."""
         parts = 0 if self.levels[level].exact else self._gains.shape[1]
-        return Hypothesis(level, x, cov, np.zeros((x.size, MASS_COLUMNS + parts)), mass,
-                          std**2, np.zeros(parts), self.schedule.cut(mass))
+        states = len(self._cov)
+        return Hypothesis(level, self._standing(measured), self._cov,
+                          np.zeros((states, MASS_COLUMNS + parts)), mass, std**2,
+                          np.zeros(parts), self.schedule.cut(mass))
 
-    def warm(self, x: Array, cov: Array) -> None:
+    def _standing(self, measured: Array) -> Array:
+        x = np.zeros(len(self._cov))
+        x[:2] = measured[:2] * self.told[:2]
+        return x
+
+    def warm(self) -> None:
         """Compile the kernels where they are compiled, so that no sample waits for it."""
         channels = self.told.size
         sample = Sample(0.0, np.zeros(channels), np.zeros(2), 1.0, 1.0)
         for level in (0, len(self.levels) - 1):
-            h = self.start(level, x, cov, 0.5 * self.heaviest, self.heaviest)
+            h = self.start(level, np.zeros(channels), 0.5 * self.heaviest, self.heaviest)
             self.predict(h, sample)
             self.correct(h, sample)
 
@@ -153,17 +168,30 @@ class Stepper:
 
     def correct(self, h: Hypothesis, sample: Sample) -> None:
         """Learn from a sample that has a measurement."""
-        if sample.measured is None:
+        if sample.measured is None or self._learn(h, sample, sample.measured):
             return
+        # Across a gap, linearised about a state that it hardly knew, a filter may diverge.
+        self.relocate(h, sample.measured)
+        self._learn(h, sample, sample.measured)
+
+    def _learn(self, h: Hypothesis, sample: Sample, measured: Array) -> bool:
+        """Correct, and tell whether the state was one that can be."""
         level = self.levels[h.level]
         expected = self._expected(h.x, sample.time)
         direct = self._no_gains if level.exact else self._gains * expected[:, None]
-        h.innovation = sample.measured - expected
-        (h.x, h.cov, h.sens, h.mass, h.variance, h.lean, h.channel, misfit, log_det, score,
-         information) = correct(
-            h.x, h.cov, h.sens, h.mass, h.variance, h.lean, h.innovation, self.output, direct,
-            level.noise(sample.activity), self._halves, self.heaviest)
+        innovation = measured - expected
+        try:
+            found = correct(
+                h.x, h.cov, h.sens, h.mass, h.variance, h.lean, innovation, self.output, direct,
+                level.noise(sample.activity), self._halves, self._limit, self.heaviest)
+        except np.linalg.LinAlgError:
+            return False
+        misfit, log_det, score, information = found[7:]
         gained = -0.5 * (misfit + log_det)
+        if not math.isfinite(gained):
+            return False
+        h.x, h.cov, h.sens, h.mass, h.variance, h.lean, h.channel = found[:7]
+        h.innovation = innovation
         h.log_likelihood += gained
         h.recent += gained - self.memory * h.recent
         h.misfit += self.memory * (misfit / expected.size - h.misfit)
@@ -171,6 +199,7 @@ class Stepper:
         h.windows = Windows(w.score + score[:MASS_COLUMNS],
                             w.information + information[:MASS_COLUMNS], w.squared,
                             w.expected, w.changes, w.blocks, w.closed)
+        return True
 
     def _expected(self, x: Array, time: float) -> Array:
         arm = self.effects.arm
@@ -216,7 +245,7 @@ class Stepper:
             h.windows = h.windows.emptied()
         return step
 
-    def relocate(self, h: Hypothesis, x: Array, cov: Array) -> None:
-        """Keep the payload, and nothing else."""
-        h.x, h.cov, h.sens = x, cov, np.zeros_like(h.sens)
+    def relocate(self, h: Hypothesis, measured: Array) -> None:
+        """Keep the payload, and start the state again."""
+        h.x, h.cov, h.sens = self._standing(measured), self._cov, np.zeros_like(h.sens)
         h.windows = h.windows.emptied()

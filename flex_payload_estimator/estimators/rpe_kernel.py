@@ -82,8 +82,9 @@ def predict(x: Array, cov: Array, sens: Array, order: Array, value: Array, slope
 @njit(cache=True)
 def correct(x: Array, cov: Array, sens: Array, mass: float, variance: float, lean: Array,
             innovation: Array, output: Array, direct: Array, noise: Array, halves: Array,
-            heaviest: float) -> tuple[Array, Array, Array, float, float, Array, Array, float,
-                                      float, Array, Array]:
+            limit: Array, heaviest: float
+            ) -> tuple[Array, Array, Array, float, float, Array, Array, float, float, Array,
+                       Array]:
     """
     Return the hypothesis after a measurement, and its statistics.
 
@@ -108,6 +109,8 @@ def correct(x: Array, cov: Array, sens: Array, mass: float, variance: float, lea
         Variance of each channel, (m,).
     halves : Array
         What P + P' is multiplied with: 1/2, a little more on the diagonal, (n, n).
+    limit : Array
+        Variance of each innovation beyond which the state is lost, (m,).
     heaviest : float
         The payload stays in [0, heaviest], kg.
 
@@ -116,11 +119,15 @@ def correct(x: Array, cov: Array, sens: Array, mass: float, variance: float, lea
     tuple
         x, cov, sens, mass, variance, lean; the innovation's variance per channel (m,);
         e'S^-1 e and log det S with S the innovation's covariance, payload included; psi'S^-1 e
-        and psi'S^-1 psi of all columns, S for a known payload, (3 + p,).
+        and psi'S^-1 psi of all columns, S for a known payload, (3 + p,). Where the state is lost,
+        e'S^-1 e is NaN, and nothing else counts.
 
     """
     projected = cov @ output.T
     total = output @ projected + np.diag(noise)
+    found = np.all((np.diag(total) < limit) & (np.diag(total) > 0.5 * noise))
+    if not found:
+        total = np.diag(limit)
     inverse = np.linalg.inv(total)
     gain = projected @ inverse
     psi = output @ sens
@@ -134,6 +141,8 @@ def correct(x: Array, cov: Array, sens: Array, mass: float, variance: float, lea
     pull = variance / spread
     after = min(max(mass + pull * pushed, 0.0), heaviest)
     misfit = innovation @ (inverse @ innovation) - pull * pushed * pushed
+    if not found:
+        misfit = np.nan
     log_det = np.log(spread * np.linalg.det(total))
     channel = np.diag(total) + variance * psi[:, 0]**2
     if lean.size > 0:

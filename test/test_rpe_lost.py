@@ -1,0 +1,61 @@
+"""The default estimator where its state is lost: starts in motion, and gaps in the samples."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+from flex_payload_estimator.estimators.rpe import RecursivePredictionError
+from flex_plant_sim.arm_model import Array
+from flex_plant_sim.extended_arm import ExtendedArm
+from flex_plant_sim.payload_profile import PayloadProfile
+from flex_plant_sim.simulation import Noise, Simulator
+import numpy as np
+import pytest
+from rpe_runs import estimator_of, robot_with, Run, square
+
+STEP, LAST = 2e-3, 3000
+
+
+@lru_cache(maxsize=1)
+def moving() -> tuple[RecursivePredictionError, list[tuple[Array, Array]]]:
+    """Return an estimator at a fine step, and (output, command before) of an arm in motion."""
+    robot = replace(robot_with(2e-4), sample_time=STEP)
+    simulator = Simulator(ExtendedArm(robot, 'assumed_modes', 2, 0.1),
+                          noise=Noise(robot.angle_noise, robot.strain_noise), seed=3)
+    command, rows = np.zeros(2), []
+    for _ in range(LAST):
+        sample = simulator.measure()
+        rows.append((sample.output, command))
+        command = 4.0 * (square(sample.time) - sample.angle)
+        simulator.step(command)
+    return estimator_of(robot), rows
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_gaps_after_a_start_in_motion_break_nothing(seed: int) -> None:
+    estimator, rows = moving()
+    estimator.reset()
+    random, k = np.random.default_rng(seed), 50 * seed
+    with np.errstate(invalid='raise', over='raise', divide='raise'):
+        while k < LAST:
+            found = estimator.update(k * STEP, *rows[k])
+            assert np.isfinite([found.mass, found.variance, found.p]).all()
+            assert np.isfinite(found.innovation_std).all() and found.variance > 0.0
+            # In the first half as many gaps as samples, of up to 0.4 s.
+            gap = k < LAST // 2 and random.random() < 0.5
+            k += int(random.integers(2, 200)) if gap else 1
+    assert abs(found.mass - 0.1) < 4.0 * found.variance**0.5 < 0.04
+
+
+@pytest.mark.parametrize('spoilt', [1e40, np.inf, np.nan])
+def test_a_filter_that_diverged_begins_again_with_its_payload(spoilt: float) -> None:
+    estimator = estimator_of()
+    run = Run(estimator, PayloadProfile.constant(0.12), 3.0)
+    last, h = run.estimates[-1], estimator.bank.best()
+    h.cov = np.full_like(h.cov, spoilt)
+    output = estimator.arm.output(run.states[-1], last.time)
+    found = estimator.update(last.time + 0.01, output, run.commands[-1])
+    assert found.mass == pytest.approx(last.mass, rel=1e-3)
+    assert found.variance >= 0.5 * last.variance
+    assert np.linalg.eigvalsh(estimator.bank.best().cov)[0] > 0.0
