@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from flex_payload_estimator.estimators.rpe_events import EXPLAINED, Recent
 from flex_payload_estimator.estimators.rpe_hypothesis import Hypothesis, Sample, Stepper
@@ -32,22 +32,23 @@ class Ahead(NamedTuple):
         Assumed, (2,).
     saved : list of (Hypothesis, Hypothesis)
         Each hypothesis and its copy before.
-    history : Array
-        Past commands before.
-    sample : Sample
-        The one before.
+    pace : tuple
+        What the pace remembered before.
+    sample, mark : Sample
+        The ones before.
 
     """
 
     command: Array
     saved: list[tuple[Hypothesis, Hypothesis]]
-    history: Array
+    pace: tuple[Any, ...]
     sample: Sample
+    mark: Sample | None
 
     def restore(self) -> None:
         """Take the prediction of every hypothesis back."""
         for h, before in self.saved:
-            h.x, h.cov, h.sens, h.piece = before.x, before.cov, before.sens, before.piece
+            h.x, h.cov, h.sens = before.x, before.cov, before.sens
 
 
 class Bank:
@@ -163,7 +164,7 @@ class Bank:
         for level in range(active.level + 1, len(levels)):
             if levels[level].drift:
                 # Only what was exact for a while can be exact but for a drifting payload.
-                drifting = recent.replay_at(self.stepper, level) \
+                drifting = recent.replay_at(self.stepper, active, level) \
                     if self.lively_blocks >= BLOCKS_TO_TRUST else None
                 if drifting:
                     self.hypotheses.append(drifting)

@@ -99,10 +99,16 @@ class Recent:
     length : int
         Samples kept.
 
+    Attributes
+    ----------
+    sparse : bool
+        The active hypothesis takes samples in between that are not kept.
+
     """
 
     def __init__(self, length: int):
         self.samples: deque[tuple[Sample, Hypothesis]] = deque(maxlen=length)
+        self.sparse = False
 
     def record(self, sample: Sample, active: Hypothesis) -> None:
         """Keep a sample that `active` has seen."""
@@ -111,6 +117,7 @@ class Recent:
     def forget(self) -> None:
         """Drop everything."""
         self.samples.clear()
+        self.sparse = False
 
     def replay(self, stepper: Stepper, place: int, mass: float, std: float) -> Hypothesis:
         """
@@ -129,7 +136,7 @@ class Recent:
         h = self.samples[place][1].copy()
         jump = mass - h.mass
         stepper.reopen(h, std)
-        h.mass, h.piece = mass, stepper.schedule.cut(mass)
+        h.mass = mass
         for k in range(place + 1, len(self.samples)):
             sample = self.samples[k][0]
             stepper.predict(h, sample)
@@ -139,16 +146,35 @@ class Recent:
             stepper.correct(h, sample)
         return h
 
-    def replay_at(self, stepper: Stepper, level: int) -> Hypothesis | None:
+    def replay_at(self, stepper: Stepper, active: Hypothesis, level: int
+                  ) -> Hypothesis | None:
         """Return the oldest hypothesis kept, brought up to now at another level."""
         if not self.samples:
             return None
         h = self.samples[0][1].copy()
+        unchanged = h.copy()
         stepper.loosen(h, level)
+        self._bring_on(stepper, h)
+        if self.sparse:
+            self._bring_on(stepper, unchanged)
+            h.recent += active.recent - unchanged.recent
+            h.log_likelihood += active.log_likelihood - unchanged.log_likelihood
+        return h
+
+    def _bring_on(self, stepper: Stepper, h: Hypothesis) -> list[float]:
+        """Bring h from the first sample up to now; return its log-likelihood at each."""
+        found = [h.log_likelihood]
         for k in range(1, len(self.samples)):
             stepper.predict(h, self.samples[k][0])
             stepper.correct(h, self.samples[k][0])
-        return h
+            found.append(h.log_likelihood)
+        return found
+
+    def _without(self, stepper: Stepper) -> list[float]:
+        """Return the log-likelihood of no change at each sample, from the samples kept."""
+        if self.sparse:
+            return self._bring_on(stepper, self.samples[0][1].copy())
+        return [h.log_likelihood for _, h in self.samples]
 
     def search(self, stepper: Stepper, active: Hypothesis, guess: float, stride: int
                ) -> Change | None:
@@ -171,12 +197,14 @@ class Recent:
         if last < 0:
             return None
         std = stepper.heaviest / 6.0
+        base = self._without(stepper)
+        ahead = [base[k] - self.samples[k][1].log_likelihood for k in range(last + 1)]
         trials = {k: self.replay(stepper, k, guess, std) for k in range(last, -1, -stride)}
-        when = max(trials, key=lambda k: trials[k].log_likelihood)
+        when = max(trials, key=lambda k: trials[k].log_likelihood + ahead[k])
         guess = trials[when].mass
         trials = {k: self.replay(stepper, k, guess, std)
                   for k in range(max(0, when - stride + 1), min(last, when + stride - 1) + 1)}
-        when = max(trials, key=lambda k: trials[k].log_likelihood)
+        when = max(trials, key=lambda k: trials[k].log_likelihood + ahead[k])
         found = [trials[when]]
         around = active.mass + np.array(SHARES) * (trials[when].mass - active.mass)
         for mass in np.clip(around, 0.0, stepper.heaviest):
@@ -184,8 +212,9 @@ class Recent:
         best = max(found, key=lambda h: h.log_likelihood)
         found = [best, self.replay(stepper, when, best.mass, std)]
         best = max(found, key=lambda h: h.log_likelihood)
-        return Change(best.log_likelihood - active.log_likelihood,
-                      self.samples[when][0].time, best)
+        gain = best.log_likelihood + ahead[when] - base[-1]
+        best.log_likelihood = active.log_likelihood + gain
+        return Change(gain, self.samples[when][0].time, best)
 
 
 class ChangeDetector:
@@ -217,7 +246,8 @@ class ChangeDetector:
         exact = self.stepper.levels[active.level].exact
         limit = self.limit(active, exact)
         gain, step = self._score(active, exact)
-        if gain < limit or self._pause:
+        # A payload that may drift follows any change by itself.
+        if gain < limit or self._pause or self.stepper.levels[active.level].drift:
             return None
         stride = max(1, self.block // 5)
         self._pause = stride

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from flex_payload_estimator.estimators.rpe_effects import EffectStep
 from flex_payload_estimator.estimators.rpe_kernel import correct, MASS_COLUMNS, predict
 from flex_payload_estimator.estimators.rpe_levels import Level, speed_feedback
-from flex_payload_estimator.estimators.rpe_schedule import PayloadSchedule, PayloadSlice
+from flex_payload_estimator.estimators.rpe_schedule import PayloadSchedule
 from flex_payload_estimator.estimators.rpe_windows import Windows
 from flex_plant_sim.arm_model import Array
 import numpy as np
@@ -37,6 +37,8 @@ class Sample(NamedTuple):
         At the drives up to the measurement, (2,).
     before, activity : float
         Activity at the sample before and at this one.
+    scatter : Array or None
+        Standard deviation of what `command` is the mean of, (2,).
 
     """
 
@@ -45,6 +47,11 @@ class Sample(NamedTuple):
     command: Array
     before: float
     activity: float
+    scatter: Array | None = None
+
+    def with_reading(self, measured: Array, activity: float) -> Sample:
+        """Return the sample with its measurement and the activity that it shows."""
+        return Sample(self.time, measured, self.command, self.before, activity, self.scatter)
 
 
 @dataclass
@@ -58,8 +65,6 @@ class Hypothesis:
         Index of its Level.
     x, cov, sens, mass, variance, lean
         See rpe_kernel.
-    piece : PayloadSlice
-        Where the schedule is expanded.
     log_likelihood, recent : float
         Sum over all samples, and with a memory of MISFIT_MEMORY_S.
     misfit : float
@@ -77,7 +82,6 @@ class Hypothesis:
     mass: float
     variance: float
     lean: Array
-    piece: PayloadSlice
     log_likelihood: float = 0.0
     recent: float = 0.0
     misfit: float = 1.0
@@ -133,7 +137,7 @@ class Stepper:
         states = len(self._cov)
         return Hypothesis(level, self._standing(measured), self._cov,
                           np.zeros((states, MASS_COLUMNS + parts)), mass, std**2,
-                          np.zeros(parts), self.schedule.cut(mass))
+                          np.zeros(parts))
 
     def _standing(self, measured: Array) -> Array:
         x = np.zeros(len(self._cov))
@@ -151,14 +155,14 @@ class Stepper:
 
     def predict(self, h: Hypothesis, sample: Sample) -> None:
         """Advance one sample."""
-        if h.piece.index != self.schedule.index(h.mass):
-            h.piece = self.schedule.cut(h.mass)
-        level, piece, start = self.levels[h.level], h.piece, h.x
+        level, piece, start = self.levels[h.level], self.schedule.cut(h.mass), h.x
         parts = self._no_parts if level.exact else self.schedule.parts_at(h.mass)
+        torque = level.torque(sample.before, sample.command - self._speed @ start)
+        if sample.scatter is not None:
+            torque = np.hypot(torque, sample.scatter)
         h.x, h.cov, h.sens = predict(
             h.x, h.cov, h.sens, self.schedule.order, piece.value, piece.slopes,
-            parts, h.mass - piece.payload, sample.command,
-            level.torque(sample.before, sample.command - self._speed @ start),
+            parts, h.mass - piece.payload, sample.command, torque,
             sample.before**2 * level.floor)
         if level.drift:
             self.drift(h, level.drift**2 * self.effects.arm.step_time)

@@ -1,0 +1,67 @@
+"""The default estimator at a fast sampling: a bank at marks, one filter at every sample."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from flex_plant_sim.arm_model import Array
+from flex_plant_sim.extended_arm import ExtendedArm
+from flex_plant_sim.payload_profile import PayloadProfile
+from flex_plant_sim.simulation import Noise, Simulator
+import numpy as np
+import pytest
+from rpe_runs import estimator_of, robot_with, Run, square
+
+FAST = replace(robot_with(), sample_time=1e-3)
+
+
+def test_a_drop_is_found_at_a_fast_sampling() -> None:
+    estimator = estimator_of(FAST)
+    arm = ExtendedArm(FAST, 'assumed_modes', 2, 0.15)
+    run = Run(estimator, PayloadProfile.step(0.15, 3.3, 0.06), 4.5, arm=arm)
+    event, = estimator.events
+    assert event.time == pytest.approx(3.3, abs=0.06) and event.found <= 3.5
+    before, after = 3250, 4500
+    for k in (before, after):
+        assert abs(run.mass[k] - run.truth[k]) < 4.0 * run.std[k] < 4e-3
+
+
+def test_every_sample_counts_once_one_filter_is_left() -> None:
+    # The variance falls with the number of samples, not with that of marks.
+    stds = []
+    for robot in (FAST, robot_with()):
+        estimator = estimator_of(robot)
+        arm = ExtendedArm(robot, 'assumed_modes', 2, 0.1)
+        run = Run(estimator, PayloadProfile.constant(0.1), 4.0, arm=arm)
+        assert len(estimator.bank.hypotheses) == 1
+        stds.append(run.std[-1])
+    assert 2.0 < stds[1] / stds[0] < 5.0
+
+
+def samples(seconds: float) -> list[tuple[float, Array, Array]]:
+    """Return (time, output, command before) of an arm in motion at a fast sampling."""
+    simulator = Simulator(ExtendedArm(FAST, 'assumed_modes', 2, 0.1), None,
+                          Noise(FAST.angle_noise, FAST.strain_noise), seed=2)
+    command, rows = np.zeros(2), []
+    for _ in range(round(seconds / FAST.sample_time)):
+        sample = simulator.measure()
+        rows.append((sample.time, sample.output, command))
+        command = 4.0 * (square(sample.time) - sample.angle)
+        simulator.step(command)
+    return rows
+
+
+def test_a_prediction_made_ahead_changes_nothing_in_a_bank_either() -> None:
+    estimator, rows = estimator_of(FAST), samples(0.25)
+    found = []
+    for ahead in (False, True):
+        estimator.reset()
+        masses = []
+        for k, row in enumerate(rows):
+            masses.append(estimator.update(*row).mass)
+            if ahead and k + 1 < len(rows):
+                # Now and then the command turns out to be another.
+                estimator.prepare(rows[k + 1][2] + (k % 7 == 0))
+        found.append(masses)
+    assert len(estimator.bank.hypotheses) > 1
+    assert np.array_equal(*found)
