@@ -1,10 +1,21 @@
-"""Print the offline loop's speed and each part's time a step, beside FilterPy's."""
+"""
+Print each estimator's whole step beside FilterPy's bare Kalman filter, with and without Numba.
+
+`python benchmarks/step_time.py` times the estimator's update (Kalman predictor and regression) and
+the controller's LQ gain, n = 2, n' = 15, against a predict and update of FilterPy's filter with 11
+states, 6 outputs and 2 inputs; all in turn in one process, once for Numba and once without. Then
+the parts of the step of `sf1`, and how much faster than real time the whole loop runs.
+"""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+import json
 import math
+import os
+import subprocess
+import sys
 import time
 
 from filterpy.kalman import KalmanFilter
@@ -16,13 +27,16 @@ from flex_payload_estimator.lqg import LQGController
 from flex_payload_estimator.payload_model import payload_model
 from flex_payload_estimator.riccati import riccati_step
 from flex_payload_estimator.set_points import square
+from flex_plant_sim.compiled import COMPILED
 from flex_plant_sim.extended_arm import ExtendedArm
 from flex_plant_sim.robot import load_robot
 from flex_plant_sim.simulation import Noise, Simulator
 import numpy as np
 
 STEP = 0.01
-PARTS = ('model', 'omega', 'kalman', 'regression', 'lq_gain')
+MODELS = {'sf1': 'paper_reduced', 'rpe': 'assumed_modes'}
+SETTLED = 600
+Steps = dict[str, Callable[[], object]]
 
 
 def filterpy_step() -> Callable[[], None]:
@@ -38,50 +52,75 @@ def filterpy_step() -> Callable[[], None]:
     return step
 
 
-def part_steps(name: str, modes: int) -> dict[str, Callable[[], object]]:
+def lq_step(modes: int) -> Callable[[], object]:
+    """Return the controller's Riccati iteration."""
+    robot = load_robot('reference')
+    model = payload_model(robot, 'paper_reduced', modes)
+    controller = LQGController(robot, 'paper_reduced', modes)
+    a, b = model.matrices(math.cos(0.5), 0.1)
+    big = DeltaOperator(model.states, STEP, 15, model.halvings)(a)
+    a_bar, b_bar = big @ a, big @ b
+    return lambda: riccati_step(a_bar, b_bar, controller.q_1, controller.q_2, controller.cost,
+                                STEP)
+
+
+def running(name: str, modes: int) -> Callable[[], object]:
+    """Return one step of an estimator beside an arm in motion, and of the LQ gain."""
+    robot = load_robot('reference')
+    estimator = make_estimator(name, robot, MODELS[name], modes)
+    simulator = Simulator(ExtendedArm(robot, MODELS[name], modes, 0.1), None,
+                          Noise(robot.angle_noise, robot.strain_noise), seed=1)
+    command, rows = np.zeros(2), []
+    for k in range(4 * SETTLED):
+        sample = simulator.measure()
+        rows.append((sample.time, sample.output, command))
+        command = 4.0 * ((0.5 if k % 400 < 200 else -0.5) - sample.angle)
+        simulator.step(command)
+    for row in rows[:SETTLED]:
+        estimator.update(*row)
+    gain, remaining = lq_step(modes), iter(rows[SETTLED:])
+
+    def step() -> None:
+        estimator.update(*next(remaining))
+        gain()
+
+    return step
+
+
+def part_steps(name: str, modes: int) -> Steps:
     """Return each part of one step: Kalman gain, regression and LQ gain of one model."""
     robot = load_robot('reference')
-    estimator = SF1Estimator(robot, name, modes)
-    model, controller = payload_model(robot, name, modes), LQGController(robot, name, modes)
+    estimator, model = SF1Estimator(robot, name, modes), payload_model(robot, name, modes)
     x, u, cosine = 1e-2 * np.ones(model.states), np.array([0.1, 0.2]), math.cos(0.5)
     operator = DeltaOperator(model.states, STEP, 15, model.halvings)
     a, rates = model.rates(cosine, 0.1, x, u, 'resolvent')
     big = operator(a)
-    a_bar, b_bar = big @ a, big @ model.matrices(cosine, 0.1)[1]
+    a_bar = big @ a
     output, command = np.full(len(model.scale), 1e-3), np.zeros(2)
     estimator.update(0.0, output, command)
 
     def regress() -> object:
         return estimator.regress(0.0, output, estimator.prediction_of(x, big, rates))
 
-    parts: dict[str, Callable[[], object]] = {
-        'filterpy': filterpy_step(),
-        'model': lambda: model.rates(cosine, 0.1, x, u, 'resolvent'),
-        'omega': lambda: operator(a),
-        'kalman': lambda: estimator.kalman.update(a_bar),
-        'regression': regress,
-        'lq_gain': lambda: riccati_step(a_bar, b_bar, controller.q_1, controller.q_2,
-                                        controller.cost, STEP)}
-    own = [parts[name] for name in PARTS]
-    return {
-        **parts,
-        'one step': lambda: [part() for part in own],
-        'estimator.update': lambda: estimator.update(0.0, output, command),
-        'controller.command': lambda: controller.command(0.0, output, command, 0.1, command),
-    }
+    return {'filterpy': filterpy_step(),
+            'model': lambda: model.rates(cosine, 0.1, x, u, 'resolvent'),
+            'omega': lambda: operator(a),
+            'kalman': lambda: estimator.kalman.update(a_bar),
+            'regression': regress,
+            'lq_gain': lq_step(modes)}
 
 
-def interleaved(steps: dict[str, Callable[[], object]], rounds: int,
-                calls: int = 5) -> dict[str, np.ndarray]:
-    """Return processor microseconds a call, one number a round; all are timed in every round."""
+def interleaved(steps: Steps, rounds: int) -> dict[str, list[float]]:
+    """Return processor microseconds of each call; all are called in every round."""
     found: dict[str, list[float]] = {name: [] for name in steps}
+    for step in steps.values():
+        step()
     for _ in range(rounds):
         for name, step in steps.items():
-            start = time.process_time()
-            for _ in range(calls):
-                step()
-            found[name].append((time.process_time() - start) / calls * 1e6)
-    return {name: np.array(values) for name, values in found.items()}
+            start = time.thread_time_ns()
+            step()
+            found[name].append((time.thread_time_ns() - start) * 1e-3)
+    return found
 
 
 def loop_speed(modes: int, seconds: float) -> float:
@@ -98,21 +137,51 @@ def loop_speed(modes: int, seconds: float) -> float:
     return seconds / (time.process_time() - start)
 
 
-def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--modes', type=int, default=2)
-    parser.add_argument('--model', default='paper_reduced')
-    parser.add_argument('--rounds', type=int, default=400)
-    arguments = parser.parse_args()
-    speed = loop_speed(arguments.modes, 8.0)
-    print(f'loop, n = {arguments.modes}, T = {STEP:g} s: {speed:.1f} times real time')
-    times = interleaved(part_steps(arguments.model, arguments.modes), arguments.rounds)
-    base = np.median(times['filterpy'])
-    print(f'{"part":20s}{"p50 us":>9s}{"p99 us":>9s}{"/ FilterPy":>12s}')
+def measure(modes: int, rounds: int) -> dict[str, dict[str, list[float]]]:
+    """Return all times of this process."""
+    whole = {'FilterPy': filterpy_step(), **{name: running(name, modes) for name in MODELS}}
+    return {'steps': interleaved(whole, min(rounds, 3 * SETTLED - 2)),
+            'parts': interleaved(part_steps('paper_reduced', modes), rounds),
+            'loop': {'speed': [loop_speed(modes, 8.0)]}}
+
+
+def elsewhere(arguments: argparse.Namespace, jit: bool) -> dict[str, dict[str, list[float]]]:
+    """Return the times of a fresh process with or without Numba."""
+    environment = {**os.environ, 'NUMBA_DISABLE_JIT': str(int(not jit)),
+                   'OPENBLAS_NUM_THREADS': '1'}
+    answer = subprocess.run(
+        [sys.executable, __file__, '--here', '--modes', str(arguments.modes), '--rounds',
+         str(arguments.rounds)], env=environment, capture_output=True, text=True, check=True)
+    found: dict[str, dict[str, list[float]]] = json.loads(answer.stdout)
+    return found
+
+
+def table(times: dict[str, list[float]], base: str) -> None:
+    """Print one row a step."""
+    print(f'{"":14s}{"p50 us":>9s}{"p99 us":>9s}{"p99 / p50":>11s}{"/ FilterPy":>12s}')
     for name, values in times.items():
-        print(f'{name:20s}{np.median(values):9.1f}{np.percentile(values, 99):9.1f}'
-              f'{np.median(values) / base:12.2f}')
+        middle, slow = np.percentile(values, (50, 99))
+        print(f'{name:14s}{middle:9.1f}{slow:9.1f}{slow / middle:11.2f}'
+              f'{middle / np.median(times[base]):12.2f}')
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
+    parser.add_argument('--modes', type=int, default=2)
+    parser.add_argument('--rounds', type=int, default=1500)
+    parser.add_argument('--here', action='store_true', help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.here:
+        json.dump(measure(arguments.modes, arguments.rounds), sys.stdout)
+        return
+    for jit in ((False, True) if COMPILED else (False,)):
+        found = elsewhere(arguments, jit)
+        print(f'{"with" if jit else "without"} Numba, n = {arguments.modes}: update and LQ gain')
+        table(found['steps'], 'FilterPy')
+        print('parts of sf1')
+        table(found['parts'], 'filterpy')
+        print(f'whole loop: {found["loop"]["speed"][0]:.1f} times real time\n')
 
 
 if __name__ == '__main__':

@@ -6,6 +6,7 @@ from functools import lru_cache
 import math
 
 from flex_plant_sim.arm_model import Array
+from flex_plant_sim.compiled import compiled
 from flex_plant_sim.errors import InputError
 import numpy as np
 
@@ -72,28 +73,36 @@ class DeltaOperator:
         self._coefficients = _coefficients(terms)
         self._powers = np.empty((BLOCK, size, size))
         self._powers[0] = np.eye(size)
-        self._flat = self._powers.reshape(BLOCK, -1)
         self._fourth = np.empty((size, size))
 
     def __call__(self, a: Array) -> Array:
         """Return Omega of A, (n, n)."""
-        _, x, square, cube = self._powers
-        np.multiply(a, self._first, out=x)
-        np.dot(x, x, out=square)
-        np.dot(square, x, out=cube)
-        np.dot(square, square, out=self._fourth)
-        blocks = self._coefficients.dot(self._flat).reshape(-1, *x.shape)
-        result = blocks[-1]
-        for block in blocks[-2::-1]:
-            result = result.dot(self._fourth)
-            result += block
-        x *= 0.5
-        for _ in range(self._halvings):
-            doubled = result.dot(x.dot(result))
-            doubled += result
-            result = doubled
-            x *= 2.0
-        return result
+        return _series(a, self._first, self._coefficients, self._powers, self._fourth,
+                       self._halvings)
+
+
+@compiled
+def _series(a: Array, first: float, coefficients: Array, powers: Array, fourth: Array,
+            halvings: int) -> Array:
+    """Return Omega of A; powers (BLOCK, n, n) begins with I, the rest is room to work in."""
+    x, square = powers[1], powers[2]
+    np.multiply(a, first, x)
+    np.dot(x, x, square)
+    np.dot(square, x, powers[3])
+    np.dot(square, square, fourth)
+    size = len(a)
+    blocks = np.dot(coefficients, powers.reshape(BLOCK, size * size))
+    result = blocks[-1].reshape(size, size)
+    for i in range(len(blocks) - 2, -1, -1):
+        result = np.dot(result, fourth)
+        result += blocks[i].reshape(size, size)
+    x *= 0.5
+    for _ in range(halvings):
+        doubled = np.dot(result, np.dot(x, result))
+        doubled += result
+        result = doubled
+        x *= 2.0
+    return result
 
 
 def halvings_for(spectral_radius: float, step: float, terms: int = 15) -> int:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Protocol
 
 from flex_payload_estimator.delta import halvings_for
-from flex_payload_estimator.rates import compact_rates, second_order_rates
+from flex_payload_estimator.rates import rates_at, second_order_rates
 from flex_payload_estimator.split import (
+    check_kind,
     compact_state,
     CompactTerms,
     second_order_state,
@@ -14,6 +15,7 @@ from flex_payload_estimator.split import (
     split_compact,
     split_second_order,
     SplitKind,
+    terms_at,
 )
 from flex_plant_sim.arm_model import Array, SecondOrderForm, Shapes
 from flex_plant_sim.assumed_modes import assumed_modes, KinematicRows
@@ -106,8 +108,8 @@ class ReducedModel:
         self.states = 2 + 4 * modes
         points = np.array([-1.0, 0.0, 1.0])
         values = np.stack([self._row(compact, c) for c in points])
-        self._table = np.linalg.solve(np.vander(points, increasing=True),
-                                      values.reshape(3, -1))
+        self._table: Array = np.asarray(np.linalg.solve(
+            np.vander(points, increasing=True), values.reshape(3, -1)), dtype=np.float64)
         beams = robot.links[0].beam(modes), robot.links[1].beam(modes)
         rows = KinematicRows.of(robot, beams, modes)
         self.spread = np.concatenate([_spread(beams), np.zeros(2 * modes)])
@@ -121,9 +123,7 @@ class ReducedModel:
                                for part in CompactTerms.of(compact.at_cosine(cosine))[:7]])
 
     def _terms(self, cosine: float) -> CompactTerms:
-        f, row = self._size, np.array([1.0, cosine, cosine * cosine]).dot(self._table)
-        square, narrow = row[:5 * f * f].reshape(5, f, f), row[5 * f * f:].reshape(2, f, 2)
-        return CompactTerms._make((*square, *narrow, *self._fixed))
+        return terms_at(float(cosine), self._table, *self._fixed)
 
     def matrices(self, cosine: float, mass: float) -> tuple[Array, Array]:
         """Return A and B at cos(theta_2) and m_p, kg."""
@@ -136,7 +136,9 @@ class ReducedModel:
     def rates(self, cosine: float, mass: float, state: Array, command: Array,
               kind: SplitKind) -> tuple[Array, Array]:
         """Return A and the columns A x + B u, A^m x + B^m u, A' x + B' u."""
-        return compact_rates(self._terms(cosine), mass, state, command, kind)
+        check_kind(kind)
+        return rates_at(float(cosine), self._table, *self._fixed, float(mass), state, command,
+                        kind == 'paper', kind == 'resolvent')
 
 
 class SecondOrderModel:

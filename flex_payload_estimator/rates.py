@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from flex_payload_estimator.split import check_kind, CompactTerms, SplitKind
+from flex_payload_estimator.split import check_kind, CompactTerms, inverse, SplitKind, terms_at
 from flex_plant_sim.arm_model import Array
+from flex_plant_sim.compiled import compiled
 from flex_plant_sim.errors import InputError
 import numpy as np
 from scipy.linalg.lapack import dgesv
@@ -35,34 +36,52 @@ def compact_rates(terms: CompactTerms, mass: float, state: Array, command: Array
 
     """
     check_kind(kind)
-    f, lam = len(terms.m_1), terms.lam(mass)
+    return _compact_rates(terms, float(mass), state, command, kind == 'paper',
+                          kind == 'resolvent')
+
+
+@compiled
+def _compact_rates(terms: CompactTerms, mass: float, state: Array, command: Array,
+                   as_printed: bool, resolvent: bool) -> tuple[Array, Array]:
+    dot, f = np.dot, len(terms.m_1)
+    lam = inverse(terms.mass_0 - mass * terms.mass_m)
     q, z = state[2:2 + f], state[2 + f:]
-    stiffness, rate = lam.dot(terms.m_1), lam.dot(terms.m_20 + mass * terms.m_2m)
-    fixed, linear = terms.m_50.dot(command), terms.m_5m.dot(command)
-    jump = lam.dot(fixed + mass * linear)
+    stiffness, rate = dot(lam, terms.m_1), dot(lam, terms.m_20 + mass * terms.m_2m)
+    fixed, linear = dot(terms.m_50, command), dot(terms.m_5m, command)
+    jump = dot(lam, fixed + mass * linear)
     velocity = z + jump
-    change = stiffness.dot(q) + rate.dot(velocity)
-    jump_slope = lam.dot(terms.mass_m.dot(jump) + linear)
-    slope = lam.dot(terms.mass_m.dot(change) + terms.m_2m.dot(velocity)) + rate.dot(jump_slope)
+    change = dot(stiffness, q) + dot(rate, velocity)
+    jump_slope = dot(lam, dot(terms.mass_m, jump) + linear)
+    slope = dot(lam, dot(terms.mass_m, change) + dot(terms.m_2m, velocity)) \
+        + dot(rate, jump_slope)
     part, last = jump_slope, slope
-    if kind == 'paper':
-        part = lam.dot(linear)
-        last = lam.dot(terms.m_2m.dot(z + lam.dot(fixed)) + terms.m_20.dot(part))
-    elif kind == 'resolvent':
-        lam_0 = terms.lam(0.0)
-        empty_jump = lam_0.dot(fixed)
+    if as_printed:
+        part = dot(lam, linear)
+        last = dot(lam, dot(terms.m_2m, z + dot(lam, fixed)) + dot(terms.m_20, part))
+    elif resolvent:
+        lam_0 = inverse(terms.mass_0)
+        empty_jump = dot(lam_0, fixed)
         before = z + empty_jump
-        empty = lam_0.dot(terms.m_1.dot(q) + terms.m_20.dot(before))
-        part = lam.dot(terms.mass_m.dot(empty_jump) + linear)
-        last = lam.dot(terms.mass_m.dot(empty) + terms.m_2m.dot(before)) + rate.dot(part)
+        empty = dot(lam_0, dot(terms.m_1, q) + dot(terms.m_20, before))
+        part = dot(lam, dot(terms.mass_m, empty_jump) + linear)
+        last = dot(lam, dot(terms.mass_m, empty) + dot(terms.m_2m, before)) + dot(rate, part)
     columns = np.zeros((3, 2 + 2 * f))
-    columns[0, :2] = terms.m_6.dot(q) + terms.m_7.dot(command)
+    columns[0, :2] = dot(terms.m_6, q) + dot(terms.m_7, command)
     columns[0, 2:2 + f], columns[0, 2 + f:] = velocity, change
     columns[1, 2:2 + f], columns[1, 2 + f:] = part, last
     columns[2, 2:2 + f], columns[2, 2 + f:] = jump_slope, slope
     a = terms.frame.copy()
     a[2 + f:, 2:2 + f], a[2 + f:, 2 + f:] = stiffness, rate
     return a, columns.T
+
+
+@compiled
+def rates_at(cosine: float, table: Array, m_6: Array, m_7: Array, frame: Array, mass: float,
+             state: Array, command: Array, as_printed: bool, resolvent: bool
+             ) -> tuple[Array, Array]:
+    """Return `compact_rates` at cos(theta_2), see `terms_at`."""
+    return _compact_rates(terms_at(cosine, table, m_6, m_7, frame), mass, state, command,
+                          as_printed, resolvent)
 
 
 def second_order_rates(mass_0: Array, mass_m: Array, right: Array, mass: float, state: Array,

@@ -3,10 +3,32 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from flex_payload_estimator.payload_model import PayloadModel
 from flex_plant_sim.arm_model import Array
+from flex_plant_sim.compiled import compiled
 import numpy as np
+
+
+class Prediction(NamedTuple):
+    """
+    The state predicted for this sample, (25), each (n,).
+
+    Attributes
+    ----------
+    state : Array
+        x^0 + m_{t-1} x^m.
+    part : Array
+        x^m, per kg.
+    slope : Array
+        What x^m is with the tangent split, per kg.
+
+    """
+
+    state: Array
+    part: Array
+    slope: Array
 
 
 @dataclass(frozen=True)
@@ -42,6 +64,7 @@ class CompositeMeasurement:
         return cls(np.asarray(weights, dtype=np.float64), weights @ output)
 
 
+@compiled
 def regression(row: Array, composite: float, predicted_0: Array,
                predicted_m: Array) -> tuple[float, float]:
     """
@@ -57,4 +80,41 @@ def regression(row: Array, composite: float, predicted_0: Array,
         x^0_t and x^m_t of (25), (n,).
 
     """
-    return composite - float(row.dot(predicted_0)), float(row.dot(predicted_m))
+    return composite - np.dot(row, predicted_0), np.dot(row, predicted_m)
+
+
+@compiled
+def compared(state: Array, part: Array, slope: Array, scaled: Array, mass: float,
+             weights: Array, row: Array, output: Array, covariance: Array, noise: Array,
+             scale: Array) -> tuple[float, float, float, float, float, Array, Array]:
+    """
+    Return what a sample says beside its prediction.
+
+    Parameters
+    ----------
+    state, part, slope : Array
+        See Prediction, (n,).
+    scaled : Array
+        The sample, rad and V, (m,).
+    mass : float
+        m_{t-1}, kg.
+    weights, row : Array
+        See CompositeMeasurement.
+    output, covariance, noise : Array
+        C-bar (m, n), P (n, n) of the predictor and R_2, (m, m).
+    scale : Array
+        From (rad, rad, m/m…) to (rad, rad, V…), (m,).
+
+    Returns
+    -------
+    tuple
+        psi_t and phi_t of (28); C-bar' x' (rad/kg); C-bar' P C-bar''; the mean of (innovation /
+        standard deviation)^2; innovation and standard deviation, rad and m/m, (m,).
+
+    """
+    psi, phi = regression(row, np.dot(weights, scaled), state - mass * part, part)
+    innovation = scaled - np.dot(output, state)
+    variances = np.diag(np.dot(np.dot(output, covariance), output.T) + noise)
+    surprise = np.dot(innovation, innovation / variances) / len(scale)
+    return (psi, phi, np.dot(row, slope), np.dot(row, np.dot(covariance, row)), surprise,
+            innovation / scale, np.sqrt(variances) / scale)

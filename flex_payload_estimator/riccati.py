@@ -3,10 +3,49 @@
 from __future__ import annotations
 
 from flex_plant_sim.arm_model import Array
+from flex_plant_sim.compiled import COMPILED, compiled
 import numpy as np
 from scipy.linalg.lapack import dposv
 
 
+def _solve_by_lapack(matrix: Array, right: Array) -> tuple[Array, bool]:
+    _, found, failure = dposv(matrix, right)
+    return found, failure == 0
+
+
+@compiled
+def _solve_by_loops(matrix: Array, right: Array) -> tuple[Array, bool]:
+    """Return X of M X = R, and whether M (m, m) is positive definite; by Cholesky's factors."""
+    size, width = right.shape
+    lower, found = np.zeros((size, size)), right.copy()
+    for i in range(size):
+        for j in range(i + 1):
+            rest = matrix[i, j]
+            for k in range(j):
+                rest -= lower[i, k] * lower[j, k]
+            if i > j:
+                lower[i, j] = rest / lower[j, j]
+            elif rest > 0.0:
+                lower[i, i] = np.sqrt(rest)
+            else:
+                return found, False
+    for c in range(width):
+        for i in range(size):
+            for k in range(i):
+                found[i, c] -= lower[i, k] * found[k, c]
+            found[i, c] /= lower[i, i]
+        for i in range(size - 1, -1, -1):
+            for k in range(i + 1, size):
+                found[i, c] -= lower[k, i] * found[k, c]
+            found[i, c] /= lower[i, i]
+    return found, True
+
+
+# LAPACK's call costs as much as the loops where these are compiled, and much less where not.
+solve_positive = _solve_by_loops if COMPILED else _solve_by_lapack
+
+
+@compiled
 def riccati_step(a: Array, b: Array, q_1: Array, q_2: Array, s: Array,
                  step: float) -> tuple[Array, Array, Array]:
     """
@@ -36,23 +75,24 @@ def riccati_step(a: Array, b: Array, q_1: Array, q_2: Array, s: Array,
         W is not positive definite, or not finite.
 
     """
-    product = s.dot(b)
-    weight = q_2 + step * b.T.dot(product)
-    _, gain, failure = dposv(weight, (product + step * a.T.dot(product)).T)
-    if failure:
+    product = np.dot(s, b)
+    weight = q_2 + step * np.dot(b.T, product)
+    gain, positive = solve_positive(weight, (product + step * np.dot(a.T, product)).T)
+    if not positive:
         raise FloatingPointError('riccati: expected a positive definite weight')
-    closed = a - b.dot(gain)
-    half = s.dot(closed)
-    change = half + (0.5 * step) * closed.T.dot(half) + 0.5 * (q_1 + gain.T.dot(q_2.dot(gain)))
+    closed = a - np.dot(b, gain)
+    half = np.dot(s, closed)
+    change = half + (0.5 * step) * np.dot(closed.T, half) \
+        + 0.5 * (q_1 + np.dot(gain.T, np.dot(q_2, gain)))
     return gain, s + step * (change + change.T), weight
 
 
+@compiled
 def lyapunov_step(a: Array, q_1: Array, s: Array, step: float) -> Array:
     """Return S+ = S + T (S A + A' S + T A' S A + Q_1): an iteration without an input."""
-    half = s.dot(a)
-    change = half + (0.5 * step) * a.T.dot(half) + 0.5 * q_1
-    following: Array = s + step * (change + change.T)
-    return following
+    half = np.dot(s, a)
+    change = half + (0.5 * step) * np.dot(a.T, half) + 0.5 * q_1
+    return s + step * (change + change.T)
 
 
 def settled(a: Array, b: Array, q_1: Array, q_2: Array, step: float,

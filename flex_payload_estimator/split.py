@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Literal, NamedTuple
 
 from flex_plant_sim.arm_model import Array
+from flex_plant_sim.compiled import COMPILED, compiled
 from flex_plant_sim.errors import InputError
 from flex_plant_sim.paper_model import CompactForm
 import numpy as np
@@ -89,11 +90,31 @@ class CompactTerms(NamedTuple):
 
     def lam(self, mass: float) -> Array:
         """Return Lambda = (I - M_3)^-1, (f, f)."""
-        f = len(self.m_1)
-        # Transposed twice: LAPACK works by columns, and what follows is faster by rows.
-        mass_matrix = self.mass_0 - mass * self.mass_m
-        inverse: Array = dgesv(mass_matrix.T, self.frame[2:2 + f, 2 + f:])[2].T
-        return inverse
+        return inverse(self.mass_0 - mass * self.mass_m)
+
+
+@compiled
+def terms_at(cosine: float, table: Array, m_6: Array, m_7: Array, frame: Array) -> CompactTerms:
+    """Return the terms at cos(theta_2): the rows of the table are powers of it."""
+    f, width = m_6.shape[1], table.shape[1]
+    row = np.dot(np.array([1.0, cosine, cosine * cosine]), table)
+    square, narrow = row[:5 * f * f].reshape(5, f, f), row[5 * f * f:width].reshape(2, f, 2)
+    return CompactTerms(square[0], square[1], square[2], square[3], square[4], narrow[0],
+                        narrow[1], m_6, m_7, frame)
+
+
+def _inverse_by_lapack(matrix: Array) -> Array:
+    # Transposed twice: LAPACK works by columns, and what follows is faster by rows.
+    found: Array = dgesv(matrix.T, np.eye(len(matrix)))[2].T
+    return found
+
+
+@compiled
+def _inverse_by_numba(matrix: Array) -> Array:
+    return np.linalg.inv(matrix)  # type: ignore[return-value]
+
+
+inverse = _inverse_by_numba if COMPILED else _inverse_by_lapack
 
 
 def check_kind(kind: str) -> None:

@@ -1,30 +1,21 @@
 """
 The arithmetic of one recursive-prediction-error step, on plain arrays.
 
-The same code runs with and without Numba (the `numba` extra); only two-dimensional products.
+The same code runs with and without Numba; only two-dimensional products.
 Columns of the sensitivity: dx/dm since the start, dx/dm since the start of either of two
 staggered windows (what a payload change then would have done), dx/d(part parameter).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 from flex_plant_sim.arm_model import Array
+from flex_plant_sim.compiled import compiled
 import numpy as np
-
-try:
-    from numba import njit
-except ImportError:
-    def njit(**_: Any) -> Callable[[Any], Any]:  # type: ignore[no-redef]
-        """Return the function as it is."""
-        return lambda function: function
 
 MASS_COLUMNS = 3
 
 
-@njit(cache=True)
+@compiled
 def predict(x: Array, cov: Array, sens: Array, order: Array, value: Array, slopes: Array,
             parts: Array, away: float, command: Array, torque: Array, floor: Array
             ) -> tuple[Array, Array, Array]:
@@ -79,7 +70,7 @@ def predict(x: Array, cov: Array, sens: Array, order: Array, value: Array, slope
     return x + increment @ drive, cov, sens
 
 
-@njit(cache=True)
+@compiled
 def correct(x: Array, cov: Array, sens: Array, mass: float, variance: float, lean: Array,
             innovation: Array, output: Array, direct: Array, noise: Array, halves: Array,
             limit: Array, heaviest: float

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 import math
-from typing import Literal, NamedTuple
+from typing import Any, Literal
 
 from flex_payload_estimator.delta import DeltaOperator
 from flex_payload_estimator.estimators.base import Estimate
 from flex_payload_estimator.kalman import KalmanPredictor
 from flex_payload_estimator.payload_model import payload_model
-from flex_payload_estimator.regression import CompositeMeasurement, regression
+from flex_payload_estimator.regression import compared, CompositeMeasurement, Prediction
 from flex_payload_estimator.sf1 import bounded, Regressor, sf1_update, SF1Settings, SF1State
 from flex_plant_sim.arm_model import Array
 from flex_plant_sim.errors import InputError
@@ -26,26 +26,6 @@ SUSPECT = 9.0
 SETTLING = 200
 PRIOR_SAMPLES = 2.0
 FLOOR = 1e-6
-
-
-class Prediction(NamedTuple):
-    """
-    The state predicted for this sample, (25), each (n,).
-
-    Attributes
-    ----------
-    state : Array
-        x^0 + m_{t-1} x^m.
-    part : Array
-        x^m, per kg.
-    slope : Array
-        What x^m is with the tangent split, per kg.
-
-    """
-
-    state: Array
-    part: Array
-    slope: Array
 
 
 @dataclass(frozen=True)
@@ -151,7 +131,8 @@ class SF1Estimator:
         self._information, self._surprise, self._samples = 0.0, 1.0, PRIOR_SAMPLES
         self._noise = self._reference
         channels = len(self.model.output)
-        self._last = self._estimate(0.0, np.zeros(channels), np.ones(channels), 'not_excited')
+        self._last = self._estimate(0.0, np.zeros(channels), 1.0 / self.model.scale,
+                                    'not_excited')
 
     def update(self, time: float, output: Array, command: Array) -> Estimate:
         """
@@ -178,8 +159,9 @@ class SF1Estimator:
             raise InputError(f'output: expected {len(self.model.scale)} numbers, '
                              f'got shape {np.shape(output)}')
         scaled = self.model.scale * output
-        good = bool(np.isfinite(scaled).all() and np.isfinite(command).all())
-        if np.isfinite(command).all():
+        sent = bool(np.isfinite(command).all())
+        good = sent and bool(np.isfinite(scaled).all())
+        if sent:
             self._command = np.asarray(command, dtype=float)
         if not self._started:
             return self._begin(time, scaled) if good else self._reject(time)
@@ -192,7 +174,14 @@ class SF1Estimator:
     def _begin(self, time: float, scaled: Array) -> Estimate:
         self.state[:2] = scaled[:2]
         self._started = True
-        return self._finish(time, scaled, scaled - self.model.output.dot(self.state))
+        nothing = np.zeros_like(self.state)
+        return self._finish(time, scaled, *self._compared(
+            Prediction(self.state, nothing, nothing), scaled)[4:])
+
+    def _compared(self, prediction: Prediction, scaled: Array) -> tuple[Any, ...]:
+        return compared(*prediction, scaled, self.sf1.mass, self.composite.weights,
+                        self.composite.row, self.kalman.output, self.kalman.covariance,
+                        self.kalman.r_2, self.model.scale)
 
     def prepare(self, command: Array) -> None:
         """
@@ -244,21 +233,20 @@ class SF1Estimator:
 
     def prediction_of(self, state: Array, big: Array, rates: Array) -> Prediction:
         """Return (25) without its innovation, from Omega and the model's rates."""
-        change = self.step * big.dot(rates)
-        return Prediction(state + change[:, 0], change[:, 1], change[:, 2])
+        change = self.step * rates.T.dot(big.T)
+        return Prediction(state + change[0], change[1], change[2])
 
     def regress(self, time: float, scaled: Array, prediction: Prediction) -> Estimate:
         """Regress (28), (29) on a prediction and carry the state on."""
-        state, part, slope = prediction
-        mass, row = self.sf1.mass, self.composite.row
-        innovation = scaled - self.model.output.dot(state)
-        psi, phi = regression(row, float(self.composite.weights.dot(scaled)),
-                              state - mass * part, part)
+        state, part, _ = prediction
+        mass = self.sf1.mass
+        psi, phi, seen, spread, surprise, innovation, deviation = self._compared(
+            prediction, scaled)
         self._measure_noise(psi - phi * mass)
         weight = 1.0
         if self.settings.regression == 'resolvent':
-            weight = self._reference / self._innovation_variance()
-        sample = Regressor(psi, phi, float(row.dot(slope)), self._noise)
+            weight = self._reference / (spread + self._composite_noise)
+        sample = Regressor(psi, phi, seen, self._noise)
         updated = sf1_update(self.sf1, sample, weight, self.settings.sf1, self.step)
         self.sf1 = bounded(updated, 0.0, self.settings.mass_max)
         self._information += (sample.slope * sample.slope / self._noise
@@ -266,7 +254,7 @@ class SF1Estimator:
         self.state = state
         if self.settings.regression == 'resolvent':
             self.state = state + (self.sf1.mass - mass) * part
-        return self._finish(time, scaled, innovation)
+        return self._finish(time, scaled, surprise, innovation, deviation)
 
     def _measure_noise(self, error: float) -> None:
         """Follow the variance of e over the last MEMORY: R_1 and R_2 are tuning, not noise."""
@@ -274,25 +262,23 @@ class SF1Estimator:
         floor = FLOOR * self._composite_noise
         self._noise = max(floor, self._noise + (error * error - self._noise) / self._samples)
 
-    def _finish(self, time: float, scaled: Array, innovation: Array) -> Estimate:
+    def _finish(self, time: float, scaled: Array, surprise: float, innovation: Array,
+                deviation: Array) -> Estimate:
         self._output, self._angle = scaled, float(scaled[1])
-        variances = self.kalman.innovation_covariance().diagonal()
-        surprise = float((innovation * innovation / variances).sum()) / len(variances)
         self._surprise += min(1.0, self.step / MEMORY) * (surprise - self._surprise)
         status = 'ok'
         if self._surprise > SUSPECT:
             status = 'model_suspect'
         elif self._information * self.settings.sf1.variance_0 < EXCITED:
             status = 'not_excited'
-        self._last = self._estimate(time, innovation, variances, status)
+        self._last = self._estimate(time, innovation, deviation, status)
         return self._last
 
     def _reject(self, time: float) -> Estimate:
         self._last = replace(self._last, time=time, status='input_rejected')
         return self._last
 
-    def _estimate(self, time: float, innovation: Array, variances: Array,
+    def _estimate(self, time: float, innovation: Array, deviation: Array,
                   status: str) -> Estimate:
-        scale = self.model.scale
-        return Estimate(time, self.sf1.mass, self.sf1.variance, self.sf1.p,
-                        innovation / scale, np.sqrt(variances) / scale, status)
+        return Estimate(time, self.sf1.mass, self.sf1.variance, self.sf1.p, innovation,
+                        deviation, status)
