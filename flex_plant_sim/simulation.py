@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 from flex_plant_sim.arm_model import Array
+from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.errors import InputError
 from flex_plant_sim.extended_arm import ExtendedArm
 from flex_plant_sim.payload_profile import PayloadProfile
+from flex_plant_sim.stepping import schedule_row, Stepper
 import numpy as np
 
 
@@ -89,7 +92,14 @@ class Simulator:
             raise InputError(f'step: expected the sample time {arm.robot.sample_time:g} s '
                              f'divided by a whole number, got {arm.step_time:g} s')
         self._memory = max([e.memory(arm.robot.sample_time) for e in arm.effects], default=0)
-        self._arms: dict[float, ExtendedArm] = {}
+        self._hooked = tuple(e for e in arm.effects
+                             if type(e).on_command is not Effect.on_command)
+        self._angle = schedule_row(arm)
+        self._arms: dict[float, tuple[ExtendedArm, Stepper | None]] = {}
+        self._pushes = arm.schedule.forces
+        if noise.torque and not self._pushes:
+            raise InputError(f'noise.torque: {arm.model_name} has no joint torques, '
+                             'expected 0')
         self.reset()
 
     def reset(self) -> None:
@@ -115,40 +125,100 @@ class Simulator:
         strain = output[2:] + self.noise.strain * self._random.standard_normal(output.size - 2)
         return Measurement(self.time, angle, velocity.copy(), strain, self._applied.copy())
 
+    def draws(self, count: int) -> Array:
+        """Return the standard normal numbers of samples: outputs', then torques', (N, m + 2)."""
+        return self._random.standard_normal((count, len(self.arm.output_matrix) + 2))
+
     def step(self, command: Array) -> None:
         """Advance one sample with a command (2,), in the drives' own unit."""
-        if not np.all(np.isfinite(command)):
-            raise InputError(f'command: expected finite numbers, got {command}')
-        sent = np.asarray(command, dtype=float)
-        applied = self._at_drive(sent)
-        torque = self.noise.torque * self._random.standard_normal(2)
-        for k in range(self.substeps):
-            time = self.time + k * self.arm.step_time
-            arm, matrices = self._arm_and_matrices(time)
-            disturbance = matrices[2][:, :2] @ torque if self.noise.torque else 0.0
-            self.state = arm.advance(matrices, self.state, applied, time) + disturbance
-        self._applied = applied
-        self._history = np.vstack([self._history, sent])[1:] if self._memory else self._history
-        self.samples += 1
-        self.time = self.samples * self.arm.robot.sample_time
+        commands = np.asarray(command, dtype=float)[None]
+        check_finite(commands)
+        self.advance(commands, self._random.standard_normal((1, 2)))
 
-    def _at_drive(self, command: Array) -> Array:
+    def advance(self, commands: Array, draws: Array) -> tuple[Array, Array]:
+        """
+        Advance many samples; return the states (N, n) and the commands at the drives (N, 2).
+
+        Parameters
+        ----------
+        commands : Array
+            In the drives' own unit, (N, 2).
+        draws : Array
+            Standard normal numbers of the process noise, (N, 2).
+
+        """
+        count = len(commands)
+        applied = self._at_drive(commands)
+        starts = (self.samples + np.arange(count))[:, None] * self.arm.robot.sample_time
+        forces = np.zeros((count, self._pushes))
+        if self.noise.torque:
+            forces[:, :2] = self.noise.torque * draws
+        times: Array = (starts + self.arm.step_time * np.arange(self.substeps)).ravel()
+        states = self._run(times, np.repeat(applied, self.substeps, axis=0),
+                           np.repeat(forces, self.substeps, axis=0))
+        self.samples += count
+        self.time = self.samples * self.arm.robot.sample_time
+        self.state = states[-1].copy()
+        before = np.vstack([self._applied, applied[:-1]])
+        self._applied = applied[-1]
+        return states[:-1:self.substeps], before
+
+    def _at_drive(self, commands: Array) -> Array:
         limits = [drive.command_limit for drive in self.arm.robot.drives]
-        applied = np.clip(command, np.negative(limits), limits)
-        for effect in self.arm.effects:
-            applied = effect.on_command(applied, self._history, self.time,
-                                        self.arm.robot.sample_time)
+        applied = np.clip(commands, np.negative(limits), limits)
+        if not (self._hooked or self._memory):
+            return applied
+        step = self.arm.robot.sample_time
+        for k, sent in enumerate(commands):
+            for effect in self._hooked:
+                applied[k] = effect.on_command(applied[k], self._history,
+                                               (self.samples + k) * step, step)
+            self._history = np.vstack([self._history, sent])[1:]
         return applied
 
-    def _arm_and_matrices(self, time: float) -> tuple[ExtendedArm, tuple[Array, Array, Array]]:
-        """Interpolate a schedule while the payload stays; discretise afresh while it ramps."""
-        cosine, mass = np.cos(self.state[1]), self.mass(time)
+    def _run(self, times: Array, commands: Array, forces: Array) -> Array:
+        """Return the states before each step and after the last, payload by payload."""
+        masses = np.array([self.mass(time) for time in (*times, times[-1] + self.arm.step_time)])
+        states, start = [self.state[None]], 0
+        while start < len(times):
+            stop = start + 1
+            while stop < len(times) and masses[stop] == masses[start]:
+                stop += 1
+            rows = slice(start, stop)
+            arm, stepper = self._carrying(masses[start], masses[start] != masses[start + 1])
+            run = stepper.run if stepper else partial(self._one_by_one, arm, times[rows])
+            states.append(run(states[-1][-1], commands[rows], forces[rows])[1:])
+            start = stop
+        return np.concatenate(states)
+
+    def _carrying(self, mass: float, ramps: bool) -> tuple[ExtendedArm, Stepper | None]:
+        """Return a payload's arm, with a schedule while it stays, to be discretised afresh."""
         if mass not in self._arms:
-            arm = self.arm.at_payload(mass)
-            if mass != self.mass(time + self.arm.step_time):
-                return arm, arm.matrices(cosine, mass)
-            self._arms[mass] = arm
-        return self._arms[mass], self._arms[mass].schedule.at(cosine)
+            arm = self.arm if mass == self.arm.payload else self.arm.at_payload(mass)
+            if ramps:
+                return arm, None
+            self._arms[mass] = arm, Stepper.of(arm)
+        return self._arms[mass]
+
+    def _one_by_one(self, arm: ExtendedArm, times: Array, start: Array, commands: Array,
+                    forces: Array) -> Array:
+        """Return the states before each step and after the last, asking the effects at each."""
+        states = [start]
+        for time, command, force in zip(times, commands, forces):
+            cosine = float(np.cos(self._angle @ states[-1]))
+            scheduled = arm.payload in self._arms
+            matrices = (arm.schedule.at(cosine) if scheduled
+                        else arm.matrices(cosine, arm.payload))
+            after = arm.advance(matrices, states[-1], command, time)
+            states.append(after + matrices[2] @ force)
+        return np.array(states)
+
+
+def check_finite(commands: Array) -> None:
+    """Raise InputError where commands (N, 2) are not finite."""
+    if not np.all(np.isfinite(commands)):
+        k = int(np.argmin(np.isfinite(commands).all(axis=1)))
+        raise InputError(f'command: expected finite numbers, got {commands[k]}')
 
 
 def simulate(simulator: Simulator, commands: Array) -> tuple[Array, Array]:
@@ -157,10 +227,13 @@ def simulate(simulator: Simulator, commands: Array) -> tuple[Array, Array]:
 
     Row k is what is sampled before command k is applied.
     """
-    outputs, velocities = [], []
-    for command in commands:
-        sample = simulator.measure()
-        outputs.append(sample.output)
-        velocities.append(sample.velocity)
-        simulator.step(command)
-    return np.array(outputs), np.array(velocities)
+    commands = np.asarray(commands, dtype=float)
+    check_finite(commands)
+    arm, noise = simulator.arm, simulator.noise
+    times = (simulator.samples + np.arange(len(commands))) * arm.robot.sample_time
+    draws = simulator.draws(len(commands))
+    states, applied = simulator.advance(commands, draws[:, -2:])
+    outputs = arm.output(states, times)
+    outputs[:, :2] += noise.angle * draws[:, :2]
+    outputs[:, 2:] += noise.strain * draws[:, 2:-2]
+    return outputs, np.array(arm.joint_velocity(states, applied))

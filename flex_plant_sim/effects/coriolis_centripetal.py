@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flex_plant_sim.arm_model import Array
+from flex_plant_sim.arm_model import Array, SecondOrderForm
 from flex_plant_sim.effects.base import Effect, Motion, Parameter
 from flex_plant_sim.effects.kinematics import (
     elbow_state,
@@ -11,6 +11,7 @@ from flex_plant_sim.effects.kinematics import (
     lower_rows,
     root_row,
 )
+import numpy as np
 
 
 class CoriolisCentripetal(Effect):
@@ -28,6 +29,14 @@ class CoriolisCentripetal(Effect):
     explanation = 'The arm moves so fast that Coriolis and centripetal forces matter.'
     parameters = (Parameter('share', '', 0.0, -1.0, 3.0, (1.0,), 0.3),)
     sites = 'arm'
+
+    def rows(self, form: SecondOrderForm, payload: float) -> Array | None:
+        """Return share e, s, and the rows of w_1 and w_2, (4, N); None for the paper's form."""
+        if not is_energy_form(form):
+            return None
+        across = form.field[1, 0] + payload * form.field[1, 1]
+        return np.array([self['share'] * form.field[0, 1], across,
+                         root_row(form, 0), root_row(form, 1)])
 
     def force(self, motion: Motion) -> Array:
         """Return the generalised force, (…, N)."""

@@ -1,0 +1,81 @@
+"""Many steps in one loop are the steps of the schedule, compiled or not."""
+
+from __future__ import annotations
+
+from flex_plant_sim import stepping
+from flex_plant_sim.arm_model import Array
+from flex_plant_sim.compiled import COMPILED
+from flex_plant_sim.effects import build
+from flex_plant_sim.errors import InputError
+from flex_plant_sim.extended_arm import ExtendedArm
+from flex_plant_sim.payload_profile import PayloadProfile
+from flex_plant_sim.robot import EffectSpec, load_robot
+from flex_plant_sim.simulation import Noise, simulate, Simulator
+from flex_plant_sim.stepping import schedule_row, Stepper
+import numpy as np
+import pytest
+
+ROBOT = load_robot('reference')
+
+
+def commands(count: int, step: float = 0.01) -> Array:
+    t = step * np.arange(float(count))
+    return np.column_stack([1.2 * np.sin(4.0 * t), 2.0 * np.cos(3.0 * t)])
+
+
+def stepped(arm: ExtendedArm, held: Array) -> Array:
+    """Return the outputs by the textbook's way: interpolate, apply, ask every effect."""
+    state, outputs = np.zeros(arm.states), []
+    for k, command in enumerate(held):
+        time = k * arm.step_time
+        outputs.append(arm.output(state, time))
+        matrices = arm.schedule.at(np.cos(schedule_row(arm) @ state))
+        state = arm.advance(matrices, state, command, time)
+    return np.array(outputs)
+
+
+@pytest.mark.parametrize('model, effect', [
+    ('assumed_modes', None), ('paper', None), ('paper_reduced', None),
+    ('assumed_modes', EffectSpec('coriolis_centripetal', 'arm', {'share': 1.0})),
+    ('paper', EffectSpec('coriolis_centripetal', 'arm', {'share': 1.0})),
+    ('assumed_modes', EffectSpec('motor_lag', 'joint_2', {'time_constant_s': 0.02})),
+    ('assumed_modes', EffectSpec('coulomb_friction', 'joint_1', {'level_n_m': 0.2}))])
+def test_many_steps_at_once_are_those_of_the_schedule(model: str,
+                                                      effect: EffectSpec | None) -> None:
+    effects = () if effect is None else (build(effect),)
+    arm, held = ExtendedArm(ROBOT, model, 2, effects=effects), commands(150)
+    expected = stepped(arm, held)
+    assert np.ptp(expected[:, 1]) > 1.0
+    np.testing.assert_allclose(simulate(Simulator(arm), held)[0], expected, rtol=0.0, atol=1e-12)
+
+
+def test_at_once_or_sample_by_sample_with_the_same_noise() -> None:
+    arm, profile = ExtendedArm(ROBOT, modes=2, step=0.005), PayloadProfile((0.2, 0.6), (0.0, 0.3))
+    noise, held = Noise(angle=2e-4, strain=5e-7, torque=0.01), commands(100)
+    at_once, single = Simulator(arm, profile, noise, 5), Simulator(arm, profile, noise, 5)
+    outputs, velocities = simulate(at_once, held)
+    for command, output, velocity in zip(held, outputs, velocities):
+        sample = single.measure()
+        np.testing.assert_allclose(sample.output, output, rtol=0.0, atol=1e-12)
+        np.testing.assert_allclose(sample.velocity, velocity, rtol=0.0, atol=1e-12)
+        single.step(command)
+    np.testing.assert_array_equal(at_once.state, single.state)
+    assert (at_once.time, at_once.samples) == (single.time, single.samples)
+
+
+@pytest.mark.skipif(not COMPILED, reason='Numba is not installed: there is nothing to compare')
+def test_compiled_steps_are_those_of_plain_numpy() -> None:
+    arm = ExtendedArm(ROBOT, modes=3, effects=[build(EffectSpec('coriolis_centripetal', 'arm',
+                                                                {'share': 1.0}))])
+    stepper, held = Stepper.of(arm), commands(100)
+    assert stepper is not None
+    fast = stepper.run(np.zeros(arm.states), held, np.zeros((100, arm.form.order)))
+    inputs, plain = np.pad(held, ((0, 0), (0, arm.form.order))), np.zeros_like(fast)
+    stepping._run.py_func(stepper.series, stepper.angle, stepper.turning,  # type: ignore
+                          inputs, plain)
+    np.testing.assert_allclose(fast, plain, rtol=0.0, atol=1e-12)
+
+
+def test_the_reduced_model_takes_no_torque_noise() -> None:
+    with pytest.raises(InputError, match='torque'):
+        Simulator(ExtendedArm(ROBOT, 'paper_reduced', 2), noise=Noise(torque=0.1))
