@@ -94,6 +94,10 @@ class LQGController:
         self._omega = DeltaOperator(n, self.step, settings.terms, self.model.halvings)
         self._start = self._settled_design()
         self.reset()
+        for _ in range(2):
+            # Compile what is compiled, so that no sample waits for it.
+            self.command(0.0, np.zeros(len(self.model.scale)), np.zeros(2), 0.0, np.zeros(2))
+        self.reset()
 
     def _settled_design(self) -> Array:
         """Return the S at which the iterations start: the solution at mass_0, theta_2 = 0."""

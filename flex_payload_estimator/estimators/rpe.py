@@ -30,7 +30,8 @@ SUSPECT_MISFIT = 2.0
 
 def _is_command(command: Array) -> bool:
     # A comparison with NaN is false.
-    return bool(np.abs(command).max() < LARGEST_COMMAND)
+    return -LARGEST_COMMAND < command[0] < LARGEST_COMMAND \
+        and -LARGEST_COMMAND < command[1] < LARGEST_COMMAND
 
 
 class RecursivePredictionError:
@@ -164,11 +165,13 @@ class RecursivePredictionError:
             self._lost, activity = True, self._sample.activity
             self._sample = self._mark = Sample(time, None, self._command, activity, activity)
             return
-        for k in range(1, steps + 1):
-            self._advance(start + k * step if k < steps or time <= start else time,
-                          self._command)
-            if k < steps:
-                self._judge.keep(self._mark)
+        if steps > 1:
+            # A filter that diverges across a gap begins again after it.
+            with np.errstate(over='ignore', invalid='ignore'):
+                for k in range(1, steps):
+                    self._advance(start + k * step, self._command)
+                    self._judge.keep(self._mark)
+        self._advance(start + step if time <= start else time, self._command)
 
     def _advance(self, time: float, command: Array) -> None:
         """Predict one sample; a bank, where this is a mark, from the last one on."""

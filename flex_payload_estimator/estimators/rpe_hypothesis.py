@@ -129,7 +129,7 @@ class Stepper:
         self._halves = 0.5 * (np.ones((states, states)) + JITTER * np.eye(states))
         self._speed = speed_feedback(effects.arm)
         self._cov = np.diag(spread**2)
-        self._limit = LOST * ((self.output * spread)**2).sum(axis=1)
+        self._limit = LOST * float(((self.output * spread)**2).sum())
 
     def start(self, level: int, measured: Array, mass: float, std: float) -> Hypothesis:
         """Return a hypothesis of an arm at rest that knows of the payload mass and std, kg."""
@@ -157,13 +157,15 @@ class Stepper:
         """Advance one sample."""
         level, piece, start = self.levels[h.level], self.schedule.cut(h.mass), h.x
         parts = self._no_parts if level.exact else self.schedule.parts_at(h.mass)
-        torque = level.torque(sample.before, sample.command - self._speed @ start)
+        torque, floor = level.told_torque, level.floor
+        if not level.exact:
+            torque = level.torque(sample.before, sample.command - self._speed @ start)
+            floor = sample.before**2 * floor
         if sample.scatter is not None:
             torque = np.hypot(torque, sample.scatter)
         h.x, h.cov, h.sens = predict(
             h.x, h.cov, h.sens, self.schedule.order, piece.value, piece.slopes,
-            parts, h.mass - piece.payload, sample.command, torque,
-            sample.before**2 * level.floor)
+            parts, h.mass - piece.payload, sample.command, torque, floor)
         if level.drift:
             self.drift(h, level.drift**2 * self.effects.arm.step_time)
         if self.effects.moves:

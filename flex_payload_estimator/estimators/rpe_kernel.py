@@ -9,10 +9,25 @@ staggered windows (what a payload change then would have done), dx/d(part parame
 from __future__ import annotations
 
 from flex_plant_sim.arm_model import Array
-from flex_plant_sim.compiled import compiled
+from flex_plant_sim.compiled import COMPILED, compiled
 import numpy as np
+from scipy.linalg.lapack import dgetrf, dgetri
 
 MASS_COLUMNS = 3
+
+
+def _inverse_by_lapack(matrix: Array) -> tuple[Array, float]:
+    factors, pivots, _ = dgetrf(matrix)
+    return dgetri(factors, pivots)[0], abs(float(factors.diagonal().prod()))
+
+
+@compiled
+def _inverse_by_numba(matrix: Array) -> tuple[Array, float]:
+    return np.linalg.inv(matrix), np.linalg.det(matrix)  # type: ignore[return-value]
+
+
+# Inverse and determinant of a covariance; LAPACK's own calls cost half of NumPy's.
+inverse_and_size = _inverse_by_numba if COMPILED else _inverse_by_lapack
 
 
 @compiled
@@ -73,7 +88,7 @@ def predict(x: Array, cov: Array, sens: Array, order: Array, value: Array, slope
 @compiled
 def correct(x: Array, cov: Array, sens: Array, mass: float, variance: float, lean: Array,
             innovation: Array, output: Array, direct: Array, noise: Array, halves: Array,
-            limit: Array, heaviest: float
+            limit: float, heaviest: float
             ) -> tuple[Array, Array, Array, float, float, Array, Array, float, float, Array,
                        Array]:
     """
@@ -100,8 +115,8 @@ def correct(x: Array, cov: Array, sens: Array, mass: float, variance: float, lea
         Variance of each channel, (m,).
     halves : Array
         What P + P' is multiplied with: 1/2, a little more on the diagonal, (n, n).
-    limit : Array
-        Variance of each innovation beyond which the state is lost, (m,).
+    limit : float
+        Sum of the innovations' variances beyond which the state is lost.
     heaviest : float
         The payload stays in [0, heaviest], kg.
 
@@ -116,10 +131,12 @@ def correct(x: Array, cov: Array, sens: Array, mass: float, variance: float, lea
     """
     projected = cov @ output.T
     total = output @ projected + np.diag(noise)
-    found = np.all((np.diag(total) < limit) & (np.diag(total) > 0.5 * noise))
-    if not found:
-        total = np.diag(limit)
-    inverse = np.linalg.inv(total)
+    variances = np.diag(total)
+    # A comparison with NaN is false.
+    if not (np.sum(variances) < limit and np.min(variances) > 0.0):
+        return (x, cov, sens, mass, variance, lean, innovation, np.nan, np.nan, innovation,
+                innovation)
+    inverse, size = inverse_and_size(total)
     gain = projected @ inverse
     psi = output @ sens
     if lean.size > 0:
@@ -132,10 +149,8 @@ def correct(x: Array, cov: Array, sens: Array, mass: float, variance: float, lea
     pull = variance / spread
     after = min(max(mass + pull * pushed, 0.0), heaviest)
     misfit = innovation @ (inverse @ innovation) - pull * pushed * pushed
-    if not found:
-        misfit = np.nan
-    log_det = np.log(spread * np.linalg.det(total))
-    channel = np.diag(total) + variance * psi[:, 0]**2
+    log_det = np.log(spread * size)
+    channel = variances + variance * psi[:, 0]**2
     if lean.size > 0:
         cross = np.sum(psi[:, MASS_COLUMNS:] * weighted[:, :1], axis=0)
         lean = lean - pull * (cross + known * lean)

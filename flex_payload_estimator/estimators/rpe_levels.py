@@ -62,8 +62,6 @@ class Level:
             The drive's net torque in the command's unit, (2,).
 
         """
-        if self.exact:
-            return self.told_torque
         return np.sqrt(self.told_torque**2 + (activity * self.extra_torque)**2
                        + (self.net_share * net)**2)
 

@@ -105,6 +105,10 @@ class SF1Estimator:
         self._omega = DeltaOperator(n, self.step, settings.terms, self.halvings)
         self._reference = self._settled_noise()
         self.reset()
+        for _ in range(2):
+            # Compile what is compiled, so that no sample waits for it.
+            self.update(0.0, np.zeros(m), np.zeros(2))
+        self.reset()
 
     def _settled_noise(self) -> float:
         """Return the variance to which the composite innovation settles, straight, unloaded."""
