@@ -67,9 +67,17 @@ class Stepper:
 
 
 def schedule_row(arm: ExtendedArm) -> Array:
-    """Return the angle whose cosine the plant is scheduled on, over the state, (n,)."""
+    """
+    Return the angle whose cosine the plant is scheduled on, over the state, (n,).
+
+    theta_2, as (1)-(7) have it. With Coriolis forces it is the angle between the links, upper
+    tip slope included: they do the work of that angle's inertia, so that energy needs it.
+    """
     row = np.zeros(arm.states)
-    row[1] = 1.0
+    if any(isinstance(effect, CoriolisCentripetal) for effect in arm.effects):
+        row[:arm.form.order] = arm.form.elbow_angle
+    else:
+        row[1] = 1.0
     return row
 
 
