@@ -1,94 +1,183 @@
-"""Print the MuJoCo chain's frequency errors, its largest stable step and its time a second."""
+"""
+Set the simulator beside a MuJoCo chain of the same arm: time and truth, in one run.
+
+Both run open loop from the same commands, each on one thread. The truth is the finite-element
+arm of `test/truth`, which shares no code with either. MuJoCo takes the largest step at which its
+chain is stable; its time leaves out building the model, ours leaves out building the schedule,
+which is printed beside it. Errors are 100 |e| / |y - mean y| in per cent.
+"""
 
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+import sys
 import time
 
+from flex_plant_sim.effects import build as build_effect
+from flex_plant_sim.extended_arm import ExtendedArm
+from flex_plant_sim.robot import EffectSpec, load_robot
+from flex_plant_sim.simulation import simulate as step_arm
+from flex_plant_sim.simulation import Simulator
 import mujoco
-from mujoco_chain import Arm, build, simulate
+from mujoco_chain import Arm, build, fit_percent, run, simulate
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-FINITE_ELEMENT_FREQUENCIES = {
-    # (payload kg, theta_2 rad): joint-locked natural frequencies, rad/s (cubic Hermite elements)
-    (0.1, 0.0): (7.87, 25.47, 143.4, 218.8),
-    (0.1, np.pi / 2): (9.45, 19.36, 142.5, 212.7),
-    (0.0, 0.0): (10.15, 39.30, 166.5, 254.2),
-}
+Array = NDArray[np.float64]
+PAYLOAD, PERIOD, COUNT, MODES, SEGMENTS = 0.1, 0.01, 1000, 5, 20
+CORIOLIS = EffectSpec('coriolis_centripetal', 'arm', {'share': 1.0})
+# (payload kg, theta_2 rad)
+POINTS = ((0.1, 0.0), (0.1, np.pi / 2), (0.0, 0.0))
 
 
-def locked_frequencies(arm: Arm, theta_2: float, n_segments: int = 20,
-                       count: int = 4) -> np.ndarray:
-    """Return the first natural frequencies with both joints locked, rad/s."""
-    chain = build(arm, n_segments)
+@dataclass(frozen=True)
+class Contender:
+    """A simulator of the arm: name, ms to build, and outputs (N, 6) from commands (N, 2)."""
+
+    name: str
+    building: float
+    outputs: Callable[[Array], Array]
+
+
+def finite_elements() -> tuple[Callable[[Array], Array], Callable[[float, float], Array]]:
+    """Return the truth: outputs from commands, and locked frequencies, rad/s."""
+    sys.path.insert(1, str(Path(__file__).parents[1] / 'test'))
+    from finite_elements import natural_frequencies
+    from truth.configuration import reference_arm
+    from truth.simulation import simulate as move
+
+    def outputs(commands: Array) -> Array:
+        motion = move(reference_arm(PAYLOAD), command=commands)
+        return np.hstack([motion.joint, motion.fine_strain[::motion.steps_per_sample]])
+
+    robot = load_robot('reference')
+    return outputs, lambda payload, angle: np.asarray(
+        natural_frequencies(robot, angle, payload)[:4])
+
+
+def chain_frequencies(payload: float, theta_2: float) -> Array:
+    """Return the chain's first natural frequencies with both joints locked, rad/s."""
+    chain = build(replace(Arm(), payload_mass=payload), SEGMENTS)
     data = mujoco.MjData(chain.model)
     data.qpos[chain.joint[1]] = theta_2
     mujoco.mj_forward(chain.model, data)
     mass = np.zeros((chain.model.nv, chain.model.nv))
     mujoco.mj_fullM(chain.model, data, mass)
-    mass = mass[np.ix_(chain.hinges, chain.hinges)]
     stiffness = np.diag(np.ravel(chain.model.jnt_stiffness[chain.hinges]))
-    squared = eigh(stiffness, mass, eigvals_only=True, subset_by_index=(0, count - 1))
-    return np.sqrt(squared)
+    squared = eigh(stiffness, mass[np.ix_(chain.hinges, chain.hinges)], eigvals_only=True,
+                   subset_by_index=(0, 3))
+    return np.asarray(np.sqrt(squared))
 
 
-def stepped_frequencies(arm: Arm, theta_2: float, timestep: float, n_segments: int = 20,
-                        count: int = 4) -> np.ndarray:
-    """
-    Return the first frequencies of the stepped motion, joints held by huge inertias, rad/s.
-
-    They are |log(lambda)|/timestep of the one-step transition matrix: what the integrator makes
-    of the modes, where `locked_frequencies` is what the model has.
-    """
-    held = replace(arm, rotor_inertia=(1e7, 1e7), time_constant=(1.0, 1.0))
-    model = build(held, n_segments, timestep).model
-    data = mujoco.MjData(model)
-    data.qpos[model.joint('joint_2').qposadr[0]] = theta_2
-    transition = np.zeros((2 * model.nv, 2 * model.nv))
-    mujoco.mjd_transitionFD(model, data, 1e-6, True, transition, None, None, None)
-    poles = np.log(np.linalg.eigvals(transition).astype(complex)) / timestep
-    return np.sort(np.abs(poles[poles.imag > 1.0]))[:count]
+def our_frequencies(payload: float, theta_2: float) -> Array:
+    """Return the same of the assumed-modes model."""
+    form = ExtendedArm(load_robot('reference'), 'assumed_modes', MODES).form
+    mass, stiffness = form.mass_at(np.cos(theta_2), payload), form.stiffness_at(np.cos(theta_2))
+    squared = eigh(stiffness[2:, 2:], mass[2:, 2:], eigvals_only=True, subset_by_index=(0, 3))
+    return np.asarray(np.sqrt(squared))
 
 
-def largest_stable_substeps(arm: Arm, period: float = 0.01, n_segments: int = 20) -> int:
-    """Return the fewest sub-steps a sample for which 2 s of steps stay finite and bounded."""
-    commands = np.tile([[0.5, -0.5]], (200, 1))
+def largest_stable_substeps(commands: Array) -> int:
+    """Return the fewest sub-steps a sample at which the chain stays finite and bounded."""
     for substeps in range(1, 200):
         try:
-            simulate(arm, commands, period, None, n_segments, substeps)
+            simulate(Arm(), commands, PERIOD, PAYLOAD, SEGMENTS, substeps)
             return substeps
         except FloatingPointError:
             continue
     raise FloatingPointError('no stable step found')
 
 
-def _duration(commands: np.ndarray, n_segments: int, substeps: int) -> float:
-    """Return the processor time of one simulation, s: one thread, so load does not count."""
+def chain(substeps: int) -> Contender:
+    """Return MuJoCo's chain at a number of sub-steps a sample."""
     start = time.process_time()
-    simulate(Arm(), commands, 0.01, None, n_segments, substeps)
-    return time.process_time() - start
+    built = build(replace(Arm(), payload_mass=PAYLOAD), SEGMENTS, PERIOD / substeps)
+    building = 1e3 * (time.process_time() - start)
+
+    def outputs(commands: Array) -> Array:
+        return np.hstack(run(built, lambda k, *_: commands[k], len(commands), PERIOD))
+
+    return Contender(f'MuJoCo chain, step {1e3 * PERIOD / substeps:.2f} ms', building, outputs)
+
+
+def ours(modes: int, coriolis: bool) -> Contender:
+    """Return our simulator, with or without Coriolis forces."""
+    effects = (build_effect(CORIOLIS),) if coriolis else ()
+    start = time.process_time()
+    arm = ExtendedArm(load_robot('reference'), 'assumed_modes', modes, PAYLOAD, effects)
+    simulator = Simulator(arm)
+    building = 1e3 * (time.process_time() - start)
+
+    def outputs(commands: Array) -> Array:
+        simulator.reset()
+        return step_arm(simulator, commands)[0]
+
+    name = f'assumed_modes {modes}, ' + ('Coriolis' if coriolis else 'linear')
+    return Contender(name, building, outputs)
+
+
+def milliseconds(contender: Contender, commands: Array, repeats: int) -> float:
+    """Return the processor time of a simulated second, ms: the best of some runs."""
+    found = []
+    for _ in range(repeats):
+        start = time.process_time()
+        contender.outputs(commands)
+        found.append(time.process_time() - start)
+    return 1e3 * min(found) / (PERIOD * len(commands))
+
+
+def moves(amplitude: float) -> Array:
+    """Return commands: swings with jumps on both joints, rad/s."""
+    t = PERIOD * np.arange(float(COUNT))
+    return amplitude * np.column_stack([np.sin(2.0 * t) + 0.4 * np.sign(np.sin(1.3 * t)),
+                                        np.sin(3.0 * t) + 0.4 * np.sign(np.sin(1.7 * t))])
+
+
+def print_frequencies(truth: Callable[[float, float], Array]) -> None:
+    """Print both models' frequency errors against the finite elements."""
+    print('natural frequencies, joints locked, error of the first four in %')
+    for payload, angle in POINTS:
+        exact = truth(payload, angle)
+        print(f'  m_p {payload:.1f} kg, theta_2 {angle:.2f} rad: finite elements '
+              f'{np.round(exact, 2)} rad/s')
+        for name, of in (('MuJoCo chain', chain_frequencies),
+                         (f'assumed_modes {MODES}', our_frequencies)):
+            errors = 100.0 * (of(payload, angle) / exact - 1.0)
+            print(f'    {name:16}', ' '.join(f'{error:+7.3f}' for error in errors))
 
 
 def main() -> None:
-    """Print frequency errors, the largest stable step and the time a simulated second."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--segments', type=int, default=20)
-    n = parser.parse_args().segments
+    """Print times, errors and their ratios."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--amplitudes', type=float, nargs='+', default=[0.05, 0.2, 0.5, 1.0],
+                        help='of the commands, rad/s')
+    parser.add_argument('--repeats', type=int, default=5)
+    arguments = parser.parse_args()
     mujoco.set_mju_user_warning(lambda _: None)  # a refused step is expected: no log file for it
-    substeps = largest_stable_substeps(Arm(), n_segments=n)
-    for (payload, theta_2), expected in FINITE_ELEMENT_FREQUENCIES.items():
-        arm = replace(Arm(), payload_mass=payload)
-        print(f'm_p {payload:.1f} kg, theta_2 {theta_2:.2f} rad')
-        for name, found in (('model', locked_frequencies(arm, theta_2, n)),
-                            ('stepped', stepped_frequencies(arm, theta_2, 0.01 / substeps, n))):
-            errors = 100 * (found / np.array(expected) - 1)
-            print(f'  {name:8}', np.round(found, 3), 'rad/s, error', np.round(errors, 2), '%')
-    commands = 0.5 * np.sin(np.outer(np.arange(1000) * 0.01, [2.0, 3.0]))
-    seconds = min(_duration(commands, n, substeps) for _ in range(5))
-    print(f'largest stable step {0.01 / substeps * 1e3:.3f} ms ({substeps} a sample): '
-          f'{seconds / 10 * 1e3:.1f} ms of processor time a simulated second, best of 5')
+    true_outputs, true_frequencies = finite_elements()
+    print_frequencies(true_frequencies)
+    substeps = largest_stable_substeps(moves(max(arguments.amplitudes))[:200])
+    baseline, *rest = [chain(substeps), chain(2 * substeps), ours(MODES, False),
+                       ours(MODES, True), ours(3, True)]
+    for amplitude in arguments.amplitudes:
+        commands = moves(amplitude)
+        truth = true_outputs(commands)
+        print(f'\ncommands of {amplitude:g} rad/s: errors in % of joint 1, joint 2, four gauges; '
+              'ms a simulated second')
+        reference = milliseconds(baseline, commands, arguments.repeats)
+        base_errors = 100.0 - fit_percent(truth, baseline.outputs(commands))
+        for contender in (baseline, *rest):
+            errors = 100.0 - fit_percent(truth, contender.outputs(commands))
+            spent = milliseconds(contender, commands, arguments.repeats)
+            print(f'  {contender.name:28}', ' '.join(f'{error:6.3f}' for error in errors),
+                  f'| {spent:6.2f} ms (+ {contender.building:4.1f} ms once), '
+                  f'{reference / spent:5.1f} x as fast, error x',
+                  ' '.join(f'{ratio:.2f}' for ratio in errors / base_errors))
 
 
 if __name__ == '__main__':

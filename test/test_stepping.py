@@ -84,6 +84,7 @@ def test_the_reduced_model_takes_no_torque_noise() -> None:
     with pytest.raises(InputError, match='torque'):
         Simulator(ExtendedArm(ROBOT, 'paper_reduced', 2), noise=Noise(torque=0.1))
 
+
 def energy_drift(angle: str, step: float) -> float:
     """Return the relative change of energy of bending, undamped links that coast for 1 s."""
     robot = ROBOT
