@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+import math
 
 from flex_plant_sim.arm_model import Array
 from flex_plant_sim.errors import InputError
@@ -115,10 +116,14 @@ class ModelHealth:
 
     def add(self, innovation: Array, deviation: Array) -> None:
         """Take an innovation and its standard deviation, (m,); what is not finite is left out."""
-        if not (np.isfinite(innovation).all() and deviation.all()
-                and np.isfinite(deviation).all()):
+        # A sum is finite where its terms are; sums and comparisons are quicker than np.isfinite.
+        if not (deviation.min() > 0.0 and math.isfinite(deviation.sum())
+                and math.isfinite(innovation.sum())):
             return
-        self._ring[self._count % self.window] = np.clip(innovation / deviation, -LARGEST, LARGEST)
+        scaled = innovation / deviation
+        if not scaled.dot(scaled) < LARGEST**2:
+            scaled = np.clip(scaled, -LARGEST, LARGEST)
+        self._ring[self._count % self.window] = scaled
         self._count += 1
         if self._count >= self._judged + self.window:
             self._judged = self._count

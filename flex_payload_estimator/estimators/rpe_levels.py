@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+import math
 
 from flex_plant_sim.arm_model import Array
 from flex_plant_sim.extended_arm import ExtendedArm
@@ -81,9 +82,9 @@ class Activity:
     def follow(self, strain: Array) -> float:
         """Return the activity, dimensionless, after a sample of the gauges, m/m."""
         scaled = strain * self.scale
-        now = float(scaled @ scaled) / max(scaled.size, 1)
+        now = float(scaled.dot(scaled)) / max(scaled.size, 1)
         self.square += self.share * (now - self.square)
-        return min(ACTIVITY_LIMIT, float(np.sqrt(max(now, self.square))))
+        return min(ACTIVITY_LIMIT, math.sqrt(max(now, self.square)))
 
 
 def told_noise(arm: ExtendedArm) -> Array:
