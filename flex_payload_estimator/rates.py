@@ -80,7 +80,8 @@ def rates_at(cosine: float, table: Array, m_6: Array, m_7: Array, frame: Array, 
              state: Array, command: Array, as_printed: bool, resolvent: bool
              ) -> tuple[Array, Array]:
     """Return `compact_rates` at cos(theta_2), see `terms_at`."""
-    return _compact_rates(terms_at(cosine, table, m_6, m_7, frame), mass, state, command,
+    return _compact_rates(terms_at(cosine, table, m_6, m_7, frame), mass,
+                          np.ascontiguousarray(state), np.ascontiguousarray(command),
                           as_printed, resolvent)
 
 

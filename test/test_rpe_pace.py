@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from flex_payload_estimator.estimators.factory import make_estimator
 from flex_plant_sim.arm_model import Array
 from flex_plant_sim.extended_arm import ExtendedArm
 from flex_plant_sim.payload_profile import PayloadProfile
@@ -64,4 +65,21 @@ def test_a_prediction_made_ahead_changes_nothing_in_a_bank_either() -> None:
                 estimator.prepare(rows[k + 1][2] + (k % 7 == 0))
         found.append(masses)
     assert len(estimator.bank.hypotheses) > 1
+    assert found[0] == found[1]
+
+
+@pytest.mark.parametrize('name', ['sf1', 'rpe'])
+def test_the_layout_of_the_arrays_does_not_matter(name: str) -> None:
+    robot, found = robot_with(), []
+    model = 'paper_reduced' if name == 'sf1' else 'assumed_modes'
+    for stride in (1, 3):
+        estimator = make_estimator(name, robot, model, 2)
+        random = np.random.default_rng(5)
+        for k in range(30):
+            output, command = np.zeros(6 * stride), np.zeros(2 * stride)
+            output[::stride] = robot.angle_noise * random.standard_normal(6) * 1e-3
+            command[::stride] = random.standard_normal(2)
+            command.flags.writeable = stride == 1
+            estimate = estimator.update(0.01 * k, output[::stride], command[::stride])
+        found.append((estimate.mass, estimate.variance))
     assert found[0] == found[1]

@@ -114,7 +114,8 @@ class RecursivePredictionError:
             Wrong number of outputs or commands.
 
         """
-        output, command = np.asarray(output, dtype=float), np.asarray(command, dtype=float)
+        # Another layout in memory would be compiled for while the sample waits.
+        output, command = np.asarray(output, dtype=float), np.array(command, dtype=float)
         if output.shape != self.told.shape or command.shape != (2,):
             raise InputError(f'output, command: expected {self.told.size} and 2 numbers, got '
                              f'shapes {output.shape} and {command.shape}')

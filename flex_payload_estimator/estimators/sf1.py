@@ -166,7 +166,8 @@ class SF1Estimator:
         sent = bool(np.isfinite(command).all())
         good = sent and bool(np.isfinite(scaled).all())
         if sent:
-            self._command = np.asarray(command, dtype=float)
+            # Another layout in memory would be compiled for while the sample waits.
+            self._command = np.array(command, dtype=float)
         if not self._started:
             return self._begin(time, scaled) if good else self._reject(time)
         prediction = self._predict()

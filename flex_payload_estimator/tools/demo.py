@@ -15,6 +15,7 @@ from tempfile import TemporaryDirectory
 import time
 from typing import Any
 
+from flex_payload_estimator.compiled import COMPILED
 from flex_payload_estimator.loop import LoopRecord
 from flex_payload_estimator.loop_figures import FIGURES, save_figures
 from flex_payload_estimator.node_setup import set_points_of
@@ -114,6 +115,9 @@ def _spin(experiment: Experiment) -> LoopRecord:
     namespace = f'/flex_demo_{os.getpid()}'
     end: Future[None] = Future()
     print(f'topics: {namespace}/payload, joint_states, strain, command, diagnostics …')
+    if COMPILED:
+        print('starting the nodes; the first run compiles them, which can take a minute …',
+              flush=True)
     progress = Progress()
     recorder = TopicRecorder(
         experiment.samples, robot_of(experiment.plant).gauge_names, progress,
