@@ -15,10 +15,10 @@ from tempfile import TemporaryDirectory
 import time
 from typing import Any
 
-from flex_payload_estimator.compiled import COMPILED
 from flex_payload_estimator.loop import LoopRecord
 from flex_payload_estimator.loop_figures import FIGURES, save_figures
 from flex_payload_estimator.node_setup import set_points_of
+from flex_plant_sim.compiled import COMPILED
 from flex_plant_sim.errors import InputError
 from flex_plant_sim.log import Log
 from flex_plant_sim.log_bag import write_bag
@@ -116,8 +116,7 @@ def _spin(experiment: Experiment) -> LoopRecord:
     end: Future[None] = Future()
     print(f'topics: {namespace}/payload, joint_states, strain, command, diagnostics …')
     if COMPILED:
-        print('starting the nodes; the first run compiles them, which can take a minute …',
-              flush=True)
+        print('starting the nodes; the first run compiles, up to a minute …', flush=True)
     progress = Progress()
     recorder = TopicRecorder(
         experiment.samples, robot_of(experiment.plant).gauge_names, progress,
