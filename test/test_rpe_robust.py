@@ -90,3 +90,12 @@ def test_on_the_record_with_a_drop(shared_data: Path) -> None:
     event, = estimator.events
     assert abs(event.time - time) < 0.1 and time <= event.found < time + 0.2
     assert abs(estimates[round((time + 2.0) / 0.01)].mass / after - 1) < 0.05
+
+
+@pytest.mark.parametrize('name', ['case_51e0e063', 'case_927b6c0b', 'case_271bc6d9'])
+def test_a_hidden_effect_does_not_look_like_a_change(shared_data: Path, name: str) -> None:
+    # A strain filter, a delay and a soft link, none of them told.
+    estimator, estimates, _ = bench_run(shared_data / 'bench', name, 40.0)
+    assert not estimator.events
+    late = np.array([estimate.mass for estimate in estimates[-1000:]])
+    assert np.abs(np.diff(late)).max() < 0.05 * late.mean()
