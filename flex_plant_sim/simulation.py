@@ -95,7 +95,8 @@ class Simulator:
         self._hooked = tuple(e for e in arm.effects
                              if type(e).on_command is not Effect.on_command)
         self._angle = schedule_row(arm)
-        self._arms: dict[float, tuple[ExtendedArm, Stepper | None]] = {}
+        # Made now, so that no sample waits for compilation.
+        self._arms = {arm.payload: (arm, Stepper.of(arm))}
         self._pushes = arm.schedule.forces
         if noise.torque and not self._pushes:
             raise InputError(f'noise.torque: {arm.model_name} has no joint torques, '
@@ -194,7 +195,7 @@ class Simulator:
     def _carrying(self, mass: float, ramps: bool) -> tuple[ExtendedArm, Stepper | None]:
         """Return a payload's arm, with a schedule while it stays, to be discretised afresh."""
         if mass not in self._arms:
-            arm = self.arm if mass == self.arm.payload else self.arm.at_payload(mass)
+            arm = self.arm.at_payload(mass)
             if ramps:
                 return arm, None
             self._arms[mass] = arm, Stepper.of(arm)

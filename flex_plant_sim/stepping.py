@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from flex_plant_sim.arm_model import Array
-from flex_plant_sim.compiled import compiled
+from flex_plant_sim.compiled import COMPILED, compiled
 from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.effects.coriolis_centripetal import CoriolisCentripetal
 from flex_plant_sim.extended_arm import ExtendedArm
@@ -45,7 +45,11 @@ class Stepper:
         count = arm.nodes.size
         turns = np.arccos(arm.nodes)[:, None] * np.arange(count)
         series: Array = np.linalg.inv(np.cos(turns)) @ arm.schedule.table
-        return cls(series, schedule_row(arm), turning)
+        stepper = cls(series, schedule_row(arm), turning)
+        if COMPILED:
+            # No steps, but they are compiled for.
+            stepper.run(np.zeros(arm.states), np.zeros((0, 2)), np.zeros((0, arm.form.order)))
+        return stepper
 
     def run(self, start: Array, commands: Array, forces: Array) -> Array:
         """
