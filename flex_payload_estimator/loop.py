@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from flex_payload_estimator.estimators.base import PayloadEstimator
+from flex_payload_estimator.estimators.base import Estimate, PayloadEstimator
 from flex_payload_estimator.set_points import SetPoints
 from flex_plant_sim.arm_model import Array
 from flex_plant_sim.errors import InputError
@@ -95,7 +95,6 @@ def run_loop(simulator: Simulator, estimator: PayloadEstimator, controller: Cont
         raise InputError(f'duration: expected a time > 0 s, got {duration:g}')
     estimator.reset()
     controller.reset()
-    order = simulator.arm.form.order
     # What was sent: what a drive's effects make of it, neither of the two can know.
     sent = np.zeros(2)
     rows: list[tuple[Any, ...]] = []
@@ -104,13 +103,22 @@ def run_loop(simulator: Simulator, estimator: PayloadEstimator, controller: Cont
         output, set_point = sample.output, set_points(sample.time)
         estimate = estimator.update(sample.time, output, sent)
         command = controller.command(sample.time, output, sent, estimate.mass, set_point)
-        rows.append((sample.time, set_point, output, sample.velocity, command, estimate.mass,
-                     estimate.variance, estimate.p, estimate.innovation,
-                     estimate.innovation_std, estimate.status,
-                     simulator.state[2:order].copy(), simulator.mass(sample.time)))
+        rows.append((sample.time, set_point, output, sample.velocity, command,
+                     *_columns_of(estimate), *_truth(simulator)))
         simulator.step(command)
         sent = command
     return LoopRecord(*_columns(rows))
+
+
+def _columns_of(estimate: Estimate) -> tuple[Any, ...]:
+    """Return the estimate's columns of a record, mass to status."""
+    return (estimate.mass, estimate.variance, estimate.p, estimate.innovation,
+            estimate.innovation_std, estimate.status)
+
+
+def _truth(simulator: Simulator) -> tuple[Array, float]:
+    """Return what only the plant knows: modal coordinates, m, and payload, kg."""
+    return (simulator.state[2:simulator.arm.form.order].copy(), simulator.mass(simulator.time))
 
 
 def _columns(rows: list[tuple[Any, ...]]) -> list[Any]:
