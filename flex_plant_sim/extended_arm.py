@@ -156,6 +156,12 @@ class ExtendedArm:
         return bool(self._friction or self._contact)
 
     @property
+    def has_constant_friction(self) -> bool:
+        """Tell whether dry friction of a fixed level decides within a step, and nothing else."""
+        return (bool(self._friction) and not self._contact
+                and not any(effect.varying_friction for effect in self._friction))
+
+    @property
     def acts_on_output(self) -> bool:
         """Tell whether any effect acts on the sensors."""
         return bool(self._output)
@@ -216,15 +222,24 @@ class ExtendedArm:
             after = after + self._stop(e, after, motion)
         return after
 
-    def _stop(self, e: Array, free: Array, motion: Motion) -> Array:
-        order = self.form.order
+    def friction_limits(self, motion: Motion) -> tuple[Array, Array]:
+        """Return what dry friction can give against forward and backward motion, N m, (…, 2)."""
         forward, backward = np.zeros(2), np.zeros(2)
         for effect in self._friction:
             limits = effect.dry_friction(motion)
             if limits is not None:
                 forward, backward = forward + limits[0], backward + limits[1]
-        columns = e @ self.form.force
-        reach = np.stack([columns[..., order, 0], columns[..., order + 1, 1]], axis=-1)
+        return forward, backward
+
+    def friction_columns(self, e: Array) -> tuple[Array, Array]:
+        """Return what unit joint torques do to the state (…, n, 2) and to their joint (…, 2)."""
+        order, columns = self.form.order, e @ self.form.force
+        return columns, np.stack([columns[..., order, 0], columns[..., order + 1, 1]], axis=-1)
+
+    def _stop(self, e: Array, free: Array, motion: Motion) -> Array:
+        order = self.form.order
+        forward, backward = self.friction_limits(motion)
+        columns, reach = self.friction_columns(e)
         torque = -np.clip(free[..., order:order + 2] / reach, -backward, forward)
         return _apply(columns, torque)
 

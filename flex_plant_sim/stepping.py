@@ -78,7 +78,8 @@ def schedule_row(arm: ExtendedArm) -> Array:
     tip slope included: they do the work of that angle's inertia, so that energy needs it.
     """
     row = np.zeros(arm.states)
-    if any(isinstance(effect, CoriolisCentripetal) for effect in arm.effects):
+    if any(isinstance(effect, CoriolisCentripetal) and effect['share'] != 0.0
+           for effect in arm.effects):
         row[:arm.form.order] = arm.form.elbow_angle
     else:
         row[1] = 1.0

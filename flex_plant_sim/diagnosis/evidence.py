@@ -20,10 +20,10 @@ def held_out(fit: Fit) -> Array:
     windows, length, channels = fit.residual.shape
     root = np.sqrt(fit.weighting.temper)
     white = fit.weighting.white(fit.residual).reshape(windows, -1) / root
-    columns = (fit.weighting.whitener @ fit.directions).reshape(
-        windows, white.shape[1], -1) / root
-    gram = np.einsum('wmk,wml->wkl', columns, columns)
-    score = np.einsum('wmk,wm->wk', columns, white)
+    directions = fit.directions
+    columns = fit.weighting.white_columns(directions).reshape(windows, white.shape[1], -1) / root
+    gram = np.swapaxes(columns, 1, 2) @ columns
+    score = (white[:, None] @ columns)[:, 0]
     precision = fit.precision.copy()
     if fit.hypothesis is not None:
         precision[:len(fit.values)] *= np.where(fit.hypothesis.sizes, 1.0, HELD)
@@ -31,10 +31,9 @@ def held_out(fit: Fit) -> Array:
     total = np.zeros(windows)
     for w in range(windows):
         change = np.linalg.solve(hessian - gram[w], score[w])
-        shifted = fit.residual + fit.directions @ change
-        others = np.delete(shifted, w, axis=0).reshape(-1, channels)
-        covariance = others.T @ others / len(others)
-        errors = shifted[w]
+        shifted = fit.residual + directions @ change
+        flat, errors = shifted.reshape(-1, channels), shifted[w]
+        covariance = (flat.T @ flat - errors.T @ errors) / (len(flat) - length)
         quadratic = np.sum(errors * np.linalg.solve(covariance, errors.T).T)
         total[w] = -0.5 * (quadratic + length * np.linalg.slogdet(covariance)[1])
     return total / fit.weighting.temper
@@ -43,6 +42,6 @@ def held_out(fit: Fit) -> Array:
 def spread(fit: Fit) -> Array:
     """Return the covariance of (values, nuisance), tempered for coloured residuals, (k+p, k+p)."""
     root = np.sqrt(fit.weighting.temper)
-    columns = (fit.weighting.whitener @ fit.directions).reshape(
+    columns = fit.weighting.white_columns(fit.directions).reshape(
         -1, fit.directions.shape[-1]) / root
     return np.linalg.inv(columns.T @ columns + np.diag(fit.precision))

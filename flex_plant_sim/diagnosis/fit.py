@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 from flex_plant_sim.arm_model import Array
 from flex_plant_sim.diagnosis.hypothesis import Hypothesis
+from flex_plant_sim.diagnosis.predictor import Base
 from flex_plant_sim.diagnosis.problem import Problem, Weighting
+from flex_plant_sim.diagnosis.windows import Windows
 import numpy as np
 
 ITERATIONS = 8
@@ -17,6 +20,8 @@ KEPT_STARTS = 2
 ENOUGH = 0.3
 SHARE = 1e-4
 RIDGE = 1e-4
+RELINEARISATIONS = 5
+NEAR_NATS, NEAR = 3.0, 0.02
 LIMIT = 3.0
 WIDE = 30.0
 DAMPINGS = (1e-4, 0.03, 1.0, 30.0)
@@ -33,7 +38,7 @@ class Fit:
     values : Array
         (k,).
     nuisance : Array
-        Deviations of the base parameters, (p,).
+        Deviations of the base parameters from the robot file, (p,).
     residual : Array
         One-step prediction errors with both, (W, length, m).
     columns : Array
@@ -74,13 +79,18 @@ class Projector:
 
     def __init__(self, problem: Problem, weighting: Weighting):
         self.weighting = weighting
-        white = weighting.whitener @ problem.sensitivity
+        white = weighting.white_columns(problem.sensitivity)
         self.columns = white.reshape(-1, white.shape[-1]) / np.sqrt(weighting.temper)
+        self.offset = self.columns @ problem.start
         self.gram = self.columns.T @ self.columns + np.diag(problem.precision)
         self.bound = LIMIT / np.sqrt(problem.precision)
 
+    def flat(self, residual: Array) -> Array:
+        """Return tempered whitened residuals, flat, as if all deviations were zero: (…, M)."""
+        return self.white(residual) - self.offset
+
     def white(self, residual: Array) -> Array:
-        """Return tempered whitened residuals, flat: (…, W length m)."""
+        """Return tempered whitened differences of residuals, flat: (…, M = W length m)."""
         flat = self.weighting.white(residual) / np.sqrt(self.weighting.temper)
         return flat.reshape(residual.shape[:-3] + (-1,))
 
@@ -98,13 +108,16 @@ class Projector:
             free = free & ~beyond
         return value, free
 
+    def at(self, flat: Array, deviations: Array) -> float:
+        """Return the cost that linear prediction promises at deviations (p,), nats."""
+        return float(0.5 * (flat @ flat) + (self.columns.T @ flat) @ deviations
+                     + 0.5 * deviations @ self.gram @ deviations)
+
     def cost(self, flat: Array) -> float:
         """Return half the squared residual that the base parameters leave, nats; or inf."""
         if not np.all(np.isfinite(flat)):
             return np.inf
-        value, _ = self.nuisance(flat)
-        return float(0.5 * (flat @ flat) + (self.columns.T @ flat) @ value
-                     + 0.5 * value @ self.gram @ value)
+        return self.at(flat, self.nuisance(flat)[0])
 
     def gain(self, flat: Array, directions: Array) -> float:
         """Return the nats that the best mixture of directions (k, M) takes off the cost."""
@@ -132,9 +145,9 @@ def fit_base(problem: Problem) -> Fit:
     weighting = problem.weighting(problem.nominal)
     for _ in range(3):
         projector = Projector(problem, weighting)
-        flat = projector.white(problem.nominal)
+        flat = projector.flat(problem.nominal)
         nuisance, free = projector.nuisance(flat)
-        residual = problem.nominal + problem.sensitivity @ nuisance
+        residual = problem.nominal + problem.sensitivity @ (nuisance - problem.start)
         weighting = problem.weighting(residual)
     precision = frozen_precision(problem, free)
     return Fit(None, np.zeros(0), nuisance, residual, np.zeros(residual.shape + (0,)),
@@ -169,10 +182,10 @@ def promise(problem: Problem, hypothesis: Hypothesis, projector: Projector,
     Starts at a time beyond the duration of the longest record, s, are left out.
     """
     search = _Search(problem, hypothesis, projector)
-    starts, flat = hypothesis.starts(duration), projector.white(problem.nominal)
+    starts, flat = hypothesis.starts(duration), projector.flat(problem.nominal)
     costs, kept, gains = [], np.zeros((0, flat.size)), np.zeros(0)
     for k in range(0, len(starts), BATCH):
-        moved = projector.white(search.residual(starts[k:k + BATCH]))
+        moved = projector.flat(search.residual(starts[k:k + BATCH]))
         costs += [projector.cost(f) for f in moved]
         change = moved[np.all(np.isfinite(moved), axis=1)] - flat
         kept = np.concatenate([kept, change])
@@ -181,6 +194,44 @@ def promise(problem: Problem, hypothesis: Hypothesis, projector: Projector,
         kept, gains = kept[best], gains[best]
     most = max(projector.gain(flat, kept), projector.cost(flat) - min(costs, default=np.inf))
     return Promise(hypothesis, most, starts[np.argsort(costs)[:KEPT_STARTS]])
+
+
+def settle(base: Base, windows: Sequence[Windows], noise: Sequence[Array]
+           ) -> tuple[Problem, Fit]:
+    """
+    Return a base and its fit, linearised anew while its parameters are far from where they were.
+
+    Far is where the true prediction errors miss what the linear ones promised.
+    """
+    problem = Problem(base, windows, noise)
+    fit = fit_base(problem)
+    for _ in range(RELINEARISATIONS):
+        moved = np.where([n.settles for n in problem.nuisances], fit.nuisance, 0.0)
+        better = _worth_moving(problem, fit, moved)
+        if better is None:
+            break
+        problem = Problem(replace(base, deviations=tuple(map(float, better))), windows, noise)
+        fit = fit_base(problem)
+    return problem, fit
+
+
+def _worth_moving(problem: Problem, fit: Fit, moved: Array) -> Array | None:
+    """Return deviations (p,) to linearise at, or None where the present ones do."""
+    projector, gains = Projector(problem, fit.weighting), problem.gains(())
+    flat = projector.flat(problem.nominal)
+    promised = projector.at(flat, moved)
+    trials = [problem.start + share * (moved - problem.start) for share in (1.0, 0.5, 0.25)]
+    costs = []
+    for trial in trials:
+        white = projector.white(problem.residual((), trial, gains)[0])
+        costs.append(float(0.5 * (white @ white + trial @ (problem.precision * trial)))
+                     if np.all(np.isfinite(white)) else np.inf)
+        if costs[-1] - promised < NEAR_NATS + NEAR * promised:
+            break
+    best = int(np.argmin(costs))
+    if best == 0 and costs[0] - promised < NEAR_NATS + NEAR * promised:
+        return None
+    return trials[best] if costs[best] < projector.at(flat, problem.start) else None
 
 
 def explore(problem: Problem, promised: Promise, projector: Projector) -> Fit:
@@ -228,7 +279,7 @@ class _Search:
 
     def costs(self, values: Array) -> Array:
         """Return the cost at values (B, k): (B,)."""
-        flat = self.projector.white(self.residual(values))
+        flat = self.projector.flat(self.residual(values))
         return np.array([self.projector.cost(f) for f in flat])
 
     def linearise(self, values: Array) -> _Point:
@@ -238,7 +289,7 @@ class _Search:
         residual = self.residual(moved)
         if not np.all(np.isfinite(residual)):
             raise np.linalg.LinAlgError(f'{self.hypothesis.label}: no finite prediction')
-        flat = self.projector.white(residual[0])
+        flat = self.projector.flat(residual[0])
         columns = (residual[1:] - residual[0]) / step[:, None, None, None]
         return _Point(values, residual[0], columns, flat, self.projector.cost(flat))
 
@@ -277,6 +328,7 @@ class _Search:
         sensitivity = self.problem.sensitivity
         wide = (WIDE * self.hypothesis.scale)**-2
         precision = np.concatenate([wide, frozen_precision(self.problem, free)])
-        return Fit(self.hypothesis, point.values, nuisance,
-                   point.residual + sensitivity @ nuisance, np.moveaxis(point.columns, 0, -1),
-                   sensitivity, precision, self.projector.weighting, point.cost)
+        residual = point.residual + sensitivity @ (nuisance - self.problem.start)
+        return Fit(self.hypothesis, point.values, nuisance, residual,
+                   np.moveaxis(point.columns, 0, -1), sensitivity, precision,
+                   self.projector.weighting, point.cost)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from flex_plant_sim.arm_model import Array
 from flex_plant_sim.diagnosis.noise import load_levels, process_noise, steady_gain
-from flex_plant_sim.diagnosis.scan import scan
+from flex_plant_sim.diagnosis.nuisance import nuisances, settled
+from flex_plant_sim.diagnosis.scan import Friction, scan
 from flex_plant_sim.diagnosis.windows import Indices, Record, Windows
 from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.extended_arm import ExtendedArm
@@ -17,6 +18,7 @@ from flex_plant_sim.schedule import barycentric_weights
 import numpy as np
 
 NODES = 7
+LEVEL_STEP = 0.01
 
 
 @dataclass(frozen=True)
@@ -32,7 +34,9 @@ class Base:
     effects : tuple of Effect
         Always on.
     level : tuple of float
-        Process noise as shares of the loads, see process_noise.
+        Process noise as shares of the loads in a 10 ms step, see process_noise.
+    deviations : tuple of float
+        Of the robot's parameters from its file, as `nuisances` lists them, (p,); or none.
 
     """
 
@@ -41,6 +45,13 @@ class Base:
     modes: int = 3
     effects: tuple[Effect, ...] = ()
     level: tuple[float, float] = (0.01, 0.02)
+    deviations: tuple[float, ...] = ()
+
+    def settled(self, payload: float) -> Base:
+        """Return the base with its deviations in the robot and the effects."""
+        robot, effects = settled(self.robot, nuisances(self.robot, payload),
+                                 np.array(self.deviations))
+        return replace(self, robot=robot, effects=(*self.effects, *effects), deviations=())
 
     def arm(self, payload: float, effects: Sequence[Effect] = (),
             robot: Robot | None = None) -> ExtendedArm:
@@ -78,8 +89,10 @@ class Predictor:
             self.weights = barycentric_weights(np.cos(angle), arm.nodes)
 
     def _force_variance(self, arm: ExtendedArm) -> Array:
+        # White force noise of the same density moves a shorter step by less than its share.
+        share = np.sqrt(LEVEL_STEP / arm.robot.sample_time)
         return process_noise(load_levels(arm, self.record.command, self.record.output),
-                             self.base.level)
+                             (share * self.base.level[0], share * self.base.level[1]))
 
     def gain_of(self, arm: ExtendedArm) -> Array:
         """Return the base's gain, or a new one where the arm has other states."""
@@ -103,29 +116,47 @@ class Predictor:
             (K, n, m); the base's by default, which needs the same states.
 
         """
+        if any(hasattr(effect, 'modes') for effect in effects):
+            return self._with_other_shapes(effects, robot).innovations(gain=gain)
         arm = self.base.arm(self.record.payload, effects, robot)
+        used = np.unique(self.windows.indices)
         if gain is None and robot is None and not any(e.structural for e in effects):
-            run = _Run(self, arm, self.matrices, _batch(effects))
+            matrices = self.matrices
         else:
             gain = self.gain_of(arm) if gain is None else gain
-            run = _Run(self, arm, _Matrices.of(self, arm, gain), _batch(effects))
-        rows = np.ascontiguousarray(self.windows.indices.T)
-        states = run.states(rows, self.started(arm)[rows[0]])
+            matrices = _Matrices.of(self, arm, gain, used)
+        run = _Run(self, arm, matrices, used, _batch(effects))
+        rows = np.searchsorted(used, self.windows.indices.T)
+        states = run.states(rows, run.trajectory[rows[0], 0])
         scored, rows = states[self.windows.warm_up:], rows[self.windows.warm_up:]
         errors = run.measured[rows] - scored @ arm.output_matrix.T
         return np.ascontiguousarray(errors.transpose(2, 1, 0, 3))
 
+    def _with_other_shapes(self, effects: Sequence[Effect], robot: Robot | None) -> Predictor:
+        """Return a predictor with a trajectory of its own: its coordinates mean other shapes."""
+        other = replace(self.base, robot=robot or self.base.robot,
+                        effects=(*self.base.effects, *effects))
+        return Predictor(other, self.windows, self.noise)
+
     @cached_property
     def matrices(self) -> _Matrices:
         """Return the base's matrices, which serve all effects that leave the plant alone."""
-        return _Matrices.of(self, self.arm, self.gain)
+        return _Matrices.of(self, self.arm, self.gain, np.unique(self.windows.indices))
+
+    def thinned(self, every: int) -> Predictor:
+        """Return the same predictor, asked about every so-manieth window alone."""
+        other = object.__new__(Predictor)
+        other.__dict__.update({k: v for k, v in self.__dict__.items() if k != 'matrices'})
+        other.windows = replace(self.windows, starts=self.windows.starts[::every])
+        return other
 
     def _filter(self, arm: ExtendedArm) -> Array:
         """Return the predicted states of the base over the whole record, (N, n)."""
-        run = _Run(self, arm, _Matrices.of(self, arm, self.gain), 1)
+        rows = np.arange(len(self.record.time))
+        run = _Run(self, arm, _Matrices.of(self, arm, self.gain, rows), rows, 1)
         start = np.zeros((1, arm.states))
         start[0, :2] = self.record.output[0, :2]
-        return run.states(np.arange(len(self.record.time))[:, None], start)[:, 0, 0]
+        return run.states(rows[:, None], start)[:, 0, 0]
 
     def started(self, arm: ExtendedArm) -> Array:
         """Return the base's states, (N, n); where coordinates were added, they are at zero."""
@@ -143,7 +174,7 @@ class Predictor:
 @dataclass(frozen=True)
 class _Matrices:
     """
-    The predictor's matrices at every sample of a record.
+    The predictor's matrices at some samples of a record.
 
     Attributes
     ----------
@@ -158,10 +189,11 @@ class _Matrices:
     drive: Array
 
     @classmethod
-    def of(cls, predictor: Predictor, arm: ExtendedArm, gain: Array) -> _Matrices:
-        """Interpolate them over the record."""
+    def of(cls, predictor: Predictor, arm: ExtendedArm, gain: Array, used: Indices) -> _Matrices:
+        """Interpolate them at the samples used, (N,)."""
         n = arm.states
-        weights, table = payload_schedule(arm, predictor.record.time, predictor.weights)
+        weights, table = payload_schedule(arm, predictor.record.time[used],
+                                          predictor.weights[used])
         table = table.reshape(len(table), n, -1)
         k = np.tile(gain, (len(table) // NODES, 1, 1))
         closed = (table[..., :n] - k @ arm.output_matrix).reshape(len(table), -1)
@@ -171,19 +203,22 @@ class _Matrices:
 
 
 class _Run:
-    """One arm driven through the record: inputs of every sample."""
+    """One arm driven through some samples of a record, (N,): their inputs."""
 
-    def __init__(self, predictor: Predictor, arm: ExtendedArm, matrices: _Matrices, batch: int):
-        self.arm, self.record = arm, predictor.record
-        self.command = at_drive(arm, self.record)
-        self.measured = _undo_sensors(arm, self.record)
-        m, order = self.record.output.shape[1], arm.form.order
+    def __init__(self, predictor: Predictor, arm: ExtendedArm, matrices: _Matrices,
+                 used: Indices, batch: int):
+        record = predictor.record
+        self.arm, self.time = arm, record.time[used][:, None]
+        self.command = at_drive(arm, record)[used]
+        measured = _undo_sensors(arm, record)[used]
+        m, order = record.output.shape[1], arm.form.order
         self.closed, self.response = matrices.closed, matrices.drive[..., 2:2 + order]
         trajectory = predictor.started(arm)[:, None]
-        ahead = np.concatenate([trajectory[1:], trajectory[-1:]])
-        motion = arm.motion(0.5 * (trajectory + ahead), self.command, self.record.time[:, None])
-        parts = (self.command, arm.smooth_force(motion), self.measured)
-        drive = np.concatenate([np.broadcast_to(part, (len(self.closed), batch, width))
+        self.measured, self.trajectory = measured, trajectory[used]
+        ahead = trajectory[np.minimum(used + 1, len(trajectory) - 1)]
+        motion = arm.motion(0.5 * (self.trajectory + ahead), self.command, self.time)
+        parts = (self.command, arm.smooth_force(motion), measured)
+        drive = np.concatenate([np.broadcast_to(part, (len(used), batch, width))
                                 for part, width in zip(parts, (2, order, m))], axis=-1)
         self.inputs = np.matmul(drive, np.swapaxes(matrices.drive, 1, 2))
 
@@ -191,14 +226,24 @@ class _Run:
         """Return the predicted states along windows, rows (S, W): (S, W, B, n)."""
         if not self.arm.has_contact:
             return scan(self.closed, self.inputs, start, rows)
+        if self.arm.has_constant_friction:
+            return scan(self.closed, self.inputs, start, rows, self._friction())
         states = np.empty(rows.shape + self.inputs.shape[1:])
         state = np.repeat(start[:, None], self.inputs.shape[1], axis=1)
         for k, row in enumerate(rows):
             states[k] = state
             after = np.matmul(state, np.swapaxes(self.closed[row], 1, 2)) + self.inputs[row]
-            motion = self.arm.motion(state, self.command[row], self.record.time[row][:, None])
+            motion = self.arm.motion(state, self.command[row], self.time[row])
             state = self.arm.apply_contact(self.response[row][:, None], state, after, motion)
         return states
+
+    def _friction(self) -> Friction:
+        motion = self.arm.motion(self.trajectory[0], self.command[0], self.time[0])
+        shape = (self.inputs.shape[1], 2)
+        limits = np.stack([np.broadcast_to(limit, shape)
+                           for limit in self.arm.friction_limits(motion)], axis=1)
+        columns, reach = self.arm.friction_columns(self.response)
+        return Friction(columns, reach, limits, self.arm.form.order)
 
 
 def at_drive(arm: ExtendedArm, record: Record) -> Array:

@@ -8,7 +8,7 @@ from functools import cached_property
 
 from flex_plant_sim.arm_model import Array
 from flex_plant_sim.diagnosis.allowance import model_error
-from flex_plant_sim.diagnosis.nuisance import Nuisance, nuisances
+from flex_plant_sim.diagnosis.nuisance import Nuisance, nuisances, settled
 from flex_plant_sim.diagnosis.predictor import Base, Predictor
 from flex_plant_sim.diagnosis.windows import Windows
 from flex_plant_sim.effects.base import Effect
@@ -45,6 +45,10 @@ class Weighting:
         """Return L^-1 e for e (…, m)."""
         return residual @ self.whitener.T
 
+    def white_columns(self, directions: Array) -> Array:
+        """Return L^-1 d for every column of directions (…, m, p)."""
+        return white_columns(self.whitener, directions)
+
 
 class Problem:
     """
@@ -68,26 +72,41 @@ class Problem:
         self.model_error = model_error([w.record for w in windows])
         self.correlated = windows[0].warm_up / 2.0
         self.base = base
-        self.predictors = [Predictor(base, w, s) for w, s in zip(windows, noise)]
-        self.nuisances: tuple[Nuisance, ...] = nuisances(
-            base.robot, windows[0].record.payload)
+        payload = windows[0].record.payload
+        self.nuisances: tuple[Nuisance, ...] = nuisances(base.robot, payload)
         self.precision = np.array([n.tolerance**-2 for n in self.nuisances])
+        self.start = np.array(base.deviations or [0.0] * len(self.nuisances))
+        self.model = base.settled(payload)
+        self.predictors = [Predictor(self.model, w, s) for w, s in zip(windows, noise)]
 
-    def residual(self, effects: Sequence[Effect] = (), nuisance: tuple[int, float] | None = None,
+    def residual(self, effects: Sequence[Effect] = (), deviations: Array | None = None,
                  gains: Sequence[Array] | None = None) -> Array:
-        """Return one-step prediction errors of all windows, (B, W, length, m)."""
+        """
+        Return one-step prediction errors of all windows, (B, W, length, m).
+
+        Parameters
+        ----------
+        effects : sequence of Effect
+            On top of the base's.
+        deviations : Array, optional
+            Of the base parameters, in place of the base's own, (p,).
+        gains : sequence of Array, optional
+            In place of the predictors' own.
+
+        """
         robot = None
-        if nuisance is not None:
-            item, value = self.nuisances[nuisance[0]], nuisance[1]
-            robot = item.change(self.base.robot, value)
-            effects = (*effects, item.effect(value)) if item.effect else effects
+        if deviations is not None:
+            robot, _ = settled(self.base.robot, self.nuisances, deviations)
+            # The base's own effects stay on; what is added is the difference.
+            _, added = settled(robot, self.nuisances, deviations - self.start)
+            effects = (*effects, *added)
         parts = [p.innovations(effects, robot, None if gains is None else gains[k])
                  for k, p in enumerate(self.predictors)]
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 
     def gains(self, effects: Sequence[Effect]) -> list[Array]:
         """Return the predictors' gains for an arm with further effects."""
-        return [p.gain_of(self.base.arm(p.record.payload, effects)) for p in self.predictors]
+        return [p.gain_of(self.model.arm(p.record.payload, effects)) for p in self.predictors]
 
     @cached_property
     def nominal(self) -> Array:
@@ -98,12 +117,29 @@ class Problem:
     def sensitivity(self) -> Array:
         """Return d residual / d nuisance, (W, length, m, p), by differences within tolerance."""
         columns, gains = [], self.gains(self.around)
-        start = self.residual(self.around)[0] if self.around else self.nominal
+        origin = self.residual(self.around)[0] if self.around else self.nominal
         for k, item in enumerate(self.nuisances):
-            step = STEP * item.tolerance
-            moved = self.residual(self.around, (k, step), gains)[0]
-            columns.append((moved - start) / step)
+            step, moved = STEP * item.tolerance, self.start.copy()
+            moved[k] += step
+            columns.append((self.residual(self.around, moved, gains)[0] - origin) / step)
         return np.stack(columns, axis=-1)
+
+    def thinned(self, samples: int) -> Problem:
+        """Return the problem on evenly chosen windows, so few that about `samples` are scored."""
+        scored = [p.windows.starts.size * p.windows.length for p in self.predictors]
+        every = -(-sum(scored) // samples)
+        if every == 1:
+            return self
+        kept, first = [], 0
+        for p in self.predictors:
+            kept.append(np.arange(first, first + p.windows.starts.size, every))
+            first += p.windows.starts.size
+        windows = np.concatenate(kept)
+        other = object.__new__(Problem)
+        other.__dict__.update(self.__dict__ | {
+            'predictors': [p.thinned(every) for p in self.predictors],
+            'nominal': self.nominal[windows], 'sensitivity': self.sensitivity[windows]})
+        return other
 
     def weighting(self, residual: Array, sensitivity: Array | None = None) -> Weighting:
         """
@@ -116,9 +152,17 @@ class Problem:
         seen, allowed = flat.T @ flat / len(flat), np.diag(self.model_error)
         whitener = np.linalg.inv(np.linalg.cholesky(seen + allowed))
         directions = self.sensitivity if sensitivity is None else sensitivity
-        own = temper(residual @ whitener.T, whitener @ directions)
+        own = temper(residual @ whitener.T, white_columns(whitener, directions))
         share = float(np.trace(whitener @ allowed @ whitener.T)) / len(allowed)
         return Weighting(whitener, own + share * self.correlated)
+
+
+def white_columns(whitener: Array, directions: Array) -> Array:
+    """Return L^-1 d for directions (…, m, p), in one product."""
+    m, p = directions.shape[-2:]
+    flat = np.moveaxis(directions.reshape(-1, m, p), 1, 0).reshape(m, -1)
+    white = np.moveaxis((whitener @ flat).reshape(m, -1, p), 0, 1)
+    return white.reshape(directions.shape)
 
 
 def temper(white: Array, directions: Array) -> float:
@@ -133,10 +177,11 @@ def temper(white: Array, directions: Array) -> float:
         Whitened sensitivities, (W, length, m, p).
 
     """
-    score = np.einsum('wtm,wtmp->wtp', white, directions)
-    length = score.shape[1] // BLOCKS_PER_WINDOW * BLOCKS_PER_WINDOW
-    blocks = score[:, :length].reshape(len(score), BLOCKS_PER_WINDOW, -1, score.shape[-1])
-    sums = blocks.sum(axis=2).reshape(-1, score.shape[-1])
+    windows, length = len(white), white.shape[1] // BLOCKS_PER_WINDOW
+    kept, blocks = length * BLOCKS_PER_WINDOW, windows * BLOCKS_PER_WINDOW
+    errors = white[:, :kept].reshape(blocks, 1, -1)
+    columns = directions[:, :kept].reshape(blocks, errors.shape[-1], -1)
+    sums = (errors @ columns)[:, 0]
     long_run = np.sum((sums - sums.mean(axis=0))**2, axis=0)
-    short = np.sum(directions**2, axis=(0, 1, 2))
+    short = np.einsum('wtmp,wtmp->p', directions, directions)
     return max(0.3, float(np.median(long_run / np.maximum(short, 1e-300))))

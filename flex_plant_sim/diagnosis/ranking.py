@@ -17,7 +17,7 @@ from scipy.stats import t as student
 TIE = 0.02
 TIE_NATS = 3.0
 LOOK_ALIKE = 0.5
-LEAST_T = 2.5
+LEAST_T, LEAST_T_TO_CHOOSE = 2.5, 1.2
 LEAST_POSITIVE = 0.6
 
 
@@ -53,9 +53,21 @@ class Ranked:
         return float(np.mean(self.window_gain > 0.0))
 
     @property
+    def share_left(self) -> float:
+        """Return the largest misfit with it over the largest without."""
+        return float(self.misfit.max() / (self.misfit + self.explained).max())
+
+    @property
+    def at_bound(self) -> bool:
+        """Tell whether a size ran to a bound at which the effect is not absent."""
+        h, values = self.hypothesis, self.fit.values
+        ends = (values <= h.low) & (h.low != h.null) | (values >= h.high) & (h.high != h.null)
+        return bool(np.any(ends & h.sizes))
+
+    @property
     def relevant(self) -> bool:
-        """Tell whether it explains more than an allowance, on most windows."""
-        return bool(self.gain > 0.0 and self.explained.max() >= 1.0
+        """Tell whether it explains more than an allowance, on most windows, off its bounds."""
+        return bool(self.gain > 0.0 and self.explained.max() >= 1.0 and not self.at_bound
                     and (self.t >= LEAST_T or self.positive >= LEAST_POSITIVE))
 
 
@@ -75,7 +87,7 @@ def rank(fits: Sequence[Fit], base: Fit, noise: Sequence[Array], allowed: Array)
 
 def choose(ranked: Sequence[Ranked]) -> Ranked | None:
     """Return the simplest of the best: fewest parameters within a tie in gain."""
-    relevant = [r for r in ranked if r.relevant]
+    relevant = [r for r in ranked if r.relevant and r.t >= LEAST_T_TO_CHOOSE]
     if not relevant:
         return None
     tie = relevant[0].gain - max(TIE_NATS, TIE * relevant[0].gain)
@@ -117,7 +129,7 @@ def parameter_values(fit: Fit) -> tuple[ParameterValue, ...]:
     count = len(fit.values)
     curvature = spread(fit)
     root = np.sqrt(fit.weighting.temper)
-    columns = fit.weighting.whitener @ fit.directions / root
+    columns = fit.weighting.white_columns(fit.directions) / root
     white = fit.weighting.white(fit.residual) / root
     score = np.einsum('wtmk,wtm->wk', columns, white)
     windows = len(score)

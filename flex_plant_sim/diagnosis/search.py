@@ -20,17 +20,21 @@ from flex_plant_sim.diagnosis.fit import (
     Promise,
     promise,
     refine,
+    settle,
 )
 from flex_plant_sim.diagnosis.hypothesis import hypotheses, Hypothesis
 from flex_plant_sim.diagnosis.noise import measurement_noise
+from flex_plant_sim.diagnosis.noise_level import likeliest_level
 from flex_plant_sim.diagnosis.predictor import Base
 from flex_plant_sim.diagnosis.problem import Problem
 from flex_plant_sim.diagnosis.ranking import choose, rank, Ranked
 from flex_plant_sim.diagnosis.windows import Record, Windows
 import numpy as np
 
-ROUNDS = 4
+ROUNDS = 6
+LEFT = 0.5
 WRONG = 1.0
+PROMISE_SAMPLES = 6000
 FEWEST_EXPLORED, WORTH_EXPLORING = 12, 0.1
 FEWEST_REFINED, WORTH_REFINING = 3, 0.5
 
@@ -115,33 +119,62 @@ def search(data: Data, nominal: Base, jobs: int, progress: Progress,
     It runs in `jobs` processes, tells `progress` a step's name and its share done, and leaves the
     identifiers in `exclude` out of the catalogue.
     """
-    base = nominal
     rounds: list[Round] = []
     accepted: list[Ranked] = []
-    problem = Problem(base, data.windows, data.noise)
-    fitted = fit_base(problem)
+    problem, fitted = settle(nominal, data.windows, data.noise)
     before = after = misfit(fitted.residual, data.noise, data.allowed)
     while still_wrong(before, after).any() and len(rounds) < ROUNDS:
-        known = {r.hypothesis for r in accepted}
-        trial = [h for h in hypotheses(base.robot, exclude) if h not in known
+        known = {r.chosen.hypothesis for r in rounds if r.chosen is not None}
+        trial = [h for h in hypotheses(nominal.robot, exclude) if h not in known
                  and not any(h.effect is type(e) for e in nominal.effects)]
-        step = f'round {len(rounds) + 1}'
-        ranked = _fit_all(problem, trial, fitted, data, jobs, partial(progress, step))
-        chosen = choose(ranked)
-        rounds.append(Round(fitted, tuple(ranked), chosen))
-        if chosen is None:
+        told = partial(progress, f'round {len(rounds) + 1}')
+        problem, found = _round(problem, fitted, trial, data, jobs, told, raised=bool(accepted))
+        rounds.append(found)
+        if found.chosen is None:
             break
-        accepted.append(_refitted(problem, chosen, fitted, data))
-        base = extend(nominal, accepted)
-        problem = Problem(base, data.windows, data.noise)
-        fitted = fit_base(problem)
+        accepted.append(_refitted(problem, found.chosen, found.base, data))
+        if len(accepted) > 1:
+            accepted = _still_needed(problem.base, nominal, accepted, data)
+        problem, fitted = settle(_extended(problem.base, nominal, accepted), data.windows,
+                                 data.noise)
         after = misfit(fitted.residual, data.noise, data.allowed)
-    if len(accepted) > 1:
-        accepted = _still_needed(nominal, accepted, data)
-        base = extend(nominal, accepted)
-        problem = Problem(base, data.windows, data.noise)
-        after = misfit(fit_base(problem).residual, data.noise, data.allowed)
-    return Search(nominal, base, tuple(rounds), tuple(accepted), before, after, problem)
+    return Search(nominal, _estimated(problem, fitted), tuple(rounds), tuple(accepted), before,
+                  after, problem)
+
+
+def _round(problem: Problem, fitted: Fit, trial: Sequence[Hypothesis], data: Data, jobs: int,
+           progress: Callable[[float], None], raised: bool) -> tuple[Problem, Round]:
+    """
+    Return one pass through the catalogue, and the problem it was decided on.
+
+    The process noise of a good model tells causes apart best. Where no cause explains most of
+    what is wrong with it, or one was found before (`raised`), it is re-estimated first.
+    """
+    if not raised:
+        found = _pass(problem, fitted, trial, data, jobs, progress)
+        if found.chosen is not None and found.chosen.share_left < LEFT:
+            return problem, found
+    level = likeliest_level(problem.base, data.windows, data.noise)
+    if level != problem.base.level:
+        problem, fitted = settle(replace(problem.base, level=level), data.windows, data.noise)
+    elif not raised:
+        return problem, found
+    return problem, _pass(problem, fitted, trial, data, jobs, progress)
+
+
+def _pass(problem: Problem, fitted: Fit, trial: Sequence[Hypothesis], data: Data, jobs: int,
+          progress: Callable[[float], None]) -> Round:
+    ranked = _fit_all(problem, trial, fitted, data, jobs, progress)
+    return Round(fitted, tuple(ranked), choose(ranked))
+
+
+def _estimated(problem: Problem, fitted: Fit) -> Base:
+    """Return the base with its parameters where the fit has them, if they moved at all."""
+    if not problem.base.deviations:
+        return problem.base
+    kept = [value if item.settles else 0.0
+            for item, value in zip(problem.nuisances, fitted.nuisance)]
+    return replace(problem.base, deviations=tuple(map(float, kept)))
 
 
 def still_wrong(before: Array, after: Array) -> Array:
@@ -153,9 +186,9 @@ def still_wrong(before: Array, after: Array) -> Array:
     return np.asarray(after > WRONG + MODEL_SHARE * np.where(after < before, before, 0.0))
 
 
-def extend(nominal: Base, accepted: Sequence[Ranked]) -> Base:
-    """Return the base with the accepted effects at their fitted values."""
-    return replace(nominal, effects=(*nominal.effects, *(
+def _extended(base: Base, nominal: Base, accepted: Sequence[Ranked]) -> Base:
+    """Return the base with the nominal level and effects, and those accepted as fitted."""
+    return replace(base, level=nominal.level, effects=(*nominal.effects, *(
         r.hypothesis.at(r.fit.values) for r in accepted)))
 
 
@@ -167,12 +200,14 @@ def _refitted(problem: Problem, ranked: Ranked, base: Fit, data: Data) -> Ranked
     return rank([fit], base, data.noise, data.allowed)[0]
 
 
-def _still_needed(nominal: Base, accepted: Sequence[Ranked], data: Data) -> list[Ranked]:
+def _still_needed(base: Base, nominal: Base, accepted: Sequence[Ranked],
+                  data: Data) -> list[Ranked]:
     """Return the accepted effects that the others do not make superfluous, refitted jointly."""
     kept = list(accepted)
     for ranked in accepted:
         others = [r for r in kept if r is not ranked]
-        problem = Problem(extend(nominal, others), data.windows, data.noise)
+        without = replace(_extended(base, nominal, others), level=base.level)
+        problem = Problem(without, data.windows, data.noise)
         fitted = fit_base(problem)
         again = _refitted(problem, ranked, fitted, data)
         place = kept.index(ranked)
@@ -189,8 +224,10 @@ def _fit_all(problem: Problem, trial: Sequence[Hypothesis], fitted: Fit, data: D
     which the leading ones are carried to the end. None is left out for a local score.
     """
     projector = Projector(problem, fitted.weighting)
-    promises = sorted(_each(_Promise(problem, projector, data.duration), trial, jobs,
-                            lambda share: progress(0.4 * share)), key=lambda p: -p.gain)
+    some = problem.thinned(PROMISE_SAMPLES)
+    judge = _Promise(some, Projector(some, fitted.weighting), data.duration)
+    promises = sorted(_each(judge, trial, jobs, lambda share: progress(0.4 * share)),
+                      key=lambda p: -p.gain)
     worth = [p for k, p in enumerate(promises)
              if k < FEWEST_EXPLORED or p.gain > WORTH_EXPLORING * promises[0].gain]
     fits = _each(_Explore(problem, projector), worth, jobs,

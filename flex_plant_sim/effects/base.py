@@ -85,6 +85,7 @@ class Effect(ABC):
 
     Values are floats, or arrays (B, 1) where a batch of arms differs in them; hooks that build
     matrices (on_robot, on_form, on_state_space) take floats only. `structural` says which.
+    `varying_friction` says that dry_friction looks at the motion.
     """
 
     identifier: ClassVar[str]
@@ -93,6 +94,7 @@ class Effect(ABC):
     parameters: ClassVar[tuple[Parameter, ...]]
     sites: ClassVar[str]
     structural: ClassVar[bool] = False
+    varying_friction: ClassVar[bool] = False
 
     site: str
     values: tuple[Any, ...]

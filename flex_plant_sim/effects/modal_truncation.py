@@ -20,7 +20,7 @@ class ModalTruncation(Effect):
     identifier = 'modal_truncation'
     family = 'links and structure'
     explanation = 'The model lets the links bend in too few shapes.'
-    parameters = (Parameter('modes', 'modes a link', 1.0, 1.0, 12.0, (3.0, 4.0, 6.0), 0.5),)
+    parameters = (Parameter('modes', 'modes a link', 1.0, 1.0, 12.0, (3.0, 4.0), 0.5),)
     sites = 'arm'
     structural = True
 

@@ -118,7 +118,7 @@ def run(logs: Sequence[Log], robot: Robot, arguments: argparse.Namespace,
         diagnosis, data, search = diagnose(
             records, nominal, arguments.jobs,
             lambda label, share: progress(label, SEARCH_SHARE * share), arguments.exclude)
-    extended = nominal if search is None else search.extended
+    extended = nominal if search is None else search.extended.settled(payload)
     progress('measuring the gain', SEARCH_SHARE)
     before, after = ([Predictor(base, windows, noise) for windows, noise in
                       zip(data.locked, data.noise)] for base in (nominal, extended))

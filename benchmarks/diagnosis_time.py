@@ -1,0 +1,98 @@
+"""
+Print what a diagnosis with the whole catalogue costs: a 40 s log, and one ten times as long.
+
+`python benchmarks/diagnosis_time.py` makes two logs of the reference robot with dry friction in
+its elbow, gives each to `flex_diagnose` in two processes, and samples the memory of all of them
+(proportional set size, so that shared pages count once).
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+import subprocess
+import sys
+from tempfile import TemporaryDirectory
+import time
+
+from flex_plant_sim.effects import build, parse
+from flex_plant_sim.extended_arm import ExtendedArm
+from flex_plant_sim.log import Log
+from flex_plant_sim.log_csv import write_csv
+from flex_plant_sim.robot import load_robot
+from flex_plant_sim.simulation import Noise, simulate, Simulator
+import numpy as np
+
+ROBOT = load_robot('reference')
+HIDDEN = ('coulomb_friction:joint_2:level_n_m=0.3', 'coriolis_centripetal:arm:share=1')
+HOLD = 0.9
+SAMPLING = 0.1
+
+
+def write_record(path: Path, duration: float, seed: int) -> None:
+    """Write a log of random steps of both joints, with sensor noise, `duration` s long."""
+    rng = np.random.default_rng(seed)
+    count, hold = round(duration / ROBOT.sample_time), round(HOLD / ROBOT.sample_time)
+    levels = rng.uniform(-0.6, 0.6, (count // hold + 2, 2))
+    levels[1::2] = -levels[::2][:len(levels[1::2])]
+    command = np.repeat(levels, hold, axis=0)[:count]
+    effects = tuple(build(parse(text), ROBOT) for text in HIDDEN)
+    simulator = Simulator(ExtendedArm(ROBOT, 'assumed_modes', 3, 0.1, effects),
+                          noise=Noise(1e-4, 5e-7), seed=seed)
+    output, _ = simulate(simulator, command)
+    time_s = ROBOT.sample_time * np.arange(count, dtype=float)
+    write_csv(path, Log(path.name, time_s, command, output[:, :2], output[:, 2:],
+                        ROBOT.gauge_names))
+
+
+def memory(pid: int) -> float:
+    """Return the memory of a process and its descendants, MB."""
+    try:
+        children = Path(f'/proc/{pid}/task/{pid}/children').read_text().split()
+        rollup = Path(f'/proc/{pid}/smaps_rollup').read_text()
+    except OSError:
+        return 0.0
+    own = next((int(line.split()[1]) for line in rollup.splitlines() if line.startswith('Pss:')),
+               0)
+    return own / 1024.0 + sum(memory(int(child)) for child in children)
+
+
+def diagnose(path: Path, jobs: int) -> tuple[float, float, str]:
+    """Return time (s), highest memory (MB) and the answer's first line."""
+    started, highest = time.perf_counter(), 0.0
+    with subprocess.Popen(
+            [sys.executable, '-m', 'flex_plant_sim.tools.diagnose', str(path), '--robot',
+             'reference', '--payload', '0.1', '--jobs', str(jobs)],
+            stdout=subprocess.PIPE, text=True) as process:
+        while process.poll() is None:
+            highest = max(highest, memory(process.pid))
+            time.sleep(SAMPLING)
+        assert process.stdout is not None
+        text = process.stdout.read()
+    if process.returncode != 0:
+        raise SystemExit(f'{path.name}: flex_diagnose ended with {process.returncode}')
+    return time.perf_counter() - started, highest, text.splitlines()[0]
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--jobs', type=int, default=2, help='processes (default: 2)')
+    parser.add_argument('--seed', type=int, default=0, help='of the records (default: 0)')
+    chosen = parser.parse_args()
+    found = []
+    print(f'{"log":>6} {"time":>9} {"of it":>8} {"memory":>9}  answer')
+    with TemporaryDirectory() as folder:
+        for duration in (40.0, 400.0):
+            path = Path(folder) / f'record_{duration:.0f}.csv'
+            write_record(path, duration, chosen.seed)
+            taken, highest, answer = diagnose(path, chosen.jobs)
+            found.append(taken)
+            print(f'{duration:4.0f} s {taken:7.1f} s {taken / duration:8.2f} {highest:6.0f} MB  '
+                  f'{answer[:60]}', flush=True)
+    print(f'ten times the log: {found[1] / found[0]:.1f} times the time')
+
+
+if __name__ == '__main__':
+    main()
