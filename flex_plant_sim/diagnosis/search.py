@@ -34,7 +34,7 @@ import numpy as np
 ROUNDS = 6
 LEFT = 0.5
 WRONG = 1.0
-PROMISE_SAMPLES = 6000
+FIT_SAMPLES, PROMISE_SAMPLES = 12000, 6000
 FEWEST_EXPLORED, WORTH_EXPLORING = 12, 0.1
 FEWEST_REFINED, WORTH_REFINING = 3, 0.5
 
@@ -53,12 +53,14 @@ class Data:
 
     @classmethod
     def of(cls, records: Sequence[Record], base: Base) -> Data:
-        """Cut the records by the slowest mode of the base."""
+        """Cut the records by the slowest mode of the base; of long ones, take some windows."""
         slowest = slowest_frequency(base, records[0].payload)
         pairs = [Windows.cut(r, slowest, base.robot.sample_time) for r in records]
         noise = tuple(measurement_noise(r.output) for r in records)
-        return cls(tuple(p[0] for p in pairs), tuple(p[1] for p in pairs), noise,
-                   allowance(records, noise))
+        scored = sum(work.starts.size * work.length for work, _ in pairs)
+        every = -(-scored // FIT_SAMPLES)
+        return cls(tuple(work.thinned(every) for work, _ in pairs),
+                   tuple(locked for _, locked in pairs), noise, allowance(records, noise))
 
     @property
     def duration(self) -> float:

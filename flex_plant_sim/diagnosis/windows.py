@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from flex_plant_sim.arm_model import Array
 from flex_plant_sim.errors import InputError
@@ -87,6 +87,10 @@ class Windows:
         locked = max(1, round(LOCKED_SHARE * count))
         return (cls(record, starts[:-locked], length, warm_up),
                 cls(record, starts[-locked:], length, warm_up))
+
+    def thinned(self, every: int) -> Windows:
+        """Return every so-manieth window."""
+        return replace(self, starts=self.starts[::every])
 
     @property
     def indices(self) -> Indices:

@@ -1,8 +1,8 @@
 """
 Count how often the default estimator's 95 % interval holds the payload.
 
-`python benchmarks/coverage.py` covers three kinds of truth: the model itself, arms whose parts
-are drawn from the robot file's tolerances, and the records of an independent simulator in
+`python benchmarks/interval_coverage.py` covers three kinds of truth: the model itself, arms whose
+parts are drawn from the robot file's tolerances, and the records of an independent simulator in
 `../shared/data/bench` (each hides an effect that the estimator is not told of).
 Random cases as in accuracy.py, with other seeds.
 """
