@@ -18,6 +18,7 @@ from flex_plant_sim.schedule import barycentric_weights
 import numpy as np
 
 NODES = 7
+PASSES = 2
 LEVEL_STEP = 0.01
 
 
@@ -83,7 +84,7 @@ class Predictor:
         self.weights = barycentric_weights(np.cos(self.record.output[:, 1]), arm.nodes)
         self.gain = steady_gain(arm, self._force_variance(arm), noise)
         self.states = np.zeros((len(self.record.time), arm.states))
-        for _ in range(3):
+        for _ in range(PASSES):
             self.states = self._filter(arm)
             angle = self.states[:, :arm.form.order] @ arm.form.elbow_angle
             self.weights = barycentric_weights(np.cos(angle), arm.nodes)
@@ -270,8 +271,9 @@ def _undo_sensors(arm: ExtendedArm, record: Record) -> Array:
     zero = arm.sense(np.zeros((len(time), 1, m)), time)
     columns = [arm.sense(np.broadcast_to(unit, (1, 1, m)), time[:1]) - zero[:1]
                for unit in np.eye(m)]
-    gain = np.stack(columns, axis=-1)
-    return np.asarray(np.linalg.solve(gain, (measured - zero)[..., None])[..., 0], dtype=float)
+    # One inverse for all samples: a sensor's gain does not change with time.
+    inverse = np.linalg.inv(np.stack(columns, axis=-1))
+    return np.asarray(np.matmul(inverse, (measured - zero)[..., None])[..., 0], dtype=float)
 
 
 def payload_schedule(arm: ExtendedArm, time: Array, weights: Array) -> tuple[Array, Array]:

@@ -19,6 +19,7 @@ TIE_NATS = 3.0
 LOOK_ALIKE = 0.5
 LEAST_T, LEAST_T_TO_CHOOSE = 2.5, 1.2
 LEAST_POSITIVE = 0.6
+LEAST_EXPLAINED = 1.0
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,8 @@ class Ranked:
     @property
     def relevant(self) -> bool:
         """Tell whether it explains more than an allowance, on most windows, off its bounds."""
-        return bool(self.gain > 0.0 and self.explained.max() >= 1.0 and not self.at_bound
+        return bool(self.gain > 0.0 and self.explained.max() >= LEAST_EXPLAINED
+                    and not self.at_bound
                     and (self.t >= LEAST_T or self.positive >= LEAST_POSITIVE))
 
 

@@ -152,16 +152,17 @@ def _round(problem: Problem, fitted: Fit, trial: Sequence[Hypothesis], data: Dat
     The process noise of a good model tells causes apart best. Where no cause explains most of
     what is wrong with it, or one was found before (`raised`), it is re-estimated first.
     """
-    if not raised:
-        found = _pass(problem, fitted, trial, data, jobs, progress)
-        if found.chosen is not None and found.chosen.share_left < LEFT:
-            return problem, found
-    level = likeliest_level(problem.base, data.windows, data.noise)
-    if level != problem.base.level:
-        problem, fitted = settle(replace(problem.base, level=level), data.windows, data.noise)
-    elif not raised:
+    found = None if raised else _pass(problem, fitted, trial, data, jobs, progress)
+    if found is not None and found.chosen is not None and found.chosen.share_left < LEFT:
         return problem, found
-    return problem, _pass(problem, fitted, trial, data, jobs, progress)
+    level = likeliest_level(problem.base, data.windows, data.noise)
+    if found is not None and level == problem.base.level:
+        return problem, found
+    noisier, refitted = settle(replace(problem.base, level=level), data.windows, data.noise)
+    again = _pass(noisier, refitted, trial, data, jobs, progress)
+    if found is not None and again.chosen is None:
+        return problem, found
+    return noisier, again
 
 
 def _pass(problem: Problem, fitted: Fit, trial: Sequence[Hypothesis], data: Data, jobs: int,
