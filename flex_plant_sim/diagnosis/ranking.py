@@ -97,6 +97,13 @@ def choose(ranked: Sequence[Ranked]) -> Ranked | None:
     return min(near, key=lambda r: (len(r.fit.values), -r.gain))
 
 
+def clear_of_null(ranked: Ranked) -> bool:
+    """Tell whether some size's 95 % interval leaves out that the effect is absent."""
+    return any(size and (value.low > null or value.high < null)
+               for value, null, size in zip(parameter_values(ranked.fit), ranked.hypothesis.null,
+                                            ranked.hypothesis.sizes))
+
+
 def look_alikes(chosen: Ranked, ranked: Sequence[Ranked]) -> tuple[Ranked, ...]:
     """Return other effects that leave practically the same residual."""
     close, seen = [], {chosen.hypothesis.effect.identifier}

@@ -27,14 +27,14 @@ from flex_plant_sim.diagnosis.noise import measurement_noise
 from flex_plant_sim.diagnosis.noise_level import likeliest_level
 from flex_plant_sim.diagnosis.predictor import Base
 from flex_plant_sim.diagnosis.problem import Problem
-from flex_plant_sim.diagnosis.ranking import choose, rank, Ranked
+from flex_plant_sim.diagnosis.ranking import choose, clear_of_null, rank, Ranked
 from flex_plant_sim.diagnosis.windows import Record, Windows
 import numpy as np
 
 ROUNDS = 6
 LEFT = 0.5
 WRONG = 1.0
-FIT_SAMPLES, PROMISE_SAMPLES = 12000, 6000
+FIT_SAMPLES, PROMISE_SAMPLES = 8000, 6000
 FEWEST_EXPLORED, WORTH_EXPLORING = 12, 0.1
 FEWEST_REFINED, WORTH_REFINING = 3, 0.5
 
@@ -134,7 +134,10 @@ def search(data: Data, nominal: Base, jobs: int, progress: Progress,
         rounds.append(found)
         if found.chosen is None:
             break
-        accepted.append(_refitted(problem, found.chosen, found.base, data))
+        refitted = _refitted(problem, found.chosen, found.base, data)
+        if accepted and not clear_of_null(refitted):
+            break
+        accepted.append(refitted)
         if len(accepted) > 1:
             accepted = _still_needed(problem.base, nominal, accepted, data)
         problem, fitted = settle(_extended(problem.base, nominal, accepted), data.windows,
