@@ -31,6 +31,8 @@ def options() -> argparse.Namespace:
     parser.add_argument('--count', type=int, default=None, help='stop after so many cases')
     parser.add_argument('--results', type=Path, default=RESULTS, help='one JSON line a case')
     parser.add_argument('--fresh', action='store_true', help='forget earlier results')
+    parser.add_argument('--so-far', action='store_true',
+                        help='run nothing; report on the results that are there')
     parser.add_argument('--docs', type=Path, default=REPOSITORY / 'docs',
                         help='folder for bank.md and bank.png')
     return parser.parse_args()
@@ -87,8 +89,12 @@ def main() -> int:
     chosen = options()
     if chosen.fresh:
         chosen.results.unlink(missing_ok=True)
+    known = read_results(chosen.results)
     cases = first(all_cases(chosen.draws, chosen.clean), chosen.only, chosen.count)
-    known = run_all(cases, read_results(chosen.results), chosen.results, chosen.jobs)
+    if chosen.so_far:
+        cases = [case for case in cases if case.key in known]
+    else:
+        known = run_all(cases, known, chosen.results, chosen.jobs)
     lines = [known[case.key] for case in cases]
     print(summary.terminal_matrix(lines))
     for what, demand, found, met in summary.figures(lines):

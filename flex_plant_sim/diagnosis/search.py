@@ -34,7 +34,7 @@ import numpy as np
 ROUNDS = 6
 LEFT = 0.5
 WRONG = 1.0
-FIT_SAMPLES, PROMISE_SAMPLES = 8000, 6000
+FIT_SAMPLES, PROMISE_SAMPLES = 12000, 6000
 FEWEST_EXPLORED, WORTH_EXPLORING = 12, 0.1
 FEWEST_REFINED, WORTH_REFINING = 3, 0.5
 
@@ -136,7 +136,7 @@ def search(data: Data, nominal: Base, jobs: int, progress: Progress,
             break
         refitted = _refitted(problem, found.chosen, found.base, data)
         if accepted and not clear_of_null(refitted):
-            break
+            continue
         accepted.append(refitted)
         if len(accepted) > 1:
             accepted = _still_needed(problem.base, nominal, accepted, data)

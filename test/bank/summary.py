@@ -83,6 +83,7 @@ def text(lines: Sequence[Line], picture: str | None = None) -> str:
              'no code shared with the fit) makes each record; `flex_diagnose` gets the file and '
              'the payload that the operator believes in. Hidden effects are at least three '
              "detection limits in size. Intervals are Wilson's, 95 %.", '',
+             f'{len(lines)} cases.', '',
              '| | demanded | measured | |', '|---|---|---|---|']
     parts += [f'| {what} | {demand} | {found} | {_mark(met)} |'
               for what, demand, found, met in figures(lines)]
