@@ -86,8 +86,8 @@ class Predictor:
         self.states = np.zeros((len(self.record.time), arm.states))
         for _ in range(PASSES):
             self.states = self._filter(arm)
-            angle = self.states[:, :arm.form.order] @ arm.form.elbow_angle
-            self.weights = barycentric_weights(np.cos(angle), arm.nodes)
+            self.angle = self.states[:, :arm.form.order] @ arm.form.elbow_angle
+            self.weights = barycentric_weights(np.cos(self.angle), arm.nodes)
 
     def _force_variance(self, arm: ExtendedArm) -> Array:
         # White force noise of the same density moves a shorter step by less than its share.
@@ -159,8 +159,27 @@ class Predictor:
         start[0, :2] = self.record.output[0, :2]
         return run.states(rows[:, None], start)[:, 0, 0]
 
+    def weights_of(self, arm: ExtendedArm) -> Array:
+        """Return the weights over schedule nodes where an arm's sensors put the elbow, (N, K)."""
+        shift = self._angle_shift(arm)[:, 1]
+        if not shift.any():
+            return self.weights
+        return barycentric_weights(np.cos(self.angle + shift), arm.nodes)
+
+    def _angle_shift(self, arm: ExtendedArm) -> Array:
+        """Return how far the joints are from where the base sees them, (N, 2)."""
+        if not arm.acts_on_output:
+            return np.zeros((len(self.record.time), 2))
+        undone = _undo_sensors(arm, self.record)
+        return undone[:, 0, :2] - _undo_sensors(self.arm, self.record)[:, 0, :2]
+
     def started(self, arm: ExtendedArm) -> Array:
         """Return the base's states, (N, n); where coordinates were added, they are at zero."""
+        states = self._started(arm)
+        states[:, :2] += self._angle_shift(arm)
+        return states
+
+    def _started(self, arm: ExtendedArm) -> Array:
         n, extra = self.arm.form.order, arm.form.order - self.arm.form.order
         states = np.zeros((len(self.states), arm.states))
         if extra > 0:
@@ -194,7 +213,7 @@ class _Matrices:
         """Interpolate them at the samples used, (N,)."""
         n = arm.states
         weights, table = payload_schedule(arm, predictor.record.time[used],
-                                          predictor.weights[used])
+                                          predictor.weights_of(arm)[used])
         table = table.reshape(len(table), n, -1)
         k = np.tile(gain, (len(table) // NODES, 1, 1))
         closed = (table[..., :n] - k @ arm.output_matrix).reshape(len(table), -1)

@@ -123,6 +123,7 @@ def search(data: Data, nominal: Base, jobs: int, progress: Progress,
     """
     rounds: list[Round] = []
     accepted: list[Ranked] = []
+    raised = False
     problem, fitted = settle(nominal, data.windows, data.noise)
     before = after = misfit(fitted.residual, data.noise, data.allowed)
     while still_wrong(before, after).any() and len(rounds) < ROUNDS:
@@ -130,7 +131,8 @@ def search(data: Data, nominal: Base, jobs: int, progress: Progress,
         trial = [h for h in hypotheses(nominal.robot, exclude) if h not in known
                  and not any(h.effect is type(e) for e in nominal.effects)]
         told = partial(progress, f'round {len(rounds) + 1}')
-        problem, found = _round(problem, fitted, trial, data, jobs, told, raised=bool(accepted))
+        problem, found = _round(problem, fitted, trial, data, jobs, told, raised)
+        raised = problem.base.level != nominal.level
         rounds.append(found)
         if found.chosen is None:
             break
@@ -153,7 +155,7 @@ def _round(problem: Problem, fitted: Fit, trial: Sequence[Hypothesis], data: Dat
     Return one pass through the catalogue, and the problem it was decided on.
 
     The process noise of a good model tells causes apart best. Where no cause explains most of
-    what is wrong with it, or one was found before (`raised`), it is re-estimated first.
+    what is wrong with it, it is re-estimated; so it is at once where it was before (`raised`).
     """
     found = None if raised else _pass(problem, fitted, trial, data, jobs, progress)
     if found is not None and found.chosen is not None and found.chosen.share_left < LEFT:

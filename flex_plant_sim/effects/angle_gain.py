@@ -17,6 +17,7 @@ class AngleGain(Effect):
     explanation = 'The angle sensor of {site} is scaled wrongly.'
     parameters = (Parameter('factor', '', 1.0, 0.2, 3.0, (0.94, 1.06), 0.01),)
     sites = 'joint'
+    structural = True
 
     def on_output(self, output: Array, time: Any, robot: Robot) -> Array:
         """Return the readings with one angle scaled."""

@@ -18,6 +18,7 @@ class AngleOffset(Effect):
     parameters = (
         Parameter('offset_rad', 'rad', 0.0, -1.0, 1.0, (-0.15, 0.15), 0.02),)
     sites = 'joint'
+    structural = True
 
     def on_output(self, output: Array, time: Any, robot: Robot) -> Array:
         """Return the readings with one angle shifted."""

@@ -84,7 +84,8 @@ class Effect(ABC):
     One effect at one site, with its parameter values.
 
     Values are floats, or arrays (B, 1) where a batch of arms differs in them; hooks that build
-    matrices (on_robot, on_form, on_state_space) take floats only. `structural` says which.
+    matrices (on_robot, on_form, on_state_space) or move a joint's angle, on which the matrices
+    depend, take floats only. `structural` says which.
     `varying_friction` says that dry_friction looks at the motion.
     """
 
