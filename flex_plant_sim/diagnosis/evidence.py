@@ -15,7 +15,7 @@ def held_out(fit: Fit) -> Array:
 
     The fit is linear around its optimum, so leaving a window out needs no new simulation.
     The innovation covariance, too, comes from the other windows. Shapes (the time of an event,
-    say) stay as fitted: windows without the event could not tell them.
+    say) stay as fitted, and so does the size of an event: windows without it could not tell them.
     """
     windows, length, channels = fit.residual.shape
     root = np.sqrt(fit.weighting.temper)
@@ -26,7 +26,8 @@ def held_out(fit: Fit) -> Array:
     score = (white[:, None] @ columns)[:, 0]
     precision = fit.precision.copy()
     if fit.hypothesis is not None:
-        precision[:len(fit.values)] *= np.where(fit.hypothesis.sizes, 1.0, HELD)
+        kept = np.logical_or(np.logical_not(fit.hypothesis.sizes), fit.hypothesis.is_event)
+        precision[:len(fit.values)] *= np.where(kept, HELD, 1.0)
     hessian = gram.sum(axis=0) + np.diag(precision)
     total = np.zeros(windows)
     for w in range(windows):

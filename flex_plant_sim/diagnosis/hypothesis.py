@@ -16,6 +16,7 @@ import numpy as np
 DIFFERENCE = 0.05
 GRID = 5
 TIMES = 30
+TIME = 'time_s'
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,11 @@ class Hypothesis:
         """Return True where a parameter measures the effect's size, False for its shape, (k,)."""
         return np.array([math.isfinite(p.smallest) for p in self.parameters])
 
+    @property
+    def is_event(self) -> bool:
+        """Tell whether it happens at a time, so that one window may hold all that shows it."""
+        return any(p.name == TIME for p in self.parameters)
+
     def steps(self, values: Array) -> Array:
         """
         Return difference steps at values, (k,).
@@ -83,7 +89,7 @@ class Hypothesis:
 
     @staticmethod
     def _grid(parameter: Parameter, duration: float) -> Sequence[float]:
-        if parameter.name != 'time_s':
+        if parameter.name != TIME:
             return parameter.starts
         spacing = float(np.min(np.diff(parameter.starts)))
         count = int(np.clip(duration / spacing, GRID, TIMES))

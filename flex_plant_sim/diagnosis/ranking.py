@@ -20,6 +20,7 @@ LOOK_ALIKE = 0.5
 LEAST_T, LEAST_T_TO_CHOOSE = 2.5, 1.2
 LEAST_POSITIVE = 0.6
 LEAST_EXPLAINED = 1.0
+EVENT_NATS = 20.0
 
 
 @dataclass(frozen=True)
@@ -67,10 +68,25 @@ class Ranked:
 
     @property
     def relevant(self) -> bool:
-        """Tell whether it explains more than an allowance, on most windows, off its bounds."""
+        """
+        Tell whether it may be named.
+
+        It explains more than an allowance, on most windows, with a size that matters in practice
+        and off its bounds.
+        """
         return bool(self.gain > 0.0 and self.explained.max() >= LEAST_EXPLAINED
-                    and not self.at_bound
-                    and (self.t >= LEAST_T or self.positive >= LEAST_POSITIVE))
+                    and self.hypothesis.relevance(self.fit.values) >= 1.0 and not self.at_bound
+                    and (self.t >= LEAST_T or self.positive >= LEAST_POSITIVE
+                         or self._plain_event))
+
+    @property
+    def may_be_chosen(self) -> bool:
+        """Tell whether it is relevant, and not by a single window's doing unless an event."""
+        return self.relevant and (self.t >= LEAST_T_TO_CHOOSE or self._plain_event)
+
+    @property
+    def _plain_event(self) -> bool:
+        return self.hypothesis.is_event and self.gain >= EVENT_NATS
 
 
 def rank(fits: Sequence[Fit], base: Fit, noise: Sequence[Array], allowed: Array) -> list[Ranked]:
@@ -89,7 +105,7 @@ def rank(fits: Sequence[Fit], base: Fit, noise: Sequence[Array], allowed: Array)
 
 def choose(ranked: Sequence[Ranked]) -> Ranked | None:
     """Return the simplest of the best: fewest parameters within a tie in gain."""
-    relevant = [r for r in ranked if r.relevant and r.t >= LEAST_T_TO_CHOOSE]
+    relevant = [r for r in ranked if r.may_be_chosen]
     if not relevant:
         return None
     tie = relevant[0].gain - max(TIE_NATS, TIE * relevant[0].gain)
