@@ -48,7 +48,7 @@ def test_the_demo_estimates_the_payload_and_says_what_to_look_at(
     assert summary['within_5_percent_from_s'] <= 3.0
     assert summary['at_s']['3'] == pytest.approx(0.1, rel=0.05)
     assert words.count('payload = ') == 9, 'twice a second'
-    for text in ('±', 'figure_4.png', 'flex_estimate', 'flex_replay', 'flex_diagnose'):
+    for text in ('±', 'figure_4.png', 'flex_estimate', 'flex_replay'):
         assert text in words
 
 

@@ -233,16 +233,13 @@ def closing_words(summary: Mapping[str, Any], options: argparse.Namespace) -> st
         f'within 5 % of it from {since:g} s on'
     arm = '' if robot == 'reference' else f' --robot {robot}'
     same = f'{arm} --model {options.model} --modes {options.modes}'
-    # The diagnosis needs joint velocities, which the reduced model has not.
-    full = same.replace('paper_reduced', 'paper')
     return f"""
 payload {summary['mass_kg']:.4f} ± {summary['std_kg']:.4f} kg after {summary['duration_s']:g} s; \
 true {summary['true_mass_kg']:g} kg, {verdict}
 look at   {out}/figure_4.png … figure_9.png   as in the paper; figure 5 is the estimate
           {out}/run.csv, {out}/run_mcap   the run as CSV and as a bag (MCAP)
 next      flex_estimate {out}/run.csv{same} --estimator {options.estimator}
-          flex_replay {out}/run.csv{same}
-          flex_diagnose {out}/run.csv{full}"""
+          flex_replay {out}/run.csv{same}"""
 
 
 def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
