@@ -21,17 +21,16 @@ from flex_plant_sim.errors import InputError
 from flex_plant_sim.robot import Robot
 import numpy as np
 
-# A gap longer than this, s, loses the state. A reading of more standard deviations of noise, or a
-# command of more than this, is none.
+# A gap longer than this, s, loses the state. Readings whose norm is more standard deviations of
+# noise, or commands whose norm is more than this, are none.
 LONGEST_GAP_S = 1.0
 LARGEST, LARGEST_COMMAND = 1e9, 1e9
 SUSPECT_MISFIT = 2.0
 
 
 def _is_command(command: Array) -> bool:
-    # A comparison with NaN is false.
-    return -LARGEST_COMMAND < command[0] < LARGEST_COMMAND \
-        and -LARGEST_COMMAND < command[1] < LARGEST_COMMAND
+    # A comparison with NaN is false; a product overflows to infinity without a word.
+    return bool(command.dot(command) < LARGEST_COMMAND**2)
 
 
 class RecursivePredictionError:
@@ -120,7 +119,7 @@ class RecursivePredictionError:
             raise InputError(f'output, command: expected {self.told.size} and 2 numbers, got '
                              f'shapes {output.shape} and {command.shape}')
         measured, sent = output / self.told, _is_command(command)
-        good = sent and math.isfinite(time) and bool(np.abs(measured).max() < LARGEST)
+        good = sent and math.isfinite(time) and bool(measured.dot(measured) < LARGEST**2)
         if self._time is None:
             return self._begin(time, output, measured) if good else self._reject(time)
         if sent:
@@ -156,7 +155,7 @@ class RecursivePredictionError:
         steps = max(1, round((time - start) / step))
         self._time = max(time, start) if good else time
         ahead, self._ahead = self._ahead, None
-        if ahead and steps == 1 and np.array_equal(ahead.command, self._command):
+        if ahead and steps == 1 and ahead.command.tolist() == self._command.tolist():
             return
         if ahead:
             self.pace.restore(ahead.pace)
@@ -220,9 +219,9 @@ class RecursivePredictionError:
         status = 'ok' if self._judge.excited else 'not_excited'
         if best.misfit > SUSPECT_MISFIT:
             status = 'model_suspect'
-        return Estimate(
-            self._sample.time, mass, variance, best.variance, best.innovation * self.told,
-            np.sqrt(best.channel) * self.told, status)
+        innovation, deviation = best.reading * self.told
+        return Estimate(self._sample.time, mass, variance, best.variance, innovation, deviation,
+                        status)
 
     def _reject(self, time: float) -> Estimate:
         self.rejected += 1

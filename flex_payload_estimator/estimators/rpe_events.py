@@ -259,7 +259,7 @@ class ChangeDetector:
             # No payload that anybody took or left: the model is not exact.
             active.misfit = max(active.misfit, 2.0 * EXPLAINED)
             return None
-        change.hypothesis.windows = active.windows.emptied()
+        change.hypothesis.watch(active.windows.emptied())
         return change
 
     def smallest(self, active: Hypothesis) -> float:
@@ -276,9 +276,8 @@ class ChangeDetector:
         """Return the larger gain of the two windows, and the step of payload, kg."""
         best = 0.0, 0.0
         smallest = 0.0 if exact else self.smallest(active)
-        for column in (1, 2):
-            score = float(active.windows.score[column])
-            known = float(active.windows.information[column])
+        scores, informations = active.sums.tolist()
+        for score, known in zip(scores[1:], informations[1:]):
             # The past must know the payload better than the window does.
             if known <= 0.0 or active.variance * known > 0.5 or abs(score / known) < smallest:
                 continue

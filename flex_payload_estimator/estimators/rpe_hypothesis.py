@@ -70,8 +70,10 @@ class Hypothesis:
     misfit : float
         Mean of e'S^-1 e per channel with that memory; 1 where the model is right.
     windows : Windows
-    innovation, channel : Array
-        In units of the told noise, and its variance, (m,).
+    sums : Array
+        Score and information of the block and the two windows that go on, (2, 3).
+    reading : Array
+        Innovation and its standard deviation, in units of the told noise, (2, m).
 
     """
 
@@ -86,14 +88,18 @@ class Hypothesis:
     recent: float = 0.0
     misfit: float = 1.0
     windows: Windows = field(default_factory=Windows)
-    innovation: Array = field(default_factory=lambda: np.zeros(0))
-    channel: Array = field(default_factory=lambda: np.zeros(0))
+    sums: Array = field(default_factory=lambda: np.zeros((2, MASS_COLUMNS)))
+    reading: Array = field(default_factory=lambda: np.zeros((2, 0)))
 
     def copy(self) -> Hypothesis:
         """Return an independent copy: ten times quicker than dataclasses.replace."""
         other = object.__new__(Hypothesis)
         other.__dict__.update(self.__dict__)
         return other
+
+    def watch(self, windows: Windows) -> None:
+        """Begin all windows again, after those past."""
+        self.windows, self.sums = windows, np.zeros((2, MASS_COLUMNS))
 
 
 class Stepper:
@@ -124,7 +130,8 @@ class Stepper:
         step = effects.arm.step_time
         self.memory = min(1.0, step / MISFIT_MEMORY_S)
         self._gains, self._no_gains = gains, np.zeros((told.size, 0))
-        self._no_parts = np.zeros((1, 0))
+        self._no_parts, self._no_offset = np.zeros((1, 0)), np.zeros(told.size)
+        self._told_noise = np.ones(told.size)
         states = self.output.shape[1]
         self._halves = 0.5 * (np.ones((states, states)) + JITTER * np.eye(states))
         self._speed = speed_feedback(effects.arm)
@@ -156,9 +163,9 @@ class Stepper:
     def predict(self, h: Hypothesis, sample: Sample) -> None:
         """Advance one sample."""
         level, piece, start = self.levels[h.level], self.schedule.cut(h.mass), h.x
-        parts = self._no_parts if level.exact else self.schedule.parts_at(h.mass)
-        torque, floor = level.told_torque, level.floor
+        parts, torque, floor = self._no_parts, level.told_torque, level.floor
         if not level.exact:
+            parts = self.schedule.parts_at(h.mass)
             torque = level.torque(sample.before, sample.command - self._speed @ start)
             floor = sample.before**2 * floor
         if sample.scatter is not None:
@@ -182,40 +189,36 @@ class Stepper:
 
     def _learn(self, h: Hypothesis, sample: Sample, measured: Array) -> bool:
         """Correct, and tell whether the state was one that can be."""
-        level = self.levels[h.level]
-        expected = self._expected(h.x, sample.time)
-        direct = self._no_gains if level.exact else self._gains * expected[:, None]
-        innovation = measured - expected
-        try:
-            found = correct(
-                h.x, h.cov, h.sens, h.mass, h.variance, h.lean, innovation, self.output, direct,
-                level.noise(sample.activity), self._halves, self._limit, self.heaviest)
-        except np.linalg.LinAlgError:
-            return False
-        misfit, log_det, score, information = found[7:]
+        level, gains, noise = self.levels[h.level], self._no_gains, self._told_noise
+        if not level.exact:
+            gains, noise = self._gains, level.noise(sample.activity)
+        x, cov, sens, mass, variance, lean, sums, reading, misfit, log_det = correct(
+            h.x, h.cov, h.sens, h.mass, h.variance, h.lean, h.sums, measured,
+            self._offset(h.x, sample.time), self.output, gains, noise, self._halves,
+            self._limit, self.heaviest)
         gained = -0.5 * (misfit + log_det)
         if not math.isfinite(gained):
             return False
-        h.x, h.cov, h.sens, h.mass, h.variance, h.lean, h.channel = found[:7]
-        h.innovation = innovation
+        h.x, h.cov, h.sens, h.mass, h.variance, h.lean = x, cov, sens, mass, variance, lean
+        h.sums, h.reading = sums, reading
         h.log_likelihood += gained
         h.recent += gained - self.memory * h.recent
-        h.misfit += self.memory * (misfit / expected.size - h.misfit)
-        w = h.windows
-        h.windows = Windows(w.score + score[:MASS_COLUMNS],
-                            w.information + information[:MASS_COLUMNS], w.squared,
-                            w.expected, w.changes, w.blocks, w.closed)
+        h.misfit += self.memory * (misfit / measured.size - h.misfit)
         return True
 
-    def _expected(self, x: Array, time: float) -> Array:
+    def _offset(self, x: Array, time: float) -> Array:
+        """Return what the sensors' effects add to C x, (m,)."""
         arm = self.effects.arm
-        return arm.output(x, time) / self.told if arm.acts_on_output else self.output @ x
+        if not arm.acts_on_output:
+            return self._no_offset
+        return np.asarray(arm.output(x, time) / self.told - self.output @ x)
 
     def turn(self, h: Hypothesis, column: int) -> None:
         """Close a block, and begin the window of a column (1 or 2) again."""
-        h.windows = h.windows.turned(column)
-        h.sens = h.sens.copy()
+        h.windows = h.windows.turned(h.sums, column)
+        h.sens, h.sums = h.sens.copy(), h.sums.copy()
         h.sens[:, column] = 0.0
+        h.sums[:, [0, column]] = 0.0
 
     def reopen(self, h: Hypothesis, std: float) -> None:
         """Forget the payload, which may have changed just now; std in kg."""
@@ -225,7 +228,7 @@ class Stepper:
         h.sens[:, MASS_COLUMNS:] += np.outer(s, h.lean)
         h.sens[:, :MASS_COLUMNS] = 0.0
         h.lean, h.variance = np.zeros_like(h.lean), std**2
-        h.windows = h.windows.emptied()
+        h.watch(h.windows.emptied())
 
     def loosen(self, h: Hypothesis, level: int) -> None:
         """Move to another level; from an exact one, it leans on its parts from here on."""
@@ -233,7 +236,8 @@ class Stepper:
             parts = self._gains.shape[1]
             h.sens = np.hstack([h.sens, np.zeros((h.x.size, parts))])
             h.lean = np.zeros(parts)
-        h.level, h.windows = level, Windows()
+        h.level = level
+        h.watch(Windows())
 
     def drift(self, h: Hypothesis, variance: float) -> None:
         """Let the payload walk at random, kg^2: exact for the joint covariance with x."""
@@ -248,10 +252,10 @@ class Stepper:
         step = 0.0 if self.levels[h.level].exact else h.windows.trend()
         if step:
             self.drift(h, step**2)
-            h.windows = h.windows.emptied()
+            h.watch(h.windows.emptied())
         return step
 
     def relocate(self, h: Hypothesis, measured: Array) -> None:
         """Keep the payload, and start the state again."""
         h.x, h.cov, h.sens = self._standing(measured), self._cov, np.zeros_like(h.sens)
-        h.windows = h.windows.emptied()
+        h.watch(h.windows.emptied())

@@ -112,7 +112,7 @@ class Judge:
     def _turn(self, column: int, now: float) -> None:
         """Close a block; where it told nothing of the payload, let the payload walk."""
         best, span = self.bank.best(), self._block * self.pace.mark_time
-        told = best.windows.information[column] * (self.stepper.heaviest / 6.0)**2
+        told = best.sums[1, column] * (self.stepper.heaviest / 6.0)**2
         self.excited = bool(told > EXCITED)
         self.bank.lively_blocks += self.excited
         if not self.bank.lively_blocks:

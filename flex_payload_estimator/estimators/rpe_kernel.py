@@ -22,12 +22,38 @@ def _inverse_by_lapack(matrix: Array) -> tuple[Array, float]:
 
 
 @compiled
-def _inverse_by_numba(matrix: Array) -> tuple[Array, float]:
-    return np.linalg.inv(matrix), np.linalg.det(matrix)  # type: ignore[return-value]
+def _inverse_by_loops(matrix: Array) -> tuple[Array, float]:
+    """Return inverse and determinant by Cholesky's factors; both NaN where there are none."""
+    size, square = len(matrix), 1.0
+    lower, inverse = np.zeros_like(matrix), np.zeros_like(matrix)
+    for i in range(size):
+        for j in range(i + 1):
+            rest = matrix[i, j]
+            for k in range(j):
+                rest -= lower[i, k] * lower[j, k]
+            if j < i:
+                lower[i, j] = rest / lower[j, j]
+            elif rest > 0.0:
+                lower[i, i] = np.sqrt(rest)
+                square *= rest
+            else:
+                return np.full_like(matrix, np.nan), np.nan
+    for c in range(size):
+        # Forwards by L, then backwards by L'; what stands above row c stays zero on the way.
+        inverse[c, c] = 1.0
+        for i in range(c, size):
+            for k in range(c, i):
+                inverse[i, c] -= lower[i, k] * inverse[k, c]
+            inverse[i, c] /= lower[i, i]
+        for i in range(size - 1, -1, -1):
+            for k in range(i + 1, size):
+                inverse[i, c] -= lower[k, i] * inverse[k, c]
+            inverse[i, c] /= lower[i, i]
+    return inverse, square
 
 
-# Inverse and determinant of a covariance; LAPACK's own calls cost half of NumPy's.
-inverse_and_size = _inverse_by_numba if COMPILED else _inverse_by_lapack
+# Inverse and determinant of a covariance; LAPACK's calls are quicker only beside plain Python.
+inverse_and_size = _inverse_by_loops if COMPILED else _inverse_by_lapack
 
 
 @compiled
@@ -87,10 +113,9 @@ def predict(x: Array, cov: Array, sens: Array, order: Array, value: Array, slope
 
 @compiled
 def correct(x: Array, cov: Array, sens: Array, mass: float, variance: float, lean: Array,
-            innovation: Array, output: Array, direct: Array, noise: Array, halves: Array,
-            limit: float, heaviest: float
-            ) -> tuple[Array, Array, Array, float, float, Array, Array, float, float, Array,
-                       Array]:
+            sums: Array, measured: Array, offset: Array, output: Array, gains: Array,
+            noise: Array, halves: Array, limit: float, heaviest: float
+            ) -> tuple[Array, Array, Array, float, float, Array, Array, Array, float, float]:
     """
     Return the hypothesis after a measurement, and its statistics.
 
@@ -105,12 +130,14 @@ def correct(x: Array, cov: Array, sens: Array, mass: float, variance: float, lea
         kg, and kg^2 for white innovations and exact parts.
     lean : Array
         d(m - estimate)/d(part parameter), (p,).
-    innovation : Array
-        y - C x, (m,).
+    sums : Array
+        psi'S^-1 e and psi'S^-1 psi of the first columns so far, S for a known payload, (2, 3).
+    measured, offset : Array
+        y, and what y is beyond C x, (m,).
     output : Array
         C, (m, n).
-    direct : Array
-        Derivative of y over the part parameters beyond C dx, (m, p).
+    gains : Array
+        Where a strain gain acts among the part parameters, (m, p).
     noise : Array
         Variance of each channel, (m,).
     halves : Array
@@ -123,34 +150,38 @@ def correct(x: Array, cov: Array, sens: Array, mass: float, variance: float, lea
     Returns
     -------
     tuple
-        x, cov, sens, mass, variance, lean; the innovation's variance per channel (m,);
-        e'S^-1 e and log det S with S the innovation's covariance, payload included; psi'S^-1 e
-        and psi'S^-1 psi of all columns, S for a known payload, (3 + p,). Where the state is lost,
-        e'S^-1 e is NaN, and nothing else counts.
+        x, cov, sens, mass, variance, lean, sums; the innovation e = y - C x - offset and its
+        standard deviation per channel, (2, m); e'S^-1 e and log det S with S the innovation's
+        covariance, payload included. Where the state is lost, e'S^-1 e is NaN, and nothing else
+        counts.
 
     """
+    expected = output @ x + offset
+    reading = np.empty((2, expected.size))
+    innovation = reading[0]
+    innovation[:] = measured - expected
     projected = cov @ output.T
     total = output @ projected + np.diag(noise)
     variances = np.diag(total)
     # A comparison with NaN is false.
     if not (np.sum(variances) < limit and np.min(variances) > 0.0):
-        return (x, cov, sens, mass, variance, lean, innovation, np.nan, np.nan, innovation,
-                innovation)
+        return x, cov, sens, mass, variance, lean, sums, reading, np.nan, np.nan
     inverse, size = inverse_and_size(total)
     gain = projected @ inverse
     psi = output @ sens
     if lean.size > 0:
-        psi[:, MASS_COLUMNS:] += direct
+        psi[:, MASS_COLUMNS:] += gains * expected.reshape(-1, 1)
     weighted = inverse @ psi
-    score = innovation @ weighted
-    information = np.sum(psi * weighted, axis=0)
-    known, pushed = information[0], score[0]
+    windows = psi[:, :MASS_COLUMNS] * weighted[:, :MASS_COLUMNS]
+    gathered = np.empty_like(sums)
+    gathered[0] = (innovation @ weighted)[:MASS_COLUMNS]
+    gathered[1] = np.sum(windows, axis=0)
+    pushed, known = gathered[0, 0], gathered[1, 0]
     spread = 1.0 + variance * known
     pull = variance / spread
     after = min(max(mass + pull * pushed, 0.0), heaviest)
     misfit = innovation @ (inverse @ innovation) - pull * pushed * pushed
-    log_det = np.log(spread * size)
-    channel = variances + variance * psi[:, 0]**2
+    reading[1] = np.sqrt(variances + variance * psi[:, 0]**2)
     if lean.size > 0:
         cross = np.sum(psi[:, MASS_COLUMNS:] * weighted[:, :1], axis=0)
         lean = lean - pull * (cross + known * lean)
@@ -158,5 +189,5 @@ def correct(x: Array, cov: Array, sens: Array, mass: float, variance: float, lea
     x = x + gain @ innovation + sens[:, 0] * (after - mass)
     keep = np.eye(x.size) - gain @ output
     cov = keep @ cov @ keep.T + (gain * noise) @ gain.T
-    return (x, halves * (cov + cov.T), sens, after, pull, lean, channel, misfit, log_det, score,
-            information)
+    return (x, halves * (cov + cov.T), sens, after, pull, lean, sums + gathered, reading, misfit,
+            np.log(spread * size))

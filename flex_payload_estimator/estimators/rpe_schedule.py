@@ -153,8 +153,8 @@ class PayloadSchedule:
     def cut(self, payload: float) -> PayloadSlice:
         """Return the slice that serves a payload, kg."""
         index = self.index(payload)
-        found: PayloadSlice = self.slices.get(index, lambda: self._cut(index))
-        return found
+        found: PayloadSlice | None = self.slices.results.get(index)
+        return found or self.slices.get(index, lambda: self._cut(index))
 
     def _cut(self, index: int) -> PayloadSlice:
         payload = self.soft_mass * math.expm1(index * SLICE_STEP)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 import math
 
-from flex_payload_estimator.estimators.rpe_kernel import MASS_COLUMNS
 from flex_plant_sim.arm_model import Array
-import numpy as np
 
 # What the scores' colour is taken for before blocks have shown it, and how many that is worth.
 COLOUR_PRIOR, PRIOR_BLOCKS = 3.0, 4.0
@@ -24,12 +22,13 @@ def _standardised(window: tuple[float, float]) -> float:
 @dataclass(frozen=True)
 class Windows:
     """
-    Scores and informations of the three payload columns since their windows began.
+    What past blocks and windows said of the payload.
+
+    The score psi'S^-1 e and the information psi'S^-1 psi of the block and of the two staggered
+    windows that still go on stand in `Hypothesis.sums`, (2, 3).
 
     Attributes
     ----------
-    score, information : Array
-        (3,): over the current block, and over either staggered window.
     squared, expected : float
         Sums over past blocks of the first score squared, and of its information.
     changes : float
@@ -42,31 +41,25 @@ class Windows:
 
     """
 
-    score: Array = field(default_factory=lambda: np.zeros(MASS_COLUMNS))
-    information: Array = field(default_factory=lambda: np.zeros(MASS_COLUMNS))
     squared: float = 0.0
     expected: float = 0.0
     changes: float = 0.0
     blocks: float = 0.0
     closed: tuple[tuple[float, float], ...] = ()
 
-    def turned(self, column: int) -> Windows:
-        """Return the sums with a block closed, and the window of a column begun again."""
-        kept = np.ones(MASS_COLUMNS)
-        kept[[0, column]] = 0.0
-        known = self.information[column]
-        closed = (*self.closed, (float(self.score[column]), float(known)))[-PERSISTENT:]
+    def turned(self, sums: Array, column: int) -> Windows:
+        """Return it with the block of `sums` closed, and the window of a column."""
+        score, known = sums[:, column].tolist()
+        closed = (*self.closed, (score, known))[-PERSISTENT:]
         change = 0.0
         if len(closed) > 2:
             change = 0.5 * (_standardised(closed[-1]) - _standardised(closed[-3]))**2
-        return Windows(self.score * kept, self.information * kept,
-                       self.squared + self.score[0]**2, self.expected + self.information[0],
+        return Windows(self.squared + sums[0, 0]**2, self.expected + sums[1, 0],
                        self.changes + change, self.blocks + 1.0, closed)
 
     def emptied(self) -> Windows:
-        """Return the sums with all windows begun again."""
-        zero = np.zeros(MASS_COLUMNS)
-        return replace(self, score=zero, information=zero, closed=())
+        """Return it without the last windows."""
+        return replace(self, closed=())
 
     @property
     def scatter(self) -> float:
