@@ -80,6 +80,7 @@ class RecursivePredictionError:
         self.rejected, self._lost = 0, False
         self._activity, self._command = Activity(self.arm), np.zeros(2)
         self._ahead: Ahead | None = None
+        self._open = False
         channels, mass = self.told.size, 0.5 * self.stepper.heaviest
         self._nothing = np.full(channels, np.nan)
         self._last = Estimate(0.0, mass, mass**2 / 3.0, mass**2 / 3.0, np.zeros(channels),
@@ -89,6 +90,7 @@ class RecursivePredictionError:
     @property
     def events(self) -> list[Event]:
         """Return the payload changes found; one that later samples refute is taken back."""
+        self.conclude()
         return list(self._judge.log.events)
 
     def update(self, time: float, output: Array, command: Array) -> Estimate:
@@ -114,6 +116,7 @@ class RecursivePredictionError:
 
         """
         # Another layout in memory would be compiled for while the sample waits.
+        self.conclude()
         output, command = np.asarray(output, dtype=float), np.array(command, dtype=float)
         if output.shape != self.told.shape or command.shape != (2,):
             raise InputError(f'output, command: expected {self.told.size} and 2 numbers, got '
@@ -130,6 +133,16 @@ class RecursivePredictionError:
             return self._reject(time)
         return self._learn(output, measured)
 
+    def conclude(self) -> None:
+        """
+        Draw the conclusions of the last sample that its estimate need not wait for.
+
+        Otherwise `update` does, before it takes the next sample: its answers are the same.
+        """
+        if self._open:
+            self._open = False
+            self._judge.conclude(self._mark)
+
     def prepare(self, command: Array) -> None:
         """
         Predict while no measurement waits: `update` is then quicker, and its answer the same.
@@ -141,6 +154,7 @@ class RecursivePredictionError:
             otherwise, it predicts again.
 
         """
+        self.conclude()
         if self._time is None or self._ahead or not _is_command(command):
             return
         saved, pace = [(h, h.copy()) for h in self.bank.hypotheses], self.pace.save()
@@ -196,7 +210,7 @@ class RecursivePredictionError:
         self._lost = False
 
     def _learn(self, output: Array, measured: Array) -> Estimate:
-        """Weigh the sample, at a mark look for a change, and say what is known."""
+        """Learn from the sample, a bank only from marks, and say what is known."""
         bank, mark = self.bank, self._mark
         if self._lost:
             self._relocate(measured)
@@ -206,9 +220,11 @@ class RecursivePredictionError:
         if alone:
             self.pace.fine.correct(bank.hypotheses[0], self._sample)
         if mark:
-            self._mark = mark.with_reading(measured, activity)
-            self._judge(self._mark)
-        elif not alone:
+            mark = self._mark = mark.with_reading(measured, activity)
+            if not alone:
+                self._judge.weigh(mark)
+        self._open = True
+        if not (mark or alone):
             self._last = replace(self._last, time=self._sample.time, innovation=self._nothing)
             return self._last
         self._last = self._estimate(bank.best())

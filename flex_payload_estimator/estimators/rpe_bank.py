@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from flex_payload_estimator.estimators.rpe_events import EXPLAINED, Recent
+from flex_payload_estimator.estimators.rpe_events import EXPLAINED
 from flex_payload_estimator.estimators.rpe_hypothesis import Hypothesis, Sample, Stepper
+from flex_payload_estimator.estimators.rpe_search import Recent
 from flex_plant_sim.arm_model import Array
 import numpy as np
 

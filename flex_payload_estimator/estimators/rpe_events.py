@@ -1,17 +1,13 @@
-"""Has the payload changed? The recent past is replayed with the payload opened."""
+"""Has the payload changed? A score test, a search that confirms it, and the changes found."""
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass, replace
 import math
-from typing import NamedTuple
 
 from flex_payload_estimator.estimators.rpe_hypothesis import Hypothesis, Sample, Stepper
-import numpy as np
+from flex_payload_estimator.estimators.rpe_search import Change, Recent, Search, STEPS_PER_S
 
-# Payloads tried beside the best guess, as shares of the way to it.
-SHARES = (0.0, 0.5, 1.0, 1.5)
 # A change must also be larger than a wrong model's errors look, share of the payload.
 SMALLEST_SHARE = 0.1
 SIGMAS = 5.0
@@ -37,26 +33,6 @@ class Event:
     found: float
     before: float
     after: float
-
-
-class Change(NamedTuple):
-    """
-    The likeliest change of payload.
-
-    Attributes
-    ----------
-    gain : float
-        Log-likelihood over that of no change.
-    time : float
-        s.
-    hypothesis : Hypothesis
-        As it stands now.
-
-    """
-
-    gain: float
-    time: float
-    hypothesis: Hypothesis
 
 
 class EventLog:
@@ -90,133 +66,6 @@ class EventLog:
         self.events = self._before
 
 
-class Recent:
-    """
-    The last samples, and the active hypothesis after each of them.
-
-    Parameters
-    ----------
-    length : int
-        Samples kept.
-
-    Attributes
-    ----------
-    sparse : bool
-        The active hypothesis takes samples in between that are not kept.
-
-    """
-
-    def __init__(self, length: int):
-        self.samples: deque[tuple[Sample, Hypothesis]] = deque(maxlen=length)
-        self.sparse = False
-
-    def record(self, sample: Sample, active: Hypothesis) -> None:
-        """Keep a sample that `active` has seen."""
-        self.samples.append((sample, active.copy()))
-
-    def forget(self) -> None:
-        """Drop everything."""
-        self.samples.clear()
-        self.sparse = False
-
-    def replay(self, stepper: Stepper, place: int, mass: float, std: float) -> Hypothesis:
-        """
-        Return the hypothesis that the payload changed after one of the samples.
-
-        Parameters
-        ----------
-        stepper : Stepper
-            What steps it.
-        place : int
-            Which sample.
-        mass, std : float
-            What the payload became, kg: the filter starts there.
-
-        """
-        h = self.samples[place][1].copy()
-        jump = mass - h.mass
-        stepper.reopen(h, std)
-        h.mass = mass
-        for k in range(place + 1, len(self.samples)):
-            sample = self.samples[k][0]
-            stepper.predict(h, sample)
-            if k == place + 1:
-                # It changed somewhere within this sample.
-                h.cov = h.cov + jump**2 / 12.0 * np.outer(h.sens[:, 0], h.sens[:, 0])
-            stepper.correct(h, sample)
-        return h
-
-    def replay_at(self, stepper: Stepper, active: Hypothesis, level: int
-                  ) -> Hypothesis | None:
-        """Return the oldest hypothesis kept, brought up to now at another level."""
-        if not self.samples:
-            return None
-        h = self.samples[0][1].copy()
-        unchanged = h.copy()
-        stepper.loosen(h, level)
-        self._bring_on(stepper, h)
-        if self.sparse:
-            self._bring_on(stepper, unchanged)
-            h.recent += active.recent - unchanged.recent
-            h.log_likelihood += active.log_likelihood - unchanged.log_likelihood
-        return h
-
-    def _bring_on(self, stepper: Stepper, h: Hypothesis) -> list[float]:
-        """Bring h from the first sample up to now; return its log-likelihood at each."""
-        found = [h.log_likelihood]
-        for k in range(1, len(self.samples)):
-            stepper.predict(h, self.samples[k][0])
-            stepper.correct(h, self.samples[k][0])
-            found.append(h.log_likelihood)
-        return found
-
-    def _without(self, stepper: Stepper) -> list[float]:
-        """Return the log-likelihood of no change at each sample, from the samples kept."""
-        if self.sparse:
-            return self._bring_on(stepper, self.samples[0][1].copy())
-        return [h.log_likelihood for _, h in self.samples]
-
-    def search(self, stepper: Stepper, active: Hypothesis, guess: float, stride: int
-               ) -> Change | None:
-        """
-        Return the likeliest change.
-
-        Parameters
-        ----------
-        stepper : Stepper
-            What steps the trials.
-        active : Hypothesis
-            Without a change.
-        guess : float
-            Of the payload after it, kg; payloads around are tried too.
-        stride : int
-            Samples between the first trials of when it was; finer ones follow.
-
-        """
-        last = len(self.samples) - 2
-        if last < 0:
-            return None
-        std = stepper.heaviest / 6.0
-        base = self._without(stepper)
-        ahead = [base[k] - self.samples[k][1].log_likelihood for k in range(last + 1)]
-        trials = {k: self.replay(stepper, k, guess, std) for k in range(last, -1, -stride)}
-        when = max(trials, key=lambda k: trials[k].log_likelihood + ahead[k])
-        guess = trials[when].mass
-        trials = {k: self.replay(stepper, k, guess, std)
-                  for k in range(max(0, when - stride + 1), min(last, when + stride - 1) + 1)}
-        when = max(trials, key=lambda k: trials[k].log_likelihood + ahead[k])
-        found = [trials[when]]
-        around = active.mass + np.array(SHARES) * (trials[when].mass - active.mass)
-        for mass in np.clip(around, 0.0, stepper.heaviest):
-            found.append(self.replay(stepper, when, float(mass), std))
-        best = max(found, key=lambda h: h.log_likelihood)
-        found = [best, self.replay(stepper, when, best.mass, std)]
-        best = max(found, key=lambda h: h.log_likelihood)
-        gain = best.log_likelihood + ahead[when] - base[-1]
-        best.log_likelihood = active.log_likelihood + gain
-        return Change(gain, self.samples[when][0].time, best)
-
-
 class ChangeDetector:
     """
     Score test for a payload change in two staggered windows, then a replay that confirms it.
@@ -228,39 +77,81 @@ class ChangeDetector:
         Samples between the starts of windows; a window lasts one to two blocks.
     nats : float
         Log-likelihood that a change must gain.
+    step_time : float
+        From sample to sample, s; marked or not.
 
     """
 
-    def __init__(self, stepper: Stepper, block: int, nats: float):
+    def __init__(self, stepper: Stepper, block: int, nats: float, step_time: float):
         self.stepper, self.block, self.nats = stepper, block, nats
         self.recent = Recent(2 * block + 2)
+        self._stride = max(1, block // 5)
+        self._budget = math.ceil(STEPS_PER_S * step_time)
+        self._search: Search | None = None
         self._pause = 0
+
+    @property
+    def busy(self) -> bool:
+        """Tell whether a search goes on."""
+        return self._search is not None
 
     def quiet(self, samples: int) -> None:
         """Look for nothing for a while."""
         self._pause = samples
 
+    def forget(self) -> None:
+        """Forget the recent past, and what was searched for in it."""
+        self.recent.forget()
+        self._search = None
+
+    def record(self, sample: Sample, active: Hypothesis) -> None:
+        """Keep a sample that `active` has seen."""
+        self.recent.record(sample, active)
+        if self._search:
+            self._search.add(self.recent.samples[-1])
+
+    def search_on(self) -> None:
+        """Go on with a search, if there is one: once a sample."""
+        if self._search:
+            self._search.advance(self._budget)
+
     def look(self, active: Hypothesis) -> Change | None:
-        """Return a change that is certain enough, or None."""
+        """Return a change that is certain enough, or None: once a recorded sample."""
         self._pause = max(0, self._pause - 1)
         exact = self.stepper.levels[active.level].exact
-        limit = self.limit(active, exact)
+        if self._search is None:
+            self._begin(active, exact)
+        if self._search is None:
+            return None
+        self.search_on()
+        change = self._search.result()
+        if self._search.active is not active:
+            self._search = None
+        if change is None or self._search is None:
+            return None
+        self._search, self._pause = None, self._stride
+        return change if self._holds(change, active, exact) else None
+
+    def _begin(self, active: Hypothesis, exact: bool) -> None:
+        """Begin a search where the windows give reason to."""
         gain, step = self._score(active, exact)
         # A payload that may drift follows any change by itself.
-        if gain < limit or self._pause or self.stepper.levels[active.level].drift:
-            return None
-        stride = max(1, self.block // 5)
-        self._pause = stride
+        if gain < self.limit(active, exact) or self._pause or len(self.recent.samples) < 2 \
+                or self.stepper.levels[active.level].drift:
+            return
         guess = min(max(active.mass + step, 0.0), self.stepper.heaviest)
-        change = self.recent.search(self.stepper, active, guess, stride)
-        if change is None or change.gain < limit or not self._clear(change, active, exact):
-            return None
+        self._search = Search(self.stepper, self.recent, active, guess, self._stride)
+
+    def _holds(self, change: Change, active: Hypothesis, exact: bool) -> bool:
+        """Tell whether a change is certain, and large enough to be one."""
+        if change.gain < self.limit(active, exact) or not self._clear(change, active, exact):
+            return False
         if abs(change.hypothesis.mass - active.mass) < self.smallest(active):
             # No payload that anybody took or left: the model is not exact.
             active.misfit = max(active.misfit, 2.0 * EXPLAINED)
-            return None
+            return False
         change.hypothesis.watch(active.windows.emptied())
-        return change
+        return True
 
     def smallest(self, active: Hypothesis) -> float:
         """Return the smallest change, kg, that model errors do not look like."""

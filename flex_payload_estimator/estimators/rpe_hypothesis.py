@@ -157,8 +157,7 @@ class Stepper:
         sample = Sample(0.0, np.zeros(channels), np.zeros(2), 1.0, 1.0)
         for level in (0, len(self.levels) - 1):
             h = self.start(level, np.zeros(channels), 0.5 * self.heaviest, self.heaviest)
-            self.predict(h, sample)
-            self.correct(h, sample)
+            self.step(h, sample)
 
     def predict(self, h: Hypothesis, sample: Sample) -> None:
         """Advance one sample."""
@@ -178,6 +177,11 @@ class Stepper:
         if self.effects.moves:
             h.x = self.effects.push(piece.payload, start, h.x, sample.command,
                                     sample.time - self.effects.arm.step_time)
+
+    def step(self, h: Hypothesis, sample: Sample) -> None:
+        """Advance one sample, and learn from it."""
+        self.predict(h, sample)
+        self.correct(h, sample)
 
     def correct(self, h: Hypothesis, sample: Sample) -> None:
         """Learn from a sample that has a measurement."""

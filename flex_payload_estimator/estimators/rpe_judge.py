@@ -43,7 +43,8 @@ class Judge:
 
     def reset(self) -> None:
         """Forget everything."""
-        self.detector = ChangeDetector(self.stepper, self._block, self.settings.event_nats)
+        self.detector = ChangeDetector(self.stepper, self._block, self.settings.event_nats,
+                                       self.pace.sample_time)
         self.log = EventLog(2 * self._block * self.pace.mark_time)
         self.excited, self._marks = False, 0
         self._unchanged: Hypothesis | None = None
@@ -51,31 +52,36 @@ class Judge:
 
     def forget(self) -> None:
         """Forget the recent past."""
-        self.detector.recent.forget()
+        self.detector.forget()
 
     def keep(self, mark: Sample | None) -> None:
         """Keep a mark for the search."""
         if mark:
-            self.detector.recent.record(mark, self.bank.best())
+            self.detector.record(mark, self.bank.best())
 
-    def __call__(self, mark: Sample) -> None:
-        """Weigh a bank, and look for a change."""
-        bank, recent = self.bank, self.detector.recent
-        if len(bank.hypotheses) > 1:
-            for h in bank.hypotheses:
-                self.stepper.correct(h, mark)
-            bank.prune()
+    def weigh(self, mark: Sample) -> None:
+        """Let a bank learn from a mark, and drop what it makes unlikely."""
+        for h in self.bank.hypotheses:
+            self.stepper.correct(h, mark)
+        self.bank.prune()
+
+    def conclude(self, mark: Sample | None) -> None:
+        """Look for a change, a step further at each sample; most is done at marks."""
+        if mark is None:
+            self.detector.search_on()
+            return
+        bank, detector = self.bank, self.detector
         self._confirm(mark.time)
-        if self.pace.stride > 1 and len(bank.hypotheses) == 1 and not recent.sparse:
+        if self.pace.stride > 1 and len(bank.hypotheses) == 1 and not detector.recent.sparse:
             # From here on the only filter left takes every sample.
-            recent.forget()
-            recent.sparse = True
+            detector.forget()
+            detector.recent.sparse = True
         active = bank.best()
         self.keep(mark)
         self._marks += 1
-        if bank.decided and not self._change(active, mark.time) and bank.widen(
-                self._spread, self._block // 2, recent):
-            recent.forget()
+        if bank.decided and not self._change(active, mark.time) and not detector.busy \
+                and bank.widen(self._spread, self._block // 2, detector.recent):
+            detector.forget()
         if self._marks % self._block == 0:
             self._turn(1 + self._marks // self._block % 2, mark.time)
 
@@ -90,7 +96,7 @@ class Judge:
         self.bank.rival(change.hypothesis, 2 * self._block, 5.0 * limit)
         self._unchanged = active
         self._likely = Event(change.time, now, active.mass, change.hypothesis.mass)
-        self.detector.recent.forget()
+        self.detector.forget()
         self.detector.quiet(self._block)
         return True
 
@@ -106,7 +112,7 @@ class Judge:
             if best is self._unchanged:
                 if self._likely is None:
                     self.log.take_back()
-                self.detector.recent.forget()
+                self.detector.forget()
             self._unchanged = self._likely = None
 
     def _turn(self, column: int, now: float) -> None:

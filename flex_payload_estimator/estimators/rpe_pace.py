@@ -75,6 +75,11 @@ class Pace:
         self.reset()
 
     @property
+    def sample_time(self) -> float:
+        """Return the time from sample to sample, s."""
+        return self.fine.effects.arm.step_time
+
+    @property
     def mark_time(self) -> float:
         """Return the time from mark to mark, s."""
         return self.coarse.effects.arm.step_time
