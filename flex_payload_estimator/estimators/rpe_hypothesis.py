@@ -159,9 +159,10 @@ class Stepper:
             h = self.start(level, np.zeros(channels), 0.5 * self.heaviest, self.heaviest)
             self.step(h, sample)
 
-    def predict(self, h: Hypothesis, sample: Sample) -> None:
-        """Advance one sample."""
-        level, piece, start = self.levels[h.level], self.schedule.cut(h.mass), h.x
+    def predict(self, h: Hypothesis, sample: Sample, trial: bool = False) -> None:
+        """Advance one sample; in a trial, with what of the schedule is there."""
+        level, start = self.levels[h.level], h.x
+        piece = self.schedule.cut(h.mass, math.inf if trial else h.variance)
         parts, torque, floor = self._no_parts, level.told_torque, level.floor
         if not level.exact:
             parts = self.schedule.parts_at(h.mass)
@@ -178,9 +179,9 @@ class Stepper:
             h.x = self.effects.push(piece.payload, start, h.x, sample.command,
                                     sample.time - self.effects.arm.step_time)
 
-    def step(self, h: Hypothesis, sample: Sample) -> None:
+    def step(self, h: Hypothesis, sample: Sample, trial: bool = False) -> None:
         """Advance one sample, and learn from it."""
-        self.predict(h, sample)
+        self.predict(h, sample, trial)
         self.correct(h, sample)
 
     def correct(self, h: Hypothesis, sample: Sample) -> None:

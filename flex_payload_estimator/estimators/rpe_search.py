@@ -12,7 +12,7 @@ import numpy as np
 # Payloads tried beside the best guess, as shares of the way to it.
 SHARES = (0.0, 0.5, 1.0, 1.5)
 # Filter steps a second of data: a search takes several hundred, and no sample shall wait for it.
-STEPS_PER_S = 8000.0
+STEPS_PER_S = 6000.0
 
 Kept = tuple[Sample, Hypothesis]
 Replay = Generator[None, None, Hypothesis]
@@ -85,7 +85,7 @@ class Recent:
     def _bring_on(self, stepper: Stepper, h: Hypothesis) -> None:
         """Bring h from the first sample up to now."""
         for k in range(1, len(self.samples)):
-            stepper.step(h, self.samples[k][0])
+            stepper.step(h, self.samples[k][0], True)
 
 
 class Search:
@@ -128,9 +128,9 @@ class Search:
                 self._found = next(self._work, True) is True
             elif self._last + 1 < len(self._samples):
                 self._last += 1
-                self.stepper.step(self._best, self._samples[self._last][0])
+                self.stepper.step(self._best, self._samples[self._last][0], True)
                 if self._sparse:
-                    self.stepper.step(self._unchanged, self._samples[self._last][0])
+                    self.stepper.step(self._unchanged, self._samples[self._last][0], True)
 
     def result(self) -> Change | None:
         """Return the likeliest change, None as long as it is not known up to the last sample."""
@@ -168,7 +168,7 @@ class Search:
         ahead = [0.0]
         for k in range(1, self._last + 1):
             sample, kept = self._samples[k]
-            self.stepper.step(self._unchanged, sample)
+            self.stepper.step(self._unchanged, sample, True)
             ahead.append(self._unchanged.log_likelihood - kept.log_likelihood)
             yield
         return ahead
@@ -191,7 +191,7 @@ class Search:
         h.mass = mass
         for k in range(place + 1, self._last + 1):
             sample = self._samples[k][0]
-            self.stepper.predict(h, sample)
+            self.stepper.predict(h, sample, True)
             if k == place + 1:
                 # It changed somewhere within this sample.
                 h.cov = h.cov + jump**2 / 12.0 * np.outer(h.sens[:, 0], h.sens[:, 0])
