@@ -214,7 +214,7 @@ class RecursivePredictionError:
         bank, mark = self.bank, self._mark
         if self._lost:
             self._relocate(measured)
-        activity = self._activity.follow(output[2:])
+        activity = self._activity.follow(output)
         self._sample = self._sample.with_reading(measured, activity)
         alone = len(bank.hypotheses) == 1
         if alone:
@@ -235,9 +235,7 @@ class RecursivePredictionError:
         status = 'ok' if self._judge.excited else 'not_excited'
         if best.misfit > SUSPECT_MISFIT:
             status = 'model_suspect'
-        innovation, deviation = best.reading * self.told
-        return Estimate(self._sample.time, mass, variance, best.variance, innovation, deviation,
-                        status)
+        return Estimate(self._sample.time, mass, variance, best.variance, *best.reading, status)
 
     def _reject(self, time: float) -> Estimate:
         self.rejected += 1

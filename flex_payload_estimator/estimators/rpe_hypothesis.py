@@ -73,7 +73,7 @@ class Hypothesis:
     sums : Array
         Score and information of the block and the two windows that go on, (2, 3).
     reading : Array
-        Innovation and its standard deviation, in units of the told noise, (2, m).
+        Innovation and its standard deviation, rad and m/m, (2, m).
 
     """
 
@@ -160,9 +160,9 @@ class Stepper:
             self.step(h, sample)
 
     def predict(self, h: Hypothesis, sample: Sample, trial: bool = False) -> None:
-        """Advance one sample; in a trial, with what of the schedule is there."""
+        """Advance one sample; in a trial, roughly."""
         level, start = self.levels[h.level], h.x
-        piece = self.schedule.cut(h.mass, math.inf if trial else h.variance)
+        piece = self.schedule.cut(h.mass, trial)
         parts, torque, floor = self._no_parts, level.told_torque, level.floor
         if not level.exact:
             parts = self.schedule.parts_at(h.mass)
@@ -199,8 +199,8 @@ class Stepper:
             gains, noise = self._gains, level.noise(sample.activity)
         x, cov, sens, mass, variance, lean, sums, reading, misfit, log_det = correct(
             h.x, h.cov, h.sens, h.mass, h.variance, h.lean, h.sums, measured,
-            self._offset(h.x, sample.time), self.output, gains, noise, self._halves,
-            self._limit, self.heaviest)
+            self._offset(h.x, sample.time), self.output, gains, noise, self.told,
+            self._halves, self._limit, self.heaviest)
         gained = -0.5 * (misfit + log_det)
         if not math.isfinite(gained):
             return False

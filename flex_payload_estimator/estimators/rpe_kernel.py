@@ -114,7 +114,7 @@ def predict(x: Array, cov: Array, sens: Array, order: Array, value: Array, slope
 @compiled
 def correct(x: Array, cov: Array, sens: Array, mass: float, variance: float, lean: Array,
             sums: Array, measured: Array, offset: Array, output: Array, gains: Array,
-            noise: Array, halves: Array, limit: float, heaviest: float
+            noise: Array, told: Array, halves: Array, limit: float, heaviest: float
             ) -> tuple[Array, Array, Array, float, float, Array, Array, Array, float, float]:
     """
     Return the hypothesis after a measurement, and its statistics.
@@ -140,6 +140,8 @@ def correct(x: Array, cov: Array, sens: Array, mass: float, variance: float, lea
         Where a strain gain acts among the part parameters, (m, p).
     noise : Array
         Variance of each channel, (m,).
+    told : Array
+        Unit of each channel, (m,).
     halves : Array
         What P + P' is multiplied with: 1/2, a little more on the diagonal, (n, n).
     limit : float
@@ -151,7 +153,7 @@ def correct(x: Array, cov: Array, sens: Array, mass: float, variance: float, lea
     -------
     tuple
         x, cov, sens, mass, variance, lean, sums; the innovation e = y - C x - offset and its
-        standard deviation per channel, (2, m); e'S^-1 e and log det S with S the innovation's
+        standard deviation per channel, times their units, (2, m); e'S^-1 e and log det S with S the innovation's
         covariance, payload included. Where the state is lost, e'S^-1 e is NaN, and nothing else
         counts.
 
@@ -189,5 +191,5 @@ def correct(x: Array, cov: Array, sens: Array, mass: float, variance: float, lea
     x = x + gain @ innovation + sens[:, 0] * (after - mass)
     keep = np.eye(x.size) - gain @ output
     cov = keep @ cov @ keep.T + (gain * noise) @ gain.T
-    return (x, halves * (cov + cov.T), sens, after, pull, lean, sums + gathered, reading, misfit,
-            np.log(spread * size))
+    return (x, halves * (cov + cov.T), sens, after, pull, lean, sums + gathered,
+            reading * told, misfit, np.log(spread * size))

@@ -75,16 +75,18 @@ class Activity:
     """How much the links bend now, and did over the last ACTIVITY_MEMORY_S."""
 
     def __init__(self, arm: ExtendedArm):
-        self.scale = 1.0 / static_strain(arm, LIVELY)[2:]
-        self.share = min(1.0, arm.step_time / ACTIVITY_MEMORY_S)
-        self.square = 0.0
+        scale = static_strain(arm, LIVELY)
+        # The mean square of the gauges, over that of a static deflection.
+        self._weights = np.zeros(scale.size)
+        self._weights[2:] = 1.0 / (scale[2:]**2 * max(scale.size - 2, 1))
+        self._share = min(1.0, arm.step_time / ACTIVITY_MEMORY_S)
+        self._square = 0.0
 
-    def follow(self, strain: Array) -> float:
-        """Return the activity, dimensionless, after a sample of the gauges, m/m."""
-        scaled = strain * self.scale
-        now = float(scaled.dot(scaled)) / max(scaled.size, 1)
-        self.square += self.share * (now - self.square)
-        return min(ACTIVITY_LIMIT, math.sqrt(max(now, self.square)))
+    def follow(self, output: Array) -> float:
+        """Return the activity, dimensionless, after a sample, rad and m/m, (m,)."""
+        now = float(self._weights.dot(output * output))
+        self._square += self._share * (now - self._square)
+        return min(ACTIVITY_LIMIT, math.sqrt(max(now, self._square)))
 
 
 def told_noise(arm: ExtendedArm) -> Array:

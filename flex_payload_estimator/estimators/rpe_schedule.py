@@ -21,8 +21,7 @@ SOFT_SHARE = 0.4
 # derivatives, which only a variance uses, stand at coarser ones.
 SLICE_STEP, PART_STEP = 4e-3, 0.1
 KEPT_SLICES, KEPT_PARTS = 128, 32
-# A payload whose standard deviation is beyond this share of (m + soft mass) is hardly known.
-VAGUE, VAGUE_SHARE = 8, 0.01
+ROUGH = 4
 
 
 def differentiation_matrix(nodes: Array) -> Array:
@@ -152,20 +151,16 @@ class PayloadSchedule:
         """Return which slice serves a payload, kg."""
         return round(math.log1p(payload / self.soft_mass) / step)
 
-    def cut(self, payload: float, variance: float = 0.0) -> PayloadSlice:
+    def cut(self, payload: float, roughly: bool = False) -> PayloadSlice:
         """
-        Return a slice that serves a payload.
+        Return a slice that serves a payload, kg.
 
-        Parameters
-        ----------
-        payload, variance : float
-            kg, and kg^2: one that is hardly known is served by every VAGUE-th slice, as it moves
-            through many and a cut takes as long as ten steps; a cubic remainder of 5e-6.
-
+        Roughly, it is one of few: the payload of a trial moves through many, and a cut takes as
+        long as ten steps. The remainder of T [A B] is 1e-6 of the largest entry then, that of its slope 1e-3.
         """
         index = self.index(payload)
-        if variance > (VAGUE_SHARE * (payload + self.soft_mass))**2:
-            index = VAGUE * round(index / VAGUE)
+        if roughly:
+            index = ROUGH * round(index / ROUGH)
         found: PayloadSlice | None = self.slices.results.get(index)
         return found or self.slices.get(index, lambda: self._cut(index))
 
