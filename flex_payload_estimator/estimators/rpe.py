@@ -21,16 +21,20 @@ from flex_plant_sim.errors import InputError
 from flex_plant_sim.robot import Robot
 import numpy as np
 
-# A gap longer than this, s, loses the state. Readings whose norm is more standard deviations of
-# noise, or commands whose norm is more than this, are none.
+# A gap longer than this, s, loses the state. A reading of more standard deviations of noise, or a
+# command of more than this, is none.
 LONGEST_GAP_S = 1.0
 LARGEST, LARGEST_COMMAND = 1e9, 1e9
 SUSPECT_MISFIT = 2.0
 
 
-def _is_command(command: Array) -> bool:
-    # A comparison with NaN is false; a product overflows to infinity without a word.
-    return bool(command.dot(command) < LARGEST_COMMAND**2)
+def _within(values: Array, limit: float) -> bool:
+    """Tell whether all are finite, and less than a limit; quicker than by NumPy for a few."""
+    for value in values.tolist():
+        # A comparison with NaN is false.
+        if not -limit < value < limit:
+            return False
+    return True
 
 
 class RecursivePredictionError:
@@ -121,8 +125,8 @@ class RecursivePredictionError:
         if output.shape != self.told.shape or command.shape != (2,):
             raise InputError(f'output, command: expected {self.told.size} and 2 numbers, got '
                              f'shapes {output.shape} and {command.shape}')
-        measured, sent = output / self.told, _is_command(command)
-        good = sent and math.isfinite(time) and bool(measured.dot(measured) < LARGEST**2)
+        measured, sent = output / self.told, _within(command, LARGEST_COMMAND)
+        good = sent and math.isfinite(time) and _within(measured, LARGEST)
         if self._time is None:
             return self._begin(time, output, measured) if good else self._reject(time)
         if sent:
@@ -155,7 +159,7 @@ class RecursivePredictionError:
 
         """
         self.conclude()
-        if self._time is None or self._ahead or not _is_command(command):
+        if self._time is None or self._ahead or not _within(command, LARGEST_COMMAND):
             return
         saved, pace = [(h, h.copy()) for h in self.bank.hypotheses], self.pace.save()
         sample, mark = self._sample, self._mark

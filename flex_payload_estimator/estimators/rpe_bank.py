@@ -139,7 +139,7 @@ class Bank:
         self.hypotheses = [changed, self.best()]
         self._doubt, self._doubt_nats = samples, nats
 
-    def widen(self, spread: Array, patience: int, recent: Recent) -> bool:
+    def widen(self, spread: Array, patience: float, recent: Recent) -> bool:
         """
         Bring larger model errors back in where the only hypothesis left no longer fits.
 
@@ -147,7 +147,7 @@ class Bank:
         ----------
         spread : Array
             Standard deviation of the state at the start, (n,).
-        patience : int
+        patience : float
             Samples for which it must not fit: a change of payload looks the same at first.
         recent : Recent
             From before: a drifting payload is tried from there.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import math
 
 from flex_payload_estimator.estimators.rpe_bank import Bank
 from flex_payload_estimator.estimators.rpe_events import ChangeDetector, Event, EventLog
@@ -79,9 +80,11 @@ class Judge:
         active = bank.best()
         self.keep(mark)
         self._marks += 1
-        if bank.decided and not self._change(active, mark.time) and not detector.busy \
-                and bank.widen(self._spread, self._block // 2, detector.recent):
-            detector.forget()
+        if bank.decided and not self._change(active, mark.time):
+            # What is searched for may explain the misfit: until then it is only counted.
+            patience = math.inf if detector.busy else self._block // 2
+            if bank.widen(self._spread, patience, detector.recent):
+                detector.forget()
         if self._marks % self._block == 0:
             self._turn(1 + self._marks // self._block % 2, mark.time)
 
