@@ -9,7 +9,7 @@ import math
 from flex_payload_estimator.estimators.base import Estimate
 from flex_payload_estimator.estimators.rpe_bank import Ahead, Bank
 from flex_payload_estimator.estimators.rpe_events import Event
-from flex_payload_estimator.estimators.rpe_hypothesis import Hypothesis, Sample
+from flex_payload_estimator.estimators.rpe_hypothesis import Hypothesis, Sample, Weighed
 from flex_payload_estimator.estimators.rpe_judge import Judge
 from flex_payload_estimator.estimators.rpe_levels import Activity
 from flex_payload_estimator.estimators.rpe_pace import Pace
@@ -84,6 +84,7 @@ class RecursivePredictionError:
         self.rejected, self._lost = 0, False
         self._activity, self._command = Activity(self.arm), np.zeros(2)
         self._ahead: Ahead | None = None
+        self._weighed: Weighed | None = None
         self._open = False
         channels, mass = self.told.size, 0.5 * self.stepper.heaviest
         self._nothing = np.full(channels, np.nan)
@@ -163,8 +164,10 @@ class RecursivePredictionError:
             return
         saved, pace = [(h, h.copy()) for h in self.bank.hypotheses], self.pace.save()
         sample, mark = self._sample, self._mark
-        self._advance(self._time + self.arm.step_time, np.array(command, dtype=float))
-        self._ahead = Ahead(np.array(command, dtype=float), saved, pace, sample, mark)
+        command = np.array(command, dtype=float)
+        self._advance(self._time + self.arm.step_time, command)
+        weighed = self.pace.fine.weigh(saved[0][0], self._sample) if len(saved) == 1 else None
+        self._ahead = Ahead(command, saved, pace, sample, mark, weighed)
 
     def _predict(self, time: float, good: bool) -> None:
         """Bring every hypothesis to the time of the sample, across a gap if there is one."""
@@ -172,8 +175,9 @@ class RecursivePredictionError:
         step, start = self.arm.step_time, self._time
         steps = max(1, round((time - start) / step))
         self._time = max(time, start) if good else time
-        ahead, self._ahead = self._ahead, None
+        ahead, self._ahead, self._weighed = self._ahead, None, None
         if ahead and steps == 1 and ahead.command.tolist() == self._command.tolist():
+            self._weighed = ahead.weighed
             return
         if ahead:
             self.pace.restore(ahead.pace)
@@ -211,7 +215,7 @@ class RecursivePredictionError:
         for h in self.bank.hypotheses:
             self.stepper.relocate(h, measured)
         self._judge.forget()
-        self._lost = False
+        self._lost, self._weighed = False, None
 
     def _learn(self, output: Array, measured: Array) -> Estimate:
         """Learn from the sample, a bank only from marks, and say what is known."""
@@ -222,7 +226,7 @@ class RecursivePredictionError:
         self._sample = self._sample.with_reading(measured, activity)
         alone = len(bank.hypotheses) == 1
         if alone:
-            self.pace.fine.correct(bank.hypotheses[0], self._sample)
+            self.pace.fine.correct(bank.hypotheses[0], self._sample, self._weighed)
         if mark:
             mark = self._mark = mark.with_reading(measured, activity)
             if not alone:

@@ -5,7 +5,12 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from flex_payload_estimator.estimators.rpe_events import EXPLAINED
-from flex_payload_estimator.estimators.rpe_hypothesis import Hypothesis, Sample, Stepper
+from flex_payload_estimator.estimators.rpe_hypothesis import (
+    Hypothesis,
+    Sample,
+    Stepper,
+    Weighed,
+)
 from flex_payload_estimator.estimators.rpe_search import Recent
 from flex_plant_sim.arm_model import Array
 import numpy as np
@@ -37,6 +42,8 @@ class Ahead(NamedTuple):
         What the pace remembered before.
     sample, mark : Sample
         The ones before.
+    weighed : Weighed or None
+        What the measurement will be worth, where one hypothesis is left.
 
     """
 
@@ -45,6 +52,7 @@ class Ahead(NamedTuple):
     pace: tuple[Any, ...]
     sample: Sample
     mark: Sample | None
+    weighed: Weighed | None
 
     def restore(self) -> None:
         """Take the prediction of every hypothesis back."""

@@ -7,7 +7,13 @@ import math
 from typing import NamedTuple
 
 from flex_payload_estimator.estimators.rpe_effects import EffectStep
-from flex_payload_estimator.estimators.rpe_kernel import correct, MASS_COLUMNS, predict
+from flex_payload_estimator.estimators.rpe_kernel import (
+    correct,
+    learn,
+    MASS_COLUMNS,
+    predict,
+    weigh,
+)
 from flex_payload_estimator.estimators.rpe_levels import Level, speed_feedback
 from flex_payload_estimator.estimators.rpe_schedule import PayloadSchedule
 from flex_payload_estimator.estimators.rpe_windows import Windows
@@ -52,6 +58,22 @@ class Sample(NamedTuple):
     def with_reading(self, measured: Array, activity: float) -> Sample:
         """Return the sample with its measurement and the activity that it shows."""
         return Sample(self.time, measured, self.command, self.before, activity, self.scatter)
+
+
+class Weighed(NamedTuple):
+    """What a measurement to come will be worth, see rpe_kernel.weigh."""
+
+    expected: Array
+    cov: Array
+    sens: Array
+    lean: Array
+    gain: Array
+    inverse: Array
+    weighted: Array
+    known: Array
+    deviation: Array
+    variance: float
+    log_det: float
 
 
 @dataclass
@@ -158,6 +180,7 @@ class Stepper:
         for level in (0, len(self.levels) - 1):
             h = self.start(level, np.zeros(channels), 0.5 * self.heaviest, self.heaviest)
             self.step(h, sample)
+            self.correct(h, sample, self.weigh(h, sample))
 
     def predict(self, h: Hypothesis, sample: Sample, trial: bool = False) -> None:
         """Advance one sample; in a trial, roughly."""
@@ -184,23 +207,38 @@ class Stepper:
         self.predict(h, sample, trial)
         self.correct(h, sample)
 
-    def correct(self, h: Hypothesis, sample: Sample) -> None:
-        """Learn from a sample that has a measurement."""
-        if sample.measured is None or self._learn(h, sample, sample.measured):
+    def weigh(self, h: Hypothesis, sample: Sample) -> Weighed | None:
+        """Return what its measurement will be worth, where the noise does not depend on it."""
+        if not self.levels[h.level].exact:
+            return None
+        found = Weighed(*weigh(
+            h.x, h.cov, h.sens, h.variance, h.lean, self._offset(h.x, sample.time), self.output,
+            self._no_gains, self._told_noise, self._halves, self._limit))
+        return found if math.isfinite(found.log_det) else None
+
+    def correct(self, h: Hypothesis, sample: Sample, weighed: Weighed | None = None) -> None:
+        """Learn from a sample that has a measurement, which may have been weighed before."""
+        if sample.measured is None or self._learn(h, sample, sample.measured, weighed):
             return
         # Across a gap, linearised about a state that it hardly knew, a filter may diverge.
         self.relocate(h, sample.measured)
-        self._learn(h, sample, sample.measured)
+        self._learn(h, sample, sample.measured, None)
 
-    def _learn(self, h: Hypothesis, sample: Sample, measured: Array) -> bool:
+    def _learn(self, h: Hypothesis, sample: Sample, measured: Array, w: Weighed | None) -> bool:
         """Correct, and tell whether the state was one that can be."""
-        level, gains, noise = self.levels[h.level], self._no_gains, self._told_noise
-        if not level.exact:
-            gains, noise = self._gains, level.noise(sample.activity)
-        x, cov, sens, mass, variance, lean, sums, reading, misfit, log_det = correct(
-            h.x, h.cov, h.sens, h.mass, h.variance, h.lean, h.sums, measured,
-            self._offset(h.x, sample.time), self.output, gains, noise, self.told,
-            self._halves, self._limit, self.heaviest)
+        if w:
+            x, mass, sums, reading, misfit = learn(
+                h.x, h.mass, h.sums, measured, w.expected, self.told, self.heaviest, w.sens,
+                w.gain, w.inverse, w.weighted, w.known, w.deviation, w.variance)
+            cov, sens, variance, lean, log_det = w.cov, w.sens, w.variance, w.lean, w.log_det
+        else:
+            level, gains, noise = self.levels[h.level], self._no_gains, self._told_noise
+            if not level.exact:
+                gains, noise = self._gains, level.noise(sample.activity)
+            x, cov, sens, mass, variance, lean, sums, reading, misfit, log_det = correct(
+                h.x, h.cov, h.sens, h.mass, h.variance, h.lean, h.sums, measured,
+                self._offset(h.x, sample.time), self.output, gains, noise, self.told,
+                self._halves, self._limit, self.heaviest)
         gained = -0.5 * (misfit + log_det)
         if not math.isfinite(gained):
             return False

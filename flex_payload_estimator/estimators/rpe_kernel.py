@@ -112,15 +112,81 @@ def predict(x: Array, cov: Array, sens: Array, order: Array, value: Array, slope
 
 
 @compiled
+def weigh(x: Array, cov: Array, sens: Array, variance: float, lean: Array, offset: Array,
+          output: Array, gains: Array, noise: Array, halves: Array, limit: float
+          ) -> tuple[Array, Array, Array, Array, Array, Array, Array, Array, Array, float,
+                     float]:
+    """
+    Return what a measurement to come will be worth: all of `correct` that does not need it.
+
+    Joseph form. Parameters as in `correct`.
+
+    Returns
+    -------
+    tuple
+        The measurement expected, (m,); P, sensitivity and lean after it; the gain (n, m); S^-1
+        (m, m) for a known payload; S^-1 psi (m, 3 + p); psi'S^-1 psi of the first columns, (3,);
+        the innovation's standard deviation per channel, payload included, (m,); the payload's
+        variance after it; log det S, payload included. Where the state is lost, log det S is
+        NaN, and nothing else counts.
+
+    """
+    expected, projected = output @ x + offset, cov @ output.T
+    total = output @ projected + np.diag(noise)
+    variances = np.diag(total).copy()
+    # A comparison with NaN is false.
+    if not (np.sum(variances) < limit and np.min(variances) > 0.0):
+        return (expected, cov, sens, lean, projected, total, projected, variances, variances,
+                variance, np.nan)
+    inverse, size = inverse_and_size(total)
+    gain = projected @ inverse
+    psi = output @ sens
+    if lean.size > 0:
+        psi[:, MASS_COLUMNS:] += gains * expected.reshape(-1, 1)
+    weighted = inverse @ psi
+    known = np.sum(psi[:, :MASS_COLUMNS] * weighted[:, :MASS_COLUMNS], axis=0)
+    spread = 1.0 + variance * known[0]
+    pull = variance / spread
+    deviation = np.sqrt(variances + variance * psi[:, 0]**2)
+    if lean.size > 0:
+        cross = np.sum(psi[:, MASS_COLUMNS:] * weighted[:, :1], axis=0)
+        lean = lean - pull * (cross + known[0] * lean)
+    keep = np.eye(len(cov)) - gain @ output
+    cov = keep @ cov @ keep.T + (gain * noise) @ gain.T
+    return (expected, halves * (cov + cov.T), sens - gain @ psi, lean, gain, inverse, weighted,
+            known, deviation, pull, np.log(spread * size))
+
+
+@compiled
+def learn(x: Array, mass: float, sums: Array, measured: Array, expected: Array, told: Array,
+          heaviest: float, sens: Array, gain: Array, inverse: Array, weighted: Array,
+          known: Array, deviation: Array, pull: float
+          ) -> tuple[Array, float, Array, Array, float]:
+    """
+    Return state, payload, sums, reading and misfit after a measurement that was weighed.
+
+    The state moves with the payload by its sensitivity, so that the whole is the augmented
+    Kalman filter in factored form (Friedland, IEEE Trans. Autom. Control 14, 1969). Parameters
+    and results as in `correct` and `weigh`.
+    """
+    innovation = measured - expected
+    score = innovation @ weighted
+    after = min(max(mass + pull * score[0], 0.0), heaviest)
+    misfit = innovation @ (inverse @ innovation) - pull * score[0] * score[0]
+    gathered, reading = sums.copy(), np.empty((2, told.size))
+    gathered[0] += score[:MASS_COLUMNS]
+    gathered[1] += known
+    reading[0], reading[1] = innovation * told, deviation * told
+    return x + gain @ innovation + sens[:, 0] * (after - mass), after, gathered, reading, misfit
+
+
+@compiled
 def correct(x: Array, cov: Array, sens: Array, mass: float, variance: float, lean: Array,
             sums: Array, measured: Array, offset: Array, output: Array, gains: Array,
             noise: Array, told: Array, halves: Array, limit: float, heaviest: float
             ) -> tuple[Array, Array, Array, float, float, Array, Array, Array, float, float]:
     """
     Return the hypothesis after a measurement, and its statistics.
-
-    Joseph form; the state moves with the payload by its sensitivity, so that the whole is the
-    augmented Kalman filter in factored form (Friedland, IEEE Trans. Autom. Control 14, 1969).
 
     Parameters
     ----------
@@ -153,43 +219,16 @@ def correct(x: Array, cov: Array, sens: Array, mass: float, variance: float, lea
     -------
     tuple
         x, cov, sens, mass, variance, lean, sums; the innovation e = y - C x - offset and its
-        standard deviation per channel, times their units, (2, m); e'S^-1 e and log det S with S the innovation's
-        covariance, payload included. Where the state is lost, e'S^-1 e is NaN, and nothing else
-        counts.
+        standard deviation per channel, times their units, (2, m); e'S^-1 e and log det S with S
+        the innovation's covariance, payload included. Where the state is lost, log det S is
+        NaN, and nothing else counts.
 
     """
-    expected = output @ x + offset
-    reading = np.empty((2, expected.size))
-    innovation = reading[0]
-    innovation[:] = measured - expected
-    projected = cov @ output.T
-    total = output @ projected + np.diag(noise)
-    variances = np.diag(total)
-    # A comparison with NaN is false.
-    if not (np.sum(variances) < limit and np.min(variances) > 0.0):
-        return x, cov, sens, mass, variance, lean, sums, reading, np.nan, np.nan
-    inverse, size = inverse_and_size(total)
-    gain = projected @ inverse
-    psi = output @ sens
-    if lean.size > 0:
-        psi[:, MASS_COLUMNS:] += gains * expected.reshape(-1, 1)
-    weighted = inverse @ psi
-    windows = psi[:, :MASS_COLUMNS] * weighted[:, :MASS_COLUMNS]
-    gathered = np.empty_like(sums)
-    gathered[0] = (innovation @ weighted)[:MASS_COLUMNS]
-    gathered[1] = np.sum(windows, axis=0)
-    pushed, known = gathered[0, 0], gathered[1, 0]
-    spread = 1.0 + variance * known
-    pull = variance / spread
-    after = min(max(mass + pull * pushed, 0.0), heaviest)
-    misfit = innovation @ (inverse @ innovation) - pull * pushed * pushed
-    reading[1] = np.sqrt(variances + variance * psi[:, 0]**2)
-    if lean.size > 0:
-        cross = np.sum(psi[:, MASS_COLUMNS:] * weighted[:, :1], axis=0)
-        lean = lean - pull * (cross + known * lean)
-    sens = sens - gain @ psi
-    x = x + gain @ innovation + sens[:, 0] * (after - mass)
-    keep = np.eye(x.size) - gain @ output
-    cov = keep @ cov @ keep.T + (gain * noise) @ gain.T
-    return (x, halves * (cov + cov.T), sens, after, pull, lean, sums + gathered,
-            reading * told, misfit, np.log(spread * size))
+    expected, cov, sens, lean, gain, inverse, weighted, known, deviation, pull, log_det = weigh(
+        x, cov, sens, variance, lean, offset, output, gains, noise, halves, limit)
+    if np.isnan(log_det):
+        return x, cov, sens, mass, variance, lean, sums, sums, np.nan, log_det
+    x, mass, sums, reading, misfit = learn(
+        x, mass, sums, measured, expected, told, heaviest, sens, gain, inverse, weighted, known,
+        deviation, pull)
+    return x, cov, sens, mass, pull, lean, sums, reading, misfit, log_det
