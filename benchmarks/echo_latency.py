@@ -58,13 +58,13 @@ def echo() -> None:
 
 
 class Samples:
-    """Measurements of an arm that moves as in the paper's experiment, over and over."""
+    """Measurements of an arm that moves as in the paper's experiment, without a break."""
 
-    def __init__(self, rate: float, arm: dict[str, Any]):
+    def __init__(self, rate: float, seconds: float, arm: dict[str, Any]):
         values = check_parameters('plant_sim', {**arm, 'sample_time': 1.0 / rate})
         simulator = simulator_of(values)
         self.gauges, self.rows = simulator.arm.robot.gauge_names, []
-        for k in range(round(8.0 * rate)):
+        for k in range(round(seconds * rate)):
             sample = simulator.measure()
             self.rows.append((sample.angle, sample.strain, sample.command))
             wanted = 0.5 if (k // round(2.0 * rate)) % 2 == 0 else -0.5
@@ -72,11 +72,11 @@ class Samples:
 
     def command(self, k: int) -> np.ndarray:
         """Return what was applied up to sample k."""
-        return self.rows[k % len(self.rows)][2]
+        return self.rows[k][2]
 
     def messages(self, k: int, stamp: int) -> tuple[JointState, JointState]:
         """Return joint_states and strain of sample k."""
-        angle, strain, command = self.rows[k % len(self.rows)]
+        angle, strain, command = self.rows[k]
         return (joint_state(stamp, JOINTS, angle, effort=command),
                 joint_state(stamp, self.gauges, strain))
 
@@ -203,7 +203,9 @@ def block(kind: str, command: list[str], options: argparse.Namespace,
 def measure(options: argparse.Namespace) -> dict[str, Any]:
     """Return the percentiles of both nodes, their ratios and the samples lost."""
     arm = {'model': options.model, 'modes': options.modes}
-    samples = Samples(options.rate, arm)
+    # At most what a block takes; a jump back to the start would be one of the arm.
+    seconds = PATIENCE + SETTLING + 2.0 * WARM_UP + options.duration / options.blocks
+    samples = Samples(options.rate, seconds, arm)
     estimator = ['-m', 'flex_payload_estimator.payload_estimator_node', '--ros-args', '-p',
                  f'sample_time:={1.0 / options.rate}', '-p', f'estimator:={options.estimator}',
                  '-p', f'model:={options.model}', '-p', f'modes:={options.modes}']

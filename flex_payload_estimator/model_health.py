@@ -135,7 +135,12 @@ class ModelHealth:
         if self._count < self.window:
             return ()
         scaled = np.roll(self._ring, -(self._count % self.window), axis=0)
-        return tuple(self._channel(name, scaled[:, k]) for k, name in enumerate(self.names))
+        nis, offsets = np.mean(scaled**2, axis=0), np.mean(scaled, axis=0)
+        whiteness = ljung_box(scaled) / LAGS
+        return tuple(
+            self._channel(name, scaled[:, k], float(nis[k]), float(whiteness[k]),
+                          float(offsets[k]))
+            for k, name in enumerate(self.names))
 
     def report(self) -> HealthReport:
         """Return the health over the last window."""
@@ -155,9 +160,8 @@ class ModelHealth:
         advice = '; a full diagnosis (flex_diagnose) is worth running' if diagnose else ''
         return f'{worst.name} does not fit the model: {worst.shape}{advice}'
 
-    def _channel(self, name: str, scaled: Array) -> ChannelHealth:
-        nis, offset = float(np.mean(scaled**2)), float(np.mean(scaled))
-        whiteness = ljung_box(scaled) / LAGS
+    def _channel(self, name: str, scaled: Array, nis: float, whiteness: float,
+                 offset: float) -> ChannelHealth:
         large = nis > self.nis_limit
         # A residual far below sigma may be coloured: R was chosen wide, the model is not wrong.
         coloured = whiteness > self.whiteness_limit and nis > 1.0
@@ -182,13 +186,20 @@ class ModelHealth:
         return 'slow error' if frequency < 0.1 / self.sample_time else 'fast error'
 
 
-def ljung_box(values: Array) -> float:
-    """Return Q = N (N + 2) sum_{k=1}^{LAGS} r_k^2 / (N - k), chi-squared with LAGS if white."""
-    centred = values - values.mean()
-    variance = centred.dot(centred)
-    if variance == 0.0:
-        return 0.0
-    count = values.size
+def ljung_box(values: Array) -> Array:
+    """
+    Return Q = N (N + 2) sum_{k=1}^{LAGS} r_k^2 / (N - k), chi-squared with LAGS if white.
+
+    Parameters
+    ----------
+    values : Array
+        (N,), or one series a column, (N, m).
+
+    """
+    centred = values - values.mean(axis=0)
+    variance = np.einsum('i...,i...->...', centred, centred)
+    count = len(values)
     lags = np.arange(1, LAGS + 1)
-    r = np.array([centred[k:].dot(centred[:-k]) for k in lags]) / variance
-    return float(count * (count + 2) * np.sum(r**2 / (count - lags)))
+    r = np.array([np.einsum('i...,i...->...', centred[k:], centred[:-k]) for k in lags])
+    r = r / np.where(variance > 0.0, variance, 1.0)
+    return np.asarray(count * (count + 2) * ((1.0 / (count - lags)) @ r**2))

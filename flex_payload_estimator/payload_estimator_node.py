@@ -25,7 +25,7 @@ from msg_config.messages import (
     set_stamp,
     stamp_of,
 )
-from msg_config.ros import payload_message
+from msg_config.ros import PayloadPublisher
 import numpy as np
 from sensor_msgs.msg import JointState
 
@@ -51,16 +51,17 @@ class PayloadEstimatorNode(SampleNode):
         super().__init__('payload_estimator', **options)
         self.estimator = self.configured(lambda: estimator_of(self.values))
         self.health = ModelHealth(self.channels, self.robot.sample_time)
-        self._payload = self.publisher('payload')
+        self._payload = PayloadPublisher(self)
         self._inertia = self.publisher('payload/inertia')
         self._innovation = self.publisher('innovation')
         # Made once and filled at every sample: making them takes longer than sending them.
         empty = np.zeros(len(self.channels))
-        self._messages = (payload_message(0.0, 0.0, 0.0), inertia_message(0, 0.0),
+        self._messages = (inertia_message(0, 0.0),
                           joint_state(0, self.channels, empty, effort=empty))
         self._estimate: Estimate | None = None
         self._reported, self._silent, self._events = 0, True, 0
         self._prepare = getattr(self.estimator, 'prepare', None)
+        self._conclude = getattr(self.estimator, 'conclude', None)
         self._prepared: int | None = None
         self.subscribe('command', self._on_command)
         self.listen('joint_states', 'strain')
@@ -78,19 +79,17 @@ class PayloadEstimatorNode(SampleNode):
         estimate = self._estimate_of(sample)
         if estimate is None:
             return None
-        payload, inertia, _ = self._messages
-        payload.data = doubles((estimate.mass, estimate.variance, estimate.p))
+        payload = self._payload.serialised(estimate.mass, estimate.variance, estimate.p)
         self._payload.publish(payload)
+        inertia = self._messages[0]
         set_stamp(inertia, sample.stamp)
         inertia.inertia.m = float(estimate.mass)
         self._inertia.publish(inertia)
+        answer = (payload, inertia) + self._answer_innovation(sample.stamp, estimate)
+        if self._conclude is not None:
+            self._conclude()
         self._watch(sample.stamp, estimate)
-        if estimate.status in NO_INNOVATION:
-            return payload, inertia
-        self.health.add(estimate.innovation, estimate.innovation_std)
-        if not self._innovation.get_subscription_count():
-            return payload, inertia
-        return (payload, inertia) + self._answer_innovation(sample.stamp, estimate)
+        return answer
 
     def _estimate_of(self, sample: Sample) -> Estimate | None:
         """Return the estimate, or the last good one where this is no number."""
@@ -120,10 +119,12 @@ class PayloadEstimatorNode(SampleNode):
             publisher.publish(message)
 
     def _answer_innovation(self, stamp: int, estimate: Estimate) -> tuple[JointState, ...]:
-        if not (np.isfinite(estimate.innovation).all()
-                and np.isfinite(estimate.innovation_std).all()):
+        """Publish the innovation, if there is one and anybody listens."""
+        if estimate.status in NO_INNOVATION or not self._innovation.get_subscription_count() \
+                or not (np.isfinite(estimate.innovation).all()
+                        and np.isfinite(estimate.innovation_std).all()):
             return ()
-        innovation = self._messages[2]
+        innovation = self._messages[1]
         set_stamp(innovation, stamp)
         innovation.position = doubles(estimate.innovation)
         innovation.effort = doubles(estimate.innovation_std)
@@ -132,6 +133,8 @@ class PayloadEstimatorNode(SampleNode):
 
     def _watch(self, stamp: int, estimate: Estimate) -> None:
         before, self._estimate = self._estimate, estimate
+        if estimate.status not in NO_INNOVATION:
+            self.health.add(estimate.innovation, estimate.innovation_std)
         changed = before is None or before.status != estimate.status
         found, self._events = self._events, len(self._changes())
         due = stamp - self._reported >= nanoseconds(DIAGNOSTICS_INTERVAL)
