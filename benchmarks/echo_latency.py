@@ -12,6 +12,7 @@ import argparse
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
+import gc
 import json
 import os
 import signal
@@ -22,7 +23,14 @@ from typing import Any
 
 from flex_plant_sim.plant_setup import simulator_of
 from geometry_msgs.msg import InertiaStamped
-from msg_config.messages import joint_state, JOINTS, nanoseconds, stamp_of
+from msg_config.messages import (
+    doubles,
+    joint_state,
+    JOINTS,
+    nanoseconds,
+    set_stamp,
+    stamp_of,
+)
 from msg_config.parameters import check_parameters
 from msg_config.ros import create_publisher
 import numpy as np
@@ -63,22 +71,29 @@ class Samples:
     def __init__(self, rate: float, seconds: float, arm: dict[str, Any]):
         values = check_parameters('plant_sim', {**arm, 'sample_time': 1.0 / rate})
         simulator = simulator_of(values)
-        self.gauges, self.rows = simulator.arm.robot.gauge_names, []
+        self.rows: list[tuple[Any, ...]] = []
         for k in range(round(seconds * rate)):
             sample = simulator.measure()
-            self.rows.append((sample.angle, sample.strain, sample.command))
+            self.rows.append(tuple(map(doubles, (sample.angle, sample.strain, sample.command))))
             wanted = 0.5 if (k // round(2.0 * rate)) % 2 == 0 else -0.5
             simulator.step(np.clip(3.0 * (wanted - sample.angle), -2.0, 2.0))
+        # Made once and filled at every sample, so that this process keeps out of the way.
+        self._joint_states, self._command = joint_state(0, JOINTS), joint_state(0, JOINTS)
+        self._strain = joint_state(0, simulator.arm.robot.gauge_names)
 
-    def command(self, k: int) -> np.ndarray:
-        """Return what was applied up to sample k."""
-        return self.rows[k][2]
+    def command(self, k: int, stamp: int) -> JointState:
+        """Return what is applied up to sample k, as a message of another stamp."""
+        set_stamp(self._command, stamp)
+        self._command.effort = self.rows[k][2]
+        return self._command
 
     def messages(self, k: int, stamp: int) -> tuple[JointState, JointState]:
         """Return joint_states and strain of sample k."""
-        angle, strain, command = self.rows[k]
-        return (joint_state(stamp, JOINTS, angle, effort=command),
-                joint_state(stamp, self.gauges, strain))
+        for message in (self._joint_states, self._strain):
+            set_stamp(message, stamp)
+        self._joint_states.position, self._strain.position, self._joint_states.effort = \
+            self.rows[k]
+        return self._joint_states, self._strain
 
 
 class Driver(Node):
@@ -146,8 +161,8 @@ class Driver(Node):
 
     def _answer(self, stamp: int) -> None:
         """Send the command that is applied from a sample on: the next sample's effort."""
-        command = self.samples.command(round(stamp * 1e-9 * self.rate) + 1)
-        self._command.publish(joint_state(stamp, JOINTS, effort=command))
+        k = round(stamp * 1e-9 * self.rate)
+        self._command.publish(self.samples.command(k + 1, stamp))
 
 
 @contextmanager
@@ -191,6 +206,8 @@ def block(kind: str, command: list[str], options: argparse.Namespace,
         driver = Driver(options.rate, samples)
         executor = EventsExecutor()
         executor.add_node(driver)
+        gc.collect()
+        gc.freeze()
         wait_for(executor, driver)
         driver.run(executor, WARM_UP + options.duration / options.blocks)
         result = latencies(driver, kind)
