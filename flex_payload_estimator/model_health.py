@@ -116,9 +116,10 @@ class ModelHealth:
 
     def add(self, innovation: Array, deviation: Array) -> None:
         """Take an innovation and its standard deviation, (m,); what is not finite is left out."""
-        # A sum is finite where its terms are; sums and comparisons are quicker than np.isfinite.
-        if not (deviation.min() > 0.0 and math.isfinite(deviation.sum())
-                and math.isfinite(innovation.sum())):
+        # A sum is finite where its terms are; for a few numbers lists are quicker than arrays.
+        deviations = deviation.tolist()
+        if not (math.isfinite(sum(deviations) + sum(innovation.tolist()))
+                and min(deviations) > 0.0):
             return
         scaled = innovation / deviation
         if not scaled.dot(scaled) < LARGEST**2:

@@ -18,7 +18,6 @@ from msg_config.messages import (
     check_finite,
     diagnostic_status,
     doubles,
-    inertia_message,
     joint_state,
     JOINTS,
     nanoseconds,
@@ -52,12 +51,10 @@ class PayloadEstimatorNode(SampleNode):
         self.estimator = self.configured(lambda: estimator_of(self.values))
         self.health = ModelHealth(self.channels, self.robot.sample_time)
         self._payload = PayloadPublisher(self)
-        self._inertia = self.publisher('payload/inertia')
         self._innovation = self.publisher('innovation')
-        # Made once and filled at every sample: making them takes longer than sending them.
+        # Made once and filled at every sample: making it takes longer than sending it.
         empty = np.zeros(len(self.channels))
-        self._messages = (inertia_message(0, 0.0),
-                          joint_state(0, self.channels, empty, effort=empty))
+        self._message = joint_state(0, self.channels, empty, effort=empty)
         self._estimate: Estimate | None = None
         self._reported, self._silent, self._events = 0, True, 0
         self._prepare = getattr(self.estimator, 'prepare', None)
@@ -79,17 +76,14 @@ class PayloadEstimatorNode(SampleNode):
         estimate = self._estimate_of(sample)
         if estimate is None:
             return None
-        payload = self._payload.serialised(estimate.mass, estimate.variance, estimate.p)
+        payload = self._payload.serialised(sample.stamp, estimate.mass, estimate.variance,
+                                           estimate.p)
         self._payload.publish(payload)
-        inertia = self._messages[0]
-        set_stamp(inertia, sample.stamp)
-        inertia.inertia.m = float(estimate.mass)
-        self._inertia.publish(inertia)
-        answer = (payload, inertia) + self._answer_innovation(sample.stamp, estimate)
+        innovation = self._answer_innovation(sample.stamp, estimate)
         if self._conclude is not None:
             self._conclude()
         self._watch(sample.stamp, estimate)
-        return answer
+        return payload, innovation
 
     def _estimate_of(self, sample: Sample) -> Estimate | None:
         """Return the estimate, or the last good one where this is no number."""
@@ -115,21 +109,23 @@ class PayloadEstimatorNode(SampleNode):
 
     def answer(self, answer: tuple[Any, ...]) -> None:
         """Publish an answer again."""
-        for publisher, message in zip((self._payload, self._inertia, self._innovation), answer):
-            publisher.publish(message)
+        payload, innovation = answer
+        self._payload.publish(payload)
+        if innovation is not None:
+            self._innovation.publish(innovation)
 
-    def _answer_innovation(self, stamp: int, estimate: Estimate) -> tuple[JointState, ...]:
+    def _answer_innovation(self, stamp: int, estimate: Estimate) -> JointState | None:
         """Publish the innovation, if there is one and anybody listens."""
         if estimate.status in NO_INNOVATION or not self._innovation.get_subscription_count() \
                 or not (np.isfinite(estimate.innovation).all()
                         and np.isfinite(estimate.innovation_std).all()):
-            return ()
-        innovation = self._messages[1]
+            return None
+        innovation = self._message
         set_stamp(innovation, stamp)
         innovation.position = doubles(estimate.innovation)
         innovation.effort = doubles(estimate.innovation_std)
         self._innovation.publish(innovation)
-        return (innovation,)
+        return innovation
 
     def _watch(self, stamp: int, estimate: Estimate) -> None:
         before, self._estimate = self._estimate, estimate

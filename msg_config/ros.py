@@ -9,6 +9,7 @@ from typing import Any
 
 from flex_plant_sim.errors import InputError
 from msg_config import load_services, load_topics, Qos
+from msg_config.messages import inertia_message, NANOSECONDS
 from msg_config.parameters import load_parameters, Parameter, Value
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -94,10 +95,10 @@ def payload_message(mass: float, variance: float, p: float) -> Float64MultiArray
 
 class PayloadPublisher:
     """
-    Publishes payload: kg, kg^2 and SF1's P.
+    Publishes payload, and payload/inertia of the same stamp.
 
-    The labels are serialised once, and the numbers, which stand behind them, at every sample:
-    somebody waits for them, and this halves the time.
+    Somebody waits for them: what never changes is serialised once, and at every sample only
+    the numbers are written into it, which halves the time.
 
     Parameters
     ----------
@@ -106,18 +107,26 @@ class PayloadPublisher:
     """
 
     def __init__(self, node: Node):
-        self._publisher = create_publisher(node, 'payload')
+        self._payload = create_publisher(node, 'payload')
+        self._inertia = create_publisher(node, 'payload/inertia')
+        # The numbers stand last; stamp and mass stand before and after the frame's name.
         self._numbers = Struct('=3d').pack
-        whole = bytes(serialize_message(payload_message(0.0, 0.0, 0.0)))
-        self._labels = whole[:len(whole) - len(self._numbers(0.0, 0.0, 0.0))]
+        self._labels = bytes(serialize_message(payload_message(0.0, 0.0, 0.0)))[:-24]
+        whole = bytes(serialize_message(inertia_message(0, 0.0)))
+        self._head, self._frame, self._rest = whole[:4], whole[12:20], whole[28:]
+        self._stamp, self._mass = Struct('=iI').pack, Struct('=d').pack
 
-    def serialised(self, mass: float, variance: float, p: float) -> bytes:
-        """Return the message as it is sent."""
-        return self._labels + self._numbers(mass, variance, p)
+    def serialised(self, stamp: int, mass: float, variance: float, p: float
+                   ) -> tuple[bytes, bytes]:
+        """Return both messages of a stamp, ns, as they are sent: kg, kg^2 and SF1's P."""
+        return (self._labels + self._numbers(mass, variance, p),
+                self._head + self._stamp(*divmod(stamp, NANOSECONDS)) + self._frame
+                + self._mass(mass) + self._rest)
 
-    def publish(self, message: bytes) -> None:
+    def publish(self, messages: tuple[bytes, bytes]) -> None:
         """Publish what `serialised` gave."""
-        self._publisher.publish(message)
+        self._payload.publish(messages[0])
+        self._inertia.publish(messages[1])
 
 
 def descriptor(row: Parameter) -> ParameterDescriptor:

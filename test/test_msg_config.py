@@ -71,6 +71,26 @@ def test_payload_message_labels_its_values() -> None:
     assert list(message.data) == [0.1, 4e-6, 2.0]
 
 
+@pytest.mark.ros
+def test_what_is_written_into_serialised_messages_is_what_comes_out() -> None:
+    from geometry_msgs.msg import InertiaStamped
+    from msg_config.messages import inertia_message
+    from msg_config.ros import payload_message, PayloadPublisher
+    import rclpy
+    from rclpy.serialization import deserialize_message
+    from std_msgs.msg import Float64MultiArray
+
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    node = rclpy.create_node('payload_estimator', context=context)
+    stamp = 7_000_000_123
+    payload, inertia = PayloadPublisher(node).serialised(stamp, 0.1, 4e-6, 2.0)
+    assert deserialize_message(payload, Float64MultiArray) == payload_message(0.1, 4e-6, 2.0)
+    assert deserialize_message(inertia, InertiaStamped) == inertia_message(stamp, 0.1)
+    node.destroy_node()
+    rclpy.shutdown(context=context)
+
+
 @pytest.mark.parametrize('node', NODES)
 def test_defaults_satisfy_their_own_rows(node: str) -> None:
     table = load_parameters()[node]
