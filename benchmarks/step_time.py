@@ -27,6 +27,7 @@ from flex_payload_estimator.lqg import LQGController
 from flex_payload_estimator.payload_model import payload_model
 from flex_payload_estimator.riccati import riccati_step
 from flex_payload_estimator.set_points import square
+from flex_plant_sim.arm_model import Array
 from flex_plant_sim.compiled import COMPILED
 from flex_plant_sim.extended_arm import ExtendedArm
 from flex_plant_sim.robot import load_robot
@@ -94,19 +95,17 @@ def part_steps(name: str, modes: int) -> Steps:
     x, u, cosine = 1e-2 * np.ones(model.states), np.array([0.1, 0.2]), math.cos(0.5)
     operator = DeltaOperator(model.states, STEP, 15, model.halvings)
     a, rates = model.rates(cosine, 0.1, x, u, 'resolvent')
-    big = operator(a)
-    a_bar = big @ a
     output, command = np.full(len(model.scale), 1e-3), np.zeros(2)
     estimator.update(0.0, output, command)
 
-    def regress() -> object:
-        return estimator.regress(0.0, output, estimator.prediction_of(x, big, rates))
+    def predict() -> Array:
+        return estimator.kalman.predict(x, a, rates, operator.room, output)
 
+    prediction = predict()
     return {'filterpy': filterpy_step(),
             'model': lambda: model.rates(cosine, 0.1, x, u, 'resolvent'),
-            'omega': lambda: operator(a),
-            'kalman': lambda: estimator.kalman.update(a_bar),
-            'regression': regress,
+            'predictor': predict,
+            'regression': lambda: estimator.regress(0.0, output, prediction),
             'lq_gain': lq_step(modes)}
 
 

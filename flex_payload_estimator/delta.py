@@ -63,26 +63,29 @@ class DeltaOperator:
     terms, halvings : int
         As in `omega`.
 
+    Attributes
+    ----------
+    room : tuple
+        What `series` takes after A.
+
     """
 
     def __init__(self, size: int, step: float, terms: int = 15, halvings: int = 0):
         if terms < 1 or halvings < 0:
             raise InputError(f"omega: expected n' >= 1 and halvings >= 0, got {terms} "
                              f'and {halvings}')
-        self._first, self._halvings = step / 2.0**halvings, halvings
-        self._coefficients = _coefficients(terms)
-        self._powers = np.empty((BLOCK, size, size))
-        self._powers[0] = np.eye(size)
-        self._fourth = np.empty((size, size))
+        powers = np.empty((BLOCK, size, size))
+        powers[0] = np.eye(size)
+        self.room = (step / 2.0**halvings, _coefficients(terms), powers, np.empty((size, size)),
+                     halvings)
 
     def __call__(self, a: Array) -> Array:
         """Return Omega of A, (n, n)."""
-        return _series(a, self._first, self._coefficients, self._powers, self._fourth,
-                       self._halvings)
+        return series(a, *self.room)
 
 
 @compiled
-def _series(a: Array, first: float, coefficients: Array, powers: Array, fourth: Array,
+def series(a: Array, first: float, coefficients: Array, powers: Array, fourth: Array,
             halvings: int) -> Array:
     """Return Omega of A; powers (BLOCK, n, n) begins with I, the rest is room to work in."""
     x, square = powers[1], powers[2]

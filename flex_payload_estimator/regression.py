@@ -3,32 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 from flex_payload_estimator.payload_model import PayloadModel
 from flex_plant_sim.arm_model import Array
 from flex_plant_sim.compiled import compiled
 import numpy as np
-
-
-class Prediction(NamedTuple):
-    """
-    The state predicted for this sample, (25), each (n,).
-
-    Attributes
-    ----------
-    state : Array
-        x^0 + m_{t-1} x^m.
-    part : Array
-        x^m, per kg.
-    slope : Array
-        What x^m is with the tangent split, per kg.
-
-    """
-
-    state: Array
-    part: Array
-    slope: Array
 
 
 @dataclass(frozen=True)
@@ -84,24 +63,25 @@ def regression(row: Array, composite: float, predicted_0: Array,
 
 
 @compiled
-def compared(state: Array, part: Array, slope: Array, scaled: Array, mass: float,
-             weights: Array, row: Array, output: Array, covariance: Array, noise: Array,
-             scale: Array) -> tuple[float, float, float, float, float, Array, Array]:
+def compared(prediction: Array, scaled: Array, mass: float, weights: Array, row: Array,
+             columns: Array, covariance: Array, noise: Array, scale: Array
+             ) -> tuple[float, float, float, float, float, Array]:
     """
     Return what a sample says beside its prediction.
 
     Parameters
     ----------
-    state, part, slope : Array
-        See Prediction, (n,).
+    prediction : Array
+        State x^0 + m x^m, part x^m and slope x' per kg of (25), (3, n); x' is what x^m is with
+        the tangent split.
     scaled : Array
         The sample, rad and V, (m,).
     mass : float
         m_{t-1}, kg.
     weights, row : Array
         See CompositeMeasurement.
-    output, covariance, noise : Array
-        C-bar (m, n), P (n, n) of the predictor and R_2, (m, m).
+    columns, covariance, noise : Array
+        C-bar' (n, m), P (n, n) of the predictor and the diagonal of R_2, (m,).
     scale : Array
         From (rad, rad, m/m…) to (rad, rad, V…), (m,).
 
@@ -109,12 +89,15 @@ def compared(state: Array, part: Array, slope: Array, scaled: Array, mass: float
     -------
     tuple
         psi_t and phi_t of (28); C-bar' x' (rad/kg); C-bar' P C-bar''; the mean of (innovation /
-        standard deviation)^2; innovation and standard deviation, rad and m/m, (m,).
+        standard deviation)^2; innovation and standard deviation, rad and m/m, (2, m).
 
     """
+    state, part = prediction[0], prediction[1]
     psi, phi = regression(row, np.dot(weights, scaled), state - mass * part, part)
-    innovation = scaled - np.dot(output, state)
-    variances = np.diag(np.dot(np.dot(output, covariance), output.T) + noise)
+    innovation = scaled - np.dot(state, columns)
+    variances = np.sum(columns * np.dot(covariance, columns), axis=0) + noise
     surprise = np.dot(innovation, innovation / variances) / len(scale)
-    return (psi, phi, np.dot(row, slope), np.dot(row, np.dot(covariance, row)), surprise,
-            innovation / scale, np.sqrt(variances) / scale)
+    reading = np.empty((2, len(scale)))
+    reading[0], reading[1] = innovation / scale, np.sqrt(variances) / scale
+    return (psi, phi, np.dot(row, prediction[2]), np.dot(row, np.dot(covariance, row)), surprise,
+            reading)

@@ -10,7 +10,7 @@ from flex_payload_estimator.delta import DeltaOperator
 from flex_payload_estimator.estimators.base import Estimate
 from flex_payload_estimator.kalman import KalmanPredictor
 from flex_payload_estimator.payload_model import payload_model
-from flex_payload_estimator.regression import compared, CompositeMeasurement, Prediction
+from flex_payload_estimator.regression import compared, CompositeMeasurement
 from flex_payload_estimator.sf1 import bounded, Regressor, sf1_update, SF1Settings, SF1State
 from flex_plant_sim.arm_model import Array
 from flex_plant_sim.errors import InputError
@@ -67,6 +67,11 @@ class SF1EstimatorSettings:
                              f'{self.regression!r}')
 
 
+def is_finite(values: Array) -> bool:
+    """Tell whether all are finite; for a few, a list is quicker than an array."""
+    return all(map(math.isfinite, values.tolist()))
+
+
 PAPER_SETTINGS = SF1EstimatorSettings(regression='paper', exact=False)
 
 
@@ -103,6 +108,8 @@ class SF1Estimator:
         self.kalman = KalmanPredictor(self.model.output, settings.r_1 * np.eye(n),
                                       settings.r_2 * np.eye(m), self.step)
         self._omega = DeltaOperator(n, self.step, settings.terms, self.halvings)
+        self._columns = np.ascontiguousarray(self.model.output.T)
+        self._sample_noise = np.full(m, settings.r_2)
         self._reference = self._settled_noise()
         self.reset()
         for _ in range(2):
@@ -128,15 +135,14 @@ class SF1Estimator:
         self.kalman.reset()
         self.state = np.zeros(self.model.states)
         self.sf1 = SF1State.start(self.settings.sf1)
-        self._output: Array | None = None
+        self._output = np.zeros(0)
         self._angle, self._started = 0.0, False
         self._command = np.zeros(2)
-        self._ahead: tuple[Array, Prediction, tuple[Array, Array | None]] | None = None
+        self._ahead: tuple[Array, Array, Array] | None = None
         self._information, self._surprise, self._samples = 0.0, 1.0, PRIOR_SAMPLES
         self._noise = self._reference
-        channels = len(self.model.output)
-        self._last = self._estimate(0.0, np.zeros(channels), 1.0 / self.model.scale,
-                                    'not_excited')
+        reading = np.stack([np.zeros(self.model.scale.size), 1.0 / self.model.scale])
+        self._last = self._estimate(0.0, reading, 'not_excited')
 
     def update(self, time: float, output: Array, command: Array) -> Estimate:
         """
@@ -162,31 +168,31 @@ class SF1Estimator:
         if np.shape(output) != self.model.scale.shape:
             raise InputError(f'output: expected {len(self.model.scale)} numbers, '
                              f'got shape {np.shape(output)}')
-        scaled = self.model.scale * output
-        sent = bool(np.isfinite(command).all())
-        good = sent and bool(np.isfinite(scaled).all())
+        # Another layout in memory would be compiled for while the sample waits.
+        scaled, command = self.model.scale * output, np.array(command, dtype=float)
+        sent = is_finite(command)
+        good = sent and is_finite(scaled)
         if sent:
-            # Another layout in memory would be compiled for while the sample waits.
-            self._command = np.array(command, dtype=float)
+            self._command = command
         if not self._started:
             return self._begin(time, scaled) if good else self._reject(time)
         prediction = self._predict()
         if not good:
-            self.state, self._output = prediction.state, None
+            self.state, self._output = prediction[0], np.zeros(0)
             return self._reject(time)
         return self.regress(time, scaled, prediction)
 
     def _begin(self, time: float, scaled: Array) -> Estimate:
         self.state[:2] = scaled[:2]
         self._started = True
-        nothing = np.zeros_like(self.state)
-        return self._finish(time, scaled, *self._compared(
-            Prediction(self.state, nothing, nothing), scaled)[4:])
+        prediction = np.zeros((3, self.state.size))
+        prediction[0] = self.state
+        return self._finish(time, scaled, *self._compared(prediction, scaled)[4:])
 
-    def _compared(self, prediction: Prediction, scaled: Array) -> tuple[Any, ...]:
-        return compared(*prediction, scaled, self.sf1.mass, self.composite.weights,
-                        self.composite.row, self.kalman.output, self.kalman.covariance,
-                        self.kalman.r_2, self.model.scale)
+    def _compared(self, prediction: Array, scaled: Array) -> tuple[Any, ...]:
+        return compared(prediction, scaled, self.sf1.mass, self.composite.weights,
+                        self.composite.row, self._columns, self.kalman.covariance,
+                        self._sample_noise, self.model.scale)
 
     def prepare(self, command: Array) -> None:
         """
@@ -199,54 +205,28 @@ class SF1Estimator:
             otherwise, it predicts again.
 
         """
-        if self._started and self._ahead is None and np.isfinite(command).all():
-            self._command = np.array(command, dtype=float)
-            self._ahead = self._command, self._predict(), self._moved
+        command = np.array(command, dtype=float)
+        if self._started and self._ahead is None and is_finite(command):
+            self._command = command
+            before = self.kalman.covariance
+            self._ahead = self._command, self._predict(), before
 
-    def _predict(self) -> Prediction:
-        """Return (25), with P moved on."""
+    def _predict(self) -> Array:
+        """Return (25) as rows, see `compared`, with P moved on."""
         if self._ahead is not None:
-            command, prediction, moved = self._ahead
+            command, prediction, before = self._ahead
             self._ahead = None
-            return prediction if np.array_equal(command, self._command) else self._from(*moved)
-        a, rates = self._rates()
-        big = self._omega(a)
-        self._moved = big, self._move_on(big.dot(a))
-        return self._from(*self._moved, rates)
+            if command.tolist() == self._command.tolist():
+                return prediction
+            self.kalman.covariance = before
+        a, rates = self.model.rates(math.cos(self._angle), self.sf1.mass, self.state,
+                                    self._command, self.settings.regression)
+        return self.kalman.predict(self.state, a, rates, self._omega.room, self._output)
 
-    def _rates(self) -> tuple[Array, Array]:
-        return self.model.rates(math.cos(self._angle), self.sf1.mass, self.state, self._command,
-                                self.settings.regression)
-
-    def _move_on(self, a_bar: Array) -> Array | None:
-        """Move P on and return T K (y - C x), or None without a y."""
-        if self._output is None:
-            self.kalman.skip(a_bar)
-            return None
-        gain = self.kalman.update(a_bar)
-        correction: Array = self.step * gain.dot(
-            self._output - self.model.output.dot(self.state))
-        return correction
-
-    def _from(self, big: Array, correction: Array | None,
-              rates: Array | None = None) -> Prediction:
-        prediction = self.prediction_of(
-            self.state, big, self._rates()[1] if rates is None else rates)
-        if correction is None:
-            return prediction
-        return prediction._replace(state=prediction.state + correction)
-
-    def prediction_of(self, state: Array, big: Array, rates: Array) -> Prediction:
-        """Return (25) without its innovation, from Omega and the model's rates."""
-        change = self.step * rates.T.dot(big.T)
-        return Prediction(state + change[0], change[1], change[2])
-
-    def regress(self, time: float, scaled: Array, prediction: Prediction) -> Estimate:
+    def regress(self, time: float, scaled: Array, prediction: Array) -> Estimate:
         """Regress (28), (29) on a prediction and carry the state on."""
-        state, part, _ = prediction
         mass = self.sf1.mass
-        psi, phi, seen, spread, surprise, innovation, deviation = self._compared(
-            prediction, scaled)
+        psi, phi, seen, spread, surprise, reading = self._compared(prediction, scaled)
         self._measure_noise(psi - phi * mass)
         weight = 1.0
         if self.settings.regression == 'resolvent':
@@ -256,10 +236,10 @@ class SF1Estimator:
         self.sf1 = bounded(updated, 0.0, self.settings.mass_max)
         self._information += (sample.slope * sample.slope / self._noise
                               - self.step / MEMORY * self._information)
-        self.state = state
+        self.state = prediction[0]
         if self.settings.regression == 'resolvent':
-            self.state = state + (self.sf1.mass - mass) * part
-        return self._finish(time, scaled, surprise, innovation, deviation)
+            self.state = prediction[0] + (self.sf1.mass - mass) * prediction[1]
+        return self._finish(time, scaled, surprise, reading)
 
     def _measure_noise(self, error: float) -> None:
         """Follow the variance of e over the last MEMORY: R_1 and R_2 are tuning, not noise."""
@@ -267,8 +247,7 @@ class SF1Estimator:
         floor = FLOOR * self._composite_noise
         self._noise = max(floor, self._noise + (error * error - self._noise) / self._samples)
 
-    def _finish(self, time: float, scaled: Array, surprise: float, innovation: Array,
-                deviation: Array) -> Estimate:
+    def _finish(self, time: float, scaled: Array, surprise: float, reading: Array) -> Estimate:
         self._output, self._angle = scaled, float(scaled[1])
         self._surprise += min(1.0, self.step / MEMORY) * (surprise - self._surprise)
         status = 'ok'
@@ -276,14 +255,13 @@ class SF1Estimator:
             status = 'model_suspect'
         elif self._information * self.settings.sf1.variance_0 < EXCITED:
             status = 'not_excited'
-        self._last = self._estimate(time, innovation, deviation, status)
+        self._last = self._estimate(time, reading, status)
         return self._last
 
     def _reject(self, time: float) -> Estimate:
         self._last = replace(self._last, time=time, status='input_rejected')
         return self._last
 
-    def _estimate(self, time: float, innovation: Array, deviation: Array,
-                  status: str) -> Estimate:
-        return Estimate(time, self.sf1.mass, self.sf1.variance, self.sf1.p, innovation,
-                        deviation, status)
+    def _estimate(self, time: float, reading: Array, status: str) -> Estimate:
+        return Estimate(time, self.sf1.mass, self.sf1.variance, self.sf1.p, reading[0],
+                        reading[1], status)
