@@ -156,10 +156,9 @@ class ExtendedArm:
         return bool(self._friction or self._contact)
 
     @property
-    def has_constant_friction(self) -> bool:
-        """Tell whether dry friction of a fixed level decides within a step, and nothing else."""
-        return (bool(self._friction) and not self._contact
-                and not any(effect.varying_friction for effect in self._friction))
+    def has_gap(self) -> bool:
+        """Tell whether a backlash opens or closes within a step."""
+        return bool(self._contact)
 
     @property
     def acts_on_output(self) -> bool:

@@ -82,7 +82,7 @@ class Predictor:
         self.record: Record = windows.record
         self.arm = arm = base.arm(self.record.payload)
         self.weights = barycentric_weights(np.cos(self.record.output[:, 1]), arm.nodes)
-        self.gain = steady_gain(arm, self._force_variance(arm), noise)
+        self.gain = self.gain_of(arm)
         self.states = np.zeros((len(self.record.time), arm.states))
         for _ in range(PASSES):
             self.states = self._filter(arm)
@@ -96,10 +96,7 @@ class Predictor:
                              (share * self.base.level[0], share * self.base.level[1]))
 
     def gain_of(self, arm: ExtendedArm) -> Array:
-        """Return the base's gain, or a new one where the arm has other states."""
-        if arm.states == self.states.shape[1] and np.array_equal(
-                arm.output_matrix, self.arm.output_matrix):
-            return self.gain
+        """Return an arm's steady gain: another arm's may be unstable with it."""
         return steady_gain(arm, self._force_variance(arm), self.noise)
 
     def innovations(self, effects: Sequence[Effect] = (), robot: Robot | None = None,
@@ -114,7 +111,7 @@ class Predictor:
         robot : Robot, optional
             In place of the base's.
         gain : Array, optional
-            (K, n, m); the base's by default, which needs the same states.
+            (K, n, m); the arm's own by default.
 
         """
         if any(hasattr(effect, 'modes') for effect in effects):
@@ -246,7 +243,7 @@ class _Run:
         """Return the predicted states along windows, rows (S, W): (S, W, B, n)."""
         if not self.arm.has_contact:
             return scan(self.closed, self.inputs, start, rows)
-        if self.arm.has_constant_friction:
+        if not self.arm.has_gap:
             return scan(self.closed, self.inputs, start, rows, self._friction())
         states = np.empty(rows.shape + self.inputs.shape[1:])
         state = np.repeat(start[:, None], self.inputs.shape[1], axis=1)
@@ -258,10 +255,11 @@ class _Run:
         return states
 
     def _friction(self) -> Friction:
-        motion = self.arm.motion(self.trajectory[0], self.command[0], self.time[0])
-        shape = (self.inputs.shape[1], 2)
+        # Its levels, like smooth forces, are those at the speeds of the base's trajectory.
+        motion = self.arm.motion(self.trajectory, self.command, self.time)
+        shape = self.inputs.shape[:2] + (2,)
         limits = np.stack([np.broadcast_to(limit, shape)
-                           for limit in self.arm.friction_limits(motion)], axis=1)
+                           for limit in self.arm.friction_limits(motion)], axis=2)
         columns, reach = self.arm.friction_columns(self.response)
         return Friction(columns, reach, limits, self.arm.form.order)
 

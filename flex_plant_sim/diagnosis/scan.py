@@ -26,7 +26,7 @@ class Friction:
     reach : Array
         What each does to its own joint's velocity, (N, 2).
     limits : Array
-        Torques available against forward and backward motion, N m, (B, 2 ways, 2 joints).
+        Torques available against forward and backward motion, N m, (N, B, 2 ways, 2 joints).
     velocity : int
         Place of the first joint velocity in the state.
 
@@ -72,7 +72,7 @@ def scan(closed: Array, inputs: Array, start: Array, rows: Indices,
         state = np.matmul(state, np.swapaxes(closed[row], 1, 2)) + inputs[row]
         if friction is not None:
             joints = state[..., friction.velocity:friction.velocity + 2]
-            limits = friction.limits
+            limits = friction.limits[row]
             torque = np.clip(joints / friction.reach[row][:, None], -limits[..., 1, :],
                              limits[..., 0, :])
             state = state - np.matmul(torque, np.swapaxes(friction.columns[row], 1, 2))
@@ -114,7 +114,8 @@ def _loops_friction(closed: Array, inputs: Array, start: Array, rows: Indices, c
                     states[k + 1, w, b, i] = total
                 for j in range(2):
                     stopping = states[k + 1, w, b, velocity + j] / reach[row, j]
-                    torque[j] = max(-limits[b, 1, j], min(stopping, limits[b, 0, j]))
+                    torque[j] = max(-limits[row, b, 1, j],
+                                    min(stopping, limits[row, b, 0, j]))
                 for i in range(n):
                     states[k + 1, w, b, i] -= (columns[row, i, 0] * torque[0]
                                                + columns[row, i, 1] * torque[1])

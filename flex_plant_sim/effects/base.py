@@ -86,7 +86,6 @@ class Effect(ABC):
     Values are floats, or arrays (B, 1) where a batch of arms differs in them; hooks that build
     matrices (on_robot, on_form, on_state_space) or move a joint's angle, on which the matrices
     depend, take floats only. `structural` says which.
-    `varying_friction` says that dry_friction looks at the motion.
     """
 
     identifier: ClassVar[str]
@@ -95,7 +94,6 @@ class Effect(ABC):
     parameters: ClassVar[tuple[Parameter, ...]]
     sites: ClassVar[str]
     structural: ClassVar[bool] = False
-    varying_friction: ClassVar[bool] = False
 
     site: str
     values: tuple[Any, ...]

@@ -23,7 +23,6 @@ class StribeckFriction(Effect):
         Parameter('extra_n_m', 'N m', 0.0, 0.0, 20.0, (0.3, 1.0), 0.05),
         Parameter('speed_rad_per_s', 'rad/s', 0.1, 0.01, 2.0, (0.05, 0.2), np.inf))
     sites = 'joint'
-    varying_friction = True
 
     def dry_friction(self, motion: Motion) -> tuple[Array, Array]:
         """Return the level both ways at the present speed, N m."""
