@@ -85,7 +85,8 @@ class RecursivePredictionError:
         self._activity, self._command = Activity(self.arm), np.zeros(2)
         self._ahead: Ahead | None = None
         self._weighed: Weighed | None = None
-        self._open = False
+        # What is left to do: conclusions of the last sample, the prediction of this one.
+        self._open = self._due = False
         channels, mass = self.told.size, 0.5 * self.stepper.heaviest
         self._nothing = np.full(channels, np.nan)
         self._last = Estimate(0.0, mass, mass**2 / 3.0, mass**2 / 3.0, np.zeros(channels),
@@ -193,13 +194,15 @@ class RecursivePredictionError:
                 for k in range(1, steps):
                     self._advance(start + k * step, self._command)
                     self._judge.keep(self._mark)
+        self._due = good and not self._lost and len(self.bank.hypotheses) == 1
         self._advance(start + step if time <= start else time, self._command)
 
     def _advance(self, time: float, command: Array) -> None:
         """Predict one sample; a bank, where this is a mark, from the last one on."""
         self._sample, self._mark = self.pace.advance(time, command, self._sample.activity)
         if len(self.bank.hypotheses) == 1:
-            self.pace.fine.predict(self.bank.hypotheses[0], self._sample)
+            if not self._due:
+                self.pace.fine.predict(self.bank.hypotheses[0], self._sample)
         elif self._mark:
             for h in self.bank.hypotheses:
                 self.stepper.predict(h, self._mark)
@@ -226,7 +229,11 @@ class RecursivePredictionError:
         self._sample = self._sample.with_reading(measured, activity)
         alone = len(bank.hypotheses) == 1
         if alone:
-            self.pace.fine.correct(bank.hypotheses[0], self._sample, self._weighed)
+            if self._due:
+                self._due = False
+                self.pace.fine.step(bank.hypotheses[0], self._sample)
+            else:
+                self.pace.fine.correct(bank.hypotheses[0], self._sample, self._weighed)
         if mark:
             mark = self._mark = mark.with_reading(measured, activity)
             if not alone:
@@ -243,7 +250,8 @@ class RecursivePredictionError:
         status = 'ok' if self._judge.excited else 'not_excited'
         if best.misfit > SUSPECT_MISFIT:
             status = 'model_suspect'
-        return Estimate(self._sample.time, mass, variance, best.variance, *best.reading, status)
+        return Estimate(self._sample.time, mass, variance, best.variance, best.reading[0],
+                        best.reading[1], status)
 
     def _reject(self, time: float) -> Estimate:
         self.rejected += 1

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from flex_payload_estimator.estimators.rpe_effects import EffectStep
 from flex_payload_estimator.estimators.rpe_kernel import (
@@ -12,10 +12,11 @@ from flex_payload_estimator.estimators.rpe_kernel import (
     learn,
     MASS_COLUMNS,
     predict,
+    step,
     weigh,
 )
 from flex_payload_estimator.estimators.rpe_levels import Level, speed_feedback
-from flex_payload_estimator.estimators.rpe_schedule import PayloadSchedule
+from flex_payload_estimator.estimators.rpe_schedule import PayloadSchedule, PayloadSlice
 from flex_payload_estimator.estimators.rpe_windows import Windows
 from flex_plant_sim.arm_model import Array
 import numpy as np
@@ -157,6 +158,8 @@ class Stepper:
         states = self.output.shape[1]
         self._halves = 0.5 * (np.ones((states, states)) + JITTER * np.eye(states))
         self._speed = speed_feedback(effects.arm)
+        # Where nothing comes between prediction and correction one call does both.
+        self._plain = not (effects.moves or effects.arm.acts_on_output)
         self._cov = np.diag(spread**2)
         self._limit = LOST * float(((self.output * spread)**2).sum())
 
@@ -179,31 +182,51 @@ class Stepper:
         sample = Sample(0.0, np.zeros(channels), np.zeros(2), 1.0, 1.0)
         for level in (0, len(self.levels) - 1):
             h = self.start(level, np.zeros(channels), 0.5 * self.heaviest, self.heaviest)
-            self.step(h, sample)
+            self.predict(h, sample)
+            self.correct(h, sample)
             self.correct(h, sample, self.weigh(h, sample))
+            self.step(h, sample)
 
     def predict(self, h: Hypothesis, sample: Sample, trial: bool = False) -> None:
         """Advance one sample; in a trial, roughly."""
-        level, start = self.levels[h.level], h.x
-        piece = self.schedule.cut(h.mass, trial)
-        parts, torque, floor = self._no_parts, level.told_torque, level.floor
-        if not level.exact:
-            parts = self.schedule.parts_at(h.mass)
-            torque = level.torque(sample.before, sample.command - self._speed @ start)
-            floor = sample.before**2 * floor
-        if sample.scatter is not None:
-            torque = np.hypot(torque, sample.scatter)
-        h.x, h.cov, h.sens = predict(
-            h.x, h.cov, h.sens, self.schedule.order, piece.value, piece.slopes,
-            parts, h.mass - piece.payload, sample.command, torque, floor)
+        level, start, piece = self.levels[h.level], h.x, self.schedule.cut(h.mass, trial)
+        h.x, h.cov, h.sens = predict(*self._before(h, level, piece, sample))
         if level.drift:
             self.drift(h, level.drift**2 * self.effects.arm.step_time)
         if self.effects.moves:
             h.x = self.effects.push(piece.payload, start, h.x, sample.command,
                                     sample.time - self.effects.arm.step_time)
 
+    def _before(self, h: Hypothesis, level: Level, piece: PayloadSlice, sample: Sample
+                ) -> tuple[Any, ...]:
+        """Return what the kernel's prediction takes."""
+        parts, torque, floor = self._no_parts, level.told_torque, level.floor
+        if not level.exact:
+            parts = self.schedule.parts_at(h.mass)
+            torque = level.torque(sample.before, sample.command - self._speed @ h.x)
+            floor = sample.before**2 * floor
+        if sample.scatter is not None:
+            torque = np.hypot(torque, sample.scatter)
+        return (h.x, h.cov, h.sens, self.schedule.order, piece.value, piece.slopes, parts,
+                h.mass - piece.payload, sample.command, torque, floor)
+
+    def _at(self, h: Hypothesis, level: Level, sample: Sample) -> tuple[Any, ...]:
+        """Return what the kernel's correction takes after x, P and s."""
+        gains, noise = self._no_gains, self._told_noise
+        if not level.exact:
+            gains, noise = self._gains, level.noise(sample.activity)
+        return (h.mass, h.variance, h.lean, h.sums, sample.measured,
+                self._offset(h.x, sample.time), self.output, gains, noise, self.told,
+                self._halves, self._limit, self.heaviest)
+
     def step(self, h: Hypothesis, sample: Sample, trial: bool = False) -> None:
         """Advance one sample, and learn from it."""
+        level = self.levels[h.level]
+        if self._plain and sample.measured is not None and not level.drift:
+            piece = self.schedule.cut(h.mass, trial)
+            if self._take(h, *step(*self._before(h, level, piece, sample),
+                                   *self._at(h, level, sample))):
+                return
         self.predict(h, sample, trial)
         self.correct(h, sample)
 
@@ -218,27 +241,27 @@ class Stepper:
 
     def correct(self, h: Hypothesis, sample: Sample, weighed: Weighed | None = None) -> None:
         """Learn from a sample that has a measurement, which may have been weighed before."""
-        if sample.measured is None or self._learn(h, sample, sample.measured, weighed):
+        if sample.measured is None or self._learn(h, sample, weighed):
             return
         # Across a gap, linearised about a state that it hardly knew, a filter may diverge.
         self.relocate(h, sample.measured)
-        self._learn(h, sample, sample.measured, None)
+        self._learn(h, sample, None)
 
-    def _learn(self, h: Hypothesis, sample: Sample, measured: Array, w: Weighed | None) -> bool:
+    def _learn(self, h: Hypothesis, sample: Sample, w: Weighed | None) -> bool:
         """Correct, and tell whether the state was one that can be."""
         if w:
             x, mass, sums, reading, misfit = learn(
-                h.x, h.mass, h.sums, measured, w.expected, self.told, self.heaviest, w.sens,
+                h.x, h.mass, h.sums, sample.measured, w.expected, self.told, self.heaviest, w.sens,
                 w.gain, w.inverse, w.weighted, w.known, w.deviation, w.variance)
-            cov, sens, variance, lean, log_det = w.cov, w.sens, w.variance, w.lean, w.log_det
-        else:
-            level, gains, noise = self.levels[h.level], self._no_gains, self._told_noise
-            if not level.exact:
-                gains, noise = self._gains, level.noise(sample.activity)
-            x, cov, sens, mass, variance, lean, sums, reading, misfit, log_det = correct(
-                h.x, h.cov, h.sens, h.mass, h.variance, h.lean, h.sums, measured,
-                self._offset(h.x, sample.time), self.output, gains, noise, self.told,
-                self._halves, self._limit, self.heaviest)
+            return self._take(h, x, w.cov, w.sens, mass, w.variance, w.lean, sums, reading,
+                              misfit, w.log_det)
+        return self._take(h, *correct(h.x, h.cov, h.sens,
+                                      *self._at(h, self.levels[h.level], sample)))
+
+    def _take(self, h: Hypothesis, x: Array, cov: Array, sens: Array, mass: float,
+              variance: float, lean: Array, sums: Array, reading: Array, misfit: float,
+              log_det: float) -> bool:
+        """Take the kernel's results, where they are finite."""
         gained = -0.5 * (misfit + log_det)
         if not math.isfinite(gained):
             return False
@@ -246,7 +269,7 @@ class Stepper:
         h.sums, h.reading = sums, reading
         h.log_likelihood += gained
         h.recent += gained - self.memory * h.recent
-        h.misfit += self.memory * (misfit / measured.size - h.misfit)
+        h.misfit += self.memory * (misfit / self.told.size - h.misfit)
         return True
 
     def _offset(self, x: Array, time: float) -> Array:

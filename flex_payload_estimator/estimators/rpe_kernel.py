@@ -232,3 +232,17 @@ def correct(x: Array, cov: Array, sens: Array, mass: float, variance: float, lea
         x, mass, sums, measured, expected, told, heaviest, sens, gain, inverse, weighted, known,
         deviation, pull)
     return x, cov, sens, mass, pull, lean, sums, reading, misfit, log_det
+
+
+@compiled
+def step(x: Array, cov: Array, sens: Array, order: Array, value: Array, slopes: Array,
+         parts: Array, away: float, command: Array, torque: Array, floor: Array, mass: float,
+         variance: float, lean: Array, sums: Array, measured: Array, offset: Array,
+         output: Array, gains: Array, noise: Array, told: Array, halves: Array, limit: float,
+         heaviest: float
+         ) -> tuple[Array, Array, Array, float, float, Array, Array, Array, float, float]:
+    """Return what `correct` does after `predict`: one call where nothing is between them."""
+    x, cov, sens = predict(x, cov, sens, order, value, slopes, parts, away, command, torque,
+                           floor)
+    return correct(x, cov, sens, mass, variance, lean, sums, measured, offset, output, gains,
+                   noise, told, halves, limit, heaviest)
