@@ -86,7 +86,7 @@ class DeltaOperator:
 
 @compiled
 def series(a: Array, first: float, coefficients: Array, powers: Array, fourth: Array,
-            halvings: int) -> Array:
+           halvings: int) -> Array:
     """Return Omega of A; powers (BLOCK, n, n) begins with I, the rest is room to work in."""
     x, square = powers[1], powers[2]
     np.multiply(a, first, x)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from flex_plant_sim.compiled import compiled
 from flex_plant_sim.errors import InputError
 
 
@@ -113,14 +114,20 @@ def sf1_update(state: SF1State, sample: Regressor, weight: float, settings: SF1S
     (29) is none: (29) is least squares for var(e) = 1, and its forgetting restores P, not V.
 
     """
-    phi, p = sample.phi, state.p
+    return SF1State(*sf1_step(state.mass, state.p, state.variance, *sample, weight,
+                              settings.alpha_0, settings.alpha_1, settings.drift * step))
+
+
+@compiled
+def sf1_step(mass: float, p: float, variance: float, psi: float, phi: float, slope: float,
+             noise: float, weight: float, alpha_0: float, alpha_1: float, walk: float
+             ) -> tuple[float, float, float]:
+    """Return mass, P and variance after one sample, see `sf1_update`; walk in kg^2."""
     kappa = p * phi * weight / (1.0 + phi * p * phi * weight)
-    mass = state.mass + kappa * (sample.psi - phi * state.mass)
-    forgotten = (settings.alpha_1 - settings.alpha_0) / settings.alpha_1 * p + settings.alpha_0
-    rest = 1.0 - kappa * sample.slope
-    variance = rest * rest * (state.variance + settings.drift * step) \
-        + kappa * kappa * sample.noise
-    return SF1State(mass, (1.0 - kappa * phi) * forgotten, variance)
+    rest = 1.0 - kappa * slope
+    forgotten = (alpha_1 - alpha_0) / alpha_1 * p + alpha_0
+    return (mass + kappa * (psi - phi * mass), (1.0 - kappa * phi) * forgotten,
+            rest * rest * (variance + walk) + kappa * kappa * noise)
 
 
 def bounded(state: SF1State, low: float, high: float) -> SF1State:

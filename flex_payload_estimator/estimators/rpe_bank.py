@@ -5,13 +5,9 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from flex_payload_estimator.estimators.rpe_events import EXPLAINED
-from flex_payload_estimator.estimators.rpe_hypothesis import (
-    Hypothesis,
-    Sample,
-    Stepper,
-    Weighed,
-)
+from flex_payload_estimator.estimators.rpe_hypothesis import Hypothesis, Sample, Weighed
 from flex_payload_estimator.estimators.rpe_search import Recent
+from flex_payload_estimator.estimators.rpe_stepper import Stepper
 from flex_plant_sim.arm_model import Array
 import numpy as np
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 import math
 
-from flex_payload_estimator.estimators.rpe_hypothesis import Hypothesis, Sample, Stepper
+from flex_payload_estimator.estimators.rpe_hypothesis import Hypothesis, Sample
 from flex_payload_estimator.estimators.rpe_search import Change, Recent, Search, STEPS_PER_S
+from flex_payload_estimator.estimators.rpe_stepper import Stepper
 
 # A change must also be larger than a wrong model's errors look, share of the payload.
 SMALLEST_SHARE = 0.1

@@ -7,10 +7,11 @@ from dataclasses import replace
 import math
 
 from flex_payload_estimator.estimators.rpe_effects import EffectStep
-from flex_payload_estimator.estimators.rpe_hypothesis import Sample, Stepper
+from flex_payload_estimator.estimators.rpe_hypothesis import Sample
 from flex_payload_estimator.estimators.rpe_levels import levels, start_spread, told_noise
 from flex_payload_estimator.estimators.rpe_parts import gain_columns, tabulated
 from flex_payload_estimator.estimators.rpe_settings import RpeSettings
+from flex_payload_estimator.estimators.rpe_stepper import Stepper
 from flex_plant_sim.arm_model import Array
 from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.extended_arm import ExtendedArm

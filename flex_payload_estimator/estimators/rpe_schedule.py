@@ -156,7 +156,8 @@ class PayloadSchedule:
         Return a slice that serves a payload, kg.
 
         Roughly, it is one of few: the payload of a trial moves through many, and a cut takes as
-        long as ten steps. The remainder of T [A B] is 1e-6 of the largest entry then, that of its slope 1e-3.
+        long as ten steps. The remainder of T [A B] is then 1e-6 of the largest entry, that of
+        its slope 1e-3.
         """
         index = self.index(payload)
         if roughly:

@@ -6,7 +6,8 @@ from collections import deque
 from collections.abc import Generator, Iterator
 from typing import NamedTuple
 
-from flex_payload_estimator.estimators.rpe_hypothesis import Hypothesis, Sample, Stepper
+from flex_payload_estimator.estimators.rpe_hypothesis import Hypothesis, Sample
+from flex_payload_estimator.estimators.rpe_stepper import Stepper
 import numpy as np
 
 # Payloads tried beside the best guess, as shares of the way to it.

@@ -11,8 +11,9 @@ from flex_payload_estimator.estimators.base import Estimate
 from flex_payload_estimator.kalman import KalmanPredictor
 from flex_payload_estimator.payload_model import payload_model
 from flex_payload_estimator.regression import compared, CompositeMeasurement
-from flex_payload_estimator.sf1 import bounded, Regressor, sf1_update, SF1Settings, SF1State
+from flex_payload_estimator.sf1 import bounded, sf1_step, SF1Settings, SF1State
 from flex_plant_sim.arm_model import Array
+from flex_plant_sim.compiled import compiled
 from flex_plant_sim.errors import InputError
 from flex_plant_sim.robot import Robot
 import numpy as np
@@ -67,6 +68,52 @@ class SF1EstimatorSettings:
                              f'{self.regression!r}')
 
 
+@compiled
+def regressed(prediction: Array, scaled: Array, mass: float, p: float, variance: float,
+              noise: float, samples: float, weights: Array, row: Array, columns: Array,
+              covariance: Array, sample_noise: Array, scale: Array, composite_noise: float,
+              reference: float, constants: tuple[float, float, float, float], resolvent: bool
+              ) -> tuple[Array, float, float, float, float, float, float, Array]:
+    """
+    Return what (28), (29) make of a prediction and a sample.
+
+    Parameters
+    ----------
+    prediction, scaled, weights, row, columns, covariance, sample_noise, scale
+        See `compared`.
+    mass, p, variance : float
+        See SF1State.
+    noise, samples : float
+        Variance of e, rad^2, and over how many samples it is averaged: R_1 and R_2 are tuning,
+        not noise.
+    composite_noise, reference : float
+        Variance of the composite measurement and of its settled innovation, rad^2.
+    constants : tuple
+        alpha_0, alpha_1, the payload's walk in a sample, kg^2, and its largest value, kg.
+    resolvent : bool
+        Normalise, and carry the state on by (24).
+
+    Returns
+    -------
+    tuple
+        State (n,); mass, P, variance; the variance of e; what the sample told, per kg^2; surprise
+        and reading of `compared`.
+
+    """
+    psi, phi, seen, spread, surprise, reading = compared(
+        prediction, scaled, mass, weights, row, columns, covariance, sample_noise, scale)
+    error = psi - phi * mass
+    noise = max(FLOOR * composite_noise, noise + (error * error - noise) / samples)
+    weight = reference / (spread + composite_noise) if resolvent else 1.0
+    alpha_0, alpha_1, walk, largest = constants
+    after, p, variance = sf1_step(mass, p, variance, psi, phi, seen, noise, weight, alpha_0,
+                                  alpha_1, walk)
+    state = prediction[0].copy()
+    if resolvent:
+        state += (min(max(after, 0.0), largest) - mass) * prediction[1]
+    return state, after, p, variance, noise, seen * seen / noise, surprise, reading
+
+
 def is_finite(values: Array) -> bool:
     """Tell whether all are finite; for a few, a list is quicker than an array."""
     return all(map(math.isfinite, values.tolist()))
@@ -110,6 +157,8 @@ class SF1Estimator:
         self._omega = DeltaOperator(n, self.step, settings.terms, self.halvings)
         self._columns = np.ascontiguousarray(self.model.output.T)
         self._sample_noise = np.full(m, settings.r_2)
+        self._constants = (settings.sf1.alpha_0, settings.sf1.alpha_1,
+                           settings.sf1.drift * self.step, settings.mass_max)
         self._reference = self._settled_noise()
         self.reset()
         for _ in range(2):
@@ -141,8 +190,8 @@ class SF1Estimator:
         self._ahead: tuple[Array, Array, Array] | None = None
         self._information, self._surprise, self._samples = 0.0, 1.0, PRIOR_SAMPLES
         self._noise = self._reference
-        reading = np.stack([np.zeros(self.model.scale.size), 1.0 / self.model.scale])
-        self._last = self._estimate(0.0, reading, 'not_excited')
+        scale = self.model.scale
+        self._last = self._estimate(0.0, np.stack([0.0 * scale, 1.0 / scale]), 'not_excited')
 
     def update(self, time: float, output: Array, command: Array) -> Estimate:
         """
@@ -185,8 +234,7 @@ class SF1Estimator:
     def _begin(self, time: float, scaled: Array) -> Estimate:
         self.state[:2] = scaled[:2]
         self._started = True
-        prediction = np.zeros((3, self.state.size))
-        prediction[0] = self.state
+        prediction = np.stack([self.state, 0.0 * self.state, 0.0 * self.state])
         return self._finish(time, scaled, *self._compared(prediction, scaled)[4:])
 
     def _compared(self, prediction: Array, scaled: Array) -> tuple[Any, ...]:
@@ -225,27 +273,15 @@ class SF1Estimator:
 
     def regress(self, time: float, scaled: Array, prediction: Array) -> Estimate:
         """Regress (28), (29) on a prediction and carry the state on."""
-        mass = self.sf1.mass
-        psi, phi, seen, spread, surprise, reading = self._compared(prediction, scaled)
-        self._measure_noise(psi - phi * mass)
-        weight = 1.0
-        if self.settings.regression == 'resolvent':
-            weight = self._reference / (spread + self._composite_noise)
-        sample = Regressor(psi, phi, seen, self._noise)
-        updated = sf1_update(self.sf1, sample, weight, self.settings.sf1, self.step)
-        self.sf1 = bounded(updated, 0.0, self.settings.mass_max)
-        self._information += (sample.slope * sample.slope / self._noise
-                              - self.step / MEMORY * self._information)
-        self.state = prediction[0]
-        if self.settings.regression == 'resolvent':
-            self.state = prediction[0] + (self.sf1.mass - mass) * prediction[1]
-        return self._finish(time, scaled, surprise, reading)
-
-    def _measure_noise(self, error: float) -> None:
-        """Follow the variance of e over the last MEMORY: R_1 and R_2 are tuning, not noise."""
         self._samples = min(self._samples + 1.0, MEMORY / self.step)
-        floor = FLOOR * self._composite_noise
-        self._noise = max(floor, self._noise + (error * error - self._noise) / self._samples)
+        self.state, mass, p, variance, self._noise, told, surprise, reading = regressed(
+            prediction, scaled, *self.sf1, self._noise, self._samples, self.composite.weights,
+            self.composite.row, self._columns, self.kalman.covariance, self._sample_noise,
+            self.model.scale, self._composite_noise, self._reference, self._constants,
+            self.settings.regression == 'resolvent')
+        self.sf1 = bounded(SF1State(mass, p, variance), 0.0, self.settings.mass_max)
+        self._information += told - self.step / MEMORY * self._information
+        return self._finish(time, scaled, surprise, reading)
 
     def _finish(self, time: float, scaled: Array, surprise: float, reading: Array) -> Estimate:
         self._output, self._angle = scaled, float(scaled[1])
