@@ -10,10 +10,9 @@ from flex_payload_estimator.delta import DeltaOperator
 from flex_payload_estimator.estimators.base import Estimate
 from flex_payload_estimator.kalman import KalmanPredictor
 from flex_payload_estimator.payload_model import payload_model
-from flex_payload_estimator.regression import compared, CompositeMeasurement
-from flex_payload_estimator.sf1 import bounded, sf1_step, SF1Settings, SF1State
+from flex_payload_estimator.regression import compared, CompositeMeasurement, regressed
+from flex_payload_estimator.sf1 import bounded, SF1Settings, SF1State
 from flex_plant_sim.arm_model import Array
-from flex_plant_sim.compiled import compiled
 from flex_plant_sim.errors import InputError
 from flex_plant_sim.robot import Robot
 import numpy as np
@@ -26,7 +25,6 @@ EXCITED = 9.0
 SUSPECT = 9.0
 SETTLING = 200
 PRIOR_SAMPLES = 2.0
-FLOOR = 1e-6
 
 
 @dataclass(frozen=True)
@@ -66,52 +64,6 @@ class SF1EstimatorSettings:
         if self.regression not in ('paper', 'resolvent'):
             raise InputError('regression: expected paper or resolvent, got '
                              f'{self.regression!r}')
-
-
-@compiled
-def regressed(prediction: Array, scaled: Array, mass: float, p: float, variance: float,
-              noise: float, samples: float, weights: Array, row: Array, columns: Array,
-              covariance: Array, sample_noise: Array, scale: Array, composite_noise: float,
-              reference: float, constants: tuple[float, float, float, float], resolvent: bool
-              ) -> tuple[Array, float, float, float, float, float, float, Array]:
-    """
-    Return what (28), (29) make of a prediction and a sample.
-
-    Parameters
-    ----------
-    prediction, scaled, weights, row, columns, covariance, sample_noise, scale
-        See `compared`.
-    mass, p, variance : float
-        See SF1State.
-    noise, samples : float
-        Variance of e, rad^2, and over how many samples it is averaged: R_1 and R_2 are tuning,
-        not noise.
-    composite_noise, reference : float
-        Variance of the composite measurement and of its settled innovation, rad^2.
-    constants : tuple
-        alpha_0, alpha_1, the payload's walk in a sample, kg^2, and its largest value, kg.
-    resolvent : bool
-        Normalise, and carry the state on by (24).
-
-    Returns
-    -------
-    tuple
-        State (n,); mass, P, variance; the variance of e; what the sample told, per kg^2; surprise
-        and reading of `compared`.
-
-    """
-    psi, phi, seen, spread, surprise, reading = compared(
-        prediction, scaled, mass, weights, row, columns, covariance, sample_noise, scale)
-    error = psi - phi * mass
-    noise = max(FLOOR * composite_noise, noise + (error * error - noise) / samples)
-    weight = reference / (spread + composite_noise) if resolvent else 1.0
-    alpha_0, alpha_1, walk, largest = constants
-    after, p, variance = sf1_step(mass, p, variance, psi, phi, seen, noise, weight, alpha_0,
-                                  alpha_1, walk)
-    state = prediction[0].copy()
-    if resolvent:
-        state += (min(max(after, 0.0), largest) - mass) * prediction[1]
-    return state, after, p, variance, noise, seen * seen / noise, surprise, reading
 
 
 def is_finite(values: Array) -> bool:
