@@ -110,11 +110,30 @@ def _inverse_by_lapack(matrix: Array) -> Array:
 
 
 @compiled
-def _inverse_by_numba(matrix: Array) -> Array:
-    return np.linalg.inv(matrix)  # type: ignore[return-value]
+def _inverse_by_loops(matrix: Array) -> Array:
+    """Return the inverse by Gauss and Jordan, with the largest pivot of a column."""
+    size = len(matrix)
+    rest, found = matrix.copy(), np.eye(size)
+    for c in range(size):
+        p = c + np.argmax(np.abs(rest[c:, c]))
+        for k in range(size):
+            rest[c, k], rest[p, k] = rest[p, k], rest[c, k]
+            found[c, k], found[p, k] = found[p, k], found[c, k]
+        scale = 1.0 / rest[c, c]
+        for k in range(size):
+            rest[c, k] *= scale
+            found[c, k] *= scale
+        for i in range(size):
+            share = rest[i, c]
+            if i != c and share != 0.0:
+                for k in range(size):
+                    rest[i, k] -= share * rest[c, k]
+                    found[i, k] -= share * found[c, k]
+    return found
 
 
-inverse = _inverse_by_numba if COMPILED else _inverse_by_lapack
+# LAPACK's calls are quicker only beside plain Python.
+inverse = _inverse_by_loops if COMPILED else _inverse_by_lapack
 
 
 def check_kind(kind: str) -> None:
