@@ -8,6 +8,8 @@ staggered windows (what a payload change then would have done), dx/d(part parame
 
 from __future__ import annotations
 
+import math
+
 from flex_plant_sim.arm_model import Array
 from flex_plant_sim.compiled import COMPILED, compiled
 import numpy as np
@@ -135,7 +137,7 @@ def weigh(x: Array, cov: Array, sens: Array, variance: float, lean: Array, offse
     total = output @ projected + np.diag(noise)
     variances = np.diag(total).copy()
     # A comparison with NaN is false.
-    if not (np.sum(variances) < limit and np.min(variances) > 0.0):
+    if not (variances.sum() < limit and variances.min() > 0.0):
         return (expected, cov, sens, lean, projected, total, projected, variances, variances,
                 variance, np.nan)
     inverse, size = inverse_and_size(total)
@@ -144,12 +146,12 @@ def weigh(x: Array, cov: Array, sens: Array, variance: float, lean: Array, offse
     if lean.size > 0:
         psi[:, MASS_COLUMNS:] += gains * expected.reshape(-1, 1)
     weighted = inverse @ psi
-    known = np.sum(psi[:, :MASS_COLUMNS] * weighted[:, :MASS_COLUMNS], axis=0)
+    known = (psi[:, :MASS_COLUMNS] * weighted[:, :MASS_COLUMNS]).sum(axis=0)
     spread = 1.0 + variance * known[0]
     pull = variance / spread
     deviation = np.sqrt(variances + variance * psi[:, 0]**2)
     if lean.size > 0:
-        cross = np.sum(psi[:, MASS_COLUMNS:] * weighted[:, :1], axis=0)
+        cross = (psi[:, MASS_COLUMNS:] * weighted[:, :1]).sum(axis=0)
         lean = lean - pull * (cross + known[0] * lean)
     keep = np.eye(len(cov)) - gain @ output
     cov = keep @ cov @ keep.T + (gain * noise) @ gain.T
@@ -226,7 +228,7 @@ def correct(x: Array, cov: Array, sens: Array, mass: float, variance: float, lea
     """
     expected, cov, sens, lean, gain, inverse, weighted, known, deviation, pull, log_det = weigh(
         x, cov, sens, variance, lean, offset, output, gains, noise, halves, limit)
-    if np.isnan(log_det):
+    if math.isnan(log_det):
         return x, cov, sens, mass, variance, lean, sums, sums, np.nan, log_det
     x, mass, sums, reading, misfit = learn(
         x, mass, sums, measured, expected, told, heaviest, sens, gain, inverse, weighted, known,
