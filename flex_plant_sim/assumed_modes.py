@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 from flex_plant_sim.arm_model import (
     angle_rows,
@@ -20,9 +21,18 @@ import numpy as np
 
 
 def assumed_modes(robot: Robot, modes: int) -> SecondOrderForm:
-    """Return the energy form of links that bend in statically complete shapes."""
+    """Return the energy form of links that bend in statically complete shapes; read only."""
+    return _form(replace(robot, effects=()), modes)
+
+
+@lru_cache(maxsize=8)
+def _form(robot: Robot, modes: int) -> SecondOrderForm:
     shapes = (RitzShapes.of(robot.links[0].beam(modes)), RitzShapes.of(robot.links[1].beam(modes)))
-    return energy_form(robot, shapes, modes)
+    form = energy_form(robot, shapes, modes)
+    for part in vars(form).values():
+        if isinstance(part, np.ndarray):
+            part.setflags(write=False)
+    return form
 
 
 def energy_form(robot: Robot, shapes: tuple[Shapes, Shapes], modes: int) -> SecondOrderForm:

@@ -73,7 +73,7 @@ class ExtendedArm:
         self._torque = tuple(e for e in effects if type(e).force is not Effect.force)
         self._friction = tuple(e for e in effects
                                if type(e).dry_friction is not Effect.dry_friction)
-        self._contact = tuple(e for e in effects if type(e).on_step is not Effect.on_step)
+        self.gaps = tuple(e for e in effects if type(e).on_step is not Effect.on_step)
         self._output = tuple(e for e in effects if type(e).on_output is not Effect.on_output)
         self._check_reduced()
 
@@ -119,7 +119,7 @@ class ExtendedArm:
         The change while the contact is open, and what unit impulses at its start do.
         """
         changes = []
-        for effect in self._contact:
+        for effect in self.gaps:
             form = effect.open_form(self.form, self.robot)
             plant = self._with_states(state_space(form, self.nodes, self.payload))
             opened = Schedule.of(plant, self.nodes, self.step_time)
@@ -153,12 +153,12 @@ class ExtendedArm:
     @property
     def has_contact(self) -> bool:
         """Tell whether dry friction or backlash decides within a step."""
-        return bool(self._friction or self._contact)
+        return bool(self._friction or self.gaps)
 
     @property
-    def has_gap(self) -> bool:
-        """Tell whether a backlash opens or closes within a step."""
-        return bool(self._contact)
+    def has_friction(self) -> bool:
+        """Tell whether dry friction decides within a step."""
+        return bool(self._friction)
 
     @property
     def acts_on_output(self) -> bool:
@@ -213,7 +213,7 @@ class ExtendedArm:
 
     def apply_contact(self, e: Array, state: Array, after: Array, motion: Motion) -> Array:
         """Return the state one step later with backlash and dry friction, given it without."""
-        for effect, opening in zip(self._contact, self.openings):
+        for effect, opening in zip(self.gaps, self.openings):
             f, g, impulse = opening.at(np.cos(motion.position[..., 1]))
             parted = after + _apply(f, state) + _apply(g, motion.command)
             after = effect.on_step(after, parted, state, impulse @ self.form.force, motion)

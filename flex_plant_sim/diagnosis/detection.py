@@ -13,7 +13,7 @@ import numpy as np
 
 SIGMAS = 4.5
 SHAPES, MOST_SHAPES = 0.75, 4
-SECANTS, CLOSE, SMALLEST_SHARE = 6, 0.2, 0.01
+SECANTS, CLOSE, SMALLEST_SHARE = 5, 0.3, 0.01
 
 
 def detection_limits(problem: Problem, base: Fit, allowed: Array, duration: float,
@@ -50,7 +50,7 @@ def _shapes(hypothesis: Hypothesis, duration: float) -> Array:
     for start in starts[nearest]:
         away = np.sign((start - hypothesis.null)[hypothesis.sizes])
         if away.any():
-            found.setdefault((*away, *start[~hypothesis.sizes]), start)
+            found.setdefault((*away, *start[np.logical_not(hypothesis.sizes)]), start)
     return np.array(list(found.values()))
 
 
@@ -65,7 +65,7 @@ def _smallest(problem: Problem, projector: Projector, hypothesis: Hypothesis, st
     k, away = int(np.argmax(hypothesis.sizes)), start - hypothesis.null
     sizes = hypothesis.sizes & (away != 0.0)
     bound = np.where(away > 0.0, hypothesis.high, hypothesis.low)
-    reach = float(np.min(((bound - hypothesis.null)[sizes] / away[sizes])))
+    reach = float(np.min((bound - hypothesis.null)[sizes] / away[sizes]))
     hidden, shown, share = 0.0, np.inf, 1.0
     for _ in range(SECANTS):
         values = np.where(sizes, hypothesis.null + share * away, start)

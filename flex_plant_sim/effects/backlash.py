@@ -68,8 +68,10 @@ class Backlash(Effect):
         k = motion.form.names.index(self.coordinate)
         drive, half = motion.robot.drives[j], 0.5 * self['gap_rad']
         angle, speed, lead, slip = (state[..., i:i + 1] for i in (j, n + j, k, n + k))
-        motor = drive.torque_gain * motion.command[..., j:j + 1]
-        turn, rate = _rotor(drive.inertia, drive.damping, motor, speed - slip, motion.step)
+        _, damping, step, mean, end = self.rotor(motion.robot, motion.step)
+        steady = drive.torque_gain * motion.command[..., j:j + 1] / damping
+        away = speed - slip - steady
+        turn, rate = step * (steady + away * mean), steady + away * end
         apart = lead + parted[..., j:j + 1] - angle - turn
         is_open = np.abs(apart) < half
         met = np.clip(apart, -half, half)
@@ -80,13 +82,14 @@ class Backlash(Effect):
         result[..., n + k:n + k + 1] = np.where(is_open, parted[..., n + j:n + j + 1] - rate, 0.0)
         return result
 
+    def rotor(self, robot: Robot, step: float) -> tuple[float, float, float, float, float]:
+        """
+        Return inertia, damping and step of the rotor alone, and how far its speed decays.
 
-def _rotor(inertia: float, damping: float, torque: Array, speed: Array,
-           step: float) -> tuple[Array, Array]:
-    """Return the turn and the end speed of a rotor alone, exact for a held torque."""
-    damping = max(damping, 1e-6 * inertia / step)
-    decay = damping * step / inertia
-    steady = torque / damping
-    mean = -np.expm1(-decay) / decay
-    return (step * (steady + (speed - steady) * mean),
-            steady + (speed - steady) * np.exp(-decay))
+        The last two are the mean and the end of a speed that was 1, exact for a held torque.
+        """
+        drive = robot.drives[self.index]
+        damping = max(drive.damping, 1e-6 * drive.inertia / step)
+        decay = damping * step / drive.inertia
+        return (drive.inertia, damping, step, float(-np.expm1(-decay) / decay),
+                float(np.exp(-decay)))

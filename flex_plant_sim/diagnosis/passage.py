@@ -1,0 +1,159 @@
+"""One arm driven through a record: the predictor's matrices and its inputs, sample by sample."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from flex_plant_sim.arm_model import Array
+from flex_plant_sim.compiled import COMPILED
+from flex_plant_sim.diagnosis.scan import Friction, Gaps, scan, scan_with_gaps
+from flex_plant_sim.diagnosis.windows import Indices, Record
+from flex_plant_sim.effects.backlash import Backlash
+from flex_plant_sim.effects.base import Effect
+from flex_plant_sim.extended_arm import ExtendedArm
+import numpy as np
+
+if TYPE_CHECKING:
+    from flex_plant_sim.diagnosis.predictor import Predictor
+
+
+@dataclass(frozen=True)
+class Matrices:
+    """
+    The predictor's matrices at some samples of a record.
+
+    Attributes
+    ----------
+    closed : Array
+        F - K C, (N, n, n).
+    drive : Array
+        [G, E, K], (N, n, 2 + order + m).
+
+    """
+
+    closed: Array
+    drive: Array
+
+    @classmethod
+    def of(cls, predictor: Predictor, arm: ExtendedArm, gain: Array, used: Indices) -> Matrices:
+        """Interpolate them at the samples used, (N,)."""
+        n = arm.states
+        weights, table = payload_schedule(arm, predictor.record.time[used],
+                                          predictor.weights_of(arm)[used])
+        table = table.reshape(len(table), n, -1)
+        k = np.tile(gain, (len(table) // arm.nodes.size, 1, 1))
+        closed = (table[..., :n] - k @ arm.output_matrix).reshape(len(table), -1)
+        drive = np.concatenate([table[..., n:], k], axis=-1).reshape(len(table), -1)
+        return cls((weights @ closed).reshape(len(weights), n, n),
+                   (weights @ drive).reshape(len(weights), n, -1))
+
+
+class Run:
+    """One arm driven through some samples of a record, (N,): their inputs."""
+
+    def __init__(self, predictor: Predictor, arm: ExtendedArm, matrices: Matrices,
+                 used: Indices, batch: int):
+        record = predictor.record
+        self.arm, self.time = arm, record.time[used][:, None]
+        self.command = at_drive(arm, record)[used]
+        measured = undo_sensors(arm, record)[used]
+        m, order = record.output.shape[1], arm.form.order
+        self.closed, self.response = matrices.closed, matrices.drive[..., 2:2 + order]
+        trajectory = predictor.started(arm)[:, None]
+        self.measured, self.trajectory = measured, trajectory[used]
+        ahead = trajectory[np.minimum(used + 1, len(trajectory) - 1)]
+        motion = arm.motion(0.5 * (self.trajectory + ahead), self.command, self.time)
+        parts = (self.command, arm.smooth_force(motion), measured)
+        drive = np.concatenate([np.broadcast_to(part, (len(used), batch, width))
+                                for part, width in zip(parts, (2, order, m))], axis=-1)
+        self.inputs = np.matmul(drive, np.swapaxes(matrices.drive, 1, 2))
+
+    def states(self, rows: Indices, start: Array) -> Array:
+        """Return the predicted states along windows, rows (S, W): (S, W, B, n)."""
+        friction = self._friction() if self.arm.has_friction else None
+        if not self.arm.gaps:
+            return scan(self.closed, self.inputs, start, rows, friction)
+        if COMPILED:
+            return scan_with_gaps(self.closed, self.inputs, start, rows, friction, self._gaps())
+        states = np.empty(rows.shape + self.inputs.shape[1:])
+        state = np.repeat(start[:, None], self.inputs.shape[1], axis=1)
+        for k, row in enumerate(rows):
+            states[k] = state
+            after = np.matmul(state, np.swapaxes(self.closed[row], 1, 2)) + self.inputs[row]
+            motion = self.arm.motion(state, self.command[row], self.time[row])
+            state = self.arm.apply_contact(self.response[row][:, None], state, after, motion)
+        return states
+
+    def _gaps(self) -> Gaps:
+        """Return the backlashes, opening at the angles of the base's trajectory."""
+        command = np.broadcast_to(self.command, (len(self.command), self.inputs.shape[1], 2))
+        opened, pushed, impulse, motor, rotor, places = [], [], [], [], [], []
+        for effect, opening in zip(self.arm.gaps, self.arm.openings):
+            assert isinstance(effect, Backlash)
+            f, g, e = opening.at(np.cos(self.trajectory[:, 0, 1]))
+            opened.append(f)
+            pushed.append(np.matmul(command, np.swapaxes(g, 1, 2)))
+            impulse.append((e @ self.arm.form.force)[..., effect.index])
+            drive = self.arm.robot.drives[effect.index]
+            motor.append(drive.torque_gain * command[..., effect.index])
+            rotor.append((*effect.rotor(self.arm.robot, self.arm.step_time),
+                          0.5 * effect['gap_rad']))
+            places.append((effect.index, self.arm.form.names.index(effect.coordinate)))
+        return Gaps(np.stack(opened), np.stack(pushed), np.stack(impulse), np.stack(motor),
+                    np.array(rotor), np.array(places))
+
+    def _friction(self) -> Friction:
+        # Its levels, like smooth forces, are those at the speeds of the base's trajectory.
+        motion = self.arm.motion(self.trajectory, self.command, self.time)
+        shape = self.inputs.shape[:2] + (2,)
+        limits = np.stack([np.broadcast_to(limit, shape)
+                           for limit in self.arm.friction_limits(motion)], axis=2)
+        columns, reach = self.arm.friction_columns(self.response)
+        return Friction(columns, reach, limits, self.arm.form.order)
+
+
+def at_drive(arm: ExtendedArm, record: Record) -> Array:
+    """Return the command at the drive, (N, 1 or B, 2)."""
+    limits = np.array([drive.command_limit for drive in arm.robot.drives])
+    command = np.clip(record.command, -limits, limits)[:, None, :]
+    for effect in arm.effects:
+        if type(effect).on_command is not Effect.on_command:
+            memory = effect.memory(arm.robot.sample_time)
+            padded = np.concatenate([np.zeros((memory,) + command.shape[1:]), command])
+            history = np.zeros(command.shape[:-1] + (0, 2)) if memory == 0 else np.stack(
+                [padded[k:k + len(command)] for k in range(memory)], axis=-2)
+            command = effect.on_command(command, history, record.time[:, None],
+                                        arm.robot.sample_time)
+    return command
+
+
+def undo_sensors(arm: ExtendedArm, record: Record) -> Array:
+    """Return the outputs before the (affine) sensor effects, (N, 1 or B, m)."""
+    measured = record.output[:, None, :]
+    if not arm.acts_on_output:
+        return measured
+    time, m = record.time[:, None], record.output.shape[1]
+    zero = arm.sense(np.zeros((len(time), 1, m)), time)
+    columns = [arm.sense(np.broadcast_to(unit, (1, 1, m)), time[:1]) - zero[:1]
+               for unit in np.eye(m)]
+    # One inverse for all samples: a sensor's gain does not change with time.
+    inverse = np.linalg.inv(np.stack(columns, axis=-1))
+    return np.asarray(np.matmul(inverse, (measured - zero)[..., None])[..., 0], dtype=float)
+
+
+def payload_schedule(arm: ExtendedArm, time: Array, weights: Array) -> tuple[Array, Array]:
+    """Return weights over schedule nodes, times payload nodes while the payload changes."""
+    mass = np.full(len(time), arm.payload)
+    for effect in arm.effects:
+        mass = np.asarray(effect.payload_at(time, mass), dtype=float)
+    nodes = np.unique([mass.min(), mass.max()])
+    if nodes.size == 1:
+        return weights, arm.at_payload(float(nodes[0])).schedule.table
+    if np.any((mass > nodes[0]) & (mass < nodes[1])):
+        nodes = np.array([nodes[0], nodes.mean(), nodes[1]])
+    tables = [arm.at_payload(float(m)).schedule.table for m in nodes]
+    share = np.linalg.solve(np.vander(nodes, increasing=True).T,
+                            np.vander(mass, nodes.size, increasing=True).T).T
+    both = (share[:, :, None] * weights[:, None, :]).reshape(len(mass), -1)
+    return both, np.concatenate(tables)

@@ -1,0 +1,55 @@
+"""The diagnosis' one-step predictor and what a record would have shown."""
+
+from __future__ import annotations
+
+from flex_plant_sim.compiled import COMPILED
+from flex_plant_sim.diagnosis import passage
+from flex_plant_sim.diagnosis.detection import detection_limits
+from flex_plant_sim.diagnosis.fit import settle
+from flex_plant_sim.diagnosis.predictor import Base
+from flex_plant_sim.diagnosis.search import Data
+from flex_plant_sim.effects import catalogue
+import numpy as np
+import pytest
+from simulated_records import effects, predictor, REFERENCE, simulated
+
+GAPS = ('backlash:joint_1:gap_rad=0.01,sensor_behind_gear=0',
+        'backlash:joint_2:gap_rad=0.006,sensor_behind_gear=1')
+
+
+@pytest.mark.skipif(not COMPILED, reason='Numba is not installed: there is nothing to compare')
+@pytest.mark.parametrize('more', [(), ('coulomb_friction:joint_2:level_n_m=0.3',)])
+def test_compiled_gaps_open_and_close_as_step_by_step(
+        more: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+    p, hidden = predictor(simulated(duration=24.0), locked=False), effects(*GAPS, *more)
+    fast = p.innovations(hidden)
+    monkeypatch.setattr(passage, 'COMPILED', False)
+    slow = p.innovations(hidden)
+    moved = np.max(np.abs(slow - p.innovations()), axis=(0, 1, 2))
+    # One opens at the angle of the base's trajectory, the other at that of its own state.
+    assert np.all(np.max(np.abs(fast - slow), axis=(0, 1, 2)) < 0.003 * moved)
+
+
+@pytest.mark.parametrize('hidden', [
+    'payload_inertia:arm:inertia_kg_m2=0.006', 'hub_inertia:joint_2:inertia_kg_m2=0.05',
+    'clamp_compliance:link_1:compliance_rad_per_n_m=0.03'])
+def test_a_hypothesis_far_from_the_base_predicts_its_own_arm(hidden: str) -> None:
+    true = effects(hidden)
+    p = predictor(simulated(true), locked=False)
+    own = p.innovations(true)[0]
+    best = predictor(simulated(true), true, locked=False).innovations()[0]
+    # The angle that schedules it is the base's; with the base's gain the first two diverge.
+    assert np.all(np.std(own, axis=(0, 1)) < 1.1 * np.std(best, axis=(0, 1)))
+
+
+def test_a_limit_is_what_base_parameters_cannot_undo() -> None:
+    base = Base(REFERENCE, effects=(catalogue()['coriolis_centripetal']('arm', (1.0,)),))
+    data = Data.of([simulated(base.effects, 40.0)], base)
+    problem, fitted = settle(base, data.windows, data.noise)
+    limits = detection_limits(problem, fitted, data.allowed, data.duration)
+    # Three tolerances of stiffness belong to the base, less what their prior costs.
+    for link in ('link_1', 'link_2'):
+        assert limits[f'link_stiffness:{link}'][0] > 2.0 * REFERENCE.tolerances.stiffness
+    # A gauge picks up nothing of itself; of the other three, the one that shows least decides.
+    assert all(0.01 < limits[f'strain_crosstalk:{gauge}'][0] < 1.0
+               for gauge in REFERENCE.gauge_names)
