@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 from flex_payload_estimator.estimators.factory import make_estimator
+from flex_payload_estimator.estimators.rpe import RecursivePredictionError
+from flex_payload_estimator.estimators.rpe_stepper import Stepper
 from flex_plant_sim.arm_model import Array
 from flex_plant_sim.extended_arm import ExtendedArm
 from flex_plant_sim.payload_profile import PayloadProfile
@@ -25,6 +28,31 @@ def test_a_drop_is_found_at_a_fast_sampling() -> None:
     before, after = 3250, 4500
     for k in (before, after):
         assert abs(run.mass[k] - run.truth[k]) < 4.0 * run.std[k] < 4e-3
+
+
+def test_no_sample_waits_for_a_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    # The search takes several hundred filter steps; a sample has time for a few.
+    steps: list[str] = []
+    most: list[int] = []
+
+    def counted(name: str) -> Any:
+        real = getattr(Stepper, name)
+        return lambda *arguments: (steps.append(name), real(*arguments))[1]
+    for name in ('step', 'correct'):
+        monkeypatch.setattr(Stepper, name, counted(name))
+    update = RecursivePredictionError.update
+
+    def watched(*arguments: Any) -> Any:
+        steps.clear()
+        found = update(*arguments)
+        most.append(len(steps))
+        return found
+    monkeypatch.setattr(RecursivePredictionError, 'update', watched)
+    estimator = estimator_of(FAST)
+    Run(estimator, PayloadProfile.step(0.15, 3.3, 0.06), 3.6,
+        arm=ExtendedArm(FAST, 'assumed_modes', 2, 0.15))
+    assert len(estimator.events) == 1
+    assert sum(most[3300:]) > 300 + 400 and max(most[3000:]) < 16
 
 
 def test_every_sample_counts_once_one_filter_is_left() -> None:
