@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from simulated_records import effects, predictor, REFERENCE, simulated
 
-GAPS = ('backlash:joint_1:gap_rad=0.01,sensor_behind_gear=0',
-        'backlash:joint_2:gap_rad=0.006,sensor_behind_gear=1')
+GAPS = ('backlash:joint_1:gap_rad=0.01,sensor_behind_gear=0,hub_share=0.1',
+        'backlash:joint_2:gap_rad=0.006,sensor_behind_gear=1,hub_share=0.05')
 
 
 @pytest.mark.skipif(not COMPILED, reason='Numba is not installed: there is nothing to compare')

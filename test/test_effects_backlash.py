@@ -9,7 +9,8 @@ from flex_plant_sim.simulation import Simulator
 import numpy as np
 import pytest
 
-GAP = 'backlash:joint_2:gap_rad=0.03,sensor_behind_gear={}'
+GAP = 'backlash:joint_2:gap_rad=0.03,sensor_behind_gear={},hub_share=0.1'
+ROTOR = 0.9
 
 
 def states_of(extended: ExtendedArm, commands: Array) -> Array:
@@ -24,7 +25,7 @@ def states_of(extended: ExtendedArm, commands: Array) -> Array:
 def test_a_link_rests_while_its_rotor_crosses_half_the_gap() -> None:
     extended, drive = arm(GAP.format(0)), ROBOT.drives[1]
     states = states_of(extended, np.tile([0.0, 0.2], (30, 1)))
-    tau = drive.inertia / drive.damping
+    tau = ROTOR * drive.inertia / drive.damping
     time = np.arange(30) * ROBOT.sample_time
     rotor = 0.2 * (time - tau * (1.0 - np.exp(-time / tau)))
     crossing = rotor < 0.015
@@ -63,7 +64,7 @@ def test_backlash_never_feeds_energy_in(modes: int, step: float) -> None:
         robot = robot.with_drive(j, damping=0.0).with_link(j, damping_ratio=0.0)
     sim = Simulator(arm(GAP.format(1), robot=robot, modes=modes, step=step))
     form, n = sim.arm.form, sim.arm.form.order
-    k, inertia = form.names.index('gap_joint_2'), robot.drives[1].inertia
+    k, inertia = form.names.index('gap_joint_2'), ROTOR * robot.drives[1].inertia
     sim.state[2:4], sim.state[n + 1] = 0.02, 0.5
 
     def energy() -> float:

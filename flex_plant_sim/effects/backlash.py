@@ -16,8 +16,8 @@ class Backlash(Effect):
     A gap between rotor and link; the joint's coordinate is the link's side.
 
     While the teeth touch, rotor and link are one and the arm's equations hold; they part when the
-    teeth would have to pull. Apart, the rotor obeys its drive alone, and the arm has no rotor at
-    that joint. Both are linear and sampled exactly. Where a step would end beyond the gap the
+    teeth would have to pull. Apart, the rotor obeys its drive alone, and the arm keeps hub_share
+    of the joint's inertia: the gear's output and the hub. Both are linear and sampled exactly. Where a step would end beyond the gap the
     teeth meet and do not rebound. So a contact is decided once a step, like the dry friction,
     needs no stiff spring and is stable at any step.
 
@@ -30,7 +30,8 @@ class Backlash(Effect):
     explanation = 'The gear of {site} has backlash: the link moves freely within a gap.'
     parameters = (
         Parameter('gap_rad', 'rad', 0.0, 0.0, 0.3, (0.006, 0.012, 0.025), 0.002),
-        Parameter('sensor_behind_gear', '', 1.0, -0.5, 1.5, (1.0, 0.0), np.inf))
+        Parameter('sensor_behind_gear', '', 1.0, -0.5, 1.5, (1.0, 0.0), np.inf),
+        Parameter('hub_share', '', 0.0, 0.0, 0.9, (0.1,), np.inf))
     sites = 'joint'
     structural = True
 
@@ -56,6 +57,7 @@ class Backlash(Effect):
                          damping=form.damping.copy(), stiffness=form.stiffness.copy(),
                          input_matrix=form.input_matrix.copy())
         opened.mass[:, j], opened.payload_mass[:, j] = mass, payload
+        opened.mass[0, j, j] += self['hub_share'] * robot.drives[j].inertia
         opened.damping[j, j] -= robot.drives[j].damping
         opened.stiffness[:, j] = 0.0
         opened.input_matrix[j] = 0.0
@@ -68,7 +70,7 @@ class Backlash(Effect):
         k = motion.form.names.index(self.coordinate)
         drive, half = motion.robot.drives[j], 0.5 * self['gap_rad']
         angle, speed, lead, slip = (state[..., i:i + 1] for i in (j, n + j, k, n + k))
-        _, damping, step, mean, end = self.rotor(motion.robot, motion.step)
+        inertia, damping, step, mean, end = self.rotor(motion.robot, motion.step)
         steady = drive.torque_gain * motion.command[..., j:j + 1] / damping
         away = speed - slip - steady
         turn, rate = step * (steady + away * mean), steady + away * end
@@ -76,7 +78,7 @@ class Backlash(Effect):
         is_open = np.abs(apart) < half
         met = np.clip(apart, -half, half)
         # The rotor's momentum and drag that the joined arm's equations do not know of.
-        joining = drive.damping * (met - lead) - drive.inertia * slip
+        joining = drive.damping * (met - lead) - inertia * slip
         result = np.where(is_open, parted, after + impulse[..., j] * joining)
         result[..., k:k + 1] = met
         result[..., n + k:n + k + 1] = np.where(is_open, parted[..., n + j:n + j + 1] - rate, 0.0)
@@ -89,7 +91,7 @@ class Backlash(Effect):
         The last two are the mean and the end of a speed that was 1, exact for a held torque.
         """
         drive = robot.drives[self.index]
-        damping = max(drive.damping, 1e-6 * drive.inertia / step)
-        decay = damping * step / drive.inertia
-        return (drive.inertia, damping, step, float(-np.expm1(-decay) / decay),
-                float(np.exp(-decay)))
+        inertia = (1.0 - self['hub_share']) * drive.inertia
+        damping = max(drive.damping, 1e-6 * inertia / step)
+        decay = damping * step / inertia
+        return (inertia, damping, step, float(-np.expm1(-decay) / decay), float(np.exp(-decay)))
