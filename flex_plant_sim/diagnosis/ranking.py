@@ -19,7 +19,8 @@ TIE_NATS = 3.0
 LOOK_ALIKE = 0.5
 LEAST_T, LEAST_T_TO_CHOOSE = 2.5, 1.2
 LEAST_POSITIVE = 0.6
-LEAST_EXPLAINED = 1.0
+LEAST_EXPLAINED, LEAST_SHARE = 1.0, 0.25
+PARAMETER_NATS = 2.0
 EVENT_NATS = 20.0
 
 
@@ -60,21 +61,32 @@ class Ranked:
         return float(self.misfit.max() / (self.misfit + self.explained).max())
 
     @property
+    def share_explained(self) -> float:
+        """Return the largest share of a channel's misfit that it explains."""
+        return float(np.max(self.explained / (self.misfit + self.explained)))
+
+    @property
     def at_bound(self) -> bool:
-        """Tell whether a size ran to a bound at which the effect is not absent."""
+        """
+        Tell whether a value ran to a bound: there the effect stands for something else.
+
+        An absent effect's values do not count, nor does a shape that is zero (no damping, say).
+        """
         h, values = self.hypothesis, self.fit.values
+        zero = np.logical_not(h.sizes) & (values == 0.0)
         ends = (values <= h.low) & (h.low != h.null) | (values >= h.high) & (h.high != h.null)
-        return bool(np.any(ends & h.sizes))
+        return bool(np.any(ends & np.logical_not(zero)))
 
     @property
     def relevant(self) -> bool:
         """
         Tell whether it may be named.
 
-        It explains more than an allowance, on most windows, with a size that matters in practice
-        and off its bounds.
+        It explains more than an allowance and a good part of what is wrong with a channel, on
+        most windows, with a size that matters in practice and off its bounds.
         """
         return bool(self.gain > 0.0 and self.explained.max() >= LEAST_EXPLAINED
+                    and self.share_explained >= LEAST_SHARE
                     and self.hypothesis.relevance(self.fit.values) >= 1.0 and not self.at_bound
                     and (self.t >= LEAST_T or self.positive >= LEAST_POSITIVE
                          or self._plain_event))
@@ -137,12 +149,13 @@ def probabilities(ranked: Sequence[Ranked], chosen: Ranked | None) -> Array:
     Return each hypothesis's probability given that the catalogue holds the cause, (H,).
 
     Gains count relative to the best one: a model that is one percent wrong cannot tell gains
-    apart that differ by a few percent. Every further parameter costs a nat.
+    apart that differ by a few percent. Every further parameter costs two nats, half the logarithm
+    of some fifty independent samples (Schwarz, Annals of Statistics 6 (1978)).
     """
     if chosen is None:
         return np.zeros(len(ranked))
     scale = TIE_NATS + TIE * max(chosen.gain, 0.0)
-    score = np.array([r.gain / scale - len(r.fit.values) if r.relevant else -np.inf
+    score = np.array([r.gain / scale - PARAMETER_NATS * len(r.fit.values) if r.relevant else -np.inf
                       for r in ranked])
     weight = np.exp(score - score.max())
     return weight / weight.sum()

@@ -139,12 +139,14 @@ def search(data: Data, nominal: Base, jobs: int, progress: Progress,
         refitted = _refitted(problem, found.chosen, found.base, data)
         if accepted and not clear_of_null(refitted):
             continue
-        accepted.append(refitted)
-        if len(accepted) > 1:
-            accepted = _still_needed(problem.base, nominal, accepted, data)
-        problem, fitted = settle(_extended(problem.base, nominal, accepted), data.windows,
-                                 data.noise)
-        after = misfit(fitted.residual, data.noise, data.allowed)
+        grown = [*accepted, refitted]
+        if accepted:
+            grown = _still_needed(problem.base, nominal, grown, data)
+        around, refit = settle(_extended(problem.base, nominal, grown), data.windows, data.noise)
+        left = misfit(refit.residual, data.noise, data.allowed)
+        if accepted and _wrongness(left) > _wrongness(after):
+            continue
+        accepted, problem, fitted, after = grown, around, refit, left
     return Search(nominal, _estimated(problem, fitted), tuple(rounds), tuple(accepted), before,
                   after, problem)
 
@@ -183,6 +185,11 @@ def _estimated(problem: Problem, fitted: Fit) -> Base:
     kept = [value if item.settles else 0.0
             for item, value in zip(problem.nuisances, fitted.nuisance)]
     return replace(problem.base, deviations=tuple(map(float, kept)))
+
+
+def _wrongness(left: Array) -> float:
+    """Return how wrong a model is over all channels: misfits below an allowance count alike."""
+    return float(np.sum(np.log(np.maximum(left, WRONG))))
 
 
 def still_wrong(before: Array, after: Array) -> Array:
