@@ -137,7 +137,7 @@ def search(data: Data, nominal: Base, jobs: int, progress: Progress,
         if found.chosen is None:
             break
         refitted = _refitted(problem, found.chosen, found.base, data)
-        if accepted and not clear_of_null(refitted):
+        if accepted and not (refitted.share_explained > LEFT or clear_of_null(refitted)):
             continue
         grown = [*accepted, refitted]
         if accepted:

@@ -11,11 +11,13 @@ from truth.effects.hidden_effect import HiddenEffect, Parameters
 
 # How a payload changes, by number.
 DROP, PICK, RAMP = range(3)
+LEAST_LEFT = 0.1
 
 
 def draw_mass(rng: np.random.Generator, arm: Arm, severity: float) -> Parameters:
-    """Draw a true payload 25-45 % away from what the operator believes."""
-    return {'factor': 1.0 + severity * rng.uniform(0.25, 0.45) * rng.choice([-1.0, 1.0])}
+    """Draw a true payload 25-45 % away from what the operator believes; some is always left."""
+    deviation = severity * rng.uniform(0.25, 0.45) * rng.choice([-1.0, 1.0])
+    return {'factor': max(1.0 + deviation, LEAST_LEFT)}
 
 
 def apply_mass(arm: Arm, size: Parameters) -> Arm:
@@ -41,7 +43,7 @@ def draw_change(rng: np.random.Generator, arm: Arm, severity: float) -> Paramete
     kind = int(rng.integers(3))
     share = rng.uniform(0.5, 0.85) * (-1.0 if kind == DROP else 1.0)
     return {'time': rng.uniform(10.0, 28.0),
-            'mass': arm.payload.mass * (1.0 + severity * share),
+            'mass': arm.payload.mass * max(1.0 + severity * share, LEAST_LEFT),
             'duration': rng.uniform(2.0, 5.0) if kind == RAMP else 0.0}
 
 
