@@ -155,8 +155,8 @@ def probabilities(ranked: Sequence[Ranked], chosen: Ranked | None) -> Array:
     if chosen is None:
         return np.zeros(len(ranked))
     scale = TIE_NATS + TIE * max(chosen.gain, 0.0)
-    score = np.array([r.gain / scale - PARAMETER_NATS * len(r.fit.values) if r.relevant else -np.inf
-                      for r in ranked])
+    score = np.array([r.gain / scale - PARAMETER_NATS * len(r.fit.values)
+                      if r.relevant else -np.inf for r in ranked])
     weight = np.exp(score - score.max())
     return weight / weight.sum()
 

@@ -131,22 +131,22 @@ def search(data: Data, nominal: Base, jobs: int, progress: Progress,
         trial = [h for h in hypotheses(nominal.robot, exclude) if h not in known
                  and not any(h.effect is type(e) for e in nominal.effects)]
         told = partial(progress, f'round {len(rounds) + 1}')
-        problem, found = _round(problem, fitted, trial, data, jobs, told, raised)
-        raised = problem.base.level != nominal.level
+        around, found = _round(problem, fitted, trial, data, jobs, told, raised)
+        raised = around.base.level != nominal.level
         rounds.append(found)
         if found.chosen is None:
             break
-        refitted = _refitted(problem, found.chosen, found.base, data)
-        if accepted and not (refitted.share_explained > LEFT or clear_of_null(refitted)):
-            continue
+        refitted = _refitted(around, found.chosen, found.base, data)
         grown = [*accepted, refitted]
         if accepted:
-            grown = _still_needed(problem.base, nominal, grown, data)
-        around, refit = settle(_extended(problem.base, nominal, grown), data.windows, data.noise)
-        left = misfit(refit.residual, data.noise, data.allowed)
-        if accepted and _wrongness(left) > _wrongness(after):
-            continue
-        accepted, problem, fitted, after = grown, around, refit, left
+            if not (refitted.share_explained > LEFT or clear_of_null(refitted)):
+                continue
+            grown = _still_needed(around.base, nominal, grown, data)
+            if _more_wrong(around.base, nominal, grown, found.base, data):
+                continue
+        accepted = grown
+        problem, fitted = settle(_extended(around.base, nominal, grown), data.windows, data.noise)
+        after = misfit(fitted.residual, data.noise, data.allowed)
     return Search(nominal, _estimated(problem, fitted), tuple(rounds), tuple(accepted), before,
                   after, problem)
 
@@ -187,9 +187,15 @@ def _estimated(problem: Problem, fitted: Fit) -> Base:
     return replace(problem.base, deviations=tuple(map(float, kept)))
 
 
-def _wrongness(left: Array) -> float:
-    """Return how wrong a model is over all channels: misfits below an allowance count alike."""
-    return float(np.sum(np.log(np.maximum(left, WRONG))))
+def _more_wrong(base: Base, nominal: Base, grown: Sequence[Ranked], before: Fit,
+                data: Data) -> bool:
+    """Tell whether effects leave more wrong, at the base's process noise, than its fit before."""
+    extended = replace(_extended(base, nominal, grown), level=base.level)
+    _, after = settle(extended, data.windows, data.noise)
+    # Misfits below an allowance count alike.
+    left = [np.maximum(misfit(fit.residual, data.noise, data.allowed), WRONG)
+            for fit in (before, after)]
+    return bool(np.sum(np.log(left[1])) > np.sum(np.log(left[0])))
 
 
 def still_wrong(before: Array, after: Array) -> Array:

@@ -17,9 +17,9 @@ class Backlash(Effect):
 
     While the teeth touch, rotor and link are one and the arm's equations hold; they part when the
     teeth would have to pull. Apart, the rotor obeys its drive alone, and the arm keeps hub_share
-    of the joint's inertia: the gear's output and the hub. Both are linear and sampled exactly. Where a step would end beyond the gap the
-    teeth meet and do not rebound. So a contact is decided once a step, like the dry friction,
-    needs no stiff spring and is stable at any step.
+    of the joint's inertia: the gear's output and the hub. Both are linear and sampled exactly.
+    Where a step would end beyond the gap the teeth meet and do not rebound. So a contact is
+    decided once a step, like the dry friction, needs no stiff spring and is stable at any step.
 
     The coordinate gap_joint_j is the link's lead over the rotor, rad, within half the gap. With
     sensor_behind_gear = 1 the sensor sees the link, with 0 the rotor.
