@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import fcntl
 import os
 from pathlib import Path
+import signal
 import tempfile
 from typing import TYPE_CHECKING
 
@@ -20,6 +21,8 @@ SHARED_DATA = REPOSITORY.parent / 'shared' / 'data'
 # Read when a context starts, here and in the processes that a test starts.
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 os.environ.setdefault('ROS_LOG_DIR', os.path.join(tempfile.gettempdir(), 'flex_payload_log'))
+# A background job of a shell starts with Ctrl-C ignored, and so would the processes of its tests.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope='session')

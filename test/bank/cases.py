@@ -136,7 +136,7 @@ def _others(draws: int) -> Iterator[BankCase]:
 
 def quick_cases() -> list[BankCase]:
     """Return one clean arm and a few effects of different families."""
-    names = ('coulomb_friction', 'strain_filter', 'input_delay')
+    names = ('coulomb_friction', 'strain_filter')
     return [BankCase('clean', (), 'reference', FIRST_SEED),
             *(BankCase('one', (name,), 'reference', FIRST_SEED) for name in names)]
 
