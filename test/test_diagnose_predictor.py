@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from flex_plant_sim.compiled import COMPILED
 from flex_plant_sim.diagnosis import passage
 from flex_plant_sim.diagnosis.detection import detection_limits
-from flex_plant_sim.diagnosis.fit import settle
+from flex_plant_sim.diagnosis.fit import explore, Projector, promise, settle
+from flex_plant_sim.diagnosis.hypothesis import hypotheses
 from flex_plant_sim.diagnosis.predictor import Base
-from flex_plant_sim.diagnosis.search import Data
+from flex_plant_sim.diagnosis.ranking import rank
+from flex_plant_sim.diagnosis.search import Data, Round
+from flex_plant_sim.diagnosis.verdict import cause_of
 from flex_plant_sim.effects import catalogue
 import numpy as np
 import pytest
@@ -38,7 +43,7 @@ def test_a_hypothesis_far_from_the_base_predicts_its_own_arm(hidden: str) -> Non
     p = predictor(simulated(true), locked=False)
     own = p.innovations(true)[0]
     best = predictor(simulated(true), true, locked=False).innovations()[0]
-    # The angle that schedules it is the base's; with the base's gain the first two diverge.
+    # The angle that schedules it is the base's; with the base's gain all three diverge.
     assert np.all(np.std(own, axis=(0, 1)) < 1.1 * np.std(best, axis=(0, 1)))
 
 
@@ -53,3 +58,20 @@ def test_a_limit_is_what_base_parameters_cannot_undo() -> None:
     # A gauge picks up nothing of itself; of the other three, the one that shows least decides.
     assert all(0.01 < limits[f'strain_crosstalk:{gauge}'][0] < 1.0
                for gauge in REFERENCE.gauge_names)
+
+
+def test_a_cause_that_may_as_well_be_absent_is_not_stated_surely() -> None:
+    hidden = effects('strain_delay:arm:delay_s=0.03')
+    base = Base(REFERENCE)
+    data = Data.of([simulated(hidden, 40.0)], base)
+    problem, fitted = settle(base, data.windows, data.noise)
+    hypothesis, = (h for h in hypotheses(REFERENCE) if h.label == 'strain_delay:arm')
+    projector = Projector(problem, fitted.weighting)
+    fit = explore(problem, promise(problem, hypothesis, projector, data.duration), projector)
+    # The same fit with columns that tell a hundred thousandth: nothing is known of its size.
+    for found, most in ((fit, 1.0), (replace(fit, columns=1e-5 * fit.columns), 0.5)):
+        ranked, = rank([found], fitted, data.noise, data.allowed)
+        cause = cause_of(ranked, Round(fitted, (ranked,), ranked))
+        value = cause.parameters[0]
+        assert cause.probability == most
+        assert (value.low > 0.0) == (most == 1.0)

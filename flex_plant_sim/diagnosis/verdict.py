@@ -9,6 +9,7 @@ from flex_plant_sim.diagnosis.fit import fit_base
 from flex_plant_sim.diagnosis.predictor import Base
 from flex_plant_sim.diagnosis.ranking import (
     candidate,
+    clear_of_null,
     look_alikes,
     parameter_values,
     probabilities,
@@ -31,6 +32,8 @@ import numpy as np
 
 REMAINDER = 2.0
 EXPLAINED = 0.5
+# A cause whose interval holds its absence, beside the other causes, is at most as likely as not.
+UNDETERMINED = 0.5
 QUIET_STRAIN = 5.0
 QUIET_ANGLE = 30.0
 
@@ -81,7 +84,7 @@ def diagnose(records: Sequence[Record], nominal: Base, jobs: int = 1,
     shown = {k: v for k, v in limits.items() if np.isfinite(v[0])}
     blind = tuple(k for k, v in limits.items() if not np.isfinite(v[0]))
     rounds = tuple(_rows(r) for r in found.rounds)
-    causes = tuple(_cause(r, _round_of(r, found.rounds)) for r in found.accepted)
+    causes = tuple(cause_of(r, _round_of(r, found.rounds)) for r in found.accepted)
     verdict, sentence, sets = _verdict(found, causes)
     named = () if verdict == 'not_in_catalogue' else causes
     channels = nominal.robot.output_names
@@ -119,12 +122,15 @@ def _round_of(ranked: Ranked, rounds: Sequence[Round]) -> Round:
                 and r.chosen.hypothesis == ranked.hypothesis)
 
 
-def _cause(ranked: Ranked, found: Round) -> Cause:
+def cause_of(ranked: Ranked, found: Round) -> Cause:
+    """Return an accepted effect as it is stated, with what its round says of it."""
     assert found.chosen is not None
     chances = probabilities(found.ranked, found.chosen)
     name = ranked.hypothesis.effect.identifier
     probability = float(sum(p for r, p in zip(found.ranked, chances)
                             if r.hypothesis.effect.identifier == name))
+    if not clear_of_null(ranked):
+        probability = min(probability, UNDETERMINED)
     values = parameter_values(ranked.fit)
     alike = tuple(r.hypothesis.effect.identifier
                   for r in look_alikes(found.chosen, found.ranked))
