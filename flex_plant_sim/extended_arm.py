@@ -41,6 +41,9 @@ class ExtendedArm:
         Length of one step, s.
     nodes : int
         Interpolation nodes over cos(theta_2).
+    in_step : bool
+        Whether whole samples of a strain delay are left out, for a caller who brings the strain
+        forward by `late` samples.
 
     Raises
     ------
@@ -51,13 +54,16 @@ class ExtendedArm:
 
     def __init__(self, robot: Robot, model: str = 'assumed_modes', modes: int = 3,
                  payload: float | None = None, effects: Sequence[Effect] = (),
-                 step: float | None = None, nodes: int = NODES):
+                 step: float | None = None, nodes: int = NODES, in_step: bool = False):
         if model not in MODELS:
             raise InputError(f'model: expected one of {", ".join(MODELS)}, got {model!r}')
         mass = robot.payload_mass if payload is None else payload
         self.robot = replace(robot, payload_mass=mass)
+        delays = [effect.late(robot.sample_time) if in_step else (0, effect)
+                  for effect in effects]
+        self.late = sum(samples for samples, _ in delays)
         # What replaces the model comes first; what looks back on raw commands next.
-        effects = sorted(effects, key=lambda effect: (
+        effects = sorted((effect for _, effect in delays), key=lambda effect: (
             not hasattr(effect, 'modes'), -effect.memory(robot.sample_time)))
         self.model_name, self.effects = model, tuple(effects)
         for effect in effects:

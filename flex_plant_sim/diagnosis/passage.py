@@ -129,7 +129,19 @@ def at_drive(arm: ExtendedArm, record: Record) -> Array:
 
 
 def undo_sensors(arm: ExtendedArm, record: Record) -> Array:
-    """Return the outputs before the (affine) sensor effects, (N, 1 or B, m)."""
+    """Return the outputs before the (affine) sensor effects and in step, (N, 1 or B, m)."""
+    return _in_step(_before_sensors(arm, record), arm.late)
+
+
+def _in_step(measured: Array, late: int) -> Array:
+    """Return outputs (N, …, m) with the strain of `late` samples later; its last value stays."""
+    if late == 0:
+        return measured
+    rows = np.minimum(np.arange(len(measured)) + late, len(measured) - 1)
+    return np.concatenate([measured[..., :2], measured[rows][..., 2:]], axis=-1)
+
+
+def _before_sensors(arm: ExtendedArm, record: Record) -> Array:
     measured = record.output[:, None, :]
     if not arm.acts_on_output:
         return measured

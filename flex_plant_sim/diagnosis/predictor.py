@@ -55,10 +55,10 @@ class Base:
         return replace(self, robot=robot, effects=(*self.effects, *effects), deviations=())
 
     def arm(self, payload: float, effects: Sequence[Effect] = (),
-            robot: Robot | None = None) -> ExtendedArm:
-        """Return the arm with further effects."""
+            robot: Robot | None = None, in_step: bool = False) -> ExtendedArm:
+        """Return the arm with further effects; see ExtendedArm."""
         return ExtendedArm(robot or self.robot, self.model, self.modes, payload,
-                           (*self.effects, *effects), nodes=NODES)
+                           (*self.effects, *effects), nodes=NODES, in_step=in_step)
 
 
 class Predictor:
@@ -74,13 +74,17 @@ class Predictor:
     windows : Windows
     noise : Array
         Standard deviation of each output channel, (m,).
+    in_step : bool
+        Whether strain that reads whole samples late is brought forward to the angles it belongs
+        to: the likelihood of the record is the same in any order of its samples, and exact for
+        delays of any length. What is predicted in real time must not.
 
     """
 
-    def __init__(self, base: Base, windows: Windows, noise: Array):
-        self.base, self.windows, self.noise = base, windows, noise
+    def __init__(self, base: Base, windows: Windows, noise: Array, in_step: bool = False):
+        self.base, self.windows, self.noise, self.in_step = base, windows, noise, in_step
         self.record: Record = windows.record
-        self.arm = arm = base.arm(self.record.payload)
+        self.arm = arm = self.arm_with()
         self.weights = barycentric_weights(np.cos(self.record.output[:, 1]), arm.nodes)
         self.gain = self.gain_of(arm)
         self.states = np.zeros((len(self.record.time), arm.states))
@@ -88,6 +92,10 @@ class Predictor:
             self.states = self._filter(arm)
             self.angle = self.states[:, :arm.form.order] @ arm.form.elbow_angle
             self.weights = barycentric_weights(np.cos(self.angle), arm.nodes)
+
+    def arm_with(self, effects: Sequence[Effect] = (), robot: Robot | None = None) -> ExtendedArm:
+        """Return the base's arm with further effects, or another robot's."""
+        return self.base.arm(self.record.payload, effects, robot, self.in_step)
 
     def _force_variance(self, arm: ExtendedArm) -> Array:
         # White force noise of the same density moves a shorter step by less than its share.
@@ -116,7 +124,7 @@ class Predictor:
         """
         if any(hasattr(effect, 'modes') for effect in effects):
             return self._with_other_shapes(effects, robot).innovations(gain=gain)
-        arm = self.base.arm(self.record.payload, effects, robot)
+        arm = self.arm_with(effects, robot)
         used = np.unique(self.windows.indices)
         if gain is None and robot is None and not any(e.structural for e in effects):
             matrices = self.matrices
@@ -134,7 +142,7 @@ class Predictor:
         """Return a predictor with a trajectory of its own: its coordinates mean other shapes."""
         other = replace(self.base, robot=robot or self.base.robot,
                         effects=(*self.base.effects, *effects))
-        return Predictor(other, self.windows, self.noise)
+        return Predictor(other, self.windows, self.noise, self.in_step)
 
     @cached_property
     def matrices(self) -> Matrices:

@@ -77,7 +77,8 @@ class Problem:
         self.precision = np.array([n.tolerance**-2 for n in self.nuisances])
         self.start = np.array(base.deviations or [0.0] * len(self.nuisances))
         self.model = base.settled(payload)
-        self.predictors = [Predictor(self.model, w, s) for w, s in zip(windows, noise)]
+        self.predictors = [Predictor(self.model, w, s, in_step=True)
+                           for w, s in zip(windows, noise)]
 
     def residual(self, effects: Sequence[Effect] = (), deviations: Array | None = None,
                  gains: Sequence[Array] | None = None) -> Array:
@@ -106,7 +107,7 @@ class Problem:
 
     def gains(self, effects: Sequence[Effect]) -> list[Array]:
         """Return the predictors' gains for an arm with further effects."""
-        return [p.gain_of(self.model.arm(p.record.payload, effects)) for p in self.predictors]
+        return [p.gain_of(p.arm_with(effects)) for p in self.predictors]
 
     @cached_property
     def nominal(self) -> Array:

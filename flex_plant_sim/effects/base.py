@@ -178,6 +178,10 @@ class Effect(ABC):
         """Return what the sensors say, given the true (theta_1, theta_2, strain…) (…, m)."""
         return output
 
+    def late(self, sample_time: float) -> tuple[int, Effect]:
+        """Return by how many whole samples the strain reads late, and the effect less those."""
+        return 0, self
+
     def payload_at(self, time: Any, payload: Any) -> Any:
         """Return the payload, kg, at times, s, given what it would be without; scalar or (N,)."""
         return payload

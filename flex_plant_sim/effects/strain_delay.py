@@ -9,11 +9,13 @@ from flex_plant_sim.state_space import StateSpace
 import numpy as np
 
 NO_DELAY = 1e-5
+# Of a sample: what is nearer to the next whole one counts as whole.
+WHOLE = 1e-6
 
 
 class StrainDelay(Effect):
     """
-    The Padé approximant (2, 3) of a delay on every gauge.
+    The Padé approximant (2, 3) of a delay on every gauge; whole samples can be taken out of it.
 
     exp(-s) = (60 - 24 s + 3 s^2) / (60 + 36 s + 9 s^2 + s^3) with s tau for s; like a delay, and
     unlike the approximant (2, 2), it does not answer at once. Its phase is right to 1 % up to
@@ -27,6 +29,11 @@ class StrainDelay(Effect):
         Parameter('delay_s', 's', 0.0, 0.0, 0.2, (0.005, 0.01, 0.02, 0.03, 0.05), 0.003),)
     sites = 'arm'
     structural = True
+
+    def late(self, sample_time: float) -> tuple[int, Effect]:
+        """Return the whole samples of the delay, and the fraction that is left."""
+        whole = int(self['delay_s'] / sample_time + WHOLE)
+        return whole, StrainDelay(self.site, (max(self['delay_s'] - whole * sample_time, 0.0),))
 
     def on_state_space(self, plant: StateSpace, robot: Robot) -> StateSpace:
         """Return the plant with three states a gauge, of which a gauge reads the first."""
