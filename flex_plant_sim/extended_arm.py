@@ -113,6 +113,13 @@ class ExtendedArm:
         return int(self.plant.a.shape[-1])
 
     @property
+    def own_states(self) -> int:
+        """Return the number of states before those that effects add."""
+        if self.compact is not None:
+            return int(self.compact.plant(self.nodes[:1], self.payload).a.shape[-1])
+        return 2 * self.form.order
+
+    @property
     def output_matrix(self) -> Array:
         """Return C to (theta_1, theta_2, strain…), (m, n)."""
         return self.plant.c[0]

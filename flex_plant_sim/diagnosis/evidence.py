@@ -7,6 +7,7 @@ from flex_plant_sim.diagnosis.fit import Fit
 import numpy as np
 
 HELD = 1e12
+ORDER = 2
 
 
 def held_out(fit: Fit) -> Array:
@@ -14,10 +15,12 @@ def held_out(fit: Fit) -> Array:
     Return each window's log-likelihood under the fit to the other windows, nats, (W,).
 
     The fit is linear around its optimum, so leaving a window out needs no new simulation.
-    The innovation covariance, too, comes from the other windows. Shapes (the time of an event,
-    say) stay as fitted, and so does the size of an event: windows without it could not tell them.
+    The innovation covariance, too, comes from the other windows. Residuals are whitened by their
+    own vector autoregression first: a model that is a little wrong leaves coloured ones, and
+    would be credited with any colour that it takes away. Shapes (the time of an event, say) stay
+    as fitted, and so does the size of an event: windows without it could not tell them.
     """
-    windows, length, channels = fit.residual.shape
+    windows, _, channels = fit.residual.shape
     root = np.sqrt(fit.weighting.temper)
     white = fit.weighting.white(fit.residual).reshape(windows, -1) / root
     directions = fit.directions
@@ -29,15 +32,33 @@ def held_out(fit: Fit) -> Array:
         kept = np.logical_or(np.logical_not(fit.hypothesis.sizes), fit.hypothesis.is_event)
         precision[:len(fit.values)] *= np.where(kept, HELD, 1.0)
     hessian = gram.sum(axis=0) + np.diag(precision)
-    total = np.zeros(windows)
+    total, colour = np.zeros(windows), autoregression(fit.residual)
     for w in range(windows):
         change = np.linalg.solve(hessian - gram[w], score[w])
-        shifted = fit.residual + directions @ change
+        shifted = innovations(fit.residual + directions @ change, colour)
         flat, errors = shifted.reshape(-1, channels), shifted[w]
-        covariance = (flat.T @ flat - errors.T @ errors) / (len(flat) - length)
+        covariance = (flat.T @ flat - errors.T @ errors) / (len(flat) - len(errors))
         quadratic = np.sum(errors * np.linalg.solve(covariance, errors.T).T)
-        total[w] = -0.5 * (quadratic + length * np.linalg.slogdet(covariance)[1])
+        total[w] = -0.5 * (quadratic + len(errors) * np.linalg.slogdet(covariance)[1])
     return total / fit.weighting.temper
+
+
+def autoregression(residual: Array) -> Array:
+    """Return what past samples of windows (W, length, m) tell of the next, (ORDER m, m)."""
+    past, channels = _past(residual), residual.shape[-1]
+    return np.asarray(np.linalg.lstsq(past.reshape(-1, ORDER * channels),
+                                      residual[:, ORDER:].reshape(-1, channels), rcond=None)[0])
+
+
+def innovations(residual: Array, colour: Array) -> Array:
+    """Return residuals less what an autoregression foretells, (W, length - ORDER, m)."""
+    return residual[:, ORDER:] - _past(residual) @ colour
+
+
+def _past(residual: Array) -> Array:
+    length = residual.shape[1]
+    return np.concatenate([residual[:, ORDER - k:length - k] for k in range(1, ORDER + 1)],
+                          axis=-1)
 
 
 def spread(fit: Fit) -> Array:

@@ -68,9 +68,12 @@ def process_noise(loads: Array, level: tuple[float, float]) -> Array:
     return (share * loads)**2
 
 
-def steady_gain(arm: ExtendedArm, force_variance: Array, noise: Array) -> Array:
+def steady_gain(arm: ExtendedArm, force_variance: Array, noise: Array,
+                state_variance: Array | float = 0.0) -> Array:
     """
     Return the steady Kalman predictor gain at every schedule node, (K, n, m).
+
+    Process noise is white force noise of a variance (N,) and what a step adds to the states, (n,).
 
     Riccati equations at a few nodes of cos(theta_2), quadratic in between.
     """
@@ -78,7 +81,8 @@ def steady_gain(arm: ExtendedArm, force_variance: Array, noise: Array) -> Array:
     table = arm.schedule.table.reshape(nodes.size, n, -1)
     chosen = np.linspace(0, nodes.size - 1, GAIN_NODES).round().astype(int)
     f, e = table[chosen, :, :n], table[chosen, :, n + 2:n + 2 + force_variance.size]
-    p = predicted_covariance(f, (e * force_variance) @ np.swapaxes(e, 1, 2), c / noise[:, None])
+    q = (e * force_variance) @ np.swapaxes(e, 1, 2) + np.diag(np.zeros(n) + state_variance)
+    p = predicted_covariance(f, q, c / noise[:, None])
     scaled = c / noise[:, None]
     s = scaled @ p @ scaled.T + np.eye(noise.size)
     gains = np.swapaxes(np.linalg.solve(s, scaled @ p @ np.swapaxes(f, 1, 2)), 1, 2) / noise

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from flex_plant_sim.arm_model import Array
+from flex_plant_sim.diagnosis.gauge_error import GaugeError
 from flex_plant_sim.diagnosis.noise import load_levels, process_noise, steady_gain
 from flex_plant_sim.diagnosis.nuisance import nuisances, settled
 from flex_plant_sim.diagnosis.passage import Matrices, Run, undo_sensors
@@ -74,16 +75,18 @@ class Predictor:
     windows : Windows
     noise : Array
         Standard deviation of each output channel, (m,).
-    in_step : bool
-        Whether strain that reads whole samples late is brought forward to the angles it belongs
-        to: the likelihood of the record is the same in any order of its samples, and exact for
-        delays of any length. What is predicted in real time must not.
+    judging : bool
+        Whether it serves to tell causes apart. Then gauges have an error of their own, and
+        strain that reads whole samples late is brought forward to the angles it belongs to: the
+        likelihood of a record is the same in any order of its samples, and so exact for delays
+        of any length. What is predicted in real time must not be brought forward.
 
     """
 
-    def __init__(self, base: Base, windows: Windows, noise: Array, in_step: bool = False):
-        self.base, self.windows, self.noise, self.in_step = base, windows, noise, in_step
+    def __init__(self, base: Base, windows: Windows, noise: Array, judging: bool = False):
+        self.base, self.windows, self.noise, self.judging = base, windows, noise, judging
         self.record: Record = windows.record
+        self.gauge_error = GaugeError.of(windows, base.robot.sample_time)
         self.arm = arm = self.arm_with()
         self.weights = barycentric_weights(np.cos(self.record.output[:, 1]), arm.nodes)
         self.gain = self.gain_of(arm)
@@ -95,7 +98,11 @@ class Predictor:
 
     def arm_with(self, effects: Sequence[Effect] = (), robot: Robot | None = None) -> ExtendedArm:
         """Return the base's arm with further effects, or another robot's."""
-        return self.base.arm(self.record.payload, effects, robot, self.in_step)
+        if not self.judging:
+            return self.base.arm(self.record.payload, effects, robot)
+        # The gauges' error comes first, so that its states are behind the arm's own.
+        judged = replace(self.base, effects=(self.gauge_error, *self.base.effects))
+        return judged.arm(self.record.payload, effects, robot, in_step=True)
 
     def _force_variance(self, arm: ExtendedArm) -> Array:
         # White force noise of the same density moves a shorter step by less than its share.
@@ -105,7 +112,8 @@ class Predictor:
 
     def gain_of(self, arm: ExtendedArm) -> Array:
         """Return an arm's steady gain: another arm's may be unstable with it."""
-        return steady_gain(arm, self._force_variance(arm), self.noise)
+        own = self.gauge_error.step_variance(arm, self.windows) if self.judging else 0.0
+        return steady_gain(arm, self._force_variance(arm), self.noise, own)
 
     def innovations(self, effects: Sequence[Effect] = (), robot: Robot | None = None,
                     gain: Array | None = None) -> Array:
@@ -142,7 +150,7 @@ class Predictor:
         """Return a predictor with a trajectory of its own: its coordinates mean other shapes."""
         other = replace(self.base, robot=robot or self.base.robot,
                         effects=(*self.base.effects, *effects))
-        return Predictor(other, self.windows, self.noise, self.in_step)
+        return Predictor(other, self.windows, self.noise, self.judging)
 
     @cached_property
     def matrices(self) -> Matrices:

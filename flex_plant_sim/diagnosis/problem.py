@@ -77,7 +77,7 @@ class Problem:
         self.precision = np.array([n.tolerance**-2 for n in self.nuisances])
         self.start = np.array(base.deviations or [0.0] * len(self.nuisances))
         self.model = base.settled(payload)
-        self.predictors = [Predictor(self.model, w, s, in_step=True)
+        self.predictors = [Predictor(self.model, w, s, judging=True)
                            for w, s in zip(windows, noise)]
 
     def residual(self, effects: Sequence[Effect] = (), deviations: Array | None = None,
