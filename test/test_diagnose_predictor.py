@@ -6,10 +6,12 @@ from dataclasses import replace
 
 from flex_plant_sim.compiled import COMPILED
 from flex_plant_sim.diagnosis import passage
+from flex_plant_sim.diagnosis.allowance import model_error
 from flex_plant_sim.diagnosis.detection import detection_limits
+from flex_plant_sim.diagnosis.evidence import autoregression, innovations
 from flex_plant_sim.diagnosis.fit import explore, Projector, promise, settle
 from flex_plant_sim.diagnosis.hypothesis import hypotheses
-from flex_plant_sim.diagnosis.predictor import Base
+from flex_plant_sim.diagnosis.predictor import Base, Predictor
 from flex_plant_sim.diagnosis.ranking import rank
 from flex_plant_sim.diagnosis.search import Data, Round
 from flex_plant_sim.diagnosis.verdict import cause_of
@@ -23,7 +25,9 @@ GAPS = ('backlash:joint_1:gap_rad=0.01,sensor_behind_gear=0,hub_share=0.1',
 
 
 @pytest.mark.skipif(not COMPILED, reason='Numba is not installed: there is nothing to compare')
-@pytest.mark.parametrize('more', [(), ('coulomb_friction:joint_2:level_n_m=0.3',)])
+@pytest.mark.parametrize('more', [
+    (), ('coulomb_friction:joint_2:level_n_m=0.3',),
+    ('strain_filter:arm:time_constant_s=0.02,damping=0.8',)])
 def test_compiled_gaps_open_and_close_as_step_by_step(
         more: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
     p, hidden = predictor(simulated(duration=24.0), locked=False), effects(*GAPS, *more)
@@ -45,6 +49,43 @@ def test_a_hypothesis_far_from_the_base_predicts_its_own_arm(hidden: str) -> Non
     best = predictor(simulated(true), true, locked=False).innovations()[0]
     # The angle that schedules it is the base's; with the base's gain all three diverge.
     assert np.all(np.std(own, axis=(0, 1)) < 1.1 * np.std(best, axis=(0, 1)))
+
+
+def test_a_late_gauge_is_predicted_as_if_it_were_in_time() -> None:
+    record, late = simulated(), 3
+    delayed = record.output.copy()
+    delayed[late:, 2:] = record.output[:-late, 2:]
+    p = predictor(record, locked=False)
+    own, found = (
+        Predictor(replace(p.base, effects=effects(*hidden)), replace(p.windows, record=r),
+                  p.noise, judging=True).innovations()[0]
+        for r, hidden in ((record, ()), (replace(record, output=delayed),
+                                         ('strain_delay:arm:delay_s=0.03',))))
+    # Loads are judged by the record's own spread, which lacks its last three samples.
+    assert np.all(np.std(found - own, axis=(0, 1)) < 0.001 * np.std(own, axis=(0, 1)))
+
+
+def test_gauges_err_by_the_model_error_that_is_allowed_for() -> None:
+    p = predictor(simulated(), locked=False)
+    judge = Predictor(p.base, p.windows, p.noise, judging=True)
+    arm, first = judge.arm, judge.arm.own_states
+    f = arm.schedule.table[0].reshape(arm.states, -1)[first:, first:arm.states]
+    step = judge.gauge_error.step_variance(arm, p.windows)
+    assert not step[:first].any()
+    assert f == pytest.approx(np.diag(np.diagonal(f)), abs=1e-12)
+    assert step[first:] / (1.0 - np.diagonal(f)**2) == pytest.approx(
+        model_error([p.record])[2:], rel=1e-9)
+    assert arm.output_matrix[2:, first:] == pytest.approx(np.eye(4))
+
+
+def test_innovations_of_an_autoregression_are_what_drove_it() -> None:
+    rng = np.random.default_rng(3)
+    drive, residual = rng.standard_normal((2, 20, 500, 2))
+    first, second = np.array([[0.9, 0.1], [0.0, 0.5]]), np.array([[-0.3, 0.0], [0.2, 0.1]])
+    for k in range(2, residual.shape[1]):
+        residual[:, k] = residual[:, k - 1] @ first + residual[:, k - 2] @ second + drive[:, k]
+    found = innovations(residual, autoregression(residual))
+    assert np.std(found - drive[:, 2:]) < 0.03
 
 
 def test_a_limit_is_what_base_parameters_cannot_undo() -> None:

@@ -21,10 +21,11 @@ TIME = 'time_s'
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """An effect at a site with free parameters."""
+    """An effect at a site with free parameters; bounds are what each can be on the robot."""
 
     effect: type[Effect]
     site: str
+    bounds: tuple[tuple[float, float], ...]
 
     @property
     def label(self) -> str:
@@ -44,12 +45,12 @@ class Hypothesis:
     @property
     def low(self) -> Array:
         """Return the lower bounds, (k,)."""
-        return np.array([p.low for p in self.parameters])
+        return np.array([low for low, _ in self.bounds])
 
     @property
     def high(self) -> Array:
         """Return the upper bounds, (k,)."""
-        return np.array([p.high for p in self.parameters])
+        return np.array([high for _, high in self.bounds])
 
     @property
     def scale(self) -> Array:
@@ -109,5 +110,6 @@ class Hypothesis:
 
 def hypotheses(robot: Robot, exclude: Sequence[str] = ()) -> tuple[Hypothesis, ...]:
     """Return every effect of the catalogue at every site of a robot."""
-    return tuple(Hypothesis(effect, site) for name, effect in catalogue().items()
-                 if name not in exclude for site in sites(effect, robot))
+    return tuple(Hypothesis(effect, site, effect.bounds(site, robot))
+                 for name, effect in catalogue().items() if name not in exclude
+                 for site in sites(effect, robot))

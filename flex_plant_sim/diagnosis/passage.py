@@ -101,7 +101,7 @@ class Run:
                           0.5 * effect['gap_rad']))
             places.append((effect.index, self.arm.form.names.index(effect.coordinate)))
         return Gaps(np.stack(opened), np.stack(pushed), np.stack(impulse), np.stack(motor),
-                    np.array(rotor), np.array(places))
+                    np.array(rotor), np.array(places), self.arm.form.order)
 
     def _friction(self) -> Friction:
         # Its levels, like smooth forces, are those at the speeds of the base's trajectory.

@@ -58,6 +58,8 @@ class Gaps:
         Inertia, damping, step, mean and end share of a decaying speed, half the gap, (G, 6).
     places : Array
         Joint, and place of the lead among the coordinates, (G, 2), int.
+    velocity : int
+        Place of the first joint velocity in the state.
 
     """
 
@@ -67,12 +69,13 @@ class Gaps:
     motor: Array
     rotor: Array
     places: Indices
+    velocity: int
 
     @classmethod
     def none(cls, n: int) -> Gaps:
         """Return an arm without a gap."""
         return cls(np.zeros((0, 0, n, n)), np.zeros((0, 0, 0, n)), np.zeros((0, 0, n)),
-                   np.zeros((0, 0, 0)), np.zeros((0, 6)), np.zeros((0, 2), dtype=np.int64))
+                   np.zeros((0, 0, 0)), np.zeros((0, 6)), np.zeros((0, 2), dtype=np.int64), 0)
 
 
 def scan(closed: Array, inputs: Array, start: Array, rows: Indices,
@@ -117,7 +120,7 @@ def scan_with_gaps(closed: Array, inputs: Array, start: Array, rows: Indices,
                    friction: Friction | None, gaps: Gaps) -> Array:
     """Return the states as scan does, (S, W, B, n), backlashes opening and closing; in loops."""
     n = start.shape[1]
-    f = friction or Friction.none(n, n // 2)
+    f = friction or Friction.none(n, gaps.velocity)
     return _loops(closed, inputs, start, rows, f.columns, f.reach, f.limits, f.velocity,
                   gaps.opened, gaps.pushed, gaps.impulse, gaps.motor, gaps.rotor, gaps.places)
 

@@ -108,6 +108,11 @@ class Effect(ABC):
         """Return the 0-based joint or link of the site (joint_2 -> 1)."""
         return int(self.site.rstrip('abcdefgh').rsplit('_', 1)[1]) - 1
 
+    @classmethod
+    def bounds(cls, site: str, robot: Robot) -> tuple[tuple[float, float], ...]:
+        """Return what each parameter can be on a robot."""
+        return tuple((p.low, p.high) for p in cls.parameters)
+
     def on_robot(self, robot: Robot) -> Robot:
         """Return the robot with changed parameters."""
         return robot

@@ -20,6 +20,13 @@ class ViscousFriction(Effect):
     sites = 'joint'
     structural = True
 
+    @classmethod
+    def bounds(cls, site: str, robot: Robot) -> tuple[tuple[float, float], ...]:
+        """Return bounds that leave the drive some damping."""
+        (low, high), = super().bounds(site, robot)
+        least = LEAST_DAMPING - robot.drives[cls(site, (0.0,)).index].damping
+        return ((max(low, least), high),)
+
     def on_robot(self, robot: Robot) -> Robot:
         """Return the robot with the drive's damping changed (it stays positive)."""
         damping = robot.drives[self.index].damping + self['damping_n_m_s']
