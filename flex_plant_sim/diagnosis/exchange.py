@@ -10,10 +10,10 @@ from flex_plant_sim.diagnosis.fit import Fit, fit_base, refine
 from flex_plant_sim.diagnosis.hypothesis import Hypothesis
 from flex_plant_sim.diagnosis.predictor import Base
 from flex_plant_sim.diagnosis.problem import Problem
-from flex_plant_sim.diagnosis.ranking import rank, Ranked
+from flex_plant_sim.diagnosis.ranking import choose, rank, Ranked
 
 SWEEPS = 3
-RIVAL, MOST_RIVALS = 0.3, 8
+RIVAL, MOST_RIVALS = 0.3, 7
 
 Grounds = Mapping[Hypothesis, Round]
 
@@ -47,21 +47,25 @@ def _ranked_again(base: Base, nominal: Base, ranked: Ranked, others: Sequence[Ra
     without = replace(extended_base(base, nominal, others), level=base.level)
     problem = Problem(without, data.windows, data.noise)
     fitted = fit_base(problem)
-    again = one_pass(problem, fitted, _rivals(ranked, others, found), data, jobs)
-    if again.chosen is None:
+    rivals = _rivals(ranked, others, found)
+    passed = one_pass(problem, fitted, rivals, data, jobs).ranked if rivals else ()
+    fits = [refine(problem, ranked.fit), *(r.fit for r in passed)]
+    listed = rank(fits, fitted, data.noise, data.allowed)
+    best = choose(listed)
+    if best is None:
         return ranked, found
-    if again.chosen.hypothesis == ranked.hypothesis:
-        return ranked, again
-    return refitted(problem, again.chosen, fitted, data), again
+    if best.hypothesis != ranked.hypothesis:
+        ranked = refitted(problem, best, fitted, data)
+    return ranked, Round(fitted, tuple(listed), best)
 
 
 def _rivals(ranked: Ranked, others: Sequence[Ranked], found: Round) -> list[Hypothesis]:
-    """Return an effect and the few others that explained nearly as much in its round."""
+    """Return the few hypotheses that explained nearly as much as an effect in its round."""
     assert found.chosen is not None
     taken = {ranked.hypothesis, *(r.hypothesis for r in others)}
     near = [r.hypothesis for r in found.ranked if r.relevant and r.hypothesis not in taken
             and r.gain > RIVAL * found.chosen.gain]
-    return [ranked.hypothesis, *near[:MOST_RIVALS - 1]]
+    return near[:MOST_RIVALS]
 
 
 def extended_base(base: Base, nominal: Base, accepted: Sequence[Ranked]) -> Base:

@@ -80,16 +80,12 @@ def search(data: Data, nominal: Base, jobs: int, progress: Progress,
         if found.chosen is None:
             break
         fresh = refitted(around, found.chosen, found.base, data)
-        grown, told = [*accepted, fresh], {**grounds, fresh.hypothesis: found}
-        if accepted:
-            if not (fresh.share_explained > LEFT or clear_of_null(fresh)):
-                continue
-            grown = still_needed(around.base, nominal, grown, data)
-            grown, told = exchanged(around.base, nominal, grown, told, data, jobs)
-            if _more_wrong(around.base, nominal, grown, found.base, data):
-                continue
-        accepted, grounds = grown, told
-        problem, fitted = settle(extended_base(around.base, nominal, grown), data.windows,
+        stated = {**grounds, fresh.hypothesis: found}
+        taken = _taken(around.base, nominal, accepted, fresh, stated, data, jobs)
+        if taken is None:
+            continue
+        accepted, grounds = taken
+        problem, fitted = settle(extended_base(around.base, nominal, accepted), data.windows,
                                  data.noise)
         after = misfit(fitted.residual, data.noise, data.allowed)
     return Search(nominal, _estimated(problem, fitted), tuple(rounds), tuple(accepted),
@@ -115,6 +111,25 @@ def _round(problem: Problem, fitted: Fit, trial: Sequence[Hypothesis], data: Dat
     if found is not None and again.chosen is None:
         return problem, found
     return noisier, again
+
+
+def _taken(base: Base, nominal: Base, accepted: Sequence[Ranked], fresh: Ranked,
+           grounds: dict[Hypothesis, Round], data: Data, jobs: int
+           ) -> tuple[list[Ranked], dict[Hypothesis, Round]] | None:
+    """Return the effects with a fresh one, and what speaks for each; None if it is not taken."""
+    if not accepted:
+        return [fresh], grounds
+    if not (fresh.share_explained > LEFT or clear_of_null(fresh)):
+        return None
+    before = grounds[fresh.hypothesis].base
+    grown = still_needed(base, nominal, [*accepted, fresh], data)
+    if _more_wrong(base, nominal, grown, before, data):
+        return None
+    better, stated = exchanged(base, nominal, grown, grounds, data, jobs)
+    changed = [r.hypothesis for r in better] != [r.hypothesis for r in grown]
+    if changed and _more_wrong(base, nominal, better, before, data):
+        return grown, grounds
+    return better, stated
 
 
 def _estimated(problem: Problem, fitted: Fit) -> Base:
