@@ -88,6 +88,17 @@ def test_innovations_of_an_autoregression_are_what_drove_it() -> None:
     assert np.std(found - drive[:, 2:]) < 0.03
 
 
+def test_a_first_fit_reaches_a_brake_far_stronger_than_the_drive_s_damping() -> None:
+    hidden = effects('viscous_friction:joint_1:damping_n_m_s=30')
+    base = Base(REFERENCE)
+    data = Data.of([simulated(hidden, 40.0)], base)
+    problem, fitted = settle(base, data.windows, data.noise)
+    hypothesis, = (h for h in hypotheses(REFERENCE) if h.label == 'viscous_friction:joint_1')
+    projector = Projector(problem, fitted.weighting)
+    fit = explore(problem, promise(problem, hypothesis, projector, data.duration), projector)
+    assert fit.values[0] == pytest.approx(30.0, rel=0.03)
+
+
 def test_a_limit_is_what_base_parameters_cannot_undo() -> None:
     base = Base(REFERENCE, effects=(catalogue()['coriolis_centripetal']('arm', (1.0,)),))
     data = Data.of([simulated(base.effects, 40.0)], base)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from flex_plant_sim.diagnosis.candidate_pass import Data, Round
 from flex_plant_sim.diagnosis.detection import detection_limits
 from flex_plant_sim.diagnosis.fit import fit_base
 from flex_plant_sim.diagnosis.predictor import Base
@@ -16,15 +17,7 @@ from flex_plant_sim.diagnosis.ranking import (
     Ranked,
 )
 from flex_plant_sim.diagnosis.results import Cause, Diagnosis, ParameterValue
-from flex_plant_sim.diagnosis.search import (
-    Data,
-    Progress,
-    Round,
-    Search,
-    search,
-    still_wrong,
-    WRONG,
-)
+from flex_plant_sim.diagnosis.search import Progress, Search, search, still_wrong, WRONG
 from flex_plant_sim.diagnosis.windows import Record
 from flex_plant_sim.effects import catalogue, effects_of
 from flex_plant_sim.robot import Robot
@@ -84,7 +77,7 @@ def diagnose(records: Sequence[Record], nominal: Base, jobs: int = 1,
     shown = {k: v for k, v in limits.items() if np.isfinite(v[0])}
     blind = tuple(k for k, v in limits.items() if not np.isfinite(v[0]))
     rounds = tuple(_rows(r) for r in found.rounds)
-    causes = tuple(cause_of(r, _round_of(r, found.rounds)) for r in found.accepted)
+    causes = tuple(cause_of(*pair) for pair in zip(found.accepted, found.grounds))
     verdict, sentence, sets = _verdict(found, causes)
     named = () if verdict == 'not_in_catalogue' else causes
     channels = nominal.robot.output_names
@@ -115,11 +108,6 @@ def _cannot_answer(still: Sequence[str]) -> Diagnosis:
 def _rows(found: Round) -> tuple:
     chances = probabilities(found.ranked, found.chosen)
     return tuple(candidate(r, float(p)) for r, p in zip(found.ranked, chances))
-
-
-def _round_of(ranked: Ranked, rounds: Sequence[Round]) -> Round:
-    return next(r for r in rounds if r.chosen is not None
-                and r.chosen.hypothesis == ranked.hypothesis)
 
 
 def cause_of(ranked: Ranked, found: Round) -> Cause:

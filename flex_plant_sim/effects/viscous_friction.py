@@ -16,7 +16,8 @@ class ViscousFriction(Effect):
     explanation = 'Friction that grows with speed brakes {site} more than the drive is known to.'
     parameters = (
         # 4 % of the reference elbow's 5 N m s/rad; drives are known within about 5 %.
-        Parameter('damping_n_m_s', 'N m s/rad', 0.0, -10.0, 50.0, (-1.0, -0.3, 0.5, 3.0), 0.2),)
+        Parameter('damping_n_m_s', 'N m s/rad', 0.0, -10.0, 50.0, (-1.0, -0.3, 0.5, 3.0, 12.0),
+                  0.2),)
     sites = 'joint'
     structural = True
 

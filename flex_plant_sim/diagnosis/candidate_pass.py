@@ -1,0 +1,191 @@
+"""One pass through candidates: all of them fitted, on one problem, and what is chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, ExitStack
+from dataclasses import dataclass, replace
+from functools import partial
+from multiprocessing import get_context
+import signal
+from typing import Any, TypeVar
+
+from flex_plant_sim.arm_model import Array
+from flex_plant_sim.diagnosis.allowance import allowance
+from flex_plant_sim.diagnosis.fit import explore, Fit, Projector, Promise, promise, refine
+from flex_plant_sim.diagnosis.hypothesis import Hypothesis
+from flex_plant_sim.diagnosis.noise import measurement_noise
+from flex_plant_sim.diagnosis.predictor import Base
+from flex_plant_sim.diagnosis.problem import Problem
+from flex_plant_sim.diagnosis.ranking import choose, rank, Ranked
+from flex_plant_sim.diagnosis.windows import Record, Windows
+import numpy as np
+
+FIT_SAMPLES, PROMISE_SAMPLES = 12000, 6000
+FEWEST_EXPLORED, WORTH_EXPLORING = 12, 0.1
+FEWEST_REFINED, WORTH_REFINING = 3, 0.5
+
+Found = TypeVar('Found')
+
+
+@dataclass(frozen=True)
+class Data:
+    """Windows to work on, windows locked for the figures, sensor noise; one each per record."""
+
+    windows: tuple[Windows, ...]
+    locked: tuple[Windows, ...]
+    noise: tuple[Array, ...]
+    allowed: Array
+
+    @classmethod
+    def of(cls, records: Sequence[Record], base: Base) -> Data:
+        """Cut the records by the slowest mode of the base; of long ones, take some windows."""
+        slowest = slowest_frequency(base, records[0].payload)
+        pairs = [Windows.cut(r, slowest, base.robot.sample_time) for r in records]
+        noise = tuple(measurement_noise(r.output) for r in records)
+        scored = sum(work.starts.size * work.length for work, _ in pairs)
+        every = -(-scored // FIT_SAMPLES)
+        return cls(tuple(work.thinned(every) for work, _ in pairs),
+                   tuple(locked for _, locked in pairs), noise, allowance(records, noise))
+
+    @property
+    def duration(self) -> float:
+        """Return the end of the longest record, s."""
+        return max(float(w.record.time[-1]) for w in self.windows)
+
+
+@dataclass(frozen=True)
+class Round:
+    """One pass through the catalogue: the base's fit, all ranked fits, and what was chosen."""
+
+    base: Fit
+    ranked: tuple[Ranked, ...]
+    chosen: Ranked | None
+
+
+def slowest_frequency(base: Base, payload: float) -> float:
+    """Return the slowest natural frequency with locked joints, stretched arm, rad/s."""
+    form = base.arm(payload).form
+    flexible = slice(2, 2 + 2 * base.modes)
+    ratio = np.linalg.solve(form.mass_at(1.0, payload)[flexible, flexible],
+                            form.stiffness_at(1.0)[flexible, flexible])
+    return float(np.sqrt(np.min(np.linalg.eigvals(ratio).real)))
+
+
+def one_pass(problem: Problem, fitted: Fit, trial: Sequence[Hypothesis], data: Data, jobs: int,
+             progress: Callable[[float], None] = lambda share: None) -> Round:
+    """Return all hypotheses of a trial ranked around a problem and its fit, and what is chosen."""
+    ranked = _fit_all(problem, trial, fitted, data, jobs, progress)
+    return Round(fitted, tuple(ranked), choose(ranked))
+
+
+def _fit_all(problem: Problem, trial: Sequence[Hypothesis], fitted: Fit, data: Data, jobs: int,
+             progress: Callable[[float], None]) -> list[Ranked]:
+    """
+    Return the hypotheses that could explain something, ranked.
+
+    All are tried at all their starts; those that promise a share of the best get a first fit, of
+    which the leading ones are carried to the end. None is left out for a local score.
+    """
+    projector = Projector(problem, fitted.weighting)
+    some = problem.thinned(PROMISE_SAMPLES)
+    judge = _Promise(some, Projector(some, fitted.weighting), data.duration)
+    promises = sorted(_each(judge, trial, jobs, lambda share: progress(0.4 * share)),
+                      key=lambda p: -p.gain)
+    worth = [p for k, p in enumerate(promises)
+             if k < FEWEST_EXPLORED or p.gain > WORTH_EXPLORING * promises[0].gain]
+    fits = _each(_Explore(problem, projector), worth, jobs,
+                 lambda share: progress(0.4 + 0.3 * share))
+    first = rank(_joined(fits, problem), fitted, data.noise, data.allowed)
+    leading = [r.fit for k, r in enumerate(first)
+               if k < FEWEST_REFINED or r.gain > WORTH_REFINING * first[0].gain]
+    refined = _joined(_each(_Refine(problem), [_alone(f) for f in leading], jobs,
+                            lambda share: progress(0.7 + 0.3 * share)), problem)
+    rest = [r.fit for r in first[len(leading):]]
+    return rank([*refined, *rest], fitted, data.noise, data.allowed)
+
+
+@dataclass(frozen=True)
+class _Promise:
+    problem: Problem
+    projector: Projector
+    duration: float
+
+    def __call__(self, hypothesis: Hypothesis) -> Promise:
+        return promise(self.problem, hypothesis, self.projector, self.duration)
+
+
+@dataclass(frozen=True)
+class _Explore:
+    problem: Problem
+    projector: Projector
+
+    def __call__(self, promised: Promise) -> Fit:
+        return _alone(explore(self.problem, promised, self.projector))
+
+
+@dataclass(frozen=True)
+class _Refine:
+    problem: Problem
+
+    def __call__(self, fit: Fit) -> Fit:
+        return _alone(refine(self.problem, fit))
+
+
+def _alone(fit: Fit) -> Fit:
+    """Return a fit without the problem's sensitivity, to be sent between processes."""
+    return replace(fit, sensitivity=np.zeros(0))
+
+
+def _joined(fits: Sequence[Fit], problem: Problem) -> list[Fit]:
+    """Return fits with the problem's own sensitivity, one array for all."""
+    return [replace(fit, sensitivity=problem.sensitivity) for fit in fits]
+
+
+def _each(task: Callable[[Any], Found], items: Sequence[Any], jobs: int,
+          progress: Callable[[float], None]) -> list[Found]:
+    """Return what the task finds where it succeeds, in the order of the items."""
+    found: list[Found] = []
+    with ExitStack() as stack:
+        if jobs <= 1:
+            results: Iterable[Found | None] = map(partial(_attempt, task), items)
+        else:
+            with _interrupts_held():
+                pool = stack.enter_context(get_context('fork').Pool(
+                    jobs, initializer=_remember, initargs=(task,)))
+            results = pool.imap(_run, items)
+        for done, result in enumerate(results, start=1):
+            progress(done / len(items))
+            found += [result] if result is not None else []
+    return found
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Hold Ctrl-C back while workers start, who never get it: one in a fork would be lost."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _attempt(task: Callable[[Any], Found], item: Any) -> Found | None:
+    """Return what the task finds, or None where the hypothesis makes no finite prediction."""
+    try:
+        return task(item)
+    except np.linalg.LinAlgError:
+        return None
+
+
+# The pool's own copy of the task: set once in each worker process, so that the problem is
+# inherited and not sent with every hypothesis.
+_worker: list[Callable[[Any], Any]] = []
+
+
+def _remember(task: Callable[[Any], Any]) -> None:
+    _worker[:] = [task]
+
+
+def _run(item: Any) -> Any:
+    return _attempt(_worker[0], item)
