@@ -128,3 +128,14 @@ def _wait_for_children(run: subprocess.Popen[str]) -> None:
         if children.read_text().split():
             return
         time.sleep(0.05)
+
+
+def test_linear_algebra_keeps_to_one_thread_unless_told_otherwise() -> None:
+    program = ('import flex_plant_sim.tools, os, sys; '
+               "print(os.environ['OPENBLAS_NUM_THREADS'], 'numpy' in sys.modules)")
+    for told, expected in ((None, '1 False'), ('3', '3 False')):
+        environment = {k: v for k, v in os.environ.items() if k != 'OPENBLAS_NUM_THREADS'}
+        environment |= {'OPENBLAS_NUM_THREADS': told} if told else {}
+        done = subprocess.run([sys.executable, '-c', program], env=environment,
+                              capture_output=True, text=True, check=True)
+        assert done.stdout.split('\n')[0] == expected
