@@ -20,7 +20,7 @@ LOOK_ALIKE = 0.5
 LEAST_T, LEAST_T_TO_CHOOSE = 2.5, 1.2
 LEAST_POSITIVE = 0.6
 LEAST_EXPLAINED, LEAST_SHARE = 1.0, 0.25
-PARAMETER_NATS = 2.0
+PARAMETER_NATS = 3.0
 EVENT_NATS = 20.0
 
 
@@ -149,8 +149,9 @@ def probabilities(ranked: Sequence[Ranked], chosen: Ranked | None) -> Array:
     Return each hypothesis's probability given that the catalogue holds the cause, (H,).
 
     Gains count relative to the best one: a model that is one percent wrong cannot tell gains
-    apart that differ by a few percent. Every further parameter costs two nats, half the logarithm
-    of some fifty independent samples (Schwarz, Annals of Statistics 6 (1978)).
+    apart that differ by a few percent. Every further parameter costs three nats, half the
+    logarithm of some five hundred independent samples (Schwarz, Annals of Statistics 6 (1978)):
+    the 12 000 that are fitted count for about that many, coloured as they are.
     """
     if chosen is None:
         return np.zeros(len(ranked))
