@@ -9,6 +9,7 @@ from flex_plant_sim.diagnosis.windows import Record
 import numpy as np
 
 MODEL_SHARE = 0.01
+WRONG = 1.0
 
 
 def model_error(records: Sequence[Record]) -> Array:
@@ -31,3 +32,12 @@ def misfit(residual: Array, noise: Sequence[Array], allowed: Array) -> Array:
     """Return how far the squared residual exceeds the noise, in allowances per channel, (m,)."""
     squared = np.mean(residual**2, axis=(0, 1))
     return (squared - np.mean([level**2 for level in noise], axis=0)) / allowed
+
+
+def still_wrong(before: Array, after: Array) -> Array:
+    """
+    Return which channels miss more than an allowance and a hundredth of what was missed, (m,).
+
+    A well-named cause is itself modelled to about one percent.
+    """
+    return np.asarray(after > WRONG + MODEL_SHARE * np.where(after < before, before, 0.0))

@@ -10,15 +10,23 @@ HELD = 1e12
 ORDER = 2
 
 
-def held_out(fit: Fit) -> Array:
+def held_out(fit: Fit, whitened: bool = False) -> Array:
     """
     Return each window's log-likelihood under the fit to the other windows, nats, (W,).
 
     The fit is linear around its optimum, so leaving a window out needs no new simulation.
-    The innovation covariance, too, comes from the other windows. Residuals are whitened by their
-    own vector autoregression first: a model that is a little wrong leaves coloured ones, and
-    would be credited with any colour that it takes away. Shapes (the time of an event, say) stay
-    as fitted, and so does the size of an event: windows without it could not tell them.
+    The innovation covariance, too, comes from the other windows. Shapes (the time of an event,
+    say) stay as fitted, and so does the size of an event: windows without it could not tell them.
+
+    Parameters
+    ----------
+    fit : Fit
+        Of a hypothesis or of the base.
+    whitened : bool
+        Whether residuals are freed of their own vector autoregression. What passes for model
+        error is coloured, and a wrong cause that takes colour away would be credited with it; of
+        a model that is far off, the slow errors are what tells, and must stay.
+
     """
     windows, _, channels = fit.residual.shape
     root = np.sqrt(fit.weighting.temper)
@@ -32,10 +40,12 @@ def held_out(fit: Fit) -> Array:
         kept = np.logical_or(np.logical_not(fit.hypothesis.sizes), fit.hypothesis.is_event)
         precision[:len(fit.values)] *= np.where(kept, HELD, 1.0)
     hessian = gram.sum(axis=0) + np.diag(precision)
-    total, colour = np.zeros(windows), autoregression(fit.residual)
+    total, colour = np.zeros(windows), autoregression(fit.residual) if whitened else None
     for w in range(windows):
         change = np.linalg.solve(hessian - gram[w], score[w])
-        shifted = innovations(fit.residual + directions @ change, colour)
+        shifted = fit.residual + directions @ change
+        if colour is not None:
+            shifted = innovations(shifted, colour)
         flat, errors = shifted.reshape(-1, channels), shifted[w]
         covariance = (flat.T @ flat - errors.T @ errors) / (len(flat) - len(errors))
         quadratic = np.sum(errors * np.linalg.solve(covariance, errors.T).T)

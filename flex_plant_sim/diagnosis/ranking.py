@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from flex_plant_sim.arm_model import Array
-from flex_plant_sim.diagnosis.allowance import misfit
+from flex_plant_sim.diagnosis.allowance import misfit, still_wrong
 from flex_plant_sim.diagnosis.evidence import held_out, spread
 from flex_plant_sim.diagnosis.fit import Fit
 from flex_plant_sim.diagnosis.hypothesis import Hypothesis
@@ -102,12 +102,25 @@ class Ranked:
 
 
 def rank(fits: Sequence[Fit], base: Fit, noise: Sequence[Array], allowed: Array) -> list[Ranked]:
-    """Return the fits, best held-out gain first; gains are tempered like the best one."""
-    before = held_out(base) * base.weighting.temper
-    raw = [held_out(fit) * fit.weighting.temper - before for fit in fits]
+    """
+    Return the fits, best held-out gain first; gains are tempered like the best one.
+
+    Where the best leaves nothing that counts as wrong, what is left is model error, and whitened
+    residuals decide.
+    """
+    start = misfit(base.residual, noise, allowed)
+    ranked = _ranked(fits, base, start, noise, allowed, whitened=False)
+    if still_wrong(start, ranked[0].misfit).any():
+        return ranked
+    return _ranked(fits, base, start, noise, allowed, whitened=True)
+
+
+def _ranked(fits: Sequence[Fit], base: Fit, start: Array, noise: Sequence[Array],
+            allowed: Array, whitened: bool) -> list[Ranked]:
+    before = held_out(base, whitened) * base.weighting.temper
+    raw = [held_out(fit, whitened) * fit.weighting.temper - before for fit in fits]
     best = max(range(len(fits)), key=lambda k: raw[k].sum())
     temper = fits[best].weighting.temper
-    start = misfit(base.residual, noise, allowed)
     ranked = []
     for fit, gain in zip(fits, raw):
         left = misfit(fit.residual, noise, allowed)

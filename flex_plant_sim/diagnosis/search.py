@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from flex_plant_sim.arm_model import Array
-from flex_plant_sim.diagnosis.allowance import misfit, MODEL_SHARE
+from flex_plant_sim.diagnosis.allowance import misfit, still_wrong, WRONG
 from flex_plant_sim.diagnosis.candidate_pass import Data, one_pass, Round
 from flex_plant_sim.diagnosis.exchange import exchanged, extended_base, refitted, still_needed
 from flex_plant_sim.diagnosis.fit import Fit, settle
@@ -20,7 +20,6 @@ import numpy as np
 
 ROUNDS = 6
 LEFT = 0.5
-WRONG = 1.0
 
 Progress = Callable[[str, float], None]
 
@@ -150,12 +149,3 @@ def _more_wrong(base: Base, nominal: Base, grown: Sequence[Ranked], before: Fit,
     left = [np.maximum(misfit(fit.residual, data.noise, data.allowed), WRONG)
             for fit in (before, after)]
     return bool(np.sum(np.log(left[1])) > np.sum(np.log(left[0])))
-
-
-def still_wrong(before: Array, after: Array) -> Array:
-    """
-    Return which channels miss more than an allowance and a hundredth of what was missed, (m,).
-
-    A well-named cause is itself modelled to about one percent.
-    """
-    return np.asarray(after > WRONG + MODEL_SHARE * np.where(after < before, before, 0.0))
