@@ -11,8 +11,16 @@ import signal
 from typing import Any, TypeVar
 
 from flex_plant_sim.arm_model import Array
-from flex_plant_sim.diagnosis.allowance import allowance
-from flex_plant_sim.diagnosis.fit import explore, Fit, Projector, Promise, promise, refine
+from flex_plant_sim.diagnosis.allowance import allowance, misfit, still_wrong
+from flex_plant_sim.diagnosis.fit import (
+    explore,
+    Fit,
+    fit_base,
+    Projector,
+    Promise,
+    promise,
+    refine,
+)
 from flex_plant_sim.diagnosis.hypothesis import Hypothesis
 from flex_plant_sim.diagnosis.noise import measurement_noise
 from flex_plant_sim.diagnosis.predictor import Base
@@ -24,6 +32,7 @@ import numpy as np
 FIT_SAMPLES, PROMISE_SAMPLES = 12000, 6000
 FEWEST_EXPLORED, WORTH_EXPLORING = 12, 0.1
 FEWEST_REFINED, WORTH_REFINING = 3, 0.5
+RIVAL, MOST_RIVALS = 0.3, 7
 
 Found = TypeVar('Found')
 
@@ -77,6 +86,31 @@ def one_pass(problem: Problem, fitted: Fit, trial: Sequence[Hypothesis], data: D
     """Return all hypotheses of a trial ranked around a problem and its fit, and what is chosen."""
     ranked = _fit_all(problem, trial, fitted, data, jobs, progress)
     return Round(fitted, tuple(ranked), choose(ranked))
+
+
+def decided(problem: Problem, found: Round, data: Data, jobs: int) -> tuple[Problem, Round]:
+    """
+    Return a round, and the problem it stands on, decided anew where it leaves nothing wrong.
+
+    What its best leaves is model error then, and a predictor that judges compares the leading
+    ones. While much is wrong it would not do: it takes slow errors for errors of the gauges.
+    """
+    if found.chosen is None:
+        return problem, found
+    start = misfit(found.base.residual, data.noise, data.allowed)
+    if still_wrong(start, found.chosen.misfit).any():
+        return problem, found
+    judge = Problem(problem.base, data.windows, data.noise, judging=True)
+    again = one_pass(judge, fit_base(judge), rivals(found), data, jobs)
+    return (problem, found) if again.chosen is None else (judge, again)
+
+
+def rivals(found: Round) -> list[Hypothesis]:
+    """Return the few hypotheses that explained nearly as much as the one chosen, and that one."""
+    assert found.chosen is not None
+    near = [r.hypothesis for r in found.ranked
+            if r.relevant and r.gain > RIVAL * found.chosen.gain]
+    return list(dict.fromkeys([found.chosen.hypothesis, *near]))[:1 + MOST_RIVALS]
 
 
 def _fit_all(problem: Problem, trial: Sequence[Hypothesis], fitted: Fit, data: Data, jobs: int,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from flex_plant_sim.diagnosis.candidate_pass import Data, one_pass, Round
+from flex_plant_sim.diagnosis.candidate_pass import Data, decided, one_pass, rivals, Round
 from flex_plant_sim.diagnosis.fit import Fit, fit_base, refine
 from flex_plant_sim.diagnosis.hypothesis import Hypothesis
 from flex_plant_sim.diagnosis.predictor import Base
@@ -13,7 +13,6 @@ from flex_plant_sim.diagnosis.problem import Problem
 from flex_plant_sim.diagnosis.ranking import choose, rank, Ranked
 
 SWEEPS = 3
-RIVAL, MOST_RIVALS = 0.3, 7
 
 Grounds = Mapping[Hypothesis, Round]
 
@@ -47,25 +46,17 @@ def _ranked_again(base: Base, nominal: Base, ranked: Ranked, others: Sequence[Ra
     without = replace(extended_base(base, nominal, others), level=base.level)
     problem = Problem(without, data.windows, data.noise)
     fitted = fit_base(problem)
-    rivals = _rivals(ranked, others, found)
-    passed = one_pass(problem, fitted, rivals, data, jobs).ranked if rivals else ()
+    taken = {ranked.hypothesis, *(r.hypothesis for r in others)}
+    open_ones = [h for h in rivals(found) if h not in taken]
+    passed = one_pass(problem, fitted, open_ones, data, jobs).ranked if open_ones else ()
     fits = [refine(problem, ranked.fit), *(r.fit for r in passed)]
     listed = rank(fits, fitted, data.noise, data.allowed)
-    best = choose(listed)
-    if best is None:
+    problem, again = decided(problem, Round(fitted, tuple(listed), choose(listed)), data, jobs)
+    if again.chosen is None:
         return ranked, found
-    if best.hypothesis != ranked.hypothesis:
-        ranked = refitted(problem, best, fitted, data)
-    return ranked, Round(fitted, tuple(listed), best)
-
-
-def _rivals(ranked: Ranked, others: Sequence[Ranked], found: Round) -> list[Hypothesis]:
-    """Return the few hypotheses that explained nearly as much as an effect in its round."""
-    assert found.chosen is not None
-    taken = {ranked.hypothesis, *(r.hypothesis for r in others)}
-    near = [r.hypothesis for r in found.ranked if r.relevant and r.hypothesis not in taken
-            and r.gain > RIVAL * found.chosen.gain]
-    return near[:MOST_RIVALS]
+    if again.chosen.hypothesis != ranked.hypothesis:
+        ranked = refitted(problem, again.chosen, again.base, data)
+    return ranked, again
 
 
 def extended_base(base: Base, nominal: Base, accepted: Sequence[Ranked]) -> Base:
@@ -77,7 +68,7 @@ def extended_base(base: Base, nominal: Base, accepted: Sequence[Ranked]) -> Base
 def refitted(problem: Problem, ranked: Ranked, base: Fit, data: Data) -> Ranked:
     """Return the fit again, base parameters linearised with the effect on."""
     effect = ranked.hypothesis.at(ranked.fit.values)
-    around = Problem(problem.base, data.windows, data.noise, around=(effect,))
+    around = Problem(problem.base, data.windows, data.noise, (effect,), problem.judging)
     fit = refine(around, ranked.fit)
     return rank([fit], base, data.noise, data.allowed)[0]
 

@@ -43,7 +43,7 @@ def _log_likelihood(base: Base, level: Level, windows: Sequence[Windows],
                     noise: Sequence[Array]) -> float:
     """Return the log-likelihood per sample, less a constant, nats."""
     model = replace(base, level=level).settled(windows[0].record.payload)
-    errors = np.concatenate([Predictor(model, w, s, judging=True).innovations().reshape(-1, s.size)
+    errors = np.concatenate([Predictor(model, w, s).innovations().reshape(-1, s.size)
                              for w, s in zip(windows, noise)])
     sign, size = np.linalg.slogdet(errors.T @ errors / len(errors))
     return -0.5 * float(size) if sign > 0 and np.isfinite(size) else -np.inf

@@ -63,11 +63,14 @@ class Problem:
         Sensor noise per record, (m,).
     around : tuple of Effect
         Effects that are on while the sensitivity to base parameters is taken.
+    judging : bool
+        See Predictor.
 
     """
 
     def __init__(self, base: Base, windows: Sequence[Windows], noise: Sequence[Array],
-                 around: tuple[Effect, ...] = ()):
+                 around: tuple[Effect, ...] = (), judging: bool = False):
+        self.judging = judging
         self.around, self.noise = around, tuple(noise)
         self.model_error = model_error([w.record for w in windows])
         self.correlated = windows[0].warm_up / 2.0
@@ -77,7 +80,7 @@ class Problem:
         self.precision = np.array([n.tolerance**-2 for n in self.nuisances])
         self.start = np.array(base.deviations or [0.0] * len(self.nuisances))
         self.model = base.settled(payload)
-        self.predictors = [Predictor(self.model, w, s, judging=True)
+        self.predictors = [Predictor(self.model, w, s, judging)
                            for w, s in zip(windows, noise)]
 
     def residual(self, effects: Sequence[Effect] = (), deviations: Array | None = None,

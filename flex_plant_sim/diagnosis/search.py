@@ -8,9 +8,9 @@ from functools import partial
 
 from flex_plant_sim.arm_model import Array
 from flex_plant_sim.diagnosis.allowance import misfit, still_wrong, WRONG
-from flex_plant_sim.diagnosis.candidate_pass import Data, one_pass, Round
+from flex_plant_sim.diagnosis.candidate_pass import Data, decided, one_pass, Round
 from flex_plant_sim.diagnosis.exchange import exchanged, extended_base, refitted, still_needed
-from flex_plant_sim.diagnosis.fit import Fit, settle
+from flex_plant_sim.diagnosis.fit import Fit, fit_base, settle
 from flex_plant_sim.diagnosis.hypothesis import hypotheses, Hypothesis
 from flex_plant_sim.diagnosis.noise_level import likeliest_level
 from flex_plant_sim.diagnosis.predictor import Base
@@ -101,15 +101,15 @@ def _round(problem: Problem, fitted: Fit, trial: Sequence[Hypothesis], data: Dat
     """
     found = None if raised else one_pass(problem, fitted, trial, data, jobs, progress)
     if found is not None and found.chosen is not None and found.chosen.share_left < LEFT:
-        return problem, found
+        return decided(problem, found, data, jobs)
     level = likeliest_level(problem.base, data.windows, data.noise)
     if found is not None and level == problem.base.level:
-        return problem, found
+        return decided(problem, found, data, jobs)
     noisier, anew = settle(replace(problem.base, level=level), data.windows, data.noise)
     again = one_pass(noisier, anew, trial, data, jobs, progress)
     if found is not None and again.chosen is None:
-        return problem, found
-    return noisier, again
+        return decided(problem, found, data, jobs)
+    return decided(noisier, again, data, jobs)
 
 
 def _taken(base: Base, nominal: Base, accepted: Sequence[Ranked], fresh: Ranked,
@@ -120,7 +120,7 @@ def _taken(base: Base, nominal: Base, accepted: Sequence[Ranked], fresh: Ranked,
         return [fresh], grounds
     if not (fresh.share_explained > LEFT or clear_of_null(fresh)):
         return None
-    before = grounds[fresh.hypothesis].base
+    before = fit_base(Problem(base, data.windows, data.noise))
     grown = still_needed(base, nominal, [*accepted, fresh], data)
     if _more_wrong(base, nominal, grown, before, data):
         return None
