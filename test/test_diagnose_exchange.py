@@ -35,7 +35,7 @@ def greedy(data: Data) -> tuple[list[Ranked], dict[Hypothesis, Round]]:
 
 
 def test_what_stood_in_for_a_cause_is_exchanged_beside_the_others() -> None:
-    data = Data.of([simulated(HIDDEN, 40.0)], NOMINAL)
+    data = Data.of([simulated(HIDDEN, 28.0)], NOMINAL)
     accepted, grounds = greedy(data)
     kept, told = exchanged(NOMINAL, NOMINAL, accepted, grounds, data, 1)
     sizes = {r.hypothesis.label: float(r.fit.values[0]) for r in kept}
