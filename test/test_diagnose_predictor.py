@@ -127,3 +127,15 @@ def test_a_cause_that_may_as_well_be_absent_is_not_stated_surely() -> None:
         value = cause.parameters[0]
         assert cause.probability == most
         assert (value.low > 0.0) == (most == 1.0)
+
+
+def test_a_count_of_modes_is_not_doubted_for_want_of_a_slope() -> None:
+    base = Base(REFERENCE, 'paper', 1)
+    data = Data.of([simulated((), 40.0)], base)
+    problem, fitted = settle(base, data.windows, data.noise)
+    hypothesis, = (h for h in hypotheses(REFERENCE) if h.label == 'modal_truncation:arm')
+    projector = Projector(problem, fitted.weighting)
+    fit = explore(problem, promise(problem, hypothesis, projector, data.duration), projector)
+    ranked, = rank([fit], fitted, data.noise, data.allowed)
+    cause = cause_of(ranked, Round(fitted, (ranked,), ranked))
+    assert ranked.relevant and cause.probability == 1.0

@@ -139,7 +139,13 @@ def choose(ranked: Sequence[Ranked]) -> Ranked | None:
 
 
 def clear_of_null(ranked: Ranked) -> bool:
-    """Tell whether some size's 95 % interval leaves out that the effect is absent."""
+    """
+    Tell whether some size's 95 % interval leaves out that the effect is absent.
+
+    A count of modes has no slope and so no such interval; its gain alone speaks for it.
+    """
+    if hasattr(ranked.hypothesis.effect, 'modes'):
+        return True
     return any(size and (value.low > null or value.high < null)
                for value, null, size in zip(parameter_values(ranked.fit), ranked.hypothesis.null,
                                             ranked.hypothesis.sizes))
