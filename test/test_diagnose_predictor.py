@@ -2,26 +2,38 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from flex_plant_sim.compiled import COMPILED
 from flex_plant_sim.diagnosis import passage
 from flex_plant_sim.diagnosis.allowance import model_error
+from flex_plant_sim.diagnosis.candidate_pass import Data, Round
 from flex_plant_sim.diagnosis.detection import detection_limits
 from flex_plant_sim.diagnosis.evidence import autoregression, innovations
-from flex_plant_sim.diagnosis.fit import explore, Projector, promise, settle
+from flex_plant_sim.diagnosis.fit import explore, Fit, Projector, promise, settle
 from flex_plant_sim.diagnosis.hypothesis import hypotheses
 from flex_plant_sim.diagnosis.predictor import Base, Predictor
 from flex_plant_sim.diagnosis.ranking import rank
-from flex_plant_sim.diagnosis.search import Data, Round
 from flex_plant_sim.diagnosis.verdict import cause_of
 from flex_plant_sim.effects import catalogue
+from flex_plant_sim.effects.base import Effect
 import numpy as np
 import pytest
 from simulated_records import effects, predictor, REFERENCE, simulated
 
 GAPS = ('backlash:joint_1:gap_rad=0.01,sensor_behind_gear=0,hub_share=0.1',
         'backlash:joint_2:gap_rad=0.006,sensor_behind_gear=1,hub_share=0.05')
+
+
+def first_fit(base: Base, hidden: Sequence[Effect], label: str) -> tuple[Fit, Fit, Data]:
+    """Return a hypothesis's first fit to a record with hidden effects, the base's, the data."""
+    data = Data.of([simulated(hidden, 40.0)], base)
+    problem, fitted = settle(base, data.windows, data.noise)
+    hypothesis, = (h for h in hypotheses(REFERENCE) if h.label == label)
+    projector = Projector(problem, fitted.weighting)
+    promised = promise(problem, hypothesis, projector, data.duration)
+    return explore(problem, promised, projector), fitted, data
 
 
 @pytest.mark.skipif(not COMPILED, reason='Numba is not installed: there is nothing to compare')
@@ -90,12 +102,7 @@ def test_innovations_of_an_autoregression_are_what_drove_it() -> None:
 
 def test_a_first_fit_reaches_a_brake_far_stronger_than_the_drive_s_damping() -> None:
     hidden = effects('viscous_friction:joint_1:damping_n_m_s=30')
-    base = Base(REFERENCE)
-    data = Data.of([simulated(hidden, 40.0)], base)
-    problem, fitted = settle(base, data.windows, data.noise)
-    hypothesis, = (h for h in hypotheses(REFERENCE) if h.label == 'viscous_friction:joint_1')
-    projector = Projector(problem, fitted.weighting)
-    fit = explore(problem, promise(problem, hypothesis, projector, data.duration), projector)
+    fit, _, _ = first_fit(Base(REFERENCE), hidden, 'viscous_friction:joint_1')
     assert fit.values[0] == pytest.approx(30.0, rel=0.03)
 
 
@@ -114,12 +121,7 @@ def test_a_limit_is_what_base_parameters_cannot_undo() -> None:
 
 def test_a_cause_that_may_as_well_be_absent_is_not_stated_surely() -> None:
     hidden = effects('strain_delay:arm:delay_s=0.03')
-    base = Base(REFERENCE)
-    data = Data.of([simulated(hidden, 40.0)], base)
-    problem, fitted = settle(base, data.windows, data.noise)
-    hypothesis, = (h for h in hypotheses(REFERENCE) if h.label == 'strain_delay:arm')
-    projector = Projector(problem, fitted.weighting)
-    fit = explore(problem, promise(problem, hypothesis, projector, data.duration), projector)
+    fit, fitted, data = first_fit(Base(REFERENCE), hidden, 'strain_delay:arm')
     # The same fit with columns that tell a hundred thousandth: nothing is known of its size.
     for found, most in ((fit, 1.0), (replace(fit, columns=1e-5 * fit.columns), 0.5)):
         ranked, = rank([found], fitted, data.noise, data.allowed)
@@ -130,12 +132,12 @@ def test_a_cause_that_may_as_well_be_absent_is_not_stated_surely() -> None:
 
 
 def test_a_count_of_modes_is_not_doubted_for_want_of_a_slope() -> None:
-    base = Base(REFERENCE, 'paper', 1)
-    data = Data.of([simulated((), 40.0)], base)
-    problem, fitted = settle(base, data.windows, data.noise)
-    hypothesis, = (h for h in hypotheses(REFERENCE) if h.label == 'modal_truncation:arm')
-    projector = Projector(problem, fitted.weighting)
-    fit = explore(problem, promise(problem, hypothesis, projector, data.duration), projector)
+    fit, fitted, data = first_fit(Base(REFERENCE, 'paper', 1), (), 'modal_truncation:arm')
     ranked, = rank([fit], fitted, data.noise, data.allowed)
     cause = cause_of(ranked, Round(fitted, (ranked,), ranked))
     assert ranked.relevant and cause.probability == 1.0
+
+
+def test_nothing_to_rank_gives_an_empty_ranking() -> None:
+    _, fitted, data = first_fit(Base(REFERENCE), (), 'strain_delay:arm')
+    assert rank([], fitted, data.noise, data.allowed) == []

@@ -108,6 +108,8 @@ def rank(fits: Sequence[Fit], base: Fit, noise: Sequence[Array], allowed: Array)
     Where the best leaves nothing that counts as wrong, what is left is model error, and whitened
     residuals decide.
     """
+    if not fits:
+        return []
     start = misfit(base.residual, noise, allowed)
     ranked = _ranked(fits, base, start, noise, allowed, whitened=False)
     if still_wrong(start, ranked[0].misfit).any():
