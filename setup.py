@@ -62,13 +62,13 @@ setup(
     },
     entry_points={
         'console_scripts': [
-            'plant_sim = flex_plant_sim.plant_sim_node:main',
-            'payload_estimator = flex_payload_estimator.payload_estimator_node:main',
-            'lqg_controller = flex_payload_estimator.lqg_controller_node:main',
+            'plant_sim = flex_plant_sim.nodes.plant_sim_node:main',
+            'payload_estimator = flex_payload_estimator.nodes.payload_estimator_node:main',
+            'lqg_controller = flex_payload_estimator.nodes.lqg_controller_node:main',
             'flex_demo = flex_payload_estimator.tools.demo:main',
             'flex_diagnose = flex_plant_sim.tools.diagnose:main',
             'flex_estimate = flex_payload_estimator.tools.estimate:main',
-            'flex_figures = flex_plant_sim.tools.figures:main',
+            'flex_figures = flex_payload_estimator.tools.figures:main',
             'flex_replay = flex_plant_sim.tools.replay:main',
         ],
     },

@@ -15,12 +15,12 @@ import sys
 from tempfile import TemporaryDirectory
 import time
 
+from flex_plant_sim.arm.robot import load_robot
 from flex_plant_sim.effects import build, parse
-from flex_plant_sim.extended_arm import ExtendedArm
-from flex_plant_sim.log import Log
-from flex_plant_sim.log_csv import write_csv
-from flex_plant_sim.robot import load_robot
-from flex_plant_sim.simulation import Noise, simulate, Simulator
+from flex_plant_sim.logs.csv import write_csv
+from flex_plant_sim.logs.log import Log
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.simulator import Noise, simulate, Simulator
 import numpy as np
 
 ROBOT = load_robot('reference')

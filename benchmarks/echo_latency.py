@@ -21,7 +21,7 @@ import sys
 import time
 from typing import Any
 
-from flex_plant_sim.plant_setup import simulator_of
+from flex_plant_sim.simulation.plant_setup import simulator_of
 from geometry_msgs.msg import InertiaStamped
 from msg_config.messages import (
     doubles,
@@ -223,7 +223,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     # At most what a block takes; a jump back to the start would be one of the arm.
     seconds = PATIENCE + SETTLING + 2.0 * WARM_UP + options.duration / options.blocks
     samples = Samples(options.rate, seconds, arm)
-    estimator = ['-m', 'flex_payload_estimator.payload_estimator_node', '--ros-args', '-p',
+    estimator = ['-m', 'flex_payload_estimator.nodes.payload_estimator_node', '--ros-args', '-p',
                  f'sample_time:={1.0 / options.rate}', '-p', f'estimator:={options.estimator}',
                  '-p', f'model:={options.model}', '-p', f'modes:={options.modes}']
     commands = {'echo': [__file__, '--echo'], 'estimator': estimator}

@@ -13,15 +13,15 @@ import argparse
 from dataclasses import dataclass
 from pathlib import Path
 
+from flex_payload_estimator.control.loop import LoopRecord, run_loop
+from flex_payload_estimator.control.lqg import LQGController, LQGSettings
+from flex_payload_estimator.control.set_points import square
 from flex_payload_estimator.estimators.factory import make_estimator
-from flex_payload_estimator.loop import LoopRecord, run_loop
-from flex_payload_estimator.lqg import LQGController, LQGSettings
-from flex_payload_estimator.set_points import square
-from flex_plant_sim.arm_model import Array
-from flex_plant_sim.arm_shape import ArmShape
-from flex_plant_sim.extended_arm import ExtendedArm
-from flex_plant_sim.robot import load_robot
-from flex_plant_sim.simulation import Noise, Simulator
+from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.simulation.arm_shape import ArmShape
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.simulator import Noise, Simulator
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np

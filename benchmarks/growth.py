@@ -15,11 +15,11 @@ from pathlib import Path
 import time
 
 from filterpy.kalman import KalmanFilter
-from flex_payload_estimator.estimators.rpe import RecursivePredictionError
-from flex_plant_sim.arm_model import Array
-from flex_plant_sim.extended_arm import ExtendedArm
-from flex_plant_sim.robot import load_robot, Robot
-from flex_plant_sim.simulation import Noise, Simulator
+from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
+from flex_plant_sim.arm.robot import load_robot, Robot
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.simulator import Noise, Simulator
 from matched import GAIN, set_point
 from matplotlib.figure import Figure
 import numpy as np

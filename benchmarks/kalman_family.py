@@ -17,13 +17,13 @@ import time
 
 from filterpy.kalman import ExtendedKalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
 from flex_payload_estimator.estimators.factory import make_estimator
-from flex_payload_estimator.estimators.rpe_kernel import predict
-from flex_payload_estimator.estimators.rpe_levels import Level, levels, start_spread, told_noise
-from flex_payload_estimator.estimators.rpe_parts import tabulated
-from flex_payload_estimator.estimators.rpe_schedule import PayloadSchedule
-from flex_plant_sim.arm_model import Array
-from flex_plant_sim.extended_arm import ExtendedArm
-from flex_plant_sim.robot import load_robot, Robot
+from flex_payload_estimator.estimators.rpe.kernel import predict
+from flex_payload_estimator.estimators.rpe.levels import Level, levels, start_spread, told_noise
+from flex_payload_estimator.estimators.rpe.parts import tabulated
+from flex_payload_estimator.estimators.rpe.schedule import PayloadSchedule
+from flex_plant_sim.arm.robot import load_robot, Robot
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from matched import bound, Case, Record, record
 import numpy as np
 

@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 import multiprocessing
 from multiprocessing.pool import Pool
 
-from flex_payload_estimator.cramer_rao import linearise, payload_bound
-from flex_payload_estimator.estimators.rpe_levels import start_spread
-from flex_plant_sim.arm_model import Array
-from flex_plant_sim.extended_arm import ExtendedArm
-from flex_plant_sim.robot import load_robot, Robot
-from flex_plant_sim.simulation import Noise, Simulator
+from flex_payload_estimator.estimators.rpe.levels import start_spread
+from flex_payload_estimator.kalman.cramer_rao import linearise, payload_bound
+from flex_plant_sim.arm.robot import load_robot, Robot
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.simulator import Noise, Simulator
 import numpy as np
 
 AMPLITUDE, PERIOD_S, GAIN = 0.5, 4.0, 4.0

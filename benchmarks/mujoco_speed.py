@@ -16,11 +16,11 @@ from pathlib import Path
 import sys
 import time
 
+from flex_plant_sim.arm.robot import EffectSpec, load_robot
 from flex_plant_sim.effects import build as build_effect
-from flex_plant_sim.extended_arm import ExtendedArm
-from flex_plant_sim.robot import EffectSpec, load_robot
-from flex_plant_sim.simulation import simulate as step_arm
-from flex_plant_sim.simulation import Simulator
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.simulator import simulate as step_arm
+from flex_plant_sim.simulation.simulator import Simulator
 import mujoco
 from mujoco_chain import Arm, build, fit_percent, run, simulate
 import numpy as np

@@ -19,19 +19,19 @@ import sys
 import time
 
 from filterpy.kalman import KalmanFilter
-from flex_payload_estimator.delta import DeltaOperator
+from flex_payload_estimator.control.loop import run_loop
+from flex_payload_estimator.control.lqg import LQGController
+from flex_payload_estimator.control.set_points import square
 from flex_payload_estimator.estimators.factory import make_estimator
-from flex_payload_estimator.estimators.sf1 import SF1Estimator
-from flex_payload_estimator.loop import run_loop
-from flex_payload_estimator.lqg import LQGController
-from flex_payload_estimator.payload_model import payload_model
-from flex_payload_estimator.riccati import riccati_step
-from flex_payload_estimator.set_points import square
-from flex_plant_sim.arm_model import Array
+from flex_payload_estimator.estimators.sf1.estimator import SF1Estimator
+from flex_payload_estimator.kalman.riccati import riccati_step
+from flex_payload_estimator.model.delta import DeltaOperator
+from flex_payload_estimator.model.payload_model import payload_model
+from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import COMPILED
-from flex_plant_sim.extended_arm import ExtendedArm
-from flex_plant_sim.robot import load_robot
-from flex_plant_sim.simulation import Noise, Simulator
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.simulator import Noise, Simulator
 import numpy as np
 
 STEP = 0.01

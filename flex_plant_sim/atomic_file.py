@@ -9,7 +9,7 @@ from pathlib import Path
 import shutil
 from tempfile import TemporaryDirectory
 
-from flex_plant_sim.errors import InputError
+from msg_config.errors import InputError
 
 
 @contextmanager

@@ -9,7 +9,7 @@ import sys
 from typing import Any, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from flex_plant_sim.errors import InputError
+from msg_config.errors import InputError
 from msg_config.messages import diagnostic_array, diagnostic_status
 from msg_config.ros import (
     create_publisher,

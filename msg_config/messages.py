@@ -9,8 +9,8 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from flex_plant_sim.errors import InputError
 from geometry_msgs.msg import InertiaStamped
+from msg_config.errors import InputError
 import numpy as np
 from numpy.typing import NDArray
 from rosgraph_msgs.msg import Clock

@@ -11,7 +11,7 @@ import sys
 from types import MappingProxyType
 from typing import Any, Union
 
-from flex_plant_sim.errors import InputError
+from msg_config.errors import InputError
 import yaml
 
 Value = Union[bool, int, float, str, 'tuple[float, ...]', 'tuple[str, ...]']

@@ -7,8 +7,8 @@ from importlib import import_module
 from struct import Struct
 from typing import Any
 
-from flex_plant_sim.errors import InputError
 from msg_config import load_services, load_topics, Qos
+from msg_config.errors import InputError
 from msg_config.messages import inertia_message, NANOSECONDS
 from msg_config.parameters import load_parameters, Parameter, Value
 from rcl_interfaces.msg import (

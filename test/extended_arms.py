@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from flex_plant_sim.arm_model import Array, SecondOrderForm
+from flex_plant_sim.arm.robot import load_robot, Robot
+from flex_plant_sim.arm.second_order import Array, SecondOrderForm
 from flex_plant_sim.effects import build, parse
 from flex_plant_sim.effects.base import Effect, Motion
-from flex_plant_sim.extended_arm import ExtendedArm
-from flex_plant_sim.robot import load_robot, Robot
-from flex_plant_sim.simulation import simulate, Simulator
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.simulator import simulate, Simulator
 import numpy as np
 from scipy.linalg import eigh
 

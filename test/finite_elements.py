@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flex_plant_sim.robot import Robot
+from flex_plant_sim.arm.robot import Robot
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh

@@ -18,8 +18,8 @@ class Bench:
     """A node under test, fed by hand."""
 
     def __init__(self, loop: RosLoop, kind: str):
-        from flex_payload_estimator.lqg_controller_node import LQGControllerNode
-        from flex_payload_estimator.payload_estimator_node import PayloadEstimatorNode
+        from flex_payload_estimator.nodes.lqg_controller_node import LQGControllerNode
+        from flex_payload_estimator.nodes.payload_estimator_node import PayloadEstimatorNode
 
         self.loop = loop
         self.answers = loop.record('payload/inertia' if kind == 'estimator' else 'command')

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from flex_plant_sim.arm_model import Array
-from flex_plant_sim.paper_model import Sign
-from flex_plant_sim.robot import Robot
+from flex_plant_sim.arm.paper_model import Sign
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.second_order import Array
 import numpy as np
 
 

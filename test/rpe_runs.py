@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 from flex_payload_estimator.estimators.base import Estimate
-from flex_payload_estimator.estimators.rpe import RecursivePredictionError
-from flex_payload_estimator.estimators.rpe_settings import RpeSettings
-from flex_plant_sim.extended_arm import ExtendedArm
-from flex_plant_sim.payload_profile import PayloadProfile
-from flex_plant_sim.robot import load_robot, Robot
-from flex_plant_sim.simulation import Noise, Simulator
+from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
+from flex_payload_estimator.estimators.rpe.settings import RpeSettings
+from flex_plant_sim.arm.robot import load_robot, Robot
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.payload_profile import PayloadProfile
+from flex_plant_sim.simulation.simulator import Noise, Simulator
 import numpy as np
 
 SIGMA = 1e-3

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from flex_plant_sim.arm_model import Array
+from flex_plant_sim.arm.robot import load_robot, Robot
+from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.noise import measurement_noise
 from flex_plant_sim.diagnosis.predictor import Base, Predictor
 from flex_plant_sim.diagnosis.windows import Record, Windows
 from flex_plant_sim.effects import build, parse
 from flex_plant_sim.effects.base import Effect
-from flex_plant_sim.log import Log
-from flex_plant_sim.log_csv import write_csv
-from flex_plant_sim.robot import load_robot, Robot
-from flex_plant_sim.simulation import Noise, simulate, Simulator
+from flex_plant_sim.logs.csv import write_csv
+from flex_plant_sim.logs.log import Log
+from flex_plant_sim.simulation.simulator import Noise, simulate, Simulator
 import numpy as np
 
 REFERENCE = load_robot('reference')

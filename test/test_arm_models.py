@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from finite_elements import natural_frequencies
-from flex_plant_sim.arm_model import Array, SecondOrderForm
-from flex_plant_sim.assumed_modes import assumed_modes
-from flex_plant_sim.extended_arm import ExtendedArm
-from flex_plant_sim.paper_model import CompactModel, paper_model, Sign
-from flex_plant_sim.robot import load_robot, Robot
+from flex_plant_sim.arm.assumed_modes import assumed_modes
+from flex_plant_sim.arm.paper_model import CompactModel, paper_model, Sign
+from flex_plant_sim.arm.robot import load_robot, Robot
+from flex_plant_sim.arm.second_order import Array, SecondOrderForm
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 from paper_equations import paper_residual
 import pytest

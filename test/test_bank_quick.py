@@ -12,9 +12,9 @@ from bank.records import write_record
 from bank.run import run_case
 from bank.sizes import Limits, stated_limits
 from bank.terms import hidden_terms
+from flex_plant_sim.arm.robot import load_robot
 from flex_plant_sim.effects import catalogue
-from flex_plant_sim.log import read_log
-from flex_plant_sim.robot import load_robot
+from flex_plant_sim.logs.read import read_log
 from flex_plant_sim.tools.diagnose import main
 from flex_plant_sim.tools.replay import replay
 import pytest

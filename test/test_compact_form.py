@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from flex_plant_sim.arm_model import Array
-from flex_plant_sim.paper_model import CompactModel, paper_model
-from flex_plant_sim.robot import load_robot
-from flex_plant_sim.state_space import state_space
+from flex_plant_sim.arm.paper_model import CompactModel, paper_model
+from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.arm.state_space import state_space
 import numpy as np
 from paper_equations import paper_residual
 import pytest

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from flex_payload_estimator.cramer_rao import (
+from flex_payload_estimator.kalman.cramer_rao import (
     linearise,
     Linearised,
     output_sensitivity,
     payload_bound,
 )
-from flex_plant_sim.arm_model import Array
+from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.effects import catalogue
-from flex_plant_sim.errors import InputError
-from flex_plant_sim.extended_arm import ExtendedArm
-from flex_plant_sim.robot import load_robot
-from flex_plant_sim.simulation import Noise, Simulator
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.simulator import Noise, Simulator
+from msg_config.errors import InputError
 import numpy as np
 import pytest
 

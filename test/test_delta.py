@@ -5,17 +5,17 @@ from __future__ import annotations
 from fractions import Fraction
 import math
 
-from flex_payload_estimator.delta import (
+from flex_payload_estimator.model.delta import (
     delta_model,
     digits_over_step,
     halvings_for,
     omega,
     shift_round_trip,
 )
-from flex_payload_estimator.payload_model import payload_model
-from flex_plant_sim.arm_model import Array
-from flex_plant_sim.errors import InputError
-from flex_plant_sim.robot import load_robot
+from flex_payload_estimator.model.payload_model import payload_model
+from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.arm.second_order import Array
+from msg_config.errors import InputError
 import numpy as np
 import pytest
 from scipy.linalg import expm

@@ -11,8 +11,8 @@ import sys
 from typing import Any
 
 from flex_payload_estimator.tools import demo
-from flex_plant_sim.log import read_log
-from flex_plant_sim.robot import load_robot
+from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.logs.read import read_log
 import numpy as np
 import pytest
 
@@ -71,9 +71,9 @@ def test_the_demo_writes_six_figures_and_two_equal_logs(output: tuple[Path, str]
 
 @pytest.mark.ros
 def test_the_topics_gave_what_the_offline_loop_gives(output: tuple[Path, str]) -> None:
-    from flex_payload_estimator.loop import run_loop
-    from flex_payload_estimator.node_setup import controller_of, estimator_of, set_points_of
-    from flex_plant_sim.plant_setup import simulator_of
+    from flex_payload_estimator.control.loop import run_loop
+    from flex_payload_estimator.nodes.node_setup import controller_of, estimator_of, set_points_of
+    from flex_plant_sim.simulation.plant_setup import simulator_of
 
     experiment = demo.Experiment.of(demo.options_of(['--duration', '4']))
     record = run_loop(simulator_of(experiment.plant), estimator_of(experiment.estimator),

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from flex_plant_sim.arm.robot import built_in_robots, load_robot, parse_robot, Robot
 from flex_plant_sim.diagnosis.extend import document, extended_text, write_extended
 from flex_plant_sim.effects import build, catalogue, effects_of, parse, sites
 from flex_plant_sim.effects.base import Effect
-from flex_plant_sim.errors import InputError
-from flex_plant_sim.robot import built_in_robots, load_robot, parse_robot, Robot
+from msg_config.errors import InputError
 import pytest
 import yaml
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flex_plant_sim.arm_model import Array
+from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.free_run import errors, free_run, start_instants
 from flex_plant_sim.diagnosis.predictor import Predictor
 from flex_plant_sim.effects.base import Effect

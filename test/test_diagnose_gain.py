@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from flex_plant_sim.diagnosis.gain import _gains, gain_results, measure_gain
-from flex_plant_sim.errors import InputError
+from msg_config.errors import InputError
 import numpy as np
 import pytest
 from simulated_records import effects, predictor, simulated

@@ -22,7 +22,7 @@ from flex_plant_sim.diagnosis.results import (
     ParameterValue,
     VERDICTS,
 )
-from flex_plant_sim.errors import InputError
+from msg_config.errors import InputError
 import numpy as np
 import pytest
 from simulated_records import effects

@@ -11,10 +11,10 @@ import subprocess
 import sys
 import time
 
+from flex_plant_sim.arm.robot import load_robot
 from flex_plant_sim.effects import effects_of
-from flex_plant_sim.errors import InputError
-from flex_plant_sim.robot import load_robot
 from flex_plant_sim.tools.diagnose import main, progress_bar, read_logs
+from msg_config.errors import InputError
 import numpy as np
 import pytest
 from simulated_records import effects, REFERENCE, simulated, write

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from flex_plant_sim.drive import DCMotor, Drive
+from flex_plant_sim.arm.drive import DCMotor, Drive
 import numpy as np
 from numpy.typing import NDArray
 import pytest

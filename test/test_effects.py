@@ -9,13 +9,13 @@ import subprocess
 import sys
 from typing import Any
 
-from flex_plant_sim.arm_model import Array
+from flex_plant_sim.arm.robot import EffectSpec, load_robot, parse_robot
+from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.effects import at_null, build, catalogue, effects_of, explain, parse, sites
 from flex_plant_sim.effects.base import Effect
-from flex_plant_sim.errors import InputError
-from flex_plant_sim.extended_arm import ExtendedArm
-from flex_plant_sim.robot import EffectSpec, load_robot, parse_robot
-from flex_plant_sim.simulation import simulate, Simulator
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.simulator import simulate, Simulator
+from msg_config.errors import InputError
 import numpy as np
 import pytest
 import yaml
@@ -138,7 +138,7 @@ def test_robot_file_round_trip(identifier: str) -> None:
     assert build(spec, ROBOT) == effect
     text = ','.join(f'{name}={value!r}' for name, value in spec.values.items())
     assert parse(f'{identifier}:{effect.site}:{text}') == spec
-    file = Path(sys.modules[load_robot.__module__].__file__ or '').parent / 'robots'
+    file = Path(sys.modules[load_robot.__module__].__file__ or '').parents[1] / 'robots'
     data = yaml.safe_load((file / 'reference.yaml').read_text())
     data['effects'] = [{'name': spec.name, 'site': spec.site, **spec.values}]
     read = parse_robot(yaml.safe_dump(data), 'test.yaml')

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from extended_arms import arm, COMMANDS, outputs, ROBOT
-from flex_plant_sim.arm_model import Array
-from flex_plant_sim.extended_arm import ExtendedArm
-from flex_plant_sim.simulation import Simulator
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.simulator import Simulator
 import numpy as np
 import pytest
 

@@ -6,12 +6,12 @@ import json
 from pathlib import Path
 from typing import Any
 
-from flex_plant_sim.arm_model import Array
+from flex_plant_sim.arm.robot import EffectSpec, load_robot
+from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.effects import build
 from flex_plant_sim.effects.base import Effect
-from flex_plant_sim.extended_arm import ExtendedArm
-from flex_plant_sim.robot import EffectSpec, load_robot
-from flex_plant_sim.simulation import simulate, Simulator
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.simulator import simulate, Simulator
 import numpy as np
 import pytest
 

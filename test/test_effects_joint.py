@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 from extended_arms import arm, COMMANDS, effect, frequencies, moving, outputs, ROBOT, stiff
-from flex_plant_sim.arm_model import Array
-from flex_plant_sim.assumed_modes import assumed_modes
-from flex_plant_sim.effects.elastic_root import root_moment
-from flex_plant_sim.extended_arm import ExtendedArm
-from flex_plant_sim.simulation import simulate, Simulator
+from flex_plant_sim.arm.assumed_modes import assumed_modes
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.effects.mechanics.elastic_root import root_moment
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.simulator import simulate, Simulator
 import numpy as np
 import pytest
 from scipy import signal

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from extended_arms import arm, COMMANDS, frequencies, moving, outputs, ROBOT, stiff
-from flex_plant_sim.arm_model import Array
-from flex_plant_sim.payload_profile import PayloadProfile
-from flex_plant_sim.simulation import simulate, Simulator
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.simulation.payload_profile import PayloadProfile
+from flex_plant_sim.simulation.simulator import simulate, Simulator
 import numpy as np
 import pytest
 

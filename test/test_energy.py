@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from flex_plant_sim.arm_model import Array, SecondOrderForm
-from flex_plant_sim.assumed_modes import assumed_modes
+from flex_plant_sim.arm.assumed_modes import assumed_modes
+from flex_plant_sim.arm.robot import EffectSpec, load_robot, Robot
+from flex_plant_sim.arm.second_order import Array, SecondOrderForm
 from flex_plant_sim.effects import build
 from flex_plant_sim.effects.base import Motion
-from flex_plant_sim.extended_arm import ExtendedArm
-from flex_plant_sim.robot import EffectSpec, load_robot, Robot
-from flex_plant_sim.simulation import Simulator
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.simulator import Simulator
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp

@@ -6,17 +6,17 @@ import json
 from pathlib import Path
 from typing import Any
 
+from flex_payload_estimator.control.loop import run_loop
+from flex_payload_estimator.control.lqg import LQGController
+from flex_payload_estimator.control.set_points import square
 from flex_payload_estimator.estimators.factory import make_estimator
-from flex_payload_estimator.loop import run_loop
-from flex_payload_estimator.lqg import LQGController
-from flex_payload_estimator.set_points import square
 from flex_payload_estimator.tools import estimate
-from flex_plant_sim.extended_arm import ExtendedArm
-from flex_plant_sim.log import Log
-from flex_plant_sim.log_bag import write_bag
-from flex_plant_sim.log_csv import write_csv
-from flex_plant_sim.robot import load_robot
-from flex_plant_sim.simulation import Noise, Simulator
+from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.logs.bag import write_bag
+from flex_plant_sim.logs.csv import write_csv
+from flex_plant_sim.logs.log import Log
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.simulator import Noise, Simulator
 import numpy as np
 import pytest
 

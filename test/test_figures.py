@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from flex_plant_sim.tools import figures
-from flex_plant_sim.tools.figures import FIGURES
+from flex_payload_estimator.tools import figures
+from flex_payload_estimator.tools.figures import FIGURES
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 import numpy as np

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 
-from flex_payload_estimator.delta import delta_model
-from flex_payload_estimator.kalman import KalmanPredictor
-from flex_payload_estimator.payload_model import payload_model
-from flex_payload_estimator.riccati import riccati_step, settled
-from flex_plant_sim.arm_model import Array
-from flex_plant_sim.robot import load_robot
+from flex_payload_estimator.kalman.predictor import KalmanPredictor
+from flex_payload_estimator.kalman.riccati import riccati_step, settled
+from flex_payload_estimator.model.delta import delta_model
+from flex_payload_estimator.model.payload_model import payload_model
+from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.arm.second_order import Array
 import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are

@@ -7,12 +7,13 @@ from pathlib import Path
 import time
 from typing import Literal
 
+from flex_plant_sim.arm.robot import load_robot
 from flex_plant_sim.atomic_file import whole_file
-from flex_plant_sim.errors import InputError
-from flex_plant_sim.log import Log, read_log
-from flex_plant_sim.log_bag import write_bag
-from flex_plant_sim.log_csv import write_csv
-from flex_plant_sim.robot import load_robot
+from flex_plant_sim.logs.bag import write_bag
+from flex_plant_sim.logs.csv import write_csv
+from flex_plant_sim.logs.log import Log
+from flex_plant_sim.logs.read import read_log
+from msg_config.errors import InputError
 import numpy as np
 import pytest
 

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from flex_plant_sim.errors import InputError
-from flex_plant_sim.log import read_log
-from flex_plant_sim.robot import load_robot
+from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.logs.read import read_log
+from msg_config.errors import InputError
 import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import functools
 
+from flex_payload_estimator.control.loop import LoopRecord, run_loop
+from flex_payload_estimator.control.lqg import LQGController
+from flex_payload_estimator.control.set_points import constant, smooth_square, square
 from flex_payload_estimator.estimators.factory import make_estimator
-from flex_payload_estimator.loop import LoopRecord, run_loop
-from flex_payload_estimator.lqg import LQGController
-from flex_payload_estimator.set_points import constant, smooth_square, square
-from flex_plant_sim.errors import InputError
-from flex_plant_sim.extended_arm import ExtendedArm
-from flex_plant_sim.payload_profile import PayloadProfile
-from flex_plant_sim.robot import load_robot
-from flex_plant_sim.simulation import Noise, Simulator
+from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.payload_profile import PayloadProfile
+from flex_plant_sim.simulation.simulator import Noise, Simulator
+from msg_config.errors import InputError
 import numpy as np
 import pytest
 

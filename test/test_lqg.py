@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 import math
 
-from flex_payload_estimator.lqg import LQGController, LQGSettings
-from flex_plant_sim.arm_model import Array
-from flex_plant_sim.errors import InputError
-from flex_plant_sim.extended_arm import ExtendedArm
-from flex_plant_sim.robot import load_robot
-from flex_plant_sim.simulation import Noise, Simulator
+from flex_payload_estimator.control.lqg import LQGController, LQGSettings
+from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.simulator import Noise, Simulator
+from msg_config.errors import InputError
 import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are

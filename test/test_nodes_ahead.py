@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from flex_payload_estimator.estimators.base import Estimate
 from flex_payload_estimator.estimators.factory import make_estimator
-from flex_plant_sim.extended_arm import ExtendedArm
-from flex_plant_sim.robot import load_robot
-from flex_plant_sim.simulation import Noise, Simulator
+from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.simulator import Noise, Simulator
 import numpy as np
 import pytest
 

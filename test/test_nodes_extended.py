@@ -7,11 +7,11 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from flex_payload_estimator.node_setup import controller_of
+from flex_payload_estimator.nodes.node_setup import controller_of
+from flex_plant_sim.arm.robot import load_robot
 from flex_plant_sim.effects import at_null, catalogue, sites
-from flex_plant_sim.plant_setup import simulator_of
-from flex_plant_sim.robot import load_robot
-from flex_plant_sim.simulation import simulate
+from flex_plant_sim.simulation.plant_setup import simulator_of
+from flex_plant_sim.simulation.simulator import simulate
 from msg_config.parameters import check_parameters
 import numpy as np
 import pytest
@@ -93,11 +93,11 @@ def test_the_controller_takes_the_parameters_that_were_found(extended: str) -> N
 
 @pytest.mark.ros
 def test_the_loop_runs_with_an_extended_robot_as_offline(loop: RosLoop, extended: str) -> None:
-    from flex_payload_estimator.loop import run_loop
-    from flex_payload_estimator.lqg_controller_node import LQGControllerNode
-    from flex_payload_estimator.node_setup import estimator_of, set_points_of
-    from flex_payload_estimator.payload_estimator_node import PayloadEstimatorNode
-    from flex_plant_sim.plant_sim_node import PlantSim
+    from flex_payload_estimator.control.loop import run_loop
+    from flex_payload_estimator.nodes.lqg_controller_node import LQGControllerNode
+    from flex_payload_estimator.nodes.node_setup import estimator_of, set_points_of
+    from flex_payload_estimator.nodes.payload_estimator_node import PayloadEstimatorNode
+    from flex_plant_sim.nodes.plant_sim_node import PlantSim
 
     common = {'robot': extended, 'modes': 2}
     tables = {'plant_sim': {**common, 'seed': 4}, 'lqg_controller': common,

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from flex_payload_estimator.model_health import LAGS, ljung_box, ModelHealth
-from flex_plant_sim.errors import InputError
+from flex_payload_estimator.nodes.model_health import LAGS, ljung_box, ModelHealth
+from msg_config.errors import InputError
 import numpy as np
 import pytest
 

@@ -37,9 +37,9 @@ def loop(ros_context: Context) -> Iterator[RosLoop]:
 
 def start_all(loop: RosLoop, values: dict[str, dict[str, Any]]) -> tuple[Any, Any, Any]:
     """Start the three nodes."""
-    from flex_payload_estimator.lqg_controller_node import LQGControllerNode
-    from flex_payload_estimator.payload_estimator_node import PayloadEstimatorNode
-    from flex_plant_sim.plant_sim_node import PlantSim
+    from flex_payload_estimator.nodes.lqg_controller_node import LQGControllerNode
+    from flex_payload_estimator.nodes.payload_estimator_node import PayloadEstimatorNode
+    from flex_plant_sim.nodes.plant_sim_node import PlantSim
 
     kinds = {'plant_sim': PlantSim, 'payload_estimator': PayloadEstimatorNode,
              'lqg_controller': LQGControllerNode}
@@ -50,9 +50,9 @@ def start_all(loop: RosLoop, values: dict[str, dict[str, Any]]) -> tuple[Any, An
 
 def offline(values: dict[str, dict[str, Any]], samples: int) -> Any:
     """Return the offline loop's record of the same experiment."""
-    from flex_payload_estimator.loop import run_loop
-    from flex_payload_estimator.node_setup import controller_of, estimator_of, set_points_of
-    from flex_plant_sim.plant_setup import simulator_of
+    from flex_payload_estimator.control.loop import run_loop
+    from flex_payload_estimator.nodes.node_setup import controller_of, estimator_of, set_points_of
+    from flex_plant_sim.simulation.plant_setup import simulator_of
 
     tables = {name: check_parameters(name, own) for name, own in values.items()}
     simulator = simulator_of(tables['plant_sim'])
@@ -118,9 +118,9 @@ def test_the_clock_is_the_stamp_of_the_samples(loop: RosLoop) -> None:
 
 
 def test_nodes_may_come_late_in_any_order_and_be_replaced(loop: RosLoop) -> None:
-    from flex_payload_estimator.lqg_controller_node import LQGControllerNode
-    from flex_payload_estimator.payload_estimator_node import PayloadEstimatorNode
-    from flex_plant_sim.plant_sim_node import PlantSim
+    from flex_payload_estimator.nodes.lqg_controller_node import LQGControllerNode
+    from flex_payload_estimator.nodes.payload_estimator_node import PayloadEstimatorNode
+    from flex_plant_sim.nodes.plant_sim_node import PlantSim
 
     joints, commands = loop.record('joint_states'), loop.record('command')
     controller = loop.start(LQGControllerNode, **SF1_PAPER['lqg_controller'])

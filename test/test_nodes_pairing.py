@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from flex_payload_estimator.pairing import Order, Pairing, PENDING, StampOrder
-from flex_plant_sim.errors import InputError
+from flex_payload_estimator.nodes.pairing import Order, Pairing, PENDING, StampOrder
+from msg_config.errors import InputError
 import numpy as np
 import pytest
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, TYPE_CHECKING
 
-from flex_plant_sim.errors import InputError
+from msg_config.errors import InputError
 from node_bench import JOINTS, PAPER, STEP
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def loop(ros_context: Context) -> Iterator[RosLoop]:
 
 def plant(loop: RosLoop, **values: Any) -> Any:
     """Start plant_sim."""
-    from flex_plant_sim.plant_sim_node import PlantSim
+    from flex_plant_sim.nodes.plant_sim_node import PlantSim
 
     return loop.start(PlantSim, **{**PAPER, **values})
 
@@ -156,7 +156,7 @@ def test_a_bad_parameter_is_one_line_that_names_the_node(
 
 
 def test_a_bad_estimator_is_named(loop: RosLoop) -> None:
-    from flex_payload_estimator.payload_estimator_node import PayloadEstimatorNode
+    from flex_payload_estimator.nodes.payload_estimator_node import PayloadEstimatorNode
 
     with pytest.raises(InputError, match='^payload_estimator: regression: paper needs model '
                                          'paper_reduced'):

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from rclpy.context import Context
 
 MODULES = {
-    'plant_sim': 'flex_plant_sim.plant_sim_node',
-    'payload_estimator': 'flex_payload_estimator.payload_estimator_node',
-    'lqg_controller': 'flex_payload_estimator.lqg_controller_node'}
+    'plant_sim': 'flex_plant_sim.nodes.plant_sim_node',
+    'payload_estimator': 'flex_payload_estimator.nodes.payload_estimator_node',
+    'lqg_controller': 'flex_payload_estimator.nodes.lqg_controller_node'}
 
 pytestmark = pytest.mark.ros
 

@@ -42,7 +42,7 @@ def trajectory(names: Any, *points: tuple[float, Any], stamp: int = 0) -> Any:
 
 
 def test_a_trajectory_s_points_hold_from_their_times_on() -> None:
-    from flex_payload_estimator.trajectory import Trajectory
+    from flex_payload_estimator.control.trajectory import Trajectory
 
     points = Trajectory.of(trajectory(JOINTS[::-1], (1.0, [0.2, 0.1]), (2.0, [0.4, 0.3])),
                            np.array([9.0, 8.0]), 5.0)

@@ -14,15 +14,16 @@ import subprocess
 import sys
 import time
 
+from flex_plant_sim.arm.robot import EffectSpec, load_robot, Robot
 from flex_plant_sim.effects import build
-from flex_plant_sim.errors import InputError
-from flex_plant_sim.extended_arm import ExtendedArm
-from flex_plant_sim.fit import fit_percent, rmse
-from flex_plant_sim.log import Log, read_log
-from flex_plant_sim.log_csv import write_csv
-from flex_plant_sim.robot import EffectSpec, load_robot, Robot
-from flex_plant_sim.simulation import simulate, Simulator
+from flex_plant_sim.logs.csv import write_csv
+from flex_plant_sim.logs.log import Log
+from flex_plant_sim.logs.read import read_log
+from flex_plant_sim.simulation.agreement import fit_percent, rmse
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.simulator import simulate, Simulator
 from flex_plant_sim.tools import replay as tool
+from msg_config.errors import InputError
 import numpy as np
 import pytest
 import yaml

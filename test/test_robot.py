@@ -8,8 +8,8 @@ import subprocess
 import sys
 from typing import Any
 
-from flex_plant_sim.errors import InputError
-from flex_plant_sim.robot import built_in_robots, load_robot, parse_robot
+from flex_plant_sim.arm.robot import built_in_robots, load_robot, parse_robot
+from msg_config.errors import InputError
 import pytest
 import yaml
 

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from flex_payload_estimator.cramer_rao import linearise, payload_bound
 from flex_payload_estimator.estimators.factory import make_estimator
-from flex_payload_estimator.estimators.rpe import RecursivePredictionError
-from flex_payload_estimator.estimators.rpe_levels import start_spread
-from flex_payload_estimator.estimators.rpe_parts import tabulated
-from flex_plant_sim.arm_model import Array
-from flex_plant_sim.extended_arm import ExtendedArm
-from flex_plant_sim.payload_profile import PayloadProfile
-from flex_plant_sim.simulation import Noise, Simulator
-from flex_plant_sim.state_space import zero_order_hold
+from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
+from flex_payload_estimator.estimators.rpe.levels import start_spread
+from flex_payload_estimator.estimators.rpe.parts import tabulated
+from flex_payload_estimator.kalman.cramer_rao import linearise, payload_bound
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.arm.state_space import zero_order_hold
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.payload_profile import PayloadProfile
+from flex_plant_sim.simulation.simulator import Noise, Simulator
 import numpy as np
 import pytest
 from rpe_runs import estimator_of, robot_with, Run, SIGMA

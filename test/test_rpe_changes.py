@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from flex_payload_estimator.estimators.rpe_settings import RpeSettings
-from flex_plant_sim.errors import InputError
-from flex_plant_sim.extended_arm import ExtendedArm
-from flex_plant_sim.payload_profile import PayloadProfile
-from flex_plant_sim.simulation import Noise, Simulator
+from flex_payload_estimator.estimators.rpe.settings import RpeSettings
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.payload_profile import PayloadProfile
+from flex_plant_sim.simulation.simulator import Noise, Simulator
+from msg_config.errors import InputError
 import numpy as np
 import pytest
 from rpe_runs import estimator_of, robot_with, Run, SIGMA, square

@@ -6,12 +6,12 @@ from dataclasses import replace
 from typing import Any
 
 from flex_payload_estimator.estimators.factory import make_estimator
-from flex_payload_estimator.estimators.rpe import RecursivePredictionError
-from flex_payload_estimator.estimators.rpe_stepper import Stepper
-from flex_plant_sim.arm_model import Array
-from flex_plant_sim.extended_arm import ExtendedArm
-from flex_plant_sim.payload_profile import PayloadProfile
-from flex_plant_sim.simulation import Noise, Simulator
+from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
+from flex_payload_estimator.estimators.rpe.stepper import Stepper
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.payload_profile import PayloadProfile
+from flex_plant_sim.simulation.simulator import Noise, Simulator
 import numpy as np
 import pytest
 from rpe_runs import estimator_of, robot_with, Run, square

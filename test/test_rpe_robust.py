@@ -7,12 +7,12 @@ import json
 from pathlib import Path
 
 from flex_payload_estimator.estimators.base import Estimate
-from flex_payload_estimator.estimators.rpe import RecursivePredictionError
-from flex_payload_estimator.estimators.rpe_kernel import MASS_COLUMNS
+from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
+from flex_payload_estimator.estimators.rpe.kernel import MASS_COLUMNS
+from flex_plant_sim.arm.robot import EffectSpec, load_robot
 from flex_plant_sim.effects import build
-from flex_plant_sim.extended_arm import ExtendedArm
-from flex_plant_sim.payload_profile import PayloadProfile
-from flex_plant_sim.robot import EffectSpec, load_robot
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.payload_profile import PayloadProfile
 import numpy as np
 import pytest
 from rpe_runs import estimator_of, robot_with, Run

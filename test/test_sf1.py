@@ -6,18 +6,23 @@ from dataclasses import replace
 import math
 from typing import Any, cast
 
-from flex_payload_estimator.delta import omega
 from flex_payload_estimator.estimators.factory import make_estimator
-from flex_payload_estimator.estimators.sf1 import (
+from flex_payload_estimator.estimators.sf1.adaptation import (
+    Regressor,
+    sf1_update,
+    SF1Settings,
+    SF1State,
+)
+from flex_payload_estimator.estimators.sf1.estimator import (
     PAPER_SETTINGS,
     SF1Estimator,
     SF1EstimatorSettings,
 )
-from flex_payload_estimator.payload_model import payload_model
-from flex_payload_estimator.regression import CompositeMeasurement, regression
-from flex_payload_estimator.sf1 import Regressor, sf1_update, SF1Settings, SF1State
-from flex_plant_sim.errors import InputError
-from flex_plant_sim.robot import load_robot
+from flex_payload_estimator.estimators.sf1.regression import CompositeMeasurement, regression
+from flex_payload_estimator.model.delta import omega
+from flex_payload_estimator.model.payload_model import payload_model
+from flex_plant_sim.arm.robot import load_robot
+from msg_config.errors import InputError
 import numpy as np
 import pytest
 

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from flex_plant_sim.arm_model import Array
+from flex_plant_sim.arm.robot import EffectSpec, load_robot
+from flex_plant_sim.arm.schedule import barycentric_weights, chebyshev_nodes
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.arm.state_space import state_space, zero_order_hold
 from flex_plant_sim.effects import build, catalogue
-from flex_plant_sim.errors import InputError
-from flex_plant_sim.extended_arm import ExtendedArm, MODELS
-from flex_plant_sim.payload_profile import PayloadProfile
-from flex_plant_sim.robot import EffectSpec, load_robot
-from flex_plant_sim.schedule import barycentric_weights, chebyshev_nodes
-from flex_plant_sim.simulation import Noise, simulate, Simulator
-from flex_plant_sim.state_space import state_space, zero_order_hold
+from flex_plant_sim.simulation.extended_arm import ExtendedArm, MODELS
+from flex_plant_sim.simulation.payload_profile import PayloadProfile
+from flex_plant_sim.simulation.simulator import Noise, simulate, Simulator
+from msg_config.errors import InputError
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp

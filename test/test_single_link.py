@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 from finite_elements import mesh
-from flex_plant_sim.drive import Drive
-from flex_plant_sim.paper_model import paper_model, Sign
-from flex_plant_sim.robot import load_robot
-from flex_plant_sim.single_link import ALONE, SingleLink, Surroundings
+from flex_plant_sim.arm.drive import Drive
+from flex_plant_sim.arm.paper_model import paper_model, Sign
+from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.arm.single_link import ALONE, SingleLink, Surroundings
 import numpy as np
 from numpy.typing import NDArray
 import pytest

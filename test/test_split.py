@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 
-from flex_payload_estimator.payload_model import payload_model, PayloadModel
-from flex_payload_estimator.split import CompactTerms, KINDS, split_compact, SplitKind
-from flex_plant_sim.errors import InputError
-from flex_plant_sim.extended_arm import ExtendedArm
-from flex_plant_sim.paper_model import CompactModel
-from flex_plant_sim.robot import load_robot
-from flex_plant_sim.state_space import state_space
+from flex_payload_estimator.model.payload_model import payload_model, PayloadModel
+from flex_payload_estimator.model.split import CompactTerms, KINDS, split_compact, SplitKind
+from flex_plant_sim.arm.paper_model import CompactModel
+from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.arm.state_space import state_space
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from msg_config.errors import InputError
 import numpy as np
 import pytest
 

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from flex_plant_sim import stepping
-from flex_plant_sim.arm_model import Array
+from flex_plant_sim.arm.robot import EffectSpec, load_robot
+from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import COMPILED
 from flex_plant_sim.effects import build
-from flex_plant_sim.errors import InputError
-from flex_plant_sim.extended_arm import ExtendedArm
-from flex_plant_sim.payload_profile import PayloadProfile
-from flex_plant_sim.robot import EffectSpec, load_robot
-from flex_plant_sim.simulation import Noise, simulate, Simulator
-from flex_plant_sim.stepping import schedule_row, Stepper
+from flex_plant_sim.simulation import stepping
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.payload_profile import PayloadProfile
+from flex_plant_sim.simulation.simulator import Noise, simulate, Simulator
+from flex_plant_sim.simulation.stepping import schedule_row, Stepper
+from msg_config.errors import InputError
 import numpy as np
 import pytest
 from truth import simulation as truth

@@ -14,7 +14,7 @@ SOURCES = ('flex_plant_sim', 'flex_payload_estimator', 'msg_config', 'test', 'be
 PACKAGES = SOURCES[:3]
 # Beside the nodes, only these use ROS.
 ROS_MODULES = ('msg_config.ros', 'flex_payload_estimator.tools.demo',
-               'flex_payload_estimator.topic_recorder')
+               'flex_payload_estimator.nodes.topic_recorder')
 
 
 def _run(repository: Path, module: str, *arguments: str) -> None:
@@ -54,7 +54,7 @@ def _core_modules(repository: Path) -> list[str]:
 
 def test_the_numerical_core_imports_no_ros(repository: Path) -> None:
     modules = _core_modules(repository)
-    assert {'flex_plant_sim.beam', 'msg_config', 'msg_config.parameters'} < set(modules)
+    assert {'flex_plant_sim.arm.beam', 'msg_config', 'msg_config.parameters'} < set(modules)
     code = (f'import importlib, sys\nfor name in {modules!r}:\n    importlib.import_module(name)\n'
             '    assert "rclpy" not in sys.modules, name\n')
     result = subprocess.run(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from flex_plant_sim.arm_model import Array
+from flex_plant_sim.arm.second_order import Array
 
 
 @dataclass(frozen=True)

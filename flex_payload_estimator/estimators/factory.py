@@ -7,15 +7,15 @@ from dataclasses import replace
 from typing import Any
 
 from flex_payload_estimator.estimators.base import PayloadEstimator
-from flex_payload_estimator.estimators.rpe import RecursivePredictionError
-from flex_payload_estimator.estimators.rpe_settings import RpeSettings
-from flex_payload_estimator.estimators.sf1 import (
+from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
+from flex_payload_estimator.estimators.rpe.settings import RpeSettings
+from flex_payload_estimator.estimators.sf1.estimator import (
     PAPER_SETTINGS,
     SF1Estimator,
     SF1EstimatorSettings,
 )
-from flex_plant_sim.errors import InputError
-from flex_plant_sim.robot import Robot
+from flex_plant_sim.arm.robot import Robot
+from msg_config.errors import InputError
 
 Builder = Callable[..., PayloadEstimator]
 

@@ -15,16 +15,16 @@ from tempfile import TemporaryDirectory
 import time
 from typing import Any
 
-from flex_payload_estimator.loop import LoopRecord
-from flex_payload_estimator.loop_figures import FIGURES, save_figures
-from flex_payload_estimator.node_setup import set_points_of
+from flex_payload_estimator.control.loop import LoopRecord
+from flex_payload_estimator.control.loop_figures import FIGURES, save_figures
+from flex_payload_estimator.nodes.node_setup import set_points_of
 from flex_plant_sim.compiled import COMPILED
-from flex_plant_sim.errors import InputError
-from flex_plant_sim.log import Log
-from flex_plant_sim.log_bag import write_bag
-from flex_plant_sim.log_csv import write_csv
-from flex_plant_sim.plant_setup import robot_of, simulator_of
+from flex_plant_sim.logs.bag import write_bag
+from flex_plant_sim.logs.csv import write_csv
+from flex_plant_sim.logs.log import Log
+from flex_plant_sim.simulation.plant_setup import robot_of, simulator_of
 from flex_plant_sim.tools import command_line
+from msg_config.errors import InputError
 from msg_config.parameters import check_parameters, load_parameters
 import numpy as np
 
@@ -104,10 +104,10 @@ def run_over_topics(experiment: Experiment) -> LoopRecord:
 
 
 def _spin(experiment: Experiment) -> LoopRecord:
-    from flex_payload_estimator.lqg_controller_node import LQGControllerNode
-    from flex_payload_estimator.payload_estimator_node import PayloadEstimatorNode
-    from flex_payload_estimator.topic_recorder import TopicRecorder
-    from flex_plant_sim.plant_sim_node import PlantSim
+    from flex_payload_estimator.nodes.lqg_controller_node import LQGControllerNode
+    from flex_payload_estimator.nodes.payload_estimator_node import PayloadEstimatorNode
+    from flex_payload_estimator.nodes.topic_recorder import TopicRecorder
+    from flex_plant_sim.nodes.plant_sim_node import PlantSim
     from msg_config.contract_node import make_executor
     from rclpy.parameter import Parameter
     from rclpy.task import Future

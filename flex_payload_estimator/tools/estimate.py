@@ -10,9 +10,10 @@ from typing import Any
 
 from flex_payload_estimator.estimators.base import PayloadEstimator
 from flex_payload_estimator.estimators.factory import make_estimator
-from flex_plant_sim.arm_model import Array
-from flex_plant_sim.log import Log, read_log
-from flex_plant_sim.robot import load_robot, Robot
+from flex_plant_sim.arm.robot import load_robot, Robot
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.logs.log import Log
+from flex_plant_sim.logs.read import read_log
 from flex_plant_sim.tools import command_line
 from msg_config.parameters import load_parameters
 import numpy as np

@@ -10,7 +10,7 @@ from multiprocessing import get_context
 import signal
 from typing import Any, TypeVar
 
-from flex_plant_sim.arm_model import Array
+from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.allowance import allowance, misfit, still_wrong
 from flex_plant_sim.diagnosis.fit import (
     explore,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from flex_plant_sim.arm_model import Array
+from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.fit import Fit, Projector
 from flex_plant_sim.diagnosis.hypothesis import hypotheses, Hypothesis
 from flex_plant_sim.diagnosis.problem import Problem

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flex_plant_sim.arm_model import Array
+from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.fit import Fit
 import numpy as np
 

@@ -10,10 +10,10 @@ from pathlib import Path
 import re
 from typing import Any
 
+from flex_plant_sim.arm.robot import built_in_robots, EffectSpec, Link, parse_robot, Robot
 from flex_plant_sim.atomic_file import whole_file
 from flex_plant_sim.effects.base import Effect
-from flex_plant_sim.errors import InputError
-from flex_plant_sim.robot import built_in_robots, EffectSpec, Link, parse_robot, Robot
+from msg_config.errors import InputError
 import yaml
 
 # The key at the start of a line and all that is indented below it.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from flex_plant_sim.arm_model import Array
+from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.hypothesis import Hypothesis
 from flex_plant_sim.diagnosis.predictor import Base
 from flex_plant_sim.diagnosis.problem import Problem, Weighting

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from flex_plant_sim.arm_model import Array
+from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.free_run import errors, horizon_samples, start_instants
 from flex_plant_sim.diagnosis.predictor import Predictor
-from flex_plant_sim.errors import InputError
+from msg_config.errors import InputError
 import numpy as np
 
 HORIZONS = (0.2, 1.0, 2.0, 5.0)

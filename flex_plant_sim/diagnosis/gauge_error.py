@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from flex_plant_sim.arm_model import Array
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.arm.state_space import StateSpace
 from flex_plant_sim.diagnosis.allowance import model_error
 from flex_plant_sim.diagnosis.windows import Windows
 from flex_plant_sim.effects.base import Effect, Parameter
-from flex_plant_sim.effects.extra_states import with_states
-from flex_plant_sim.extended_arm import ExtendedArm
-from flex_plant_sim.robot import Robot
-from flex_plant_sim.state_space import StateSpace
+from flex_plant_sim.effects.mechanics.extra_states import with_states
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 
 PERIODS = 0.05

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from itertools import product
 import math
 
-from flex_plant_sim.arm_model import Array
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.effects import catalogue, sites
 from flex_plant_sim.effects.base import Effect, Parameter
-from flex_plant_sim.robot import Robot
 import numpy as np
 
 DIFFERENCE = 0.05

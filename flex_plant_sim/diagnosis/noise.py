@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from math import comb
 
-from flex_plant_sim.arm_model import Array, link_slice
-from flex_plant_sim.extended_arm import ExtendedArm
+from flex_plant_sim.arm.second_order import Array, link_slice
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 
 DIFFERENCES = 5

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from math import exp
+from dataclasses import dataclass
 
-from flex_plant_sim.arm_model import Array
+from flex_plant_sim.arm.parts import robot_parts
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.effects import catalogue
 from flex_plant_sim.effects.base import Effect
-from flex_plant_sim.robot import Robot
 
 
 @dataclass(frozen=True)
@@ -41,15 +41,8 @@ class Nuisance:
 
 def nuisances(robot: Robot, payload: float) -> tuple[Nuisance, ...]:
     """Return what a healthy robot of this make may differ in."""
-    found: list[Nuisance] = []
-    for j in (0, 1):
-        found += _of_link(robot, j) + _of_drive(robot, j)
     t = robot.tolerances
-    found += [
-        Nuisance('elbow_mass', t.elbow_mass,
-                 lambda r, v: replace(r, elbow_mass=r.elbow_mass * exp(v))),
-        Nuisance('elbow_inertia', t.elbow_inertia,
-                 lambda r, v: replace(r, elbow_inertia=r.elbow_inertia * exp(v)))]
+    found = [Nuisance(part.name, part.tolerance, part.change) for part in robot_parts(robot)]
     found += [_of_effect('strain_gain', gauge, t.strain_gain, 1.0, 1.0)
               for gauge in robot.gauge_names]
     found += [_of_effect('strain_bias', gauge, 1.0, 0.0, robot.strain_noise, settles=False)
@@ -71,33 +64,6 @@ def settled(robot: Robot, items: Sequence[Nuisance], deviations: Array
         else:
             robot = item.change(robot, float(value))
     return robot, tuple(effects)
-
-
-def _of_link(robot: Robot, j: int) -> list[Nuisance]:
-    t, number = robot.tolerances, j + 1
-    return [
-        Nuisance(f'stiffness_{number}', t.stiffness, lambda r, v: r.with_link(
-            j, youngs_modulus=r.links[j].youngs_modulus * exp(v))),
-        Nuisance(f'damping_{number}', t.damping, lambda r, v: r.with_link(
-            j, damping_ratio=r.links[j].damping_ratio * exp(v))),
-        Nuisance(f'link_mass_{number}', t.link_mass, lambda r, v: r.with_link(
-            j, density=r.links[j].density * exp(v)))]
-
-
-def _of_drive(robot: Robot, j: int) -> list[Nuisance]:
-    t, number = robot.tolerances, j + 1
-
-    def damping(r: Robot, v: float) -> Robot:
-        drive = r.drives[j]
-        gain = drive.torque_gain * (exp(v) if drive.closed_loop else 1.0)
-        return r.with_drive(j, damping=drive.damping * exp(v), torque_gain=gain)
-
-    return [
-        Nuisance(f'drive_inertia_{number}', t.drive_inertia, lambda r, v: r.with_drive(
-            j, inertia=r.drives[j].inertia * exp(v))),
-        Nuisance(f'drive_gain_{number}', t.drive_gain, lambda r, v: r.with_drive(
-            j, torque_gain=r.drives[j].torque_gain * exp(v))),
-        Nuisance(f'drive_damping_{number}', t.drive_damping, damping)]
 
 
 def _of_effect(identifier: str, site: str, tolerance: float, null: float, scale: float,

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from flex_plant_sim.arm_model import Array
+from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import COMPILED
 from flex_plant_sim.diagnosis.scan import Friction, Gaps, scan, scan_with_gaps
 from flex_plant_sim.diagnosis.windows import Indices, Record
-from flex_plant_sim.effects.backlash import Backlash
 from flex_plant_sim.effects.base import Effect
-from flex_plant_sim.extended_arm import ExtendedArm
+from flex_plant_sim.effects.joint.backlash import Backlash
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import Any
 
 from flex_plant_sim.diagnosis.extend import specs
 from flex_plant_sim.diagnosis.predictor import Base
-from flex_plant_sim.log import Log
+from flex_plant_sim.logs.log import Log
 
 # What the estimator estimates must not be told to it.
 ESTIMATED = ('payload_mass', 'payload_change')

@@ -6,16 +6,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from flex_plant_sim.arm_model import Array
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.schedule import barycentric_weights
+from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.gauge_error import GaugeError
 from flex_plant_sim.diagnosis.noise import load_levels, process_noise, steady_gain
 from flex_plant_sim.diagnosis.nuisance import nuisances, settled
 from flex_plant_sim.diagnosis.passage import Matrices, Run, undo_sensors
 from flex_plant_sim.diagnosis.windows import Record, Windows
 from flex_plant_sim.effects.base import Effect
-from flex_plant_sim.extended_arm import ExtendedArm
-from flex_plant_sim.robot import Robot
-from flex_plant_sim.schedule import barycentric_weights
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 
 NODES = 7

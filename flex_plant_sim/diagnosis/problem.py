@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from flex_plant_sim.arm_model import Array
+from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.allowance import model_error
 from flex_plant_sim.diagnosis.nuisance import Nuisance, nuisances, settled
 from flex_plant_sim.diagnosis.predictor import Base, Predictor

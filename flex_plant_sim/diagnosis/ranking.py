@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from flex_plant_sim.arm_model import Array
+from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.allowance import misfit, still_wrong
 from flex_plant_sim.diagnosis.evidence import held_out, spread
 from flex_plant_sim.diagnosis.fit import Fit

@@ -16,7 +16,7 @@ from flex_plant_sim.diagnosis.quantity import interval_text, name_text, percent_
 from flex_plant_sim.diagnosis.report_figures import Picture, shown
 from flex_plant_sim.diagnosis.residual import ChannelResidual
 from flex_plant_sim.diagnosis.results import Candidate, Cause, Diagnosis
-from flex_plant_sim.errors import InputError
+from msg_config.errors import InputError
 
 FILE_NAME = 'report.html'
 VERDICT_TEXT: Mapping[str, str] = {

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from io import BytesIO
 from typing import Any
 
-from flex_plant_sim.arm_model import Array
+from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.free_run import free_run, horizon_samples
 from flex_plant_sim.diagnosis.gain import Gain, locked_rows
 from flex_plant_sim.diagnosis.predictor import Predictor

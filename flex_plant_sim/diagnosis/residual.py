@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from flex_plant_sim.arm_model import Array
+from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.free_run import errors, horizon_samples, start_instants
 from flex_plant_sim.diagnosis.predictor import Predictor
 import numpy as np

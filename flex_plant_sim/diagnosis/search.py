@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-from flex_plant_sim.arm_model import Array
+from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.allowance import misfit, still_wrong, WRONG
 from flex_plant_sim.diagnosis.candidate_pass import Data, decided, one_pass, Round
 from flex_plant_sim.diagnosis.exchange import exchanged, extended_base, refitted, still_needed

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.diagnosis.allowance import still_wrong, WRONG
 from flex_plant_sim.diagnosis.candidate_pass import Data, Round
 from flex_plant_sim.diagnosis.detection import detection_limits
@@ -21,7 +22,6 @@ from flex_plant_sim.diagnosis.results import Cause, Diagnosis, ParameterValue
 from flex_plant_sim.diagnosis.search import Progress, Search, search
 from flex_plant_sim.diagnosis.windows import Record
 from flex_plant_sim.effects import catalogue, effects_of
-from flex_plant_sim.robot import Robot
 import numpy as np
 
 REMAINDER = 2.0

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from flex_plant_sim.arm_model import Array
-from flex_plant_sim.errors import InputError
+from flex_plant_sim.arm.second_order import Array
+from msg_config.errors import InputError
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,4 +1,4 @@
-"""The catalogue of effects: every module of this package that defines one is in it."""
+"""The catalogue of effects: every module below this package that defines one is in it."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import math
 import pkgutil
 from types import MappingProxyType
 
+from flex_plant_sim.arm.robot import EffectSpec, Robot
 from flex_plant_sim.effects.base import Effect, Parameter
-from flex_plant_sim.errors import InputError
-from flex_plant_sim.robot import EffectSpec, Robot
+from msg_config.errors import InputError
 
 # What a class may name as its sites; gauges are the robot's own.
 SITES: Mapping[str, tuple[str, ...]] = MappingProxyType({
@@ -23,12 +23,12 @@ SITES: Mapping[str, tuple[str, ...]] = MappingProxyType({
 def catalogue() -> Mapping[str, type[Effect]]:
     """Return the effects by identifier, sorted by family and identifier."""
     found = []
-    for module in pkgutil.iter_modules(__path__):
-        if module.name == '__main__':
+    for module in pkgutil.walk_packages(__path__, f'{__name__}.'):
+        if module.ispkg or module.name == f'{__name__}.__main__':
             continue
-        content = vars(importlib.import_module(f'{__name__}.{module.name}')).values()
+        content = vars(importlib.import_module(module.name)).values()
         found += [item for item in content if isinstance(item, type) and issubclass(item, Effect)
-                  and item is not Effect and item.__module__.endswith(f'.{module.name}')]
+                  and item is not Effect and item.__module__ == module.name]
     found.sort(key=lambda item: (item.family, item.identifier))
     return MappingProxyType({item.identifier: item for item in found})
 

@@ -9,7 +9,8 @@ from flex_plant_sim.effects.base import Effect, Parameter
 
 HEAD = """# Effects
 
-Made by `python -m flex_plant_sim.effects`; each effect is one file in `flex_plant_sim/effects/`.
+Made by `python -m flex_plant_sim.effects`; each effect is one file in its family's
+folder of `flex_plant_sim/effects/`.
 
 The same object extends the simulator, the predictor and the diagnosis. A robot file names effects
 under `effects:` (a list of `name`, `site` and the parameters), and `plant_sim` takes them as

@@ -6,9 +6,9 @@ from abc import ABC
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from flex_plant_sim.arm_model import Array, SecondOrderForm
-from flex_plant_sim.robot import Robot
-from flex_plant_sim.state_space import StateSpace
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.second_order import Array, SecondOrderForm
+from flex_plant_sim.arm.state_space import StateSpace
 import numpy as np
 
 

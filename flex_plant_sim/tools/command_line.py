@@ -10,10 +10,10 @@ from pathlib import Path
 import sys
 from typing import Any, NoReturn
 
+from flex_plant_sim.arm.robot import built_in_robots
 from flex_plant_sim.atomic_file import whole_file
-from flex_plant_sim.errors import InputError
-from flex_plant_sim.extended_arm import MODELS
-from flex_plant_sim.robot import built_in_robots
+from flex_plant_sim.simulation.extended_arm import MODELS
+from msg_config.errors import InputError
 
 BAD_INPUT, INTERRUPTED = 2, 130
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import sys
 from typing import Any, Protocol
 
+from flex_plant_sim.arm.robot import load_robot, Robot
 from flex_plant_sim.diagnosis.answer import answer, answer_text, with_gain
 from flex_plant_sim.diagnosis.extend import write_extended
 from flex_plant_sim.diagnosis.gain import Gain, measure_gain
@@ -24,10 +25,10 @@ from flex_plant_sim.diagnosis.results import Diagnosis
 from flex_plant_sim.diagnosis.verdict import diagnose, nominal_base
 from flex_plant_sim.diagnosis.windows import Record
 from flex_plant_sim.effects import catalogue
-from flex_plant_sim.errors import InputError
-from flex_plant_sim.log import Log, read_log
-from flex_plant_sim.robot import load_robot, Robot
+from flex_plant_sim.logs.log import Log
+from flex_plant_sim.logs.read import read_log
 from flex_plant_sim.tools import command_line
+from msg_config.errors import InputError
 import numpy as np
 
 SAMPLING_AGREES = 1e-3

@@ -9,15 +9,16 @@ import math
 import sys
 from typing import Any
 
-from flex_plant_sim.arm_model import Array
+from flex_plant_sim.arm.robot import load_robot, Robot
+from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.effects import effects_of
-from flex_plant_sim.errors import InputError
-from flex_plant_sim.extended_arm import ExtendedArm
-from flex_plant_sim.fit import fit_percent, rmse
-from flex_plant_sim.log import Log, read_log
-from flex_plant_sim.robot import load_robot, Robot
-from flex_plant_sim.simulation import simulate, Simulator
+from flex_plant_sim.logs.log import Log
+from flex_plant_sim.logs.read import read_log
+from flex_plant_sim.simulation.agreement import fit_percent, rmse
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.simulator import simulate, Simulator
 from flex_plant_sim.tools import command_line
+from msg_config.errors import InputError
 import numpy as np
 
 # No arm turns or stretches so far: a simulation that does has diverged.

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from flex_plant_sim.atomic_file import whole_file
-from flex_plant_sim.errors import InputError
 from flex_plant_sim.tools.replay import fit_text, Replay
+from msg_config.errors import InputError
 
 SHOWN = {'rad': (1.0, 'rad'), 'm/m': (1e6, 'µm/m')}
 

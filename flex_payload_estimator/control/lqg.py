@@ -1,0 +1,196 @@
+"""LQG controller (31) in delta form: one Riccati iteration a sample, on the running payload."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+from flex_payload_estimator.kalman.predictor import KalmanPredictor
+from flex_payload_estimator.kalman.riccati import riccati_step, settled
+from flex_payload_estimator.model.delta import DeltaOperator
+from flex_payload_estimator.model.payload_model import payload_model
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.second_order import Array
+from msg_config.errors import InputError
+import numpy as np
+
+
+@dataclass(frozen=True)
+class LQGSettings:
+    """
+    What (30) and (31) give, and the choices beside it.
+
+    Attributes
+    ----------
+    adapt : bool
+        Schedule on the estimated payload; otherwise on mass_0.
+    mass_0 : float
+        Payload of the design until an estimate comes, kg.
+    mass_max : float
+        Estimates are taken inside [0, mass_max], kg.
+    q_2 : float
+        Q_2 = q_2 I.
+    r_1, r_2 : float
+        R_1 = r_1 I, R_2 = r_2 I of the predictor, angles in rad, gauges in V.
+    terms : int
+        n' of (19).
+    integrator : bool
+        Estimate a constant disturbance of each command and take it out: integral action. It
+        cannot wind up, because the predictor is driven by the limited command.
+    disturbance : float
+        Variance by which that disturbance may wander in a sample.
+    command_limit : float
+        Largest magnitude of either command, beside the drive's own.
+
+    """
+
+    adapt: bool = True
+    mass_0: float = 0.0
+    mass_max: float = 2.0
+    q_2: float = 0.005
+    r_1: float = 1e-4
+    r_2: float = 1e-4
+    terms: int = 15
+    integrator: bool = False
+    disturbance: float = 1e-4
+    command_limit: float = math.inf
+
+
+class LQGController:
+    """
+    u_t = -L (x_t - x_ref) with L from one iteration of the Riccati equation a sample.
+
+    The reference state holds both joints at their set-points with straight links, so that the
+    end-point angle rests on its set-point too. Q_1 = C_theta' C_theta + C-bar'' C-bar': (31)
+    weights theta_2e only and would leave one combination of the two joint angles free.
+
+    Parameters
+    ----------
+    robot : Robot
+    model : str
+        'paper_reduced', 'paper' or 'assumed_modes'.
+    modes : int
+        Modes a link.
+    settings : LQGSettings
+
+    """
+
+    def __init__(self, robot: Robot, model: str = 'paper_reduced', modes: int = 2,
+                 settings: LQGSettings = LQGSettings()):
+        self.settings, self.step = settings, robot.sample_time
+        self.model = payload_model(robot, model, modes)
+        self._limit = np.minimum([drive.command_limit for drive in robot.drives],
+                                 settings.command_limit)
+        n, extra = self.model.states, 2 * settings.integrator
+        angles, end = self.model.output[:2], self.model.end_point[None]
+        self.q_1 = angles.T @ angles + end.T @ end
+        self.q_2 = settings.q_2 * np.eye(2)
+        process = np.full(n + extra, settings.r_1)
+        process[n:] = settings.disturbance
+        self._output_rows = np.hstack([self.model.output,
+                                       np.zeros((len(self.model.output), extra))])
+        self.kalman = KalmanPredictor(self._output_rows, np.diag(process),
+                                      settings.r_2 * np.eye(len(self.model.output)), self.step)
+        self._omega = DeltaOperator(n, self.step, settings.terms, self.model.halvings)
+        self._start = self._settled_design()
+        self.reset()
+        for _ in range(2):
+            # Compile what is compiled, so that no sample waits for it.
+            self.command(0.0, np.zeros(len(self.model.scale)), np.zeros(2), 0.0, np.zeros(2))
+        self.reset()
+
+    def _settled_design(self) -> Array:
+        """Return the S at which the iterations start: the solution at mass_0, theta_2 = 0."""
+        a_bar, b_bar = self._delta(1.0, self.settings.mass_0)
+        return settled(a_bar, b_bar, self.q_1, self.q_2, self.step)[1]
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self.kalman.reset()
+        self.state = np.zeros(self._output_rows.shape[1])
+        self.cost, self.gain = self._start.copy(), np.zeros((2, self.model.states))
+        self._mass, self._angle = self.settings.mass_0, 0.0
+        self._output: Array | None = None
+        self._model: tuple[Array, Array] | None = None
+        self._previous = np.zeros(2)
+
+    def command(self, time: float, output: Array, previous_command: Array, mass: float,
+                set_point: Array) -> Array:
+        """
+        Return u_t, inside the limits, (2,).
+
+        Parameters
+        ----------
+        time : float
+            s.
+        output : Array
+            (theta_1, theta_2, strain…), rad and m/m, (m,). Not finite: the predictor runs on
+            without it.
+        previous_command : Array
+            Applied up to this sample, (2,).
+        mass : float
+            Estimated payload, kg; the last one is kept where it is not finite.
+        set_point : Array
+            Of the joint angles, rad, (2,).
+
+        Raises
+        ------
+        InputError
+            Wrong number of outputs, or set-points that are not finite.
+
+        """
+        if np.shape(output) != self.model.scale.shape:
+            raise InputError(f'output: expected {len(self.model.scale)} numbers, '
+                             f'got shape {np.shape(output)}')
+        if not np.isfinite(set_point).all():
+            raise InputError(f'set_point: expected finite numbers, got {set_point}')
+        if np.isfinite(previous_command).all():
+            self._previous = np.asarray(previous_command, dtype=float)
+        self._predict(self.model.scale * output)
+        if self.settings.adapt and np.isfinite(mass):
+            self._mass = min(max(float(mass), 0.0), self.settings.mass_max)
+        self._model = self._delta(np.cos(self._angle), self._mass)
+        self.gain, self.cost, _ = riccati_step(
+            *self._model, self.q_1, self.q_2, self.cost, self.step)
+        return self._feedback(set_point)
+
+    def _predict(self, scaled: Array) -> None:
+        """Move the state to this sample by (23)."""
+        if self._model is not None:
+            x, (a_bar, b_bar) = self.state, self._augmented(*self._model)
+            change = a_bar.dot(x) + b_bar.dot(self._previous)
+            if self._output is None:
+                self.kalman.skip(a_bar)
+            else:
+                gain = self.kalman.update(a_bar)
+                change = change + gain.dot(self._output - self._output_rows.dot(x))
+            self.state = x + self.step * change
+        good = bool(np.isfinite(scaled).all())
+        if good and self._output is None and self._model is None:
+            self.state[:2] = scaled[:2]
+        self._output = scaled if good else None
+        self._angle = float(scaled[1]) if good else float(self.state[1])
+
+    def _feedback(self, set_point: Array) -> Array:
+        n = self.model.states
+        error = self.state[:n].copy()
+        error[:2] -= set_point
+        command = -self.gain.dot(error)
+        if self.settings.integrator:
+            command = command - self.state[n:]
+        limited: Array = np.minimum(np.maximum(command, -self._limit), self._limit)
+        return limited
+
+    def _delta(self, cosine: float, mass: float) -> tuple[Array, Array]:
+        a, b = self.model.matrices(cosine, mass)
+        big = self._omega(a)
+        return big.dot(a), big.dot(b)
+
+    def _augmented(self, a_bar: Array, b_bar: Array) -> tuple[Array, Array]:
+        """Add the disturbance of the commands, constant over a sample, to the state."""
+        if not self.settings.integrator:
+            return a_bar, b_bar
+        n = len(a_bar)
+        a, b = np.zeros((n + 2, n + 2)), np.zeros((n + 2, 2))
+        a[:n, :n], a[:n, n:], b[:n] = a_bar, b_bar, b_bar
+        return a, b

@@ -1,0 +1,78 @@
+"""What a robot file's effects do to a prediction: commands, forces, contact and sensors."""
+
+from __future__ import annotations
+
+from flex_plant_sim.arm.schedule import chebyshev_nodes
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.effects.base import Effect
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+import numpy as np
+
+NODES, KEPT = 9, 16
+
+
+class EffectStep:
+    """
+    The hooks of an extended arm that are not in its sampled matrices.
+
+    Parameters
+    ----------
+    arm : ExtendedArm
+
+    """
+
+    def __init__(self, arm: ExtendedArm):
+        self.arm = arm
+        self.limits = np.array([drive.command_limit for drive in arm.robot.drives])
+        self.limited = bool(np.isfinite(self.limits).any())
+        self.moves = arm.has_contact or any(
+            type(effect).force is not Effect.force for effect in arm.effects)
+        self.memory = max([e.memory(arm.robot.sample_time) for e in arm.effects], default=0)
+        self._loaded: dict[float, ExtendedArm] = {}
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past commands."""
+        self.history = np.zeros((self.memory, 2))
+
+    def output_matrix(self) -> Array:
+        """Return d(sensors)/dx about the straight arm at rest, (m, n)."""
+        unit = np.eye(self.arm.states)
+        return (self.arm.output(unit, 0.0) - self.arm.output(0.0 * unit, 0.0)).T
+
+    def at_drive(self, command: Array, time: float) -> Array:
+        """Return what of a sent command (2,) reaches the drives, (2,)."""
+        applied = np.clip(command, -self.limits, self.limits) if self.limited else command
+        for effect in self.arm.effects:
+            applied = effect.on_command(applied, self.history, time,
+                                        self.arm.robot.sample_time)
+        if self.memory:
+            self.history = np.vstack([self.history, command])[1:]
+        return applied
+
+    def push(self, payload: float, before: Array, after: Array, command: Array,
+             time: float) -> Array:
+        """
+        Return the state after a step, given what the linear plant alone would do.
+
+        Parameters
+        ----------
+        payload : float
+            kg, of the slice of the schedule in use.
+        before, after : Array
+            (n,).
+        command : Array
+            At the drive, (2,).
+        time : float
+            s, at the start of the step.
+
+        """
+        arm = self._loaded.get(payload)
+        if arm is None:
+            arm = self.arm.at_payload(payload)
+            arm.nodes = chebyshev_nodes(NODES)
+            if len(self._loaded) >= KEPT:
+                self._loaded.clear()
+            self._loaded[payload] = arm
+        force = arm.schedule.at(np.cos(before[1]))[2]
+        return arm.apply_effects(force, before, after, command, time)

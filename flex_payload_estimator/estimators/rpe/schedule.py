@@ -1,0 +1,211 @@
+"""The sampled arm over theta_2 and payload: a cosine series, with its derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+import math
+from typing import Any
+
+from flex_plant_sim.arm.schedule import barycentric_weights, chebyshev_nodes
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.arm.state_space import zero_order_hold
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+import numpy as np
+
+ANGLE_TERMS, PAYLOAD_NODES = 19, 28
+COARSE_TERMS, COARSE_NODES = 9, 12
+# The arm over xi = m / (m + soft mass) is nearly a polynomial; soft mass over lower link's mass.
+SOFT_SHARE = 0.4
+# Slices stand at steps of this share of (m + soft mass): a cubic remainder of 1e-8. The parts'
+# derivatives, which only a variance uses, stand at coarser ones.
+SLICE_STEP, PART_STEP = 4e-3, 0.1
+KEPT_SLICES, KEPT_PARTS = 128, 32
+ROUGH = 4
+
+
+def differentiation_matrix(nodes: Array) -> Array:
+    """Return D with (D f)_k = f'(x_k) for polynomials through Chebyshev nodes, (K, K)."""
+    weights = (-1.0)**np.arange(nodes.size)
+    weights[[0, -1]] *= 0.5
+    gap = nodes[:, None] - nodes + np.eye(nodes.size)
+    matrix = weights / weights[:, None] / gap
+    np.fill_diagonal(matrix, 0.0)
+    np.fill_diagonal(matrix, -matrix.sum(axis=1))
+    return matrix
+
+
+def cosine_transform(count: int) -> Array:
+    """Return what turns values at Chebyshev nodes of c into a_k of sum a_k cos(k theta)."""
+    angle = np.arccos(np.clip(chebyshev_nodes(count), -1.0, 1.0))
+    return np.linalg.inv(np.cos(angle[:, None] * np.arange(count)))
+
+
+@dataclass(frozen=True)
+class PayloadSlice:
+    """
+    The series about one payload.
+
+    Attributes
+    ----------
+    index : int
+        Which slice.
+    payload : float
+        kg.
+    value : Array
+        T [A B], (K, W), W = n (n + 2).
+    slopes : Array
+        d/dm and d^2/dm^2, (K, 2 W).
+
+    """
+
+    index: int
+    payload: float
+    value: Array
+    slopes: Array
+
+
+class Kept:
+    """The last few results of a function of a number."""
+
+    def __init__(self, most: int):
+        self.most, self.results = most, {}  # type: int, dict[int, Any]
+
+    def get(self, key: int, make: Callable[[], Any]) -> Any:
+        """Return the result of a key, made if it is not there."""
+        if key not in self.results:
+            if len(self.results) >= self.most:
+                del self.results[next(iter(self.results))]
+            self.results[key] = make()
+        return self.results[key]
+
+
+@dataclass(frozen=True)
+class PayloadSchedule:
+    """
+    T A and T B of the delta model x+ = x + T (A x + B u), over theta_2 and m.
+
+    Attributes
+    ----------
+    axis, coarse_axis : Array
+        Chebyshev nodes of the payload axis, on [-1, 1].
+    table : Array
+        (L, K W), W = n (n + 2).
+    parts : Array
+        Derivatives over part parameters, (L', K' p W).
+    slope : Array
+        Differentiation matrix of the payload axis, (L, L).
+    states, parameters : int
+        n and p.
+    soft_mass, span : float
+        kg, and the largest xi = m / (m + soft mass).
+    order : Array
+        0, 1, … of the cosine series, (K,).
+
+    """
+
+    axis: Array
+    coarse_axis: Array
+    table: Array
+    parts: Array
+    slope: Array
+    states: int
+    parameters: int
+    soft_mass: float
+    span: float
+    order: Array
+    slices: Kept = field(default_factory=lambda: Kept(KEPT_SLICES))
+    part_slices: Kept = field(default_factory=lambda: Kept(KEPT_PARTS))
+
+    @classmethod
+    def of(cls, arm: ExtendedArm, heaviest: float,
+           variants: Sequence[tuple[ExtendedArm, float]] = ()) -> PayloadSchedule:
+        """
+        Tabulate an arm for payloads from 0 to `heaviest`, kg.
+
+        Parameters
+        ----------
+        arm : ExtendedArm
+            The model.
+        heaviest : float
+            kg.
+        variants : sequence of (ExtendedArm, float)
+            The arm with one part parameter changed, and by how much.
+
+        """
+        soft = SOFT_SHARE * arm.robot.links[1].mass
+        span = heaviest / (heaviest + soft)
+        axis, coarse = chebyshev_nodes(PAYLOAD_NODES), chebyshev_nodes(COARSE_NODES)
+        table = _table(arm, ANGLE_TERMS, _payloads(axis, span, soft))
+        base = _table(arm, COARSE_TERMS, _payloads(coarse, span, soft))
+        width = arm.states * (arm.states + 2)
+        parts = np.zeros((COARSE_NODES, COARSE_TERMS, len(variants), width))
+        for k, (variant, change) in enumerate(variants):
+            moved = _table(variant, COARSE_TERMS, _payloads(coarse, span, soft))
+            parts[:, :, k] = (moved - base).reshape(COARSE_NODES, COARSE_TERMS, width) / change
+        return cls(axis, coarse, table, parts.reshape(COARSE_NODES, -1),
+                   differentiation_matrix(axis), arm.states, len(variants), soft, span,
+                   np.arange(float(ANGLE_TERMS)))
+
+    def index(self, payload: float, step: float = SLICE_STEP) -> int:
+        """Return which slice serves a payload, kg."""
+        return round(math.log1p(payload / self.soft_mass) / step)
+
+    def cut(self, payload: float, roughly: bool = False) -> PayloadSlice:
+        """
+        Return a slice that serves a payload, kg.
+
+        Roughly, it is one of few: the payload of a trial moves through many, and a cut takes as
+        long as ten steps. The remainder of T [A B] is then 1e-6 of the largest entry, that of
+        its slope 1e-3.
+        """
+        index = self.index(payload)
+        if roughly:
+            index = ROUGH * round(index / ROUGH)
+        found: PayloadSlice | None = self.slices.results.get(index)
+        return found or self.slices.get(index, lambda: self._cut(index))
+
+    def _cut(self, index: int) -> PayloadSlice:
+        payload = self.soft_mass * math.expm1(index * SLICE_STEP)
+        total = payload + self.soft_mass
+        weights = barycentric_weights(self._place(payload), self.axis)
+        first, slope = weights @ self.slope, 2.0 / self.span * self.soft_mass / total**2
+        second = slope**2 * first @ self.slope - 2.0 * slope / total * first
+        cuts = (np.stack([weights, slope * first, second]) @ self.table).reshape(
+            3, ANGLE_TERMS, -1)
+        return PayloadSlice(index, payload, np.ascontiguousarray(cuts[0]),
+                            np.concatenate([cuts[1], cuts[2]], axis=1))
+
+    def parts_at(self, payload: float) -> Array:
+        """Return derivatives over the part parameters near a payload, kg: (K', p W)."""
+        index = self.index(payload, PART_STEP)
+        found: Array = self.part_slices.get(index, lambda: self._cut_parts(index))
+        return found
+
+    def _cut_parts(self, index: int) -> Array:
+        place = self._place(self.soft_mass * math.expm1(index * PART_STEP))
+        weights = barycentric_weights(min(place, 1.0), self.coarse_axis)
+        return np.asarray(weights @ self.parts).reshape(COARSE_TERMS, -1)
+
+    def _place(self, payload: float) -> float:
+        """Return where a payload, kg, stands on the axis: -1 … 1, and a little beyond."""
+        return 2.0 * payload / (payload + self.soft_mass) / self.span - 1.0
+
+
+def _payloads(axis: Array, span: float, soft: float) -> Array:
+    xi = 0.5 * span * (axis + 1.0)
+    return soft * xi / (1.0 - xi)
+
+
+def _table(arm: ExtendedArm, terms: int, payloads: Array) -> Array:
+    """Return the series coefficients of [exp(A T) - I, int exp(A s) ds B], (L, terms W)."""
+    transform, cosines = cosine_transform(terms), chebyshev_nodes(terms)
+    layers = []
+    for payload in payloads:
+        loaded = arm.at_payload(float(payload))
+        loaded.nodes = cosines
+        plant = loaded.plant
+        _, increments = zero_order_hold(
+            plant.a, np.concatenate([plant.a, plant.b], axis=-1), arm.step_time)
+        layers.append((transform @ increments.reshape(terms, -1)).ravel())
+    return np.stack(layers)

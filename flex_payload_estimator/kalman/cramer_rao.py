@@ -1,0 +1,139 @@
+"""
+The Cramer-Rao bound of the payload: what no unbiased estimator can beat on given data.
+
+The arm is linearised along the true trajectory over state and payload, by central differences
+of the sampled arm; with process noise the bound is the posterior one (Tichavsky, Muravchik and
+Nehorai, IEEE Trans. Signal Process. 46, 1998), which for a linearised model is the Riccati
+recursion of the augmented state (x, m).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from msg_config.errors import InputError
+import numpy as np
+from numpy.typing import ArrayLike
+
+PAYLOAD_STEP = 1e-5
+COSINE_STEP = 1e-5
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """
+    x+ = J x + j m + E torque along a trajectory, and y = C x.
+
+    Attributes
+    ----------
+    jacobian : Array
+        J, (N, n, n).
+    slope : Array
+        j = d x+/dm at a known state, (N, n).
+    push : Array
+        E of a torque on each joint, (N, n, 2).
+    output : Array
+        C, (m, n).
+
+    """
+
+    jacobian: Array
+    slope: Array
+    push: Array
+    output: Array
+
+
+def linearise(arm: ExtendedArm, states: Array, commands: Array) -> Linearised:
+    """
+    Return the arm linearised along a trajectory.
+
+    Parameters
+    ----------
+    arm : ExtendedArm
+        At the true payload, without effects.
+    states : Array
+        Before each step, (N, n).
+    commands : Array
+        Held over each step, (N, 2).
+
+    Raises
+    ------
+    InputError
+        The arm has effects.
+
+    """
+    if arm.effects:
+        raise InputError('arm: expected one without effects, got '
+                         f'{", ".join(effect.identifier for effect in arm.effects)}')
+    cosine, sine = np.cos(states[:, 1]), np.sin(states[:, 1])
+    f, g, e = arm.schedule.at(cosine)
+    # Off the end of the interval the interpolant would have to extrapolate.
+    low = np.maximum(cosine - COSINE_STEP, -1.0)
+    high = np.minimum(cosine + COSINE_STEP, 1.0)
+    over_cosine = (_moved(arm, high, states, commands) - _moved(arm, low, states, commands)) \
+        / (high - low)[:, None]
+    jacobian = f.copy()
+    jacobian[:, :, 1] -= sine[:, None] * over_cosine
+    mass, step = arm.payload, min(PAYLOAD_STEP, 0.5 * arm.payload or PAYLOAD_STEP)
+    below = max(mass - step, 0.0)
+    slope = (_moved(arm.at_payload(mass + step), cosine, states, commands)
+             - _moved(arm.at_payload(below), cosine, states, commands)) / (mass + step - below)
+    push = e @ arm.form.force if e.shape[-1] else np.zeros((len(states), arm.states, 2))
+    return Linearised(jacobian, slope, push, arm.output_matrix)
+
+
+def _moved(arm: ExtendedArm, cosine: Array, states: Array, commands: Array) -> Array:
+    f, g, _ = arm.schedule.at(cosine)
+    return (f @ states[..., None] + g @ commands[..., None])[..., 0]
+
+
+def output_sensitivity(model: Linearised) -> Array:
+    """Return dy_k/dm for a start that does not depend on m, (N + 1, m): samples 0 to N."""
+    x = np.zeros(model.jacobian.shape[-1])
+    rows = [model.output @ x]
+    for jacobian, slope in zip(model.jacobian, model.slope):
+        x = jacobian @ x + slope
+        rows.append(model.output @ x)
+    return np.array(rows)
+
+
+def payload_bound(model: Linearised, noise: ArrayLike, start: ArrayLike,
+                  torque: ArrayLike = (0.0, 0.0), prior: float = np.inf) -> Array:
+    """
+    Return the smallest standard deviation of the payload, kg, after samples 0 to N, (N + 1,).
+
+    Parameters
+    ----------
+    model : Linearised
+        Along the true trajectory.
+    noise : ArrayLike
+        Standard deviation of each channel, rad and m/m, (m,).
+    start : ArrayLike
+        Of the state at sample 0, (n,); 0 where it is known.
+    torque : ArrayLike
+        Of the process noise: torque on each joint held over a sample, N m, (2,).
+    prior : float
+        Of the payload, kg; infinity where nothing is known.
+
+    """
+    n = model.jacobian.shape[-1]
+    output = model.output / np.asarray(noise, dtype=float)[:, None]
+    cov, sens = np.diag(np.square(np.asarray(start, dtype=float))), np.zeros(n)
+    information = 0.0 if np.isinf(prior) else prior**-2
+    unit, bound = np.eye(len(output)), []
+    for k in range(len(model.jacobian) + 1):
+        if k:
+            jacobian, push = model.jacobian[k - 1], model.push[k - 1] * np.asarray(torque)
+            cov = jacobian @ cov @ jacobian.T + push @ push.T
+            sens = jacobian @ sens + model.slope[k - 1]
+        inverse = np.linalg.inv(output @ cov @ output.T + unit)
+        gain, seen = cov @ output.T @ inverse, output @ sens
+        # What the innovations, of covariance S, tell of m (block elimination).
+        information += seen @ inverse @ seen
+        sens = sens - gain @ seen
+        keep = np.eye(n) - gain @ output
+        cov = keep @ cov @ keep.T + gain @ gain.T
+        bound.append(information**-0.5 if information > 0.0 else np.inf)
+    return np.array(bound)

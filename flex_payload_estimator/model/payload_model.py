@@ -1,0 +1,208 @@
+"""The arm over (theta_2, m_p) as an estimator and a controller need it: fast, any n."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from flex_payload_estimator.model.delta import halvings_for
+from flex_payload_estimator.model.rates import rates_at, second_order_rates
+from flex_payload_estimator.model.split import (
+    check_kind,
+    compact_state,
+    CompactTerms,
+    second_order_state,
+    Split,
+    split_compact,
+    split_second_order,
+    SplitKind,
+    terms_at,
+)
+from flex_plant_sim.arm.assumed_modes import assumed_modes, KinematicRows
+from flex_plant_sim.arm.paper_model import CompactModel, paper_model
+from flex_plant_sim.arm.ritz import RitzShapes
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.second_order import Array, SecondOrderForm, Shapes
+from msg_config.errors import InputError
+import numpy as np
+
+MODEL_NAMES = ('paper_reduced', 'paper', 'assumed_modes')
+
+
+class PayloadModel(Protocol):
+    """
+    A(theta_2, m_p) and B(theta_2, m_p) with their split, and the output rows.
+
+    Attributes
+    ----------
+    states : int
+        n.
+    output : Array
+        C-bar to (theta_1, theta_2, gauges in V), (m, n).
+    end_point : Array
+        theta_2e over the state, (n,).
+    scale : Array
+        From (rad, rad, m/m…) to (rad, rad, V…), (m,).
+    spread : Array
+        Relative size of the states under a static load, by which modes share a gauge's
+        signal where there are fewer gauges than modes; (n,).
+    halvings : int
+        What (19) needs for full accuracy.
+
+    """
+
+    spread: Array
+    states: int
+    output: Array
+    end_point: Array
+    scale: Array
+    halvings: int
+
+    def matrices(self, cosine: float, mass: float) -> tuple[Array, Array]:
+        """Return A (n, n) and B (n, 2) at cos(theta_2) and m_p, kg."""
+
+    def split(self, cosine: float, mass: float, kind: SplitKind) -> Split:
+        """Return A, B and the split at cos(theta_2) and m_p, kg."""
+
+    def rates(self, cosine: float, mass: float, state: Array, command: Array,
+              kind: SplitKind) -> tuple[Array, Array]:
+        """
+        Return A (n, n), and the columns A x + B u, A^m x + B^m u, A' x + B' u; (n, 3).
+
+        A' = dA/dm_p, B' = dB/dm_p. The same as from `split`, by vectors instead of matrices.
+        """
+
+
+def payload_model(robot: Robot, name: str = 'paper_reduced', modes: int = 2) -> PayloadModel:
+    """
+    Return a model by name.
+
+    Raises
+    ------
+    InputError
+        Not one of MODEL_NAMES.
+
+    """
+    if name == 'paper_reduced':
+        return ReducedModel(robot, modes)
+    beams = robot.links[0].beam(modes), robot.links[1].beam(modes)
+    if name == 'paper':
+        return SecondOrderModel(robot, modes, paper_model(robot, modes), beams)
+    if name == 'assumed_modes':
+        shapes = RitzShapes.of(beams[0]), RitzShapes.of(beams[1])
+        return SecondOrderModel(robot, modes, assumed_modes(robot, modes), shapes)
+    raise InputError(f'model: expected one of {", ".join(MODEL_NAMES)}, got {name!r}')
+
+
+class ReducedModel:
+    """
+    (12)-(16): state (theta, q, q' - Lambda M_5 u), n_x = 2 + 4n.
+
+    M_1…M_5 of Appendix F are polynomials of second degree in cos(theta_2); their coefficients
+    are taken once, from the compact form at three points.
+    """
+
+    def __init__(self, robot: Robot, modes: int):
+        compact = CompactModel(robot, modes)
+        self._fixed = CompactTerms.of(compact.at_cosine(1.0))[7:]
+        self._size = 2 * modes
+        self.states = 2 + 4 * modes
+        points = np.array([-1.0, 0.0, 1.0])
+        values = np.stack([self._row(compact, c) for c in points])
+        self._table: Array = np.asarray(np.linalg.solve(
+            np.vander(points, increasing=True), values.reshape(3, -1)), dtype=np.float64)
+        beams = robot.links[0].beam(modes), robot.links[1].beam(modes)
+        rows = KinematicRows.of(robot, beams, modes)
+        self.spread = np.concatenate([_spread(beams), np.zeros(2 * modes)])
+        self.scale, output = _output(robot, compact.form)
+        self.output = np.hstack([output, np.zeros((len(output), 2 * modes))])
+        self.end_point = np.concatenate([end_point_row(rows), np.zeros(2 * modes)])
+        self.halvings = _halvings(self, robot.sample_time)
+
+    def _row(self, compact: CompactModel, cosine: float) -> Array:
+        return np.concatenate([part.ravel()
+                               for part in CompactTerms.of(compact.at_cosine(cosine))[:7]])
+
+    def _terms(self, cosine: float) -> CompactTerms:
+        return terms_at(float(cosine), self._table, *self._fixed)
+
+    def matrices(self, cosine: float, mass: float) -> tuple[Array, Array]:
+        """Return A and B at cos(theta_2) and m_p, kg."""
+        return compact_state(self._terms(cosine), mass)
+
+    def split(self, cosine: float, mass: float, kind: SplitKind) -> Split:
+        """Return A, B and the split at cos(theta_2) and m_p, kg."""
+        return split_compact(self._terms(cosine), mass, kind)
+
+    def rates(self, cosine: float, mass: float, state: Array, command: Array,
+              kind: SplitKind) -> tuple[Array, Array]:
+        """Return A and the columns A x + B u, A^m x + B^m u, A' x + B' u."""
+        check_kind(kind)
+        return rates_at(float(cosine), self._table, *self._fixed, float(mass), state, command,
+                        kind == 'paper', kind == 'resolvent')
+
+
+class SecondOrderModel:
+    """A second-order form as x = (p, p'), n_x = 4 + 4n."""
+
+    def __init__(self, robot: Robot, modes: int, form: SecondOrderForm,
+                 shapes: tuple[Shapes, Shapes]):
+        order = form.order
+        self.states = 2 * order
+        fixed = np.zeros((3, order, order + 2))
+        fixed[0] = np.hstack([-form.damping, form.input_matrix])
+        self._table = np.concatenate(
+            [form.mass, form.payload_mass, -form.stiffness, fixed], axis=2).reshape(3, -1)
+        self._order = order
+        rows = KinematicRows.of(robot, shapes, modes)
+        self.spread = np.concatenate([_spread(shapes), np.zeros(order)])
+        self.scale, output = _output(robot, form)
+        self.output = np.hstack([output, np.zeros_like(output)])
+        self.end_point = np.concatenate([end_point_row(rows), np.zeros(order)])
+        self.halvings = _halvings(self, robot.sample_time)
+
+    def _terms(self, cosine: float) -> tuple[Array, Array, Array]:
+        n = self._order
+        row = np.array([1.0, cosine, cosine * cosine]).dot(self._table).reshape(n, -1)
+        return row[:, :n], row[:, n:2 * n], row[:, 2 * n:]
+
+    def matrices(self, cosine: float, mass: float) -> tuple[Array, Array]:
+        """Return A and B at cos(theta_2) and m_p, kg."""
+        mass_0, mass_m, right = self._terms(cosine)
+        return second_order_state(mass_0 + mass * mass_m, right)
+
+    def split(self, cosine: float, mass: float, kind: SplitKind) -> Split:
+        """Return A, B and the split at cos(theta_2) and m_p, kg."""
+        return split_second_order(*self._terms(cosine), mass, kind)
+
+    def rates(self, cosine: float, mass: float, state: Array, command: Array,
+              kind: SplitKind) -> tuple[Array, Array]:
+        """Return A and the columns A x + B u, A^m x + B^m u, A' x + B' u."""
+        return second_order_rates(*self._terms(cosine), mass, state, command, kind)
+
+
+def end_point_row(rows: KinematicRows) -> Array:
+    """
+    Return theta_2e over p: the angle of the forearm at its end-point.
+
+    The paper writes b and e for a link's beginning and end: theta_1e = theta_b1 + sum phi_1'(L_1)
+    q_1, theta_b2 = theta_1e + theta_2, (54). So theta_2e = theta_b2 + sum phi_2'(L_2) q_2.
+    """
+    return rows.tip_slope
+
+
+def _output(robot: Robot, form: SecondOrderForm) -> tuple[Array, Array]:
+    gauges = len(form.strain)
+    scale = np.concatenate([np.ones(2), np.full(gauges, robot.gauge_amplifier)])
+    return scale, scale[:, None] * np.vstack([form.angle, form.strain])
+
+
+def _spread(shapes: tuple[Shapes, Shapes]) -> Array:
+    ratios = [(shape.frequencies[0] / shape.frequencies)**2 for shape in shapes]
+    return np.concatenate([np.ones(2), *ratios])
+
+
+def _halvings(model: ReducedModel | SecondOrderModel, step: float) -> int:
+    """Take the fastest mode, which the payload only slows down, over cos(theta_2)."""
+    radius = max(float(np.max(np.abs(np.linalg.eigvals(
+        model.matrices(c, 0.0)[0])))) for c in (-1.0, 0.0, 1.0))
+    return halvings_for(radius, step)

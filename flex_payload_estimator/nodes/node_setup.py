@@ -1,0 +1,71 @@
+"""The estimator, controller and set-points that the nodes' parameters describe."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from flex_payload_estimator.control.lqg import LQGController, LQGSettings
+from flex_payload_estimator.control.set_points import SetPoints, square
+from flex_payload_estimator.estimators.base import PayloadEstimator
+from flex_payload_estimator.estimators.factory import make_estimator
+from flex_payload_estimator.estimators.sf1.adaptation import SF1Settings
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.effects import effects_of
+from flex_plant_sim.simulation.plant_setup import robot_of
+
+
+def estimator_of(values: Mapping[str, Any]) -> PayloadEstimator:
+    """
+    Return the estimator of a checked table payload_estimator.
+
+    Raises
+    ------
+    InputError
+        Naming the parameter, what was expected and what came.
+
+    """
+    name = values['estimator']
+    changes = _sf1_changes(values) if name.startswith('sf1') else {}
+    if values['payload_max']:
+        changes['mass_max' if changes else 'payload_max'] = values['payload_max']
+    return make_estimator(name, robot_of(values), values['model'], values['modes'], **changes)
+
+
+def _sf1_changes(values: Mapping[str, Any]) -> dict[str, Any]:
+    sf1 = SF1Settings(values['alpha_0'], values['alpha_1'], values['p_0'],
+                      values['payload_initial'], values['payload_variance_initial'])
+    changes = {'r_1': values['r_1'], 'r_2': values['r_2'], 'terms': values['n_prime'],
+               'sf1': sf1}
+    if values['estimator'] == 'sf1':
+        changes['regression'] = values['regression']
+    return changes
+
+
+def controller_of(values: Mapping[str, Any]) -> LQGController:
+    """
+    Return the controller of a checked table lqg_controller.
+
+    Raises
+    ------
+    InputError
+        Naming the parameter, what was expected and what came.
+
+    """
+    settings = LQGSettings(
+        adapt=values['adapt'], mass_0=values['payload_initial'], q_2=values['q_2'],
+        r_1=values['r_1'], r_2=values['r_2'], terms=values['n_prime'],
+        integrator=values['integrator'], command_limit=values['command_limit'])
+    return LQGController(_as_built(robot_of(values)), values['model'], values['modes'], settings)
+
+
+def _as_built(robot: Robot) -> Robot:
+    """Return the robot with what its file's effects say of its parameters."""
+    for effect in effects_of(robot):
+        robot = effect.on_robot(robot)
+    return robot
+
+
+def set_points_of(values: Mapping[str, Any]) -> SetPoints:
+    """Return the square set-points of a checked table lqg_controller."""
+    return square(values['reference_amplitude'], values['reference_period'])

@@ -1,0 +1,196 @@
+"""The node that estimates the payload: joint_states and strain in, payload and health out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import math
+import sys
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from flex_payload_estimator.estimators.base import Estimate
+from flex_payload_estimator.nodes.model_health import HealthReport, ModelHealth
+from flex_payload_estimator.nodes.node_setup import estimator_of
+from flex_payload_estimator.nodes.sample_node import Sample, SampleNode
+from msg_config.contract_node import DIAGNOSTICS_INTERVAL, run
+from msg_config.messages import (
+    channels,
+    check_finite,
+    diagnostic_status,
+    doubles,
+    joint_state,
+    JOINTS,
+    nanoseconds,
+    set_stamp,
+    stamp_of,
+)
+from msg_config.ros import PayloadPublisher
+import numpy as np
+from sensor_msgs.msg import JointState
+
+MESSAGES = {
+    'ok': ('ok', 'ok'),
+    'not_excited': ('ok', 'the arm does not move enough to tell the payload'),
+    'model_suspect': ('warn', 'the innovation is larger than the model explains'),
+    'restarted': ('error', 'the estimate was not finite; the last good one is kept'),
+    'input_rejected': ('warn', 'a measurement was not finite; the last good estimate is kept')}
+
+NO_INNOVATION = ('input_rejected', 'restarted')
+
+
+class PayloadEstimatorNode(SampleNode):
+    """
+    Answers every sample with payload, payload/inertia and innovation of the same stamp.
+
+    Diagnostics come once a second of data, at every change of status, and, where no data
+    comes, once a second of wall time.
+    """
+
+    def __init__(self, **options: Any):
+        super().__init__('payload_estimator', **options)
+        self.estimator = self.configured(lambda: estimator_of(self.values))
+        self.health = ModelHealth(self.channels, self.robot.sample_time)
+        self._payload = PayloadPublisher(self)
+        self._innovation = self.publisher('innovation')
+        # Made once and filled at every sample: making it takes longer than sending it.
+        empty = np.zeros(len(self.channels))
+        self._message = joint_state(0, self.channels, empty, effort=empty)
+        self._estimate: Estimate | None = None
+        self._reported, self._silent, self._events = 0, True, 0
+        self._prepare = getattr(self.estimator, 'prepare', None)
+        self._conclude = getattr(self.estimator, 'conclude', None)
+        self._prepared: int | None = None
+        self.subscribe('command', self._on_command)
+        self.listen('joint_states', 'strain')
+        self.every(DIAGNOSTICS_INTERVAL, self._on_wall_timer)
+
+    def restart(self) -> None:
+        """Forget everything."""
+        self.estimator.reset()
+        self.health.reset()
+        self.commanded = self._prepared = None
+        self._estimate, self._reported, self._events = None, 0, 0
+
+    def take(self, sample: Sample) -> Any:
+        """Answer a new sample: the payload goes out first, as somebody waits for it."""
+        estimate = self._estimate_of(sample)
+        if estimate is None:
+            return None
+        payload = self._payload.serialised(sample.stamp, estimate.mass, estimate.variance,
+                                           estimate.p)
+        self._payload.publish(payload)
+        innovation = self._answer_innovation(sample.stamp, estimate)
+        if self._conclude is not None:
+            self._conclude()
+        self._watch(sample.stamp, estimate)
+        return payload, innovation
+
+    def _estimate_of(self, sample: Sample) -> Estimate | None:
+        """Return the estimate, or the last good one where this is no number."""
+        try:
+            estimate = self.estimator.update(sample.time, sample.output, sample.command)
+            if all(map(math.isfinite, (estimate.mass, estimate.variance, estimate.p))):
+                return estimate
+        except (ArithmeticError, np.linalg.LinAlgError):
+            pass
+        self.reject('payload', f'the estimate at {sample.time:.9g} s is not finite: the '
+                               'estimator begins again')
+        self.estimator.reset()
+        return self._estimate and replace(self._estimate, time=sample.time, status='restarted')
+
+    def _on_command(self, message: JointState) -> None:
+        """Predict while nobody waits, with the command that will have been applied."""
+        command = channels(message, 'effort', JOINTS, 'command')
+        check_finite(command, JOINTS, 'command: effort')
+        self.commanded, stamp = command, stamp_of(message)
+        if self._prepare is not None and self._prepared != stamp == self.order.last:
+            self._prepared = stamp
+            self._prepare(command)
+
+    def answer(self, answer: tuple[Any, ...]) -> None:
+        """Publish an answer again."""
+        payload, innovation = answer
+        self._payload.publish(payload)
+        if innovation is not None:
+            self._innovation.publish(innovation)
+
+    def _answer_innovation(self, stamp: int, estimate: Estimate) -> JointState | None:
+        """Publish the innovation, if there is one and anybody listens."""
+        if estimate.status in NO_INNOVATION or not self._innovation.get_subscription_count() \
+                or not (np.isfinite(estimate.innovation).all()
+                        and np.isfinite(estimate.innovation_std).all()):
+            return None
+        innovation = self._message
+        set_stamp(innovation, stamp)
+        innovation.position = doubles(estimate.innovation)
+        innovation.effort = doubles(estimate.innovation_std)
+        self._innovation.publish(innovation)
+        return innovation
+
+    def _watch(self, stamp: int, estimate: Estimate) -> None:
+        before, self._estimate = self._estimate, estimate
+        if estimate.status not in NO_INNOVATION:
+            self.health.add(estimate.innovation, estimate.innovation_std)
+        changed = before is None or before.status != estimate.status
+        found, self._events = self._events, len(self._changes())
+        due = stamp - self._reported >= nanoseconds(DIAGNOSTICS_INTERVAL)
+        if changed or due or self._events > found:
+            self._report(stamp)
+
+    def _on_wall_timer(self) -> None:
+        if self._silent:
+            self._report(self.order.last or 0)
+        self._silent = True
+
+    def _report(self, stamp: int) -> None:
+        self._reported, self._silent = stamp, False
+        self.publish_diagnostics(stamp, [
+            self._estimator_status(), self._change_status(), self.sample_status(),
+            model_status(self.health.report())])
+
+    def _changes(self) -> list[Any]:
+        """Return the payload changes that the estimator has found, if it looks for them."""
+        return getattr(self.estimator, 'events', [])
+
+    def _change_status(self) -> DiagnosticStatus:
+        changes = self._changes()
+        if not changes:
+            return diagnostic_status('payload_estimator: payload change', 'ok', 'none', {})
+        last = changes[-1]
+        text = (f'the payload went from {last.before:.4g} to {last.after:.4g} kg at '
+                f'{last.time:.6g} s, found at {last.found:.6g} s')
+        return diagnostic_status('payload_estimator: payload change', 'ok', text, {
+            'count': len(changes), 'time s': float(last.time), 'found s': float(last.found),
+            'before kg': float(last.before), 'after kg': float(last.after)})
+
+    def _estimator_status(self) -> DiagnosticStatus:
+        if self._estimate is None:
+            return diagnostic_status('payload_estimator: estimate', 'stale', 'no sample yet', {})
+        estimate = self._estimate
+        level, text = MESSAGES.get(estimate.status, ('ok', estimate.status))
+        return diagnostic_status('payload_estimator: estimate', level, text, {
+            'status': estimate.status, 'time s': float(estimate.time),
+            'mass kg': float(estimate.mass),
+            'standard deviation kg': float(np.sqrt(max(estimate.variance, 0.0)))})
+
+
+def model_status(report: HealthReport) -> DiagnosticStatus:
+    """Return the model's health as a status: normalised innovation squared and whiteness."""
+    values: dict[str, object] = {
+        'window samples': report.samples, 'diagnosis worth running': report.diagnose}
+    for channel in report.channels:
+        values[f'{channel.name} nis'] = channel.nis
+        values[f'{channel.name} whiteness'] = channel.whiteness
+        values[f'{channel.name} shape'] = channel.shape
+    suspect = any(channel.suspect for channel in report.channels)
+    return diagnostic_status('payload_estimator: model', 'warn' if suspect else 'ok',
+                             report.text, values)
+
+
+def main() -> None:
+    """Run the node until Ctrl-C."""
+    sys.exit(run(PayloadEstimatorNode))
+
+
+if __name__ == '__main__':
+    main()

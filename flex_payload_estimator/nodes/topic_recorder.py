@@ -1,0 +1,121 @@
+"""Records the closed loop from its topics, as the offline loop would have recorded it."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+from flex_payload_estimator.control.loop import LoopRecord
+from flex_payload_estimator.control.set_points import SetPoints
+from flex_plant_sim.simulation.simulator import Simulator
+from msg_config.messages import channels, JOINTS, seconds, stamp_of
+from msg_config.ros import create_subscription
+import numpy as np
+from rclpy.node import Node
+
+STAMPED = ('joint_states', 'strain', 'payload/inertia', 'innovation', 'command')
+
+
+class TopicRecorder(Node):
+    """
+    Keeps one message a stamp of every topic, until all have a number of stamps.
+
+    Parameters
+    ----------
+    samples : int
+    gauges : tuple of str
+        In the robot's order.
+    on_estimate : callable
+        Called with time (s), mass (kg), variance (kg^2) and P at every new estimate.
+    on_end : callable
+        Called once, when every topic has its samples.
+
+    """
+
+    def __init__(self, samples: int, gauges: tuple[str, ...],
+                 on_estimate: Callable[[float, float, float], None],
+                 on_end: Callable[[], None], **options: Any):
+        super().__init__('recorder', **options)
+        self.samples, self.gauges = samples, gauges
+        self.on_estimate, self.on_end = on_estimate, on_end
+        self.messages: dict[str, dict[int, Any]] = {topic: {} for topic in STAMPED}
+        self.estimates: dict[int, tuple[float, float, float]] = {}
+        self._ended = False
+        self._payloads: deque[Any] = deque(maxlen=100)
+        create_subscription(self, 'payload', lambda message: self._payloads.append(message),
+                            reliable=True)
+        for topic in STAMPED:
+            create_subscription(self, topic, self._keeper(topic), reliable=True)
+
+    def _keeper(self, topic: str) -> Callable[[Any], None]:
+        kept = self.messages[topic]
+
+        def keep(message: Any) -> None:
+            stamp = stamp_of(message)
+            if stamp in kept or len(kept) >= self.samples:
+                return
+            kept[stamp] = message
+            if topic == 'payload/inertia':
+                self._pair(stamp, message.inertia.m)
+            if not self._ended and all(
+                    len(own) >= self.samples for own in self.messages.values()):
+                self._ended = True
+                self.on_end()
+        return keep
+
+    def _pair(self, stamp: int, mass: float) -> None:
+        """Find the unstamped payload of a mass: it was published just before."""
+        while self._payloads:
+            data = self._payloads.popleft().data
+            if data[0] == mass:
+                self.estimates[stamp] = tuple(data)
+                self.on_estimate(seconds(stamp), data[0], data[1])
+                return
+
+    def record(self, simulator: Simulator, set_points: SetPoints) -> LoopRecord:
+        """
+        Return the record; the plant's own states come from running it again.
+
+        Parameters
+        ----------
+        simulator : Simulator
+            That of plant_sim, from its start: the same seed and commands make the same states,
+            which no sensor shows.
+        set_points : SetPoints
+            Those of the controller.
+
+        """
+        stamps = sorted(set.intersection(*(set(own) for own in self.messages.values()),
+                                         set(self.estimates)))
+        joints, strain, command, innovation = (
+            [self.messages[topic][stamp] for stamp in stamps]
+            for topic in ('joint_states', 'strain', 'command', 'innovation'))
+        names = (*JOINTS, *self.gauges)
+        angle = _stack(joints, 'position', JOINTS)
+        commands = _stack(command, 'effort', JOINTS)
+        modal, true_mass = _states(simulator, commands)
+        time = np.array([seconds(stamp) for stamp in stamps])
+        mass, variance, p = np.array([self.estimates[stamp] for stamp in stamps]).T
+        return LoopRecord(
+            time, np.array([set_points(t) for t in time]),
+            np.hstack([angle, _stack(strain, 'position', self.gauges)]),
+            _stack(joints, 'velocity', JOINTS), commands, mass, variance, p,
+            _stack(innovation, 'position', names), _stack(innovation, 'effort', names),
+            ('',) * len(stamps), modal, true_mass)
+
+
+def _stack(messages: list[Any], field: str, names: tuple[str, ...]) -> np.ndarray:
+    return np.array([channels(message, field, names, field) for message in messages])
+
+
+def _states(simulator: Simulator, commands: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return modal coordinates (N, 2n), m, and payload (N,), kg, at every sample."""
+    end = 2 + 2 * simulator.arm.modes
+    modal, mass = [], []
+    for command in commands:
+        simulator.measure()
+        modal.append(simulator.state[2:end].copy())
+        mass.append(simulator.mass(simulator.time))
+        simulator.step(command)
+    return np.array(modal), np.array(mass)

@@ -1,0 +1,69 @@
+"""The parts of a robot and how far each may be from its file: one prior for payload and cause."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from math import exp
+
+from flex_plant_sim.arm.robot import Robot
+
+Change = Callable[[Robot, float], Robot]
+
+
+@dataclass(frozen=True)
+class Part:
+    """
+    A part whose deviation from the robot file has a Gaussian prior around zero.
+
+    Attributes
+    ----------
+    name : str
+        For example stiffness_1.
+    tolerance : float
+        Standard deviation of the deviation, which is the logarithm of true over nominal.
+    change : Callable
+        (robot, deviation) -> robot.
+
+    """
+
+    name: str
+    tolerance: float
+    change: Change
+
+
+def robot_parts(robot: Robot) -> tuple[Part, ...]:
+    """Return the parts that change the arm itself: links, drives, elbow; gauges are sensors."""
+    t = robot.tolerances
+    found: list[Part] = []
+    for j in (0, 1):
+        found += [
+            Part(f'stiffness_{j + 1}', t.stiffness, _of_link(j, 'youngs_modulus')),
+            Part(f'damping_{j + 1}', t.damping, _of_link(j, 'damping_ratio')),
+            Part(f'link_mass_{j + 1}', t.link_mass, _of_link(j, 'density')),
+            Part(f'drive_inertia_{j + 1}', t.drive_inertia, _of_drive(j, 'inertia')),
+            Part(f'drive_gain_{j + 1}', t.drive_gain, _of_drive(j, 'torque_gain')),
+            Part(f'drive_damping_{j + 1}', t.drive_damping, _drive_damping(j))]
+    found += [Part('elbow_mass', t.elbow_mass, lambda r, v: replace(
+                  r, elbow_mass=r.elbow_mass * exp(v))),
+              Part('elbow_inertia', t.elbow_inertia, lambda r, v: replace(
+                  r, elbow_inertia=r.elbow_inertia * exp(v)))]
+    return tuple(part for part in found if part.tolerance > 0.0)
+
+
+def _of_link(j: int, name: str) -> Change:
+    return lambda r, v: r.with_link(j, **{name: getattr(r.links[j], name) * exp(v)})
+
+
+def _of_drive(j: int, name: str) -> Change:
+    return lambda r, v: r.with_drive(j, **{name: getattr(r.drives[j], name) * exp(v)})
+
+
+def _drive_damping(j: int) -> Change:
+    def change(r: Robot, v: float) -> Robot:
+        drive = r.drives[j]
+        # A velocity loop that damps more pulls as much harder: its steady gain stays.
+        gain = drive.torque_gain * (exp(v) if drive.closed_loop else 1.0)
+        return r.with_drive(j, damping=drive.damping * exp(v), torque_gain=gain)
+
+    return change

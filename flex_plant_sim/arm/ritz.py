@@ -1,0 +1,105 @@
+"""Ritz shapes of a clamped beam: static tip-load shapes completed by clamped-free modes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+from flex_plant_sim.arm.beam import Array, Beam
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.linalg import solve_triangular
+
+
+@dataclass(frozen=True)
+class RitzShapes:
+    """
+    n shapes that diagonalise the mass and the stiffness of the clamped beam.
+
+    The clamped-free modes have no moment and no shear at the tip, where the lower link and the
+    payload act; a sum of them converges slowly there. The deflections under a tip force and a
+    tip moment carry both exactly, so a few shapes suffice. Scaled to modal mass mu = m/4.
+
+    Attributes
+    ----------
+    beam : Beam
+        The beam with its n clamped-free modes.
+    coefficients : Array
+        Shape k is sum_j candidate_j coefficients[j, k]; shape (n, n).
+    frequencies : Array
+        rad/s, ascending, shape (n,).
+    moments : tuple of Array
+        int phi_i d(x/L) and int (x/L) phi_i d(x/L), shape (n,) each.
+
+    """
+
+    beam: Beam
+    coefficients: Array
+    frequencies: Array
+
+    moments: tuple[Array, Array]
+
+    @classmethod
+    def of(cls, beam: Beam) -> RitzShapes:
+        """Return as many shapes as the beam has modes."""
+        coefficients, frequencies, moments = _unit_shapes(beam.roots.size)
+        scale = np.sqrt(beam.bending_stiffness / beam.mass_per_length) / beam.length**2
+        return cls(beam, coefficients, scale * frequencies, moments)
+
+    @property
+    def modal_mass(self) -> float:
+        """Return mu, kg, the same for every shape."""
+        return self.beam.modal_mass
+
+    @property
+    def alpha(self) -> Array:
+        """Return -(4/L) int x phi_i dx, m, shape (n,)."""
+        return -4.0 * self.beam.length * self.moments[1]
+
+    @property
+    def beta(self) -> Array:
+        """Return -(4/L) int phi_i dx, shape (n,)."""
+        return -4.0 * self.moments[0]
+
+    def shape(self, x: ArrayLike, derivative: int = 0) -> Array:
+        """Return phi_i(x) or a derivative (0 to 3), shape x.shape + (n,)."""
+        return _candidates(self.beam, np.asarray(x, dtype=float), derivative) @ self.coefficients
+
+
+@lru_cache(maxsize=32)
+def _unit_shapes(n: int) -> tuple[Array, Array, tuple[Array, Array]]:
+    """
+    Return coefficients, frequencies and the moments of order 0 and 1 on the unit beam.
+
+    Shapes over x/L depend on no dimension, so they are computed once for each n.
+    """
+    beam = Beam.with_modes(1.0, 1.0, 1.0, n)
+    x, w = _quadrature(beam)
+    root = np.sqrt(w)[:, None]
+    # The candidates are nearly dependent (condition 1e7 for n = 20): factors, not their
+    # squares, keep half of the digits.
+    factor = np.linalg.qr(root * _candidates(beam, x, 0), mode='r')
+    bend = solve_triangular(factor, (root * _candidates(beam, x, 2)).T, trans='T')
+    directions, frequencies, _ = np.linalg.svd(bend, full_matrices=False)
+    vectors = solve_triangular(factor, directions[:, ::-1]) * np.sqrt(beam.modal_mass)
+    tip = _candidates(beam, np.array(1.0), 0) @ vectors
+    vectors = vectors * np.where(tip < 0.0, -1.0, 1.0) * (-1.0)**np.arange(n)
+    values = _candidates(beam, x, 0) @ vectors
+    return vectors, frequencies[::-1].copy(), (w @ values, (w * x) @ values)
+
+
+def _quadrature(beam: Beam) -> tuple[Array, Array]:
+    """Return Gauss-Legendre points and weights that integrate products of the shapes exactly."""
+    points, weights = np.polynomial.legendre.leggauss(40 + 4 * beam.roots.size)
+    return 0.5 * beam.length * (points + 1.0), 0.5 * beam.length * weights
+
+
+def _candidates(beam: Beam, x: Array, derivative: int) -> Array:
+    """Return tip-force, tip-moment and clamped-free shapes, the first n; shape x.shape + (n,)."""
+    length, count = beam.length, beam.roots.size
+    force = np.polynomial.Polynomial([0.0, 0.0, 1.5 / length**2, -0.5 / length**3])
+    moment = np.polynomial.Polynomial([0.0, 0.0, 1.0 / length**2])
+    static = np.stack([force.deriv(derivative)(x) * np.ones_like(x),
+                       moment.deriv(derivative)(x) * np.ones_like(x)], axis=-1)
+    modes = beam.shape(x, derivative)[..., :max(count - 2, 0)]
+    return np.concatenate([static[..., :count], modes], axis=-1)

@@ -1,0 +1,92 @@
+"""Continuous state space of an arm at an operating point, and its exact zero-order hold."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from flex_plant_sim.arm.second_order import Array, SecondOrderForm
+import numpy as np
+from numpy.typing import ArrayLike
+
+TAYLOR_TERMS = 18
+SCALED_NORM = 0.5
+
+
+@dataclass(frozen=True)
+class StateSpace:
+    """
+    x' = A x + B u + E f,  y = C x, at one or many operating points (leading axes).
+
+    Attributes
+    ----------
+    a : Array
+        (…, n, n).
+    b : Array
+        (…, n, 2), from the commands.
+    e : Array
+        (…, n, N), from generalised forces on the coordinates.
+    c : Array
+        (…, m, n), to (theta_1, theta_2, strain…).
+
+    """
+
+    a: Array
+    b: Array
+    e: Array
+    c: Array
+
+
+def state_space(form: SecondOrderForm, cosine: ArrayLike, payload: ArrayLike) -> StateSpace:
+    """
+    Return the state space of x = (p, p') for c = cos(theta_2) (…,) and m_p, kg (…,).
+
+    The output matrix is (17), with the joint angles in rad and the gauges in strain.
+    """
+    cosine = np.asarray(cosine, dtype=float)
+    n = form.order
+    mass = form.mass_at(cosine, payload)
+    right = np.concatenate([
+        form.stiffness_at(cosine),
+        np.broadcast_to(form.damping, mass.shape),
+        np.broadcast_to(form.input_matrix, mass.shape[:-1] + (2,)),
+        np.broadcast_to(np.eye(n), mass.shape)], axis=-1)
+    solved = np.linalg.solve(mass, right)
+    a = np.zeros(mass.shape[:-2] + (2 * n, 2 * n))
+    a[..., :n, n:] = np.eye(n)
+    a[..., n:, :n], a[..., n:, n:] = -solved[..., :n], -solved[..., n:2 * n]
+    b = np.zeros(mass.shape[:-2] + (2 * n, 2))
+    b[..., n:, :] = solved[..., 2 * n:2 * n + 2]
+    e = np.zeros(mass.shape[:-2] + (2 * n, n))
+    e[..., n:, :] = solved[..., 2 * n + 2:]
+    output = np.vstack([form.angle, form.strain])
+    c = np.hstack([output, np.zeros_like(output)])
+    return StateSpace(a, b, e, np.broadcast_to(c, a.shape[:-2] + c.shape))
+
+
+def zero_order_hold(a: Array, b: Array, step: float) -> tuple[Array, Array]:
+    """
+    Return F = exp(A T) and G = int_0^T exp(A s) ds B, exact for an input held over T.
+
+    Taylor series of Phi(A h) = sum (A h)^k / (k + 1)! at h = T / 2^s, then doubling:
+    F(2h) = F^2, Psi(2h) = Psi (I + F) / 2, all points at once.
+
+    Parameters
+    ----------
+    a, b : Array
+        (…, n, n) and (…, n, m).
+    step : float
+        T, s.
+
+    """
+    norm = float(np.max(np.abs(a).sum(axis=-1), initial=0.0)) * step
+    doublings = max(0, int(np.ceil(np.log2(max(norm, 1e-300) / SCALED_NORM))))
+    scaled = a * (step / 2.0**doublings)
+    identity = np.eye(a.shape[-1])
+    psi = np.broadcast_to(identity, a.shape)
+    for k in range(TAYLOR_TERMS, 0, -1):
+        psi = identity + scaled @ psi / (k + 1.0)
+    increment = scaled @ psi
+    for _ in range(doublings):
+        psi = psi + 0.5 * psi @ increment
+        increment = 2.0 * increment + increment @ increment
+    return identity + increment, step * psi @ b

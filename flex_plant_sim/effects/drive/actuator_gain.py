@@ -1,0 +1,23 @@
+"""Actuator gain: a drive makes more or less of a command than it should."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.effects.base import Effect, one_hot, Parameter
+
+
+class ActuatorGain(Effect):
+    """A factor on one drive's command."""
+
+    identifier = 'actuator_gain'
+    family = 'drive and timing'
+    explanation = 'The drive of {site} makes more or less of a command than its data sheet says.'
+    parameters = (Parameter('factor', '', 1.0, 0.2, 3.0, (0.9, 1.1), 0.03),)
+    sites = 'joint'
+
+    def on_command(self, command: Array, history: Array, time: Any,
+                   sample_time: float) -> Array:
+        """Return the command times the factor."""
+        return command * (1.0 + (self['factor'] - 1.0) * one_hot(self.index, 2))

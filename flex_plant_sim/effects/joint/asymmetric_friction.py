@@ -1,0 +1,23 @@
+"""Asymmetric friction: dry friction that differs between the two directions."""
+
+from __future__ import annotations
+
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.effects.base import Effect, Motion, one_hot, Parameter
+
+
+class AsymmetricFriction(Effect):
+    """Dry friction of one joint with a level for each direction."""
+
+    identifier = 'asymmetric_friction'
+    family = 'joint and gear'
+    explanation = 'Dry friction in {site} is stronger one way than the other.'
+    parameters = (
+        Parameter('forward_n_m', 'N m', 0.0, 0.0, 20.0, (0.1, 0.6), 0.05),
+        Parameter('backward_n_m', 'N m', 0.0, 0.0, 20.0, (0.6, 0.1), 0.05))
+    sites = 'joint'
+
+    def dry_friction(self, motion: Motion) -> tuple[Array, Array]:
+        """Return the levels against positive and against negative velocity, N m."""
+        joint = one_hot(self.index, 2)
+        return self['forward_n_m'] * joint, self['backward_n_m'] * joint

@@ -1,0 +1,97 @@
+"""Backlash: the gear lets the link move freely within a gap."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.second_order import Array, SecondOrderForm
+from flex_plant_sim.effects.base import Effect, Motion, Parameter
+from flex_plant_sim.effects.mechanics.kinematics import extended, momentum_rows
+import numpy as np
+
+
+class Backlash(Effect):
+    """
+    A gap between rotor and link; the joint's coordinate is the link's side.
+
+    While the teeth touch, rotor and link are one and the arm's equations hold; they part when the
+    teeth would have to pull. Apart, the rotor obeys its drive alone, and the arm keeps hub_share
+    of the joint's inertia: the gear's output and the hub. Both are linear and sampled exactly.
+    Where a step would end beyond the gap the teeth meet and do not rebound. So a contact is
+    decided once a step, like the dry friction, needs no stiff spring and is stable at any step.
+
+    The coordinate gap_joint_j is the link's lead over the rotor, rad, within half the gap. With
+    sensor_behind_gear = 1 the sensor sees the link, with 0 the rotor.
+    """
+
+    identifier = 'backlash'
+    family = 'joint and gear'
+    explanation = 'The gear of {site} has backlash: the link moves freely within a gap.'
+    parameters = (
+        Parameter('gap_rad', 'rad', 0.0, 0.0, 0.3, (0.006, 0.012, 0.025), 0.002),
+        Parameter('sensor_behind_gear', '', 1.0, -0.5, 1.5, (1.0, 0.0), np.inf),
+        Parameter('hub_share', '', 0.0, 0.0, 0.9, (0.1,), np.inf))
+    sites = 'joint'
+    structural = True
+
+    @property
+    def coordinate(self) -> str:
+        """Return the name of the coordinate that holds the link's lead."""
+        return f'gap_{self.site}'
+
+    def on_form(self, form: SecondOrderForm, robot: Robot) -> SecondOrderForm:
+        """Return the form with the lead as a coordinate that only `on_step` moves."""
+        wide = extended(form, (self.coordinate,))
+        # Stable by itself, so that a predictor has nothing to observe there.
+        wide.mass[0, -1, -1] = 1.0
+        wide.damping[-1, -1], wide.stiffness[0, -1, -1] = 20.0, 100.0
+        wide.angle[self.index, -1] = self['sensor_behind_gear'] - 1.0
+        return wide
+
+    def open_form(self, form: SecondOrderForm, robot: Robot) -> SecondOrderForm:
+        """Return the form without the joint's rotor and drive: theta_j is the link's alone."""
+        j = self.index
+        mass, payload = momentum_rows(form, robot, j)
+        opened = replace(form, mass=form.mass.copy(), payload_mass=form.payload_mass.copy(),
+                         damping=form.damping.copy(), stiffness=form.stiffness.copy(),
+                         input_matrix=form.input_matrix.copy())
+        opened.mass[:, j], opened.payload_mass[:, j] = mass, payload
+        opened.mass[0, j, j] += self['hub_share'] * robot.drives[j].inertia
+        opened.damping[j, j] -= robot.drives[j].damping
+        opened.stiffness[:, j] = 0.0
+        opened.input_matrix[j] = 0.0
+        return opened
+
+    def on_step(self, after: Array, parted: Array, state: Array, impulse: Array,
+                motion: Motion) -> Array:
+        """Return the state with rotor and link parted, or joined at an end of the gap."""
+        n, j = motion.form.order, self.index
+        k = motion.form.names.index(self.coordinate)
+        drive, half = motion.robot.drives[j], 0.5 * self['gap_rad']
+        angle, speed, lead, slip = (state[..., i:i + 1] for i in (j, n + j, k, n + k))
+        inertia, damping, step, mean, end = self.rotor(motion.robot, motion.step)
+        steady = drive.torque_gain * motion.command[..., j:j + 1] / damping
+        away = speed - slip - steady
+        turn, rate = step * (steady + away * mean), steady + away * end
+        apart = lead + parted[..., j:j + 1] - angle - turn
+        is_open = np.abs(apart) < half
+        met = np.clip(apart, -half, half)
+        # The rotor's momentum and drag that the joined arm's equations do not know of.
+        joining = drive.damping * (met - lead) - inertia * slip
+        result = np.where(is_open, parted, after + impulse[..., j] * joining)
+        result[..., k:k + 1] = met
+        result[..., n + k:n + k + 1] = np.where(is_open, parted[..., n + j:n + j + 1] - rate, 0.0)
+        return result
+
+    def rotor(self, robot: Robot, step: float) -> tuple[float, float, float, float, float]:
+        """
+        Return inertia, damping and step of the rotor alone, and how far its speed decays.
+
+        The last two are the mean and the end of a speed that was 1, exact for a held torque.
+        """
+        drive = robot.drives[self.index]
+        inertia = (1.0 - self['hub_share']) * drive.inertia
+        damping = max(drive.damping, 1e-6 * inertia / step)
+        decay = damping * step / inertia
+        return (inertia, damping, step, float(-np.expm1(-decay) / decay), float(np.exp(-decay)))

@@ -1,0 +1,34 @@
+"""Viscous friction: more damping in a joint than its drive is known to have."""
+
+from __future__ import annotations
+
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.effects.base import Effect, Parameter
+
+LEAST_DAMPING = 1e-3
+
+
+class ViscousFriction(Effect):
+    """Damping added to one drive; negative where the data sheet says too much."""
+
+    identifier = 'viscous_friction'
+    family = 'joint and gear'
+    explanation = 'Friction that grows with speed brakes {site} more than the drive is known to.'
+    parameters = (
+        # 4 % of the reference elbow's 5 N m s/rad; drives are known within about 5 %.
+        Parameter('damping_n_m_s', 'N m s/rad', 0.0, -10.0, 50.0, (-1.0, -0.3, 0.5, 3.0, 12.0),
+                  0.2),)
+    sites = 'joint'
+    structural = True
+
+    @classmethod
+    def bounds(cls, site: str, robot: Robot) -> tuple[tuple[float, float], ...]:
+        """Return bounds that leave the drive some damping."""
+        (low, high), = super().bounds(site, robot)
+        least = LEAST_DAMPING - robot.drives[cls(site, (0.0,)).index].damping
+        return ((max(low, least), high),)
+
+    def on_robot(self, robot: Robot) -> Robot:
+        """Return the robot with the drive's damping changed (it stays positive)."""
+        damping = robot.drives[self.index].damping + self['damping_n_m_s']
+        return robot.with_drive(self.index, damping=max(damping, LEAST_DAMPING))

@@ -1,0 +1,61 @@
+"""A massless torsion spring at a link's root, without a coordinate of its own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.second_order import Array, SecondOrderForm
+from flex_plant_sim.effects.mechanics.kinematics import (
+    is_energy_form,
+    link_columns,
+    shapes_of,
+    with_root_turn,
+)
+import numpy as np
+
+
+def root_moment(form: SecondOrderForm, robot: Robot, index: int, radius: float) -> Array:
+    """Return the row of E I (w'' - radius w''') at a link's clamp, N m, (N,)."""
+    link, shapes = robot.links[index], shapes_of(form, robot, index)
+    row = np.zeros(form.order)
+    row[link_columns(form, index)] = link.bending_stiffness * (
+        shapes.shape(0.0, 2) - radius * shapes.shape(0.0, 3))
+    return row
+
+
+def with_elastic_root(form: SecondOrderForm, robot: Robot, index: int, compliance: float,
+                      moment: Array, lever: float = 1.0) -> SecondOrderForm:
+    """
+    Return the form with psi = compliance * moment p between rotor and link root.
+
+    Nothing heavy sits between rotor and link, so the spring carries the link's root moment and
+    psi follows from the bending: no stiff extra state at any compliance, and a smooth limit at
+    zero. Its energy is moment^2 compliance / 2, its loss that of the link's material. (The
+    paper's rotor rows hold the root moment already and stay.)
+
+    Parameters
+    ----------
+    form : SecondOrderForm
+        The arm's equations.
+    robot : Robot
+        With the parameter effects applied.
+    index : int
+        Joint and link, 0 or 1.
+    compliance : float
+        rad/(N m).
+    moment : Array
+        Row of the moment in the spring over p, (N,).
+    lever : float
+        Turn about the joint axis per turn of the spring.
+
+    """
+    turned = with_root_turn(form, robot, index, lever * compliance * moment)
+    if not is_energy_form(form):
+        return turned
+    link = robot.links[index]
+    retardation = 2.0 * link.damping_ratio / link.beam(1).frequencies[0]
+    spring = compliance * np.outer(moment, moment)
+    stiffness = turned.stiffness.copy()
+    stiffness[0] += spring
+    return replace(turned, stiffness=stiffness, damping=turned.damping + retardation * spring)

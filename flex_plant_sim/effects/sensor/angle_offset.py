@@ -1,0 +1,25 @@
+"""Angle offset: a joint sensor's zero is not the arm's."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.effects.base import Effect, one_hot, Parameter
+
+
+class AngleOffset(Effect):
+    """A constant on one joint angle's reading; without gravity only joint 2's can be seen."""
+
+    identifier = 'angle_offset'
+    family = 'sensors'
+    explanation = 'The zero of the angle sensor of {site} is off.'
+    parameters = (
+        Parameter('offset_rad', 'rad', 0.0, -1.0, 1.0, (-0.15, 0.15), 0.02),)
+    sites = 'joint'
+    structural = True
+
+    def on_output(self, output: Array, time: Any, robot: Robot) -> Array:
+        """Return the readings with one angle shifted."""
+        return output + self['offset_rad'] * one_hot(self.index, output.shape[-1])

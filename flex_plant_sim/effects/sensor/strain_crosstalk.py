@@ -1,0 +1,32 @@
+"""Strain crosstalk: a gauge's amplifier picks up another gauge."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.effects.base import Effect, Parameter
+from flex_plant_sim.effects.mechanics.gauge import gauge_row
+import numpy as np
+
+
+class StrainCrosstalk(Effect):
+    """One gauge reads a share of another's strain as well."""
+
+    identifier = 'strain_crosstalk'
+    family = 'sensors'
+    explanation = 'The gauge {site} picks up a share of another gauge.'
+    parameters = (
+        Parameter('share', '', 0.0, -1.0, 1.0, (-0.12, 0.12), 0.03),
+        # The other gauge's place in the robot's order, from 1.
+        Parameter('source', 'gauge number', 1.0, 1.0, 64.0, (1.0, 2.0, 3.0, 4.0), np.inf))
+    sites = 'gauge'
+
+    def on_output(self, output: Array, time: Any, robot: Robot) -> Array:
+        """Return the readings with the share added; a gauge picks up nothing of itself."""
+        own = gauge_row(robot, self.site)
+        number = np.arange(output.shape[-1]) - 1
+        picked = (number == np.round(self['source'])) & (own == 0.0)
+        source = np.sum(output * picked, axis=-1, keepdims=True)
+        return output + self['share'] * source * own

@@ -1,0 +1,28 @@
+"""Strain drift: a gauge's zero wanders steadily."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.effects.base import Effect, Parameter
+from flex_plant_sim.effects.mechanics.gauge import gauge_row
+import numpy as np
+
+
+class StrainDrift(Effect):
+    """One gauge's reading grows linearly with the time since the record's start."""
+
+    identifier = 'strain_drift'
+    family = 'sensors'
+    explanation = 'The zero of the gauge {site} drifts steadily (warming up, for example).'
+    parameters = (
+        # 8e-6 over 40 s where ordinary moves give 1e-4.
+        Parameter('drift_per_s', '1/s', 0.0, -1e-4, 1e-4, (-1e-6, 1e-6), 2e-7),)
+    sites = 'gauge'
+
+    def on_output(self, output: Array, time: Any, robot: Robot) -> Array:
+        """Return the readings with one gauge shifted by drift times time."""
+        elapsed = np.asarray(time, dtype=float)[..., None]
+        return output + self['drift_per_s'] * elapsed * gauge_row(robot, self.site)

@@ -1,0 +1,36 @@
+"""Modal truncation: the model bends in too few shapes."""
+
+from __future__ import annotations
+
+from flex_plant_sim.arm.assumed_modes import assumed_modes
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.second_order import SecondOrderForm
+from flex_plant_sim.effects.base import Effect, Parameter
+from flex_plant_sim.effects.mechanics.kinematics import is_energy_form, link_columns
+
+
+class ModalTruncation(Effect):
+    """
+    At least so many shapes a link, statically complete ones.
+
+    The paper's clamped-free modes miss a good part of the shear under a tip load when few are
+    taken; its form is replaced by the assumed-modes one, whose shapes carry tip loads exactly.
+    """
+
+    identifier = 'modal_truncation'
+    family = 'links and structure'
+    explanation = 'The model lets the links bend in too few shapes.'
+    parameters = (Parameter('modes', 'modes a link', 1.0, 1.0, 12.0, (3.0, 4.0), 0.5),)
+    sites = 'arm'
+    structural = True
+
+    @property
+    def modes(self) -> int:
+        """Return the least number of shapes a link; ExtendedArm reads it."""
+        return int(round(self['modes']))
+
+    def on_form(self, form: SecondOrderForm, robot: Robot) -> SecondOrderForm:
+        """Return a statically complete form."""
+        if self.modes <= 1 or is_energy_form(form):
+            return form
+        return assumed_modes(robot, int(link_columns(form, 0).sum()))

@@ -1,0 +1,51 @@
+"""The readers of logs, one for each storage format."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Protocol
+
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.logs.bag import read_bag
+from flex_plant_sim.logs.csv import read_csv
+from flex_plant_sim.logs.log import Log
+from msg_config.errors import InputError
+
+
+class LogReader(Protocol):
+    """A storage format of logs."""
+
+    def __call__(self, path: Path, robot: Robot) -> Log:
+        """
+        Return the record in a file or folder, checked.
+
+        Raises
+        ------
+        InputError
+            Naming file and row, column or topic, what was expected and what came.
+
+        """
+
+
+def read_log(path: str | Path, robot: Robot) -> Log:
+    """
+    Return the record in a CSV file or in a rosbag2 (sqlite3, MCAP; folder or single file).
+
+    Raises
+    ------
+    InputError
+        Naming file and row, column or topic, what was expected and what came.
+
+    """
+    path = Path(path)
+    if not path.exists():
+        raise InputError(f'{path}: expected a log, the file does not exist')
+    return _reader(path)(path, robot)
+
+
+def _reader(path: Path) -> LogReader:
+    if path.is_dir() or path.suffix in ('.mcap', '.db3'):
+        return read_bag
+    if path.suffix == '.csv':
+        return read_csv
+    raise InputError(f'{path}: expected .csv, .mcap, .db3 or a bag folder, got {path.suffix!r}')

@@ -1,0 +1,57 @@
+"""The bent links and the payload as markers, for RViz or Foxglove."""
+
+from __future__ import annotations
+
+from flex_plant_sim.arm.second_order import Array
+from geometry_msgs.msg import Point
+from msg_config.messages import time_message
+from std_msgs.msg import ColorRGBA
+from visualization_msgs.msg import Marker, MarkerArray
+
+FRAME = 'base'
+LINE_WIDTH = 0.008
+COLOURS = ((0.20, 0.40, 0.75), (0.20, 0.65, 0.45))
+PAYLOAD_COLOUR = (0.85, 0.35, 0.15)
+# A payload is drawn as a sphere of this density, kg/m^3, but never too small to be seen, m.
+PAYLOAD_DENSITY, SMALLEST_RADIUS = 1000.0, 0.008
+
+
+def arm_markers(stamp: int, lines: Array, mass: float) -> MarkerArray:
+    """
+    Return one line strip a link and a sphere for the payload.
+
+    Parameters
+    ----------
+    stamp : int
+        ns.
+    lines : Array
+        Centre lines, m, (2, P, 2).
+    mass : float
+        Payload, kg.
+
+    """
+    links = [_link(stamp, index, line) for index, line in enumerate(lines)]
+    return MarkerArray(markers=[*links, _payload(stamp, lines[1, -1], mass)])
+
+
+def _marker(stamp: int, number: int, kind: int, colour: tuple[float, float, float]) -> Marker:
+    marker = Marker(ns='arm', id=number, type=kind, action=Marker.ADD)
+    marker.header.frame_id, marker.header.stamp = FRAME, time_message(stamp)
+    marker.pose.orientation.w = 1.0
+    marker.color = ColorRGBA(r=colour[0], g=colour[1], b=colour[2], a=1.0)
+    return marker
+
+
+def _link(stamp: int, index: int, line: Array) -> Marker:
+    marker = _marker(stamp, index, Marker.LINE_STRIP, COLOURS[index])
+    marker.scale.x = LINE_WIDTH
+    marker.points = [Point(x=x, y=y) for x, y in line.tolist()]
+    return marker
+
+
+def _payload(stamp: int, tip: Array, mass: float) -> Marker:
+    marker = _marker(stamp, 2, Marker.SPHERE, PAYLOAD_COLOUR)
+    marker.pose.position.x, marker.pose.position.y = tip.tolist()
+    radius = max(SMALLEST_RADIUS, (0.2387 * mass / PAYLOAD_DENSITY)**(1.0 / 3.0))
+    marker.scale.x = marker.scale.y = marker.scale.z = 2.0 * radius
+    return marker

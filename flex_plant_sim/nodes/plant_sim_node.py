@@ -1,0 +1,232 @@
+"""The node that stands in for the arm: takes commands, publishes what its sensors say."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+from flex_plant_sim.nodes.arm_markers import arm_markers
+from flex_plant_sim.simulation.arm_shape import ArmShape
+from flex_plant_sim.simulation.plant_setup import simulator_of
+from msg_config.contract_node import ContractNode, DIAGNOSTICS_INTERVAL, run
+from msg_config.errors import InputError
+from msg_config.messages import (
+    channels,
+    check_finite,
+    clock_message,
+    diagnostic_status,
+    doubles,
+    joint_state,
+    JOINTS,
+    nanoseconds,
+    seconds,
+    set_stamp,
+    stamp_of,
+)
+import numpy as np
+from sensor_msgs.msg import JointState
+
+RESEND_INTERVAL = 0.1
+MARKER_INTERVAL = 0.04
+# Real time: a command this old, s, is no longer held, and the drives get zero.
+COMMAND_TIMEOUT = 0.5
+MOST_STEPS_BEHIND = 100
+
+
+class PlantSim(ContractNode):
+    """
+    Steps the simulator and publishes joint_states, strain, /clock and arm_markers.
+
+    Lock-step: a sample goes out, and the command with its stamp makes the next one. Where none
+    comes, the sample goes out again, so that a lost message or a late node stops nothing.
+    Real time: the wall clock makes the samples; a command that is late is held, and reported.
+    """
+
+    def __init__(self, **options: Any):
+        super().__init__('plant_sim', **options)
+        self.simulator = self.configured(lambda: simulator_of(self.values))
+        self.shape = ArmShape.of(self.simulator.arm)
+        self.gauges = self.simulator.arm.robot.gauge_names
+        self._lockstep = self.values['mode'] == 'lockstep'
+        self._joint_states = self.publisher('joint_states')
+        self._strain = self.publisher('strain')
+        self._markers = self.publisher('arm_markers')
+        self._clock_publisher = self.publisher('/clock') if self.values['publish_clock'] else None
+        self._messages = joint_state(0, JOINTS), joint_state(0, self.gauges)
+        self.subscribe('command', self._on_command)
+        self.offer('~/reset', self._on_reset)
+        self.offer('~/pause', self._on_pause)
+        self.offer('~/step', self._on_step)
+        self._paused = False
+        self._start()
+        if self._lockstep:
+            self.every(RESEND_INTERVAL, self._resend)
+        else:
+            self.every(self.simulator.arm.robot.sample_time, self._tick)
+        self.every(DIAGNOSTICS_INTERVAL, self._report)
+
+    def _start(self) -> None:
+        """Begin at rest at time zero."""
+        self.simulator.reset()
+        self._sent, self._permits = np.zeros(2), 0
+        self._latest, self._latest_stamp = np.zeros(2), -1
+        self._answered = self._diverged = False
+        self._origin, self._resend_at, self._held, self._late, self._worst = (
+            self.wall_time(), 0.0, 0, 0, 0.0)
+        self._next_marker = 0.0
+        self._sample()
+
+    def _sample(self) -> None:
+        """Measure and publish."""
+        sample = self.simulator.measure()
+        if not np.all(np.isfinite([*sample.output, *sample.velocity])):
+            self._diverge()
+            return
+        self._stamp = nanoseconds(sample.time)
+        joint_states, strain = self._messages
+        set_stamp(joint_states, self._stamp)
+        set_stamp(strain, self._stamp)
+        joint_states.position, joint_states.velocity, joint_states.effort = (
+            doubles(sample.angle), doubles(sample.velocity), doubles(self._sent))
+        strain.position = doubles(sample.strain)
+        self._answered = False
+        self._resend_at = self.wall_time() + RESEND_INTERVAL
+        self._publish()
+        self._publish_markers()
+
+    def _diverge(self) -> None:
+        """Hold, and publish nothing that is not a number."""
+        self._paused, self._answered, self._diverged = True, False, True
+        self.get_logger().error(f'the simulated arm diverged at {self._now} with command '
+                                f'{self._sent.tolist()}; ~/reset starts it again')
+
+    def _publish(self) -> None:
+        if self._clock_publisher is not None:
+            self._clock_publisher.publish(clock_message(self._stamp))
+        self._joint_states.publish(self._messages[0])
+        self._strain.publish(self._messages[1])
+
+    def _publish_markers(self) -> None:
+        time = self.simulator.time
+        if time < self._next_marker or not self._markers.get_subscription_count():
+            return
+        self._next_marker = time + MARKER_INTERVAL
+        lines = self.shape.lines(self.simulator.state)
+        self._markers.publish(arm_markers(self._stamp, lines, self.simulator.mass(time)))
+
+    def _on_command(self, message: JointState) -> None:
+        command, stamp = channels(message, 'effort', JOINTS, 'command'), stamp_of(message)
+        check_finite(command, JOINTS, 'command: effort')
+        if stamp > self._stamp:
+            raise InputError(f'command: header.stamp: expected at most {seconds(self._stamp):.9g}'
+                             f' s, got {seconds(stamp):.9g} s')
+        if stamp < self._stamp and self._lockstep or stamp < self._latest_stamp:
+            return
+        if stamp < self._stamp:
+            self._late += 1
+            self._worst = max(self._worst, seconds(self._stamp - stamp))
+        self._latest, self._latest_stamp = command, stamp
+        self._answered = stamp == self._stamp
+        if self._lockstep:
+            self._advance_if_allowed()
+
+    def _advance_if_allowed(self) -> None:
+        if not self._answered or self._paused and not self._permits:
+            return
+        self._permits = max(0, self._permits - 1)
+        self._advance(self._latest)
+
+    def _advance(self, command: np.ndarray) -> None:
+        self.simulator.step(command)
+        self._sent = command
+        self._sample()
+
+    def _resend(self) -> None:
+        waiting = not self._answered and self.wall_time() >= self._resend_at
+        if waiting and (not self._paused or self._permits):
+            self._publish()
+
+    def _tick(self) -> None:
+        """Make the samples that are due by the wall clock."""
+        if self._paused:
+            return
+        interval = self.simulator.arm.robot.sample_time
+        due = int((self.wall_time() - self._origin) / interval)
+        if due - self.simulator.samples > MOST_STEPS_BEHIND:
+            self._follow_wall_clock()
+            due = self.simulator.samples + 1
+        while self.simulator.samples < due:
+            self._advance(self._held_command())
+
+    def _held_command(self) -> np.ndarray:
+        if not self._answered and self._latest_stamp >= 0:
+            self._held += 1
+        age = seconds(self._stamp - self._latest_stamp)
+        return self._latest if age <= COMMAND_TIMEOUT else np.zeros(2)
+
+    def _follow_wall_clock(self) -> None:
+        """Let the present sample be that of now: after a pause, or where the computer is slow."""
+        self._origin = self.wall_time() - self.simulator.time
+
+    def _on_reset(self, _: Any, response: Any) -> Any:
+        self._paused = self._paused and not self._diverged
+        self._start()
+        response.success, response.message = True, 'at rest at 0 s'
+        return response
+
+    def _on_pause(self, request: Any, response: Any) -> Any:
+        self._paused, self._permits = request.data or self._diverged, 0
+        if not self._paused:
+            self._follow_wall_clock()
+            if self._lockstep:
+                self._advance_if_allowed()
+        response.success = self._paused == request.data
+        response.message = f'{"paused" if self._paused else "going on"} at {self._now}'
+        return response
+
+    def _on_step(self, _: Any, response: Any) -> Any:
+        response.success = self._paused and not self._diverged
+        if self._diverged:
+            response.message = f'the arm diverged at {self._now}: call ~/reset first'
+        elif not self._paused:
+            response.message = 'expected a paused simulation: call ~/pause with true first'
+        elif self._lockstep:
+            self._permits += 1
+            self._advance_if_allowed()
+            response.message = f'at {self._now}' + (
+                ', waiting for its command' if self._permits else '')
+        else:
+            self._advance(self._held_command())
+            response.message = f'at {self._now}'
+        return response
+
+    @property
+    def _now(self) -> str:
+        return f'{self.simulator.time:.6g} s'
+
+    def _report(self) -> None:
+        """Say how the commands come."""
+        quiet = self._latest_stamp < 0 or (
+            seconds(self._stamp - self._latest_stamp) > COMMAND_TIMEOUT)
+        waiting = self.wall_time() - self._resend_at > DIAGNOSTICS_INTERVAL
+        level, text = 'ok', 'paused' if self._paused else 'ok'
+        if self._diverged:
+            level, text = 'error', f'the arm diverged at {self._now}'
+        elif not self._paused and (waiting if self._lockstep else quiet):
+            level, text = 'warn', f'no command for the sample at {self._now}'
+        elif self._held:
+            level = 'warn'
+            text = f'{self._held} samples had no command in time and kept the one before'
+        status = diagnostic_status('plant_sim: command', level, text, {
+            'time s': self.simulator.time, 'held': self._held, 'late': self._late,
+            'latest by s': self._worst})
+        self.publish_diagnostics(self._stamp, [status])
+
+
+def main() -> None:
+    """Run the node until Ctrl-C."""
+    sys.exit(run(PlantSim))
+
+
+if __name__ == '__main__':
+    main()

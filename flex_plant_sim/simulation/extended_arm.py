@@ -1,0 +1,277 @@
+"""The arm with its effects: one discrete step for simulator, predictor and diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import Any
+
+from flex_plant_sim.arm.assumed_modes import assumed_modes
+from flex_plant_sim.arm.paper_model import CompactModel, paper_model
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.schedule import chebyshev_nodes, NODES, Schedule
+from flex_plant_sim.arm.second_order import ArmModel, Array, SecondOrderForm
+from flex_plant_sim.arm.state_space import state_space, StateSpace, zero_order_hold
+from flex_plant_sim.effects.base import Effect, Motion
+from msg_config.errors import InputError
+import numpy as np
+
+MODELS: dict[str, ArmModel] = {
+    'assumed_modes': assumed_modes, 'paper': paper_model, 'paper_reduced': paper_model}
+
+
+class ExtendedArm:
+    """
+    A robot's arm model, extended by effects and sampled with a zero-order hold.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its own `effects` are not applied; pass them as `effects`.
+    model : str
+        'assumed_modes' or 'paper' (both with the full actuators), or 'paper_reduced': the
+        state space (12)-(16), which takes no effect that acts on forces or coordinates.
+    modes : int
+        Modes a link.
+    payload : float
+        kg.
+    effects : sequence of Effect
+    step : float
+        Length of one step, s.
+    nodes : int
+        Interpolation nodes over cos(theta_2).
+    in_step : bool
+        Whether whole samples of a strain delay are left out, for a caller who brings the strain
+        forward by `late` samples.
+
+    Raises
+    ------
+    InputError
+        Unknown model.
+
+    """
+
+    def __init__(self, robot: Robot, model: str = 'assumed_modes', modes: int = 3,
+                 payload: float | None = None, effects: Sequence[Effect] = (),
+                 step: float | None = None, nodes: int = NODES, in_step: bool = False):
+        if model not in MODELS:
+            raise InputError(f'model: expected one of {", ".join(MODELS)}, got {model!r}')
+        mass = robot.payload_mass if payload is None else payload
+        self.robot = replace(robot, payload_mass=mass)
+        delays = [effect.late(robot.sample_time) if in_step else (0, effect)
+                  for effect in effects]
+        self.late = sum(samples for samples, _ in delays)
+        # What replaces the model comes first; what looks back on raw commands next.
+        effects = sorted((effect for _, effect in delays), key=lambda effect: (
+            not hasattr(effect, 'modes'), -effect.memory(robot.sample_time)))
+        self.model_name, self.effects = model, tuple(effects)
+        for effect in effects:
+            self.robot = effect.on_robot(self.robot)
+        self.payload = self.robot.payload_mass
+        self.modes = max(modes, *(int(getattr(e, 'modes', modes)) for e in effects), modes)
+        self.form: SecondOrderForm = MODELS[model](self.robot, self.modes)
+        for effect in effects:
+            self.form = effect.on_form(self.form, self.robot)
+        self.compact = CompactModel(self.robot, self.modes) if model == 'paper_reduced' else None
+        self.step_time = robot.sample_time if step is None else step
+        self.nodes = chebyshev_nodes(nodes)
+        self._torque = tuple(e for e in effects if type(e).force is not Effect.force)
+        self._friction = tuple(e for e in effects
+                               if type(e).dry_friction is not Effect.dry_friction)
+        self.gaps = tuple(e for e in effects if type(e).on_step is not Effect.on_step)
+        self._output = tuple(e for e in effects if type(e).on_output is not Effect.on_output)
+        self._check_reduced()
+
+    def _check_reduced(self) -> None:
+        for effect in self.effects if self.compact else ():
+            if any(getattr(type(effect), hook) is not getattr(Effect, hook)
+                   for hook in ('force', 'dry_friction', 'on_step', 'on_form')):
+                raise InputError('model: paper_reduced has no joint velocities, '
+                                 f'{effect.identifier} needs paper or assumed_modes')
+
+    @cached_property
+    def plant(self) -> StateSpace:
+        """Return the continuous plant at the nodes, extra states included."""
+        return self._plant(self.nodes, self.payload)
+
+    @cached_property
+    def schedule(self) -> Schedule:
+        """Return the sampled plant over cos(theta_2)."""
+        return Schedule.of(self.plant, self.nodes, self.step_time)
+
+    def matrices(self, cosine: float, payload: float) -> tuple[Array, Array, Array]:
+        """Return F, G, E at one operating point, discretised exactly (no interpolation)."""
+        plant = self._plant(cosine, payload)
+        inputs = np.concatenate([plant.b, plant.e], axis=-1)
+        f, g = zero_order_hold(plant.a, inputs, self.step_time)
+        return f, g[:, :2], g[:, 2:]
+
+    @property
+    def states(self) -> int:
+        """Return the number of states."""
+        return int(self.plant.a.shape[-1])
+
+    @property
+    def own_states(self) -> int:
+        """Return the number of states before those that effects add."""
+        if self.compact is not None:
+            return int(self.compact.plant(self.nodes[:1], self.payload).a.shape[-1])
+        return 2 * self.form.order
+
+    @property
+    def output_matrix(self) -> Array:
+        """Return C to (theta_1, theta_2, strain…), (m, n)."""
+        return self.plant.c[0]
+
+    @cached_property
+    def openings(self) -> tuple[Schedule, ...]:
+        """
+        Return how each contact acts on a step: [F_open - F, G_open - G, F M^-1].
+
+        The change while the contact is open, and what unit impulses at its start do.
+        """
+        changes = []
+        for effect in self.gaps:
+            form = effect.open_form(self.form, self.robot)
+            plant = self._with_states(state_space(form, self.nodes, self.payload))
+            opened = Schedule.of(plant, self.nodes, self.step_time)
+            changes.append(self._with_impulses(opened))
+        return tuple(changes)
+
+    def _with_impulses(self, opened: Schedule) -> Schedule:
+        n, closed = opened.states, self.schedule.table
+        tables = (opened.table - closed).reshape(opened.nodes.size, n, -1)
+        f = closed.reshape(tables.shape)[..., :n]
+        tables[..., n + 2:] = f @ self.plant.e
+        return replace(opened, table=tables.reshape(opened.nodes.size, -1))
+
+    def _plant(self, cosine: Any, payload: Any) -> StateSpace:
+        return self._with_states(self.compact.plant(cosine, payload) if self.compact
+                                 else state_space(self.form, cosine, payload))
+
+    def _with_states(self, plant: StateSpace) -> StateSpace:
+        for effect in self.effects:
+            plant = effect.on_state_space(plant, self.robot)
+        return plant
+
+    def at_payload(self, payload: float) -> ExtendedArm:
+        """Return the same arm with another payload, kg."""
+        other = object.__new__(ExtendedArm)
+        other.__dict__.update({key: value for key, value in self.__dict__.items()
+                               if key not in ('plant', 'schedule', 'openings')})
+        other.payload = payload
+        return other
+
+    @property
+    def has_contact(self) -> bool:
+        """Tell whether dry friction or backlash decides within a step."""
+        return bool(self._friction or self.gaps)
+
+    @property
+    def has_friction(self) -> bool:
+        """Tell whether dry friction decides within a step."""
+        return bool(self._friction)
+
+    @property
+    def acts_on_output(self) -> bool:
+        """Tell whether any effect acts on the sensors."""
+        return bool(self._output)
+
+    def motion(self, state: Array, command: Array, time: Any) -> Motion:
+        """Return what the hooks may look at."""
+        n = self.form.order
+        return Motion(time, state[..., :n], state[..., n:2 * n], command, self.robot, self.form,
+                      self.payload, self.step_time)
+
+    def advance(self, matrices: tuple[Array, Array, Array], state: Array, command: Array,
+                time: Any) -> Array:
+        """
+        Return the state one step later.
+
+        Dry friction is solved implicitly: the torque that would stop a joint within the step,
+        limited to what friction can give (a time-stepping scheme; no chatter at any T).
+
+        Parameters
+        ----------
+        matrices : tuple of Array
+            F, G, E from `schedule.at(cos(theta_2))`.
+        state : Array
+            (…, n).
+        command : Array
+            At the drive, (…, 2).
+        time : Any
+            s, at the start of the step.
+
+        """
+        f, g, e = matrices
+        after = _apply(f, state) + _apply(g, command)
+        return self.apply_effects(e, state, after, command, time)
+
+    def apply_effects(self, e: Array, state: Array, after: Array, command: Array,
+                      time: Any) -> Array:
+        """Return the state one step later, given what the linear plant alone would do."""
+        if not (self._torque or self.has_contact):
+            return after
+        motion = self.motion(state, command, time)
+        if self._torque:
+            # From the middle of the step, so that the scheme is of second order.
+            middle = self.motion(0.5 * (state + after), command, time)
+            after = after + _apply(e, self.smooth_force(middle))
+        return self.apply_contact(e, state, after, motion)
+
+    def smooth_force(self, motion: Motion) -> Array:
+        """Return the sum of the force effects, (…, N)."""
+        return np.zeros(self.form.order) + sum(effect.force(motion) for effect in self._torque)
+
+    def apply_contact(self, e: Array, state: Array, after: Array, motion: Motion) -> Array:
+        """Return the state one step later with backlash and dry friction, given it without."""
+        for effect, opening in zip(self.gaps, self.openings):
+            f, g, impulse = opening.at(np.cos(motion.position[..., 1]))
+            parted = after + _apply(f, state) + _apply(g, motion.command)
+            after = effect.on_step(after, parted, state, impulse @ self.form.force, motion)
+        if self._friction:
+            after = after + self._stop(e, after, motion)
+        return after
+
+    def friction_limits(self, motion: Motion) -> tuple[Array, Array]:
+        """Return what dry friction can give against forward and backward motion, N m, (…, 2)."""
+        forward, backward = np.zeros(2), np.zeros(2)
+        for effect in self._friction:
+            limits = effect.dry_friction(motion)
+            if limits is not None:
+                forward, backward = forward + limits[0], backward + limits[1]
+        return forward, backward
+
+    def friction_columns(self, e: Array) -> tuple[Array, Array]:
+        """Return what unit joint torques do to the state (…, n, 2) and to their joint (…, 2)."""
+        order, columns = self.form.order, e @ self.form.force
+        return columns, np.stack([columns[..., order, 0], columns[..., order + 1, 1]], axis=-1)
+
+    def _stop(self, e: Array, free: Array, motion: Motion) -> Array:
+        order = self.form.order
+        forward, backward = self.friction_limits(motion)
+        columns, reach = self.friction_columns(e)
+        torque = -np.clip(free[..., order:order + 2] / reach, -backward, forward)
+        return _apply(columns, torque)
+
+    def joint_velocity(self, state: Array, command: Array) -> Array:
+        """Return (theta_1', theta_2'), rad/s, (…, 2): the tachometers."""
+        if self.compact is None:
+            return state[..., self.form.order:self.form.order + 2]
+        flexible = state[..., 2:self.form.order]
+        return flexible @ self.compact.m_6.T + command @ self.compact.m_7.T
+
+    def output(self, state: Array, time: Any) -> Array:
+        """Return what the sensors say of a state (…, n): (…, m), rad and strain, no noise."""
+        return self.sense(state @ self.output_matrix.T, time)
+
+    def sense(self, output: Array, time: Any) -> Array:
+        """Return what the sensors say of true outputs (…, m), after the sensor effects."""
+        for effect in self._output:
+            output = effect.on_output(output, time, self.robot)
+        return output
+
+
+def _apply(matrix: Array, vector: Array) -> Array:
+    return (matrix @ vector[..., None])[..., 0]

@@ -1,0 +1,53 @@
+"""The simulator that the parameters of plant_sim describe."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from flex_plant_sim.arm.robot import load_robot, Robot
+from flex_plant_sim.effects import build, effects_of, parse
+from flex_plant_sim.effects.base import Effect
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.payload_profile import PayloadProfile
+from flex_plant_sim.simulation.simulator import Noise, Simulator
+from msg_config.errors import InputError
+
+CORIOLIS = 'coriolis_centripetal:arm:share=1'
+
+
+def robot_of(values: Mapping[str, Any]) -> Robot:
+    """Return the robot of the parameters robot and sample_time (s; 0: the robot's own)."""
+    robot = load_robot(values['robot'])
+    return replace(robot, sample_time=values['sample_time'] or robot.sample_time)
+
+
+def simulator_of(values: Mapping[str, Any]) -> Simulator:
+    """
+    Return the simulator of a checked table plant_sim.
+
+    Effects of the robot file come first, then those of the parameters.
+
+    Raises
+    ------
+    InputError
+        Naming the parameter, what was expected and what came.
+
+    """
+    robot = robot_of(values)
+    texts = [*values['effects'], *([CORIOLIS] if values['coriolis'] else [])]
+    effects: list[Effect] = [*effects_of(robot), *(build(parse(text), robot) for text in texts)]
+    arm = ExtendedArm(robot, values['model'], values['modes'], values['payload'], effects,
+                      step=robot.sample_time / values['substeps'])
+    noise = Noise(values['angle_noise'], values['strain_noise'], values['process_noise'])
+    return Simulator(arm, profile_of(values['payload'], values['payload_schedule']), noise,
+                     values['seed'])
+
+
+def profile_of(mass: float, schedule: tuple[float, ...]) -> PayloadProfile:
+    """Return the payload that starts with a mass, kg, and passes the pairs (s, kg)."""
+    if len(schedule) % 2:
+        raise InputError('payload_schedule: expected pairs time, mass, got '
+                         f'{len(schedule)} numbers')
+    return PayloadProfile.of_pairs((0.0, mass, *schedule))

@@ -1,0 +1,240 @@
+"""The arm that stands in for the real one: steps with commands, measures with noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.effects.base import Effect
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.payload_profile import PayloadProfile
+from flex_plant_sim.simulation.stepping import schedule_row, Stepper
+from msg_config.errors import InputError
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Noise:
+    """
+    Standard deviations of the white noise of one sample.
+
+    Attributes
+    ----------
+    angle : float
+        rad.
+    strain : float
+        m/m.
+    torque : float
+        Process noise: torque on each joint, held over a sample, N m.
+
+    """
+
+    angle: float = 0.0
+    strain: float = 0.0
+    torque: float = 0.0
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """
+    What is sampled at one instant.
+
+    Attributes
+    ----------
+    time : float
+        s.
+    angle, velocity : Array
+        rad and rad/s, (2,).
+    strain : Array
+        m/m, (gauges,).
+    command : Array
+        At the drive before this instant, (2,).
+
+    """
+
+    time: float
+    angle: Array
+    velocity: Array
+    strain: Array
+    command: Array
+
+    @property
+    def output(self) -> Array:
+        """Return (theta_1, theta_2, strain…), (m,)."""
+        return np.concatenate([self.angle, self.strain])
+
+
+class Simulator:
+    """
+    Steps an extended arm at its sample time, nonlinear in theta_2 and in the payload.
+
+    The linear parts are exact for a command held over the step; theta_2 and the payload are
+    those at its start.
+
+    Parameters
+    ----------
+    arm : ExtendedArm
+        Its step may be the sample time divided by a whole number of substeps.
+    payload : PayloadProfile
+    noise : Noise
+    seed : int
+
+    """
+
+    def __init__(self, arm: ExtendedArm, payload: PayloadProfile | None = None,
+                 noise: Noise = Noise(), seed: int = 0):
+        self.arm, self.noise, self._seed = arm, noise, seed
+        self.payload = payload or PayloadProfile.constant(arm.payload)
+        ratio = arm.robot.sample_time / arm.step_time
+        self.substeps = round(ratio)
+        if abs(ratio - self.substeps) > 1e-9 or self.substeps < 1:
+            raise InputError(f'step: expected the sample time {arm.robot.sample_time:g} s '
+                             f'divided by a whole number, got {arm.step_time:g} s')
+        self._memory = max([e.memory(arm.robot.sample_time) for e in arm.effects], default=0)
+        self._hooked = tuple(e for e in arm.effects
+                             if type(e).on_command is not Effect.on_command)
+        self._angle = schedule_row(arm)
+        # Made now, so that no sample waits for compilation.
+        self._arms = {arm.payload: (arm, Stepper.of(arm))}
+        self._pushes = arm.schedule.forces
+        if noise.torque and not self._pushes:
+            raise InputError(f'noise.torque: {arm.model_name} has no joint torques, '
+                             'expected 0')
+        self.reset()
+
+    def reset(self) -> None:
+        """Go back to rest at time zero, with the same noise to come."""
+        self.time, self.samples = 0.0, 0
+        self.state = np.zeros(self.arm.states)
+        self._applied = np.zeros(2)
+        self._history = np.zeros((self._memory, 2))
+        self._random = np.random.default_rng(self._seed)
+
+    def mass(self, time: float) -> float:
+        """Return the payload at a time, kg, effects included."""
+        mass = self.payload.at(time)
+        for effect in self.arm.effects:
+            mass = effect.payload_at(time, mass)
+        return mass
+
+    def measure(self) -> Measurement:
+        """Return what the sensors say now, with noise."""
+        output = self.arm.output(self.state, self.time)
+        velocity = self.arm.joint_velocity(self.state, self._applied)
+        angle = output[:2] + self.noise.angle * self._random.standard_normal(2)
+        strain = output[2:] + self.noise.strain * self._random.standard_normal(output.size - 2)
+        return Measurement(self.time, angle, velocity.copy(), strain, self._applied.copy())
+
+    def draws(self, count: int) -> Array:
+        """Return the standard normal numbers of samples: outputs', then torques', (N, m + 2)."""
+        return self._random.standard_normal((count, len(self.arm.output_matrix) + 2))
+
+    def step(self, command: Array) -> None:
+        """Advance one sample with a command (2,), in the drives' own unit."""
+        commands = np.asarray(command, dtype=float)[None]
+        check_finite(commands)
+        self.advance(commands, self._random.standard_normal((1, 2)))
+
+    def advance(self, commands: Array, draws: Array) -> tuple[Array, Array]:
+        """
+        Advance many samples; return the states (N, n) and the commands at the drives (N, 2).
+
+        Parameters
+        ----------
+        commands : Array
+            In the drives' own unit, (N, 2).
+        draws : Array
+            Standard normal numbers of the process noise, (N, 2).
+
+        """
+        count = len(commands)
+        applied = self._at_drive(commands)
+        starts = (self.samples + np.arange(count))[:, None] * self.arm.robot.sample_time
+        forces = np.zeros((count, self._pushes))
+        if self.noise.torque:
+            forces[:, :2] = self.noise.torque * draws
+        times: Array = (starts + self.arm.step_time * np.arange(self.substeps)).ravel()
+        states = self._run(times, np.repeat(applied, self.substeps, axis=0),
+                           np.repeat(forces, self.substeps, axis=0))
+        self.samples += count
+        self.time = self.samples * self.arm.robot.sample_time
+        self.state = states[-1].copy()
+        before = np.vstack([self._applied, applied[:-1]])
+        self._applied = applied[-1]
+        return states[:-1:self.substeps], before
+
+    def _at_drive(self, commands: Array) -> Array:
+        limits = [drive.command_limit for drive in self.arm.robot.drives]
+        applied = np.clip(commands, np.negative(limits), limits)
+        if not (self._hooked or self._memory):
+            return applied
+        step = self.arm.robot.sample_time
+        for k, sent in enumerate(commands):
+            for effect in self._hooked:
+                applied[k] = effect.on_command(applied[k], self._history,
+                                               (self.samples + k) * step, step)
+            self._history = np.vstack([self._history, sent])[1:]
+        return applied
+
+    def _run(self, times: Array, commands: Array, forces: Array) -> Array:
+        """Return the states before each step and after the last, payload by payload."""
+        masses = np.array([self.mass(time) for time in (*times, times[-1] + self.arm.step_time)])
+        states, start = [self.state[None]], 0
+        while start < len(times):
+            stop = start + 1
+            while stop < len(times) and masses[stop] == masses[start]:
+                stop += 1
+            rows = slice(start, stop)
+            arm, stepper = self._carrying(masses[start], masses[start] != masses[start + 1])
+            run = stepper.run if stepper else partial(self._one_by_one, arm, times[rows])
+            states.append(run(states[-1][-1], commands[rows], forces[rows])[1:])
+            start = stop
+        return np.concatenate(states)
+
+    def _carrying(self, mass: float, ramps: bool) -> tuple[ExtendedArm, Stepper | None]:
+        """Return a payload's arm, with a schedule while it stays, to be discretised afresh."""
+        if mass not in self._arms:
+            arm = self.arm.at_payload(mass)
+            if ramps:
+                return arm, None
+            self._arms[mass] = arm, Stepper.of(arm)
+        return self._arms[mass]
+
+    def _one_by_one(self, arm: ExtendedArm, times: Array, start: Array, commands: Array,
+                    forces: Array) -> Array:
+        """Return the states before each step and after the last, asking the effects at each."""
+        states = [start]
+        for time, command, force in zip(times, commands, forces):
+            cosine = float(np.cos(self._angle @ states[-1]))
+            scheduled = arm.payload in self._arms
+            matrices = (arm.schedule.at(cosine) if scheduled
+                        else arm.matrices(cosine, arm.payload))
+            after = arm.advance(matrices, states[-1], command, time)
+            states.append(after + matrices[2] @ force)
+        return np.array(states)
+
+
+def check_finite(commands: Array) -> None:
+    """Raise InputError where commands (N, 2) are not finite."""
+    if not np.all(np.isfinite(commands)):
+        k = int(np.argmin(np.isfinite(commands).all(axis=1)))
+        raise InputError(f'command: expected finite numbers, got {commands[k]}')
+
+
+def simulate(simulator: Simulator, commands: Array) -> tuple[Array, Array]:
+    """
+    Return outputs (N, m) and joint velocities (N, 2) for commands (N, 2).
+
+    Row k is what is sampled before command k is applied.
+    """
+    commands = np.asarray(commands, dtype=float)
+    check_finite(commands)
+    arm, noise = simulator.arm, simulator.noise
+    times = (simulator.samples + np.arange(len(commands))) * arm.robot.sample_time
+    draws = simulator.draws(len(commands))
+    states, applied = simulator.advance(commands, draws[:, -2:])
+    outputs = arm.output(states, times)
+    outputs[:, :2] += noise.angle * draws[:, :2]
+    outputs[:, 2:] += noise.strain * draws[:, 2:-2]
+    return outputs, np.array(arm.joint_velocity(states, applied))
