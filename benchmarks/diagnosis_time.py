@@ -17,7 +17,7 @@ import time
 
 from flex_plant_sim.arm.robot import load_robot
 from flex_plant_sim.effects import build, parse
-from flex_plant_sim.logs.csv import write_csv
+from flex_plant_sim.logs.csv_log import write_csv
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.simulator import Noise, simulate, Simulator

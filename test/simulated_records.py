@@ -12,7 +12,7 @@ from flex_plant_sim.diagnosis.predictor import Base, Predictor
 from flex_plant_sim.diagnosis.windows import Record, Windows
 from flex_plant_sim.effects import build, parse
 from flex_plant_sim.effects.base import Effect
-from flex_plant_sim.logs.csv import write_csv
+from flex_plant_sim.logs.csv_log import write_csv
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.simulation.simulator import Noise, simulate, Simulator
 import numpy as np

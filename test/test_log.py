@@ -9,8 +9,8 @@ from typing import Literal
 
 from flex_plant_sim.arm.robot import load_robot
 from flex_plant_sim.atomic_file import whole_file
-from flex_plant_sim.logs.bag import write_bag
-from flex_plant_sim.logs.csv import write_csv
+from flex_plant_sim.logs.bag_log import write_bag
+from flex_plant_sim.logs.csv_log import write_csv
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.logs.read import read_log
 from msg_config.errors import InputError

@@ -16,7 +16,7 @@ import time
 
 from flex_plant_sim.arm.robot import EffectSpec, load_robot, Robot
 from flex_plant_sim.effects import build
-from flex_plant_sim.logs.csv import write_csv
+from flex_plant_sim.logs.csv_log import write_csv
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.logs.read import read_log
 from flex_plant_sim.simulation.agreement import fit_percent, rmse

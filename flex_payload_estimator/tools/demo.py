@@ -19,8 +19,8 @@ from flex_payload_estimator.control.loop import LoopRecord
 from flex_payload_estimator.control.loop_figures import FIGURES, save_figures
 from flex_payload_estimator.nodes.node_setup import set_points_of
 from flex_plant_sim.compiled import COMPILED
-from flex_plant_sim.logs.bag import write_bag
-from flex_plant_sim.logs.csv import write_csv
+from flex_plant_sim.logs.bag_log import write_bag
+from flex_plant_sim.logs.csv_log import write_csv
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.simulation.plant_setup import robot_of, simulator_of
 from flex_plant_sim.tools import command_line

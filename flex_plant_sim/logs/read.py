@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Protocol
 
 from flex_plant_sim.arm.robot import Robot
-from flex_plant_sim.logs.bag import read_bag
-from flex_plant_sim.logs.csv import read_csv
+from flex_plant_sim.logs.bag_log import read_bag
+from flex_plant_sim.logs.csv_log import read_csv
 from flex_plant_sim.logs.log import Log
 from msg_config.errors import InputError
 
