@@ -40,7 +40,7 @@ setup(
         'msg_config',
     ]),
     package_data={
-        'flex_plant_sim': ['robots/*.yaml', 'diagnosis/*.html'],
+        'flex_plant_sim': ['robots/*.yaml', 'diagnosis/report/*.html'],
         'msg_config': ['*.yaml'],
     },
     data_files=[

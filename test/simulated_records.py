@@ -7,9 +7,9 @@ from pathlib import Path
 
 from flex_plant_sim.arm.robot import load_robot, Robot
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.noise import measurement_noise
-from flex_plant_sim.diagnosis.predictor import Base, Predictor
-from flex_plant_sim.diagnosis.windows import Record, Windows
+from flex_plant_sim.diagnosis.prediction.predictor import Base, Predictor
+from flex_plant_sim.diagnosis.record.sensor_noise import measurement_noise
+from flex_plant_sim.diagnosis.record.windows import Record, Windows
 from flex_plant_sim.effects import build, parse
 from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.logs.csv_log import write_csv

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from flex_plant_sim.arm.robot import built_in_robots, load_robot, parse_robot, Robot
-from flex_plant_sim.diagnosis.extend import document, extended_text, write_extended
+from flex_plant_sim.diagnosis.report.extended_file import document, extended_text, write_extended
 from flex_plant_sim.effects import build, catalogue, effects_of, parse, sites
 from flex_plant_sim.effects.base import Effect
 from msg_config.errors import InputError

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.free_run import errors, free_run, start_instants
-from flex_plant_sim.diagnosis.predictor import Predictor
+from flex_plant_sim.diagnosis.prediction.free_run import errors, free_run, start_instants
+from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.effects.base import Effect
 import numpy as np
 import pytest

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from flex_plant_sim.diagnosis.payload_gain import payload_gain
-from flex_plant_sim.diagnosis.predictor import Base
+from flex_plant_sim.diagnosis.prediction.predictor import Base
+from flex_plant_sim.diagnosis.report.payload_gain import payload_gain
 from flex_plant_sim.logs.log import Log
 import pytest
 from simulated_records import effects, REFERENCE, simulated

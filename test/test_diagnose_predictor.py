@@ -6,16 +6,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from flex_plant_sim.compiled import COMPILED
-from flex_plant_sim.diagnosis import passage
-from flex_plant_sim.diagnosis.allowance import model_error
-from flex_plant_sim.diagnosis.candidate_pass import Data, Round
-from flex_plant_sim.diagnosis.detection import detection_limits
-from flex_plant_sim.diagnosis.evidence import autoregression, innovations
-from flex_plant_sim.diagnosis.fit import explore, Fit, Projector, promise, settle
-from flex_plant_sim.diagnosis.hypothesis import hypotheses
-from flex_plant_sim.diagnosis.predictor import Base, Predictor
-from flex_plant_sim.diagnosis.ranking import rank
-from flex_plant_sim.diagnosis.verdict import cause_of
+from flex_plant_sim.diagnosis.causes.candidate_pass import Data, Round
+from flex_plant_sim.diagnosis.causes.fit import explore, Fit, Projector, promise, settle
+from flex_plant_sim.diagnosis.causes.held_out import autoregression, innovations
+from flex_plant_sim.diagnosis.causes.hypothesis import hypotheses
+from flex_plant_sim.diagnosis.causes.ranking import rank
+from flex_plant_sim.diagnosis.prediction import passage
+from flex_plant_sim.diagnosis.prediction.predictor import Base, Predictor
+from flex_plant_sim.diagnosis.record.allowance import model_error
+from flex_plant_sim.diagnosis.verdict.detection import detection_limits
+from flex_plant_sim.diagnosis.verdict.verdict import cause_of
 from flex_plant_sim.effects import catalogue
 from flex_plant_sim.effects.base import Effect
 import numpy as np

@@ -8,14 +8,14 @@ import json
 from pathlib import Path
 import re
 
-from flex_plant_sim.diagnosis.answer import answer, answer_text, plain, with_gain
-from flex_plant_sim.diagnosis.gain import Gain
-from flex_plant_sim.diagnosis.payload_gain import PayloadGain
-from flex_plant_sim.diagnosis.quantity import interval_text, percent_text, rounded, unit_text
-from flex_plant_sim.diagnosis.report import render, Report, write_report
-from flex_plant_sim.diagnosis.report_figures import picture
-from flex_plant_sim.diagnosis.residual import ChannelResidual, Whiteness
-from flex_plant_sim.diagnosis.results import (
+from flex_plant_sim.diagnosis.report.figures import picture
+from flex_plant_sim.diagnosis.report.html_report import render, Report, write_report
+from flex_plant_sim.diagnosis.report.improvement import Gain
+from flex_plant_sim.diagnosis.report.json_answer import answer, answer_text, plain, with_gain
+from flex_plant_sim.diagnosis.report.payload_gain import PayloadGain
+from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual, Whiteness
+from flex_plant_sim.diagnosis.report.wording import interval_text, percent_text, rounded, unit_text
+from flex_plant_sim.diagnosis.verdict.results import (
     Candidate,
     Cause,
     Diagnosis,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from flex_plant_sim.diagnosis.free_run import free_run
-from flex_plant_sim.diagnosis.residual import (
+from flex_plant_sim.diagnosis.prediction.free_run import free_run
+from flex_plant_sim.diagnosis.report.symptoms import (
     bands,
     describe,
     explained_share,

@@ -13,17 +13,17 @@ import sys
 from typing import Any, Protocol
 
 from flex_plant_sim.arm.robot import load_robot, Robot
-from flex_plant_sim.diagnosis.answer import answer, answer_text, with_gain
-from flex_plant_sim.diagnosis.extend import write_extended
-from flex_plant_sim.diagnosis.gain import Gain, measure_gain
-from flex_plant_sim.diagnosis.payload_gain import payload_gain, PayloadGain
-from flex_plant_sim.diagnosis.predictor import Base, Predictor
-from flex_plant_sim.diagnosis.report import Report, write_report
-from flex_plant_sim.diagnosis.report_figures import all_pictures
-from flex_plant_sim.diagnosis.residual import ChannelResidual, describe
-from flex_plant_sim.diagnosis.results import Diagnosis
-from flex_plant_sim.diagnosis.verdict import diagnose, nominal_base
-from flex_plant_sim.diagnosis.windows import Record
+from flex_plant_sim.diagnosis.prediction.predictor import Base, Predictor
+from flex_plant_sim.diagnosis.record.windows import Record
+from flex_plant_sim.diagnosis.report.extended_file import write_extended
+from flex_plant_sim.diagnosis.report.figures import all_pictures
+from flex_plant_sim.diagnosis.report.html_report import Report, write_report
+from flex_plant_sim.diagnosis.report.improvement import Gain, measure_gain
+from flex_plant_sim.diagnosis.report.json_answer import answer, answer_text, with_gain
+from flex_plant_sim.diagnosis.report.payload_gain import payload_gain, PayloadGain
+from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual, describe
+from flex_plant_sim.diagnosis.verdict.results import Diagnosis
+from flex_plant_sim.diagnosis.verdict.verdict import diagnose, nominal_base
 from flex_plant_sim.effects import catalogue
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.logs.read import read_log

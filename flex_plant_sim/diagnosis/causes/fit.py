@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.hypothesis import Hypothesis
-from flex_plant_sim.diagnosis.predictor import Base
-from flex_plant_sim.diagnosis.problem import Problem, Weighting
-from flex_plant_sim.diagnosis.windows import Windows
+from flex_plant_sim.diagnosis.causes.hypothesis import Hypothesis
+from flex_plant_sim.diagnosis.likelihood.problem import Problem, Weighting
+from flex_plant_sim.diagnosis.prediction.predictor import Base
+from flex_plant_sim.diagnosis.record.windows import Windows
 import numpy as np
 
 ITERATIONS = 8

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from flex_plant_sim.arm.schedule import barycentric_weights
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.passage import at_drive, payload_schedule
-from flex_plant_sim.diagnosis.predictor import Predictor
+from flex_plant_sim.diagnosis.prediction.passage import at_drive, payload_schedule
+from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 import numpy as np
 from numpy.typing import NDArray
 

@@ -11,8 +11,7 @@ import signal
 from typing import Any, TypeVar
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.allowance import allowance, misfit, still_wrong
-from flex_plant_sim.diagnosis.fit import (
+from flex_plant_sim.diagnosis.causes.fit import (
     explore,
     Fit,
     fit_base,
@@ -21,12 +20,13 @@ from flex_plant_sim.diagnosis.fit import (
     promise,
     refine,
 )
-from flex_plant_sim.diagnosis.hypothesis import Hypothesis
-from flex_plant_sim.diagnosis.noise import measurement_noise
-from flex_plant_sim.diagnosis.predictor import Base
-from flex_plant_sim.diagnosis.problem import Problem
-from flex_plant_sim.diagnosis.ranking import choose, rank, Ranked
-from flex_plant_sim.diagnosis.windows import Record, Windows
+from flex_plant_sim.diagnosis.causes.hypothesis import Hypothesis
+from flex_plant_sim.diagnosis.causes.ranking import choose, rank, Ranked
+from flex_plant_sim.diagnosis.likelihood.problem import Problem
+from flex_plant_sim.diagnosis.prediction.predictor import Base
+from flex_plant_sim.diagnosis.record.allowance import allowance, misfit, still_wrong
+from flex_plant_sim.diagnosis.record.sensor_noise import measurement_noise
+from flex_plant_sim.diagnosis.record.windows import Record, Windows
 import numpy as np
 
 FIT_SAMPLES, PROMISE_SAMPLES = 12000, 6000

@@ -5,8 +5,8 @@ from __future__ import annotations
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.arm.state_space import StateSpace
-from flex_plant_sim.diagnosis.allowance import model_error
-from flex_plant_sim.diagnosis.windows import Windows
+from flex_plant_sim.diagnosis.record.allowance import model_error
+from flex_plant_sim.diagnosis.record.windows import Windows
 from flex_plant_sim.effects.base import Effect, Parameter
 from flex_plant_sim.effects.mechanics.extra_states import with_states
 from flex_plant_sim.simulation.extended_arm import ExtendedArm

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import COMPILED, compiled
-from flex_plant_sim.diagnosis.windows import Indices
+from flex_plant_sim.diagnosis.record.windows import Indices
 import numpy as np
 
 

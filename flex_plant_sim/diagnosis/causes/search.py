@@ -7,15 +7,20 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.allowance import misfit, still_wrong, WRONG
-from flex_plant_sim.diagnosis.candidate_pass import Data, decided, one_pass, Round
-from flex_plant_sim.diagnosis.exchange import exchanged, extended_base, refitted, still_needed
-from flex_plant_sim.diagnosis.fit import Fit, fit_base, settle
-from flex_plant_sim.diagnosis.hypothesis import hypotheses, Hypothesis
-from flex_plant_sim.diagnosis.noise_level import likeliest_level
-from flex_plant_sim.diagnosis.predictor import Base
-from flex_plant_sim.diagnosis.problem import Problem
-from flex_plant_sim.diagnosis.ranking import clear_of_null, Ranked
+from flex_plant_sim.diagnosis.causes.candidate_pass import Data, decided, one_pass, Round
+from flex_plant_sim.diagnosis.causes.exchange import (
+    exchanged,
+    extended_base,
+    refitted,
+    still_needed,
+)
+from flex_plant_sim.diagnosis.causes.fit import Fit, fit_base, settle
+from flex_plant_sim.diagnosis.causes.hypothesis import hypotheses, Hypothesis
+from flex_plant_sim.diagnosis.causes.noise_level import likeliest_level
+from flex_plant_sim.diagnosis.causes.ranking import clear_of_null, Ranked
+from flex_plant_sim.diagnosis.likelihood.problem import Problem
+from flex_plant_sim.diagnosis.prediction.predictor import Base
+from flex_plant_sim.diagnosis.record.allowance import misfit, still_wrong, WRONG
 import numpy as np
 
 ROUNDS = 6

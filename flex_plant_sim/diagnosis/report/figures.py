@@ -9,10 +9,10 @@ from io import BytesIO
 from typing import Any
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.free_run import free_run, horizon_samples
-from flex_plant_sim.diagnosis.gain import Gain, locked_rows
-from flex_plant_sim.diagnosis.predictor import Predictor
-from flex_plant_sim.diagnosis.residual import drift, DRIFTED, one_step, spectrum
+from flex_plant_sim.diagnosis.prediction.free_run import free_run, horizon_samples
+from flex_plant_sim.diagnosis.prediction.predictor import Predictor
+from flex_plant_sim.diagnosis.report.improvement import Gain, locked_rows
+from flex_plant_sim.diagnosis.report.symptoms import drift, DRIFTED, one_step, spectrum
 import numpy as np
 
 MEASURED, BEFORE, AFTER = '#333333', '#d95f02', '#1b6ca8'

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.allowance import model_error
-from flex_plant_sim.diagnosis.nuisance import Nuisance, nuisances, settled
-from flex_plant_sim.diagnosis.predictor import Base, Predictor
-from flex_plant_sim.diagnosis.windows import Windows
+from flex_plant_sim.diagnosis.prediction.nuisance import Nuisance, nuisances, settled
+from flex_plant_sim.diagnosis.prediction.predictor import Base, Predictor
+from flex_plant_sim.diagnosis.record.allowance import model_error
+from flex_plant_sim.diagnosis.record.windows import Windows
 from flex_plant_sim.effects.base import Effect
 import numpy as np
 

@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from flex_plant_sim.arm.robot import Robot
-from flex_plant_sim.diagnosis.allowance import still_wrong, WRONG
-from flex_plant_sim.diagnosis.candidate_pass import Data, Round
-from flex_plant_sim.diagnosis.detection import detection_limits
-from flex_plant_sim.diagnosis.fit import fit_base
-from flex_plant_sim.diagnosis.predictor import Base
-from flex_plant_sim.diagnosis.ranking import (
+from flex_plant_sim.diagnosis.causes.candidate_pass import Data, Round
+from flex_plant_sim.diagnosis.causes.fit import fit_base
+from flex_plant_sim.diagnosis.causes.ranking import (
     candidate,
     clear_of_null,
     look_alikes,
@@ -18,9 +15,12 @@ from flex_plant_sim.diagnosis.ranking import (
     probabilities,
     Ranked,
 )
-from flex_plant_sim.diagnosis.results import Cause, Diagnosis, ParameterValue
-from flex_plant_sim.diagnosis.search import Progress, Search, search
-from flex_plant_sim.diagnosis.windows import Record
+from flex_plant_sim.diagnosis.causes.search import Progress, Search, search
+from flex_plant_sim.diagnosis.prediction.predictor import Base
+from flex_plant_sim.diagnosis.record.allowance import still_wrong, WRONG
+from flex_plant_sim.diagnosis.record.windows import Record
+from flex_plant_sim.diagnosis.verdict.detection import detection_limits
+from flex_plant_sim.diagnosis.verdict.results import Cause, Diagnosis, ParameterValue
 from flex_plant_sim.effects import catalogue, effects_of
 import numpy as np
 

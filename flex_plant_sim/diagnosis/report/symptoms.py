@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.free_run import errors, horizon_samples, start_instants
-from flex_plant_sim.diagnosis.predictor import Predictor
+from flex_plant_sim.diagnosis.prediction.free_run import errors, horizon_samples, start_instants
+from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_toeplitz

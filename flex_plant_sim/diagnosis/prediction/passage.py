@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import COMPILED
-from flex_plant_sim.diagnosis.scan import Friction, Gaps, scan, scan_with_gaps
-from flex_plant_sim.diagnosis.windows import Indices, Record
+from flex_plant_sim.diagnosis.prediction.scan import Friction, Gaps, scan, scan_with_gaps
+from flex_plant_sim.diagnosis.record.windows import Indices, Record
 from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.effects.joint.backlash import Backlash
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 
 if TYPE_CHECKING:
-    from flex_plant_sim.diagnosis.predictor import Predictor
+    from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.predictor import Base, Predictor
-from flex_plant_sim.diagnosis.windows import Windows
+from flex_plant_sim.diagnosis.prediction.predictor import Base, Predictor
+from flex_plant_sim.diagnosis.record.windows import Windows
 import numpy as np
 
 FACTOR = 10.0**0.5

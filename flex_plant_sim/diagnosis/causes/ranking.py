@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.allowance import misfit, still_wrong
-from flex_plant_sim.diagnosis.evidence import held_out, spread
-from flex_plant_sim.diagnosis.fit import Fit
-from flex_plant_sim.diagnosis.hypothesis import Hypothesis
-from flex_plant_sim.diagnosis.results import Candidate, ParameterValue
+from flex_plant_sim.diagnosis.causes.fit import Fit
+from flex_plant_sim.diagnosis.causes.held_out import held_out, spread
+from flex_plant_sim.diagnosis.causes.hypothesis import Hypothesis
+from flex_plant_sim.diagnosis.record.allowance import misfit, still_wrong
+from flex_plant_sim.diagnosis.verdict.results import Candidate, ParameterValue
 import numpy as np
 from scipy.stats import t as student
 

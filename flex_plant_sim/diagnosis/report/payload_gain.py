@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from flex_plant_sim.diagnosis.extend import specs
-from flex_plant_sim.diagnosis.predictor import Base
+from flex_plant_sim.diagnosis.prediction.predictor import Base
+from flex_plant_sim.diagnosis.report.extended_file import specs
 from flex_plant_sim.logs.log import Log
 
 # What the estimator estimates must not be told to it.

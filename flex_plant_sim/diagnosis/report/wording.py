@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from flex_plant_sim.diagnosis.results import ParameterValue
+from flex_plant_sim.diagnosis.verdict.results import ParameterValue
 
 LOPSIDED = 0.3
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.windows import Record
+from flex_plant_sim.diagnosis.record.windows import Record
 import numpy as np
 
 MODEL_SHARE = 0.01

@@ -9,11 +9,11 @@ from functools import cached_property
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.schedule import barycentric_weights
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.gauge_error import GaugeError
-from flex_plant_sim.diagnosis.noise import load_levels, process_noise, steady_gain
-from flex_plant_sim.diagnosis.nuisance import nuisances, settled
-from flex_plant_sim.diagnosis.passage import Matrices, Run, undo_sensors
-from flex_plant_sim.diagnosis.windows import Record, Windows
+from flex_plant_sim.diagnosis.prediction.gauge_error import GaugeError
+from flex_plant_sim.diagnosis.prediction.noise import load_levels, process_noise, steady_gain
+from flex_plant_sim.diagnosis.prediction.nuisance import nuisances, settled
+from flex_plant_sim.diagnosis.prediction.passage import Matrices, Run, undo_sensors
+from flex_plant_sim.diagnosis.record.windows import Record, Windows
 from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np

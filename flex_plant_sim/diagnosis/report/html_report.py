@@ -10,12 +10,17 @@ from pathlib import Path
 from typing import Any
 
 from flex_plant_sim.atomic_file import whole_file
-from flex_plant_sim.diagnosis.gain import Gain
-from flex_plant_sim.diagnosis.payload_gain import PayloadGain
-from flex_plant_sim.diagnosis.quantity import interval_text, name_text, percent_text, size_text
-from flex_plant_sim.diagnosis.report_figures import Picture, shown
-from flex_plant_sim.diagnosis.residual import ChannelResidual
-from flex_plant_sim.diagnosis.results import Candidate, Cause, Diagnosis
+from flex_plant_sim.diagnosis.report.figures import Picture, shown
+from flex_plant_sim.diagnosis.report.improvement import Gain
+from flex_plant_sim.diagnosis.report.payload_gain import PayloadGain
+from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual
+from flex_plant_sim.diagnosis.report.wording import (
+    interval_text,
+    name_text,
+    percent_text,
+    size_text,
+)
+from flex_plant_sim.diagnosis.verdict.results import Candidate, Cause, Diagnosis
 from msg_config.errors import InputError
 
 FILE_NAME = 'report.html'
@@ -74,7 +79,7 @@ def render(report: Report) -> str:
                               lstrip_blocks=True)
     environment.filters |= {'percent': percent_text, 'interval': interval_text,
                             'site': _site_text, 'nats': _nats}
-    template = (resources.files('flex_plant_sim') / 'diagnosis' / FILE_NAME).read_text(
+    template = (resources.files('flex_plant_sim') / 'diagnosis' / 'report' / FILE_NAME).read_text(
         encoding='utf-8')
     return environment.from_string(template).render(
         report=report, diagnosis=report.diagnosis, verdict=VERDICT_TEXT[report.diagnosis.verdict],

@@ -7,12 +7,12 @@ from dataclasses import replace
 import math
 from typing import Any
 
-from flex_plant_sim.diagnosis.gain import Gain, gain_results
-from flex_plant_sim.diagnosis.payload_gain import PayloadGain
-from flex_plant_sim.diagnosis.quantity import interval_text, name_text, percent_text
-from flex_plant_sim.diagnosis.report_figures import shown
-from flex_plant_sim.diagnosis.residual import ChannelResidual
-from flex_plant_sim.diagnosis.results import Candidate, Cause, Diagnosis, ParameterValue
+from flex_plant_sim.diagnosis.report.figures import shown
+from flex_plant_sim.diagnosis.report.improvement import Gain, gain_results
+from flex_plant_sim.diagnosis.report.payload_gain import PayloadGain
+from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual
+from flex_plant_sim.diagnosis.report.wording import interval_text, name_text, percent_text
+from flex_plant_sim.diagnosis.verdict.results import Candidate, Cause, Diagnosis, ParameterValue
 import numpy as np
 
 TERMINAL_HORIZONS = (0.2, 1.0, 5.0)

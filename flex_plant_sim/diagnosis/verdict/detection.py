@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.fit import Fit, Projector
-from flex_plant_sim.diagnosis.hypothesis import hypotheses, Hypothesis
-from flex_plant_sim.diagnosis.problem import Problem
+from flex_plant_sim.diagnosis.causes.fit import Fit, Projector
+from flex_plant_sim.diagnosis.causes.hypothesis import hypotheses, Hypothesis
+from flex_plant_sim.diagnosis.likelihood.problem import Problem
 from flex_plant_sim.effects.base import Effect
 import numpy as np
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from flex_plant_sim.diagnosis.candidate_pass import Data, decided, one_pass, rivals, Round
-from flex_plant_sim.diagnosis.fit import Fit, fit_base, refine
-from flex_plant_sim.diagnosis.hypothesis import Hypothesis
-from flex_plant_sim.diagnosis.predictor import Base
-from flex_plant_sim.diagnosis.problem import Problem
-from flex_plant_sim.diagnosis.ranking import choose, rank, Ranked
+from flex_plant_sim.diagnosis.causes.candidate_pass import Data, decided, one_pass, rivals, Round
+from flex_plant_sim.diagnosis.causes.fit import Fit, fit_base, refine
+from flex_plant_sim.diagnosis.causes.hypothesis import Hypothesis
+from flex_plant_sim.diagnosis.causes.ranking import choose, rank, Ranked
+from flex_plant_sim.diagnosis.likelihood.problem import Problem
+from flex_plant_sim.diagnosis.prediction.predictor import Base
 
 SWEEPS = 3
 

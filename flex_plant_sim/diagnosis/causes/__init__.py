@@ -1,0 +1,1 @@
+"""Hypotheses, their fits, and the search among sets of them."""

@@ -1,0 +1,1 @@
+"""Records: windows to work on and to lock, sensor noise."""

@@ -1,0 +1,1 @@
+"""From a posterior to a verdict, and what the record could have shown."""
