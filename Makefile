@@ -2,13 +2,14 @@
 PYTHON ?= python3
 BIN := .venv/bin
 DISTRO := $(or $(ROS_DISTRO),wheels)
+LOCKED := bags report speed ros
 COVERAGE := --cov --cov-report=term:skip-covered
 
 export OPENBLAS_NUM_THREADS := 1
 # The ROS wheels re-execute Python once; the guard of another environment would stop that.
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-.PHONY: help demo test lint bank bench figures clean
+.PHONY: help demo test lint bank bench figures lock sbom clean
 .DEFAULT_GOAL := help
 
 help:  ## list the targets
@@ -32,8 +33,17 @@ bench: .venv/.$(DISTRO)-bench  ## every benchmark script
 figures: .venv/.$(DISTRO)-run  ## Figures 13, 14, 15 and 18 of the paper
 	$(BIN)/flex_figures
 
+lock: .venv/.$(DISTRO)-test  ## pin every dependency anew, with hashes
+	$(BIN)/python -m pip install -q uv
+	for kind in run test; do $(BIN)/uv -q pip compile setup.py --upgrade --universal --generate-hashes \
+	  --python-version 3.10 --no-annotate --no-header -o requirements/$$kind.txt \
+	  $$(test $$kind = run || echo --extra test) $(foreach extra,$(LOCKED),--extra $(extra)); done
+
+sbom: .venv/.$(DISTRO)-test  ## software bill of materials of what make demo installs, as sbom.json
+	$(BIN)/cyclonedx-py requirements -o sbom.json requirements/run.txt
+
 clean:  ## remove the virtual environment and everything built
 	rm -rf .venv build install log *.egg-info .coverage .mypy_cache .pytest_cache .ruff_cache
 
-.venv/.$(DISTRO)-%: setup.py pyproject.toml .ci/environment
+.venv/.$(DISTRO)-%: setup.py pyproject.toml .ci/environment requirements/run.txt requirements/test.txt
 	@PYTHON='$(PYTHON)' .ci/environment $* $@

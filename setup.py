@@ -56,7 +56,7 @@ setup(
         'speed': ['numba'],
         'bench': ['filterpy', 'mujoco', 'numba'],
         'test': [
-            'pytest', 'pytest-cov', 'pytest-xdist', 'colcon-common-extensions', 'mypy~=2.4',
+            'cyclonedx-bom', 'packaging', 'pytest', 'pytest-cov', 'pytest-xdist', 'colcon-common-extensions', 'mypy~=2.4',
             'pydocstyle', 'ruff~=0.17.5', 'types-PyYAML', *AMENT_FLAKE8,
         ],
     },
