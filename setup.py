@@ -56,8 +56,8 @@ setup(
         'speed': ['numba'],
         'bench': ['filterpy', 'mujoco', 'numba'],
         'test': [
-            'cyclonedx-bom', 'packaging', 'pytest', 'pytest-cov', 'pytest-xdist', 'colcon-common-extensions', 'mypy~=2.4',
-            'pydocstyle', 'ruff~=0.17.5', 'types-PyYAML', *AMENT_FLAKE8,
+            'colcon-common-extensions', 'cyclonedx-bom', 'mypy~=2.4', 'packaging', 'pydocstyle',
+            'pytest', 'pytest-cov', 'pytest-xdist', 'ruff~=0.17.5', 'types-PyYAML', *AMENT_FLAKE8,
         ],
     },
     entry_points={

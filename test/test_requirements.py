@@ -54,6 +54,7 @@ def test_a_bill_of_materials_names_every_locked_package(repository: Path, tmp_pa
     file = tmp_path / 'sbom.json'
     subprocess.run([sys.executable, '-m', 'cyclonedx_py', 'requirements', '-o', str(file),
                     str(repository / 'requirements' / 'run.txt')], check=True)
-    named = {(item['name'], item['version']) for item in json.loads(file.read_text())['components']}
+    components = json.loads(file.read_text())['components']
+    named = {(item['name'], item['version']) for item in components}
     assert named == {(item.name, next(iter(item.specifier)).version)
                      for item in _locked(repository, 'run')}
