@@ -21,15 +21,18 @@ class Part:
     name : str
         For example stiffness_1.
     tolerance : float
-        Standard deviation of the deviation, which is the logarithm of true over nominal.
+        Standard deviation of the deviation.
     change : Callable
         (robot, deviation) -> robot.
+    unit : str
+        Of the deviation; empty where it is the logarithm of true over nominal.
 
     """
 
     name: str
     tolerance: float
     change: Change
+    unit: str = ''
 
 
 def robot_parts(robot: Robot) -> tuple[Part, ...]:
@@ -41,18 +44,38 @@ def robot_parts(robot: Robot) -> tuple[Part, ...]:
             Part(f'stiffness_{j + 1}', t.stiffness, _of_link(j, 'youngs_modulus')),
             Part(f'damping_{j + 1}', t.damping, _of_link(j, 'damping_ratio')),
             Part(f'link_mass_{j + 1}', t.link_mass, _of_link(j, 'density')),
+            Part(f'length_{j + 1}', t.length, _of_link(j, 'length')),
+            *_gauge_positions(robot, j),
             Part(f'drive_inertia_{j + 1}', t.drive_inertia, _of_drive(j, 'inertia')),
             Part(f'drive_gain_{j + 1}', t.drive_gain, _of_drive(j, 'torque_gain')),
             Part(f'drive_damping_{j + 1}', t.drive_damping, _drive_damping(j))]
     found += [Part('elbow_mass', t.elbow_mass, lambda r, v: replace(
                   r, elbow_mass=r.elbow_mass * exp(v))),
               Part('elbow_inertia', t.elbow_inertia, lambda r, v: replace(
-                  r, elbow_inertia=r.elbow_inertia * exp(v)))]
+                  r, elbow_inertia=r.elbow_inertia * exp(v))),
+              Part('payload_inertia', t.payload_inertia_kg_m2, lambda r, v: replace(
+                  r, payload_inertia=r.payload_inertia + v), 'kg m^2')]
     return tuple(part for part in found if part.tolerance > 0.0)
 
 
 def _of_link(j: int, name: str) -> Change:
     return lambda r, v: r.with_link(j, **{name: getattr(r.links[j], name) * exp(v)})
+
+
+def _gauge_positions(robot: Robot, j: int) -> list[Part]:
+    first = 0 if j == 0 else len(robot.links[0].gauge_positions)
+    return [Part(f'position_{name}', robot.tolerances.gauge_position_m, _gauge_position(j, k), 'm')
+            for k, name in enumerate(robot.gauge_names[first:][:len(
+                robot.links[j].gauge_positions)])]
+
+
+def _gauge_position(j: int, k: int) -> Change:
+    def change(r: Robot, v: float) -> Robot:
+        positions = list(r.links[j].gauge_positions)
+        positions[k] = min(max(positions[k] + v, 0.0), r.links[j].length)
+        return r.with_link(j, gauge_positions=tuple(positions))
+
+    return change
 
 
 def _of_drive(j: int, name: str) -> Change:

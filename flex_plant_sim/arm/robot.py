@@ -93,7 +93,9 @@ class Tolerances:
     """
     Standard deviations of the nominal parameters, relative unless a unit is named.
 
-    What the diagnosis must allow a healthy arm of this make to differ from its data sheet.
+    What a healthy arm of this make may differ from its data sheet: the prior of the payload
+    estimator and of the diagnosis. Of a payload's inertia and a gauge's bias (strain, m/m) the
+    file says what is known; they are zero there otherwise.
     """
 
     stiffness: float = 0.03
@@ -106,6 +108,10 @@ class Tolerances:
     elbow_inertia: float = 0.05
     strain_gain: float = 0.01
     payload: float = 0.01
+    length: float = 0.001
+    gauge_position_m: float = 5e-4
+    strain_bias: float = 1e-6
+    payload_inertia_kg_m2: float = 5e-5
 
 
 @dataclass(frozen=True)

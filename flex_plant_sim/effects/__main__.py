@@ -16,11 +16,12 @@ The same object extends the simulator, the predictor and the diagnosis. A robot 
 under `effects:` (a list of `name`, `site` and the parameters), and `plant_sim` takes them as
 `identifier:site:parameter=number,…`. A null value means that the effect is absent. `smallest` is
 the deviation from null that matters in practice on robots of this size; where it is empty, the
-parameter only shapes the effect.
+parameter only shapes the effect. `typical` is the standard deviation of the prior around null; a
+time may be anywhere in the record.
 """
 TABLE = """
-| effect | acts on | parameter | unit | null | bounds | fits start at | smallest |
-|---|---|---|---|---|---|---|---|
+| effect | acts on | parameter | unit | null | bounds | fits start at | smallest | typical |
+|---|---|---|---|---|---|---|---|---|
 """
 
 
@@ -46,8 +47,10 @@ def _row(effect: type[Effect], k: int) -> str:
     name = f'`{effect.identifier}`' if k == 0 else ''
     sites = ', '.join(SITES.get(effect.sites, ('each gauge',))) if k == 0 else ''
     smallest = f'{parameter.smallest:g}' if math.isfinite(parameter.smallest) else ''
+    typical = f'{parameter.typical:g}' if math.isfinite(parameter.typical) else ''
     return (f'| {name} | {sites} | `{parameter.name}` | {parameter.unit} | {parameter.null:g} '
-            f'| {parameter.low:g} to {parameter.high:g} | {_starts(parameter)} | {smallest} |\n')
+            f'| {parameter.low:g} to {parameter.high:g} | {_starts(parameter)} | {smallest} '
+            f'| {typical} |\n')
 
 
 def _starts(parameter: Parameter) -> str:

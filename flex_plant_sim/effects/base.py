@@ -31,6 +31,10 @@ class Parameter:
     smallest : float
         Smallest deviation from null that matters in practice; inf where the parameter only
         shapes an effect whose size another parameter gives.
+    typical : float
+        Standard deviation of the prior around null: what size is conceivable, 68 % within it,
+        on robots of this kind; of a parameter that cannot be below null, of the half that is
+        left. inf for a time, which may be anywhere in the record.
 
     """
 
@@ -41,6 +45,7 @@ class Parameter:
     high: float
     starts: tuple[float, ...]
     smallest: float
+    typical: float
 
 
 @dataclass(frozen=True)
@@ -94,6 +99,8 @@ class Effect(ABC):
     parameters: ClassVar[tuple[Parameter, ...]]
     sites: ClassVar[str]
     structural: ClassVar[bool] = False
+    # Whether the states mean something else with it: it bends in other shapes.
+    reshapes: ClassVar[bool] = False
 
     site: str
     values: tuple[Any, ...]
@@ -107,6 +114,11 @@ class Effect(ABC):
     def index(self) -> int:
         """Return the 0-based joint or link of the site (joint_2 -> 1)."""
         return int(self.site.rstrip('abcdefgh').rsplit('_', 1)[1]) - 1
+
+    @property
+    def modes(self) -> int:
+        """Return the least number of shapes a link that the effect asks for."""
+        return 0
 
     @classmethod
     def bounds(cls, site: str, robot: Robot) -> tuple[tuple[float, float], ...]:

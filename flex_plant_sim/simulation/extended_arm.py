@@ -64,12 +64,12 @@ class ExtendedArm:
         self.late = sum(samples for samples, _ in delays)
         # What replaces the model comes first; what looks back on raw commands next.
         effects = sorted((effect for _, effect in delays), key=lambda effect: (
-            not hasattr(effect, 'modes'), -effect.memory(robot.sample_time)))
+            not effect.reshapes, -effect.memory(robot.sample_time)))
         self.model_name, self.effects = model, tuple(effects)
         for effect in effects:
             self.robot = effect.on_robot(self.robot)
         self.payload = self.robot.payload_mass
-        self.modes = max(modes, *(int(getattr(e, 'modes', modes)) for e in effects), modes)
+        self.modes = max([modes, *(effect.modes for effect in effects)])
         self.form: SecondOrderForm = MODELS[model](self.robot, self.modes)
         for effect in effects:
             self.form = effect.on_form(self.form, self.robot)

@@ -146,7 +146,7 @@ def clear_of_null(ranked: Ranked) -> bool:
 
     A count of modes has no slope and so no such interval; its gain alone speaks for it.
     """
-    if hasattr(ranked.hypothesis.effect, 'modes'):
+    if ranked.hypothesis.effect.reshapes:
         return True
     return any(size and (value.low > null or value.high < null)
                for value, null, size in zip(parameter_values(ranked.fit), ranked.hypothesis.null,

@@ -26,7 +26,7 @@ class GaugeError(Effect):
     identifier = 'gauge_error'
     family = 'part of the predictor'
     explanation = 'Of the strain, the modes of the model leave out a small part.'
-    parameters = (Parameter('time_constant_s', 's', 0.0, 1e-6, 1e3, (1.0,), np.inf),)
+    parameters = (Parameter('time_constant_s', 's', 0.0, 1e-6, 1e3, (1.0,), np.inf, 1.0),)
     sites = 'arm'
 
     @classmethod

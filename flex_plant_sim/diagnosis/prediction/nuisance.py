@@ -45,7 +45,7 @@ def nuisances(robot: Robot, payload: float) -> tuple[Nuisance, ...]:
     found = [Nuisance(part.name, part.tolerance, part.change) for part in robot_parts(robot)]
     found += [_of_effect('strain_gain', gauge, t.strain_gain, 1.0, 1.0)
               for gauge in robot.gauge_names]
-    found += [_of_effect('strain_bias', gauge, 1.0, 0.0, robot.strain_noise, settles=False)
+    found += [_of_effect('strain_bias', gauge, t.strain_bias, 0.0, 1.0, settles=False)
               for gauge in robot.gauge_names]
     found.append(_of_effect('payload_mass', 'arm', t.payload, 0.0, max(payload, 1e-3),
                             settles=False))

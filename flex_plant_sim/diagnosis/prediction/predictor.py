@@ -130,7 +130,7 @@ class Predictor:
             (K, n, m); the arm's own by default.
 
         """
-        if any(hasattr(effect, 'modes') for effect in effects):
+        if any(effect.reshapes for effect in effects):
             return self._with_other_shapes(effects, robot).innovations(gain=gain)
         arm = self.arm_with(effects, robot)
         used = np.unique(self.windows.indices)

@@ -16,7 +16,7 @@ class ActuatorBias(Effect):
     explanation = 'The drive of {site} pushes a little all the time, even at zero command.'
     parameters = (
         # 0.005 rad/s on the reference robot: 0.2 rad of drift in 40 s.
-        Parameter('bias', 'command unit', 0.0, -1.0, 1.0, (-0.03, 0.03), 0.005),)
+        Parameter('bias', 'command unit', 0.0, -1.0, 1.0, (-0.03, 0.03), 0.005, 0.04),)
     sites = 'joint'
 
     def on_command(self, command: Array, history: Array, time: Any,

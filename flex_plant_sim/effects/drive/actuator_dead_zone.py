@@ -16,7 +16,7 @@ class ActuatorDeadZone(Effect):
     family = 'drive and timing'
     explanation = 'The drive of {site} ignores small commands and shortens the others by as much.'
     parameters = (
-        Parameter('half_width', 'command unit', 0.0, 0.0, 1.0, (0.02, 0.06, 0.2), 0.005),)
+        Parameter('half_width', 'command unit', 0.0, 0.0, 1.0, (0.02, 0.06, 0.2), 0.005, 0.1),)
     sites = 'joint'
 
     def on_command(self, command: Array, history: Array, time: Any,

@@ -24,7 +24,7 @@ class ActuatorSaturation(Effect):
     parameters = (
         # Relevant below 2 command units, which ordinary moves of the known robots reach.
         Parameter('inverse_limit', '1/command unit', 0.0, 0.0, 100.0,
-                  (1.0, 1.7, 2.8, 5.0), 0.5),)
+                  (1.0, 1.7, 2.8, 5.0), 0.5, 3.0),)
     sites = 'joint'
 
     def on_command(self, command: Array, history: Array, time: Any,

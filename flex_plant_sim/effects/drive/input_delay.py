@@ -23,7 +23,7 @@ class InputDelay(Effect):
     explanation = 'Commands reach the drives late.'
     parameters = (
         # A fifth of the reference sample time.
-        Parameter('delay_s', 's', 0.0, 0.0, 0.2, (0.005, 0.01, 0.02, 0.03, 0.05), 0.002),)
+        Parameter('delay_s', 's', 0.0, 0.0, 0.2, (0.005, 0.01, 0.02, 0.03, 0.05), 0.002, 0.03),)
     sites = 'arm'
 
     def memory(self, sample_time: float) -> int:

@@ -18,7 +18,7 @@ class MotorLag(Effect):
     explanation = 'The drive of {site} builds up its torque slowly (a lag of first order).'
     parameters = (
         # A third of the reference sample time.
-        Parameter('time_constant_s', 's', 0.0, 0.0, 1.0, (0.01, 0.03, 0.1), 0.003),)
+        Parameter('time_constant_s', 's', 0.0, 0.0, 1.0, (0.01, 0.03, 0.1), 0.003, 0.05),)
     sites = 'joint'
     structural = True
 

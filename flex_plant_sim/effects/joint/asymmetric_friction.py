@@ -13,8 +13,8 @@ class AsymmetricFriction(Effect):
     family = 'joint and gear'
     explanation = 'Dry friction in {site} is stronger one way than the other.'
     parameters = (
-        Parameter('forward_n_m', 'N m', 0.0, 0.0, 20.0, (0.1, 0.6), 0.05),
-        Parameter('backward_n_m', 'N m', 0.0, 0.0, 20.0, (0.6, 0.1), 0.05))
+        Parameter('forward_n_m', 'N m', 0.0, 0.0, 20.0, (0.1, 0.6), 0.05, 1.0),
+        Parameter('backward_n_m', 'N m', 0.0, 0.0, 20.0, (0.6, 0.1), 0.05, 1.0))
     sites = 'joint'
 
     def dry_friction(self, motion: Motion) -> tuple[Array, Array]:

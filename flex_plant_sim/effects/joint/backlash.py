@@ -29,9 +29,9 @@ class Backlash(Effect):
     family = 'joint and gear'
     explanation = 'The gear of {site} has backlash: the link moves freely within a gap.'
     parameters = (
-        Parameter('gap_rad', 'rad', 0.0, 0.0, 0.3, (0.006, 0.012, 0.025), 0.002),
-        Parameter('sensor_behind_gear', '', 1.0, -0.5, 1.5, (1.0, 0.0), np.inf),
-        Parameter('hub_share', '', 0.0, 0.0, 0.9, (0.1,), np.inf))
+        Parameter('gap_rad', 'rad', 0.0, 0.0, 0.3, (0.006, 0.012, 0.025), 0.002, 0.015),
+        Parameter('sensor_behind_gear', '', 1.0, -0.5, 1.5, (1.0, 0.0), np.inf, 0.5),
+        Parameter('hub_share', '', 0.0, 0.0, 0.9, (0.1,), np.inf, 0.3))
     sites = 'joint'
     structural = True
 

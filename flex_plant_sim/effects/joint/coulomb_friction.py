@@ -14,7 +14,7 @@ class CoulombFriction(Effect):
     explanation = 'Dry friction in {site} takes the same torque at any speed.'
     parameters = (
         # The reference elbow's drive damps with 5 N m at 1 rad/s: 0.05 N m is 2 % of it at 0.5.
-        Parameter('level_n_m', 'N m', 0.0, 0.0, 20.0, (0.1, 0.4, 1.5), 0.05),)
+        Parameter('level_n_m', 'N m', 0.0, 0.0, 20.0, (0.1, 0.4, 1.5), 0.05, 1.0),)
     sites = 'joint'
 
     def dry_friction(self, motion: Motion) -> tuple[Array, Array]:

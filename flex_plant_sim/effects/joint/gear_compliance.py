@@ -26,8 +26,8 @@ class GearCompliance(Effect):
     parameters = (
         # The reference links' own L / (3 E I) is 0.025 and 0.09 rad/(N m).
         Parameter('compliance_rad_per_n_m', 'rad/(N m)', 0.0, 0.0, 1.0,
-                  (0.003, 0.01, 0.03, 0.08), 0.001),
-        Parameter('sensor_behind_gear', '', 1.0, -0.5, 1.5, (1.0, 0.0), np.inf))
+                  (0.003, 0.01, 0.03, 0.08), 0.001, 0.04),
+        Parameter('sensor_behind_gear', '', 1.0, -0.5, 1.5, (1.0, 0.0), np.inf, 0.5))
     sites = 'joint'
     structural = True
 

@@ -19,9 +19,9 @@ class StribeckFriction(Effect):
     family = 'joint and gear'
     explanation = 'Dry friction in {site} is higher at rest and falls as the joint gets going.'
     parameters = (
-        Parameter('level_n_m', 'N m', 0.0, 0.0, 20.0, (0.2, 0.8), 0.05),
-        Parameter('extra_n_m', 'N m', 0.0, 0.0, 20.0, (0.3, 1.0), 0.05),
-        Parameter('speed_rad_per_s', 'rad/s', 0.1, 0.01, 2.0, (0.05, 0.2), np.inf))
+        Parameter('level_n_m', 'N m', 0.0, 0.0, 20.0, (0.2, 0.8), 0.05, 1.0),
+        Parameter('extra_n_m', 'N m', 0.0, 0.0, 20.0, (0.3, 1.0), 0.05, 1.0),
+        Parameter('speed_rad_per_s', 'rad/s', 0.1, 0.01, 2.0, (0.05, 0.2), np.inf, 0.1))
     sites = 'joint'
 
     def dry_friction(self, motion: Motion) -> tuple[Array, Array]:

@@ -14,10 +14,10 @@ class TorqueRipple(Effect):
     family = 'joint and gear'
     explanation = 'The torque of {site} ripples with its angle, as gear teeth or poles pass.'
     parameters = (
-        Parameter('sine_n_m', 'N m', 0.0, -20.0, 20.0, (-0.5, 0.5), 0.1),
-        Parameter('cosine_n_m', 'N m', 0.0, -20.0, 20.0, (-0.5, 0.5), 0.1),
+        Parameter('sine_n_m', 'N m', 0.0, -20.0, 20.0, (-0.5, 0.5), 0.1, 1.0),
+        Parameter('cosine_n_m', 'N m', 0.0, -20.0, 20.0, (-0.5, 0.5), 0.1, 1.0),
         Parameter('periods_per_turn', '', 10.0, 1.0, 200.0,
-                  tuple(float(k) for k in range(2, 45)), np.inf))
+                  tuple(float(k) for k in range(2, 45)), np.inf, 15.0))
     sites = 'joint'
 
     def force(self, motion: Motion) -> Array:

@@ -17,7 +17,7 @@ class ViscousFriction(Effect):
     parameters = (
         # 4 % of the reference elbow's 5 N m s/rad; drives are known within about 5 %.
         Parameter('damping_n_m_s', 'N m s/rad', 0.0, -10.0, 50.0, (-1.0, -0.3, 0.5, 3.0, 12.0),
-                  0.2),)
+                  0.2, 3.0),)
     sites = 'joint'
     structural = True
 

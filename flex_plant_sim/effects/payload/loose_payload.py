@@ -24,8 +24,8 @@ class LoosePayload(Effect):
     explanation = 'The payload is held loosely and swings across the tip.'
     parameters = (
         # 0.1 kg swings at 10/sqrt(0.1 c): 0.03 m/N at 18 rad/s, 0.003 m/N at 58 rad/s.
-        Parameter('compliance_m_per_n', 'm/N', 0.0, 0.0, 5.0, (0.005, 0.02, 0.06), 0.002),
-        Parameter('damping_ratio', '', 0.05, 0.0, 2.0, (0.05,), np.inf))
+        Parameter('compliance_m_per_n', 'm/N', 0.0, 0.0, 5.0, (0.005, 0.02, 0.06), 0.002, 0.04),
+        Parameter('damping_ratio', '', 0.05, 0.0, 2.0, (0.05,), np.inf, 0.1))
     sites = 'arm'
     structural = True
 

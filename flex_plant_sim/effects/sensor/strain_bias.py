@@ -18,7 +18,7 @@ class StrainBias(Effect):
     explanation = 'The gauge {site} does not read zero on a straight link.'
     parameters = (
         # Ordinary moves bend the reference links to about 1e-4.
-        Parameter('bias', 'm/m', 0.0, -1e-3, 1e-3, (-2e-5, 2e-5), 2e-6),)
+        Parameter('bias', 'm/m', 0.0, -1e-3, 1e-3, (-2e-5, 2e-5), 2e-6, 3e-5),)
     sites = 'gauge'
 
     def on_output(self, output: Array, time: Any, robot: Robot) -> Array:

@@ -18,9 +18,9 @@ class StrainCrosstalk(Effect):
     family = 'sensors'
     explanation = 'The gauge {site} picks up a share of another gauge.'
     parameters = (
-        Parameter('share', '', 0.0, -1.0, 1.0, (-0.12, 0.12), 0.03),
+        Parameter('share', '', 0.0, -1.0, 1.0, (-0.12, 0.12), 0.03, 0.1),
         # The other gauge's place in the robot's order, from 1.
-        Parameter('source', 'gauge number', 1.0, 1.0, 64.0, (1.0, 2.0, 3.0, 4.0), np.inf))
+        Parameter('source', 'gauge number', 1.0, 1.0, 64.0, (1.0, 2.0, 3.0, 4.0), np.inf, 1.5))
     sites = 'gauge'
 
     def on_output(self, output: Array, time: Any, robot: Robot) -> Array:

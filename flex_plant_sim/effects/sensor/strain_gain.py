@@ -16,7 +16,7 @@ class StrainGain(Effect):
     identifier = 'strain_gain'
     family = 'sensors'
     explanation = 'The gauge {site} is scaled wrongly.'
-    parameters = (Parameter('factor', '', 1.0, 0.05, 5.0, (0.85, 1.15), 0.03),)
+    parameters = (Parameter('factor', '', 1.0, 0.05, 5.0, (0.85, 1.15), 0.03, 0.15),)
     sites = 'gauge'
 
     def on_output(self, output: Array, time: Any, robot: Robot) -> Array:

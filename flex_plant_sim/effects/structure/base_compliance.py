@@ -26,8 +26,8 @@ class BaseCompliance(Effect):
     explanation = 'The base turns on its mounting when the arm pushes against it.'
     parameters = (
         Parameter('compliance_rad_per_n_m', 'rad/(N m)', 0.0, 0.0, 1.0,
-                  (0.001, 0.003, 0.01), 3e-4),
-        Parameter('inertia_kg_m2', 'kg m^2', 0.2, 0.01, 100.0, (0.1, 0.5), np.inf))
+                  (0.001, 0.003, 0.01), 3e-4, 0.005),
+        Parameter('inertia_kg_m2', 'kg m^2', 0.2, 0.01, 100.0, (0.1, 0.5), np.inf, 0.3))
     sites = 'arm'
     structural = True
 

@@ -21,7 +21,7 @@ class ClampCompliance(Effect):
     explanation = 'The clamp of {site} gives way under bending.'
     parameters = (
         Parameter('compliance_rad_per_n_m', 'rad/(N m)', 0.0, 0.0, 1.0,
-                  (0.003, 0.01, 0.03, 0.08), 0.001),)
+                  (0.003, 0.01, 0.03, 0.08), 0.001, 0.04),)
     sites = 'link'
     structural = True
 

@@ -27,7 +27,7 @@ class CoriolisCentripetal(Effect):
     identifier = 'coriolis_centripetal'
     family = 'links and structure'
     explanation = 'The arm moves so fast that Coriolis and centripetal forces matter.'
-    parameters = (Parameter('share', '', 0.0, -1.0, 3.0, (1.0,), 0.3),)
+    parameters = (Parameter('share', '', 0.0, -1.0, 3.0, (1.0,), 0.3, 1.0),)
     sites = 'arm'
 
     def rows(self, form: SecondOrderForm, payload: float) -> Array | None:

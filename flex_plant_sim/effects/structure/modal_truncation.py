@@ -20,13 +20,14 @@ class ModalTruncation(Effect):
     identifier = 'modal_truncation'
     family = 'links and structure'
     explanation = 'The model lets the links bend in too few shapes.'
-    parameters = (Parameter('modes', 'modes a link', 1.0, 1.0, 12.0, (3.0, 4.0), 0.5),)
+    parameters = (Parameter('modes', 'modes a link', 1.0, 1.0, 12.0, (3.0, 4.0), 0.5, 3.0),)
     sites = 'arm'
     structural = True
+    reshapes = True
 
     @property
     def modes(self) -> int:
-        """Return the least number of shapes a link; ExtendedArm reads it."""
+        """Return the least number of shapes a link that the effect asks for."""
         return int(round(self['modes']))
 
     def on_form(self, form: SecondOrderForm, robot: Robot) -> SecondOrderForm:
