@@ -13,7 +13,7 @@ from functools import lru_cache, partial
 from pathlib import Path
 
 from flex_payload_estimator.estimators.factory import make_estimator
-from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from matched import bound, Case, record, TORQUE_NOISE, wilson, workers

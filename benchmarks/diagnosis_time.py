@@ -15,7 +15,7 @@ import sys
 from tempfile import TemporaryDirectory
 import time
 
-from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.effects import build, parse
 from flex_plant_sim.logs.csv_log import write_csv
 from flex_plant_sim.logs.log import Log

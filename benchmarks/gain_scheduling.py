@@ -17,7 +17,7 @@ from flex_payload_estimator.control.loop import LoopRecord, run_loop
 from flex_payload_estimator.control.lqg import LQGController, LQGSettings
 from flex_payload_estimator.control.set_points import square
 from flex_payload_estimator.estimators.factory import make_estimator
-from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.simulation.arm_shape import ArmShape
 from flex_plant_sim.simulation.extended_arm import ExtendedArm

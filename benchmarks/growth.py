@@ -16,7 +16,8 @@ import time
 
 from filterpy.kalman import KalmanFilter
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
-from flex_plant_sim.arm.robot import load_robot, Robot
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.simulator import Noise, Simulator

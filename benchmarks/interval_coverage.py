@@ -18,7 +18,8 @@ from pathlib import Path
 
 from flex_payload_estimator.estimators.factory import make_estimator
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
-from flex_plant_sim.arm.robot import load_robot, Robot
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from matched import Case, record, TORQUE_NOISE, wilson, workers

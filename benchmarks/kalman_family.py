@@ -21,7 +21,8 @@ from flex_payload_estimator.estimators.rpe.kernel import predict
 from flex_payload_estimator.estimators.rpe.levels import Level, levels, start_spread, told_noise
 from flex_payload_estimator.estimators.rpe.parts import tabulated
 from flex_payload_estimator.estimators.rpe.schedule import PayloadSchedule
-from flex_plant_sim.arm.robot import load_robot, Robot
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from matched import bound, Case, Record, record

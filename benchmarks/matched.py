@@ -15,7 +15,8 @@ from multiprocessing.pool import Pool
 
 from flex_payload_estimator.estimators.rpe.levels import start_spread
 from flex_payload_estimator.kalman.cramer_rao import linearise, payload_bound
-from flex_plant_sim.arm.robot import load_robot, Robot
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.simulator import Noise, Simulator

@@ -16,7 +16,8 @@ from pathlib import Path
 import sys
 import time
 
-from flex_plant_sim.arm.robot import EffectSpec, load_robot
+from flex_plant_sim.arm.robot import EffectSpec
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.effects import build as build_effect
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.simulator import simulate as step_arm

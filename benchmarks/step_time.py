@@ -27,7 +27,7 @@ from flex_payload_estimator.estimators.sf1.estimator import SF1Estimator
 from flex_payload_estimator.kalman.riccati import riccati_step
 from flex_payload_estimator.model.delta import DeltaOperator
 from flex_payload_estimator.model.payload_model import payload_model
-from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import COMPILED
 from flex_plant_sim.simulation.extended_arm import ExtendedArm

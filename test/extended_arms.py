@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from flex_plant_sim.arm.robot import load_robot, Robot
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array, SecondOrderForm
 from flex_plant_sim.effects import build, parse
 from flex_plant_sim.effects.base import Effect, Motion

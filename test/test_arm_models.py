@@ -5,7 +5,8 @@ from __future__ import annotations
 from finite_elements import natural_frequencies
 from flex_plant_sim.arm.assumed_modes import assumed_modes
 from flex_plant_sim.arm.paper_model import CompactModel, paper_model, Sign
-from flex_plant_sim.arm.robot import load_robot, Robot
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array, SecondOrderForm
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np

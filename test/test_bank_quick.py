@@ -12,7 +12,7 @@ from bank.records import write_record
 from bank.run import run_case
 from bank.sizes import Limits, stated_limits
 from bank.terms import hidden_terms
-from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.effects import catalogue
 from flex_plant_sim.logs.read import read_log
 from flex_plant_sim.tools.diagnose import main

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from flex_plant_sim.arm.beam import Array, Beam, frequency_roots
 from flex_plant_sim.arm.ritz import RitzShapes
-from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.arm.robot_file import load_robot
 import numpy as np
 import pytest
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 from flex_plant_sim.arm.paper_model import CompactModel, paper_model
-from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.arm.state_space import state_space
 import numpy as np

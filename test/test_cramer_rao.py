@@ -8,7 +8,7 @@ from flex_payload_estimator.kalman.cramer_rao import (
     output_sensitivity,
     payload_bound,
 )
-from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.effects import catalogue
 from flex_plant_sim.simulation.extended_arm import ExtendedArm

@@ -13,7 +13,7 @@ from flex_payload_estimator.model.delta import (
     shift_round_trip,
 )
 from flex_payload_estimator.model.payload_model import payload_model
-from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 from msg_config.errors import InputError
 import numpy as np

@@ -11,7 +11,7 @@ import sys
 from typing import Any
 
 from flex_payload_estimator.tools import demo
-from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.logs.read import read_log
 import numpy as np
 import pytest

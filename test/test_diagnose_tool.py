@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 
-from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.effects import effects_of
 from flex_plant_sim.tools.diagnose import main, progress_bar, read_logs
 from msg_config.errors import InputError

@@ -9,7 +9,8 @@ import subprocess
 import sys
 from typing import Any
 
-from flex_plant_sim.arm.robot import EffectSpec, load_robot, parse_robot
+from flex_plant_sim.arm.robot import EffectSpec
+from flex_plant_sim.arm.robot_file import load_robot, parse_robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.effects import at_null, build, catalogue, effects_of, explain, parse, sites
 from flex_plant_sim.effects.base import Effect

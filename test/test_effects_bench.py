@@ -6,7 +6,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from flex_plant_sim.arm.robot import EffectSpec, load_robot
+from flex_plant_sim.arm.robot import EffectSpec
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.effects import build
 from flex_plant_sim.effects.base import Effect

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from flex_plant_sim.arm.assumed_modes import assumed_modes
-from flex_plant_sim.arm.robot import EffectSpec, load_robot, Robot
+from flex_plant_sim.arm.robot import EffectSpec, Robot
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array, SecondOrderForm
 from flex_plant_sim.effects import build
 from flex_plant_sim.effects.base import Motion

@@ -11,7 +11,7 @@ from flex_payload_estimator.control.lqg import LQGController
 from flex_payload_estimator.control.set_points import square
 from flex_payload_estimator.estimators.factory import make_estimator
 from flex_payload_estimator.tools import estimate
-from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.logs.bag_log import write_bag
 from flex_plant_sim.logs.csv_log import write_csv
 from flex_plant_sim.logs.log import Log

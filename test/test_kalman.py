@@ -8,7 +8,7 @@ from flex_payload_estimator.kalman.predictor import KalmanPredictor
 from flex_payload_estimator.kalman.riccati import riccati_step, settled
 from flex_payload_estimator.model.delta import delta_model
 from flex_payload_estimator.model.payload_model import payload_model
-from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 import numpy as np
 import pytest

@@ -7,7 +7,7 @@ from pathlib import Path
 import time
 from typing import Literal
 
-from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.atomic_file import whole_file
 from flex_plant_sim.logs.bag_log import write_bag
 from flex_plant_sim.logs.csv_log import write_csv

@@ -8,7 +8,7 @@ from flex_payload_estimator.control.loop import LoopRecord, run_loop
 from flex_payload_estimator.control.lqg import LQGController
 from flex_payload_estimator.control.set_points import constant, smooth_square, square
 from flex_payload_estimator.estimators.factory import make_estimator
-from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.payload_profile import PayloadProfile
 from flex_plant_sim.simulation.simulator import Noise, Simulator

@@ -6,7 +6,7 @@ from dataclasses import replace
 import math
 
 from flex_payload_estimator.control.lqg import LQGController, LQGSettings
-from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.simulator import Noise, Simulator

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from flex_payload_estimator.estimators.base import Estimate
 from flex_payload_estimator.estimators.factory import make_estimator
-from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.simulator import Noise, Simulator
 import numpy as np

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from flex_payload_estimator.nodes.node_setup import controller_of
-from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.effects import at_null, catalogue, sites
 from flex_plant_sim.simulation.plant_setup import simulator_of
 from flex_plant_sim.simulation.simulator import simulate

@@ -14,7 +14,8 @@ import subprocess
 import sys
 import time
 
-from flex_plant_sim.arm.robot import EffectSpec, load_robot, Robot
+from flex_plant_sim.arm.robot import EffectSpec, Robot
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.effects import build
 from flex_plant_sim.logs.csv_log import write_csv
 from flex_plant_sim.logs.log import Log

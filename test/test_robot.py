@@ -8,7 +8,7 @@ import subprocess
 import sys
 from typing import Any
 
-from flex_plant_sim.arm.robot import built_in_robots, load_robot, parse_robot
+from flex_plant_sim.arm.robot_file import built_in_robots, load_robot, parse_robot
 from msg_config.errors import InputError
 import pytest
 import yaml
@@ -55,7 +55,8 @@ FAULTS = [
     ('drives', 3, 'robot.yaml: drives: expected a mapping, got 3'),
     ('effects', {'name': 'backlash'}, 'robot.yaml: effects: expected a list, got '
                                       "{'name': 'backlash'}"),
-    ('tolerances', {'stiffnes': 0.1}, 'robot.yaml: tolerances.stiffnes: unknown key'),
+    ('tolerances', {'stiffnes': 0.1},
+     "robot.yaml: tolerances.stiffnes: unknown key (is it 'stiffness'?)"),
     ('measurement.sample_time_s', 0.0, 'robot.yaml: measurement.sample_time_s: expected a number '
                                        '> 0, got 0.0'),
 ]

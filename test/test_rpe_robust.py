@@ -9,7 +9,8 @@ from pathlib import Path
 from flex_payload_estimator.estimators.base import Estimate
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
 from flex_payload_estimator.estimators.rpe.kernel import MASS_COLUMNS
-from flex_plant_sim.arm.robot import EffectSpec, load_robot
+from flex_plant_sim.arm.robot import EffectSpec
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.effects import build
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.payload_profile import PayloadProfile

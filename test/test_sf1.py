@@ -21,7 +21,7 @@ from flex_payload_estimator.estimators.sf1.estimator import (
 from flex_payload_estimator.estimators.sf1.regression import CompositeMeasurement, regression
 from flex_payload_estimator.model.delta import omega
 from flex_payload_estimator.model.payload_model import payload_model
-from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.arm.robot_file import load_robot
 from msg_config.errors import InputError
 import numpy as np
 import pytest

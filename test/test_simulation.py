@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from flex_plant_sim.arm.robot import EffectSpec, load_robot
+from flex_plant_sim.arm.robot import EffectSpec
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.schedule import barycentric_weights, chebyshev_nodes
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.arm.state_space import state_space, zero_order_hold

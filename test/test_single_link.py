@@ -7,7 +7,7 @@ from dataclasses import replace
 from finite_elements import mesh
 from flex_plant_sim.arm.drive import Drive
 from flex_plant_sim.arm.paper_model import paper_model, Sign
-from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.single_link import ALONE, SingleLink, Surroundings
 import numpy as np
 from numpy.typing import NDArray

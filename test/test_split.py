@@ -7,7 +7,7 @@ import math
 from flex_payload_estimator.model.payload_model import payload_model, PayloadModel
 from flex_payload_estimator.model.split import CompactTerms, KINDS, split_compact, SplitKind
 from flex_plant_sim.arm.paper_model import CompactModel
-from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.state_space import state_space
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from msg_config.errors import InputError

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from flex_plant_sim.arm.robot import EffectSpec, load_robot
+from flex_plant_sim.arm.robot import EffectSpec
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import COMPILED
 from flex_plant_sim.effects import build

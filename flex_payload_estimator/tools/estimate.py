@@ -10,7 +10,8 @@ from typing import Any
 
 from flex_payload_estimator.estimators.base import PayloadEstimator
 from flex_payload_estimator.estimators.factory import make_estimator
-from flex_plant_sim.arm.robot import load_robot, Robot
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.logs.read import read_log

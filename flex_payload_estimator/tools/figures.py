@@ -9,7 +9,7 @@ import sys
 
 from flex_plant_sim.arm.beam import Beam, frequency_roots
 from flex_plant_sim.arm.paper_model import CompactModel
-from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.atomic_file import whole_file
 from flex_plant_sim.tools import command_line
 from matplotlib.axes import Axes

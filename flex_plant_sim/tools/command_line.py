@@ -10,7 +10,7 @@ from pathlib import Path
 import sys
 from typing import Any, NoReturn
 
-from flex_plant_sim.arm.robot import built_in_robots
+from flex_plant_sim.arm.robot_file import built_in_robots
 from flex_plant_sim.atomic_file import whole_file
 from flex_plant_sim.simulation.extended_arm import MODELS
 from msg_config.errors import InputError

@@ -12,7 +12,8 @@ from pathlib import Path
 import sys
 from typing import Any, Protocol
 
-from flex_plant_sim.arm.robot import load_robot, Robot
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.diagnosis.prediction.predictor import Base, Predictor
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.diagnosis.report.extended_file import write_extended

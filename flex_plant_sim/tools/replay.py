@@ -9,7 +9,8 @@ import math
 import sys
 from typing import Any
 
-from flex_plant_sim.arm.robot import load_robot, Robot
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.effects import effects_of
 from flex_plant_sim.logs.log import Log

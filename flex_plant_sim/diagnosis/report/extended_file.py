@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, replace
-from importlib import resources
 import math
 from pathlib import Path
 import re
 from typing import Any
 
-from flex_plant_sim.arm.robot import built_in_robots, EffectSpec, Link, parse_robot, Robot
+from flex_plant_sim.arm.inputs_section import inputs_document
+from flex_plant_sim.arm.robot import EffectSpec, Link, Robot, UNLIMITED
+from flex_plant_sim.arm.robot_file import parse_robot, robot_text
 from flex_plant_sim.atomic_file import whole_file
 from flex_plant_sim.effects.base import Effect
 from msg_config.errors import InputError
@@ -18,25 +19,6 @@ import yaml
 
 # The key at the start of a line and all that is indented below it.
 EFFECTS_BLOCK = re.compile(r'^effects:[^\n]*\n(?:(?:[ \t]+|-)[^\n]*\n|\s*\n(?=[ \t-]))*', re.M)
-
-
-def robot_text(source: str | Path) -> str:
-    """
-    Return the YAML text of a built-in robot, or of a file.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read.
-
-    """
-    name = str(source)
-    if name in built_in_robots():
-        return (resources.files('flex_plant_sim') / 'robots' / f'{name}.yaml').read_text()
-    try:
-        return Path(source).read_text(encoding='utf-8')
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f'{name}: expected a readable text file, got: {error}') from None
 
 
 def specs(effects: Sequence[Effect]) -> tuple[EffectSpec, ...]:
@@ -101,6 +83,7 @@ def write_extended(path: str | Path, source: str | Path, robot: Robot,
 
 def document(robot: Robot) -> dict[str, Any]:
     """Return a robot without its effects as parse_robot reads it."""
+    inputs = inputs_document(robot.inputs)
     return {
         'name': robot.name,
         'links': {'upper': _link(robot.links[0]), 'lower': _link(robot.links[1])},
@@ -111,7 +94,7 @@ def document(robot: Robot) -> dict[str, Any]:
             'sample_time_s': robot.sample_time,
             'gauge_amplifier_v_per_strain': robot.gauge_amplifier,
             'angle_noise_rad': robot.angle_noise, 'strain_noise': robot.strain_noise},
-        'tolerances': asdict(robot.tolerances)}
+        'tolerances': asdict(robot.tolerances), **({'inputs': inputs} if inputs else {})}
 
 
 def _link(link: Link) -> dict[str, Any]:
@@ -133,4 +116,6 @@ def _drive(robot: Robot, index: int) -> dict[str, Any]:
                   'damping_n_m_s': drive.damping}
     if math.isfinite(drive.command_limit):
         found['command_limit'] = drive.command_limit
+    if robot.angle_limits[index] != UNLIMITED:
+        found['angle_limits_rad'] = list(robot.angle_limits[index])
     return found

@@ -1,0 +1,167 @@
+"""The robot's YAML file, read and validated, with units in the key names."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from importlib import resources
+import math
+from pathlib import Path
+from typing import Any
+
+from flex_plant_sim.arm.drive import Drive
+from flex_plant_sim.arm.file_section import Section, shown
+from flex_plant_sim.arm.inputs_section import inputs_of
+from flex_plant_sim.arm.robot import EffectSpec, Link, Robot, Tolerances, UNLIMITED
+from flex_plant_sim.arm.safe_yaml import MAX_TEXT, read_yaml
+from msg_config.errors import InputError
+
+# More than every effect of the catalogue at every site.
+MAX_EFFECTS = 500
+
+
+def _link(section: Section) -> Link:
+    length = section.number('length_m')
+    link = Link(length, section.number('thickness_m'), section.number('height_m'),
+                section.number('youngs_modulus_pa'), section.number('density_kg_per_m3'),
+                section.number('damping_ratio', strict=False),
+                section.number('hub_radius_m', default=0.0, strict=False),
+                section.numbers('gauge_positions_m', 0.0, length))
+    if link.thickness > 0.2 * length:
+        raise InputError(f'{section.name("thickness_m")}: expected at most a fifth of length_m, '
+                         f'{0.2 * length:g}, to be a beam, got {link.thickness:g}')
+    if len(link.gauge_positions) > 20:
+        raise InputError(f'{section.name("gauge_positions_m")}: expected at most 20 gauges, '
+                         f'got {len(link.gauge_positions)}')
+    section.close()
+    return link
+
+
+def _drive(section: Section) -> Drive:
+    kind = section.take('kind')
+    inertia = section.number('inertia_kg_m2')
+    limit = section.number('command_limit', default=math.inf) \
+        if 'command_limit' in section.data else math.inf
+    if kind == 'velocity_loop':
+        drive = Drive.velocity_loop(inertia, section.number('time_constant_s'),
+                                    section.number('gain_rad_per_s'), limit)
+    elif kind == 'current':
+        drive = Drive(inertia, section.number('torque_constant_n_m_per_a'),
+                      section.number('damping_n_m_s', strict=False), limit)
+    else:
+        raise InputError(f'{section.name("kind")}: expected velocity_loop or current, '
+                         f'got {shown(kind)}')
+    section.close()
+    return drive
+
+
+def _angle_limits(section: Section) -> tuple[float, float]:
+    if 'angle_limits_rad' not in section.data:
+        return UNLIMITED
+    values = section.numbers('angle_limits_rad', -200.0, 200.0)
+    if len(values) != 2 or values[0] >= values[1]:
+        raise InputError(f'{section.name("angle_limits_rad")}: expected the least and the largest '
+                         f'angle, got {shown(list(values))}')
+    return values
+
+
+def _effects(source: str, items: Any) -> tuple[EffectSpec, ...]:
+    if not isinstance(items, list):
+        raise InputError(f'{source}: effects: expected a list, got {shown(items)}')
+    if len(items) > MAX_EFFECTS:
+        raise InputError(f'{source}: effects: expected at most {MAX_EFFECTS}, got {len(items)}')
+    specs = []
+    for index, item in enumerate(items):
+        section = Section(source, f'effects[{index}]', item)
+        name, site = section.text('name'), section.text('site', 'arm')
+        values = {str(key): section.number(key, -math.inf) for key in list(section.data)}
+        specs.append(EffectSpec(name, site, values))
+    return tuple(specs)
+
+
+def _tolerances(section: Section) -> Tolerances:
+    values = {key: section.number(key, default=default, strict=False)
+              for key, default in vars(Tolerances()).items()}
+    section.close()
+    return Tolerances(**values)
+
+
+def parse_robot(text: str, source: str) -> Robot:
+    """
+    Return the robot that a YAML text describes.
+
+    Raises
+    ------
+    InputError
+        Naming source and key, what was expected and what came.
+
+    """
+    top = Section(source, '', read_yaml(text, source))
+    links, drives = top.section('links'), top.section('drives')
+    elbow, payload = top.section('elbow'), top.section('payload')
+    measurement = top.section('measurement')
+    upper, lower = _link(links.section('upper')), _link(links.section('lower'))
+    joints = drives.section('shoulder'), drives.section('elbow')
+    limits = _angle_limits(joints[0]), _angle_limits(joints[1])
+    robot = Robot(
+        name=top.text('name'), links=(upper, lower),
+        drives=(_drive(joints[0]), _drive(joints[1])),
+        elbow_mass=elbow.number('mass_kg', strict=False),
+        elbow_inertia=elbow.number('inertia_kg_m2', strict=False),
+        payload_mass=payload.number('mass_kg', strict=False),
+        payload_inertia=payload.number('inertia_kg_m2', default=0.0, strict=False),
+        sample_time=measurement.number('sample_time_s'),
+        gauge_amplifier=measurement.number('gauge_amplifier_v_per_strain', default=1.0),
+        angle_noise=measurement.number('angle_noise_rad'),
+        strain_noise=measurement.number('strain_noise'),
+        effects=_effects(source, top.take('effects', [])),
+        tolerances=_tolerances(top.section('tolerances', {})), angle_limits=limits)
+    inputs = inputs_of(top.section('inputs', {}), robot.gauge_names)
+    for section in (links, drives, elbow, payload, measurement, top):
+        section.close()
+    return replace(robot, inputs=inputs)
+
+
+def built_in_robots() -> tuple[str, ...]:
+    """Return the names of the robots that ship with the package."""
+    folder = resources.files('flex_plant_sim') / 'robots'
+    return tuple(sorted(item.name[:-5] for item in folder.iterdir()
+                        if item.name.endswith('.yaml')))
+
+
+def robot_text(name_or_file: str | Path) -> str:
+    """
+    Return the YAML text of a built-in robot, or of a file.
+
+    Raises
+    ------
+    InputError
+        Where neither exists, or it cannot be read.
+
+    """
+    name = str(name_or_file)
+    if name in built_in_robots():
+        return (resources.files('flex_plant_sim') / 'robots' / f'{name}.yaml').read_text()
+    if not Path(name).is_file():
+        raise InputError(f'robot: expected one of {", ".join(built_in_robots())} or a YAML '
+                         f'file, got {name[:200]!r}')
+    try:
+        with open(name, encoding='utf-8-sig') as file:
+            # One more than is allowed, for the parser to complain of.
+            return file.read(MAX_TEXT + 1)
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f'{name}: expected a readable text file, got: {error}') from None
+
+
+def load_robot(name_or_file: str | Path) -> Robot:
+    """
+    Return a built-in robot by name, or the robot of a YAML file.
+
+    Raises
+    ------
+    InputError
+        Where neither exists, or the file is not a valid robot.
+
+    """
+    name = str(name_or_file)
+    return parse_robot(robot_text(name),
+                       f'{name}.yaml' if name in built_in_robots() else name)

@@ -1,0 +1,135 @@
+"""Samples with jitter and gaps onto the even grid that they were meant for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from flex_plant_sim.arm.second_order import Array
+from msg_config.errors import InputError
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+Rows = NDArray[np.int64]
+# A stamp nearer to another sample's place than to its own says nothing.
+JITTER = 0.4
+# Lost samples in a row that a cubic through their neighbours still bridges: the fastest mode
+# that the noise leaves visible is sampled four times a period or more.
+BRIDGED = 3
+# Of all samples; more are no accident.
+LOST = 0.1
+# Of the samples that a record must keep for what is found in it to be of the whole record.
+KEPT = 0.9
+
+
+@dataclass(frozen=True)
+class Grid:
+    """
+    Where the samples of a record belong.
+
+    Attributes
+    ----------
+    interval : float
+        T, s.
+    place : array of int
+        Number of every sample kept on the grid, increasing from 0, (N,).
+    first, last : int
+        The rows kept, last exclusive: the longest stretch without a long gap.
+    jitter : float
+        Largest distance of a stamp from its place, s.
+    dropped : int
+        Rows outside the stretch.
+
+    """
+
+    interval: float
+    place: Rows
+    first: int
+    last: int
+    jitter: float
+    dropped: int
+
+    @property
+    def samples(self) -> int:
+        """Return the number of places, those of lost samples included."""
+        return int(self.place[-1]) + 1
+
+    @property
+    def lost(self) -> int:
+        """Return how many places no sample has."""
+        return self.samples - len(self.place)
+
+    @property
+    def time(self) -> Array:
+        """Return the time of every place, s, from zero."""
+        return np.arange(float(self.samples)) * self.interval
+
+
+def even_grid(time: Array, source: str) -> Grid:
+    """
+    Return the even grid under increasing times, s, (N,), N >= 2.
+
+    Raises
+    ------
+    InputError
+        The times are not near any even grid; names the row, from 0, where that begins.
+
+    """
+    interval = np.diff(time)
+    usual = float(np.median(interval))
+    steps = np.rint(interval / usual)
+    # Times that drift against the first guess of T would leave their places.
+    off = np.abs(interval - steps * usual) > 2.0 * JITTER * usual
+    if steps.min() < 1 or off.any():
+        k = int(np.argmax((steps < 1) | off))
+        raise InputError(f'{source}: row {k + 1}: time: expected {usual:.6g} s after the row '
+                         f'before, got {interval[k]:.6g} s')
+    first, last = _longest(steps)
+    place = np.concatenate([[0], np.cumsum(steps[first:last - 1])]).astype(np.int64)
+    slope, start = _line(place, time[first:last])
+    jitter = float(np.max(np.abs(time[first:last] - start - slope * place)))
+    if jitter > JITTER * slope:
+        raise InputError(f'{source}: time: expected a sample every {slope:.6g} s, got some '
+                         f'{jitter:.3g} s from their place')
+    grid = Grid(slope, place, first, last, jitter, len(time) - (last - first))
+    if grid.lost > LOST * grid.samples:
+        raise InputError(f'{source}: time: expected at most {LOST:.0%} of the samples to be '
+                         f'lost, got {grid.lost} of {grid.samples}')
+    return grid
+
+
+def _longest(steps: Array) -> tuple[int, int]:
+    """Return first and last (exclusive) row of the longest stretch without a long gap."""
+    breaks = np.flatnonzero(steps > BRIDGED + 1)
+    edges = [0, *(breaks + 1), len(steps) + 1]
+    k = int(np.argmax(np.diff(edges)))
+    return int(edges[k]), int(edges[k + 1])
+
+
+def _line(place: Rows, time: Array) -> tuple[float, float]:
+    if len(place) < 2:
+        return float(time[-1] - time[0]) or 1.0, float(time[0])
+    if np.ptp(time - time[0] - (time[-1] - time[0]) / place[-1] * place) < 1e-9:
+        return float(time[-1] - time[0]) / float(place[-1]), float(time[0])
+    slope, start = np.polyfit(place, time - time[0], 1)
+    return float(slope), float(start + time[0])
+
+
+def filled(grid: Grid, values: Array) -> Array:
+    """
+    Return rows at every place of the grid, (samples, n), from those kept, (N, n).
+
+    What came stays as it came, at its place; what was lost lies on a cubic spline through it.
+    """
+    found = np.empty((grid.samples, values.shape[1]))
+    found[grid.place] = values
+    missing = np.setdiff1d(np.arange(grid.samples), grid.place)
+    if missing.size:
+        found[missing] = CubicSpline(grid.place, values)(missing)
+    return found
+
+
+def held(grid: Grid, values: Array) -> Array:
+    """Return commands at every place, (samples, n): the last one is held where one was lost."""
+    last = np.searchsorted(grid.place, np.arange(grid.samples), side='right') - 1
+    return values[last]

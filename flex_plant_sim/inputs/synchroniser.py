@@ -1,0 +1,141 @@
+"""Samples out of parts whose stamps are near each other, live and in logs alike."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+import math
+from statistics import median
+from typing import Any
+
+# Share of the sampling interval by which the stamps of one sample may differ. Below a half, two
+# messages of one topic can never both be near enough, so that the first match is the only one.
+SLOP = 0.4
+PENDING = 10
+OFFSETS = 50
+
+
+def slop_of(sample_time: float) -> int:
+    """Return by how much the stamps of one sample may differ, ns, at a sample time, s."""
+    return int(SLOP * sample_time * 1e9)
+
+
+@dataclass(frozen=True)
+class Together:
+    """
+    A whole sample.
+
+    Attributes
+    ----------
+    stamp : int
+        Of its first part, ns.
+    parts : dict
+        Part name to its value.
+
+    """
+
+    stamp: int
+    parts: dict[str, Any]
+
+
+@dataclass
+class _Waiting:
+    queue: deque[tuple[int, Any]] = field(default_factory=deque)
+    count: int = 0
+    last: int | None = None
+
+
+class Synchroniser:
+    """
+    Collects the parts of a sample, as message_filters' ApproximateTimeSynchronizer does.
+
+    The first part's stamp is the sample's. The parts may come in any order, twice, or never; at
+    most PENDING of each wait.
+
+    Parameters
+    ----------
+    parts : sequence of str
+        Their names.
+    slop : int
+        By how much their stamps may differ from the first part's, ns; see slop_of.
+
+    Attributes
+    ----------
+    lost : int
+        How many messages were given up since clear(), because another part never came.
+
+    """
+
+    def __init__(self, parts: Sequence[str], slop: int):
+        self._parts, self._slop = tuple(parts), slop
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget what waits."""
+        self._waiting = {part: _Waiting() for part in self._parts}
+        self._offsets: dict[str, deque[int]] = {
+            part: deque(maxlen=OFFSETS) for part in self._parts[1:]}
+        self.lost = 0
+
+    def add(self, part: str, stamp: int, value: Any) -> Together | None:
+        """Return the whole sample if this was its last part, whose stamp is in ns."""
+        own = self._waiting[part]
+        own.count, own.last = own.count + 1, stamp
+        replaced = next((k for k, (at, _) in enumerate(own.queue) if at == stamp), None)
+        if replaced is None:
+            own.queue.append((stamp, value))
+        else:
+            own.queue[replaced] = (stamp, value)
+        reference = self._reference(part, stamp)
+        found = None if reference is None else self._complete(reference)
+        if found is None and len(own.queue) > PENDING:
+            own.queue.popleft()
+            self.lost += 1
+        return found
+
+    def _reference(self, part: str, stamp: int) -> int | None:
+        """Return the first part's stamp that a stamp belongs to."""
+        if part == self._parts[0]:
+            return stamp
+        queue = self._waiting[self._parts[0]].queue
+        nearest = min((at for at, _ in queue), key=lambda at: abs(at - stamp), default=None)
+        if nearest is not None:
+            self._offsets[part].append(stamp - nearest)
+        return nearest
+
+    def _complete(self, reference: int) -> Together | None:
+        chosen = {}
+        for part, waiting in self._waiting.items():
+            near = min(waiting.queue, key=lambda item: abs(item[0] - reference), default=None)
+            if near is None or abs(near[0] - reference) > self._slop:
+                return None
+            chosen[part] = near
+        for part, (stamp, _) in chosen.items():
+            self._drop_up_to(part, stamp)
+        return Together(reference, {part: value for part, (_, value) in chosen.items()})
+
+    def _drop_up_to(self, part: str, stamp: int) -> None:
+        """Give up what began to arrive before a whole sample: its missing part was lost."""
+        queue = self._waiting[part].queue
+        while queue:
+            at, _ = queue.popleft()
+            if at == stamp:
+                return
+            self.lost += 1
+
+    def why_nothing(self) -> str:
+        """Return why no sample is whole, in one line; empty where nothing came yet."""
+        counts = {part: waiting.count for part, waiting in self._waiting.items()}
+        if not any(counts.values()):
+            return ''
+        silent = [part for part, count in counts.items() if not count]
+        if silent:
+            came = ', '.join(part for part, count in counts.items() if count)
+            return f'{", ".join(silent)}: no message, while {came} comes'
+        for part, offsets in self._offsets.items():
+            off = median(offsets) if offsets else math.inf
+            if abs(off) > self._slop:
+                return (f'{part}: header.stamp: expected within {self._slop * 1e-6:.4g} ms of '
+                        f'{self._parts[0]}, got {off * 1e-6:+.4g} ms')
+        return f'{", ".join(counts)}: no stamps that belong together'

@@ -1,0 +1,169 @@
+"""Which name outside carries which channel of the arm, and how its numbers become SI."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+import math
+
+from msg_config.errors import InputError
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+JOINTS = ('joint_1', 'joint_2')
+# What the robot file calls the drives names the joints as well.
+JOINT_ALIASES = {'joint_1': ('shoulder',), 'joint_2': ('elbow',)}
+ANGLE_UNITS = {'rad': 1.0, 'deg': math.pi / 180.0}
+STRAIN_UNITS = {'m/m': 1.0, 'mm/m': 1e-3, 'um/m': 1e-6, 'µm/m': 1e-6, 'ustrain': 1e-6}
+TIME_UNITS = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
+
+
+@dataclass(frozen=True)
+class Source:
+    """
+    Where a channel comes from.
+
+    Attributes
+    ----------
+    name : str
+        In messages, or of the column.
+    factor : float
+        sign x scale x unit: SI is factor times what comes, plus offset.
+    offset : float
+        rad, m/m or the drive's own unit.
+
+    """
+
+    name: str
+    factor: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class Channels:
+    """
+    Channels of one kind in the arm's order.
+
+    Attributes
+    ----------
+    own : tuple of str
+        The arm's names, n.
+    sources : tuple of tuple of str
+        The names that each may bear outside, n.
+    factor, offset : tuple of float
+        SI is factor times what comes, plus offset, n.
+
+    """
+
+    own: tuple[str, ...]
+    sources: tuple[tuple[str, ...], ...]
+    factor: tuple[float, ...]
+    offset: tuple[float, ...]
+
+    def index(self, given: Sequence[str], where: str) -> list[int]:
+        """
+        Return where each channel stands among the names given; other names are left alone.
+
+        Raises
+        ------
+        InputError
+            A name is missing, empty, twice there, or a channel bears two of its names.
+
+        """
+        rows = []
+        for own, names in zip(self.own, self.sources):
+            found = [k for k, name in enumerate(given) if name in names]
+            if len(found) > 1:
+                raise InputError(f'{where}: name: expected {own} once, got {_listed(given)}')
+            if not found:
+                called = own if own in names else f'{own} as {names[0]}'
+                raise InputError(f'{where}: name: expected {called}, got {_listed(given)}')
+            rows.append(found[0])
+        return rows
+
+    def pick(self, given: Sequence[str], values: Sequence[float], where: str) -> Array:
+        """
+        Return the values of one message in SI, (n,), in the arm's order, never by position.
+
+        Parameters
+        ----------
+        given : sequence of str
+            The message's names, of any order; it may hold more than are asked for.
+        values : sequence of float
+            One for each name.
+        where : str
+            Topic and field, for errors.
+
+        Raises
+        ------
+        InputError
+            Names and values differ in number, or a name is missing or ambiguous.
+
+        """
+        if len(values) != len(given):
+            raise InputError(f'{where}: expected {len(given)} values, one for each name, '
+                             f'got {len(values)}')
+        rows = self.index(given, where)
+        return self.si(np.array([values[k] for k in rows], dtype=float))
+
+    def si(self, values: Array) -> Array:
+        """Return numbers as they came, (…, n), in SI."""
+        return values * np.array(self.factor) + np.array(self.offset)
+
+    def rate(self, values: Array) -> Array:
+        """Return rates of change as they came, (…, n), in SI: an offset does not move."""
+        return values * np.array(self.factor)
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ', '.join(repr(str(name)[:40]) for name in list(names)[:8]) or 'none'
+
+
+@dataclass(frozen=True)
+class InputMapping:
+    """
+    What a robot file says of its inputs; what it leaves out bears the contract's names, in SI.
+
+    Attributes
+    ----------
+    joints, commands, gauges : Mapping of str to Source
+        By joint_1, joint_2 and gauge name.
+    topics : Mapping of str to str
+        Topic in bags, by the contract's name; live, topics are remapped as always in ROS.
+    time : Source
+        Column of time; factor 0 leaves the unit to be told from the numbers.
+
+    """
+
+    joints: Mapping[str, Source] = field(default_factory=dict)
+    commands: Mapping[str, Source] = field(default_factory=dict)
+    gauges: Mapping[str, Source] = field(default_factory=dict)
+    topics: Mapping[str, str] = field(default_factory=dict)
+    time: Source = Source('time', 0.0)
+
+    def joint_channels(self) -> Channels:
+        """Return the joints, rad; their velocities take the same names and factors."""
+        return _channels(JOINTS, self.joints, JOINT_ALIASES)
+
+    def command_channels(self) -> Channels:
+        """Return the commands, in messages under their own or the joints' names."""
+        joints = self.joint_channels()
+        names = {own: tuple(dict.fromkeys(
+            [*([self.commands[own].name] if own in self.commands else []), *sources]))
+            for own, sources in zip(JOINTS, joints.sources)}
+        plain = _channels(JOINTS, self.commands, {})
+        return Channels(JOINTS, tuple(names[own] for own in JOINTS), plain.factor, plain.offset)
+
+    def gauge_channels(self, gauges: Sequence[str]) -> Channels:
+        """Return the gauges, m/m."""
+        return _channels(tuple(gauges), self.gauges, {})
+
+
+def _channels(own: tuple[str, ...], said: Mapping[str, Source],
+              aliases: Mapping[str, tuple[str, ...]]) -> Channels:
+    sources = [said.get(name, Source(name)) for name in own]
+    names = tuple((source.name,) if name in said else (name, *aliases.get(name, ()))
+                  for name, source in zip(own, sources))
+    return Channels(own, names, tuple(source.factor for source in sources),
+                    tuple(source.offset for source in sources))

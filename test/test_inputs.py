@@ -1,0 +1,194 @@
+"""What comes in: mapped by name, paired by stamp, put on an even grid, and gated."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import math
+
+from flex_plant_sim.arm.robot_file import load_robot, parse_robot, robot_text
+from flex_plant_sim.inputs.gate import Gate, judge_all, Limits
+from flex_plant_sim.inputs.resample import even_grid, filled, held
+from flex_plant_sim.inputs.stamps import Order, sane_stamp, StampOrder
+from flex_plant_sim.inputs.synchroniser import slop_of, Synchroniser
+from msg_config.errors import InputError
+from msg_config.input_mapping import InputMapping
+import numpy as np
+import pytest
+
+REFERENCE, QUANSER = load_robot('reference'), load_robot('quanser_2dsfl')
+MS = 1_000_000
+INPUTS = """
+inputs:
+  joints:
+    joint_1: {name: base, unit: deg, sign: -1, offset: 0.5}
+    joint_2: tip_motor
+  commands: {joint_1: {name: amps, scale: 2e0}}
+  gauges: {strain_1a: {name: sg7, unit: ustrain}}
+  topics: {strain: /daq/strain}
+  time: {name: t, unit: ms}
+"""
+
+
+def mapped(section: str) -> InputMapping:
+    return parse_robot(robot_text('reference') + section, 'arm.yaml').inputs
+
+
+def test_values_are_taken_by_name_and_become_si() -> None:
+    joints = mapped(INPUTS).joint_channels()
+    found = joints.pick(['gripper', 'tip_motor', 'base'], [9.0, 0.25, 90.0], 'joint_states')
+    assert found == pytest.approx([0.5 - math.pi / 2.0, 0.25])
+    strain = mapped(INPUTS).gauge_channels(REFERENCE.gauge_names).pick(
+        ['strain_2b', 'strain_2a', 'strain_1b', 'sg7'], [4.0, 3.0, 2.0, 100.0], 'strain')
+    assert strain == pytest.approx([1e-4, 2.0, 3.0, 4.0])
+    command = mapped(INPUTS).command_channels()
+    assert command.pick(['tip_motor', 'base'], [3.0, 5.0], 'command') == pytest.approx([10.0, 3.0])
+    assert command.pick(['tip_motor', 'amps'], [3.0, 5.0], 'command') == pytest.approx([10.0, 3.0])
+    assert joints.rate(np.array([90.0, 1.0])) == pytest.approx([-math.pi / 2.0, 1.0])
+
+
+def test_joints_may_bear_the_names_of_their_drives() -> None:
+    joints = InputMapping().joint_channels()
+    assert joints.pick(['elbow', 'shoulder'], [1.0, 2.0], '') == pytest.approx([2.0, 1.0])
+
+
+@pytest.mark.parametrize('given, values, message', [
+    ([], [1.0, 2.0], 'expected 0 values, one for each name, got 2'),
+    (['', ''], [1.0, 2.0], "expected joint_1, got '', ''"),
+    (['a', 'b'], [1.0, 2.0], "expected joint_1, got 'a', 'b'"),
+    (['joint_1', 'joint_1'], [1.0, 2.0], "expected joint_1 once, got 'joint_1', 'joint_1'"),
+    (['joint_1', 'shoulder', 'joint_2'], [1.0, 2.0, 3.0], 'expected joint_1 once'),
+])
+def test_names_that_do_not_say_which_are_refused(given: list[str], values: list[float],
+                                                 message: str) -> None:
+    with pytest.raises(InputError) as error:
+        InputMapping().joint_channels().pick(given, values, 'joint_states: position')
+    assert message in str(error.value)
+
+
+@pytest.mark.parametrize('section, message', [
+    ('inputs: {joints: {joint_3: x}}', 'inputs.joints.joint_3: unknown key'),
+    ('inputs: {joints: {joint_1: joint_2}}', "expected each name once, got 'joint_2' twice"),
+    ('inputs: {joints: {joint_1: {unit: degrees}}}', 'expected rad, deg, got'),
+    ('inputs: {gauges: {strain_1a: {sign: 2}}}', 'inputs.gauges.strain_1a.sign: expected 1, -1'),
+    ('inputs: {time: {unit: min}}', 'inputs.time.unit: expected s, ms, us, ns'),
+])
+def test_a_fault_in_the_mapping_is_named(section: str, message: str) -> None:
+    with pytest.raises(InputError) as error:
+        mapped(section)
+    assert message in str(error.value)
+
+
+def disturbed(samples: int, seed: int) -> list[tuple[str, int, int]]:
+    """Return (part, stamp, number) at 200 Hz: 200 us jitter, 1 % lost, strain 0.3 ms late."""
+    rng = np.random.default_rng(seed)
+    messages = []
+    for k in range(samples):
+        for part, late in (('joint_states', 0), ('strain', 300_000)):
+            if rng.random() > 0.01:
+                stamp = 5 * MS * (k + 1) + late + int(rng.uniform(-1.0, 1.0) * 200_000)
+                messages.append((part, stamp, k))
+    return messages
+
+
+@pytest.mark.parametrize('seed', range(5))
+def test_only_parts_of_one_sample_are_paired(seed: int) -> None:
+    messages = disturbed(2000, seed)
+    kept = {part: {k for name, _, k in messages if name == part}
+            for part in ('joint_states', 'strain')}
+    pairing = Synchroniser(('joint_states', 'strain'), slop_of(0.005))
+    found = [pairing.add(*message) for message in messages]
+    whole = [sample.parts for sample in found if sample is not None]
+    assert all(parts['joint_states'] == parts['strain'] for parts in whole)
+    assert {parts['strain'] for parts in whole} == kept['joint_states'] & kept['strain']
+
+
+def test_it_says_why_nothing_pairs() -> None:
+    pairing = Synchroniser(('joint_states', 'strain'), slop_of(0.01))
+    assert pairing.why_nothing() == ''
+    for k in range(30):
+        assert pairing.add('joint_states', 10 * MS * k, k) is None
+    assert pairing.why_nothing() == 'strain: no message, while joint_states comes'
+    for k in range(30, 60):
+        pairing.add('joint_states', 10 * MS * k, k)
+        assert pairing.add('strain', 10 * MS * k + 5 * MS, k) is None
+    assert pairing.why_nothing() == \
+        'strain: header.stamp: expected within 4 ms of joint_states, got +5 ms'
+    assert len(pairing._waiting['strain'].queue) <= 10  # memory stays bounded
+
+
+def test_a_stamp_far_ahead_needs_a_second_one() -> None:
+    order = StampOrder()
+    stamps = [0, 10, 10, 5, 20, 20 + 10**12, 30, 2 * 10**12, 2 * 10**12 + 10, 7, 17]
+    names = [Order.NEW, Order.NEW, Order.REPEATED, Order.STALE, Order.NEW, Order.AHEAD, Order.NEW,
+             Order.AHEAD, Order.RESTARTED, Order.STALE, Order.RESTARTED]
+    assert [order.judge(stamp) for stamp in stamps] == names
+    assert sane_stamp(3, 999_999_999) and not sane_stamp(3, 10**9) and not sane_stamp(-1, 0)
+
+
+def test_what_came_stays_and_what_was_lost_is_interpolated() -> None:
+    rng = np.random.default_rng(1)
+    keep = np.sort(rng.choice(1000, 990, replace=False))
+    keep = np.unique([0, *keep, 999])
+    time = 100.0 + 0.005 * keep + rng.uniform(-2e-4, 2e-4, len(keep))
+    grid = even_grid(time, 'log')
+    assert (grid.samples, grid.lost) == (1000, 1000 - len(keep))
+    assert grid.interval == pytest.approx(0.005, rel=1e-5)
+    wave = np.sin(2.0 * np.pi * 5.0 * 0.005 * np.arange(1000))[:, None]
+    rows = wave[keep]
+    np.testing.assert_array_equal(filled(grid, rows)[grid.place], rows)
+    np.testing.assert_allclose(filled(grid, rows), wave, atol=1e-4)
+    lost = np.setdiff1d(np.arange(1000), keep)
+    before = [max(k for k in keep if k < gone) for gone in lost]
+    np.testing.assert_array_equal(held(grid, rows)[lost], wave[before])
+
+
+def test_a_long_gap_leaves_the_longest_stretch() -> None:
+    time = np.concatenate([np.arange(100), np.arange(150, 450)]) * 0.01
+    grid = even_grid(time, 'log')
+    assert (grid.first, grid.last, grid.dropped, grid.lost) == (100, 400, 100, 0)
+    with pytest.raises(InputError, match='row 3: time: expected 0.01 s after the row before'):
+        even_grid(np.array([0.0, 0.01, 0.02, 0.0205, 0.03, 0.04]), 'log')
+
+
+def test_limits_follow_from_the_robot_file() -> None:
+    limits = Limits.of(QUANSER)
+    # 3 x 8.925 x 0.94 / 4; a quarter turn of the tip: pi b / (2 L), (36) for a tip force.
+    assert limits.speed[0] == pytest.approx(6.29, rel=1e-3)
+    assert limits.high[2] == pytest.approx(math.pi * 0.00127 / (2 * 0.202))
+    assert limits.command == pytest.approx([1.88, 2.4])
+    assert Limits.of(replace(REFERENCE, angle_limits=((-1.0, 2.0), (-3.0, 3.0)))).low[0] == -1.0
+
+
+def motion(samples: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    time = 0.01 * np.arange(float(samples))
+    output = np.zeros((samples, 6))
+    output[:, 0] = 0.5 * np.sin(3.0 * time)
+    return time, output, np.zeros((samples, 2))
+
+
+@pytest.mark.parametrize('column, value, kind', [
+    (0, 1e9, 'out of range'), (1, 20.0, 'too fast'), (1, -5.0, 'too fast'),
+    (2, 1.0, 'out of range'), (4, -0.02, 'out of range'), (5, math.nan, 'not finite'),
+    (0, math.inf, 'not finite')])
+def test_one_bad_sample_is_refused_and_no_other(column: int, value: float, kind: str) -> None:
+    time, output, command = motion(100)
+    output[50, column] = value
+    gate = Gate(REFERENCE)
+    refused = judge_all(gate, time, output, command)
+    assert [k for k, refusal in enumerate(refused) if refusal is not None] == [50]
+    assert gate.refused == {kind: 1}
+
+
+def test_a_command_beyond_the_drive_is_refused() -> None:
+    time, output, command = motion(10)
+    command[3, 1], command[5, 0] = 1e308, math.nan
+    gate = Gate(QUANSER)
+    judge_all(gate, time, output[:, :4], command)
+    assert gate.refused == {'out of range': 1, 'not finite': 1}
+
+
+def test_an_arm_that_was_moved_is_believed_in_the_end() -> None:
+    time, output, command = motion(100)
+    output[50:, 0] += 50.0
+    refused = [r is not None for r in judge_all(Gate(REFERENCE), time, output, command)]
+    assert sum(refused) == Gate.CONVINCED and not any(refused[60:])
