@@ -7,14 +7,17 @@ from collections.abc import Iterable, Iterator
 import json
 from multiprocessing import get_context
 from pathlib import Path
+import subprocess
 import sys
 from typing import Any
 
 from bank import summary
-from bank.cases import all_cases, BankCase, first, limit_case
-from bank.run import run_case
-from bank.sizes import Limits, stated_limits
+from bank.cases import all_cases, BankCase, first, FIRST_SEED
+from bank.picture import write_picture
+from bank.run import limits_answer, run_case
+from bank.sizes import Limits, LIMITS_FILE, read_limits, write_limits
 from tqdm import tqdm
+from truth.records import HAVE_MUJOCO, MUJOCO, NO_MUJOCO
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 RESULTS = REPOSITORY / 'build' / 'bank.jsonl'
@@ -24,8 +27,9 @@ def options() -> argparse.Namespace:
     """Return the parsed options."""
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.ArgumentDefaultsHelpFormatter)
-    parser.add_argument('--draws', type=int, default=5, help='per identifier')
-    parser.add_argument('--clean', type=int, default=60, help='clean arms')
+    parser.add_argument('--use', choices=sorted(FIRST_SEED), default='scoring',
+                        help='seeds and forms to take; what scores must never be tuned on')
+    parser.add_argument('--rounds', type=int, default=9, help='cases of every identifier')
     parser.add_argument('--jobs', type=int, default=2, help='processes')
     parser.add_argument('--only', default='', help='cases whose name contains this')
     parser.add_argument('--count', type=int, default=None, help='stop after so many cases')
@@ -33,9 +37,21 @@ def options() -> argparse.Namespace:
     parser.add_argument('--fresh', action='store_true', help='forget earlier results')
     parser.add_argument('--so-far', action='store_true',
                         help='run nothing; report on the results that are there')
+    parser.add_argument('--limits', action='store_true',
+                        help=f'find the detection limits anew and keep them in {LIMITS_FILE.name}')
     parser.add_argument('--docs', type=Path, default=REPOSITORY / 'docs',
                         help='folder for bank.md and bank.png')
     return parser.parse_args()
+
+
+def present_commit() -> str:
+    """Return the commit that is judged, with a + where the code differs from it."""
+    def git(*arguments: str) -> str:
+        return subprocess.run(['git', *arguments], cwd=REPOSITORY, check=True, text=True,
+                              capture_output=True).stdout.strip()
+    changed = git('status', '--porcelain', '--', 'flex_plant_sim', 'msg_config', 'test/bank',
+                  'test/truth')
+    return git('rev-parse', '--short', 'HEAD') + '+' * bool(changed)
 
 
 def read_results(path: Path) -> dict[str, dict[str, Any]]:
@@ -54,22 +70,17 @@ def run_all(cases: list[BankCase], known: dict[str, dict[str, Any]], path: Path,
             jobs: int) -> dict[str, dict[str, Any]]:
     """Return all results, each kept as soon as it is there."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    robots = dict.fromkeys(case.robot for case in cases)
-    needed = [case for case in map(limit_case, robots) if case.key not in known]
+    limits, commit = read_limits(), present_commit()
+    work = [(case, limits[case.robot], commit) for case in cases if case.key not in known]
     with open(path, 'a', encoding='utf-8') as file, get_context('spawn').Pool(
             jobs, maxtasksperchild=20) as pool:
-        known |= _keep(pool.imap_unordered(_run, [(case, {}) for case in needed]), file, needed)
-        limits = {robot: stated_limits(known[limit_case(robot).key]) for robot in robots}
-        open_cases = [case for case in cases if case.key not in known]
-        known |= _keep(pool.imap_unordered(
-            _run, [(case, limits[case.robot]) for case in open_cases]), file, open_cases)
-    return known
+        return known | _keep(pool.imap_unordered(_run, work), file, len(work))
 
 
 def _keep(results: Iterable[dict[str, Any]], file: Any,
-          cases: list[BankCase]) -> dict[str, dict[str, Any]]:
+          total: int) -> dict[str, dict[str, Any]]:
     found = {}
-    for line in _with_bar(results, len(cases)):
+    for line in _with_bar(results, total):
         file.write(json.dumps(line) + '\n')
         file.flush()
         found[line['key']] = line
@@ -80,29 +91,46 @@ def _with_bar(results: Iterable[dict[str, Any]], total: int) -> Iterator[dict[st
     yield from tqdm(results, total=total, disable=None, unit='case')
 
 
-def _run(work: tuple[BankCase, Limits]) -> dict[str, Any]:
-    return run_case(*work)
+def _run(work: tuple[BankCase, Limits, str]) -> dict[str, Any]:
+    case, limits, commit = work
+    return {**run_case(case, limits), 'commit': commit}
+
+
+def chosen_cases(chosen: argparse.Namespace) -> list[BankCase]:
+    """Return the cases that are asked for and can be run here."""
+    cases = first(all_cases(chosen.use, chosen.rounds), chosen.only, chosen.count)
+    if HAVE_MUJOCO:
+        return cases
+    left = [case for case in cases if case.realisation.simulator != MUJOCO]
+    print(f'{NO_MUJOCO}: {len(cases) - len(left)} of {len(cases)} cases are left out')
+    return left
+
+
+def report(lines: list[dict[str, Any]], chosen: argparse.Namespace) -> None:
+    """Print the figures; a run of all kinds of cases also makes the page."""
+    print(summary.terminal_matrix(lines))
+    for what, demand, found, met in summary.figures(lines):
+        mark = '' if met is None else (' met' if met else ' MISSED')
+        print(f'{what:<75} {demand:>12}  {found}{mark}')
+    if lines and not chosen.only:
+        commit = ', '.join(sorted({line['commit'] for line in lines}))
+        write_picture(chosen.docs / 'bank.png', lines)
+        (chosen.docs / 'bank.md').write_text(summary.text(lines, commit, 'bank.png'),
+                                             encoding='utf-8')
 
 
 def main() -> int:
     """Run what is still to run, print the figures and write docs/bank.md."""
     chosen = options()
+    if chosen.limits:
+        write_limits({robot: limits_answer(robot) for robot in read_limits()})
+        return 0
     if chosen.fresh:
         chosen.results.unlink(missing_ok=True)
-    known = read_results(chosen.results)
-    cases = first(all_cases(chosen.draws, chosen.clean), chosen.only, chosen.count)
-    if chosen.so_far:
-        cases = [case for case in cases if case.key in known]
-    else:
+    known, cases = read_results(chosen.results), chosen_cases(chosen)
+    if not chosen.so_far:
         known = run_all(cases, known, chosen.results, chosen.jobs)
-    lines = [known[case.key] for case in cases]
-    print(summary.terminal_matrix(lines))
-    for what, demand, found, met in summary.figures(lines):
-        mark = '' if met is None else (' met' if met else ' MISSED')
-        print(f'{what:<75} {demand:>12}  {found}{mark}')
-    if not chosen.only and chosen.count is None:
-        summary.write_picture(chosen.docs / 'bank.png', lines)
-        (chosen.docs / 'bank.md').write_text(summary.text(lines, 'bank.png'), encoding='utf-8')
+    report([known[case.key] for case in cases if case.key in known], chosen)
     return 0
 
 

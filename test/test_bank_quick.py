@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from bank import score
-from bank.cases import BankCase, limit_case
+from bank.cases import BankCase
 from bank.records import write_record
 from bank.run import run_case
-from bank.sizes import Limits, stated_limits
+from bank.sizes import read_limits
 from bank.terms import hidden_terms
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.effects import catalogue
@@ -81,14 +81,8 @@ def test_report_holds_sentence_and_pictures(folder: Path) -> None:
     assert text.count('<img src="data:image/svg+xml;base64,') == 4 * 6
 
 
-@pytest.fixture(scope='module')
-def limits() -> Limits:
-    """Return the detection limits of a clean record."""
-    return stated_limits(run_case(limit_case('reference'), {}))
-
-
-def test_clean_arm_with_tolerances_and_distractors_is_left_alone(limits: Limits) -> None:
-    line = run_case(BankCase('clean', (), 'reference', 1001), limits)
+def test_clean_arm_with_tolerances_and_distractors_is_left_alone() -> None:
+    line = run_case(BankCase('clean', (), 'reference', 1001), read_limits()['reference'])
     assert line['code'] == 0
     assert score.named(line) == []
 

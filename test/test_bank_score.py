@@ -7,7 +7,7 @@ import math
 from typing import Any
 
 from bank import score, summary
-from bank.cases import all_cases, BankCase, first, LOOK_ALIKES, quick_cases, TAKEN_OUT
+from bank.cases import all_cases, BankCase, first, FIRST_SEED, realisations, SIZES, TAKEN_OUT
 from bank.records import control
 from bank.sizes import over_threshold, sized_truth
 from bank.terms import hidden_terms
@@ -20,10 +20,11 @@ from truth.records import draw_case
 
 def line(hidden: list[str], causes: dict[str, float], verdict: str = 'cause',
          look_alikes: tuple[str, ...] = (), cannot_tell: tuple[tuple[str, ...], ...] = (),
-         kind: str = 'one') -> dict[str, Any]:
+         kind: str = 'one', form: str = '') -> dict[str, Any]:
     """Return a line of results."""
     return {'kind': kind, 'names': hidden, 'verdict': verdict, 'code': 0, 'complaint': '',
-            'key': 'x', 'robot': 'reference', 'seed': 1, 'seconds': 1.0,
+            'key': 'x', 'robot': 'reference', 'seed': 5001, 'seconds': 1.0, 'size': 4.0,
+            'simulator': 'mujoco', 'form': form, 'calibration': False,
             'truth': [{'name': name, 'site': 'joint_2', 'values': {'level_n_m': 0.4},
                        'times_limit': None} for name in hidden],
             'causes': [{'name': name, 'site': 'joint_2', 'probability': probability,
@@ -59,16 +60,38 @@ def test_a_set_counts_up_to_three() -> None:
     assert not score.in_small_set(line(hidden, {'strain_filter': 0.9}))
 
 
-def test_missing_effects_may_be_unknown_or_doubted_look_alikes() -> None:
+def test_doubt_and_sure_errors() -> None:
     hidden = ['coulomb_friction']
     unknown = line(hidden, {}, 'not_in_catalogue')
     doubted = line(hidden, {'stribeck_friction': 0.6}, 'cannot_tell')
-    sure_alike = line(hidden, {'stribeck_friction': 0.97})
     sure_wrong = line(hidden, {'strain_gain': 0.97})
+    sure_right = line(hidden, {'coulomb_friction': 0.97})
     missed = line(hidden, {}, 'nothing_wrong')
-    cases = [unknown, doubted, sure_alike, sure_wrong, missed]
-    assert [score.unknown_recognised(c) for c in cases] == [True, True, False, False, False]
-    assert [score.confidently_wrong(c) for c in cases] == [False, False, False, True, False]
+    cases = [unknown, doubted, sure_wrong, sure_right, missed]
+    assert [score.doubt_stated(c) for c in cases] == [True, True, False, False, False]
+    assert [score.surely_wrong(c) for c in cases] == [False, False, True, False, False]
+
+
+def test_log_score_against_its_definition() -> None:
+    """A name that is not mentioned counts as a thousandth; the two look-alikes share the rest."""
+    told = line(['coulomb_friction'], {'stribeck_friction': 0.8},
+                look_alikes=('coulomb_friction:joint_1', 'backlash:joint_2'))
+    silent = len(CATALOGUE) - 3
+    assert score.log_score(told) == pytest.approx(
+        math.log(0.2) + math.log(0.1) + math.log(0.9) + silent * math.log(0.999))
+    missing = line(['coulomb_friction'], {'stribeck_friction': 0.8}, kind='missing')
+    assert score.log_score(missing) == pytest.approx(
+        math.log(0.2) + (len(CATALOGUE) - 1) * math.log(0.999))
+
+
+def test_log_score_is_proper() -> None:
+    """Over many cases, stating what is so pays better than boasting and than hedging."""
+    rng = np.random.default_rng(3)
+    right = rng.random(600) < 0.7
+    means = [np.mean([score.log_score(line(['backlash' if so else 'motor_lag'],
+                                           {'backlash': stated}, look_alikes=('motor_lag:x',)))
+                      for so in right]) for stated in (0.7, 0.5, 0.99)]
+    assert means[0] > max(means[1:])
 
 
 def test_calibration_of_an_honest_and_of_a_boastful_forecaster() -> None:
@@ -104,23 +127,34 @@ def test_confusion_counts_every_case_once() -> None:
     assert counts[hidden.index('coulomb_friction'), columns.index('stribeck_friction')] == 1
     assert counts[hidden.index('backlash'), columns.index('several')] == 1
     assert counts[hidden.index('nothing'), columns.index('nothing_wrong')] == 1
-    text = summary.text(lines)
-    assert '| exact name | >= 90 % | 33.3 %' in text and '**missed**' in text
+    text = summary.text(lines, 'abc1234')
+    assert '| exact name at 4 limits and more | >= 90 % | 33.3 %' in text
+    assert 'commit abc1234' in text and '**missed**' in text and 'scoring, from 5000' in text
     assert 'coulomb_friction' in summary.terminal_matrix(lines)
 
 
 def test_bank_holds_what_it_promises() -> None:
-    counts = Counter((case.kind, case.robot) for case in all_cases())
-    assert counts['one', 'reference'] == 5 * len(CATALOGUE)
-    assert counts['clean', 'reference'] == 60
-    assert counts['one', 'quanser_2dsfl'] == len(CATALOGUE)
-    keys = [case.key for case in all_cases()]
-    assert len(set(keys)) == len(keys)
-    assert set(CATALOGUE) == set(catalogue())
-    assert {name for group in LOOK_ALIKES for name in group} <= set(CATALOGUE)
-    assert {case.names[0] for case in all_cases() if case.kind == 'missing'} == set(TAKEN_OUT)
+    cases = list(all_cases())
+    counts = Counter(case.kind for case in cases)
+    assert counts['clean'] >= 100 and counts['missing'] >= 40 and counts['pair'] >= 30
+    assert len({case.key for case in cases}) == len({case.seed for case in cases}) == len(cases)
+    assert set(CATALOGUE) <= set(catalogue())
+    for name in CATALOGUE:
+        own = [case for case in cases if case.kind == 'one' and case.names == (name,)]
+        assert len(own) >= 9
+        assert {case.realisation.simulator for case in own} == {
+            form.simulator for form in realisations(name)}
+        assert {case.size for case in own} == set(SIZES)
+    assert {case.names[0] for case in cases if case.kind == 'missing'} >= set(TAKEN_OUT[:30])
     assert len(first(all_cases(), 'clean/', 7)) == 7
-    assert quick_cases()[0].kind == 'clean'
+
+
+def test_calibration_never_meets_what_scores() -> None:
+    tuned, scored = list(all_cases('calibration')), list(all_cases('scoring'))
+    assert max(case.seed for case in tuned) < FIRST_SEED['scoring']
+    assert min(case.seed for case in scored) >= FIRST_SEED['scoring']
+    assert all(case.realisation.calibration for case in tuned)
+    assert not all(case.realisation.calibration for case in scored)
 
 
 @pytest.mark.parametrize('robot', ['reference', 'quanser_2dsfl'])
@@ -136,14 +170,20 @@ def test_every_hidden_effect_has_its_catalogue_terms(robot: str) -> None:
             assert parameter.low <= value <= parameter.high, (name, key, value)
 
 
-def test_sizes_grow_to_three_detection_limits() -> None:
-    case = BankCase('one', ('coulomb_friction',), 'reference', 1000)
+@pytest.mark.parametrize('size', SIZES)
+def test_sizes_are_so_many_detection_limits(size: float) -> None:
+    case = BankCase('missing', ('coulomb_friction',), 'reference', 1000, size=size)
     _, (drawn,) = sized_truth(case, {})
-    limit = 0.5 * drawn.size
-    _, (grown,) = sized_truth(case, {f'coulomb_friction:{drawn.site}': limit})
-    assert 3.0 * limit <= grown.size < 3.2 * limit
-    _, (kept,) = sized_truth(case, {f'coulomb_friction:{drawn.site}': 0.1 * limit})
-    assert kept.size == drawn.size
+    limits = {f'coulomb_friction:{drawn.site}': 0.3 * drawn.size}
+    _, (sized,) = sized_truth(case, limits)
+    assert sized.size == pytest.approx(size * 0.3 * drawn.size, rel=1e-4)
+
+
+def test_a_size_beyond_reach_stays_at_the_largest() -> None:
+    case = BankCase('missing', ('link_stiffness',), 'reference', 1000)
+    _, (drawn,) = sized_truth(case, {})
+    _, (sized,) = sized_truth(case, {f'link_stiffness:{drawn.site}': 100.0 * drawn.size})
+    assert sized.size == pytest.approx(4.0 * drawn.size, rel=1e-4)
 
 
 def test_distractors_stay_below_half_a_detection_limit() -> None:

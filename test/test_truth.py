@@ -18,7 +18,7 @@ from truth.configuration import Arm, Joint, Link, reference_arm
 from truth.effects import CATALOGUE
 from truth.equations import acceleration
 from truth.full_elements import full_frequencies
-from truth.records import draw_case, make_record, TruthCase
+from truth.records import draw_case, HAVE_MUJOCO, make_record, MUJOCO, NO_MUJOCO, TruthCase
 from truth.simulation import energy, simulate
 
 Part = TypeVar('Part', Link, Joint)
@@ -248,3 +248,19 @@ def test_bench_record_of_another_simulator() -> None:
     fit = 100.0 * (1.0 - error / np.linalg.norm(measured - measured.mean(axis=0), axis=0))
     assert fit[:2].min() > 99.5
     assert fit[2:].min() > 98.0
+
+
+@pytest.mark.skipif(not HAVE_MUJOCO, reason=NO_MUJOCO)
+@pytest.mark.parametrize('name', [
+    'stribeck_friction', 'backlash', 'gear_compliance', 'motor_lag', 'clamp_compliance',
+    'base_compliance', 'base_tilt', 'air_drag', 'loose_payload', 'hub_inertia'])
+def test_both_truths_tell_the_same_of_an_effect(name: str) -> None:
+    """Under one command they differ by far less than the effect changes either of them."""
+    case = replace(draw_case(name, 8, duration_s=1.5), noise=0.0)
+    elements = make_record(case)
+    chain = make_record(replace(case, simulator=MUJOCO), elements.command)
+    clean = make_record(replace(case, effects=(), payload_true=case.payload_told),
+                        elements.command)
+    apart = np.linalg.norm(chain.table - elements.table, axis=0)
+    effect = np.linalg.norm(clean.table - elements.table, axis=0)
+    assert np.any(apart[3:] < 0.2 * effect[3:])

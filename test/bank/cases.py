@@ -1,29 +1,70 @@
-"""The cases of the bank: what is hidden, what the tool is told, what the right answer is."""
+"""The cases of the bank: what is hidden, in which form, and what the right answer is."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from itertools import islice, product
+from dataclasses import dataclass, replace
+from itertools import islice
 
+import numpy as np
 from truth.effects import CATALOGUE
-from truth.records import draw_case, TruthCase
+from truth.records import draw_case, FINITE_ELEMENTS, MUJOCO, TruthCase
 
-# What the best engineer could mistake for an effect when it is not in the catalogue.
-DRY = ('coulomb_friction', 'asymmetric_friction', 'stribeck_friction', 'actuator_dead_zone')
-ROOT = ('gear_compliance', 'clamp_compliance', 'link_stiffness', 'base_compliance')
-LATE = ('input_delay', 'motor_lag', 'actuator_saturation')
-OLD = ('strain_delay', 'strain_filter')
-TIP = ('payload_mass', 'payload_inertia', 'hub_inertia', 'link_stiffness', 'loose_payload',
-       'payload_change')
-LOOK_ALIKES: tuple[tuple[str, ...], ...] = (
-    DRY, ROOT, LATE, OLD, TIP,
-    ('viscous_friction', 'actuator_gain', 'air_drag', 'coulomb_friction', 'angle_gain'),
-    ('actuator_bias', 'base_tilt', 'asymmetric_friction', 'angle_offset'),
-    ('strain_gain', 'strain_crosstalk', 'link_stiffness'),
-    ('strain_bias', 'strain_drift'), ('backlash', 'gear_compliance', 'motor_lag'),
-    ('modal_damping', 'air_drag', 'loose_payload', 'modal_truncation'),
-    ('coriolis_centripetal', 'air_drag', 'payload_mass', 'angle_offset'))
+
+@dataclass(frozen=True)
+class Realisation:
+    """
+    A form in which nature offers an effect.
+
+    Attributes
+    ----------
+    simulator : str
+        Who makes the record: finite_elements or mujoco.
+    form : str
+        A key of `truth.forms.FORMS`, empty for the simulator's plain one.
+    calibration : bool
+        Whether constants may be tuned on it; all are scored, on seeds of their own.
+
+    """
+
+    simulator: str
+    form: str = ''
+    calibration: bool = False
+
+    @property
+    def label(self) -> str:
+        """Return simulator:form."""
+        return f'{self.simulator}:{self.form}' if self.form else self.simulator
+
+
+# Seeds and forms for tuning are kept apart from those that score: tune on seeds from 1000 on and
+# on the forms marked so, nothing else; score on seeds from 5000 on, all forms.
+FIRST_SEED = {'calibration': 1000, 'scoring': 5000}
+ELEMENTS, CHAIN = Realisation(FINITE_ELEMENTS, calibration=True), Realisation(MUJOCO)
+PLAIN = (ELEMENTS, CHAIN)
+# Dry friction: a spring too short to be seen (elements), a constraint solver (chain), LuGre.
+DRY_FORMS = (*PLAIN, Realisation(MUJOCO, 'bristles'))
+LATE_FORMS = (*PLAIN, Realisation(MUJOCO, 'lower_gauges'),
+              Realisation(FINITE_ELEMENTS, 'one_gauge'))
+FORMS_OF: dict[str, tuple[Realisation, ...]] = {
+    'coulomb_friction': (*DRY_FORMS, Realisation(FINITE_ELEMENTS, 'springs', True)),
+    'asymmetric_friction': DRY_FORMS,
+    'stribeck_friction': DRY_FORMS,
+    'backlash': (*PLAIN, Realisation(FINITE_ELEMENTS, 'soft_contact', True),
+                 Realisation(MUJOCO, 'soft_contact'), Realisation(MUJOCO, 'sensor_on_motor'),
+                 Realisation(FINITE_ELEMENTS, 'heavy_output')),
+    'gear_compliance': (*PLAIN, Realisation(FINITE_ELEMENTS, 'heavy_output'),
+                        Realisation(MUJOCO, 'sensor_on_motor')),
+    'motor_lag': (*PLAIN, Realisation(MUJOCO, 'inside_loop')),
+    'strain_filter': (*LATE_FORMS, Realisation(FINITE_ELEMENTS, 'first_order', True),
+                      Realisation(MUJOCO, 'first_order')),
+    'strain_delay': LATE_FORMS,
+    'payload_change': (*PLAIN, Realisation(FINITE_ELEMENTS, 'leak')),
+    'loose_payload': (*PLAIN, Realisation(MUJOCO, 'half_loose')),
+}
+# What an effect in a certain form may be called as well, because it is that, too.
+ALSO_RIGHT: dict[tuple[str, str], str] = {}
+SIZES = (4.0, 2.0, 1.0)
 # These are in nature always; what is hidden is that the model leaves them out.
 MODEL_OPTIONS: dict[str, tuple[str, ...]] = {
     'coriolis_centripetal': ('--no-coriolis',),
@@ -35,12 +76,12 @@ PAIRS = (
     ('actuator_gain', 'modal_damping'), ('backlash', 'strain_bias'),
     ('torque_ripple', 'payload_inertia'), ('angle_gain', 'clamp_compliance'),
     ('actuator_dead_zone', 'loose_payload'), ('stribeck_friction', 'payload_change'))
-HALF_SIZE = ('strain_filter', 'strain_delay', 'gear_compliance', 'clamp_compliance',
-             'coulomb_friction', 'asymmetric_friction', 'stribeck_friction', 'input_delay',
-             'motor_lag', 'payload_inertia', 'hub_inertia', 'link_stiffness')
 TAKEN_OUT = tuple(name for name in CATALOGUE if name not in MODEL_OPTIONS)
 CONTROLS = ('noise_only', 'shuffled_residuals', 'swapped_strain_labels', 'swapped_joint_labels')
-FIRST_SEED = 1000
+POOR = ('coulomb_friction', 'link_stiffness', 'payload_mass', 'strain_filter')
+SEEDS_PER_ROUND = 100
+# Cases of each kind in a round, beside one of every identifier; (reference, other robot).
+SECOND_ROBOT, CLEAN, MISSING, PAIRED = 6, (10, 2), 5, 4
 
 
 @dataclass(frozen=True)
@@ -51,11 +92,14 @@ class BankCase:
     Attributes
     ----------
     kind : str
-        limits, one, clean, missing, pair, look_alike, poor or control.
+        one, clean, missing, pair, poor or control.
     names : tuple of str
         What is hidden; of a control, its kind.
     robot : str
     seed : int
+    realisation : Realisation
+    size : float
+        Of what is hidden, in detection limits; 0 where it is not sized.
 
     """
 
@@ -63,20 +107,25 @@ class BankCase:
     names: tuple[str, ...]
     robot: str
     seed: int
+    realisation: Realisation = ELEMENTS
+    size: float = SIZES[0]
 
     @property
     def key(self) -> str:
         """Return the case in one word."""
-        return f'{self.kind}/{"+".join(self.names) or "nothing"}/{self.robot}/{self.seed}'
+        size = f'x{self.size:g}/' if self.size else ''
+        return (f'{self.kind}/{"+".join(self.names) or "nothing"}/{self.realisation.label}/{size}'
+                f'{self.robot}/{self.seed}')
 
     def truth(self, severity: float = 1.0) -> TruthCase:
         """Return the true arm's case; `severity` scales what is hidden."""
         hidden = None if self.kind == 'control' or not self.names else self.names
+        excitation = 'rich'
         if self.kind == 'poor':
             excitation = 'rest' if self.seed % 2 else 'one_joint'
-            return draw_case(hidden, self.seed, self.robot, severity, 0, excitation=excitation)
-        share = 0.5 if self.kind == 'look_alike' else 1.0
-        return draw_case(hidden, self.seed, self.robot, share * severity)
+        case = draw_case(hidden, self.seed, self.robot, severity, 0, excitation=excitation)
+        form = self.realisation.form
+        return replace(case, simulator=self.realisation.simulator, forms=(form,) if form else ())
 
     @property
     def options(self) -> tuple[str, ...]:
@@ -87,58 +136,69 @@ class BankCase:
         return tuple(options)
 
 
-def seeds(draws: int, offset: int = 0) -> range:
-    """Return the seeds of so many draws."""
-    return range(FIRST_SEED + offset, FIRST_SEED + offset + draws)
+def realisations(name: str, use: str = 'scoring') -> tuple[Realisation, ...]:
+    """Return the forms of an effect that serve a use, calibration or scoring."""
+    forms = FORMS_OF.get(name, PLAIN)
+    return forms if use == 'scoring' else tuple(form for form in forms if form.calibration)
 
 
-def limit_case(robot: str) -> BankCase:
-    """Return the clean record that says how large an effect must be to be fair."""
-    return BankCase('limits', (), robot, 1)
-
-
-def all_cases(draws: int = 5, clean: int = 60) -> Iterator[BankCase]:
+def all_cases(use: str = 'scoring', rounds: int = 9) -> Iterator[BankCase]:
     """
-    Return the full bank, in an order that is worth something when cut short.
+    Return the bank: rounds of every identifier once and some cases of each other kind.
+
+    Each round is shuffled, so that any beginning of it is a sample of all kinds; every case has
+    a seed of its own.
 
     Parameters
     ----------
-    draws : int
-        Per identifier on the reference robot; the other robot gets a fifth, rounded up.
-    clean : int
-        Clean arms with tolerances on the reference robot; the other gets a fifth.
+    use : str
+        calibration or scoring: which seeds and which forms.
+    rounds : int
+        Cases of every identifier.
 
     """
-    fifth = -(-draws // 5)
-    for robot, count, healthy in (('reference', draws, clean),
-                                  ('quanser_2dsfl', fifth, -(-clean // 5))):
-        for seed, name in product(seeds(count), CATALOGUE):
-            yield BankCase('one', (name,), robot, seed)
-        for seed in seeds(healthy, 100):
-            yield BankCase('clean', (), robot, seed)
-    yield from _others(draws)
+    for number in range(rounds):
+        cases = [*_singles(number, use), *_clean(use), *_others(number, use)]
+        first_seed = FIRST_SEED[use] + SEEDS_PER_ROUND * number
+        for seed, k in enumerate(np.random.default_rng(first_seed).permutation(len(cases)),
+                                 start=first_seed):
+            yield replace(cases[k], seed=seed)
 
 
-def _others(draws: int) -> Iterator[BankCase]:
-    few = max(1, draws // 2)
-    for seed, name in product(seeds(max(1, draws // 5), 300), TAKEN_OUT):
-        yield BankCase('missing', (name,), 'reference', seed)
-    for seed, pair in product(seeds(few, 400), PAIRS):
-        yield BankCase('pair', pair, 'reference', seed)
-    for seed, name in product(seeds(few, 500), HALF_SIZE):
-        yield BankCase('look_alike', (name,), 'reference', seed)
-    for seed, name in product(seeds(2, 600), ('coulomb_friction', 'link_stiffness',
-                                              'payload_mass', 'strain_filter')):
-        yield BankCase('poor', (name,), 'reference', seed)
-    for seed, name in product(seeds(few, 700), CONTROLS):
-        yield BankCase('control', (name,), 'reference', seed)
+def _singles(number: int, use: str) -> Iterator[BankCase]:
+    for place, name in enumerate(CATALOGUE):
+        # All pairs of form and size, in an order that the identifier's place decides.
+        pairs = [(form, size) for form in realisations(name, use) for size in SIZES]
+        order = np.random.default_rng([place, 19]).permutation(len(pairs))
+        form, size = pairs[order[number % len(pairs)]]
+        yield BankCase('one', (name,), 'reference', 0, form, size)
+    names = list(CATALOGUE)
+    for k in range(number * SECOND_ROBOT, (number + 1) * SECOND_ROBOT):
+        name = names[k % len(names)]
+        forms = realisations(name, use)
+        yield BankCase('one', (name,), 'quanser_2dsfl', 0, forms[number % len(forms)])
 
 
-def quick_cases() -> list[BankCase]:
-    """Return one clean arm and a few effects of different families."""
-    names = ('coulomb_friction', 'strain_filter')
-    return [BankCase('clean', (), 'reference', FIRST_SEED),
-            *(BankCase('one', (name,), 'reference', FIRST_SEED) for name in names)]
+def _plain(use: str) -> list[Realisation]:
+    return [form for form in PLAIN if form.calibration or use == 'scoring']
+
+
+def _clean(use: str) -> Iterator[BankCase]:
+    for robot, count in zip(('reference', 'quanser_2dsfl'), CLEAN):
+        for k in range(count):
+            yield BankCase('clean', (), robot, 0, _plain(use)[k % len(_plain(use))], 0.0)
+
+
+def _others(number: int, use: str) -> Iterator[BankCase]:
+    plain = _plain(use)
+    # 7 and 5 share no factor with the lists' lengths, so that all are taken in turn.
+    for k in range(number * MISSING, (number + 1) * MISSING):
+        yield BankCase('missing', (TAKEN_OUT[7 * k % len(TAKEN_OUT)],), 'reference', 0,
+                       plain[k % len(plain)])
+    for k in range(number * PAIRED, (number + 1) * PAIRED):
+        yield BankCase('pair', PAIRS[5 * k % len(PAIRS)], 'reference', 0, plain[k % len(plain)])
+    yield BankCase('poor', (POOR[number % len(POOR)],), 'reference', 0, size=0.0)
+    yield BankCase('control', (CONTROLS[number % len(CONTROLS)],), 'reference', 0, size=0.0)
 
 
 def first(cases: Iterator[BankCase], only: str, count: int | None) -> list[BankCase]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import replace
 from io import StringIO
 import json
 from pathlib import Path
@@ -32,19 +33,33 @@ def run_case(case: BankCase, limits: Limits) -> dict[str, Any]:
 
     """
     truth, terms = sized_truth(case, limits)
+    line = {'key': case.key, 'kind': case.kind, 'names': list(case.names),
+            'robot': case.robot, 'seed': case.seed, 'size': case.size,
+            'simulator': case.realisation.simulator, 'form': case.realisation.form,
+            'calibration': case.realisation.calibration, 'code': 0, 'complaint': '',
+            'truth': [{'name': term.name, 'site': term.site, 'values': term.values,
+                       'times_limit': relative_size(term, limits)} for term in terms]}
     with TemporaryDirectory() as folder:
         path = Path(folder) / 'record.csv'
         write_record(case, truth, path)
         started = time.perf_counter()
         code, answer, complaint = diagnose_file(path, case, truth)
-    found = {'key': case.key, 'kind': case.kind, 'names': list(case.names),
-             'robot': case.robot, 'seed': case.seed, 'code': code, 'complaint': complaint,
-             'seconds': round(time.perf_counter() - started, 2),
-             'truth': [{'name': term.name, 'site': term.site, 'values': term.values,
-                        'times_limit': relative_size(term, limits)} for term in terms]}
-    if case.kind == 'limits':
-        found['limits'] = answer.get('detection_limits', {})
-    return {**found, **{key: answer[key] for key in KEPT if key in answer}}
+    return {**line, 'code': code, 'complaint': complaint,
+            'seconds': round(time.perf_counter() - started, 2),
+            **{key: answer[key] for key in KEPT if key in answer}}
+
+
+def limits_answer(robot: str) -> dict[str, Any]:
+    """Return the tool's answer to a clean record of nominal parts, with detection limits."""
+    case = BankCase('limits', (), robot, 1, size=0.0)
+    truth = replace(case.truth(), tolerances=False)
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / 'record.csv'
+        write_record(case, truth, path)
+        code, answer, complaint = diagnose_file(path, case, truth)
+    if code != 0:
+        raise RuntimeError(complaint)
+    return answer
 
 
 def diagnose_file(path: Path, case: BankCase,

@@ -7,14 +7,19 @@ from dataclasses import dataclass
 import math
 from typing import Any
 
-from bank.cases import LOOK_ALIKES
-from bank.sizes import TIMES_LIMIT
+from bank.cases import ALSO_RIGHT
 import numpy as np
+from truth.effects import CATALOGUE
 
 Z = 1.959964
 LARGEST_SET = 3
 SURE = 0.9
 BINS = 5
+# A size counts as so many limits from nine tenths of them on.
+NEARLY = 0.9
+# What is not mentioned is given this probability by the log-score: a hundredth of the doubt that
+# a sure answer leaves (1 - SURE).
+UNMENTIONED = 0.01 * (1.0 - SURE)
 
 Line = dict[str, Any]
 
@@ -70,21 +75,40 @@ def _identifier(label: str) -> str:
     return label.partition(':')[0]
 
 
+def right_names(line: Line, name: str) -> set[str]:
+    """Return what a hidden effect may be called in the form that it has."""
+    also = ALSO_RIGHT.get((name, line['form']))
+    return {name} if also is None else {name, also}
+
+
+def is_hidden(line: Line, answer: str) -> bool:
+    """Tell whether a name is one of what is hidden."""
+    return any(answer in right_names(line, name) for name in line['names'])
+
+
 def exact(line: Line) -> bool:
     """Tell whether exactly what is hidden was named as cause."""
-    return sorted(named(line)) == sorted(line['names'])
+    answers = named(line)
+    return (len(answers) == len(line['names'])
+            and all(is_hidden(line, answer) for answer in answers) and both_named(line))
 
 
 def in_small_set(line: Line) -> bool:
     """Tell whether what is hidden is named, or in a stated set of at most three."""
     names = stated_set(line)
-    return exact(line) or (set(line['names']) <= names and len(names) <= LARGEST_SET)
+    return exact(line) or (len(names) <= LARGEST_SET and all(
+        right_names(line, name) & names for name in line['names']))
 
 
-def large_enough(line: Line) -> bool:
-    """Tell whether what is hidden reaches three detection limits, as far as that is known."""
-    return all(term['times_limit'] is None or term['times_limit'] >= TIMES_LIMIT
-               for term in line['truth'])
+def limits_large(line: Line) -> float:
+    """Return the size of what is hidden in detection limits: what was asked for if unknown."""
+    known = [term['times_limit'] for term in line['truth'] if term['times_limit'] is not None]
+    return float(min(known, default=line['size']))
+
+
+def at_least(line: Line, limits: float) -> bool:
+    """Tell whether what is hidden reaches so many detection limits."""
+    return limits_large(line) >= NEARLY * limits
 
 
 def right_site(line: Line) -> bool:
@@ -95,37 +119,60 @@ def right_site(line: Line) -> bool:
 
 def both_named(line: Line) -> bool:
     """Tell whether all that is hidden is among the causes."""
-    return set(line['names']) <= set(named(line))
-
-
-def look_alikes_of(name: str) -> set[str]:
-    """Return what the bank declares to look like an effect."""
-    return {other for group in LOOK_ALIKES if name in group for other in group} - {name}
+    return all(right_names(line, name) & set(named(line)) for name in line['names'])
 
 
 def doubtful(line: Line) -> bool:
-    """Tell whether the answer states doubt about its first cause."""
+    """Tell whether the answer states doubt: in its verdict, or in every cause's probability."""
     causes = line.get('causes', [])
     return (line.get('verdict') in ('not_in_catalogue', 'cannot_tell', 'cause_and_remainder')
             or all(cause['probability'] < SURE for cause in causes))
 
 
-def unknown_recognised(line: Line) -> bool:
-    """Tell whether a missing effect is called unknown, or a look-alike named with doubt."""
-    if line.get('verdict') == 'not_in_catalogue':
-        return True
-    names = named(line)
-    alike = set().union(*(look_alikes_of(name) for name in line['names']))
-    return bool(names) and names[0] in alike and doubtful(line)
+def surely_wrong(line: Line) -> bool:
+    """Tell whether a name that is not hidden is stated surely."""
+    return not doubtful(line) and any(
+        cause['probability'] >= SURE and not is_hidden(line, cause['name'])
+        for cause in line.get('causes', []))
 
 
-def confidently_wrong(line: Line) -> bool:
-    """Tell whether a name that is neither hidden nor a declared look-alike is stated surely."""
-    names = named(line)
-    if not names or doubtful(line):
-        return False
-    allowed = set(line['names']).union(*(look_alikes_of(name) for name in line['names']))
-    return names[0] not in allowed
+def doubt_stated(line: Line) -> bool:
+    """Tell whether the answer sees that something is wrong and doubts every name for it."""
+    return line.get('verdict') != 'nothing_wrong' and doubtful(line)
+
+
+def stated(line: Line) -> dict[str, float]:
+    """
+    Return the probability that the answer gives to each name of being a cause.
+
+    Where it gives none to its look-alikes, they share what the cause leaves.
+    """
+    found: dict[str, float] = {}
+    for cause in line.get('causes', []):
+        alike = {_identifier(label) for label in cause['look_alikes']} - {cause['name']}
+        for name in alike:
+            left = (1.0 - cause['probability']) / len(alike)
+            found[name] = max(found.get(name, 0.0), left)
+        found[cause['name']] = max(found.get(cause['name'], 0.0), cause['probability'])
+    return found
+
+
+def log_score(line: Line) -> float:
+    """
+    Return the sum over the catalogue of ln of what was stated of what is so, nats, at most 0.
+
+    Each name is a forecast of its own, a cause or not (Good, JRSS B 14 (1952)).
+    """
+    forecast, total = stated(line), 0.0
+    hidden = set() if line['kind'] in ('missing', 'control') else set(line['names'])
+    for name in CATALOGUE:
+        p = float(np.clip(forecast.get(name, 0.0), UNMENTIONED, 1.0 - UNMENTIONED))
+        if name in hidden and name not in forecast:
+            p = max([p, *(forecast.get(other, 0.0) for other in right_names(line, name))])
+        elif name not in hidden and hidden and is_hidden(line, name):
+            continue
+        total += math.log(p if name in hidden else 1.0 - p)
+    return total
 
 
 def share(lines: Sequence[Line], test: Any) -> Share:
@@ -135,7 +182,7 @@ def share(lines: Sequence[Line], test: Any) -> Share:
 
 def stated_probabilities(lines: Sequence[Line]) -> list[tuple[float, bool]]:
     """Return each stated probability of a cause with whether that cause is hidden."""
-    return [(cause['probability'], cause['name'] in line['names'])
+    return [(cause['probability'], is_hidden(line, cause['name']) and line['kind'] != 'missing')
             for line in lines for cause in line.get('causes', [])]
 
 

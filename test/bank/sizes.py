@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+import json
 import math
+from pathlib import Path
 from typing import Any
 
-from bank.cases import BankCase, MODEL_OPTIONS
+from bank.cases import BankCase, MODEL_OPTIONS, SIZES
 from bank.terms import hidden_terms, Term
 from flex_plant_sim.effects import catalogue
 import numpy as np
 from truth.effects import CATALOGUE
 from truth.records import add_effect, TruthCase
 
-# What is hidden is at least so many detection limits in size; a distractor at most half a limit,
-# and half of what the catalogue calls the smallest size that matters.
-TIMES_LIMIT, DISTRACTOR_LIMIT = 3.0, 0.5
-LARGEST_SEVERITY, DISTRACTOR_SEVERITY = 4.0, 0.2
-DISTRACTORS = 2
-SIZED = ('one', 'missing', 'pair')
+# A distractor is at most half a detection limit, and half of what the catalogue calls the
+# smallest size that matters. Four times the truth's clear size is still an arm of this make.
+DISTRACTOR_LIMIT, DISTRACTOR_SEVERITY, DISTRACTORS = 0.5, 0.2, 2
+SEVERITIES = (1e-3, 4.0)
+HALVINGS = 20
 DISTRACTED = ('one', 'clean', 'pair')
+LIMITS_FILE = Path(__file__).with_name('limits.json')
 # Not as distractors: what is in nature always, and what changes the payload that others count on.
 NO_DISTRACTORS = (*MODEL_OPTIONS, 'payload_mass')
 
@@ -38,16 +40,35 @@ def sized_truth(case: BankCase, limits: Limits) -> tuple[TruthCase, tuple[Term, 
         'identifier:site' to the detection limit of a clean record of the same robot.
 
     """
-    truth, terms = _at(case, 1.0)
-    if case.kind in SIZED:
-        ratios = [relative_size(term, limits) for term in terms]
-        known = [ratio for ratio in ratios if ratio]
-        if known and min(known) < TIMES_LIMIT:
-            severity = min(1.02 * TIMES_LIMIT / min(known), LARGEST_SEVERITY)
-            truth, terms = _at(case, severity)
+    truth, terms = _at(case, severity_of(case, limits))
     if case.kind in DISTRACTED:
         truth = with_distractors(truth, limits)
     return truth, terms
+
+
+def severity_of(case: BankCase, limits: Limits) -> float:
+    """
+    Return the severity at which the least of what is hidden is as large as the case says.
+
+    By halving intervals of its logarithm: sizes grow with severity, each in its own way. Where
+    no limit is known, the truth's clear size stands for four of them.
+    """
+    if not case.size:
+        return 1.0
+    if _least(case, 1.0, limits) is None:
+        return case.size / SIZES[0]
+    low, high = np.log(SEVERITIES)
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        small = (_least(case, float(np.exp(middle)), limits) or 0.0) < case.size
+        low, high = (middle, high) if small else (low, middle)
+    return float(np.exp(high))
+
+
+def _least(case: BankCase, severity: float, limits: Limits) -> float | None:
+    """Return the least size in limits at a severity; None where no limit is known."""
+    ratios = [relative_size(term, limits) for term in _at(case, severity)[1]]
+    return min((ratio for ratio in ratios if ratio is not None), default=None)
 
 
 def _at(case: BankCase, severity: float) -> tuple[TruthCase, tuple[Term, ...]]:
@@ -55,16 +76,29 @@ def _at(case: BankCase, severity: float) -> tuple[TruthCase, tuple[Term, ...]]:
     return truth, () if case.kind == 'control' else hidden_terms(truth)
 
 
-def stated_limits(line: Mapping[str, Any]) -> dict[str, float]:
-    """Return the limits in the line of results of a clean record."""
-    return {label: limit['value'] for label, limit in line['limits'].items()
-            if limit['value'] is not None}
+def read_limits() -> dict[str, dict[str, float]]:
+    """Return the detection limits of each robot, as `run_bank.py --limits` keeps them."""
+    found: dict[str, dict[str, float]] = json.loads(LIMITS_FILE.read_text(encoding='utf-8'))
+    return found
+
+
+def write_limits(answers: Mapping[str, Mapping[str, Any]]) -> None:
+    """Keep the limits in the tool's answers, robot to answer, to clean nominal records."""
+    kept = {robot: {label: float(f'{limit["value"]:.3g}')
+                    for label, limit in sorted(answer['detection_limits'].items())
+                    if limit['value'] is not None} for robot, answer in answers.items()}
+    LIMITS_FILE.write_text(json.dumps(kept, indent=1) + '\n', encoding='utf-8')
 
 
 def relative_size(term: Term, limits: Limits) -> float | None:
-    """Return an effect's size over its detection limit; None where either is unknown."""
-    limit = limits.get(f'{term.name}:{term.site}')
-    if limit is None or not limit > 0.0 or math.isnan(term.size):
+    """
+    Return an effect's size over its detection limit; None where either is unknown.
+
+    Where the limit at its own site is unknown, that at the name's hardest site stands for it.
+    """
+    known = [limit for label, limit in limits.items() if label.partition(':')[0] == term.name]
+    limit = limits.get(f'{term.name}:{term.site}', max(known, default=0.0))
+    if not limit > 0.0 or math.isnan(term.size):
         return None
     return float(term.size / limit)
 

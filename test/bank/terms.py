@@ -75,6 +75,23 @@ def _for_arm(ours: str, theirs: str) -> Said:
     return lambda case, p: ('arm', {theirs: p[ours]}, abs(p[ours]))
 
 
+def _late_site(case: TruthCase) -> str:
+    """Return which gauges a filter or a delay acts on."""
+    if 'one_gauge' in case.forms:
+        return COLUMNS[case.robot][5]
+    return 'link_2' if 'lower_gauges' in case.forms else 'arm'
+
+
+def _late(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], float]:
+    return _late_site(case), {'delay_s': p['delay']}, p['delay']
+
+
+def _lag(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], float]:
+    inside = 'inside_loop' in case.forms
+    lag = p['time_constant']
+    return _joint(p), {} if inside else {'time_constant_s': lag}, lag
+
+
 def _flexible(site: Callable[[Parameters], str]) -> Said:
     return lambda case, p: (site(p), {'compliance_rad_per_n_m': 1.0 / p['stiffness']},
                             1.0 / p['stiffness'])
@@ -106,8 +123,10 @@ def _crosstalk(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], f
 
 
 def _filter(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], float]:
-    return 'arm', {'time_constant_s': 1.0 / p['cutoff'],
-                   'damping': p['damping']}, 1.0 / p['cutoff']
+    # A filter of first order is one of second order with two real poles, one of them far off.
+    values = {} if 'first_order' in case.forms else {
+        'time_constant_s': 1.0 / p['cutoff'], 'damping': p['damping']}
+    return _late_site(case), values, 1.0 / p['cutoff']
 
 
 def _tilt(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], float]:
@@ -127,12 +146,15 @@ def _payload_mass(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float]
 
 def _payload_change(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], float]:
     change = p['mass'] - case.payload_true
+    if 'leak' in case.forms:
+        return 'arm', {'change_kg': change}, abs(change)
     return 'arm', {'change_kg': change, 'time_s': p['time'],
                    'duration_s': p['duration']}, abs(change)
 
 
 def _loose(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], float]:
-    compliance = 1.0 / (case.payload_true * p['frequency']**2)
+    share = 0.5 if 'half_loose' in case.forms else 1.0
+    compliance = 1.0 / (share * case.payload_true * p['frequency']**2)
     return 'arm', {'compliance_m_per_n': compliance,
                    'damping_ratio': p['damping_ratio']}, compliance
 
@@ -158,7 +180,7 @@ _SAID: dict[str, Said] = {
     'actuator_bias': _at_joint('bias', 'bias'),
     'actuator_dead_zone': _at_joint('half_width', 'half_width'),
     'actuator_saturation': _saturation,
-    'motor_lag': _at_joint('time_constant', 'time_constant_s'),
+    'motor_lag': _lag,
     'input_delay': _for_arm('delay', 'delay_s'),
     'angle_gain': _at_joint('factor', 'factor', 1.0),
     'angle_offset': _at_joint('offset', 'offset_rad'),
@@ -167,7 +189,7 @@ _SAID: dict[str, Said] = {
     'strain_gain': _at_gauge('factor', 'factor', 1.0),
     'strain_crosstalk': _crosstalk,
     'strain_filter': _filter,
-    'strain_delay': _for_arm('delay', 'delay_s'),
+    'strain_delay': _late,
     'link_stiffness': _at_link('factor', 'factor', 1.0),
     'modal_damping': _at_link('factor', 'factor', 1.0),
     'air_drag': _air_drag,

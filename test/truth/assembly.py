@@ -12,9 +12,6 @@ from truth.component_modes import ComponentModes, link_modes
 from truth.configuration import Arm, GRAVITY, Joint, Link
 from truth.equations import LinkTerms, mass_and_bias
 
-# Share of a joint's inertia on the output side of a twisting gear, and the contact's stiffness.
-OUTPUT_SHARE = 0.05
-CONTACT_STIFFNESS_PER_INERTIA = 6e4
 # Terms that add up when bodies are joined.
 EXTENSIVE = ('moments', 'a', 'b', 'mass', 'shortening', 'centrifugal', 'stiffness', 'damping',
              'point_mass', 'point_stiffness')
@@ -120,8 +117,8 @@ def gear_table(arm: Arm, coordinates: list[int]) -> Array:
         if twists(joint):
             stiffness = joint.gear_stiffness
             if not np.isfinite(stiffness):
-                stiffness = CONTACT_STIFFNESS_PER_INERTIA * joint.inertia
-            damping = 0.2 * np.sqrt(stiffness * OUTPUT_SHARE * joint.inertia)
+                stiffness = joint.contact_stiffness * joint.inertia
+            damping = 0.2 * np.sqrt(stiffness * joint.output_share * joint.inertia)
             row[:] = coordinate, stiffness, damping, 0.5 * joint.backlash
     return table
 
@@ -132,7 +129,7 @@ def rotor_mass(arm: Arm, size: int, twist: Array) -> Array:
     for j, joint in enumerate(arm.joints):
         mass[j, j] = joint.inertia
         if twist[j, 0] >= 0:
-            k, output = int(twist[j, 0]), OUTPUT_SHARE * joint.inertia
+            k, output = int(twist[j, 0]), joint.output_share * joint.inertia
             mass[j, k] = mass[k, j] = mass[k, k] = output
     if np.isfinite(arm.structure.base_stiffness):
         mass[-1, -1] = arm.structure.base_inertia

@@ -7,10 +7,13 @@ The numbers repeat the project's data sheets on purpose: the truth reads no file
 from __future__ import annotations
 
 from dataclasses import dataclass
+import math
 
 from truth.beam_elements import BeamMesh
 
 GRAVITY = 9.81
+# Half the angle sensors' noise, rad.
+INVISIBLE_TRAVEL = 5e-5
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,12 @@ class Joint:
     coulomb_forward, coulomb_backward, stribeck and ripple N m, stribeck_speed rad/s,
     ripple_order cycles per radian of the joint, lag s, backlash rad (whole gap),
     gear_stiffness N m/rad; bias, dead_zone and saturation in the command's unit.
+
+    In what form nature has them: `presliding` rad is the travel over which dry friction builds
+    up, `bristle` lets it do so as LuGre's bristles do; the lag delays the command or, with
+    `lag_inside`, the torque of the loop; `output_share` of the inertia sits behind the gear;
+    `contact_stiffness` 1/s^2 is that of a gap's ends per inertia; the angle sensor sits behind
+    the gear or, with `sensor_on_motor`, before it.
     """
 
     inertia: float
@@ -76,6 +85,12 @@ class Joint:
     lag: float = 0.0
     backlash: float = 0.0
     gear_stiffness: float = float('inf')
+    presliding: float = INVISIBLE_TRAVEL
+    bristle: bool = False
+    lag_inside: bool = False
+    output_share: float = 0.05
+    contact_stiffness: float = 6e4
+    sensor_on_motor: bool = False
 
 
 @dataclass(frozen=True)
@@ -84,7 +99,9 @@ class Payload:
     The payload at the tip: mass kg, rotary inertia kg m^2, an event, a loose mounting.
 
     From `event_time` s on (over `event_duration` s, 0 for a step) the mass becomes `event_mass`.
-    `loose_frequency` rad/s (0 for a rigid grip) is that of the held mass on its spring.
+    With a `leak` s what is left to change falls by the factor e in that time instead.
+    `loose_frequency` rad/s (0 for a rigid grip) is that of the held mass on its spring;
+    `loose_share` of the mass hangs on it.
     """
 
     mass: float
@@ -94,13 +111,17 @@ class Payload:
     event_duration: float = 0.0
     loose_frequency: float = 0.0
     loose_damping_ratio: float = 0.0
+    loose_share: float = 1.0
+    leak: float = 0.0
 
     def mass_at(self, time: float) -> float:
         """Return the mass at `time` s, kg."""
         if time < self.event_time:
             return self.mass
         share = 1.0
-        if self.event_duration > 0.0:
+        if self.leak > 0.0:
+            share = 1.0 - math.exp(-(time - self.event_time) / self.leak)
+        elif self.event_duration > 0.0:
             share = min(1.0, (time - self.event_time) / self.event_duration)
         return self.mass + share * (self.event_mass - self.mass)
 
@@ -109,6 +130,9 @@ class Payload:
 class Structure:
     """
     Elbow, base and surroundings: masses kg, inertias kg m^2, stiffness N m/rad, tilt rad.
+
+    A base that slides has `slide_stiffness` N/m both ways, `base_mass` kg and
+    `slide_damping` N s/m.
 
     `air_drag` N s^2/m^3 is the force per length and squared transverse speed.
     """
@@ -121,6 +145,9 @@ class Structure:
     base_inertia: float = 0.0
     base_damping: float = 0.0
     air_drag: float = 0.0
+    slide_stiffness: float = float('inf')
+    base_mass: float = 0.0
+    slide_damping: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -129,7 +156,8 @@ class Sensors:
     Angle sensors and strain gauges; one entry a joint or a gauge, noise in rad and m/m.
 
     Channel `crosstalk_to` also reads `crosstalk` of channel `crosstalk_from`. The amplifier has a
-    second-order low pass of `filter_cutoff` rad/s (0 for none) and `filter_damping`.
+    low pass of `filter_cutoff` rad/s (0 for none) and `filter_damping`, or one of first order;
+    filter and delay act on the gauges `late` (none named: on all).
     """
 
     angle_gain: tuple[float, ...]
@@ -146,7 +174,9 @@ class Sensors:
     crosstalk_to: int = 1
     filter_cutoff: float = 0.0
     filter_damping: float = 0.8
+    filter_first_order: bool = False
     strain_delay: float = 0.0
+    late: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,9 @@ from truth.beam_elements import Array
 from truth.compiled import acceleration, compiled
 from truth.equations import LinkTerms
 
-# Joint travel over which dry friction builds up, rad: half the sensors' noise, so unseen.
-PRESLIDING = 5e-5
-
 # Columns of the drive table (2, 14).
 GAIN, DAMPING, FORWARD, BACKWARD, STRIBECK, STRIBECK_SPEED = range(6)
-RIPPLE, RIPPLE_ORDER, RIPPLE_PHASE, BIAS, DEAD_ZONE, SATURATION, LAG = range(6, 13)
+RIPPLE, RIPPLE_ORDER, RIPPLE_PHASE, BIAS, DEAD_ZONE, SATURATION, LAG, TRAVEL = range(6, 14)
 
 
 class Plant(NamedTuple):
@@ -36,8 +33,9 @@ class Loop(NamedTuple):
     The experiment: samples N, steps per sample S, joints 2, gauges G.
 
     `reference` (N, 2) rad and `feedback` (2, 2) = (gain, limit) per joint if `closed`, else
-    `command` (N, 2) is applied; `noise` (N, 2) rad; `angle` (2, 3) = (gain, offset rad, step rad)
-    per joint; `mass` (N S,) the payload at every step, kg; `delay` of the command in steps.
+    `command` (N, 2) is applied; `noise` (N, 2) rad; `angle` (2, 4) = (gain, offset rad, step rad,
+    1 where it sits on the motor) per joint; `mass` (N S,) the payload at every step, kg; `delay`
+    of the command in steps.
     """
 
     closed: bool
@@ -62,7 +60,7 @@ def dry_friction(row: Array, travel: float, speed: float) -> float:
 
     Sliding friction has a Stribeck rise at low speed and may differ by direction.
     """
-    share = min(max(travel / PRESLIDING, -1.0), 1.0)
+    share = min(max(travel / row[TRAVEL], -1.0), 1.0)
     level = row[FORWARD] if share > 0.0 else row[BACKWARD]
     return share * (level + row[STRIBECK] * np.exp(-(speed / row[STRIBECK_SPEED])**2))
 
@@ -173,10 +171,10 @@ def load_payload(lower: LinkTerms, empty: LinkTerms, unit: LinkTerms, mass: floa
 
 @compiled
 def measure_angles(plant: Plant, loop: Loop, p: Array, sample: int, out: Array) -> None:
-    """Write what the joint sensors (on the gears' output side) read, rad."""
+    """Write what the joint sensors (behind or before the gears) read, rad."""
     for j in range(2):
         angle = p[j]
-        if plant.twist[j, 0] >= 0.0:
+        if plant.twist[j, 0] >= 0.0 and loop.angle[j, 3] == 0.0:
             angle += p[int(plant.twist[j, 0])]
         reading = loop.angle[j, 0] * angle + loop.angle[j, 1] + loop.noise[sample, j]
         if loop.angle[j, 2] > 0.0:
@@ -244,5 +242,6 @@ def run(plant: Plant, loop: Loop, p: Array, v: Array, joint: Array, strain: Arra
             p, v = runge_kutta_step(plant, p, v, lagged, middle, end, anchor, loop.step)
             for j in range(2):
                 lagged[j] = end[j]
-                anchor[j] = min(max(anchor[j], p[j] - PRESLIDING), p[j] + PRESLIDING)
+                travel = plant.drive[j, TRAVEL]
+                anchor[j] = min(max(anchor[j], p[j] - travel), p[j] + travel)
             step += 1

@@ -1,4 +1,8 @@
-"""Logs of the true arm, from a seed: the case says what is hidden, the record hides it."""
+"""
+Logs of the true arm, from a seed: the case says what is hidden, the record hides it.
+
+Two simulators make them; MuJoCo is a development extra, without which its cases cannot be run.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +17,19 @@ from truth.configuration import Arm, ROBOTS
 from truth.effects import CATALOGUE
 from truth.effects.hidden_effect import Parameters
 from truth.excitation import set_points
+from truth.forms import FORMS
 from truth.sensors import amplifier_output, quantise, sensor_noise
 from truth.simulation import Motion, simulate
 from truth.tolerances import with_tolerances
 
+try:
+    from truth.mujoco.simulation import simulate as simulate_chain
+    HAVE_MUJOCO = True
+except ImportError:
+    HAVE_MUJOCO = False
+
+FINITE_ELEMENTS, MUJOCO = 'finite_elements', 'mujoco'
+NO_MUJOCO = 'MuJoCo is not installed (extra "bench"): no second truth'
 COLUMNS = {
     'reference': ('time', 'command_1', 'command_2', 'joint_1', 'joint_2', 'strain_1a',
                   'strain_1b', 'strain_2a', 'strain_2b'),
@@ -34,7 +47,8 @@ class TruthCase:
 
     Attributes: payload_true, payload_told kg; excitation rich, rest or one_joint; noise scales
     the sensors' noise (0: neither noise nor quantisation); distractors are further effects, too
-    small to be named.
+    small to be named; simulator makes the record, in the forms (see `truth.forms`) that nature
+    gives to what is hidden.
     """
 
     seed: int
@@ -47,6 +61,8 @@ class TruthCase:
     tolerances: bool = True
     noise: float = 1.0
     distractors: tuple[tuple[str, Parameters], ...] = ()
+    simulator: str = FINITE_ELEMENTS
+    forms: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -83,6 +99,8 @@ def build_arm(case: TruthCase) -> Arm:
     arm = limit_excitation(arm, case)
     for name, parameters in (*case.effects, *case.distractors):
         arm = CATALOGUE[name].apply(arm, parameters)
+    for form in case.forms:
+        arm = FORMS[form](arm)
     if case.noise == 0.0:
         arm = replace(arm, sensors=replace(arm.sensors, angle_step=(0.0, 0.0), strain_step=0.0))
     return arm
@@ -116,7 +134,11 @@ def move(case: TruthCase, command: Array | None = None) -> tuple[Arm, Motion]:
     noise = sensor_noise(random_stream(case, 'angle noise'), (samples, 2),
                          case.noise * arm.sensors.angle_noise, arm.sample_time)
     reference = set_points(random_stream(case, 'set-points'), time, arm.excitation)
-    return arm, simulate(arm, reference, command, noise)
+    if case.simulator == FINITE_ELEMENTS:
+        return arm, simulate(arm, reference, command, noise)
+    if not HAVE_MUJOCO:
+        raise RuntimeError(NO_MUJOCO)
+    return arm, simulate_chain(arm, reference, command, noise)
 
 
 def make_record(case: TruthCase, command: Array | None = None) -> Record:

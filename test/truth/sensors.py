@@ -14,9 +14,12 @@ COLOURED_SHARE = 0.2
 CORRELATION_TIME = 0.2
 
 
-def low_pass(signal: Array, cutoff: float, damping: float, step: float) -> Array:
-    """Return `signal` (N, G) behind w^2 / (s^2 + 2 zeta w s + w^2), started at rest."""
-    b, a = bilinear([cutoff**2], [1.0, 2.0 * damping * cutoff, cutoff**2], fs=1.0 / step)
+def low_pass(signal: Array, sensors: Sensors, step: float) -> Array:
+    """Return `signal` (N, G) behind w^2 / (s^2 + 2 zeta w s + w^2) or w / (s + w), from rest."""
+    cutoff = sensors.filter_cutoff
+    denominator = ([1.0, cutoff] if sensors.filter_first_order else
+                   [1.0, 2.0 * sensors.filter_damping * cutoff, cutoff**2])
+    b, a = bilinear([denominator[-1]], denominator, fs=1.0 / step)
     start = lfilter_zi(b, a)[:, None] * signal[0]
     return np.asarray(lfilter(b, a, signal, axis=0, zi=start)[0])
 
@@ -28,12 +31,14 @@ def amplifier_output(motion: Motion, sensors: Sensors, sample_time: float) -> Ar
     strain[:, sensors.crosstalk_to] += (sensors.crosstalk
                                         * motion.fine_strain[:, sensors.crosstalk_from])
     strain *= sensors.strain_gain
+    late = list(sensors.late or range(strain.shape[1]))
     if sensors.filter_cutoff > 0.0:
-        strain = low_pass(strain, sensors.filter_cutoff, sensors.filter_damping, step)
+        strain[:, late] = low_pass(strain[:, late], sensors, step)
     fine_time = step * np.arange(strain.shape[0])
     time = sample_time * np.arange(motion.joint.shape[0])
     sampled = np.column_stack([
-        np.interp(time - sensors.strain_delay, fine_time, column) for column in strain.T])
+        np.interp(time - sensors.strain_delay * (gauge in late), fine_time, column)
+        for gauge, column in enumerate(strain.T)])
     return sampled + np.array(sensors.strain_bias) + np.outer(time, sensors.strain_drift)
 
 

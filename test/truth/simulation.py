@@ -45,7 +45,7 @@ def plant_of(arm: Arm, system: System) -> Plant:
     drive = np.array([[
         j.torque_gain, j.damping + j.viscous, j.coulomb_forward, j.coulomb_backward, j.stribeck,
         j.stribeck_speed, j.ripple, j.ripple_order, j.ripple_phase, j.bias, j.dead_zone,
-        j.saturation, j.lag] for j in arm.joints])
+        j.saturation, j.lag, j.presliding] for j in arm.joints])
     lower = add_terms(system.lower_empty, system.payload_unit, arm.payload.mass)
     return Plant(system.upper, copy_terms(lower), system.constant_mass, system.gravity,
                  system.twist, system.base, system.drag, drive)
@@ -84,7 +84,8 @@ def simulate(arm: Arm, reference: Array | None = None, command: Array | None = N
         command is None, np.array(given), np.array(given),
         np.array([arm.position_gain, arm.command_limit]).T.copy(),
         np.zeros((samples, 2)) if noise is None else noise,
-        np.array([sensors.angle_gain, sensors.angle_offset, sensors.angle_step]).T.copy(),
+        np.array([sensors.angle_gain, sensors.angle_offset, sensors.angle_step,
+                  [j.sensor_on_motor for j in arm.joints]], dtype=float).T.copy(),
         np.array([arm.payload.mass_at(k * step) for k in range(samples * steps)]),
         copy_terms(system.lower_empty), copy_terms(system.payload_unit), system.curvature,
         step, steps, arm.input_delay / step)

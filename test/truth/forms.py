@@ -1,0 +1,58 @@
+"""The forms in which nature offers an effect: each changes how an arm has what it has."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from truth.configuration import Arm
+
+# Joint travel in which bristles bend, rad: three times the angle sensors' noise, a hundredth of
+# an ordinary move.
+SHORT_TRAVEL = 3e-4
+# A tenth of the other contact's: a link of the reference arm sinks in by a milliradian.
+SOFT_CONTACT = 6e3
+
+
+def _joints(**changes: Any) -> Callable[[Arm], Arm]:
+    def form(arm: Arm) -> Arm:
+        first, second = (replace(joint, **changes) for joint in arm.joints)
+        return replace(arm, joints=(first, second))
+    return form
+
+
+def _sensors(**changes: Any) -> Callable[[Arm], Arm]:
+    return lambda arm: replace(arm, sensors=replace(arm.sensors, **changes))
+
+
+def _payload(**changes: Any) -> Callable[[Arm], Arm]:
+    return lambda arm: replace(arm, payload=replace(arm.payload, **changes))
+
+
+def _lower_gauges(arm: Arm) -> Arm:
+    upper = len(arm.links[0].gauges)
+    return replace(arm, sensors=replace(arm.sensors, late=tuple(
+        range(upper, upper + len(arm.links[1].gauges)))))
+
+
+def _leak(arm: Arm) -> Arm:
+    """Let the payload go by a leak, three of its time constants long where there was a ramp."""
+    return replace(arm, payload=replace(
+        arm.payload, leak=max(arm.payload.event_duration / 3.0, 1.0)))
+
+
+FORMS: dict[str, Callable[[Arm], Arm]] = {
+    'bristles': _joints(bristle=True, presliding=SHORT_TRAVEL),
+    'springs': _joints(presliding=SHORT_TRAVEL),
+    'soft_contact': _joints(contact_stiffness=SOFT_CONTACT),
+    'sensor_on_motor': _joints(sensor_on_motor=True),
+    'light_output': _joints(output_share=0.01),
+    'heavy_output': _joints(output_share=0.3),
+    'inside_loop': _joints(lag_inside=True),
+    'first_order': _sensors(filter_first_order=True),
+    'lower_gauges': _lower_gauges,
+    'one_gauge': _sensors(late=(0,)),
+    'half_loose': _payload(loose_share=0.5),
+    'leak': _leak,
+}

@@ -1,0 +1,1 @@
+"""A second truth of the same arm: a chain of rigid segments in MuJoCo."""

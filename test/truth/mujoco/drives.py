@@ -1,0 +1,89 @@
+"""What acts on the rotors of the chain at every step: drives, friction, ripple, payload."""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+
+from truth.beam_elements import Array
+from truth.configuration import Arm, Joint
+from truth.mujoco.chain import Chain
+
+
+class Drive:
+    """One drive with its friction; keeps the lagged signal and the bristles' bending."""
+
+    def __init__(self, joint: Joint):
+        self.joint = joint
+        self.lagged = self.bend = 0.0
+
+    def torque(self, command: float, theta: float, speed: float, step: float) -> float:
+        """Return the torque on the rotor but for viscous damping, N m."""
+        joint = self.joint
+        if not joint.lag_inside:
+            command = self._lag(command, step)
+        u = command + joint.bias
+        u = math.copysign(max(abs(u) - joint.dead_zone, 0.0), u)
+        torque = joint.torque_gain * min(max(u, -joint.saturation), joint.saturation)
+        if joint.lag_inside:
+            torque = self._lag(torque - joint.damping * speed, step)
+        ripple = joint.ripple * math.sin(joint.ripple_order * theta + joint.ripple_phase)
+        return torque + ripple - (self._bristles(speed, step) if joint.bristle else 0.0)
+
+    def _lag(self, signal: float, step: float) -> float:
+        keep = math.exp(-step / self.joint.lag) if self.joint.lag > 0.0 else 0.0
+        self.lagged = keep * self.lagged + (1.0 - keep) * signal
+        return self.lagged
+
+    def level(self, speed: float) -> float:
+        """Return the sliding friction at a speed, N m."""
+        joint = self.joint
+        base = joint.coulomb_forward if speed > 0.0 else joint.coulomb_backward
+        return base + joint.stribeck * math.exp(-(speed / joint.stribeck_speed)**2)
+
+    def _bristles(self, speed: float, step: float) -> float:
+        """
+        Return LuGre's friction, N m: z' = v - |v| z / travel, torque = level z / travel.
+
+        Canudas de Wit, Olsson, Astrom and Lischinsky, IEEE TAC 40 (1995), (1)-(2), without
+        their micro-damping; z exact over a step of constant speed.
+        """
+        decay = abs(speed) * step / self.joint.presliding
+        keep = math.exp(-decay)
+        self.bend = keep * self.bend + math.copysign(1.0 - keep, speed)
+        return self.level(speed) * self.bend
+
+
+class Surroundings:
+    """All that changes while the chain moves."""
+
+    def __init__(self, arm: Arm, chain: Chain):
+        self.arm, self.chain = arm, chain
+        self.drives = [Drive(joint) for joint in arm.joints]
+        model = chain.model
+        names = ('payload', 'loose') if arm.payload.loose_frequency > 0.0 else ('payload',)
+        share = arm.payload.loose_share if len(names) == 2 else 0.0
+        self.bodies = [(model.body(name).id, part)
+                       for name, part in zip(names, (1.0 - share, share))]
+        self.changes = math.isfinite(arm.payload.event_time)
+
+    def act(self, data: mujoco.MjData, command: Array, time: float, step: float) -> None:
+        """Set torques, dry friction and the payload for the step to come."""
+        model = self.chain.model
+        for drive, address, u in zip(self.drives, self.chain.joint, command):
+            theta, speed = float(data.qpos[address]), float(data.qvel[address])
+            data.qfrc_applied[address] = drive.torque(float(u), theta, speed, step)
+            if not drive.joint.bristle:
+                model.dof_frictionloss[address] = drive.level(speed)
+        for body, share in self.bodies if self.changes else ():
+            model.body_mass[body] = max(share * self.arm.payload.mass_at(time), 1e-7)
+
+    def angles(self, data: mujoco.MjData) -> Array:
+        """Return the joint angles where their sensors sit, (2,) rad."""
+        found = np.array([data.qpos[address] for address in self.chain.joint])
+        for j, gear in enumerate(self.chain.gear):
+            if gear >= 0 and not self.arm.joints[j].sensor_on_motor:
+                found[j] += data.qpos[gear]
+        return found
