@@ -48,6 +48,8 @@ class Topic:
         What publishers offer.
     subscribe : Qos
         What subscriptions ask for; by default best effort, so that they accept any publisher.
+    exclusive : bool
+        One publisher is heard, the first; others are refused.
 
     """
 
@@ -57,6 +59,7 @@ class Topic:
     fields: Mapping[str, Field]
     qos: Qos
     subscribe: Qos
+    exclusive: bool = False
 
 
 @dataclass(frozen=True)
@@ -82,6 +85,7 @@ def _topic(name: str, entry: Mapping[str, Any]) -> Topic:
         fields=MappingProxyType({key: Field(**value) for key, value in entry['fields'].items()}),
         qos=Qos(**entry['qos']),
         subscribe=Qos(**{**best_effort, **entry.get('subscribe', {})}),
+        exclusive=entry.get('exclusive', False),
     )
 
 

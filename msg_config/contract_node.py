@@ -1,30 +1,33 @@
-"""What every node of the suite does alike: parameters, guarded topics, diagnostics, main()."""
+"""What every node of the suite does alike: parameters, guarded topics, diagnostics."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-import gc
-import sys
+from pathlib import Path
+import time
 from typing import Any, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from msg_config import load_topics
+from msg_config.changes import Changes
 from msg_config.errors import InputError
+from msg_config.first_publisher import FirstPublisher
 from msg_config.messages import diagnostic_array, diagnostic_status
+from msg_config.recent_counts import RecentCounts, WINDOW
 from msg_config.ros import (
     create_publisher,
     create_service,
-    create_subscription,
+    create_sourced_subscription,
     declare_parameters,
+    unknown_overrides,
 )
 import numpy as np
-import rclpy
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
-from rclpy.context import Context
-from rclpy.exceptions import ROSInterruptException
-from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rclpy.subscription import Subscription
 from rclpy.task import Future
 from rclpy.timer import Timer
 
@@ -33,21 +36,27 @@ DIAGNOSTICS_INTERVAL = 1.0
 # What a message can cause in a computation; anything else is a mistake in the program.
 Configured = TypeVar('Configured')
 REFUSED = (InputError, ArithmeticError, np.linalg.LinAlgError)
+SECOND = 'second publisher'
 
 
 class ContractNode(Node):
     """
     A node of the contract: it declares its table, and no message ends it.
 
-    A message that does not fit is rejected, counted by topic, and warned of at most once a
-    second. Timers run on the wall clock, simulated time or not.
+    A message that does not fit is refused, counted by topic and kind, and warned of at most once
+    a second; so is one of a second publisher. Timers run on the wall clock, simulated time or
+    not. Parameters change as their table says: at once, at ~/reset, or not at all.
+
+    Subclasses give `build` and `install`, and `on_live` where a parameter is live.
 
     Attributes
     ----------
-    values : dict
-        The parameters, checked.
+    values : Mapping
+        The parameters in force, checked.
     rejected : Counter
-        Messages rejected, by topic.
+        Messages refused, by topic.
+    last_rejection : str
+        The last reason.
     interrupted : Future
         Done after a Ctrl-C inside a callback: raised there, an EventsExecutor would print it.
 
@@ -60,11 +69,52 @@ class ContractNode(Node):
         except InputError:
             self.destroy_node()
             raise
+        for line in unknown_overrides(self, name):
+            self.get_logger().warning(line)
         self.rejected: Counter[str] = Counter()
         self.last_rejection = ''
+        self._refusals: RecentCounts[tuple[str, str]] = RecentCounts()
+        self._heard = FirstPublisher()
+        self._parameter_changes = Changes(name, self.values)
+        self._subscribed: dict[str, Subscription[Any]] = {}
         self.interrupted: Future[None] = Future()
         self._wall = Clock(clock_type=ClockType.STEADY_TIME)
-        self._diagnostics = self.publisher('diagnostics')
+        self._diagnostics = self.publisher('/diagnostics')
+        self.hardware = Path(str(self.values['robot'])).stem
+        self.configured(lambda: self.install(self.build(self.values)))
+        self.add_on_set_parameters_callback(self._on_set)
+
+    def build(self, values: dict[str, Any]) -> Any:
+        """Return what parameters describe, and touch nothing; InputError where they do not."""
+        raise NotImplementedError
+
+    def install(self, built: Any) -> None:
+        """Take over what `build` gave."""
+        raise NotImplementedError
+
+    def on_live(self, changed: dict[str, Any]) -> None:
+        """Let live parameters act; InputError refuses them."""
+
+    def begin_again(self) -> None:
+        """Put the changes in force that wait for a reset."""
+        waiting = self._parameter_changes.take()
+        if waiting is not None:
+            self.values = self._parameter_changes.values
+            self.install(waiting)
+
+    def _on_set(self, parameters: Sequence[Any]) -> SetParametersResult:
+        try:
+            later, live = self._parameter_changes.sort(parameters)
+            prepared = self._parameter_changes.prepare(live, later, self.build)
+            if live:
+                self.on_live(live)
+        except REFUSED as error:
+            return SetParametersResult(successful=False, reason=f'{self.get_name()}: {error}')
+        self.values = self._parameter_changes.accept(live, later, prepared)
+        if later:
+            # ROS drops the reason of a success; the diagnostics say it too.
+            self.get_logger().info(f'{", ".join(later)}: in force after ~/reset')
+        return SetParametersResult(successful=True)
 
     def configured(self, make: Callable[[], Configured]) -> Configured:
         """Return what the parameters describe; bad ones are named with the node."""
@@ -80,13 +130,19 @@ class ContractNode(Node):
         return create_publisher(self, topic)
 
     def subscribe(self, topic: str, callback: Callable[[Any], None]) -> None:
-        """Take messages of a topic of the contract; what raises InputError is rejected."""
-        def guarded(message: Any) -> None:
+        """Take messages of a topic of the contract; what raises InputError is refused."""
+        exclusive = load_topics()[topic].exclusive
+
+        def guarded(message: Any, gid: bytes | None) -> None:
+            if exclusive and not self._heard.hears(topic, gid, time.monotonic()):
+                self.reject(topic, f'{topic}: expected one publisher, got a message of a second '
+                                   'one; the first is kept', SECOND)
+                return
             try:
                 self._run(callback, message)
             except REFUSED as error:
                 self.reject(topic, str(error))
-        create_subscription(self, topic, guarded)
+        self._subscribed[topic] = create_sourced_subscription(self, topic, guarded)
 
     def offer(self, service: str, callback: Callable[[Any, Any], Any]) -> None:
         """Offer a service of the contract."""
@@ -108,97 +164,70 @@ class ContractNode(Node):
 
     def wall_time(self) -> float:
         """Return the wall clock (monotonic), s."""
-        return self._wall.now().nanoseconds * 1e-9
+        return time.monotonic()
 
-    def reject(self, topic: str, reason: str) -> None:
+    def reject(self, topic: str, reason: str, kind: str = 'malformed') -> None:
         """Count a message that does not fit, and warn."""
+        self._refusals.add((topic, kind), time.monotonic())
         self.rejected[topic] += 1
         self.last_rejection = reason
         self.get_logger().warning(
-            f'rejected {self.rejected[topic]}: {reason}', throttle_duration_sec=WARNING_INTERVAL)
+            f'refused {self.rejected[topic]}: {reason}',
+            throttle_duration_sec=WARNING_INTERVAL)
+
+    def task(self, name: str) -> str:
+        """Return a task's name as diagnostic tools expect it, with the namespace if there is."""
+        return f'{self.get_fully_qualified_name().lstrip("/")}: {name}'
+
+    def status(self, task: str, level: str, text: str, values: dict[str, object],
+               ) -> DiagnosticStatus:
+        """Return the status of a task of this node."""
+        return diagnostic_status(self.task(task), level, text, values, self.hardware)
 
     def input_status(self) -> DiagnosticStatus:
-        """Return how many messages were rejected, and the last reason."""
-        total = sum(self.rejected.values())
-        values = {f'rejected {topic}': count for topic, count in sorted(self.rejected.items())}
-        text = f'{total} messages rejected, last: {self.last_rejection}' if total else 'ok'
-        return diagnostic_status(f'{self.get_name()}: input', 'warn' if total else 'ok', text,
-                                 {'rejected': total, **values})
+        """Return what was refused lately, by topic and kind, and the last reason."""
+        recent = self._refusals.recent(time.monotonic())
+        values: dict[str, object] = {'refused': self.rejected.total()}
+        values |= {f'refused {topic}: {kind}': count
+                   for (topic, kind), count in sorted(self._refusals.total.items())}
+        if not recent:
+            return self.status('input', 'ok', 'ok', values)
+        text = (f'{recent.total()} messages refused in the last {WINDOW:g} s, '
+                f'last: {self.last_rejection}')
+        return self.status('input', 'warn', text, values)
 
-    def publish_diagnostics(self, stamp: int, statuses: Sequence[DiagnosticStatus]) -> None:
-        """Publish statuses, and the one of the input, at a stamp, ns."""
-        self._diagnostics.publish(diagnostic_array(stamp, [*statuses, self.input_status()]))
+    def publisher_status(self) -> DiagnosticStatus:
+        """Return whether each topic has one publisher."""
+        heard = {topic for topic, kind in self._refusals.recent(time.monotonic())
+                 if kind == SECOND}
+        counts = {topic: self.count_publishers(subscription.topic_name)
+                  for topic, subscription in self._subscribed.items()
+                  if load_topics()[topic].exclusive}
+        crowded = [topic for topic, count in counts.items() if count > 1]
+        values: dict[str, object] = {f'publishers of {topic}': count
+                                     for topic, count in counts.items()}
+        if not heard and not crowded:
+            return self.status('publishers', 'ok', 'ok', values)
+        text = '; '.join(
+            f'{counts[topic]} publishers of {topic}'
+            + (', only the first is heard' if topic in heard else ', one speaks')
+            for topic in counts if topic in heard or topic in crowded)
+        return self.status('publishers', 'error' if heard else 'warn', text, values)
 
+    def parameter_status(self) -> DiagnosticStatus:
+        """Return which parameters wait for a reset."""
+        waiting = self._parameter_changes.waiting
+        text = f'{", ".join(waiting)}: in force after ~/reset' if waiting else 'ok'
+        return self.status('parameters', 'ok', text, {})
 
-def make_executor(context: Context | None = None) -> Executor:
-    """Return an EventsExecutor, or before ROS 2 Kilted the single-threaded one."""
-    try:
-        from rclpy.experimental import EventsExecutor
-    except ImportError:
-        return SingleThreadedExecutor(context=context)
-    return EventsExecutor(context=context)
-
-
-def spin(executor: Executor, stop: Future[Any]) -> None:
-    """Run until `stop` is done; without a time-out an EventsExecutor would never rest."""
-    while not stop.done():
-        executor.spin_until_future_complete(stop, timeout_sec=1e6)
-
-
-def run(make: Callable[[], ContractNode], arguments: Sequence[str] | None = None) -> int:
-    """
-    Run one node until Ctrl-C or SIGTERM.
-
-    Parameters
-    ----------
-    make : callable
-        Returns the node.
-    arguments : sequence of str, optional
-        By default those of the process.
-
-    Returns
-    -------
-    int
-        0 after SIGTERM or shutdown, 130 after Ctrl-C (0 where rclpy shuts down before Python
-        sees the signal), 2 for a bad parameter, which is named in one line.
-
-    """
-    try:
-        rclpy.init(args=list(sys.argv if arguments is None else arguments))
-    except Exception as error:  # noqa: B902  rclpy's argument errors share no base class
-        return _refuse(error)
-    node = None
-    try:
-        node = make()
-        executor = make_executor()
-        executor.add_node(node)
-        # What is there stays: the collector need not look at it again and again.
-        gc.collect()
-        gc.freeze()
-        spin(executor, node.interrupted)
-    except InputError as error:
-        return _refuse(error)
-    except KeyboardInterrupt:
-        return 130
-    except (ExternalShutdownException, ROSInterruptException):
-        return 0
-    except Exception:  # noqa: B902
-        # A signal before the node was whole.
-        if rclpy.ok():
-            raise
-        return 130
-    finally:
-        if node is not None:
-            node.destroy_node()
-        rclpy.try_shutdown()
-    return 130
+    def publish_diagnostics(self, statuses: Sequence[DiagnosticStatus]) -> None:
+        """Publish statuses, and those of input, publishers and parameters."""
+        stamp = self.get_clock().now().nanoseconds
+        self._diagnostics.publish(diagnostic_array(
+            stamp, [*statuses, self.input_status(), self.publisher_status(),
+                    self.parameter_status()]))
 
 
 def _by_ctrl_c(error: BaseException | None) -> bool:
     return error is not None and (
         isinstance(error, KeyboardInterrupt) or _by_ctrl_c(error.__cause__))
-
-
-def _refuse(error: Exception) -> int:
-    print(' '.join(str(error).split()), file=sys.stderr)
-    return 2

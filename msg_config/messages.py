@@ -161,8 +161,8 @@ def clock_message(stamp: int) -> Clock:
     return Clock(clock=time_message(stamp))
 
 
-def diagnostic_status(name: str, level: str, text: str,
-                      values: Mapping[str, object]) -> DiagnosticStatus:
+def diagnostic_status(name: str, level: str, text: str, values: Mapping[str, object],
+                      hardware: str = '') -> DiagnosticStatus:
     """
     Return one status.
 
@@ -176,10 +176,12 @@ def diagnostic_status(name: str, level: str, text: str,
         One line for an engineer.
     values : Mapping
         Key with its unit to value.
+    hardware : str
+        The robot.
 
     """
     return DiagnosticStatus(
-        level=LEVELS[level], name=name, message=text,
+        level=LEVELS[level], name=name, message=text, hardware_id=hardware,
         values=[KeyValue(key=key, value=_shown(value)) for key, value in values.items()])
 
 

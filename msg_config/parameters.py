@@ -39,8 +39,13 @@ _TYPES: Mapping[str, tuple[Callable[[Any], bool], Callable[[Any], Value], str]] 
     'string': (_text, str, 'a text'),
     'double_array': (lambda value: _items(value, _number),
                      lambda value: tuple(float(item) for item in value), 'a list of numbers'),
-    'string_array': (lambda value: _items(value, _text), tuple, 'a list of texts'),
+    # One text is a list of one: ROS gives `-p effects:=…` without brackets as a string.
+    'string_array': (lambda value: _text(value) or _items(value, _text),
+                     lambda value: (value,) if _text(value) else tuple(value),
+                     'a list of texts'),
 }
+APPLIES: Mapping[str, str] = {
+    'live': 'at once', 'reset': 'at `~/reset`', 'read_only': 'at the start only'}
 
 
 @dataclass(frozen=True)
@@ -59,6 +64,9 @@ class Parameter:
         Inclusive limits of a number.
     choices : tuple of str
         The texts allowed, empty where any is.
+    applies : str
+        When a change takes effect: live, reset (at the node's ~/reset) or read_only (never
+        while the node runs).
 
     """
 
@@ -70,6 +78,7 @@ class Parameter:
     minimum: float | None = None
     maximum: float | None = None
     choices: tuple[str, ...] = ()
+    applies: str = 'read_only'
 
     def check(self, value: object) -> Value:
         """
@@ -148,11 +157,24 @@ def _plain(value: Value) -> object:
 
 
 def parameter_file() -> str:
-    """Return a ROS parameter file with every default."""
-    defaults = {
-        node: {'ros__parameters': {name: _plain(row.default) for name, row in table.items()}}
-        for node, table in load_parameters().items()}
-    return yaml.safe_dump(defaults, sort_keys=False)
+    """
+    Return a ROS parameter file with every default, that rclpy's own parser reads.
+
+    Empty lists stand as comments: ROS refuses them, as they have no type.
+    """
+    lines = []
+    for node, table in load_parameters().items():
+        lines += [f'{node}:', '  ros__parameters:']
+        lines += [line for row in table.values() for line in _file_lines(row)]
+    return '\n'.join(lines) + '\n'
+
+
+def _file_lines(row: Parameter) -> list[str]:
+    """Return a parameter with what it means above it."""
+    unit = f' [{row.unit}]' if row.unit else ''
+    pair = yaml.safe_dump({row.name: _plain(row.default)}, default_flow_style=False).strip()
+    absent = '' if row.default != () else '# '
+    return [f'    # {row.description}{unit} ({row.applies})', f'    {absent}{pair}']
 
 
 def _shown(value: Value) -> str:
@@ -181,11 +203,11 @@ def _rows() -> list[tuple[str, Parameter]]:
 
 def markdown_table() -> str:
     """Return the README's table: the common parameters first, then each node's own."""
-    lines = ['| node | parameter | type | default | unit | range | meaning |',
-             '|---|---|---|---|---|---|---|']
+    lines = ['| node | parameter | type | default | unit | range | a change applies | meaning |',
+             '|---|---|---|---|---|---|---|---|']
     lines += [
         f'| {node} | `{row.name}` | {row.type} | `{_shown(row.default)}` | {row.unit} '
-        f'| {_limits(row)} | {row.description} |'
+        f'| {_limits(row)} | {APPLIES[row.applies]} | {row.description} |'
         for node, row in _rows()]
     return '\n'.join(lines)
 

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from difflib import get_close_matches
 from importlib import import_module
+import inspect
 from struct import Struct
 from typing import Any
 
 from msg_config import load_services, load_topics, Qos
 from msg_config.errors import InputError
 from msg_config.messages import inertia_message, NANOSECONDS
-from msg_config.parameters import load_parameters, Parameter, Value
+from msg_config.parameters import APPLIES, load_parameters, Parameter, Value
 from rcl_interfaces.msg import (
     FloatingPointRange,
     IntegerRange,
     ParameterDescriptor,
-    SetParametersResult,
 )
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
@@ -27,6 +28,8 @@ from rclpy.serialization import serialize_message
 from rclpy.service import Service
 from rclpy.subscription import Subscription
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
+
+_MESSAGE_AND_INFO = inspect.signature(lambda message, info: None)
 
 
 def interface_class(interface: str) -> Any:
@@ -53,7 +56,7 @@ def create_publisher(node: Node, name: str) -> Publisher:
 
 
 def create_subscription(
-    node: Node, name: str, callback: Callable[[Any], None], *, reliable: bool = False,
+    node: Node, name: str, callback: Callable[..., None], *, reliable: bool = False,
 ) -> Subscription:
     """
     Return a subscription to the topic; its QoS can be overridden by parameters.
@@ -76,6 +79,23 @@ def create_subscription(
         interface_class(topic.type), topic.name, callback,
         qos_profile(topic.qos if reliable else topic.subscribe),
         qos_overriding_options=QoSOverridingOptions.with_default_policies())
+
+
+def create_sourced_subscription(
+    node: Node, name: str, callback: Callable[[Any, bytes | None], None],
+) -> Subscription:
+    """
+    Return a subscription whose callback takes the message and its publisher's gid.
+
+    The gid is None where the middleware tells none. An EventsExecutor gives both as one tuple,
+    the others as two arguments; by its signature rclpy knows that the callback takes two.
+    """
+    def taken(*arguments: Any) -> None:
+        message, info = arguments if len(arguments) == 2 else arguments[0]
+        gid = info.get('publisher_gid')
+        callback(message, gid and gid['data'])
+    taken.__signature__ = _MESSAGE_AND_INFO  # type: ignore[attr-defined]
+    return create_subscription(node, name, taken)
 
 
 def create_service(node: Node, name: str, callback: Callable[[Any, Any], Any]) -> Service:
@@ -134,9 +154,11 @@ def descriptor(row: Parameter) -> ParameterDescriptor:
     unit = f' [{row.unit}]' if row.unit else ''
     result = ParameterDescriptor(
         description=row.description + unit,
-        additional_constraints=f'expected {row.expected}',
-        # A static double refuses an int, which is what `payload: 1` is.
-        dynamic_typing=row.type in ('double', 'double_array', 'string_array'),
+        additional_constraints=f'expected {row.expected}; a change applies '
+                               + APPLIES[row.applies].replace('`', ''),
+        # A static double refuses an int, which is what `payload: 1` is; and the table's words are
+        # clearer than ROS's.
+        dynamic_typing=True,
     )
     if row.minimum is not None and row.maximum is not None:
         if row.type == 'int':
@@ -151,8 +173,6 @@ def descriptor(row: Parameter) -> ParameterDescriptor:
 def declare_parameters(node: Node, table: str | None = None) -> dict[str, Value]:
     """
     Declare a node's table and return its values, overrides included.
-
-    From then on a change that the table does not accept is refused with the table's reason.
 
     Parameters
     ----------
@@ -173,9 +193,7 @@ def declare_parameters(node: Node, table: str | None = None) -> dict[str, Value]
             (row.name, _default(row), descriptor(row)) for row in rows.values()])
     except (InvalidParameterTypeException, InvalidParameterValueException) as error:
         raise InputError(f'{node.get_name()}: {error}') from None
-    values = parameter_values(node, table)
-    node.add_on_set_parameters_callback(lambda changes: _verdict(rows, changes))
-    return values
+    return parameter_values(node, table)
 
 
 def parameter_values(node: Node, table: str | None = None) -> dict[str, Value]:
@@ -190,7 +208,8 @@ def parameter_values(node: Node, table: str | None = None) -> dict[str, Value]:
     """
     rows = load_parameters()[table or node.get_name()]
     try:
-        return {name: row.check(_value(node.get_parameter(name))) for name, row in rows.items()}
+        return {name: row.check(parameter_value(node.get_parameter(name)))
+                for name, row in rows.items()}
     except InputError as error:
         raise InputError(f'{node.get_name()}: {error}') from None
 
@@ -199,18 +218,19 @@ def _default(row: Parameter) -> Any:
     return list(row.default) if isinstance(row.default, tuple) else row.default
 
 
-def _value(parameter: RosParameter[Any]) -> Any:
-    # An empty list has no element type: rclpy calls it a byte array.
+def parameter_value(parameter: RosParameter[Any]) -> Any:
+    """Return a value; an empty list has no element type and is a byte array to rclpy."""
     return () if parameter.value in ([], (), b'') else parameter.value
 
 
-def _verdict(
-    rows: Mapping[str, Parameter], changes: list[RosParameter[Any]],
-) -> SetParametersResult:
-    try:
-        for change in changes:
-            if change.name in rows:
-                rows[change.name].check(_value(change))
-    except InputError as error:
-        return SetParametersResult(successful=False, reason=str(error))
-    return SetParametersResult(successful=True)
+def unknown_overrides(node: Node, table: str) -> list[str]:
+    """Return a line for each given parameter that the node does not have: a slip of the pen."""
+    rows = load_parameters()[table]
+    unknown = [name for name in node._parameter_overrides
+               if not node.has_parameter(name) and not name.startswith('qos_overrides.')]
+    lines = []
+    for name in unknown:
+        near = get_close_matches(name, rows, 1)
+        lines.append(f'{node.get_name()}: {name}: unknown parameter, not used'
+                     + (f'; did you mean {near[0]}?' if near else ''))
+    return lines

@@ -23,7 +23,7 @@ class Bench:
 
         self.loop = loop
         self.answers = loop.record('payload/inertia' if kind == 'estimator' else 'command')
-        self.diagnostics = loop.record('diagnostics')
+        self.diagnostics = loop.record('/diagnostics')
         self.node = (loop.start(PayloadEstimatorNode, **ESTIMATOR) if kind == 'estimator'
                      else loop.start(LQGControllerNode, **PAPER, adapt=False))
         self.joint_states = loop.publisher('joint_states')
@@ -44,9 +44,9 @@ class Bench:
         self.joint_states.publish(joint_state(k * STEP, joints, angle, effort=effort))
         self.strain.publish(joint_state(k * STEP, gauges, strain))
 
-    def answered(self, k: int) -> None:
+    def answered(self, k: int, **values: Any) -> None:
         """Publish a good sample k and wait for its answer."""
-        self.sample(k)
+        self.sample(k, **values)
         self.loop.until(lambda: k * STEP in self.answers.stamps)
 
     def status(self, name: str) -> Any:

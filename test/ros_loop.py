@@ -6,8 +6,8 @@ from collections.abc import Callable
 from typing import Any
 
 from msg_config import load_services
-from msg_config.contract_node import make_executor
 from msg_config.messages import stamp_of
+from msg_config.node_process import make_executor
 from msg_config.ros import create_publisher, create_subscription, interface_class
 from rclpy.clock import Clock, ClockType
 from rclpy.context import Context

@@ -30,7 +30,7 @@ CONTRACT = {
     'payload': 'std_msgs/msg/Float64MultiArray',
     'payload/inertia': 'geometry_msgs/msg/InertiaStamped',
     'innovation': 'sensor_msgs/msg/JointState',
-    'diagnostics': 'diagnostic_msgs/msg/DiagnosticArray',
+    '/diagnostics': 'diagnostic_msgs/msg/DiagnosticArray',
     'arm_markers': 'visualization_msgs/msg/MarkerArray',
     '/clock': 'rosgraph_msgs/msg/Clock',
 }
@@ -102,7 +102,8 @@ def test_parameter_file_holds_every_default() -> None:
     for node in NODES:
         values = content[node]['ros__parameters']
         assert check_parameters(node, values) == check_parameters(node, {})
-        assert list(values) == list(load_parameters()[node])
+        assert list(values) == [
+            name for name, row in load_parameters()[node].items() if row.default != ()]
 
 
 def test_an_int_becomes_a_double() -> None:
@@ -117,8 +118,7 @@ def test_an_int_becomes_a_double() -> None:
     ({'payload': True}, 'plant_sim: payload: expected a number from 0 to 100 kg, got True'),
     ({'modes': 2.0}, 'plant_sim: modes: expected an integer from 1 to 20, got 2.0'),
     ({'mode': 'fast'}, "plant_sim: mode: expected lockstep or realtime, got 'fast'"),
-    ({'effects': 'backlash'},
-     "plant_sim: effects: expected a list of texts, got 'backlash'"),
+    ({'effects': 7}, 'plant_sim: effects: expected a list of texts, got 7'),
     ({'payload_schedule': [1.0, 'a']},
      "plant_sim: payload_schedule: expected a list of numbers s, kg, got [1.0, 'a']"),
 ])
@@ -163,15 +163,13 @@ def test_nodes_declare_the_whole_table(ros_context: Context, name: str) -> None:
 
 
 @pytest.mark.ros
-def test_a_node_takes_an_int_for_a_double_at_start_and_later(ros_context: Context) -> None:
+def test_a_node_takes_an_int_for_a_double_at_the_start(ros_context: Context) -> None:
     from msg_config.ros import declare_parameters, parameter_values
-    from rclpy.parameter import Parameter
 
     node = _node(ros_context, 'plant_sim', payload=1, payload_schedule=[1, 0])
     values = declare_parameters(node)
     assert (values['payload'], values['payload_schedule']) == (1.0, (1.0, 0.0))
-    assert node.set_parameters([Parameter('payload', value=2)])[0].successful
-    assert parameter_values(node)['payload'] == 2.0
+    assert parameter_values(node) == values
     node.destroy_node()
 
 
@@ -184,22 +182,12 @@ def test_a_node_refuses_what_the_table_refuses(
     ros_context: Context, name: str, value: Any,
 ) -> None:
     from msg_config.ros import declare_parameters
-    from rclpy.parameter import Parameter
 
     refused = _node(ros_context, 'plant_sim', **{name: value})
     with pytest.raises(InputError, match=f'^plant_sim: .*{name}') as raised:
         declare_parameters(refused)
     assert '\n' not in str(raised.value)
     refused.destroy_node()
-
-    running = _node(ros_context, 'plant_sim')
-    before = declare_parameters(running)
-    result = running.set_parameters([Parameter(name, value=value)])[0]
-    assert not result.successful
-    assert result.reason
-    assert check_parameters('plant_sim', {
-        key: running.get_parameter(key).value or before[key] for key in before}) == before
-    running.destroy_node()
 
 
 def _note(received: set[str], name: str, _: Any) -> None:

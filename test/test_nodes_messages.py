@@ -68,8 +68,8 @@ def test_rejections_are_told_on_diagnostics(bench: Bench) -> None:
     bench.sample(1, strain=(0.0,) * 3)
     bench.answered(2)
     bench.loop.until(lambda: bench.status('input') is not None
-                     and bench.status('input').message.startswith('1 messages rejected'))
-    assert {value.key: value.value for value in bench.status('input').values}['rejected'] == '1'
+                     and bench.status('input').message.startswith('1 messages refused'))
+    assert {value.key: value.value for value in bench.status('input').values}['refused'] == '1'
 
 
 @pytest.mark.parametrize('bad', [np.nan, np.inf, -np.inf])

@@ -108,13 +108,13 @@ def test_markers_show_both_links_and_the_payload(loop: RosLoop) -> None:
 def test_real_time_holds_a_late_command_and_reports_it(loop: RosLoop) -> None:
     from msg_config.messages import joint_state
 
-    joints, diagnostics = loop.record('joint_states'), loop.record('diagnostics')
+    joints, diagnostics = loop.record('joint_states'), loop.record('/diagnostics')
     node = plant(loop, mode='realtime')
     command = loop.publisher('command')
     loop.until(lambda: len(joints) > 5)
     stamp = max(joints.stamps)
     command.publish(joint_state(stamp - 2 * STEP, JOINTS, effort=(0.3, 0.2)))
-    loop.until(lambda: node._held > 3)
+    loop.until(lambda: node.held.total.total() > 3)
     assert node.simulator.measure().command.tolist() == [0.3, 0.2]
     loop.until(lambda: any('no command in time' in s.message or 'no command for' in s.message
                            for m in diagnostics for s in m.status))

@@ -42,7 +42,7 @@ def test_a_node_ends_cleanly(
     from ros_loop import RosLoop
 
     loop = RosLoop(ros_context)
-    diagnostics = loop.record('diagnostics')
+    diagnostics = loop.record('/diagnostics')
     process = start(domain_id, node)
     try:
         loop.until(lambda: len(diagnostics) > 0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 import math
 
+from flex_payload_estimator.control.safeguards import BelievedPayload
 from flex_payload_estimator.kalman.predictor import KalmanPredictor
 from flex_payload_estimator.kalman.riccati import riccati_step, settled
 from flex_payload_estimator.model.delta import DeltaOperator
@@ -27,7 +28,7 @@ class LQGSettings:
     mass_0 : float
         Payload of the design until an estimate comes, kg.
     mass_max : float
-        Estimates are taken inside [0, mass_max], kg.
+        Estimates are taken inside [0, mass_max], kg, and change by at most that in a second.
     q_2 : float
         Q_2 = q_2 I.
     r_1, r_2 : float
@@ -79,8 +80,9 @@ class LQGController:
                  settings: LQGSettings = LQGSettings()):
         self.settings, self.step = settings, robot.sample_time
         self.model = payload_model(robot, model, modes)
-        self._limit = np.minimum([drive.command_limit for drive in robot.drives],
-                                 settings.command_limit)
+        self._drive_limits = np.array([drive.command_limit for drive in robot.drives])
+        self.limit_commands(settings.command_limit)
+        self._believed = BelievedPayload(settings.mass_0, settings.mass_max)
         n, extra = self.model.states, 2 * settings.integrator
         angles, end = self.model.output[:2], self.model.end_point[None]
         self.q_1 = angles.T @ angles + end.T @ end
@@ -99,6 +101,10 @@ class LQGController:
             self.command(0.0, np.zeros(len(self.model.scale)), np.zeros(2), 0.0, np.zeros(2))
         self.reset()
 
+    def limit_commands(self, limit: float) -> None:
+        """Let no command pass a magnitude, from the next one on; the drives' limits stay."""
+        self._limit = np.minimum(self._drive_limits, limit)
+
     def _settled_design(self) -> Array:
         """Return the S at which the iterations start: the solution at mass_0, theta_2 = 0."""
         a_bar, b_bar = self._delta(1.0, self.settings.mass_0)
@@ -109,6 +115,7 @@ class LQGController:
         self.kalman.reset()
         self.state = np.zeros(self._output_rows.shape[1])
         self.cost, self.gain = self._start.copy(), np.zeros((2, self.model.states))
+        self._believed.reset()
         self._mass, self._angle = self.settings.mass_0, 0.0
         self._output: Array | None = None
         self._model: tuple[Array, Array] | None = None
@@ -147,8 +154,8 @@ class LQGController:
         if np.isfinite(previous_command).all():
             self._previous = np.asarray(previous_command, dtype=float)
         self._predict(self.model.scale * output)
-        if self.settings.adapt and np.isfinite(mass):
-            self._mass = min(max(float(mass), 0.0), self.settings.mass_max)
+        if self.settings.adapt:
+            self._mass = self._believed(float(mass), time)
         self._model = self._delta(np.cos(self._angle), self._mass)
         self.gain, self.cost, _ = riccati_step(
             *self._model, self.q_1, self.q_2, self.cost, self.step)

@@ -5,20 +5,22 @@ from __future__ import annotations
 import sys
 from typing import Any
 
+from flex_payload_estimator.control.safeguards import CommandLimiter
+from flex_payload_estimator.control.set_points import SetPoints
 from flex_payload_estimator.control.trajectory import Trajectory
 from flex_payload_estimator.nodes.node_setup import controller_of, set_points_of
 from flex_payload_estimator.nodes.sample_node import Sample, SampleNode
-from msg_config.contract_node import DIAGNOSTICS_INTERVAL, run
-from msg_config.messages import (
-    diagnostic_status,
-    doubles,
-    joint_state,
-    JOINTS,
-    seconds,
-    set_stamp,
-)
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.simulation.plant_setup import robot_of
+from msg_config.contract_node import DIAGNOSTICS_INTERVAL
+from msg_config.errors import InputError
+from msg_config.messages import doubles, joint_state, JOINTS, seconds, set_stamp
+from msg_config.node_process import run
 import numpy as np
 from trajectory_msgs.msg import JointTrajectory
+
+WATCH_INTERVAL = 0.05
+SQUARE = ('reference_amplitude', 'reference_period')
 
 
 class LQGControllerNode(SampleNode):
@@ -27,56 +29,132 @@ class LQGControllerNode(SampleNode):
 
     With `adapt` a sample has a third part, payload/inertia: the mass with the stamp that
     std_msgs/Float64MultiArray lacks. Set-points are a square wave until `reference` comes.
+
+    A sample that cannot be used leaves the command as it is; from the second in a row on it goes
+    to zero, and so it does where no sample comes for the watchdog's time. What then comes is
+    taken up again, by a predictor that begins afresh after the watchdog's time.
     """
 
     def __init__(self, **options: Any):
+        self.limiter, self._referenced = CommandLimiter(), False
         super().__init__('lqg_controller', **options)
-        self.controller = self.configured(lambda: controller_of(self.values))
-        self.set_points = set_points_of(self.values)
         self._command = self.publisher('command')
-        self.commanded = self._sent = np.zeros(2)
-        self._message = joint_state(0, JOINTS, effort=self._sent)
+        self._message = joint_state(0, JOINTS, effort=self.limiter.sent)
+        self._blind, self._answered, self._stopped = 0, self.wall_time(), False
         self.subscribe('reference', self._on_reference)
-        estimate = ('payload/inertia',) if self.values['adapt'] else ()
-        self.listen('joint_states', 'strain', *estimate)
+        self.every(WATCH_INTERVAL, self._watch)
+        self.listen('joint_states', 'strain', 'payload/inertia')
+        self._choose_parts()
         self.every(DIAGNOSTICS_INTERVAL, self._report)
+
+    def build(self, values: dict[str, Any]) -> Any:
+        """Return the robot and the controller that parameters describe."""
+        return robot_of(values), controller_of(values)
+
+    def install(self, built: Any) -> None:
+        """Take over what `build` gave."""
+        robot, self.controller = built
+        self.take_robot(robot)
+        if not self._referenced:
+            self.set_points: SetPoints = set_points_of(self.values)
+        self.on_live(self.values)
+
+    def on_live(self, changed: dict[str, Any]) -> None:
+        """Let limits, watchdog and square set-points act at once."""
+        values = {**self.values, **changed}
+        if any(name in changed and changed[name] != self.values[name] for name in SQUARE):
+            if self._referenced:
+                raise InputError('reference_amplitude, reference_period: the set-points come from '
+                                 'topic reference')
+            self.set_points = set_points_of(values)
+        self.controller.limit_commands(values['command_limit'])
+        self.limiter.limit, self.limiter.slew = values['command_limit'], values['command_slew']
+
+    def begin_again(self) -> None:
+        """Put the changes in force that wait for a reset."""
+        super().begin_again()
+        self._choose_parts()
+
+    def _choose_parts(self) -> None:
+        """Let a sample hold the payload where the gain depends on it."""
+        self.pair('joint_states', 'strain', *(['payload/inertia'] * self.values['adapt']))
 
     def restart(self) -> None:
         """Forget everything but the set-points."""
         self.controller.reset()
-        self.commanded = self._sent = np.zeros(2)
+        self.limiter.sent = np.zeros(2)
+        self._blind = 0
 
     def take(self, sample: Sample) -> Any:
         """Return the command that answers a sample."""
-        mass = self.values['payload_initial'] if sample.mass is None else sample.mass
+        self._begin_again_if_lost(sample)
+        mass = np.nan if sample.mass is None else sample.mass
         command = self.controller.command(sample.time, sample.output, sample.command, mass,
                                           self.set_points(sample.time))
-        if np.all(np.isfinite(command)):
-            self.commanded = self._sent = command
-        else:
+        if not np.all(np.isfinite(command)):
             self.reject('command', f'the command at {sample.time:.9g} s is not finite; the one '
-                                   'before is kept')
-        set_stamp(self._message, sample.stamp)
-        self._message.effort = doubles(self._sent)
-        self.answer(self._message)
+                                   'before is kept', 'not finite')
+        elif self._blind:
+            command = self.limiter.sent if self._blind == 1 else np.zeros(2)
+        self._send(command, sample.stamp, self.robot.sample_time)
+        self._answered, self._stopped = self.wall_time(), False
         return self._message
+
+    def _begin_again_if_lost(self, sample: Sample) -> None:
+        """Count samples that say nothing; after the watchdog's time the prediction is lost."""
+        if not np.isfinite(sample.output).all():
+            self._blind += 1
+            return
+        if self._blind * self.robot.sample_time > self.values['watchdog'] > 0.0:
+            self.get_logger().warning(f'{self._blind} samples said nothing: the predictor begins '
+                                      'again')
+            self.controller.reset()
+        self._blind = 0
+
+    def _send(self, command: Array, stamp: int, time: float) -> None:
+        """Publish a command, as near as the limits allow, a time, s, after the last one."""
+        self.commanded = sent = self.limiter(command, time)
+        set_stamp(self._message, stamp)
+        self._message.effort = doubles(sent)
+        self.answer(self._message)
 
     def answer(self, answer: Any) -> None:
         """Publish a command."""
         self._command.publish(answer)
 
+    def _watch(self) -> None:
+        """Bring the command to zero where no sample comes."""
+        watchdog, last = self.values['watchdog'], self.order.last
+        age = self.wall_time() - self._answered
+        if last is None or not watchdog or age < watchdog or not self.limiter.sent.any():
+            return
+        if not self._stopped:
+            self._stopped = True
+            self.get_logger().warning(f'no sample for {age:.3g} s: the command goes to zero')
+        # The stamp of the last answer: in lock-step, where the plant waits, it is passed over.
+        self._send(np.zeros(2), last, WATCH_INTERVAL)
+
     def _on_reference(self, message: JointTrajectory) -> None:
         now = seconds(self.order.last or 0)
         self.set_points = Trajectory.of(message, self.set_points(now), now)
+        self._referenced = True
 
     def _report(self) -> None:
-        stamp = self.order.last
-        status = diagnostic_status(
-            'lqg_controller: command', 'stale' if stamp is None else 'ok',
-            'no sample yet' if stamp is None else 'ok',
-            {'time s': seconds(stamp or 0), 'command 1': float(self._sent[0]),
-             'command 2': float(self._sent[1])})
-        self.publish_diagnostics(stamp or 0, [status, self.sample_status()])
+        status = self.status('command', *self._state(), {
+            'time s': seconds(self.order.last or 0), 'command 1': float(self.limiter.sent[0]),
+            'command 2': float(self.limiter.sent[1])})
+        self.publish_diagnostics([status, self.sample_status()])
+
+    def _state(self) -> tuple[str, str]:
+        """Return level and text of what the commands do."""
+        if self.order.last is None:
+            return 'stale', 'no sample yet'
+        age = self.wall_time() - self._answered
+        if self.values['watchdog'] and age > self.values['watchdog']:
+            return 'error', f'no sample for {age:.3g} s: the command is zero'
+        if self._blind > 1:
+            return 'error', f'{self._blind} samples said nothing: the command is zero'
+        return 'ok', 'ok'
 
 
 def main() -> None:

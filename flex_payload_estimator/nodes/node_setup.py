@@ -52,11 +52,22 @@ def controller_of(values: Mapping[str, Any]) -> LQGController:
         Naming the parameter, what was expected and what came.
 
     """
+    robot = robot_of(values)
     settings = LQGSettings(
-        adapt=values['adapt'], mass_0=values['payload_initial'], q_2=values['q_2'],
+        adapt=values['adapt'], mass_0=values['payload_initial'],
+        mass_max=largest_payload(values, robot), q_2=values['q_2'],
         r_1=values['r_1'], r_2=values['r_2'], terms=values['n_prime'],
         integrator=values['integrator'], command_limit=values['command_limit'])
-    return LQGController(_as_built(robot_of(values)), values['model'], values['modes'], settings)
+    return LQGController(_as_built(robot), values['model'], values['modes'], settings)
+
+
+def largest_payload(values: Mapping[str, Any], robot: Robot) -> float:
+    """
+    Return what the arm may be believed to carry, kg.
+
+    Where payload_max leaves it open: what `rpe` allows, four lower links and twice the nominal.
+    """
+    return float(values['payload_max'] or 4.0 * robot.links[1].mass + 2.0 * robot.payload_mass)
 
 
 def _as_built(robot: Robot) -> Robot:

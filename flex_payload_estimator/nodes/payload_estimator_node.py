@@ -12,18 +12,18 @@ from flex_payload_estimator.estimators.base import Estimate
 from flex_payload_estimator.nodes.model_health import HealthReport, ModelHealth
 from flex_payload_estimator.nodes.node_setup import estimator_of
 from flex_payload_estimator.nodes.sample_node import Sample, SampleNode
-from msg_config.contract_node import DIAGNOSTICS_INTERVAL, run
+from flex_plant_sim.simulation.plant_setup import robot_of
+from msg_config.contract_node import DIAGNOSTICS_INTERVAL
 from msg_config.messages import (
     channels,
     check_finite,
-    diagnostic_status,
     doubles,
     joint_state,
     JOINTS,
-    nanoseconds,
     set_stamp,
     stamp_of,
 )
+from msg_config.node_process import run
 from msg_config.ros import PayloadPublisher
 import numpy as np
 from sensor_msgs.msg import JointState
@@ -42,34 +42,41 @@ class PayloadEstimatorNode(SampleNode):
     """
     Answers every sample with payload, payload/inertia and innovation of the same stamp.
 
-    Diagnostics come once a second of data, at every change of status, and, where no data
-    comes, once a second of wall time.
+    Diagnostics come once a second of wall time and at every change of status.
     """
 
     def __init__(self, **options: Any):
         super().__init__('payload_estimator', **options)
-        self.estimator = self.configured(lambda: estimator_of(self.values))
-        self.health = ModelHealth(self.channels, self.robot.sample_time)
         self._payload = PayloadPublisher(self)
         self._innovation = self.publisher('innovation')
         # Made once and filled at every sample: making it takes longer than sending it.
         empty = np.zeros(len(self.channels))
         self._message = joint_state(0, self.channels, empty, effort=empty)
         self._estimate: Estimate | None = None
-        self._reported, self._silent, self._events = 0, True, 0
-        self._prepare = getattr(self.estimator, 'prepare', None)
-        self._conclude = getattr(self.estimator, 'conclude', None)
+        self._events = 0
         self._prepared: int | None = None
         self.subscribe('command', self._on_command)
         self.listen('joint_states', 'strain')
-        self.every(DIAGNOSTICS_INTERVAL, self._on_wall_timer)
+        self.every(DIAGNOSTICS_INTERVAL, self._report)
+
+    def build(self, values: dict[str, Any]) -> Any:
+        """Return the robot and the estimator that parameters describe."""
+        return robot_of(values), estimator_of(values)
+
+    def install(self, built: Any) -> None:
+        """Take over what `build` gave."""
+        robot, self.estimator = built
+        self.take_robot(robot)
+        self.health = ModelHealth(self.channels, robot.sample_time)
+        self._prepare = getattr(self.estimator, 'prepare', None)
+        self._conclude = getattr(self.estimator, 'conclude', None)
 
     def restart(self) -> None:
         """Forget everything."""
         self.estimator.reset()
         self.health.reset()
         self.commanded = self._prepared = None
-        self._estimate, self._reported, self._events = None, 0, 0
+        self._estimate, self._events = None, 0
 
     def take(self, sample: Sample) -> Any:
         """Answer a new sample: the payload goes out first, as somebody waits for it."""
@@ -82,7 +89,7 @@ class PayloadEstimatorNode(SampleNode):
         innovation = self._answer_innovation(sample.stamp, estimate)
         if self._conclude is not None:
             self._conclude()
-        self._watch(sample.stamp, estimate)
+        self._watch(estimate)
         return payload, innovation
 
     def _estimate_of(self, sample: Sample) -> Estimate | None:
@@ -127,26 +134,19 @@ class PayloadEstimatorNode(SampleNode):
         self._innovation.publish(innovation)
         return innovation
 
-    def _watch(self, stamp: int, estimate: Estimate) -> None:
+    def _watch(self, estimate: Estimate) -> None:
         before, self._estimate = self._estimate, estimate
         if estimate.status not in NO_INNOVATION:
             self.health.add(estimate.innovation, estimate.innovation_std)
         changed = before is None or before.status != estimate.status
         found, self._events = self._events, len(self._changes())
-        due = stamp - self._reported >= nanoseconds(DIAGNOSTICS_INTERVAL)
-        if changed or due or self._events > found:
-            self._report(stamp)
+        if changed or self._events > found:
+            self._report()
 
-    def _on_wall_timer(self) -> None:
-        if self._silent:
-            self._report(self.order.last or 0)
-        self._silent = True
-
-    def _report(self, stamp: int) -> None:
-        self._reported, self._silent = stamp, False
-        self.publish_diagnostics(stamp, [
+    def _report(self) -> None:
+        self.publish_diagnostics([
             self._estimator_status(), self._change_status(), self.sample_status(),
-            model_status(self.health.report())])
+            self._model_status(self.health.report())])
 
     def _changes(self) -> list[Any]:
         """Return the payload changes that the estimator has found, if it looks for them."""
@@ -155,36 +155,34 @@ class PayloadEstimatorNode(SampleNode):
     def _change_status(self) -> DiagnosticStatus:
         changes = self._changes()
         if not changes:
-            return diagnostic_status('payload_estimator: payload change', 'ok', 'none', {})
+            return self.status('payload change', 'ok', 'none', {})
         last = changes[-1]
         text = (f'the payload went from {last.before:.4g} to {last.after:.4g} kg at '
                 f'{last.time:.6g} s, found at {last.found:.6g} s')
-        return diagnostic_status('payload_estimator: payload change', 'ok', text, {
+        return self.status('payload change', 'ok', text, {
             'count': len(changes), 'time s': float(last.time), 'found s': float(last.found),
             'before kg': float(last.before), 'after kg': float(last.after)})
 
     def _estimator_status(self) -> DiagnosticStatus:
         if self._estimate is None:
-            return diagnostic_status('payload_estimator: estimate', 'stale', 'no sample yet', {})
+            return self.status('estimate', 'stale', 'no sample yet', {})
         estimate = self._estimate
         level, text = MESSAGES.get(estimate.status, ('ok', estimate.status))
-        return diagnostic_status('payload_estimator: estimate', level, text, {
+        return self.status('estimate', level, text, {
             'status': estimate.status, 'time s': float(estimate.time),
             'mass kg': float(estimate.mass),
             'standard deviation kg': float(np.sqrt(max(estimate.variance, 0.0)))})
 
-
-def model_status(report: HealthReport) -> DiagnosticStatus:
-    """Return the model's health as a status: normalised innovation squared and whiteness."""
-    values: dict[str, object] = {
-        'window samples': report.samples, 'diagnosis worth running': report.diagnose}
-    for channel in report.channels:
-        values[f'{channel.name} nis'] = channel.nis
-        values[f'{channel.name} whiteness'] = channel.whiteness
-        values[f'{channel.name} shape'] = channel.shape
-    suspect = any(channel.suspect for channel in report.channels)
-    return diagnostic_status('payload_estimator: model', 'warn' if suspect else 'ok',
-                             report.text, values)
+    def _model_status(self, report: HealthReport) -> DiagnosticStatus:
+        """Return the model's health: normalised innovation squared and whiteness."""
+        values: dict[str, object] = {
+            'window samples': report.samples, 'diagnosis worth running': report.diagnose}
+        for channel in report.channels:
+            values[f'{channel.name} nis'] = channel.nis
+            values[f'{channel.name} whiteness'] = channel.whiteness
+            values[f'{channel.name} shape'] = channel.shape
+        suspect = any(channel.suspect for channel in report.channels)
+        return self.status('model', 'warn' if suspect else 'ok', report.text, values)
 
 
 def main() -> None:

@@ -7,20 +7,20 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from flex_payload_estimator.nodes.pairing import Order, Pairing, StampOrder
+from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.simulation.plant_setup import robot_of
 from geometry_msgs.msg import InertiaStamped
 from msg_config.contract_node import ContractNode
 from msg_config.errors import InputError
 from msg_config.messages import (
     channels,
     check_finite,
-    diagnostic_status,
     JOINTS,
     payload_mass,
     seconds,
     stamp_of,
 )
+from msg_config.recent_counts import RecentCounts
 import numpy as np
 from sensor_msgs.msg import JointState
 
@@ -72,26 +72,29 @@ class SampleNode(ContractNode):
 
     def __init__(self, name: str, **options: Any):
         super().__init__(name, **options)
-        self.robot = self.configured(lambda: robot_of(self.values))
-        self.gauges, self.channels = self.robot.gauge_names, self.robot.output_names
         self.order = StampOrder()
         self._pairing = Pairing(())
         self._answer: Any = None
         self.commanded: Array | None = None
-        self._lost = 0
+        self._lost: RecentCounts[str] = RecentCounts()
         self._restarts = 0
 
-    def listen(self, *parts: str) -> None:
-        """
-        Take samples made of these topics' messages of one stamp, and offer ~/reset.
+    def take_robot(self, robot: Robot) -> None:
+        """Take over the robot and the names of its channels."""
+        self.robot = robot
+        self.gauges, self.channels = robot.gauge_names, robot.output_names
 
-        Call it when all else is ready.
-        """
+    def pair(self, *parts: str) -> None:
+        """Make samples of these topics' messages of one stamp."""
+        self._parts, self._pairing = parts, Pairing(parts)
+
+    def listen(self, *topics: str) -> None:
+        """Take these topics' messages, and offer ~/reset. Call it when all else is ready."""
         callbacks = {'joint_states': self._on_joint_states, 'strain': self._on_strain,
                      'payload/inertia': self._on_inertia}
-        self._pairing = Pairing(parts)
-        for part in parts:
-            self.subscribe(part, callbacks[part])
+        self.pair(*topics)
+        for topic in topics:
+            self.subscribe(topic, callbacks[topic])
         self.offer('~/reset', self._on_reset)
 
     def take(self, sample: Sample) -> Any:
@@ -128,6 +131,8 @@ class SampleNode(ContractNode):
         self._add('payload/inertia', stamp_of(message), payload_mass(message))
 
     def _add(self, part: str, stamp: int, value: Any) -> None:
+        if part not in self._parts:
+            return
         parts = self._pairing.add(part, stamp, value)
         if parts is not None:
             angle, command = parts['joint_states']
@@ -160,12 +165,13 @@ class SampleNode(ContractNode):
         count = seconds(interval) / self.robot.sample_time
         if abs(count - 1.0) <= UNEVEN:
             return
-        self._lost += max(round(count) - 1, 1)
+        self._lost.add('lost', self.wall_time(), max(round(count) - 1, 1))
         self.get_logger().warning(
             f'joint_states, strain: expected a sample every {self.robot.sample_time:.9g} s, '
             f'got one after {seconds(interval):.9g} s', throttle_duration_sec=1.0)
 
     def _on_reset(self, _: Any, response: Any) -> Any:
+        self.begin_again()
         self.restart()
         self._pairing.clear()
         self.order.clear()
@@ -175,9 +181,10 @@ class SampleNode(ContractNode):
 
     def sample_status(self) -> DiagnosticStatus:
         """Return how the samples come."""
-        name = f'{self.get_name()}: samples'
-        values = {'lost or uneven': self._lost, 'restarts': self._restarts}
+        lost = self._lost.recent(self.wall_time()).total()
+        values: dict[str, object] = {
+            'lost or uneven': self._lost.total.total(), 'restarts': self._restarts}
         if self.order.last is None:
-            return diagnostic_status(name, 'stale', 'no sample yet', values)
-        text = f'{self._lost} samples lost or not at the sampling time' if self._lost else 'ok'
-        return diagnostic_status(name, 'warn' if self._lost else 'ok', text, values)
+            return self.status('samples', 'stale', 'no sample yet', values)
+        text = f'{lost} samples lost or not at the sampling time lately' if lost else 'ok'
+        return self.status('samples', 'warn' if lost else 'ok', text, values)

@@ -108,7 +108,7 @@ def _spin(experiment: Experiment) -> LoopRecord:
     from flex_payload_estimator.nodes.payload_estimator_node import PayloadEstimatorNode
     from flex_payload_estimator.nodes.topic_recorder import TopicRecorder
     from flex_plant_sim.nodes.plant_sim_node import PlantSim
-    from msg_config.contract_node import make_executor
+    from msg_config.node_process import make_executor
     from rclpy.parameter import Parameter
     from rclpy.task import Future
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 import importlib
 import math
@@ -60,10 +61,17 @@ def build(spec: EffectSpec, robot: Robot | None = None) -> Effect:
     effect = catalogue()[spec.name]
     _check_site(effect, spec, robot)
     known = [parameter.name for parameter in effect.parameters]
+    spec = replace(spec, values={_full(name, known): value for name, value in spec.values.items()})
     for name in spec.values:
         if name not in known:
             raise InputError(f'effects: {spec.name}: expected {", ".join(known)}, got {name!r}')
     return effect(spec.site, tuple(_value(spec, parameter) for parameter in effect.parameters))
+
+
+def _full(name: str, known: Sequence[str]) -> str:
+    """Return the one name that this is, with its unit left out (level for level_n_m)."""
+    longer = [full for full in known if full.startswith(f'{name}_')]
+    return longer[0] if name not in known and len(longer) == 1 else name
 
 
 def _check_site(effect: type[Effect], spec: EffectSpec, robot: Robot | None) -> None:

@@ -8,13 +8,12 @@ from typing import Any
 from flex_plant_sim.nodes.arm_markers import arm_markers
 from flex_plant_sim.simulation.arm_shape import ArmShape
 from flex_plant_sim.simulation.plant_setup import simulator_of
-from msg_config.contract_node import ContractNode, DIAGNOSTICS_INTERVAL, run
+from msg_config.contract_node import ContractNode, DIAGNOSTICS_INTERVAL
 from msg_config.errors import InputError
 from msg_config.messages import (
     channels,
     check_finite,
     clock_message,
-    diagnostic_status,
     doubles,
     joint_state,
     JOINTS,
@@ -23,6 +22,8 @@ from msg_config.messages import (
     set_stamp,
     stamp_of,
 )
+from msg_config.node_process import run
+from msg_config.recent_counts import RecentCounts
 import numpy as np
 from sensor_msgs.msg import JointState
 
@@ -44,15 +45,13 @@ class PlantSim(ContractNode):
 
     def __init__(self, **options: Any):
         super().__init__('plant_sim', **options)
-        self.simulator = self.configured(lambda: simulator_of(self.values))
-        self.shape = ArmShape.of(self.simulator.arm)
-        self.gauges = self.simulator.arm.robot.gauge_names
+        gauges = self.simulator.arm.robot.gauge_names
         self._lockstep = self.values['mode'] == 'lockstep'
         self._joint_states = self.publisher('joint_states')
         self._strain = self.publisher('strain')
         self._markers = self.publisher('arm_markers')
         self._clock_publisher = self.publisher('/clock') if self.values['publish_clock'] else None
-        self._messages = joint_state(0, JOINTS), joint_state(0, self.gauges)
+        self._messages = joint_state(0, JOINTS), joint_state(0, gauges)
         self.subscribe('command', self._on_command)
         self.offer('~/reset', self._on_reset)
         self.offer('~/pause', self._on_pause)
@@ -65,14 +64,23 @@ class PlantSim(ContractNode):
             self.every(self.simulator.arm.robot.sample_time, self._tick)
         self.every(DIAGNOSTICS_INTERVAL, self._report)
 
+    def build(self, values: dict[str, Any]) -> Any:
+        """Return the simulator that parameters describe, and how its arm is drawn."""
+        simulator = simulator_of(values)
+        return simulator, ArmShape.of(simulator.arm)
+
+    def install(self, built: Any) -> None:
+        """Take over what `build` gave."""
+        self.simulator, self.shape = built
+
     def _start(self) -> None:
         """Begin at rest at time zero."""
         self.simulator.reset()
         self._sent, self._permits = np.zeros(2), 0
         self._latest, self._latest_stamp = np.zeros(2), -1
         self._answered = self._diverged = False
-        self._origin, self._resend_at, self._held, self._late, self._worst = (
-            self.wall_time(), 0.0, 0, 0, 0.0)
+        self._origin, self._resend_at, self._late, self._worst = self.wall_time(), 0.0, 0, 0.0
+        self.held: RecentCounts[str] = RecentCounts()
         self._next_marker = 0.0
         self._sample()
 
@@ -160,7 +168,7 @@ class PlantSim(ContractNode):
 
     def _held_command(self) -> np.ndarray:
         if not self._answered and self._latest_stamp >= 0:
-            self._held += 1
+            self.held.add('held', self.wall_time())
         age = seconds(self._stamp - self._latest_stamp)
         return self._latest if age <= COMMAND_TIMEOUT else np.zeros(2)
 
@@ -170,6 +178,7 @@ class PlantSim(ContractNode):
 
     def _on_reset(self, _: Any, response: Any) -> Any:
         self._paused = self._paused and not self._diverged
+        self.begin_again()
         self._start()
         response.success, response.message = True, 'at rest at 0 s'
         return response
@@ -209,18 +218,19 @@ class PlantSim(ContractNode):
         quiet = self._latest_stamp < 0 or (
             seconds(self._stamp - self._latest_stamp) > COMMAND_TIMEOUT)
         waiting = self.wall_time() - self._resend_at > DIAGNOSTICS_INTERVAL
+        held = self.held.recent(self.wall_time()).total()
         level, text = 'ok', 'paused' if self._paused else 'ok'
         if self._diverged:
             level, text = 'error', f'the arm diverged at {self._now}'
         elif not self._paused and (waiting if self._lockstep else quiet):
             level, text = 'warn', f'no command for the sample at {self._now}'
-        elif self._held:
+        elif held:
             level = 'warn'
-            text = f'{self._held} samples had no command in time and kept the one before'
-        status = diagnostic_status('plant_sim: command', level, text, {
-            'time s': self.simulator.time, 'held': self._held, 'late': self._late,
+            text = f'{held} samples had no command in time and kept the one before'
+        status = self.status('command', level, text, {
+            'time s': self.simulator.time, 'held': self.held.total.total(), 'late': self._late,
             'latest by s': self._worst})
-        self.publish_diagnostics(self._stamp, [status])
+        self.publish_diagnostics([status])
 
 
 def main() -> None:

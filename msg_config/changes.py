@@ -1,0 +1,91 @@
+"""Changes of parameters while a node runs: at once, at the reset, or refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from msg_config.errors import InputError
+from msg_config.parameters import load_parameters
+from msg_config.ros import parameter_value
+
+
+class Changes:
+    """
+    Sorts changes by what the table says of them, and keeps those that wait.
+
+    What waits has been built already, so that it is known to fit: a reset only takes it over.
+
+    Parameters
+    ----------
+    node : str
+        Name of the table.
+    values : dict
+        The parameters in force.
+
+    Attributes
+    ----------
+    values : dict
+        The parameters in force.
+
+    """
+
+    def __init__(self, node: str, values: dict[str, Any]):
+        self.values = values
+        self._rows = load_parameters()[node]
+        self._wanted = dict(values)
+        self._built: Any = None
+
+    def sort(self, parameters: Sequence[Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+        """
+        Return what must wait for a reset, and what acts at once.
+
+        Parameters
+        ----------
+        parameters : sequence of rclpy.parameter.Parameter
+            Those of other tables (use_sim_time) are left to their owners.
+
+        Raises
+        ------
+        InputError
+            A value does not fit, or a read-only parameter would change.
+
+        """
+        later, live = {}, {}
+        for parameter in parameters:
+            row = self._rows.get(parameter.name)
+            if row is None:
+                continue
+            value = row.check(parameter_value(parameter))
+            if row.applies == 'live':
+                live[row.name] = value
+            elif value != self._wanted[row.name]:
+                if row.applies == 'read_only':
+                    raise InputError(f'{row.name}: read-only while the node runs: start it again '
+                                     f'with {row.name}:={parameter.value}')
+                later[row.name] = value
+        return later, live
+
+    def prepare(self, live: dict[str, Any], later: dict[str, Any],
+                build: Callable[[dict[str, Any]], Any]) -> Any:
+        """Return what the parameters after the next reset describe, or raise InputError."""
+        return build({**self._wanted, **live, **later}) if later else None
+
+    def accept(self, live: dict[str, Any], later: dict[str, Any], prepared: Any,
+               ) -> dict[str, Any]:
+        """Return the values in force with the live ones; keep what must wait."""
+        self._wanted = {**self._wanted, **live, **later}
+        self._built = prepared if later else self._built
+        self.values = {**self.values, **live}
+        return self.values
+
+    @property
+    def waiting(self) -> list[str]:
+        """Names of what is in force after the next reset only."""
+        return [name for name, value in self._wanted.items() if value != self.values[name]]
+
+    def take(self) -> Any:
+        """Return what was built, if anything waits; from now on it is in force."""
+        built, self._built = self._built, None
+        self.values = dict(self._wanted)
+        return built

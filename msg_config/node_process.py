@@ -1,0 +1,85 @@
+"""A node as a process: its executor, its end, and what a bad start says."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+import gc
+import sys
+from typing import Any
+
+from msg_config.contract_node import ContractNode
+from msg_config.errors import InputError
+import rclpy
+from rclpy.context import Context
+from rclpy.exceptions import ROSInterruptException
+from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.task import Future
+
+
+def make_executor(context: Context | None = None) -> Executor:
+    """Return an EventsExecutor, or before ROS 2 Kilted the single-threaded one."""
+    try:
+        from rclpy.experimental import EventsExecutor
+    except ImportError:
+        return SingleThreadedExecutor(context=context)
+    return EventsExecutor(context=context)
+
+
+def spin(executor: Executor, stop: Future[Any]) -> None:
+    """Run until `stop` is done; without a time-out an EventsExecutor would never rest."""
+    while not stop.done():
+        executor.spin_until_future_complete(stop, timeout_sec=1e6)
+
+
+def run(make: Callable[[], ContractNode], arguments: Sequence[str] | None = None) -> int:
+    """
+    Run one node until Ctrl-C or SIGTERM.
+
+    Parameters
+    ----------
+    make : callable
+        Returns the node.
+    arguments : sequence of str, optional
+        By default those of the process.
+
+    Returns
+    -------
+    int
+        0 after SIGTERM or shutdown, 130 after Ctrl-C (0 where rclpy shuts down before Python
+        sees the signal), 2 for a bad parameter, which is named in one line.
+
+    """
+    try:
+        rclpy.init(args=list(sys.argv if arguments is None else arguments))
+    except Exception as error:  # noqa: B902  rclpy's argument errors share no base class
+        return _refuse(error)
+    node = None
+    try:
+        node = make()
+        executor = make_executor()
+        executor.add_node(node)
+        # What is there stays: the collector need not look at it again and again.
+        gc.collect()
+        gc.freeze()
+        spin(executor, node.interrupted)
+    except InputError as error:
+        return _refuse(error)
+    except KeyboardInterrupt:
+        return 130
+    except (ExternalShutdownException, ROSInterruptException):
+        return 0
+    except Exception:  # noqa: B902
+        # A signal before the node was whole.
+        if rclpy.ok():
+            raise
+        return 130
+    finally:
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return 130
+
+
+def _refuse(error: Exception) -> int:
+    print(' '.join(str(error).split()), file=sys.stderr)
+    return 2

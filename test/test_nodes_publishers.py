@@ -1,0 +1,88 @@
+"""Two publishers on a topic: the first is kept, and it is said."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import time
+from typing import TYPE_CHECKING
+
+from msg_config.first_publisher import FirstPublisher, SILENCE
+from msg_config.recent_counts import RecentCounts, WINDOW
+from node_bench import Bench, GAUGES, STEP
+import pytest
+
+if TYPE_CHECKING:
+    from rclpy.context import Context
+    from ros_loop import RosLoop
+
+
+def gid(process: int, number: int) -> bytes:
+    """Return a publisher's gid."""
+    return bytes([process] * 12 + [0, 0, number, 3])
+
+
+def test_the_first_publisher_is_kept_until_it_is_silent() -> None:
+    first, one, other = FirstPublisher(), gid(1, 1), gid(2, 1)
+    assert first.hears('strain', one, 0.0)
+    assert not first.hears('strain', other, 0.1)
+    assert first.hears('strain', one, 0.4)
+    assert not first.hears('strain', other, 0.4 + SILENCE)
+    assert first.hears('strain', other, 0.41 + SILENCE)
+    assert not first.hears('strain', one, 0.42 + SILENCE)
+    assert first.hears('strain', None, 0.43 + SILENCE), 'where the middleware tells none'
+
+
+def test_joints_and_strain_are_of_one_process() -> None:
+    first = FirstPublisher()
+    assert first.hears('joint_states', gid(1, 1), 0.0)
+    assert first.hears('strain', gid(2, 2), 0.0)
+    assert first.hears('strain', gid(1, 2), 0.01)
+    assert not first.hears('strain', gid(2, 2), 0.02)
+    assert not first.hears('joint_states', gid(2, 1), 0.03)
+
+
+def test_counts_of_long_ago_are_no_longer_told() -> None:
+    counts: RecentCounts[str] = RecentCounts()
+    for second in range(100):
+        counts.add('a', float(second))
+    assert counts.recent(99.5).total() == WINDOW
+    counts.add('b', 120.0)
+    assert counts.recent(120.5) == {'b': 1}
+    assert counts.recent(200.0) == {}
+    assert counts.total == {'a': 100, 'b': 1}
+
+
+@pytest.fixture
+def loop(ros_context: Context) -> Iterator[RosLoop]:
+    """Return an executor in a ROS domain of its own."""
+    from ros_loop import RosLoop
+
+    loop = RosLoop(ros_context)
+    yield loop
+    loop.close()
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize('kind', ['estimator', 'controller'])
+def test_a_second_publisher_is_not_heard_and_told_within_a_second(
+    loop: RosLoop, kind: str,
+) -> None:
+    from msg_config.messages import joint_state
+
+    bench = Bench(loop, kind)
+    bench.answered(0)
+    stranger = loop.publisher('strain')
+    loop.until(lambda: bench.node.count_publishers('strain') == 2)
+    for k in range(1, 4):
+        stranger.publish(joint_state((k + 1) * STEP, GAUGES, (1.3e-4,) * 4))
+        bench.answered(k)
+    begin = time.monotonic()
+    loop.until(lambda: bench.status('publishers') is not None
+               and 'only the first is heard' in bench.status('publishers').message)
+    assert time.monotonic() - begin < 1.2
+    assert bench.status('publishers').message.startswith('2 publishers of strain')
+    assert bench.node.rejected == {'strain': 3}
+    loop.wait(SILENCE + 0.1)
+    stranger.publish(joint_state(4 * STEP, GAUGES, (0.0,) * 4))
+    bench.sample(4)
+    loop.until(lambda: 4 * STEP in bench.answers.stamps)
