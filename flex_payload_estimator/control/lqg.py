@@ -28,7 +28,7 @@ class LQGSettings:
     mass_0 : float
         Payload of the design until an estimate comes, kg.
     mass_max : float
-        Estimates are taken inside [0, mass_max], kg, and change by at most that in a second.
+        Estimates are taken inside [0, mass_max], kg, no faster than a gripper closes.
     q_2 : float
         Q_2 = q_2 I.
     r_1, r_2 : float

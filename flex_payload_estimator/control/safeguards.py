@@ -7,6 +7,10 @@ import math
 from flex_plant_sim.arm.second_order import Array
 import numpy as np
 
+# No gripper takes or lets go of the largest payload in less, s; one wrong message at 100 Hz then
+# moves the payload by a tenth of its range at most.
+CLOSING_TIME = 0.1
+
 
 class CommandLimiter:
     """
@@ -39,9 +43,7 @@ class CommandLimiter:
 
 class BelievedPayload:
     """
-    The payload that the gain is scheduled on: in range, by no more than the largest in a second.
-
-    No gripper is much quicker, so a faster jump is the estimate's, not the arm's.
+    The payload that the gain is scheduled on: in range, and no faster than a gripper closes.
 
     Parameters
     ----------
@@ -62,7 +64,7 @@ class BelievedPayload:
 
     def __call__(self, estimate: float, time: float) -> float:
         """Return the mass after an estimate, kg, at a time, s; the last where it is no number."""
-        step = self.largest * max(time - self._time, 0.0)
+        step = self.largest / CLOSING_TIME * max(time - self._time, 0.0)
         if math.isfinite(estimate):
             inside = min(max(estimate, 0.0), self.largest)
             self.mass = min(max(inside, self.mass - step), self.mass + step)
