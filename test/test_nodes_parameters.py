@@ -53,7 +53,7 @@ def setting(loop: RosLoop, node: str, **values: Any) -> Any:
 
     client = AsyncParameterClient(loop.observer, node)
     loop.until(client.services_are_ready)
-    future = client.set_parameters([Parameter(k, value=v) for k, v in values.items()])
+    future: Any = client.set_parameters([Parameter(k, value=v) for k, v in values.items()])
     loop.until(future.done)
     return future.result().results
 
