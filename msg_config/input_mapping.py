@@ -77,8 +77,9 @@ class Channels:
             if len(found) > 1:
                 raise InputError(f'{where}: name: expected {own} once, got {_listed(given)}')
             if not found:
-                called = own if own in names else f'{own} as {names[0]}'
-                raise InputError(f'{where}: name: expected {called}, got {_listed(given)}')
+                wanted = ', '.join(names[0] for names in self.sources)
+                raise InputError(f'{where}: name: expected {wanted}; {names[0]} is missing from '
+                                 f'{_listed(given)}')
             rows.append(found[0])
         return rows
 
@@ -117,7 +118,7 @@ class Channels:
 
 
 def _listed(names: Sequence[str]) -> str:
-    return ', '.join(repr(str(name)[:40]) for name in list(names)[:8]) or 'none'
+    return ', '.join(str(name)[:40] or "''" for name in list(names)[:8]) or 'an empty list'
 
 
 @dataclass(frozen=True)

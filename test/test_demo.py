@@ -96,7 +96,7 @@ def test_another_run_replaces_the_output_and_spares_what_is_not_a_demo_s(
     for seed in ('1', '2'):
         assert demo.main([*options, 'again', '--seed', seed]) == 0
         assert sorted(path.name for path in (tmp_path / 'again').iterdir()) == [
-            'run.csv', 'run_mcap', 'summary.json']
+            'run.csv', 'run.origin.yaml', 'run_mcap', 'summary.json']
         summary = json.loads((tmp_path / 'again' / 'summary.json').read_text())
         assert summary['seed'] == int(seed)
     (tmp_path / 'mine').mkdir()

@@ -88,7 +88,7 @@ def test_logs_must_be_sampled_alike(at_rest: Path, tmp_path: Path) -> None:
     record = simulated(duration=8.0)
     other = write(replace(record, time=1.02 * record.time), tmp_path / 'other.csv')
     with pytest.raises(InputError, match=r'other.csv: expected a sample time of 0.01 s'):
-        read_logs([str(at_rest), str(other)], REFERENCE)
+        read_logs([str(at_rest), str(other)], REFERENCE, 'assumed_modes', 3)
 
 
 def test_progress_bar_is_silent_where_nobody_watches(

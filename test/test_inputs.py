@@ -53,9 +53,9 @@ def test_joints_may_bear_the_names_of_their_drives() -> None:
 
 @pytest.mark.parametrize('given, values, message', [
     ([], [1.0, 2.0], 'expected 0 values, one for each name, got 2'),
-    (['', ''], [1.0, 2.0], "expected joint_1, got '', ''"),
-    (['a', 'b'], [1.0, 2.0], "expected joint_1, got 'a', 'b'"),
-    (['joint_1', 'joint_1'], [1.0, 2.0], "expected joint_1 once, got 'joint_1', 'joint_1'"),
+    (['', ''], [1.0, 2.0], "expected joint_1, joint_2; joint_1 is missing from '', ''"),
+    (['joint_1', 'b'], [1.0, 2.0], 'joint_2 is missing from joint_1, b'),
+    (['joint_1', 'joint_1'], [1.0, 2.0], 'expected joint_1 once, got joint_1, joint_1'),
     (['joint_1', 'shoulder', 'joint_2'], [1.0, 2.0, 3.0], 'expected joint_1 once'),
 ])
 def test_names_that_do_not_say_which_are_refused(given: list[str], values: list[float],

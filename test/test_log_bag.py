@@ -47,13 +47,14 @@ def ticks(count: int) -> list[int]:
 
 
 def states(count: int) -> list[tuple[str, int, Any]]:
-    """Return joint states k, -k with the effort applied before sample k: 10 (k - 1), 0."""
-    return [('/arm/joint_states', t + 5, joint_state(t, JOINTS, [k, -k], [10.0 * (k - 1), 0.0]))
+    """Return angles k / 10, -k / 10, and the effort applied before sample k: 10 (k - 1), 0."""
+    return [('/arm/joint_states', t + 5,
+             joint_state(t, JOINTS, [k / 10, -k / 10], [10.0 * (k - 1), 0.0]))
             for k, t in enumerate(ticks(count))]
 
 
 def strains(count: int) -> list[tuple[str, int, Any]]:
-    return [('/arm/strain', t + 9, joint_state(t, GAUGES, [k, 0.1, 0.2, 0.3]))
+    return [('/arm/strain', t + 9, joint_state(t, GAUGES, [k / 1e3, 1e-4, 2e-4, 3e-4]))
             for k, t in enumerate(ticks(count))]
 
 
@@ -68,8 +69,8 @@ def test_topics_are_aligned_by_stamp_not_by_arrival(tmp_path: Path) -> None:
     bag = record(tmp_path / 'bag', [*states(5), *commands(5), *late])
     log = read_log(bag, ROBOT)
     np.testing.assert_allclose(log.time, [0.0, 0.01, 0.02, 0.03], atol=1e-12)
-    np.testing.assert_array_equal(log.joint[:, 0], [1, 2, 3, 4])
-    np.testing.assert_array_equal(log.strain[:, 0], [1, 2, 3, 4])
+    np.testing.assert_allclose(log.joint[:, 0], [0.1, 0.2, 0.3, 0.4])
+    np.testing.assert_allclose(log.strain[:, 0], [1e-3, 2e-3, 3e-3, 4e-3])
     np.testing.assert_array_equal(log.command[:, 0], [10, 20, 30, 40])
 
 
@@ -77,12 +78,13 @@ def test_names_in_a_message_say_which_value_is_whose(tmp_path: Path) -> None:
     turned = [(topic, arrival, joint_state(t, GAUGES[::-1], list(message.position[::-1])))
               for t, (topic, arrival, message) in zip(ticks(4), strains(4))]
     log = read_log(record(tmp_path / 'bag', [*states(4), *turned, *commands(4)]), ROBOT)
-    np.testing.assert_array_equal(log.strain[2], [2, 0.1, 0.2, 0.3])
+    np.testing.assert_array_equal(log.strain[2], [2e-3, 1e-4, 2e-4, 3e-4])
 
 
 def test_a_late_command_acts_from_its_stamp_on(tmp_path: Path) -> None:
     bag = record(tmp_path / 'bag', [*states(4), *strains(4), *commands(4, late=2_000_000)])
-    np.testing.assert_array_equal(read_log(bag, ROBOT).command[:, 0], [0, 10, 20])
+    np.testing.assert_array_equal(read_log(bag, ROBOT).command[:, 0],
+                                  [0, 10, 20, 30])
 
 
 def test_without_commands_the_effort_of_the_next_sample_is_the_command(tmp_path: Path) -> None:
@@ -100,12 +102,14 @@ BAG_FAULTS: list[tuple[Callable[[], list[tuple[str, int, Any]]], str]] = [
      'joint_states: message 5: expected a stamp after 1700000000.153456789 s, '
      'got 1700000000.123456789 s'),
     (lambda: [*states(4), ('/arm/strain', START, joint_state(START, GAUGES[:2], [1.0, 2.0]))],
-     'strain: message 1: position: expected 4 values (strain_1a, strain_1b, strain_2a, '
-     'strain_2b), got 2'),
+     'strain: message 1: name: expected strain_1a, strain_1b, strain_2a, strain_2b; strain_2a is '
+     'missing from strain_1a, strain_1b'),
     (lambda: [*states(4), ('/arm/strain', START, joint_state(START, list('abcd'), [1.0] * 4))],
-     'strain: expected gauges strain_1a, strain_1b, strain_2a, strain_2b, got a, b, c, d'),
-    (lambda: [*states(4), ('/arm/strain', START, joint_state(START + 1, GAUGES, [1.0] * 4))],
-     'strain: expected stamps of joint_states, none is shared'),
+     'strain: message 1: name: expected strain_1a, strain_1b, strain_2a, strain_2b; strain_1a is '
+     'missing from a, b, c, d'),
+    (lambda: [*states(4), *((topic, at, joint_state(at - 9 + 5_000_000, GAUGES, [1e-4] * 4))
+                            for topic, at, _ in strains(4))],
+     'strain: header.stamp: expected within 4 ms of joint_states, got '),
     (lambda: [*states(4), ('/strain', START, joint_state(START, GAUGES, [1.0] * 4)), *strains(4)],
      'strain: expected one topic, got /arm/strain, /strain'),
     (lambda: [*states(4), *strains(3), ('/arm/strain', START + 10**9, joint_state(

@@ -22,6 +22,7 @@ from flex_plant_sim.compiled import COMPILED
 from flex_plant_sim.logs.bag_log import write_bag
 from flex_plant_sim.logs.csv_log import write_csv
 from flex_plant_sim.logs.log import Log
+from flex_plant_sim.logs.origin import Origin
 from flex_plant_sim.simulation.plant_setup import robot_of, simulator_of
 from flex_plant_sim.tools import command_line
 from msg_config.errors import InputError
@@ -165,10 +166,12 @@ class Progress:
                   flush=True)
 
 
-def log_of(record: LoopRecord, gauges: tuple[str, ...]) -> Log:
-    """Return the run as a log."""
+def log_of(experiment: Experiment, record: LoopRecord) -> Log:
+    """Return the run as a log that says what made it."""
+    robot, plant = robot_of(experiment.plant), experiment.plant
     return Log('flex_demo', record.time, record.command, record.output[:, :2],
-               record.output[:, 2:], gauges, record.velocity)
+               record.output[:, 2:], robot.gauge_names, record.velocity,
+               origin=Origin(robot.name, plant['model'], plant['modes']))
 
 
 def summary_of(experiment: Experiment, record: LoopRecord) -> dict[str, Any]:
@@ -218,7 +221,7 @@ def whole_folder(path: Path) -> Iterator[Path]:
 def write_output(experiment: Experiment, record: LoopRecord, folder: Path,
                  figures: tuple[int, ...]) -> None:
     """Write summary, figures and the run's log."""
-    log = log_of(record, robot_of(experiment.plant).gauge_names)
+    log = log_of(experiment, record)
     write_csv(folder / 'run.csv', log)
     write_bag(folder / 'run_mcap', log)
     save_figures(record, folder, figures)

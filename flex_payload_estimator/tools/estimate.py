@@ -14,8 +14,8 @@ from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.logs.log import Log
-from flex_plant_sim.logs.read import read_log
 from flex_plant_sim.tools import command_line
+from flex_plant_sim.tools.log_input import read_log_aloud
 from msg_config.parameters import load_parameters
 import numpy as np
 
@@ -113,7 +113,7 @@ def estimate_file(path: str, robot: Robot, name: str, model: str, modes: int) ->
         Naming what does not fit.
 
     """
-    log = read_log(path, robot)
+    log = read_log_aloud(path, robot, model, modes)
     return estimate(log, make_estimator(
         name, replace(robot, sample_time=log.sample_time), model, modes))
 

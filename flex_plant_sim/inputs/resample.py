@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from flex_plant_sim.arm.second_order import Array
@@ -33,6 +34,8 @@ class Grid:
         T, s.
     place : array of int
         Number of every sample kept on the grid, increasing from 0, (N,).
+    start : float
+        Time of place 0, s.
     first, last : int
         The rows kept, last exclusive: the longest stretch without a long gap.
     jitter : float
@@ -44,6 +47,7 @@ class Grid:
 
     interval: float
     place: Rows
+    start: float
     first: int
     last: int
     jitter: float
@@ -65,24 +69,33 @@ class Grid:
         return np.arange(float(self.samples)) * self.interval
 
 
-def even_grid(time: Array, source: str) -> Grid:
+def even_grid(time: Array, source: str, row: Callable[[int], str] = 'row {}'.format) -> Grid:
     """
     Return the even grid under increasing times, s, (N,), N >= 2.
+
+    Parameters
+    ----------
+    time : Array
+        s, (N,).
+    source : str
+        Named in errors.
+    row : callable
+        Names row k, from 0.
 
     Raises
     ------
     InputError
-        The times are not near any even grid; names the row, from 0, where that begins.
+        The times are not near any even grid, or too many are lost; with the row.
 
     """
     interval = np.diff(time)
     usual = float(np.median(interval))
     steps = np.rint(interval / usual)
     # Times that drift against the first guess of T would leave their places.
-    off = np.abs(interval - steps * usual) > 2.0 * JITTER * usual
+    off = (np.abs(interval - steps * usual) > 2.0 * JITTER * usual) & (steps <= BRIDGED + 1)
     if steps.min() < 1 or off.any():
         k = int(np.argmax((steps < 1) | off))
-        raise InputError(f'{source}: row {k + 1}: time: expected {usual:.6g} s after the row '
+        raise InputError(f'{source}: {row(k + 1)}: time: expected {usual:.6g} s after the row '
                          f'before, got {interval[k]:.6g} s')
     first, last = _longest(steps)
     place = np.concatenate([[0], np.cumsum(steps[first:last - 1])]).astype(np.int64)
@@ -91,10 +104,12 @@ def even_grid(time: Array, source: str) -> Grid:
     if jitter > JITTER * slope:
         raise InputError(f'{source}: time: expected a sample every {slope:.6g} s, got some '
                          f'{jitter:.3g} s from their place')
-    grid = Grid(slope, place, first, last, jitter, len(time) - (last - first))
+    grid = Grid(slope, place, start, first, last, jitter, len(time) - (last - first))
     if grid.lost > LOST * grid.samples:
-        raise InputError(f'{source}: time: expected at most {LOST:.0%} of the samples to be '
-                         f'lost, got {grid.lost} of {grid.samples}')
+        k = first + int(np.argmax(np.diff(place) > 1))
+        raise InputError(f'{source}: {row(k + 1)}: time: expected {usual:.6g} s after the row '
+                         f'before, got {interval[k]:.6g} s; {grid.lost} of {grid.samples} '
+                         'samples are lost')
     return grid
 
 
@@ -109,6 +124,7 @@ def _longest(steps: Array) -> tuple[int, int]:
 def _line(place: Rows, time: Array) -> tuple[float, float]:
     if len(place) < 2:
         return float(time[-1] - time[0]) or 1.0, float(time[0])
+    # An even clock needs no fit, and keeps its own digits.
     if np.ptp(time - time[0] - (time[-1] - time[0]) / place[-1] * place) < 1e-9:
         return float(time[-1] - time[0]) / float(place[-1]), float(time[0])
     slope, start = np.polyfit(place, time - time[0], 1)

@@ -1,170 +1,107 @@
-"""Logs as rosbag2 (sqlite3 or MCAP): the topics of the contract, aligned by header stamp."""
+"""Logs as rosbag2 (sqlite3 or MCAP): the topics of the contract, paired by header stamp."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.atomic_file import whole_file
-from flex_plant_sim.logs.log import checked, Log
+from flex_plant_sim.inputs.synchroniser import slop_of, Synchroniser
+from flex_plant_sim.logs.bag_messages import NANOSECONDS, read_messages, seconds_text, Stream
+from flex_plant_sim.logs.commands import Commands
+from flex_plant_sim.logs.log import Log
+from flex_plant_sim.logs.origin import BAG_KEY, bag_origin, bag_text
+from flex_plant_sim.logs.rows import Rows, to_log
 from msg_config import load_topics
 from msg_config.errors import InputError
+from msg_config.input_mapping import JOINTS
 import numpy as np
-from numpy.typing import NDArray
 
-NANOSECONDS = 1_000_000_000
-JOINTS = ('joint_1', 'joint_2')
-Stamps = NDArray[np.int64]
+# Strain that comes this much more seldom than the joints sets the sampling.
+SLOWER = 1.5
+KEPT = 0.9
 
 
 def read_bag(path: Path, robot: Robot) -> Log:
     """
     Return the record in a bag folder, or in a single .mcap or .db3 file.
 
-    A sample is a stamp that `joint_states` and `strain` share. Its command is the last one of
-    `command` stamped no later; a bag without that topic gives it by the next sample's effort,
-    which is the command applied before that sample. Time starts at zero.
+    A sample is a pair of `joint_states` and `strain` whose stamps are near; names in every
+    message say which value is whose. Its command is the effort that the next `joint_states`
+    says was applied, or else the last `command` stamped before the middle of the sample. Time
+    starts at zero.
 
     Raises
     ------
     InputError
-        No bag, missing topic, wrong gauges, not finite, uneven time; with its topic or message.
+        No bag, missing topic, wrong gauges or joints, uneven time; with its topic or message.
 
     """
-    topics = _messages(path)
-    stamps, angle, rate, effort = _joint_states(path, topics)
-    gauge_stamps, strain = _strain(path, topics, robot)
-    common, joint_rows, gauge_rows = np.intersect1d(stamps, gauge_stamps, return_indices=True)
-    if common.size == 0:
-        raise InputError(f'{path}: strain: expected stamps of joint_states, none is shared')
-    keep, command = _commands(path, topics, common, effort, joint_rows)
-    common, joint_rows, gauge_rows = common[keep], joint_rows[keep], gauge_rows[keep]
-    time = (common - common[0]) / NANOSECONDS if common.size else np.zeros(0)
-    log = Log(str(path), time, command, angle[joint_rows], strain[gauge_rows],
-              robot.gauge_names, None if rate is None else rate[joint_rows])
-    return checked(log, lambda k: f'sample {k + 1}, stamp {_seconds(common[k])}')
-
-
-def _seconds(stamp: int) -> str:
-    # A double has no room for the nanoseconds of today's clock.
-    return f'{stamp // NANOSECONDS}.{stamp % NANOSECONDS:09d} s'
-
-
-def _messages(path: Path) -> dict[str, list[Any]]:
-    """Return the messages of the three topics that make a log, in the order of recording."""
-    try:
-        from rosbags.highlevel import AnyReader, AnyReaderError
-        from rosbags.typesys import get_typestore, Stores
-    except ImportError:
-        raise InputError(f'{path}: reading bags needs the package rosbags') from None
-    found: dict[str, list[Any]] = {}
-    try:
-        types = get_typestore(Stores.ROS2_JAZZY)
-        with AnyReader([path], default_typestore=types) as reader:
-            chosen = {name: _connections(path, reader, name)
-                      for name in ('joint_states', 'strain', 'command')}
-            owner = {id(c): name for name, group in chosen.items() for c in group}
-            found = {name: [] for name, group in chosen.items() if group}
-            wanted = [c for group in chosen.values() for c in group]
-            before: dict[str, bytes] = {}
-            for connection, _, data in reader.messages(wanted) if wanted else ():
-                name = owner[id(connection)]
-                # In lock-step a sample that nobody answers in time is sent again.
-                if before.get(name) != data:
-                    found[name].append(reader.deserialize(data, connection.msgtype))
-                before[name] = data
-    except InputError:
-        raise
-    except (AnyReaderError, OSError, ValueError, KeyError) as error:
-        line = ' '.join(str(error).split())
-        raise InputError(f'{path}: expected a rosbag2, got: {line}') from None
-    return found
-
-
-def _connections(path: Path, reader: Any, name: str) -> list[Any]:
-    """Return the connections of a topic of the contract, whatever namespace it is in."""
-    topic = load_topics()[name]
-    group = [c for c in reader.connections if f'/{c.topic}'.endswith(f'/{topic.name}')]
-    names = sorted({c.topic for c in group})
-    if len(names) > 1:
-        raise InputError(f'{path}: {name}: expected one topic, got {", ".join(names)}')
-    for connection in group:
-        if connection.msgtype != topic.type:
-            raise InputError(f'{path}: {connection.topic}: expected {topic.type}, '
-                             f'got {connection.msgtype}')
-    if not group and name != 'command':
-        have = ', '.join(sorted({c.topic for c in reader.connections})) or 'none'
-        raise InputError(f'{path}: topic {name}: missing, got {have}')
-    return group
-
-
-def _stamps(path: Path, topic: str, messages: list[Any]) -> Stamps:
-    stamps = np.array([m.header.stamp.sec * NANOSECONDS + m.header.stamp.nanosec
-                       for m in messages], dtype=np.int64)
-    late = np.diff(stamps) <= 0
-    if late.any():
-        k = int(np.argmax(late)) + 1
-        raise InputError(f'{path}: {topic}: message {k + 1}: expected a stamp after '
-                         f'{_seconds(stamps[k - 1])}, got {_seconds(stamps[k])}')
-    return stamps
-
-
-def _field(path: Path, topic: str, messages: list[Any], field: str,
-           names: tuple[str, ...]) -> Array:
-    """Return a field of all messages, (N, len(names)), in the order of names if they bear them."""
-    rows = [np.asarray(getattr(message, field), dtype=float) for message in messages]
-    for k, row in enumerate(rows):
-        if row.size != len(names):
-            raise InputError(f'{path}: {topic}: message {k + 1}: {field}: expected {len(names)} '
-                             f'values ({", ".join(names)}), got {row.size}')
-    values = np.array(rows).reshape(len(rows), len(names))
-    given = list(messages[0].name) if messages else []
-    if set(given) == set(names):
-        return values[:, [given.index(name) for name in names]]
-    return values
-
-
-def _joint_states(path: Path, topics: dict[str, list[Any]]) -> tuple[
-        Stamps, Array, Array | None, Array | None]:
-    messages = topics['joint_states']
-    if not messages:
-        raise InputError(f'{path}: joint_states: expected at least 2 messages, got 0')
-    first = messages[0]
-    rate = _field(path, 'joint_states', messages, 'velocity', JOINTS) \
-        if len(first.velocity) else None
-    effort = _field(path, 'joint_states', messages, 'effort', JOINTS) \
-        if len(first.effort) else None
-    return (_stamps(path, 'joint_states', messages),
-            _field(path, 'joint_states', messages, 'position', JOINTS), rate, effort)
-
-
-def _strain(path: Path, topics: dict[str, list[Any]], robot: Robot) -> tuple[Stamps, Array]:
-    messages = topics['strain']
-    if not messages:
-        raise InputError(f'{path}: strain: expected at least 2 messages, got 0')
-    given = tuple(messages[0].name)
-    if len(given) == len(robot.gauge_names) and set(given) != set(robot.gauge_names):
-        raise InputError(f'{path}: strain: expected gauges {", ".join(robot.gauge_names)}, '
-                         f'got {", ".join(given)}')
-    return (_stamps(path, 'strain', messages),
-            _field(path, 'strain', messages, 'position', robot.gauge_names))
-
-
-def _commands(path: Path, topics: dict[str, list[Any]], stamps: Stamps, effort: Array | None,
-              rows: NDArray[np.intp]) -> tuple[slice, Array]:
-    """Return which samples have a command, and the commands of those."""
-    if topics.get('command'):
-        given = _stamps(path, 'command', topics['command'])
-        values = _field(path, 'command', topics['command'], 'effort', JOINTS)
-        last = np.searchsorted(given, stamps, side='right') - 1
-        first = int(np.searchsorted(last, 0))
-        return slice(first, None), values[last[first:]]
-    if effort is None:
+    streams, notes = read_messages(path, robot.inputs)
+    angles, gauges = robot.inputs.joint_channels(), robot.inputs.gauge_channels(robot.gauge_names)
+    joints = streams['joint_states'] = streams['joint_states'].naming(angles)
+    strain = streams['strain'] = streams['strain'].naming(gauges)
+    angle, surface = joints.values(angles, 'position'), strain.values(gauges, 'position')
+    pairs = _pairs(path, joints, strain)
+    commands = Commands.of(streams, robot.inputs)
+    j, g = pairs.T
+    start = joints.stamps[j[0]]
+    time = (joints.stamps[j] - start) / NANOSECONDS
+    rate = joints.values(angles, 'velocity', rate=True) if joints.has('velocity') else None
+    if rate is not None and not np.isfinite(rate).all():
+        rate = None
+    rows = Rows(str(path), time, angle[j], surface[g],
+                commands.at_rows(joints.stamps[j]), None if rate is None else rate[j],
+                lambda k: f'sample {k + 1}, stamp {seconds_text(joints.stamps[j[k]])}',
+                (*notes, *commands.notes), notes)
+    rows = _compared(rows, joints, strain, pairs)
+    log = to_log(rows, robot, lambda grid: commands.on(grid, int(start)))
+    known = np.flatnonzero(np.isfinite(log.command).all(axis=1))
+    if known.size < 2:
         raise InputError(f'{path}: topic command: missing, and joint_states has no effort')
-    return slice(0, len(rows) - 1), effort[rows[1:]]
+    log = log.part(int(known[0]), int(known[-1]) + 1)
+    return replace(log, time=log.time - log.time[0], origin=bag_origin(path))
+
+
+def _pairs(path: Path, joints: Stream, strain: Stream) -> np.ndarray:
+    """Return the rows of joint states and strain that make a sample, (N, 2)."""
+    for stream in (joints, strain):
+        if len(stream.stamps) < 2:
+            raise InputError(f'{path}: {stream.name}: expected at least 2 messages, '
+                             f'got {len(stream.stamps)}')
+    interval = min(float(np.median(np.diff(stream.stamps))) for stream in (joints, strain))
+    pairing = Synchroniser(('joint_states', 'strain'), slop_of(interval / NANOSECONDS))
+    events = sorted([*((int(t), 'joint_states', k) for k, t in enumerate(joints.stamps)),
+                     *((int(t), 'strain', k) for k, t in enumerate(strain.stamps))])
+    found = [pairing.add(part, stamp, k) for stamp, part, k in events]
+    pairs = [(s.parts['joint_states'], s.parts['strain']) for s in found if s is not None]
+    if len(pairs) < 2:
+        raise InputError(f'{path}: {pairing.why_nothing()}')
+    return np.array(pairs)
+
+
+def _compared(rows: Rows, joints: Stream, strain: Stream, pairs: np.ndarray) -> Rows:
+    """Return the rows with a note where one topic has less than the other."""
+    paired = np.diff(joints.stamps[pairs[:, 0]])
+    for stream in (joints, strain):
+        own = float(np.median(np.diff(stream.stamps)))
+        usual = float(np.median(paired))
+        if usual > SLOWER * own:
+            slower = 'strain' if stream is joints else 'joint_states'
+            rows = rows.said(f'{slower} comes every {usual * 1e-6:.4g} ms, {stream.name} every '
+                             f'{own * 1e-6:.4g} ms: used every {usual / own:.0f}th of these, '
+                             'commands averaged', doubtful=True)
+        span = float(stream.stamps[-1] - stream.stamps[0])
+        shared = float(joints.stamps[pairs[-1, 0]] - joints.stamps[pairs[0, 0]])
+        if shared < KEPT * span:
+            other = 'strain' if stream is joints else 'joint_states'
+            rows = rows.said(f'{stream.name} lasts {span * 1e-9:.4g} s, {other} shares '
+                             f'{shared * 1e-9:.4g} s of it: used those', doubtful=True)
+    return rows
 
 
 def write_bag(path: str | Path, log: Log, storage: Literal['mcap', 'sqlite3'] = 'mcap') -> None:
@@ -181,11 +118,14 @@ def write_bag(path: str | Path, log: Log, storage: Literal['mcap', 'sqlite3'] = 
         from rosbags.rosbag2 import StoragePlugin, Writer
         from rosbags.typesys import get_typestore, Stores
     except ImportError:
-        raise InputError(f'{path}: writing bags needs the package rosbags') from None
+        raise InputError(f'{path}: writing bags needs the package rosbags: '
+                         'pip install rosbags') from None
     types = get_typestore(Stores.ROS2_JAZZY)
     plugin = StoragePlugin.MCAP if storage == 'mcap' else StoragePlugin.SQLITE3
     with whole_file(path) as temporary, Writer(temporary, version=9,
                                                storage_plugin=plugin) as writer:
+        if log.origin is not None:
+            writer.set_custom_data(BAG_KEY, bag_text(log.origin))
         connections = {
             name: writer.add_connection(f'/{load_topics()[name].name}', load_topics()[name].type,
                                         typestore=types)

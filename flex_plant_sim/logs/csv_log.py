@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-import csv
+from dataclasses import replace
 from pathlib import Path
 
 from flex_plant_sim.arm.robot import Robot
-from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.atomic_file import whole_file
-from flex_plant_sim.logs.log import checked, Log
+from flex_plant_sim.inputs.plausible import time_unit
+from flex_plant_sim.logs.csv_table import read_table, Table
+from flex_plant_sim.logs.log import Log
+from flex_plant_sim.logs.origin import csv_origin, write_origin
+from flex_plant_sim.logs.rows import Rows, SAMPLING_AGREES, to_log
 from msg_config.errors import InputError
+from msg_config.input_mapping import Channels, InputMapping, JOINTS, TIME_UNITS
 import numpy as np
 
 MOTION = ('time', 'command_1', 'command_2', 'joint_1', 'joint_2')
@@ -22,30 +26,68 @@ def read_csv(path: Path, robot: Robot) -> Log:
 
     Columns, in any order: time (s), command_1, command_2 (the drives' own unit), joint_1,
     joint_2 (rad), the robot's gauges (m/m), and velocity_1, velocity_2 (rad/s) if there are
-    any. Other columns are left alone.
+    any; or as the robot file's `inputs:` names them. Other columns are left alone.
 
     Raises
     ------
     InputError
-        Missing column, wrong gauges, no number, not finite, uneven time; with its line.
+        Missing column, wrong gauges, no number, what no arm does, uneven time; with its line.
 
     """
-    header, values = _table(path)
-    _check_columns(path, header, robot)
+    table = read_table(path)
+    mapping, groups = robot.inputs, _groups(robot)
+    _check_columns(table, robot, [mapping.time.name, *(
+        name for group in groups.values() for name in group)])
+    rate = set(VELOCITY) <= set(table.header)
+    wanted = [mapping.time.name, *(name for group in groups.values() for name in group),
+              *(VELOCITY if rate else ())]
+    values = table.numbers(wanted)
+    joints, commands = mapping.joint_channels(), mapping.command_channels()
+    gauges = mapping.gauge_channels(robot.gauge_names)
+    end = 5 + len(robot.gauge_names)
+    rows = Rows(str(path), values[:, 0], joints.si(values[:, 1:3]), gauges.si(values[:, 5:end]),
+                commands.si(values[:, 3:5]), joints.rate(values[:, end:]) if rate else None,
+                lambda k: f'line {table.numbers_of_lines[k]}', table.notes)
+    log = to_log(_in_seconds(rows, robot), robot)
+    return replace(log, origin=csv_origin(path))
 
-    def pick(names: tuple[str, ...]) -> Array:
-        return values[:, [header.index(name) for name in names]]
 
-    velocity = pick(VELOCITY) if set(VELOCITY) <= set(header) else None
-    motion = pick(MOTION)
-    log = Log(str(path), motion[:, 0], motion[:, 1:3], motion[:, 3:], pick(robot.gauge_names),
-              robot.gauge_names, velocity)
-    return checked(log, lambda k: f'line {k + 2}')
+def _groups(robot: Robot) -> dict[str, tuple[str, ...]]:
+    """Return the columns of joints, commands and gauges."""
+    mapping: InputMapping = robot.inputs
+
+    def first(channels: Channels) -> tuple[str, ...]:
+        return tuple(names[0] for names in channels.sources)
+    commands = tuple(mapping.commands[own].name if own in mapping.commands else f'command_{k}'
+                     for k, own in enumerate(JOINTS, start=1))
+    return {'joints': first(mapping.joint_channels()), 'commands': commands,
+            'gauges': first(mapping.gauge_channels(robot.gauge_names))}
+
+
+def _in_seconds(rows: Rows, robot: Robot) -> Rows:
+    """Return the rows with their time in s, told from the sampling interval if not given."""
+    given = robot.inputs.time.factor
+    if given:
+        return replace(rows, time=rows.time * given)
+    with np.errstate(all='ignore'):
+        interval = float(np.median(np.diff(rows.time))) if len(rows.time) > 1 else 0.0
+    unit = time_unit(interval, robot.sample_time)
+    if unit == 's' or not (np.isfinite(interval) and interval > 0.0):
+        return rows
+    if unit is None:
+        raise InputError(f'{rows.source}: time: expected a sample about every '
+                         f'{robot.sample_time:g} s as {robot.name} says, in s, ms, us or ns, '
+                         f'got one every {interval:g}')
+    factor = TIME_UNITS[unit]
+    surely = abs(interval * factor - robot.sample_time) <= SAMPLING_AGREES * robot.sample_time
+    return replace(rows, time=rows.time * factor).said(
+        f'time: a sample every {interval:g}, taken as {unit}: expected about '
+        f'{robot.sample_time:g} s', doubtful=not surely)
 
 
 def write_csv(path: str | Path, log: Log) -> None:
     """
-    Write a log with 9 digits, whole or not at all.
+    Write a log with 9 digits, whole or not at all, and what made it beside it.
 
     Raises
     ------
@@ -61,54 +103,20 @@ def write_csv(path: str | Path, log: Log) -> None:
     with whole_file(path) as temporary:
         np.savetxt(temporary, np.hstack(columns), fmt='%.9g', delimiter=',',
                    header=','.join(names), comments='')
+    if log.origin is not None:
+        write_origin(Path(path), log.origin)
 
 
-def _table(path: Path) -> tuple[list[str], Array]:
-    try:
-        with open(path, encoding='utf-8-sig', newline='') as file:
-            header = [name.strip() for name in next(csv.reader(file), [])]
-            if not header:
-                raise InputError(f'{path}: expected a header row, the file is empty')
-            values = _numbers(path, header, file.readlines())
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f'{path}: expected a readable text file, got: {error}') from None
-    return header, values
-
-
-def _numbers(path: Path, header: list[str], lines: list[str]) -> Array:
-    if not any(line.strip() for line in lines):
-        raise InputError(f'{path}: expected at least 2 samples, got 0')
-    try:
-        values = np.loadtxt(lines, delimiter=',', ndmin=2, comments=None)
-        if values.shape[1] == len(header):
-            return values
-    except ValueError:
-        pass
-    raise InputError(f'{path}: {_fault(header, lines)}')
-
-
-def _fault(header: list[str], lines: list[str]) -> str:
-    """Return what is wrong in the first row that is not one number a column."""
-    for number, row in enumerate(csv.reader(lines), start=2):
-        if len(row) != len(header):
-            return f'line {number}: expected {len(header)} columns, got {len(row)}'
-        for name, text in zip(header, row):
-            try:
-                float(text)
-            except ValueError:
-                return f'line {number}: {name}: expected a number, got {text!r}'
-    return f'expected {len(header)} numbers a line'
-
-
-def _check_columns(path: Path, header: list[str], robot: Robot) -> None:
-    twice = [name for name in header if header.count(name) > 1]
+def _check_columns(table: Table, robot: Robot, wanted: list[str]) -> None:
+    path, header = table.path, table.header
+    twice = [name for name in wanted if header.count(name) > 1]
     if twice:
         raise InputError(f'{path}: column {twice[0]}: expected once, got {header.count(twice[0])}')
     gauges = [name for name in header if name.startswith('strain_')]
-    if len(gauges) != len(robot.gauge_names):
+    if not robot.inputs.gauges and len(gauges) != len(robot.gauge_names):
         raise InputError(f'{path}: strain: expected {len(robot.gauge_names)} gauges '
                          f'({", ".join(robot.gauge_names)}) for {robot.name}, got '
                          f'{len(gauges)} ({", ".join(gauges) or "none"})')
-    for name in (*MOTION, *robot.gauge_names):
+    for name in wanted:
         if name not in header:
             raise InputError(f'{path}: column {name}: missing, got {", ".join(header)}')

@@ -27,8 +27,8 @@ from flex_plant_sim.diagnosis.verdict.results import Diagnosis
 from flex_plant_sim.diagnosis.verdict.verdict import diagnose, nominal_base
 from flex_plant_sim.effects import catalogue
 from flex_plant_sim.logs.log import Log
-from flex_plant_sim.logs.read import read_log
 from flex_plant_sim.tools import command_line
+from flex_plant_sim.tools.log_input import read_log_aloud
 from msg_config.errors import InputError
 import numpy as np
 
@@ -86,17 +86,20 @@ def _count(text: str) -> int:
     return int(text)
 
 
-def read_logs(paths: Sequence[str], robot: Robot) -> list[Log]:
+def read_logs(paths: Sequence[str], robot: Robot, model: str, modes: int) -> list[Log]:
     """
     Return the logs, all sampled alike.
 
     Raises
     ------
     InputError
-        Naming the file that cannot be read or is sampled otherwise.
+        Naming the file that cannot be read, is sampled otherwise, or is no evidence of the arm.
 
     """
-    logs = [read_log(path, robot) for path in paths]
+    logs = [read_log_aloud(path, robot, model, modes) for path in paths]
+    for log in logs:
+        if log.doubts:
+            raise InputError(f'{log.source}: not diagnosed: {log.doubts[0]}')
     for log in logs[1:]:
         if abs(log.sample_time - logs[0].sample_time) > SAMPLING_AGREES * logs[0].sample_time:
             raise InputError(f'{log.source}: expected a sample time of {logs[0].sample_time:g} s '
@@ -183,7 +186,7 @@ def check_arguments(arguments: argparse.Namespace) -> None:
 def _main(arguments: argparse.Namespace) -> None:
     check_arguments(arguments)
     robot = load_robot(arguments.robot)
-    logs = read_logs(arguments.log, robot)
+    logs = read_logs(arguments.log, robot, arguments.model, arguments.modes)
     with progress_bar() as progress:
         found = run(logs, replace(robot, sample_time=logs[0].sample_time), arguments, progress)
         report = None if arguments.report is None else report_of(

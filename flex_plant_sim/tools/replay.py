@@ -14,11 +14,11 @@ from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.effects import effects_of
 from flex_plant_sim.logs.log import Log
-from flex_plant_sim.logs.read import read_log
 from flex_plant_sim.simulation.agreement import fit_percent, rmse
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.simulator import simulate, Simulator
 from flex_plant_sim.tools import command_line
+from flex_plant_sim.tools.log_input import read_log_aloud
 from msg_config.errors import InputError
 import numpy as np
 
@@ -162,10 +162,7 @@ def options() -> argparse.ArgumentParser:
 
 def _main(arguments: argparse.Namespace) -> None:
     robot = load_robot(arguments.robot)
-    log = read_log(arguments.log, robot)
-    if abs(log.sample_time - robot.sample_time) > 1e-3 * robot.sample_time:
-        print(f'{log.source}: sampled every {log.sample_time:g} s, not {robot.sample_time:g} s '
-              f'as {robot.name} says; the log wins', file=sys.stderr)
+    log = read_log_aloud(arguments.log, robot, arguments.model, arguments.modes)
     result = replay(log, robot, arguments.model, arguments.modes, arguments.payload)
     print(table(result))
     if arguments.json:

@@ -1,0 +1,82 @@
+"""Hints: which unit, sign or clock makes implausible numbers plausible."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import math
+import re
+
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.inputs.gate import Refusal
+from msg_config.input_mapping import TIME_UNITS
+import numpy as np
+
+# Two units of time are a factor of a thousand apart: a ratio this far from one belongs to one.
+SAME = 30.0
+UNITS = {'rad': {180.0 / math.pi: 'degrees'},
+         'm/m': {1e6: 'µm/m (microstrain)', 1e3: 'mm/m', 1e2: 'percent'}}
+# A model that is off by its payload and its friction still gets the size within this factor.
+SIZE = 4.0
+# Of increments, which forget drift and offsets.
+ALIKE = 0.5
+
+
+def time_unit(interval: float, expected: float) -> str | None:
+    """
+    Return the unit in which a sampling interval fits what is expected, or None if none does.
+
+    Parameters
+    ----------
+    interval : float
+        Between samples, as it came.
+    expected : float
+        The robot file's, s.
+
+    """
+    for unit, factor in TIME_UNITS.items():
+        if expected / SAME <= interval * factor <= expected * SAME:
+            return unit
+    return None
+
+
+def unit_hint(refusal: Refusal) -> str:
+    """Return a question that names the unit in which a refused value would pass, or nothing."""
+    match = re.search(r'expected (\S+) to (\S+) (rad|m/m), got (\S+)$', refusal.text)
+    if match is None:
+        return ''
+    low, high, value = (float(match[k]) for k in (1, 2, 4))
+    fits = [name for factor, name in UNITS[match[3]].items() if low <= value / factor <= high]
+    return f' (is it in {fits[0]}? say so under inputs: in the robot file)' if fits else ''
+
+
+def channel_hints(measured: Array, expected: Array, names: Sequence[str],
+                  units: Sequence[str]) -> tuple[str, ...]:
+    """
+    Return, for each channel unlike what its model expects, the unit or the sign that explains it.
+
+    Increments are compared: their correlation tells the sign, the ratio of their sizes the unit.
+
+    Parameters
+    ----------
+    measured, expected : Array
+        (N, m).
+    names, units : sequence of str
+        Of the channels, m; units as in SI.
+
+    """
+    found = []
+    for name, unit, own, model in zip(names, units, np.diff(measured, axis=0).T,
+                                      np.diff(expected, axis=0).T):
+        size, wanted = float(np.linalg.norm(own)), float(np.linalg.norm(model))
+        if not (size > 0.0 and wanted > 0.0):
+            continue
+        alike = float(own @ model) / (size * wanted)
+        fits = [text for factor, text in UNITS[unit].items()
+                if 1.0 / SIZE < size / wanted / factor < SIZE]
+        if fits and abs(alike) > ALIKE:
+            found.append(f'{name}: {size / wanted:.3g} times what the model expects: '
+                         f'is it in {fits[0]}?')
+        if alike < -ALIKE:
+            found.append(f'{name}: moves against what the model expects (correlation '
+                         f'{alike:.2f}): is its sign inverted?')
+    return tuple(found)

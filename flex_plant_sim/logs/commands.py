@@ -1,0 +1,133 @@
+"""Which command acted when: as applied (effort) where it is known, else as sent."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.inputs.resample import Grid
+from flex_plant_sim.logs.bag_messages import NANOSECONDS, Stamps, Stream
+from msg_config.input_mapping import InputMapping
+import numpy as np
+
+# Of the largest command: what nine digits of a file, and floats of a driver, may change.
+SAME = 1e-6
+
+
+@dataclass(frozen=True)
+class Commands:
+    """
+    The commands in a bag.
+
+    Attributes
+    ----------
+    until, applied : array
+        Stamps, ns, and the command that acted up to each, (N,), (N, 2); empty where unknown.
+    since, sent : array
+        Stamps, ns, and the command sent at each, (M,), (M, 2).
+    notes : tuple of str
+        Which of the two is used.
+
+    """
+
+    until: Stamps
+    applied: Array
+    since: Stamps
+    sent: Array
+    notes: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, streams: Mapping[str, Stream], mapping: InputMapping) -> Commands:
+        """
+        Return the commands of joint_states' effort and of the topic command.
+
+        Raises
+        ------
+        InputError
+            Names and values do not match, or a joint is missing or ambiguous.
+
+        """
+        joints, command = streams['joint_states'], streams['command']
+        channels = mapping.command_channels()
+        sent = command.values(channels, 'effort')
+        none: tuple[Stamps, Array] = (np.zeros(0, dtype=np.int64), np.zeros((0, 2)))
+        until, applied = none
+        if joints.has('effort'):
+            until, applied = joints.stamps, joints.values(channels, 'effort')
+        found = cls(until, applied, command.stamps, sent)
+        if len(until) and not (np.isfinite(applied).all() and (applied.any() or not sent.any())):
+            found = cls(*none, command.stamps, sent)
+        return found._noted(joints)
+
+    def _noted(self, joints: Stream) -> Commands:
+        if not len(self.since):
+            return self
+        if not len(self.until):
+            note = 'commands: as sent on the topic command; joint_states has no effort'
+            return Commands(self.until, self.applied, self.since, self.sent, (note,))
+        last = np.searchsorted(self.since, self.until, side='left') - 1
+        both = last >= 0
+        differ = np.abs(self.applied[both] - self.sent[last[both]]).max(axis=1, initial=0.0) \
+            > SAME * np.abs(self.sent).max(initial=0.0)
+        if not differ.any():
+            return self
+        note = (f'commands: as applied (effort of joint_states); in {int(differ.sum())} of '
+                f'{int(both.sum())} samples the topic command says otherwise')
+        return Commands(self.until, self.applied, self.since, self.sent, (note,))
+
+    def at_rows(self, stamps: Stamps) -> Array:
+        """Return the command known to have acted around each stamp, for the gate, (N, 2)."""
+        if len(self.until):
+            return self.applied[np.searchsorted(self.until, stamps)]
+        if not len(self.since):
+            return np.zeros((len(stamps), 2))
+        last = np.searchsorted(self.since, stamps, side='right') - 1
+        return np.where((last >= 0)[:, None], self.sent[last], 0.0)
+
+    def on(self, grid: Grid, start: int) -> Array:
+        """
+        Return the mean command from every place of a grid to the next, (samples, 2).
+
+        What was applied up to a stamp acted since the stamp before. Where that is not known,
+        it is what was sent last before the middle, or else NaN at the ends and held inside.
+
+        Parameters
+        ----------
+        grid : Grid
+            Of the samples.
+        start : int
+            The stamp of its time 0, ns.
+
+        """
+        found = self._sent_on(grid, start)
+        if len(self.until):
+            at = ((self.until - start) / NANOSECONDS - grid.start) / grid.interval
+            share = max(round(grid.interval * NANOSECONDS / float(np.median(
+                np.diff(self.until)))), 1)
+            # On the finer grid of the joints, rounded, so that jitter moves nothing.
+            place = np.ceil(np.rint(at * share) / share - 1e-9).astype(np.int64) - 1
+            inside = (place >= 0) & (place < grid.samples)
+            count = np.bincount(place[inside], minlength=grid.samples)
+            for joint in (0, 1):
+                total = np.bincount(place[inside], self.applied[inside, joint], grid.samples)
+                found[count > 0, joint] = (total / np.maximum(count, 1))[count > 0]
+        return _held_inside(found)
+
+    def _sent_on(self, grid: Grid, start: int) -> Array:
+        found = np.full((grid.samples, 2), np.nan)
+        if not len(self.since):
+            return found
+        at = ((self.since - start) / NANOSECONDS - grid.start) / grid.interval
+        last = np.searchsorted(at, np.arange(grid.samples) + 0.5, side='right') - 1
+        found[last >= 0] = self.sent[last[last >= 0]]
+        return found
+
+
+def _held_inside(values: Array) -> Array:
+    known = np.flatnonzero(np.isfinite(values).all(axis=1))
+    if not known.size:
+        return values
+    rows = np.arange(known[0], known[-1] + 1)
+    values[rows] = values[known[np.searchsorted(known, rows, side='right') - 1]]
+    return values

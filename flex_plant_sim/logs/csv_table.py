@@ -1,0 +1,172 @@
+"""The table in a CSV file, whatever its dialect: encoding, separator, decimal sign."""
+
+from __future__ import annotations
+
+import codecs
+from collections.abc import Sequence
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+import re
+
+from flex_plant_sim.arm.second_order import Array
+from msg_config.errors import InputError
+import numpy as np
+
+# A quarter of an hour at 1 kHz; a log beyond that is a bag, or several files.
+MAX_BYTES = 80_000_000
+MAX_LINE = 60_000
+UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+SEPARATORS = (',', ';', '\t')
+# Writers that pad an exponent to two digits always do: one digit is what is left of two.
+PADDED = re.compile(r'[eE][-+]0\d')
+CUT = re.compile(r'(?<=[\d.])[eE](?:[-+]?\d?)(?=[,;\t"\s]|$)')
+
+
+@dataclass(frozen=True)
+class Table:
+    """
+    A header and the lines below it.
+
+    Attributes
+    ----------
+    path : Path
+    header : list of str
+    lines : list of str
+        Without empty ones and comments.
+    numbers_of_lines : list of int
+        Where they stand in the file, from 1.
+    separator : str
+    decimal_comma : bool
+    notes : tuple of str
+        What a reader must know.
+
+    """
+
+    path: Path
+    header: list[str]
+    lines: list[str]
+    numbers_of_lines: list[int]
+    separator: str
+    decimal_comma: bool
+    notes: tuple[str, ...]
+
+    def numbers(self, names: Sequence[str]) -> Array:
+        """
+        Return columns by name, (N, len(names)).
+
+        Raises
+        ------
+        InputError
+            A line has too many or too few columns, or no number; with the line.
+
+        """
+        lines = self.lines
+        if not lines:
+            raise InputError(f'{self.path}: expected at least 2 samples, got 0')
+        if self.decimal_comma:
+            lines = [line.replace(',', '.') for line in lines]
+        columns = [self.header.index(name) for name in names]
+        commas = len(self.header) - 1
+        if all(line.count(self.separator) == commas for line in lines):
+            try:
+                return np.loadtxt(lines, delimiter=self.separator, ndmin=2, comments=None,
+                                  quotechar='"', usecols=columns)
+            except ValueError:
+                pass
+        raise InputError(f'{self.path}: {self._fault(lines, columns)}')
+
+    def _fault(self, lines: list[str], columns: list[int]) -> str:
+        """Return what is wrong in the first line that is not one number a column."""
+        for number, line in zip(self.numbers_of_lines, lines):
+            row = line.split(self.separator)
+            if len(row) != len(self.header):
+                why = ' (decimal commas? separate by semicolons)' \
+                    if self.separator == ',' and len(row) > 1.5 * len(self.header) else ''
+                return (f'line {number}: expected {len(self.header)} columns, got {len(row)}'
+                        f'{why}')
+            for k in columns:
+                if not _is_number(row[k]):
+                    return (f'line {number}: {self.header[k]}: expected a number, '
+                            f'got {row[k][:40]!r}')
+        return f'expected {len(self.header)} numbers a line'
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def read_table(path: Path) -> Table:
+    """
+    Return the table in a CSV file: UTF-8 or UTF-16, separated by comma, semicolon or tab.
+
+    Between semicolons or tabs numbers may have decimal commas. Lines that start with # before
+    the header are comments; a last line that was cut off is left out.
+
+    Raises
+    ------
+    InputError
+        Naming the line and the likely cause.
+
+    """
+    text = _text(path)
+    lines = [(k, line) for k, line in enumerate(text.splitlines(), start=1) if line.strip()]
+    while lines and lines[0][1].startswith('#'):
+        del lines[0]
+    if not lines:
+        raise InputError(f'{path}: expected a header row, the file is empty')
+    longest = max(lines, key=lambda item: len(item[1]))
+    if len(longest[1]) > MAX_LINE:
+        raise InputError(f'{path}: line {longest[0]}: expected at most {MAX_LINE} characters, '
+                         f'got {len(longest[1])}')
+    separator = max(SEPARATORS, key=lines[0][1].count)
+    header = _header(path, lines[0][1], separator)
+    data, notes = lines[1:], []
+    if len(data) > 1 and not text.endswith(('\n', '\r')) \
+            and data[-1][1].count(separator) < len(header) - 1:
+        notes.append(f'line {data[-1][0]}: cut off, left out')
+        data = data[:-1]
+    _check_exponents(path, text)
+    notes += [] if separator == ',' else [f'columns separated by {separator!r}']
+    comma = separator != ',' and any(',' in line for _, line in data)
+    return Table(path, header, [line for _, line in data], [k for k, _ in data], separator, comma,
+                 tuple([*notes, 'decimal commas read as points'] if comma else notes))
+
+
+def _header(path: Path, line: str, separator: str) -> list[str]:
+    try:
+        header = [name.strip() for name in next(csv.reader([line], delimiter=separator), [])]
+    except csv.Error as error:
+        raise InputError(f'{path}: line 1: expected a header row, got: {error}') from None
+    if all(re.fullmatch(r'[-+\d.eE]*', name) for name in header):
+        raise InputError(f'{path}: expected a header row that names the columns, '
+                         f'got {line[:60]!r}')
+    return header
+
+
+def _text(path: Path) -> str:
+    try:
+        with open(path, 'rb') as file:
+            raw = file.read(MAX_BYTES + 1)
+        if len(raw) > MAX_BYTES:
+            raise InputError(f'{path}: expected at most {MAX_BYTES / 1e6:g} MB; cut the log, or '
+                             'write it as a bag')
+        text = raw.decode('utf-16' if raw.startswith(UTF_16) else 'utf-8-sig')
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f'{path}: expected a readable text file, got: {error}') from None
+    if '\0' in text:
+        raise InputError(f'{path}: expected a readable text file, got a zero byte')
+    return text
+
+
+def _check_exponents(path: Path, text: str) -> None:
+    """Raise where a number was cut in its exponent: a strain of 1e-0 was 1e-05 or so."""
+    found = CUT.search(text) if PADDED.search(text) else None
+    if found:
+        number = text.count('\n', 0, found.start()) + 1
+        raise InputError(f'{path}: line {number}: expected exponents of two digits as '
+                         f'elsewhere, got {found.group()!r}: a number was cut')

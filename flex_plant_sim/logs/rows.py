@@ -1,0 +1,159 @@
+"""From rows as they came to a log: gated, on an even grid, with what was done said."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.inputs.gate import counted, Gate, judge_all, Refusal
+from flex_plant_sim.inputs.plausible import unit_hint
+from flex_plant_sim.inputs.resample import even_grid, filled, Grid, held, KEPT, LOST
+from flex_plant_sim.logs.log import Log
+from msg_config.errors import InputError
+import numpy as np
+
+# Of the sampling interval; below, stamps are as even as a file's digits.
+EVEN = 0.01
+SAMPLING_AGREES = 1e-3
+
+
+@dataclass(frozen=True)
+class Rows:
+    """
+    Samples as they came, in SI, in the robot's order.
+
+    Attributes
+    ----------
+    source : str
+        File or bag.
+    time : Array
+        s, (N,).
+    joint, strain, command : Array
+        rad, m/m, drives' own unit, (N, 2), (N, G), (N, 2).
+    velocity : Array, optional
+        rad/s, (N, 2).
+    row : callable
+        Names row k (from 0) as the reader's user finds it.
+    notes, doubts : tuple of str
+        As in Log.
+
+    """
+
+    source: str
+    time: Array
+    joint: Array
+    strain: Array
+    command: Array
+    velocity: Array | None
+    row: Callable[[int], str]
+    notes: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+
+    def kept(self, which: Array | slice | Sequence[int]) -> Rows:
+        """Return some of the rows, under the names that they had."""
+        numbers = np.arange(len(self.time))[which]
+        velocity = None if self.velocity is None else self.velocity[which]
+        return replace(self, time=self.time[which], joint=self.joint[which],
+                       strain=self.strain[which], command=self.command[which],
+                       velocity=velocity, row=lambda k: self.row(int(numbers[k])))
+
+    def said(self, note: str, doubtful: bool = False) -> Rows:
+        """Return the rows with one more note."""
+        return replace(self, notes=(*self.notes, note),
+                       doubts=(*self.doubts, note) if doubtful else self.doubts)
+
+
+def to_log(rows: Rows, robot: Robot, commands: Callable[[Grid], Array] | None = None) -> Log:
+    """
+    Return rows as a log on an even grid; samples that cannot be are taken as lost.
+
+    Parameters
+    ----------
+    rows : Rows
+        With increasing times.
+    robot : Robot
+        Its gate, gauges and sampling.
+    commands : callable, optional
+        The command at every place of the grid, (samples, 2), whose time is 0 at the first row
+        given; without it, that of the rows, held where one was lost.
+
+    Raises
+    ------
+    InputError
+        Too few rows, times that do not run, values that no arm has; with the row.
+
+    """
+    if len(rows.time) < 2:
+        raise InputError(f'{rows.source}: expected at least 2 samples, got {len(rows.time)}')
+    _check_time(rows)
+    start = float(rows.time[0])
+    rows = _gated(rows, robot)
+    grid = even_grid(rows.time, rows.source, rows.row)
+    rows = _described(rows, grid).kept(slice(grid.first, grid.last))
+    if grid.samples < 2:
+        raise InputError(f'{rows.source}: expected at least 2 samples in a row, got 1')
+    shifted = replace(grid, start=grid.start - start)
+    log = Log(rows.source, rows.time[0] + grid.time,
+              held(grid, rows.command) if commands is None else commands(shifted),
+              filled(grid, rows.joint), filled(grid, rows.strain), robot.gauge_names,
+              None if rows.velocity is None else filled(grid, rows.velocity),
+              rows.notes, rows.doubts)
+    return _sampled_otherwise(log, robot)
+
+
+def _check_time(rows: Rows) -> None:
+    if not np.isfinite(rows.time).all():
+        k = int(np.argmin(np.isfinite(rows.time)))
+        raise InputError(f'{rows.source}: {rows.row(k)}: time: expected a finite number, '
+                         f'got {rows.time[k]}')
+    interval = np.diff(rows.time)
+    if (interval <= 0.0).any():
+        k = int(np.argmax(interval <= 0.0)) + 1
+        raise InputError(f'{rows.source}: {rows.row(k)}: time: expected more than '
+                         f'{rows.time[k - 1]:.9g} s, got {rows.time[k]:.9g} s')
+
+
+def _gated(rows: Rows, robot: Robot) -> Rows:
+    """Return the rows without those that the arm cannot have made."""
+    gate = Gate(robot)
+    refusals = judge_all(gate, rows.time, np.hstack([rows.joint, rows.strain]), rows.command)
+    refused = [k for k, refusal in enumerate(refusals) if refusal is not None]
+    if not refused:
+        return rows
+    first: Refusal | None = refusals[refused[0]]
+    assert first is not None
+    where = f'{rows.row(refused[0])}: {first.text}'
+    if len(refused) > LOST * len(rows.time):
+        more = '' if len(refused) == 1 else f'; {len(refused)} of {len(rows.time)} samples like it'
+        raise InputError(f'{rows.source}: {where}{unit_hint(first)}{more}')
+    kept = rows.kept(np.setdiff1d(np.arange(len(rows.time)), refused))
+    return kept.said(f'{len(refused)} of {len(rows.time)} samples refused '
+                     f'({counted(gate.refused)}), the first at {where}')
+
+
+def _described(rows: Rows, grid: Grid) -> Rows:
+    if grid.dropped:
+        kept, count = grid.last - grid.first, len(rows.time)
+        rows = rows.said(f'a gap in time: used the {kept} of {count} samples from '
+                         f'{rows.row(grid.first)} to {rows.row(grid.last - 1)}',
+                         kept < KEPT * count)
+    if grid.lost:
+        rows = rows.said(f'{grid.lost} of {grid.samples} samples lost: interpolated by a cubic, '
+                         'commands held')
+    if grid.jitter > EVEN * grid.interval:
+        rows = rows.said(f'stamps jitter by up to {1e3 * grid.jitter:.3g} ms: taken as even, '
+                         f'every {1e3 * grid.interval:.6g} ms')
+    return rows
+
+
+def _sampled_otherwise(log: Log, robot: Robot) -> Log:
+    own, said = log.sample_time, robot.sample_time
+    if own <= 0.0:
+        raise InputError(f'{log.source}: time: expected a sample about every {said:g} s, '
+                         f'got every {log.time[1] - log.time[0]:.3g} s')
+    if abs(own - said) <= SAMPLING_AGREES * said:
+        return log
+    note = f'sampled every {own:g} s, not {said:g} s as {robot.name} says; the log wins'
+    return replace(log, notes=(*log.notes, note))

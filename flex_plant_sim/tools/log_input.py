@@ -1,0 +1,63 @@
+"""Reading a log in a tool: says what was done with it, and what does not look like the arm."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import sys
+
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.effects import effects_of
+from flex_plant_sim.inputs.plausible import channel_hints
+from flex_plant_sim.logs.log import Log
+from flex_plant_sim.logs.read import read_log
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.simulator import simulate, Simulator
+from msg_config.errors import InputError
+import numpy as np
+
+# A few swings of the slowest mode; signs and units show within them.
+HINT_DURATION = 10.0
+
+
+def read_log_aloud(path: str, robot: Robot, model: str, modes: int) -> Log:
+    """
+    Return a log, and say on stderr, a line each, what a user must know before believing it.
+
+    That is what was done to read it, what made it where that is another model, and channels
+    whose unit or sign looks wrong beside a simulation from the same commands.
+
+    Raises
+    ------
+    InputError
+        It cannot be read; with file and row, column or topic.
+
+    """
+    log = read_log(path, robot)
+    for line in (*log.notes, *_other_origin(log, robot, model, modes), *hints(log, robot)):
+        print(f'{log.source}: {line}', file=sys.stderr)
+    return log
+
+
+def _other_origin(log: Log, robot: Robot, model: str, modes: int) -> tuple[str, ...]:
+    line = '' if log.origin is None else log.origin.against(robot.name, model, modes)
+    return (line,) if line else ()
+
+
+def hints(log: Log, robot: Robot) -> tuple[str, ...]:
+    """Return which channels of a log look as if their unit or sign were another."""
+    part = log.part(0, min(len(log), round(HINT_DURATION / log.sample_time)))
+    if len(part) < 3 or not part.command.any():
+        return ()
+    robot = replace(robot, sample_time=log.sample_time)
+    try:
+        with np.errstate(all='ignore'):
+            simulator = Simulator(ExtendedArm(robot, 'assumed_modes', 1, None,
+                                              effects_of(robot)))
+            simulator.state[:2] = part.joint[0]
+            expected, _ = simulate(simulator, part.command)
+    except (InputError, np.linalg.LinAlgError):
+        return ()
+    if not np.isfinite(expected).all():
+        return ()
+    units = ('rad', 'rad', *('m/m' for _ in log.gauge_names))
+    return channel_hints(part.output, expected, log.output_names, units)
