@@ -1,0 +1,167 @@
+"""Latent forces: the torque at each joint and the error of each gauge that a model lacks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.diagnosis.prediction.noise import load_levels, process_noise
+from flex_plant_sim.diagnosis.prediction.passage import Matrices, payload_schedule, Run
+from flex_plant_sim.diagnosis.prediction.predictor import LEVEL_STEP, Predictor
+from flex_plant_sim.diagnosis.prediction.smoother import LatentSystem, smooth, Smoothed
+import numpy as np
+
+PASSES = 4
+# Degrees of freedom of a torque's steps: heavy tails, as friction steps where a joint reverses.
+FREEDOM = 3.0
+
+
+@dataclass(frozen=True)
+class Amplitudes:
+    """
+    How large latent forces are before a record is seen.
+
+    Calibrated by benchmarks/latent_amplitudes.py.
+
+    Attributes
+    ----------
+    torque : float
+        Diffusion of a torque over one second, as a share of the rms drive torque.
+    gauge : float
+        A gauge's error, as a share of the rms strain.
+    gauge_time : float
+        How long it lasts, s.
+
+    """
+
+    torque: float = 0.05
+    gauge: float = 0.03
+    gauge_time: float = 0.3
+
+
+@dataclass(frozen=True)
+class LatentForces:
+    """
+    What pushes an arm unseen, with the motion it may depend on; all along a record.
+
+    Attributes
+    ----------
+    time : Array
+        s, (N,).
+    torque, torque_deviation : Array
+        N m, (N, 2), and posterior standard deviation.
+    gauge, gauge_deviation : Array
+        Strain, (N, gauges), and posterior standard deviation.
+    speed, angle, command : Array
+        Of the joints, (N, 2): rad/s, rad, drive unit.
+    strain : Array
+        Smoothed, without the gauges' error, (N, gauges).
+    log_likelihood : float
+        nats.
+
+    """
+
+    time: Array
+    torque: Array
+    torque_deviation: Array
+    gauge: Array
+    gauge_deviation: Array
+    speed: Array
+    angle: Array
+    command: Array
+    strain: Array
+    log_likelihood: float
+
+
+def latent_forces(predictor: Predictor, amplitudes: Amplitudes = Amplitudes()) -> LatentForces:
+    """
+    Return the latent forces of a record under the predictor's base.
+
+    Torques wander with Student-t steps. Their scale, and that of the gauges' errors, is the one
+    that makes the record likeliest (expectation maximisation over the smoothed steps), but no
+    smaller than the amplitude's.
+    """
+    system = latent_system(predictor, amplitudes)
+    least = scale = system.diffusing[0]
+    smoothed = smooth(system)
+    for _ in range(PASSES - 1):
+        squared = smoothed.increments
+        scale = np.maximum(np.mean(squared / _stretch(squared, scale), axis=0), least)
+        system = replace(system, diffusing=scale * _stretch(squared, scale))
+        smoothed = smooth(system)
+    return _found(predictor, smoothed)
+
+
+def _stretch(squared: Array, scale: Array) -> Array:
+    """
+    Return by how much Student's t widens the variance of steps of these mean squares, (N, m).
+
+    Lange, Little and Taylor, Journal of the American Statistical Association 84 (1989). Gauge
+    errors do not jump: theirs stays.
+    """
+    wider = (FREEDOM + squared / scale) / (FREEDOM + 1.0)
+    wider[:, 2:] = 1.0
+    return np.asarray(wider, dtype=float)
+
+
+def latent_system(predictor: Predictor, amplitudes: Amplitudes) -> LatentSystem:
+    """Return the predictor's base with latent forces, ready to be smoothed."""
+    arm, record = predictor.arm, predictor.record
+    rows, step = np.arange(len(record.time)), arm.step_time
+    weights, table = payload_schedule(arm, record.time, predictor.weights_of(arm))
+    n = arm.states
+    table = table.reshape(len(table), n, -1)
+    torques = np.concatenate([table[..., :n], table[..., n + 2:] @ arm.form.force], axis=-1)
+    open_loop = Matrices.of(predictor, arm, np.zeros_like(predictor.gain), rows)
+    run = Run(predictor, arm, open_loop, rows, 1)
+    drive = np.array([d.torque_gain for d in arm.robot.drives]) * np.std(record.command, axis=0)
+    strain = np.std(record.output[:, 2:], axis=0)
+    decay = float(np.exp(-step / amplitudes.gauge_time))
+    gauge = (amplitudes.gauge * strain)**2
+    diffusing = np.concatenate([step * (amplitudes.torque * drive)**2,
+                                gauge * (1.0 - decay**2)])
+    return LatentSystem(
+        weights, np.ascontiguousarray(torques), run.inputs[:, 0] + _contact(predictor),
+        np.ascontiguousarray(arm.output_matrix), np.ascontiguousarray(run.measured[:, 0]),
+        predictor.noise**2, _diffusion(predictor, table), decay,
+        np.tile(diffusing, (len(rows), 1)), _start(predictor), _spread(predictor, drive, gauge))
+
+
+def _contact(predictor: Predictor) -> Array:
+    """Return what dry friction and backlash of the base do to each step, (N, n)."""
+    arm, states = predictor.arm, predictor.states
+    if not arm.has_contact:
+        return np.zeros_like(states)
+    rows = np.arange(len(states))
+    run = Run(predictor, arm, Matrices.of(predictor, arm, predictor.gain, rows), rows, 1)
+    free = np.matmul(run.closed, states[..., None])[..., 0] + run.inputs[:, 0]
+    return np.vstack([states[1:] - free[:-1], np.zeros((1, states.shape[1]))])
+
+
+def _diffusion(predictor: Predictor, table: Array) -> Array:
+    """Return the covariance that force noise on the deflections gives a step, (n, n)."""
+    arm, base = predictor.arm, predictor.base
+    loads = load_levels(arm, predictor.record.command, predictor.record.output)
+    variance = LEVEL_STEP / arm.step_time * process_noise(loads, (0.0, base.level[1]))
+    e = table[len(table) // 2][:, arm.states + 2:]
+    return np.asarray((e * variance) @ e.T, dtype=float)
+
+
+def _start(predictor: Predictor) -> Array:
+    return np.concatenate([predictor.record.output[0, :2],
+                           np.zeros(predictor.arm.states - 2)])
+
+
+def _spread(predictor: Predictor, drive: Array, gauge: Array) -> Array:
+    """Return how far the first state may be from rest, (n + m,)."""
+    return np.concatenate([np.ones(predictor.arm.states), drive, np.sqrt(gauge)])
+
+
+def _found(predictor: Predictor, smoothed: Smoothed) -> LatentForces:
+    arm, record, n = predictor.arm, predictor.record, predictor.arm.states
+    order = arm.form.order
+    state, latent = smoothed.mean[:, :n], smoothed.mean[:, n:]
+    return LatentForces(
+        record.time, latent[:, :2], smoothed.deviation[:, :2], latent[:, 2:],
+        smoothed.deviation[:, 2:], state[:, order:order + 2], state[:, :2], record.command,
+        (state @ arm.output_matrix.T)[:, 2:], smoothed.log_likelihood)

@@ -1,0 +1,230 @@
+"""The law of a latent force: which one variable explains it on stretches left out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from flex_plant_sim.arm.second_order import Array
+import numpy as np
+from numpy.typing import NDArray
+
+STRETCHES, FOLDS = 20, 5
+KNOTS = 8
+# Two-sided 5 % shared by five comparisons (Bonferroni).
+CLEAR = 2.576
+CONSTANT = 'constant'
+STEPPED = 'speed'
+
+
+@dataclass(frozen=True)
+class Series:
+    """
+    A latent force and what it may depend on, where it is to be judged.
+
+    Attributes
+    ----------
+    site, unit : str
+        joint_1, N m; or a gauge, m/m.
+    value, deviation : Array
+        (N,), posterior mean and standard deviation.
+    variables : Mapping
+        Name to (unit, values (N,)).
+    judged : Array
+        Whether a sample counts, (N,): a joint moves, the start is over.
+    relevant : float
+        Root mean square below which it may be model error.
+
+    """
+
+    site: str
+    unit: str
+    value: Array
+    deviation: Array
+    variables: Mapping[str, tuple[str, Array]]
+    judged: NDArray[np.bool_]
+    relevant: float
+
+    @property
+    def size(self) -> float:
+        """Return the root mean square where judged."""
+        return float(np.sqrt(np.mean(self.value[self.judged]**2)))
+
+
+@dataclass(frozen=True)
+class Law:
+    """
+    A latent force as a table over one variable, linear between its knots.
+
+    Attributes
+    ----------
+    site, unit, variable, variable_unit : str
+    knots, values, deviations : Array
+        (K,); a knot that stands twice is a step. Deviations are standard ones.
+    share, share_error : float
+        Of the force's power, explained on stretches left out, and its standard error.
+    size : float
+        Root mean square of the force.
+    relevant, clear : bool
+        Too large for a model error; and beyond chance better than zero and every other variable.
+
+    """
+
+    site: str
+    unit: str
+    variable: str
+    variable_unit: str
+    knots: Array
+    values: Array
+    deviations: Array
+    share: float
+    share_error: float
+    size: float
+    relevant: bool
+    clear: bool
+
+    @property
+    def stated(self) -> bool:
+        """Tell whether it counts."""
+        return self.relevant and self.clear
+
+    def at(self, x: Array) -> Array:
+        """Return the force at values of the variable, (N,)."""
+        return np.asarray(hats(x, self.knots) @ self.values)
+
+
+def hats(x: Array, knots: Array) -> Array:
+    """
+    Return the hat functions of knots at x, constant beyond the ends, (N, K).
+
+    A knot that stands twice parts the line: what is left of it does not know what is right.
+    """
+    columns = np.zeros((len(x), len(knots)))
+    twice = np.flatnonzero(np.diff(knots) == 0.0)
+    edges = [0, *(twice + 1), len(knots)]
+    for first, stop in zip(edges, edges[1:]):
+        inside = (x >= knots[first]) | (first == 0)
+        inside &= (x < knots[stop - 1]) | (stop == len(knots))
+        for k in range(first, stop):
+            columns[inside, k] = np.interp(x[inside], knots[first:stop],
+                                           np.eye(stop - first)[k - first])
+    return columns
+
+
+def knots_for(variable: str, x: Array) -> Array:
+    """Return knots where samples are: one for a constant, with a step at zero for a speed."""
+    if variable == CONSTANT:
+        return np.zeros(1)
+    if variable != STEPPED:
+        return np.unique(np.quantile(x, np.linspace(0.0, 1.0, KNOTS)))
+    halves = [np.quantile(part, np.linspace(0.0, 1.0, KNOTS // 2)[1:])
+              for part in (-x[x < 0.0], x[x > 0.0]) if len(part)]
+    if len(halves) < 2:
+        return np.unique(np.quantile(x, np.linspace(0.0, 1.0, KNOTS)))
+    return np.concatenate([-halves[0][::-1], [0.0, 0.0], halves[1]])
+
+
+def stretches_of(count: int) -> NDArray[np.int_]:
+    """Return the number of the contiguous stretch of each of the samples, (N,)."""
+    return np.arange(count) * STRETCHES // count
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One variable tried: what it leaves on each stretch when that is left out, (S,)."""
+
+    variable: str
+    knots: Array
+    left: Array
+    power: Array
+
+    @property
+    def share(self) -> float:
+        """Return the share of the power explained."""
+        return 1.0 - float(self.left.sum() / self.power.sum())
+
+    @property
+    def error(self) -> float:
+        """Return its standard error, from the stretches."""
+        return _ratio_error(self.left, self.power)
+
+    def beats(self, other: Trial) -> bool:
+        """Tell whether it explains more beyond chance, the stretches compared one by one."""
+        gained = other.left - self.left
+        return float(gained.sum() / self.power.sum()) > CLEAR * _ratio_error(gained, self.power)
+
+
+def _ratio_error(part: Array, whole: Array) -> float:
+    """Return the standard error of sum(part) / sum(whole) over independent stretches."""
+    rest = part - whole * part.sum() / whole.sum()
+    return float(np.sqrt(len(part) / (len(part) - 1.0) * np.sum(rest**2)) / whole.sum())
+
+
+def tried(series: Series) -> list[Trial]:
+    """Return all variables tried, the best first; the constant is one of them."""
+    value = series.value[series.judged]
+    stretch = stretches_of(len(series.value))[series.judged]
+    variables = {CONSTANT: ('', np.zeros(len(series.value))), **series.variables}
+    trials = [_trial(name, x[series.judged], value, stretch)
+              for name, (_, x) in variables.items()]
+    return sorted(trials, key=lambda trial: -trial.share)
+
+
+def _trial(variable: str, x: Array, value: Array, stretch: NDArray[np.int_]) -> Trial:
+    knots = knots_for(variable, x)
+    design, numbers = hats(x, knots), np.unique(stretch)
+    left, power = np.zeros(len(numbers)), np.zeros(len(numbers))
+    for fold in range(FOLDS):
+        out = stretch % FOLDS == fold
+        fitted = np.linalg.lstsq(design[~out], value[~out], rcond=1e-8)[0]
+        squared = (value - design @ fitted)**2
+        for k in np.flatnonzero(numbers % FOLDS == fold):
+            left[k] = squared[stretch == numbers[k]].sum()
+    for k, number in enumerate(numbers):
+        power[k] = np.sum(value[stretch == number]**2)
+    return Trial(variable, knots, left, power)
+
+
+def law_of(series: Series) -> Law:
+    """
+    Return the law over the variable that explains a latent force best.
+
+    It is clear where it beats zero and every other variable; a constant need not beat those
+    that contain it, they must beat it.
+    """
+    trials = tried(series)
+    best = trials[0]
+    constant = next(trial for trial in trials if trial.variable == CONSTANT)
+    if not best.beats(constant):
+        best, rivals = constant, []
+    else:
+        rivals = [trial for trial in trials if trial is not best]
+    clear = best.share > CLEAR * best.error and all(best.beats(rival) for rival in rivals)
+    return _fitted(series, best, clear)
+
+
+def _fitted(series: Series, best: Trial, clear: bool) -> Law:
+    unit, x = series.variables.get(best.variable, ('', np.zeros(len(series.value))))
+    design, value = hats(x[series.judged], best.knots), series.value[series.judged]
+    values = np.linalg.lstsq(design, value, rcond=1e-8)[0]
+    return Law(series.site, series.unit, best.variable, unit, best.knots, values,
+               _deviations(design, value - design @ values,
+                           stretches_of(len(series.value))[series.judged]),
+               best.share, best.error, series.size, series.size > series.relevant, clear)
+
+
+def _deviations(design: Array, rest: Array, stretch: NDArray[np.int_]) -> Array:
+    """Return standard deviations of the values, stretches being independent, (K,)."""
+    inverse = np.linalg.pinv(design.T @ design, rcond=1e-8)
+    scores = np.stack([design[stretch == k].T @ rest[stretch == k] for k in np.unique(stretch)])
+    return np.sqrt(np.maximum(np.diagonal(inverse @ scores.T @ scores @ inverse), 0.0))
+
+
+def shares(series: Series) -> dict[str, tuple[float, float]]:
+    """Return share and standard error by variable, the best first."""
+    return {trial.variable: (trial.share, trial.error) for trial in tried(series)}
+
+
+def stated(laws: Sequence[Law]) -> tuple[Law, ...]:
+    """Return the laws that count, the largest first."""
+    return tuple(sorted((law for law in laws if law.stated), key=lambda law: -law.share))

@@ -1,0 +1,227 @@
+"""A fixed-interval smoother for an arm with latent torques and gauge errors, in loops."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.compiled import compiled
+import numpy as np
+
+# Memory for the covariances of a block: 50 s at 500 Hz with 20 states in one go.
+BLOCK_BYTES = 128e6
+
+
+@dataclass(frozen=True)
+class LatentSystem:
+    """
+    z = (x, torques, gauge errors): what moves, what pushes it unseen, and what gauges add.
+
+    x+ = F x + B tau + v + w, tau+ = tau + dtau, gamma+ = decay gamma + dgamma,
+    y = C x + (0, gamma) + e.
+
+    Attributes
+    ----------
+    weights : Array
+        Over the schedule's nodes at every sample, (N, K).
+    table : Array
+        [F, B] at the nodes, (K, n, n + 2).
+    known : Array
+        v: what commands, forces and contact are known to add to a step, (N, n).
+    output : Array
+        C, (m, n).
+    measured : Array
+        y, (N, m).
+    noise : Array
+        Variance of e, (m,).
+    diffusion : Array
+        Covariance of w, (n, n).
+    decay : float
+        Of the gauge errors over one sample.
+    diffusing : Array
+        Variance of dtau and of dgamma at every sample, (N, m).
+    start, spread : Array
+        Mean (n,) and standard deviation of the first z, (n + m,).
+
+    """
+
+    weights: Array
+    table: Array
+    known: Array
+    output: Array
+    measured: Array
+    noise: Array
+    diffusion: Array
+    decay: float
+    diffusing: Array
+    start: Array
+    spread: Array
+
+    @property
+    def states(self) -> int:
+        """Return n."""
+        return self.output.shape[1]
+
+    @property
+    def rows(self) -> Array:
+        """Return the output matrix of z, (m, n + m): gauges see their own error too."""
+        m = len(self.output)
+        own = np.eye(m)
+        own[:2] = 0.0
+        return np.hstack([self.output, own])
+
+
+@dataclass(frozen=True)
+class Smoothed:
+    """
+    What a record says of z, given all of it.
+
+    Attributes
+    ----------
+    mean : Array
+        (N, n + m): states, torques, gauge errors.
+    deviation : Array
+        Posterior standard deviation of torques and gauge errors, (N, m).
+    increments : Array
+        Posterior mean square of dtau and dgamma, (N, m).
+    log_likelihood : float
+        Of the record, nats.
+
+    """
+
+    mean: Array
+    deviation: Array
+    increments: Array
+    log_likelihood: float
+
+
+def smooth(system: LatentSystem) -> Smoothed:
+    """
+    Return the smoothed z of a record.
+
+    Kalman filter forward, modified Bryson-Frazier adjoint back (Bierman, International Journal
+    of Control 18 (1973)): the same as Rauch, Tung and Striebel's, without inverses. Blocks are
+    filtered a second time on the way back, so that memory does not grow with the record.
+    """
+    count, m, d = *system.measured.shape, system.states + len(system.output)
+    block = min(count, int(BLOCK_BYTES / (8 * d * (d + m))))
+    store, likelihood, entries = _Store.of(block, d, m), 0.0, []
+    z, p = np.concatenate([system.start, np.zeros(m)]), np.diag(system.spread**2)
+    for first in range(0, count, block):
+        entries.append((first, z.copy(), p.copy()))
+        likelihood += _run_forward(system, first, z, p, store)
+    mean, deviation, increments = np.empty((count, d)), np.empty((count, m)), np.empty((count, m))
+    adjoint, information = np.zeros(d), np.zeros((d, d))
+    for first, z, p in reversed(entries):
+        if len(entries) > 1:
+            _run_forward(system, first, z, p, store)
+        _backward(first, min(first + block, count), adjoint, information, store.transition,
+                  system.rows, system.decay, system.diffusing, store.mean, store.covariance,
+                  store.gain, store.error, store.variance, mean, deviation, increments)
+    return Smoothed(mean, np.sqrt(np.maximum(deviation, 0.0)), increments, likelihood)
+
+
+@dataclass(frozen=True)
+class _Store:
+    """What a block leaves behind for the way back."""
+
+    mean: Array
+    covariance: Array
+    gain: Array
+    error: Array
+    variance: Array
+    transition: Array
+
+    @classmethod
+    def of(cls, count: int, d: int, m: int) -> _Store:
+        n = d - m
+        return cls(np.empty((count, d)), np.empty((count, d, d)), np.empty((count, m, d)),
+                   np.empty((count, m)), np.empty((count, m)), np.empty((count, n, n + 2)))
+
+
+def _run_forward(system: LatentSystem, first: int, z: Array, p: Array, store: _Store) -> float:
+    """Filter one block; z and p end as predicted for the next."""
+    stop = min(first + len(store.mean), len(system.measured))
+    flat = system.table.reshape(len(system.table), -1)
+    np.matmul(system.weights[first:stop], flat,
+              out=store.transition.reshape(len(store.mean), -1)[:stop - first])
+    return float(_forward(
+        first, stop, z, p, store.transition, system.known, system.rows, system.measured,
+        system.noise, system.decay, system.diffusion, system.diffusing, store.mean,
+        store.covariance, store.gain, store.error, store.variance))
+
+
+@compiled
+def _latent_transition(n: int, d: int, decay: float) -> Array:
+    """Return the transition of z with the arm's own part left out, (d, d)."""
+    a = np.zeros((d, d))
+    a[n, n] = a[n + 1, n + 1] = 1.0
+    for i in range(n + 2, d):
+        a[i, i] = decay
+    return a
+
+
+@compiled
+def _forward(first: int, stop: int, z: Array, p: Array, transition: Array, known: Array,
+             rows: Array, measured: Array, noise: Array, decay: float, diffusion: Array,
+             diffusing: Array, means: Array, covariances: Array, gains: Array, errors: Array,
+             variances: Array) -> float:
+    """Filter samples first to stop; z and p end as predicted for stop."""
+    n, d, m = transition.shape[1], len(z), len(noise)
+    a, likelihood = _latent_transition(n, d, decay), 0.0
+    for k in range(first, stop):
+        at = k - first
+        means[at], covariances[at] = z, p
+        for o in range(m):
+            shared = np.dot(p, rows[o])
+            variance = np.dot(rows[o], shared) + noise[o]
+            error = measured[k, o] - np.dot(rows[o], z)
+            gain = shared / variance
+            for i in range(d):
+                z[i] += gain[i] * error
+                for j in range(d):
+                    p[i, j] -= gain[i] * shared[j]
+            gains[at, o], errors[at, o], variances[at, o] = gain, error, variance
+            likelihood -= 0.5 * (error * error / variance + np.log(2.0 * np.pi * variance))
+        a[:n, :n + 2] = transition[at]
+        z[:] = np.dot(a, z)
+        p[:] = np.dot(np.dot(a, p), a.T)
+        p[:] = 0.5 * (p + p.T)
+        z[:n] += known[k]
+        p[:n, :n] += diffusion
+        for j in range(m):
+            p[n + j, n + j] += diffusing[k, j]
+    return likelihood
+
+
+@compiled
+def _backward(first: int, stop: int, adjoint: Array, information: Array, transition: Array,
+              rows: Array, decay: float, diffusing: Array, means: Array, covariances: Array,
+              gains: Array, errors: Array, variances: Array, smoothed: Array, deviations: Array,
+              increments: Array) -> None:
+    """Take the adjoint (d,) and its information (d, d) from stop back to first."""
+    n, d, m = transition.shape[1], len(adjoint), rows.shape[0]
+    a = _latent_transition(n, d, decay)
+    for k in range(stop - 1, first - 1, -1):
+        at = k - first
+        for j in range(m):
+            prior, own = diffusing[k, j], information[n + j, n + j]
+            increments[k, j] = (prior * adjoint[n + j])**2 + prior - prior**2 * own
+        a[:n, :n + 2] = transition[at]
+        adjoint[:] = np.dot(a.T, adjoint)
+        information[:] = np.dot(np.dot(a.T, information), a)
+        for o in range(m - 1, -1, -1):
+            gain, row = gains[at, o], rows[o]
+            shared = np.dot(information, gain)
+            both = np.dot(gain, shared) + 1.0 / variances[at, o]
+            along = np.dot(gain, adjoint) + errors[at, o] / variances[at, o]
+            for i in range(d):
+                adjoint[i] -= row[i] * along
+                for j in range(d):
+                    information[i, j] += (both * row[i] * row[j] - row[i] * shared[j]
+                                          - shared[i] * row[j])
+        p = covariances[at]
+        smoothed[k] = means[at] - np.dot(p, adjoint)
+        for j in range(m):
+            column = p[n + j]
+            deviations[k, j] = column[n + j] - np.dot(column, np.dot(information, column))
