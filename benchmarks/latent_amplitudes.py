@@ -30,7 +30,7 @@ import numpy as np
 ROBOT = load_robot('reference')
 FIRST_SEED = 7000
 KINDS = ('nothing', 'coulomb_friction', 'viscous_friction', 'actuator_bias')
-TORQUE, GAUGE, GAUGE_TIME = (0.02, 0.05, 0.1, 0.2), (0.01, 0.03, 0.05), (0.1, 0.3)
+TORQUE, GAUGE, GAUGE_TIME = (0.02, 0.03, 0.05), (0.01, 0.05), (0.1, 0.3)
 MOVING, START_S, SLOWEST = 0.1, 2.0, 10.0
 
 

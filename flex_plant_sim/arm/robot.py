@@ -75,13 +75,13 @@ class EffectSpec:
     site : str
         Where it acts, for example joint_2, link_1, strain_1a or arm.
     values : Mapping
-        Parameter name (with its unit) to value.
+        Parameter name (with its unit) to a number; a table has lists, and names its variable.
 
     """
 
     name: str
     site: str
-    values: Mapping[str, float]
+    values: Mapping[str, Any]
 
 
 @dataclass(frozen=True)

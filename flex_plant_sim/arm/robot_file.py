@@ -17,6 +17,8 @@ from msg_config.errors import InputError
 
 # More than every effect of the catalogue at every site.
 MAX_EFFECTS = 500
+# Of a table: one every 10 ms of a stroke of ten seconds.
+MAX_KNOTS = 1000
 
 
 def _link(section: Section) -> Link:
@@ -73,9 +75,21 @@ def _effects(source: str, items: Any) -> tuple[EffectSpec, ...]:
     for index, item in enumerate(items):
         section = Section(source, f'effects[{index}]', item)
         name, site = section.text('name'), section.text('site', 'arm')
-        values = {str(key): section.number(key, -math.inf) for key in list(section.data)}
+        values = {str(key): _effect_value(section, key) for key in list(section.data)}
         specs.append(EffectSpec(name, site, values))
     return tuple(specs)
+
+
+def _effect_value(section: Section, key: str) -> float | str | tuple[float, ...]:
+    """Return a number, the numbers of a list, or the name of a table's variable."""
+    if key == 'variable':
+        return section.text(key)
+    if not isinstance(section.data[key], list):
+        return section.number(key, -math.inf)
+    if len(section.data[key]) > MAX_KNOTS:
+        raise InputError(f'{section.name(key)}: expected at most {MAX_KNOTS} numbers, '
+                         f'got {len(section.data[key])}')
+    return section.numbers(key, -math.inf, math.inf)
 
 
 def _tolerances(section: Section) -> Tolerances:

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping
 from functools import lru_cache
 import importlib
-import math
 import pkgutil
 from types import MappingProxyType
 
 from flex_plant_sim.arm.robot import EffectSpec, Robot
-from flex_plant_sim.effects.base import Effect, Parameter
+from flex_plant_sim.effects.base import Effect
 from msg_config.errors import InputError
 
 # What a class may name as its sites; gauges are the robot's own.
@@ -21,8 +19,8 @@ SITES: Mapping[str, tuple[str, ...]] = MappingProxyType({
 
 
 @lru_cache(maxsize=1)
-def catalogue() -> Mapping[str, type[Effect]]:
-    """Return the effects by identifier, sorted by family and identifier."""
+def kinds() -> Mapping[str, type[Effect]]:
+    """Return all that a robot file may name, by identifier, sorted by family and identifier."""
     found = []
     for module in pkgutil.walk_packages(__path__, f'{__name__}.'):
         if module.ispkg or module.name == f'{__name__}.__main__':
@@ -32,6 +30,12 @@ def catalogue() -> Mapping[str, type[Effect]]:
                   and item is not Effect and item.__module__ == module.name]
     found.sort(key=lambda item: (item.family, item.identifier))
     return MappingProxyType({item.identifier: item for item in found})
+
+
+@lru_cache(maxsize=1)
+def catalogue() -> Mapping[str, type[Effect]]:
+    """Return the causes that have a name: all kinds but tables for what has none."""
+    return MappingProxyType({name: kind for name, kind in kinds().items() if kind.named})
 
 
 def sites(effect: type[Effect], robot: Robot) -> tuple[str, ...]:
@@ -56,22 +60,11 @@ def build(spec: EffectSpec, robot: Robot | None = None) -> Effect:
         Unknown identifier or site; a parameter that is missing, unknown or out of bounds.
 
     """
-    if spec.name not in catalogue():
-        raise InputError(f'effects: expected one of {", ".join(catalogue())}, got {spec.name!r}')
-    effect = catalogue()[spec.name]
+    if spec.name not in kinds():
+        raise InputError(f'effects: expected one of {", ".join(kinds())}, got {spec.name!r}')
+    effect = kinds()[spec.name]
     _check_site(effect, spec, robot)
-    known = [parameter.name for parameter in effect.parameters]
-    spec = replace(spec, values={_full(name, known): value for name, value in spec.values.items()})
-    for name in spec.values:
-        if name not in known:
-            raise InputError(f'effects: {spec.name}: expected {", ".join(known)}, got {name!r}')
-    return effect(spec.site, tuple(_value(spec, parameter) for parameter in effect.parameters))
-
-
-def _full(name: str, known: Sequence[str]) -> str:
-    """Return the one name that this is, with its unit left out (level for level_n_m)."""
-    longer = [full for full in known if full.startswith(f'{name}_')]
-    return longer[0] if name not in known and len(longer) == 1 else name
+    return effect(spec.site, effect.read(spec.values))
 
 
 def _check_site(effect: type[Effect], spec: EffectSpec, robot: Robot | None) -> None:
@@ -83,17 +76,6 @@ def _check_site(effect: type[Effect], spec: EffectSpec, robot: Robot | None) -> 
     if spec.site not in allowed:
         raise InputError(f'effects: {spec.name}: site: expected one of {", ".join(allowed)}, '
                          f'got {spec.site!r}')
-
-
-def _value(spec: EffectSpec, parameter: Parameter) -> float:
-    name = f'effects: {spec.name}: {parameter.name}'
-    if parameter.name not in spec.values:
-        raise InputError(f'{name}: expected a value in {parameter.unit}, it is missing')
-    value = float(spec.values[parameter.name])
-    if not (math.isfinite(value) and parameter.low <= value <= parameter.high):
-        raise InputError(f'{name}: expected {parameter.low:g} to {parameter.high:g} '
-                         f'{parameter.unit}, got {value:g}')
-    return value
 
 
 def parse(text: str) -> EffectSpec:

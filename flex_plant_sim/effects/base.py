@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from abc import ABC
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+import math
 from typing import Any, ClassVar
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array, SecondOrderForm
 from flex_plant_sim.arm.state_space import StateSpace
+from msg_config.errors import InputError
 import numpy as np
 
 
@@ -101,6 +104,8 @@ class Effect(ABC):
     structural: ClassVar[bool] = False
     # Whether the states mean something else with it: it bends in other shapes.
     reshapes: ClassVar[bool] = False
+    # Whether the effect is a cause with a name, which the diagnosis may propose.
+    named: ClassVar[bool] = True
 
     site: str
     values: tuple[Any, ...]
@@ -119,6 +124,29 @@ class Effect(ABC):
     def modes(self) -> int:
         """Return the least number of shapes a link that the effect asks for."""
         return 0
+
+    @classmethod
+    def read(cls, values: Mapping[str, Any]) -> tuple[Any, ...]:
+        """
+        Return the effect's values from what a robot file says, by parameter name.
+
+        Raises
+        ------
+        InputError
+            A parameter that is missing, unknown or out of bounds.
+
+        """
+        known = [parameter.name for parameter in cls.parameters]
+        values = {_full(name, known): value for name, value in values.items()}
+        for name in values:
+            if name not in known:
+                raise InputError(f'effects: {cls.identifier}: expected {", ".join(known)}, '
+                                 f'got {name!r}')
+        return tuple(_value(cls.identifier, parameter, values) for parameter in cls.parameters)
+
+    def written(self) -> dict[str, Any]:
+        """Return what a robot file says of the effect, by parameter name."""
+        return {p.name: float(value) for p, value in zip(self.parameters, self.values)}
 
     @classmethod
     def bounds(cls, site: str, robot: Robot) -> tuple[tuple[float, float], ...]:
@@ -202,6 +230,26 @@ class Effect(ABC):
     def payload_at(self, time: Any, payload: Any) -> Any:
         """Return the payload, kg, at times, s, given what it would be without; scalar or (N,)."""
         return payload
+
+
+def _full(name: str, known: Sequence[str]) -> str:
+    """Return the one name that this is, with its unit left out (level for level_n_m)."""
+    longer = [full for full in known if full.startswith(f'{name}_')]
+    return longer[0] if name not in known and len(longer) == 1 else name
+
+
+def _value(identifier: str, parameter: Parameter, values: Mapping[str, Any]) -> float:
+    name = f'effects: {identifier}: {parameter.name}'
+    if parameter.name not in values:
+        raise InputError(f'{name}: expected a value in {parameter.unit}, it is missing')
+    given = values[parameter.name]
+    if not isinstance(given, (int, float)):
+        raise InputError(f'{name}: expected a number, got {given!r}')
+    value = float(given)
+    if not (math.isfinite(value) and parameter.low <= value <= parameter.high):
+        raise InputError(f'{name}: expected {parameter.low:g} to {parameter.high:g} '
+                         f'{parameter.unit}, got {value:g}')
+    return value
 
 
 def one_hot(index: int, size: int) -> Array:

@@ -9,6 +9,7 @@ from flex_plant_sim.diagnosis.prediction.noise import load_levels, process_noise
 from flex_plant_sim.diagnosis.prediction.passage import Matrices, payload_schedule, Run
 from flex_plant_sim.diagnosis.prediction.predictor import LEVEL_STEP, Predictor
 from flex_plant_sim.diagnosis.prediction.smoother import LatentSystem, smooth, Smoothed
+from flex_plant_sim.effects.joint.measured_torque import load_row
 import numpy as np
 
 PASSES = 4
@@ -34,8 +35,8 @@ class Amplitudes:
 
     """
 
-    torque: float = 0.05
-    gauge: float = 0.03
+    torque: float = 0.03
+    gauge: float = 0.05
     gauge_time: float = 0.3
 
 
@@ -56,6 +57,12 @@ class LatentForces:
         Of the joints, (N, 2): rad/s, rad, drive unit.
     strain : Array
         Smoothed, without the gauges' error, (N, gauges).
+    load : Array
+        Bending moment at each link's first gauge, N m, (N, 2); 0 where there is none.
+    drive : Array
+        Root mean square torque of the drives, N m, (2,).
+    warm_up : int
+        Samples until the first state is forgotten.
     log_likelihood : float
         nats.
 
@@ -70,6 +77,9 @@ class LatentForces:
     angle: Array
     command: Array
     strain: Array
+    load: Array
+    drive: Array
+    warm_up: int
     log_likelihood: float
 
 
@@ -114,7 +124,7 @@ def latent_system(predictor: Predictor, amplitudes: Amplitudes) -> LatentSystem:
     torques = np.concatenate([table[..., :n], table[..., n + 2:] @ arm.form.force], axis=-1)
     open_loop = Matrices.of(predictor, arm, np.zeros_like(predictor.gain), rows)
     run = Run(predictor, arm, open_loop, rows, 1)
-    drive = np.array([d.torque_gain for d in arm.robot.drives]) * np.std(record.command, axis=0)
+    drive = drive_torque(predictor)
     strain = np.std(record.output[:, 2:], axis=0)
     decay = float(np.exp(-step / amplitudes.gauge_time))
     gauge = (amplitudes.gauge * strain)**2
@@ -125,6 +135,12 @@ def latent_system(predictor: Predictor, amplitudes: Amplitudes) -> LatentSystem:
         np.ascontiguousarray(arm.output_matrix), np.ascontiguousarray(run.measured[:, 0]),
         predictor.noise**2, _diffusion(predictor, table), decay,
         np.tile(diffusing, (len(rows), 1)), _start(predictor), _spread(predictor, drive, gauge))
+
+
+def drive_torque(predictor: Predictor) -> Array:
+    """Return the root mean square torque of the drives over a record, N m, (2,)."""
+    gain = np.array([drive.torque_gain for drive in predictor.arm.robot.drives])
+    return np.asarray(gain * np.std(predictor.record.command, axis=0), dtype=float)
 
 
 def _contact(predictor: Predictor) -> Array:
@@ -161,7 +177,12 @@ def _found(predictor: Predictor, smoothed: Smoothed) -> LatentForces:
     arm, record, n = predictor.arm, predictor.record, predictor.arm.states
     order = arm.form.order
     state, latent = smoothed.mean[:, :n], smoothed.mean[:, n:]
+    loads = [load_row(arm.form, arm.robot, j) if link.gauge_positions else np.zeros(order)
+             for j, link in enumerate(arm.robot.links)]
     return LatentForces(
-        record.time, latent[:, :2], smoothed.deviation[:, :2], latent[:, 2:],
-        smoothed.deviation[:, 2:], state[:, order:order + 2], state[:, :2], record.command,
-        (state @ arm.output_matrix.T)[:, 2:], smoothed.log_likelihood)
+        time=record.time, torque=latent[:, :2], torque_deviation=smoothed.deviation[:, :2],
+        gauge=latent[:, 2:], gauge_deviation=smoothed.deviation[:, 2:],
+        speed=state[:, order:order + 2], angle=state[:, :2], command=record.command,
+        strain=(state @ arm.output_matrix.T)[:, 2:], load=state[:, :order] @ np.array(loads).T,
+        drive=drive_torque(predictor), warm_up=predictor.windows.warm_up,
+        log_likelihood=smoothed.log_likelihood)

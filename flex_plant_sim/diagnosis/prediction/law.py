@@ -10,7 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 STRETCHES, FOLDS = 20, 5
-KNOTS = 8
+# Few knots where samples are, and many evenly spaced ones for what repeats, such as gear teeth.
+COARSE, FINE = 8, 32
+# A knot with a thousandth of its share of the samples counts half: where none were, it is zero.
+RIDGE = 1e-3
+# A law explains more than half.
+LEAST_SHARE = 0.5
 # Two-sided 5 % shared by five comparisons (Bonferroni).
 CLEAR = 2.576
 CONSTANT = 'constant'
@@ -111,17 +116,28 @@ def hats(x: Array, knots: Array) -> Array:
     return columns
 
 
-def knots_for(variable: str, x: Array) -> Array:
-    """Return knots where samples are: one for a constant, with a step at zero for a speed."""
+def knots_for(variable: str, x: Array, count: int) -> Array:
+    """Return knots over the samples: one for a constant, with a step at zero for a speed."""
     if variable == CONSTANT:
         return np.zeros(1)
-    if variable != STEPPED:
-        return np.unique(np.quantile(x, np.linspace(0.0, 1.0, KNOTS)))
-    halves = [np.quantile(part, np.linspace(0.0, 1.0, KNOTS // 2)[1:])
-              for part in (-x[x < 0.0], x[x > 0.0]) if len(part)]
-    if len(halves) < 2:
-        return np.unique(np.quantile(x, np.linspace(0.0, 1.0, KNOTS)))
+    halves = [_spread(part, count // 2)[1:] for part in (-x[x < 0.0], x[x > 0.0]) if len(part)]
+    if variable != STEPPED or len(halves) < 2:
+        return _spread(x, count)
     return np.concatenate([-halves[0][::-1], [0.0, 0.0], halves[1]])
+
+
+def _spread(x: Array, count: int) -> Array:
+    """Return knots at quantiles of the samples if few, evenly spaced if many."""
+    if count > COARSE:
+        return np.linspace(x.min(), x.max(), count)
+    return np.unique(np.quantile(x, np.linspace(0.0, 1.0, count)))
+
+
+def _fit(design: Array, value: Array) -> tuple[Array, Array]:
+    """Return the values at the knots (K,), and the inverse of their normal matrix (K, K)."""
+    ridge = RIDGE * len(design) / design.shape[1]
+    inverse = np.linalg.inv(design.T @ design + ridge * np.eye(design.shape[1]))
+    return inverse @ (design.T @ value), inverse
 
 
 def stretches_of(count: int) -> NDArray[np.int_]:
@@ -148,10 +164,15 @@ class Trial:
         """Return its standard error, from the stretches."""
         return _ratio_error(self.left, self.power)
 
-    def beats(self, other: Trial) -> bool:
-        """Tell whether it explains more beyond chance, the stretches compared one by one."""
+    def beats(self, other: Trial, least: float = 0.0) -> bool:
+        """
+        Tell whether it explains more: beyond chance, and by a share of at least `least`.
+
+        The stretches are compared one by one.
+        """
         gained = other.left - self.left
-        return float(gained.sum() / self.power.sum()) > CLEAR * _ratio_error(gained, self.power)
+        chance = CLEAR * _ratio_error(gained, self.power)
+        return float(gained.sum() / self.power.sum()) > max(chance, least)
 
 
 def _ratio_error(part: Array, whole: Array) -> float:
@@ -165,18 +186,27 @@ def tried(series: Series) -> list[Trial]:
     value = series.value[series.judged]
     stretch = stretches_of(len(series.value))[series.judged]
     variables = {CONSTANT: ('', np.zeros(len(series.value))), **series.variables}
-    trials = [_trial(name, x[series.judged], value, stretch)
-              for name, (_, x) in variables.items()]
+    trials = [_simplest([_trial(name, x[series.judged], value, stretch, count)
+                         for count in (COARSE, FINE)]) for name, (_, x) in variables.items()]
     return sorted(trials, key=lambda trial: -trial.share)
 
 
-def _trial(variable: str, x: Array, value: Array, stretch: NDArray[np.int_]) -> Trial:
-    knots = knots_for(variable, x)
+def _simplest(trials: Sequence[Trial]) -> Trial:
+    """Return the first that no later one beats."""
+    best = trials[0]
+    for trial in trials[1:]:
+        best = trial if trial.beats(best) else best
+    return best
+
+
+def _trial(variable: str, x: Array, value: Array, stretch: NDArray[np.int_],
+           count: int) -> Trial:
+    knots = knots_for(variable, x, count)
     design, numbers = hats(x, knots), np.unique(stretch)
     left, power = np.zeros(len(numbers)), np.zeros(len(numbers))
     for fold in range(FOLDS):
         out = stretch % FOLDS == fold
-        fitted = np.linalg.lstsq(design[~out], value[~out], rcond=1e-8)[0]
+        fitted, _ = _fit(design[~out], value[~out])
         squared = (value - design @ fitted)**2
         for k in np.flatnonzero(numbers % FOLDS == fold):
             left[k] = squared[stretch == numbers[k]].sum()
@@ -189,33 +219,33 @@ def law_of(series: Series) -> Law:
     """
     Return the law over the variable that explains a latent force best.
 
-    It is clear where it beats zero and every other variable; a constant need not beat those
-    that contain it, they must beat it.
+    It is clear where it explains more than half, and beats every other variable by more than may
+    be model error; a constant need not beat those that contain it, they must beat it.
     """
     trials = tried(series)
-    best = trials[0]
+    best, least = trials[0], (series.relevant / series.size)**2
     constant = next(trial for trial in trials if trial.variable == CONSTANT)
-    if not best.beats(constant):
+    if not best.beats(constant, least):
         best, rivals = constant, []
     else:
         rivals = [trial for trial in trials if trial is not best]
-    clear = best.share > CLEAR * best.error and all(best.beats(rival) for rival in rivals)
+    clear = best.share - CLEAR * best.error > LEAST_SHARE and all(best.beats(rival, least) for rival in rivals)
     return _fitted(series, best, clear)
 
 
 def _fitted(series: Series, best: Trial, clear: bool) -> Law:
     unit, x = series.variables.get(best.variable, ('', np.zeros(len(series.value))))
     design, value = hats(x[series.judged], best.knots), series.value[series.judged]
-    values = np.linalg.lstsq(design, value, rcond=1e-8)[0]
+    values, inverse = _fit(design, value)
     return Law(series.site, series.unit, best.variable, unit, best.knots, values,
-               _deviations(design, value - design @ values,
+               _deviations(design, value - design @ values, inverse,
                            stretches_of(len(series.value))[series.judged]),
                best.share, best.error, series.size, series.size > series.relevant, clear)
 
 
-def _deviations(design: Array, rest: Array, stretch: NDArray[np.int_]) -> Array:
+def _deviations(design: Array, rest: Array, inverse: Array,
+                stretch: NDArray[np.int_]) -> Array:
     """Return standard deviations of the values, stretches being independent, (K,)."""
-    inverse = np.linalg.pinv(design.T @ design, rcond=1e-8)
     scores = np.stack([design[stretch == k].T @ rest[stretch == k] for k in np.unique(stretch)])
     return np.sqrt(np.maximum(np.diagonal(inverse @ scores.T @ scores @ inverse), 0.0))
 

@@ -23,9 +23,7 @@ EFFECTS_BLOCK = re.compile(r'^effects:[^\n]*\n(?:(?:[ \t]+|-)[^\n]*\n|\s*\n(?=[ 
 
 def specs(effects: Sequence[Effect]) -> tuple[EffectSpec, ...]:
     """Return effects as a robot file names them."""
-    return tuple(EffectSpec(effect.identifier, effect.site, {
-        parameter.name: float(value) for parameter, value in zip(effect.parameters, effect.values)
-    }) for effect in effects)
+    return tuple(EffectSpec(e.identifier, e.site, e.written()) for e in effects)
 
 
 def extended_text(source: str | Path, robot: Robot, effects: Sequence[Effect]) -> str:
@@ -49,7 +47,9 @@ def extended_text(source: str | Path, robot: Robot, effects: Sequence[Effect]) -
     original = parse_robot(text, str(source))
     wanted = replace(robot, effects=specs(effects))
     listed = yaml.safe_dump({'effects': [
-        {'name': spec.name, 'site': spec.site, **spec.values} for spec in wanted.effects]},
+        {'name': spec.name, 'site': spec.site, **{
+            key: list(value) if isinstance(value, tuple) else value
+            for key, value in spec.values.items()}} for spec in wanted.effects]},
         sort_keys=False, allow_unicode=True)
     if replace(original, effects=()) == replace(robot, effects=()):
         kept = EFFECTS_BLOCK.sub('', text).rstrip('\n') + '\n' + listed

@@ -1,0 +1,49 @@
+"""A line in the spectrum of a latent force: something behind it swings, and remembers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from flex_plant_sim.diagnosis.prediction.law import Series
+import numpy as np
+from scipy.signal import welch
+
+SEGMENTS = 8
+# Bins on either side of a Hann window's peak, and of the background beside it.
+PEAK, BESIDE = 2, 10
+# Ten times the background would be one bin in 20 000 of a smooth spectrum at 8 segments (chi
+# squared with 16 degrees of freedom); half of the power is what a static law would have to leave.
+ABOVE, SHARE = 10.0, 0.3
+
+
+@dataclass(frozen=True)
+class Line:
+    """
+    A line: where it stands and how much of the power it holds.
+
+    Attributes
+    ----------
+    site : str
+    frequency : float
+        Hz.
+    share : float
+
+    """
+
+    site: str
+    frequency: float
+    share: float
+
+
+def line_of(series: Series, sample_time: float) -> Line | None:
+    """Return the strongest line of a latent force that is no model error; None without one."""
+    value = series.value - series.value.mean()
+    if series.size < series.relevant:
+        return None
+    frequency, power = welch(value, 1.0 / sample_time, nperseg=len(value) // SEGMENTS)
+    at = int(np.argmax(power[BESIDE:])) + BESIDE
+    beside = np.concatenate([power[at - BESIDE:at - PEAK], power[at + PEAK + 1:at + BESIDE + 1]])
+    share = float(power[at - PEAK:at + PEAK + 1].sum() / power.sum())
+    if power[at] < ABOVE * np.median(beside) or share < SHARE:
+        return None
+    return Line(series.site, float(frequency[at]), share)

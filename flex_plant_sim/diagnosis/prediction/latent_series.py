@@ -1,0 +1,70 @@
+"""Latent forces beside what they may depend on, ready to look for their laws."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.diagnosis.prediction.latent_forces import LatentForces
+from flex_plant_sim.diagnosis.prediction.law import Series
+import numpy as np
+from numpy.typing import NDArray
+
+# Speed below which a joint is taken to rest, as a share of its root-mean-square speed: there dry
+# friction may be anything.
+REST = 0.1
+# Of the rms drive torque, and of the rms strain: two good models of an arm (finite elements, a
+# chain of rigid segments) stay below, see benchmarks/latent_amplitudes.py.
+TORQUE_SHARE, GAUGE_SHARE = 0.01, 0.05
+LINK_NAME = len('strain_1')
+# A joint that moves for less of the record has no law.
+MOVING = 0.1
+
+
+def torque_series(found: Sequence[LatentForces], robot: Robot) -> tuple[Series, ...]:
+    """Return the latent torque of each joint that moves, all records one after the other."""
+    series = []
+    for j in range(2):
+        unit = 'rad/s' if robot.drives[j].closed_loop else 'A'
+        speed = _joined([f.speed[:, j] for f in found])
+        judged = _started(found) & (np.abs(speed) > REST * np.sqrt(np.mean(speed**2)))
+        variables = {
+            'speed': ('rad/s', speed), 'angle': ('rad', _joined([f.angle[:, j] for f in found])),
+            'command': (unit, _joined([f.command[:, j] for f in found])),
+            'time': ('s', _joined([f.time for f in found]))}
+        if robot.links[j].gauge_positions:
+            variables['load'] = ('N m', _joined([f.load[:, j] for f in found]))
+        drive = np.sqrt(np.mean([f.drive[j]**2 for f in found]))
+        series.append(Series(
+            f'joint_{j + 1}', 'N m', _joined([f.torque[:, j] for f in found]),
+            _joined([f.torque_deviation[:, j] for f in found]), variables, judged,
+            float(TORQUE_SHARE * drive)))
+    return tuple(s for s in series if s.judged.sum() > MOVING * len(s.judged))
+
+
+def gauge_series(found: Sequence[LatentForces], robot: Robot) -> tuple[Series, ...]:
+    """Return the latent error of each gauge, all records one after the other."""
+    names, series = robot.gauge_names, []
+    strain = np.vstack([f.strain for f in found])
+    rate = np.vstack([np.gradient(f.strain, f.time, axis=0) for f in found])
+    for g, name in enumerate(names):
+        # A gauge of the same link reads nearly the same: it is no variable of its own.
+        others = {other: ('m/m', strain[:, k]) for k, other in enumerate(names)
+                  if other[:LINK_NAME] != name[:LINK_NAME]}
+        variables = {'strain': ('m/m', strain[:, g]), 'strain rate': ('1/s', rate[:, g]),
+                     **others, 'time': ('s', _joined([f.time for f in found]))}
+        series.append(Series(
+            name, 'm/m', _joined([f.gauge[:, g] for f in found]),
+            _joined([f.gauge_deviation[:, g] for f in found]), variables, _started(found),
+            float(GAUGE_SHARE * np.std(strain[:, g]))))
+    return tuple(series)
+
+
+def _joined(parts: Sequence[Array]) -> Array:
+    return np.concatenate(parts)
+
+
+def _started(found: Sequence[LatentForces]) -> NDArray[np.bool_]:
+    """Return False where a record's first state still matters, (N,)."""
+    return np.concatenate([np.arange(len(f.time)) >= f.warm_up for f in found])

@@ -1,0 +1,147 @@
+"""Measured torque: the tabulated law of a torque that has no name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.second_order import Array, SecondOrderForm
+from flex_plant_sim.effects.base import Effect, Motion, one_hot
+from msg_config.errors import InputError
+import numpy as np
+
+VARIABLES = ('speed', 'angle', 'load', 'command', 'time')
+
+
+class MeasuredTorque(Effect):
+    """
+    A torque on one joint over one variable, linear between knots, constant beyond them.
+
+    `variable` is speed (rad/s), angle (rad), load (N m, the moment at the link's first gauge),
+    command (the drive's unit) or time (s). A knot that stands twice is a step. What of a law over
+    speed works against the motion acts as dry friction does, so that it never turns a joint back.
+    """
+
+    identifier = 'measured_torque'
+    family = 'joint and gear'
+    explanation = 'A torque of {site} that no effect of the catalogue names follows a table.'
+    parameters = ()
+    sites = 'joint'
+    named = False
+
+    @property
+    def variable(self) -> str:
+        """Return what the torque depends on."""
+        return str(self.values[0])
+
+    @property
+    def table(self) -> tuple[Array, Array]:
+        """Return knots and torques, N m, (K,) each."""
+        return np.array(self.values[1]), np.array(self.values[2])
+
+    @classmethod
+    def read(cls, values: Mapping[str, Any]) -> tuple[Any, ...]:
+        """Return variable, knots and torques from a robot file's keys."""
+        name = f'effects: {cls.identifier}'
+        for key in ('variable', 'knots', 'torques_n_m'):
+            if key not in values:
+                raise InputError(f'{name}: {key}: expected a value, the key is missing')
+        for key in set(values) - {'variable', 'knots', 'torques_n_m'}:
+            raise InputError(f'{name}: expected variable, knots, torques_n_m, got {key!r}')
+        variable = values['variable']
+        if variable not in VARIABLES:
+            raise InputError(f'{name}: variable: expected one of {", ".join(VARIABLES)}, '
+                             f'got {variable!r}')
+        knots, torques = (_numbers(f'{name}: {key}', values[key])
+                          for key in ('knots', 'torques_n_m'))
+        if len(knots) != len(torques):
+            raise InputError(f'{name}: torques_n_m: expected {len(knots)} numbers as in knots, '
+                             f'got {len(torques)}')
+        if np.any(np.diff(knots) < 0.0):
+            raise InputError(f'{name}: knots: expected ascending numbers, got {list(knots)}')
+        return str(variable), knots, torques
+
+    def written(self) -> dict[str, Any]:
+        """Return what a robot file says of it."""
+        return {'variable': self.variable, 'knots': tuple(map(float, self.values[1])),
+                'torques_n_m': tuple(map(float, self.values[2]))}
+
+    def force(self, motion: Motion) -> Array:
+        """Return the torque as a generalised force, (…, N), without what brakes the joint."""
+        torque = np.asarray(self._driving(motion))[..., None]
+        return torque * motion.form.force[:, self.index]
+
+    def dry_friction(self, motion: Motion) -> tuple[Array, Array]:
+        """Return what brakes a joint that moves forward or backward, N m, (…, 2)."""
+        joint = one_hot(self.index, 2)
+        if self.variable != 'speed':
+            return 0.0 * joint, 0.0 * joint
+        speed = motion.velocity[..., self.index]
+        forward, backward = self._sides(speed)
+        return (np.maximum(-forward, 0.0)[..., None] * joint,
+                np.maximum(backward, 0.0)[..., None] * joint)
+
+    def _driving(self, motion: Motion) -> Array:
+        j = self.index
+        knots, torques = self.table
+        if self.variable == 'speed':
+            speed = motion.velocity[..., j]
+            forward, backward = self._sides(speed)
+            moved = np.where(speed > 0.0, np.maximum(forward, 0.0), 0.0)
+            return self._offset() + np.where(speed < 0.0, np.minimum(backward, 0.0), moved)
+        at = {'angle': lambda: motion.position[..., j], 'command': lambda: motion.command[..., j],
+              'load': lambda: motion.position @ load_row(motion.form, motion.robot, j),
+              'time': lambda: motion.time}[self.variable]()
+        return np.asarray(np.interp(at, knots, torques), dtype=float)
+
+    def _offset(self) -> float:
+        """Return the mean of the torques on both sides of rest."""
+        knots, torques = self.table
+        left, right = _beside_zero(knots, torques)
+        return 0.5 * (left + right)
+
+    def _sides(self, speed: Array) -> tuple[Array, Array]:
+        """Return the torque less its offset when going forward and when going backward."""
+        knots, torques = self.table
+        left, right = _beside_zero(knots, torques)
+        offset, above, below = 0.5 * (left + right), knots > 0.0, knots < 0.0
+        forward = np.interp(np.maximum(speed, 0.0), np.append(0.0, knots[above]),
+                            np.append(right, torques[above]) - offset)
+        backward = np.interp(np.minimum(speed, 0.0), np.append(knots[below], 0.0),
+                             np.append(torques[below], left) - offset)
+        return np.asarray(forward), np.asarray(backward)
+
+
+def _numbers(name: str, values: Any) -> tuple[float, ...]:
+    if not (isinstance(values, (list, tuple)) and values
+            and all(isinstance(v, float) and np.isfinite(v) for v in values)):
+        raise InputError(f'{name}: expected a list of numbers, got {values!r}')
+    return tuple(values)
+
+
+def _beside_zero(knots: Array, torques: Array) -> tuple[float, float]:
+    """Return the torques just below and just above zero."""
+    at = np.flatnonzero(knots == 0.0)
+    if at.size:
+        return float(torques[at[0]]), float(torques[at[-1]])
+    value = float(np.interp(0.0, knots, torques))
+    return value, value
+
+
+def load_row(form: SecondOrderForm, robot: Robot, index: int) -> Array:
+    """
+    Return the bending moment at a link's first gauge over p, N m, (N,): 2 E I / b times strain.
+
+    Raises
+    ------
+    InputError
+        The link has no gauge.
+
+    """
+    link, first = robot.links[index], sum(len(link.gauge_positions) for link in
+                                          robot.links[:index])
+    if not link.gauge_positions:
+        raise InputError(f'effects: measured_torque: load: expected a gauge on link {index + 1}')
+    scale = 2.0 * link.bending_stiffness / link.thickness
+    return np.asarray(scale * form.strain[first], dtype=float)
