@@ -14,7 +14,7 @@ import argparse
 from collections.abc import Iterator
 from itertools import product
 
-from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.diagnosis.prediction.latent_forces import (
     Amplitudes,
     latent_forces,

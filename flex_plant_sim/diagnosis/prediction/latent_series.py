@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.prediction.latent_forces import LatentForces
-from flex_plant_sim.diagnosis.prediction.law import Series
+from flex_plant_sim.diagnosis.prediction.law import CONSTANT, Series
 import numpy as np
 from numpy.typing import NDArray
 
@@ -57,7 +57,7 @@ def gauge_series(found: Sequence[LatentForces], robot: Robot) -> tuple[Series, .
         series.append(Series(
             name, 'm/m', _joined([f.gauge[:, g] for f in found]),
             _joined([f.gauge_deviation[:, g] for f in found]), variables, _started(found),
-            float(GAUGE_SHARE * np.std(strain[:, g]))))
+            float(GAUGE_SHARE * np.std(strain[:, g])), (CONSTANT, 'strain')))
     return tuple(series)
 
 

@@ -39,6 +39,8 @@ class Series:
         Whether a sample counts, (N,): a joint moves, the start is over.
     relevant : float
         Root mean square below which it may be model error.
+    simple : tuple of str
+        Variables that are taken where no other is better by more than a model error.
 
     """
 
@@ -49,6 +51,7 @@ class Series:
     variables: Mapping[str, tuple[str, Array]]
     judged: NDArray[np.bool_]
     relevant: float
+    simple: tuple[str, ...] = (CONSTANT,)
 
     @property
     def size(self) -> float:
@@ -208,10 +211,10 @@ def _trial(variable: str, x: Array, value: Array, stretch: NDArray[np.int_],
         out = stretch % FOLDS == fold
         fitted, _ = _fit(design[~out], value[~out])
         squared = (value - design @ fitted)**2
-        for k in np.flatnonzero(numbers % FOLDS == fold):
-            left[k] = squared[stretch == numbers[k]].sum()
-    for k, number in enumerate(numbers):
-        power[k] = np.sum(value[stretch == number]**2)
+        for row in np.flatnonzero(numbers % FOLDS == fold):
+            left[row] = squared[stretch == numbers[row]].sum()
+    for row, number in enumerate(numbers):
+        power[row] = np.sum(value[stretch == number]**2)
     return Trial(variable, knots, left, power)
 
 
@@ -219,18 +222,21 @@ def law_of(series: Series) -> Law:
     """
     Return the law over the variable that explains a latent force best.
 
-    It is clear where it explains more than half, and beats every other variable by more than may
-    be model error; a constant need not beat those that contain it, they must beat it.
+    A constant, and a gauge's own strain, are taken unless another explains more than a model
+    error's worth better; any other variable must beat all its rivals by as much. A law is clear
+    where it explains more than half beyond chance.
     """
     trials = tried(series)
     best, least = trials[0], (series.relevant / series.size)**2
-    constant = next(trial for trial in trials if trial.variable == CONSTANT)
-    if not best.beats(constant, least):
-        best, rivals = constant, []
+    by_name, alone = {trial.variable: trial for trial in trials}, True
+    for name in series.simple:
+        if not best.beats(by_name[name], least):
+            best = by_name[name]
+            break
     else:
-        rivals = [trial for trial in trials if trial is not best]
-    clear = best.share - CLEAR * best.error > LEAST_SHARE and all(best.beats(rival, least) for rival in rivals)
-    return _fitted(series, best, clear)
+        alone = all(best.beats(rival, least) for rival in trials if rival is not best)
+    sure = best.share - CLEAR * best.error > LEAST_SHARE
+    return _fitted(series, best, sure and alone)
 
 
 def _fitted(series: Series, best: Trial, clear: bool) -> Law:

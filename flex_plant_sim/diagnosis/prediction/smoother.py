@@ -95,7 +95,7 @@ class Smoothed:
     log_likelihood: float
 
 
-def smooth(system: LatentSystem) -> Smoothed:
+def smooth(system: LatentSystem, block_bytes: float = BLOCK_BYTES) -> Smoothed:
     """
     Return the smoothed z of a record.
 
@@ -104,7 +104,7 @@ def smooth(system: LatentSystem) -> Smoothed:
     filtered a second time on the way back, so that memory does not grow with the record.
     """
     count, m, d = *system.measured.shape, system.states + len(system.output)
-    block = min(count, int(BLOCK_BYTES / (8 * d * (d + m))))
+    block = min(count, int(block_bytes / (8 * d * (d + m))))
     store, likelihood, entries = _Store.of(block, d, m), 0.0, []
     z, p = np.concatenate([system.start, np.zeros(m)]), np.diag(system.spread**2)
     for first in range(0, count, block):
