@@ -206,15 +206,14 @@ def _trial(variable: str, x: Array, value: Array, stretch: NDArray[np.int_],
            count: int) -> Trial:
     knots = knots_for(variable, x, count)
     design, numbers = hats(x, knots), np.unique(stretch)
-    left, power = np.zeros(len(numbers)), np.zeros(len(numbers))
+    left = np.zeros(len(numbers))
     for fold in range(FOLDS):
         out = stretch % FOLDS == fold
         fitted, _ = _fit(design[~out], value[~out])
         squared = (value - design @ fitted)**2
         for row in np.flatnonzero(numbers % FOLDS == fold):
             left[row] = squared[stretch == numbers[row]].sum()
-    for row, number in enumerate(numbers):
-        power[row] = np.sum(value[stretch == number]**2)
+    power = np.array([np.sum(value[stretch == number]**2) for number in numbers])
     return Trial(variable, knots, left, power)
 
 
