@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 DISTRO := $(or $(ROS_DISTRO),wheels)
-LOCKED := bags report speed ros
+LOCKED := bags fleet report speed ros
 COVERAGE := --cov --cov-report=term:skip-covered
 
 export OPENBLAS_NUM_THREADS := 1

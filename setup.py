@@ -41,6 +41,7 @@ setup(
     ]),
     package_data={
         'flex_plant_sim': ['robots/*.yaml', 'diagnosis/report/*.html'],
+        'flex_payload_estimator': ['fleet/*.html'],
         'msg_config': ['*.yaml'],
     },
     data_files=[
@@ -54,6 +55,7 @@ setup(
         'bags': ['rosbags'],
         'report': ['jinja2', 'tqdm'],
         'speed': ['numba'],
+        'fleet': ['distributed', 'jinja2', 'pyarrow', 'tqdm'],
         'bench': ['filterpy', 'mujoco', 'numba'],
         'test': [
             'colcon-common-extensions', 'cyclonedx-bom', 'mypy~=2.4', 'packaging', 'pydocstyle',
@@ -68,6 +70,7 @@ setup(
             'flex_demo = flex_payload_estimator.tools.demo:main',
             'flex_diagnose = flex_plant_sim.tools.diagnose:main',
             'flex_estimate = flex_payload_estimator.tools.estimate:main',
+            'flex_fleet = flex_payload_estimator.tools.fleet:main',
             'flex_figures = flex_payload_estimator.tools.figures:main',
             'flex_replay = flex_plant_sim.tools.replay:main',
         ],

@@ -13,8 +13,8 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 import pytest
 
-LOCKS = {'run': ('bags', 'report', 'speed', 'ros'),
-         'test': ('bags', 'report', 'speed', 'ros', 'test')}
+LOCKS = {'run': ('bags', 'fleet', 'report', 'speed', 'ros'),
+         'test': ('bags', 'fleet', 'report', 'speed', 'ros', 'test')}
 
 
 def _locked(repository: Path, kind: str) -> list[Requirement]:

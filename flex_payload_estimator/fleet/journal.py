@@ -1,0 +1,67 @@
+"""What is done already: one line a log, appended as soon as it is known."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+import json
+import os
+from pathlib import Path
+
+from flex_payload_estimator.fleet.log_task import LogTask, Row
+from msg_config.errors import InputError
+
+FILE = 'fleet.jsonl'
+
+
+class Journal:
+    """
+    The rows of a fleet's output folder, which a killed run leaves whole.
+
+    Parameters
+    ----------
+    folder : Path
+        Made if need be; a folder that holds other things is refused.
+
+    Raises
+    ------
+    InputError
+
+    """
+
+    def __init__(self, folder: Path):
+        self.file = folder / FILE
+        if folder.exists() and not folder.is_dir():
+            raise InputError(f'{folder}: expected a folder, got a file')
+        if folder.is_dir() and not self.file.is_file() and any(folder.iterdir()):
+            raise InputError(f"{folder}: expected an empty folder or an earlier flex_fleet's, "
+                             'got one with other files')
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            self.file.touch()
+        except OSError as error:
+            raise InputError(f'{folder}: expected a writable folder, got: {error}') from None
+
+    def rows(self) -> dict[str, Row]:
+        """Return the rows by their task's key; a line cut short by a kill is not there."""
+        found = {}
+        for line in self.file.read_text(encoding='utf-8').splitlines():
+            try:
+                key, row = json.loads(line)
+                found[key] = Row(**{**row, 'causes': tuple(row['causes'])})
+            except (ValueError, TypeError, KeyError):
+                continue
+        return found
+
+    def add(self, task: LogTask, row: Row) -> None:
+        """Append a row, on the disk when this returns."""
+        with self.file.open('a', encoding='utf-8') as file:
+            # A line that a kill cut short must not swallow this one.
+            file.write('\n' if file.tell() and not self._ends_well() else '')
+            file.write(json.dumps([task.key, asdict(row)]) + '\n')
+            file.flush()
+            os.fsync(file.fileno())
+
+    def _ends_well(self) -> bool:
+        with self.file.open('rb') as file:
+            file.seek(-1, os.SEEK_END)
+            return file.read(1) == b'\n'

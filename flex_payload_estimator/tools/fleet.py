@@ -1,0 +1,114 @@
+"""flex_fleet: a night's logs of many arms, one row a log."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from contextlib import nullcontext
+import os
+from pathlib import Path
+import sys
+from typing import Any
+
+from flex_payload_estimator.fleet.folders import arm_of, logs_below, robot_of
+from flex_payload_estimator.fleet.journal import Journal
+from flex_payload_estimator.fleet.log_task import LogTask, Row
+from flex_payload_estimator.fleet.schedule import answers, cluster
+from flex_payload_estimator.fleet.table import write_csv, write_page, write_parquet
+from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.tools import command_line
+from msg_config.errors import InputError
+
+
+def options() -> argparse.ArgumentParser:
+    """Return the options of flex_fleet."""
+    parser = command_line.parser(
+        'Diagnose and weigh every log below folders: one row a log, a page for each. A folder '
+        'with a robot.yaml holds the logs of that robot. Called again with the same --out, it '
+        'goes on where it was.')
+    parser.add_argument('folder', metavar='FOLDER', nargs='+', help='folder of logs')
+    parser.add_argument('--out', required=True, metavar='DIR',
+                        help='folder for the table and the pages; new, empty or an earlier one')
+    parser.add_argument('--robot', default='reference', metavar='NAME|FILE',
+                        help='robot of logs that have no robot.yaml')
+    parser.add_argument('--payload', default=None, type=command_line.mass, metavar='KG',
+                        help="payload mass; the robot file's if not given")
+    parser.add_argument('--workers', default=len(os.sched_getaffinity(0)), type=_positive,
+                        metavar='N', help='processes on this machine')
+    parser.add_argument('--scheduler', default=None, metavar='ADDRESS',
+                        help='Dask scheduler to use instead, as tcp://host:8786; its workers '
+                             'see the same folders')
+    parser.add_argument('--timeout', default=600, type=_positive, metavar='S',
+                        help='a log that takes longer is given up')
+    return parser
+
+
+def _positive(text: str) -> int:
+    if not (text.isdigit() and int(text) >= 1):
+        raise argparse.ArgumentTypeError(f'expected a whole number >= 1, got {text!r}')
+    return int(text)
+
+
+def tasks_of(arguments: argparse.Namespace, out: Path) -> list[LogTask]:
+    """Return a task for every log below the folders."""
+    load_robot(arguments.robot)
+    found = []
+    for index, (folder, log) in enumerate(logs_below(arguments.folder, out)):
+        page = out / 'pages' / f'{index:06d}'
+        found.append(LogTask(
+            arm_of(folder, log), str(log.absolute()), robot_of(folder, log, arguments.robot),
+            str(page.absolute()), arguments.payload, float(arguments.timeout)))
+    return found
+
+
+def run(tasks: Sequence[LogTask], journal: Journal, scheduler: str | None, workers: int
+        ) -> list[Row]:
+    """Return the rows of all tasks; those that the journal has are not done again."""
+    known = journal.rows()
+    left = [task for task in tasks if task.key not in known]
+    with _progress(len(tasks), len(tasks) - len(left)) as bar:
+        if left:
+            with cluster(scheduler, workers) as client:
+                for task, row in answers(client, left):
+                    journal.add(task, row)
+                    known[task.key] = row
+                    bar.update()
+    return [known[task.key] for task in tasks]
+
+
+def _progress(total: int, done: int) -> Any:
+    try:
+        from tqdm import tqdm
+    except ImportError:
+        return nullcontext(_Silent())
+    return tqdm(total=total, initial=done, disable=None, unit='log', file=sys.stderr)
+
+
+class _Silent:
+
+    def update(self) -> None:
+        """Show nothing."""
+
+
+def _main(arguments: argparse.Namespace) -> None:
+    out = Path(arguments.out)
+    tasks = tasks_of(arguments, out)
+    rows = run(tasks, Journal(out), arguments.scheduler, arguments.workers)
+    write_csv(out / 'fleet.csv', rows)
+    said = ['fleet.csv']
+    said += ['fleet.parquet'] if write_parquet(out / 'fleet.parquet', rows) else []
+    said += ['fleet.html'] if write_page(out / 'fleet.html', rows) else []
+    failed = sum(bool(row.error) for row in rows)
+    print(f'{len(rows)} logs of {len({row.arm for row in rows})} arms, {failed} with errors: '
+          + ', '.join(str(out / name) for name in said))
+    if failed == len(rows):
+        raise InputError(f'{rows[0].log}: {rows[0].error}')
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run flex_fleet."""
+    return command_line.run(lambda: _main(options().parse_args(argv)))
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,143 @@
+"""flex_fleet over small logs: one row a log, whatever a log, a worker or a kill does."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+from pathlib import Path
+import subprocess
+import sys
+import time
+
+from flex_payload_estimator.fleet.folders import arm_of, logs_below, robot_of
+from flex_payload_estimator.fleet.journal import Journal
+from flex_payload_estimator.fleet.log_task import answer, LogTask, Row
+from flex_payload_estimator.fleet.table import since, write_csv
+from msg_config.errors import InputError
+import numpy as np
+import psutil
+import pytest
+
+HEADER = 'time,command_1,command_2,joint_1,joint_2,strain_1a,strain_1b,strain_2a,strain_2b'
+SAMPLES = 3000
+ANSWERS = ('arm', 'log', 'verdict', 'causes', 'payload_kg', 'since', 'error')
+
+
+def _log_at_rest(path: Path, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    rows = np.zeros((SAMPLES, 9))
+    rows[:, 0] = 0.01 * np.arange(SAMPLES)
+    rows[:, 3:5] = rng.normal(0.0, 2e-4, (SAMPLES, 2))
+    rows[:, 5:] = rng.normal(0.0, 5e-7, (SAMPLES, 4))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    np.savetxt(path, rows, fmt='%.9g', delimiter=',', header=HEADER, comments='')
+
+
+def _fleet(folder: Path, *arguments: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, '-m', 'flex_payload_estimator.tools.fleet', 'night', '--out', 'out',
+         '--workers', '2', *arguments], cwd=folder, text=True, stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE)
+
+
+def _table(folder: Path) -> list[dict[str, str]]:
+    with (folder / 'out' / 'fleet.csv').open(newline='') as file:
+        return [{key: row[key] for key in ANSWERS} for row in csv.DictReader(file)]
+
+
+def _kill_a_worker(fleet: subprocess.Popen[str]) -> None:
+    """Kill a worker while it waits for a tool."""
+    deadline = time.monotonic() + 300
+    while time.monotonic() < deadline:
+        for process in psutil.Process(fleet.pid).children(recursive=True):
+            if any('tools.diagnose' in word for word in process.cmdline()):
+                parent = process.parent()
+                if parent is not None and parent.pid != fleet.pid:
+                    parent.kill()
+                    return
+        time.sleep(0.02)
+    raise AssertionError('no worker was seen at work')
+
+
+@pytest.mark.slow
+def test_a_bad_file_and_a_killed_worker_lose_nothing_else(tmp_path: Path) -> None:
+    night = tmp_path / 'night'
+    for seed in range(2):
+        _log_at_rest(night / f'arm_{seed}' / f'{seed}.csv', seed)
+    (night / 'arm_0' / 'bad.csv').write_text('no,log\n1,2\n')
+    fleet = _fleet(tmp_path)
+    _kill_a_worker(fleet)
+    output, errors = fleet.communicate(timeout=900)
+    assert fleet.returncode == 0 and 'Traceback' not in errors, errors
+    assert '3 logs of 2 arms, 1 with errors' in output
+    rows = {Path(row['log']).name: row for row in _table(tmp_path)}
+    assert [rows[f'{k}.csv']['verdict'] for k in range(2)] == ['data_cannot_answer'] * 2
+    assert 'expected 4 gauges' in rows['bad.csv']['error']
+    assert 'night/arm_1' in (tmp_path / 'out' / 'fleet.html').read_text()
+    # Nothing is left to do: the same table, without a cluster.
+    before = _table(tmp_path)
+    again = _fleet(tmp_path)
+    again.communicate(timeout=300)
+    assert again.returncode == 0 and _table(tmp_path) == before
+    assert len((tmp_path / 'out' / 'fleet.jsonl').read_text().splitlines()) == 3
+
+
+def test_a_log_without_end_is_given_up(tmp_path: Path) -> None:
+    log = tmp_path / 'endless.csv'
+    os.mkfifo(log)  # opening it waits for ever
+    row = answer(LogTask('a', str(log), 'reference', str(tmp_path / 'page'), timeout=1.0))
+    assert row.error == 'diagnose: given up after 1 s' and not row.verdict and row.seconds < 30
+
+
+def test_logs_belong_to_the_nearest_robot_file(tmp_path: Path) -> None:
+    bag = tmp_path / 'night' / 'a' / 'bag'
+    bag.mkdir(parents=True)
+    (bag / 'metadata.yaml').touch()
+    (bag / 'bag.db3').touch()
+    (tmp_path / 'night' / 'a' / 'robot.yaml').touch()
+    (tmp_path / 'night' / 'b.csv').touch()
+    out = tmp_path / 'night' / 'out'
+    out.mkdir()
+    (out / 'fleet.csv').touch()
+    night = tmp_path / 'night'
+    found = logs_below([str(night)], out)
+    assert found == [(night, bag), (night, night / 'b.csv')]
+    assert robot_of(night, bag, 'reference') == str(night / 'a' / 'robot.yaml')
+    assert robot_of(night, night / 'b.csv', 'reference') == 'reference'
+    assert [arm_of(*item) for item in found] == ['night/a', 'night']
+    with pytest.raises(InputError, match='expected logs'):
+        logs_below([str(out)], out)
+
+
+def test_a_strangers_folder_is_refused(tmp_path: Path) -> None:
+    (tmp_path / 'thesis.txt').write_text('mine')
+    with pytest.raises(InputError, match='expected an empty folder'):
+        Journal(tmp_path)
+    assert [item.name for item in tmp_path.iterdir()] == ['thesis.txt']
+
+
+def test_a_line_cut_short_by_a_kill_loses_only_itself(tmp_path: Path) -> None:
+    journal = Journal(tmp_path / 'out')
+    tasks = [LogTask('a', f'{k}.csv', 'reference', 'page') for k in range(3)]
+    journal.add(tasks[0], Row('a', '0.csv', 'cause', causes=('backlash:joint_1',)))
+    with journal.file.open('a') as file:
+        file.write(json.dumps([tasks[1].key, {'arm': 'a'}])[:-9])
+    journal.add(tasks[2], Row('a', '2.csv'))
+    rows = Journal(tmp_path / 'out').rows()
+    assert set(rows) == {tasks[0].key, tasks[2].key}
+    assert rows[tasks[0].key].causes == ('backlash:joint_1',)
+
+
+def test_since_when_an_arm_answers_as_it_does() -> None:
+    rows = [Row('a', '1', 'nothing_wrong'), Row('b', '1', 'nothing_wrong'),
+            Row('a', '2', 'cause', causes=('x:arm', 'y:arm')), Row('a', '3', error='bad'),
+            Row('a', '4', 'cause', causes=('y:arm', 'x:arm')), Row('a', '5', 'nothing_wrong')]
+    assert since(rows) == ['1', '1', '2', '', '2', '5']
+
+
+def test_no_cell_is_a_formula(tmp_path: Path) -> None:
+    write_csv(tmp_path / 't.csv', [Row('=cmd()', 'log', error='-1')])
+    with (tmp_path / 't.csv').open(newline='') as file:
+        row = next(csv.DictReader(file))
+    assert row['arm'] == "'=cmd()" and row['error'] == "'-1"
