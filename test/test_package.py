@@ -16,7 +16,7 @@ import pytest
 
 EXECUTABLES = {
     'plant_sim', 'payload_estimator', 'lqg_controller',
-    'flex_demo', 'flex_diagnose', 'flex_estimate', 'flex_figures', 'flex_replay',
+    'flex_demo', 'flex_diagnose', 'flex_estimate', 'flex_figures', 'flex_fleet', 'flex_replay',
 }
 PACKAGES = ('flex_plant_sim', 'flex_payload_estimator', 'msg_config')
 
@@ -156,4 +156,5 @@ def test_make_help_lists_the_targets(repository: Path) -> None:
     result = subprocess.run(
         ['make', 'help'], cwd=repository, text=True, capture_output=True, check=True)
     listed = [line.split()[0] for line in result.stdout.splitlines() if line and line[0] != 'm']
-    assert listed == ['help', 'demo', 'test', 'lint', 'bank', 'bench', 'figures', 'clean']
+    phony = re.search(r'^\.PHONY: (.*)$', (repository / 'Makefile').read_text(), re.MULTILINE)
+    assert phony is not None and listed == phony[1].split()
