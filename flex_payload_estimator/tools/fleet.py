@@ -15,7 +15,7 @@ from flex_payload_estimator.fleet.journal import Journal
 from flex_payload_estimator.fleet.log_task import LogTask, Row
 from flex_payload_estimator.fleet.schedule import answers, cluster
 from flex_payload_estimator.fleet.table import write_csv, write_page, write_parquet
-from flex_plant_sim.arm.robot import load_robot
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.tools import command_line
 from msg_config.errors import InputError
 
