@@ -108,6 +108,19 @@ class Channels:
         rows = self.index(given, where)
         return self.si(np.array([values[k] for k in rows], dtype=float))
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return what each channel is called outside, (n,)."""
+        return tuple(names[0] for names in self.sources)
+
+    def outside(self, values: Array) -> Array:
+        """Return SI numbers, (…, n), as they are told outside: the inverse of `si`."""
+        return (values - np.array(self.offset)) / np.array(self.factor)
+
+    def rate_outside(self, values: Array) -> Array:
+        """Return rates of change in SI, (…, n), as they are told outside."""
+        return values / np.array(self.factor)
+
     def si(self, values: Array) -> Array:
         """Return numbers as they came, (…, n), in SI."""
         return values * np.array(self.factor) + np.array(self.offset)

@@ -47,6 +47,23 @@ def stamp_of(message: Any) -> int:
     return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
 
 
+def checked_stamp(message: Any, topic: str) -> int:
+    """
+    Return the stamp of a message that came from outside, ns.
+
+    Raises
+    ------
+    InputError
+        It is no time: before 1970, or a second and more of nanoseconds.
+
+    """
+    stamp = message.header.stamp
+    if stamp.sec < 0 or stamp.nanosec >= NANOSECONDS:
+        raise InputError(f'{topic}: header.stamp: expected sec >= 0 and nanosec < 1e9, '
+                         f'got {stamp.sec} and {stamp.nanosec}')
+    return stamp_of(message)
+
+
 def set_stamp(message: Any, stamp: int) -> None:
     """Give a message that is used again another stamp, ns."""
     own = message.header.stamp

@@ -1,10 +1,10 @@
-"""Samples out of messages: conversion by name, pairing by stamp, and the order of stamps."""
+"""Samples out of messages: conversion by name, and the order of stamps."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from flex_payload_estimator.nodes.pairing import Order, Pairing, PENDING, StampOrder
+from flex_plant_sim.inputs.stamps import Order, StampOrder
 from msg_config.errors import InputError
 import numpy as np
 import pytest
@@ -58,30 +58,6 @@ def test_stamps_keep_nanoseconds(time: float) -> None:
     stamp = nanoseconds(time)
     assert stamp_of(joint_state(stamp, ['a'], [0.0])) == stamp
     assert abs(seconds(stamp) - time) <= 5.1e-10
-
-
-def test_a_sample_is_whole_when_its_last_part_comes_in_any_order() -> None:
-    pairing = Pairing(('a', 'b'))
-    assert pairing.add('b', 1, 'b1') is None
-    assert pairing.add('a', 2, 'a2') is None
-    assert pairing.add('a', 1, 'a1') == {'a': 'a1', 'b': 'b1'}
-    assert pairing.add('b', 2, 'b2') == {'a': 'a2', 'b': 'b2'}
-
-
-def test_a_repeated_sample_is_whole_again() -> None:
-    pairing = Pairing(('a', 'b'))
-    for _ in range(3):
-        assert pairing.add('a', 7, 1) is None
-        assert pairing.add('b', 7, 2) == {'a': 1, 'b': 2}
-
-
-def test_what_lacks_a_part_for_ever_is_forgotten() -> None:
-    pairing = Pairing(('a', 'b'))
-    for stamp in range(10 * PENDING):
-        pairing.add('a', stamp, None)
-    assert len(pairing._pending) == PENDING
-    assert pairing.add('b', 10 * PENDING - 1, None) is not None
-    assert len(pairing._pending) == 0
 
 
 def judged(*stamps: int) -> list[Order]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+import math
 import sys
 from typing import Any
 
@@ -11,15 +13,28 @@ from flex_payload_estimator.control.trajectory import Trajectory
 from flex_payload_estimator.nodes.node_setup import controller_of, set_points_of
 from flex_payload_estimator.nodes.sample_node import Sample, SampleNode
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.inputs.gate import COMMAND_MARGIN, Limits
 from flex_plant_sim.simulation.plant_setup import robot_of
+from geometry_msgs.msg import InertiaStamped
 from msg_config.contract_node import DIAGNOSTICS_INTERVAL
 from msg_config.errors import InputError
-from msg_config.messages import doubles, joint_state, JOINTS, seconds, set_stamp
+from msg_config.messages import (
+    checked_stamp,
+    doubles,
+    joint_state,
+    payload_mass,
+    seconds,
+    set_stamp,
+)
 from msg_config.node_process import run
 import numpy as np
 from trajectory_msgs.msg import JointTrajectory
 
 WATCH_INTERVAL = 0.05
+# Payloads whose sample has not come yet.
+EARLY = 10
+# So many payloads in time, one after another, end the time without them.
+IN_TIME = 10
 SQUARE = ('reference_amplitude', 'reference_period')
 
 
@@ -27,8 +42,10 @@ class LQGControllerNode(SampleNode):
     """
     Answers every sample with the command of the same stamp.
 
-    With `adapt` a sample has a third part, payload/inertia: the mass with the stamp that
-    std_msgs/Float64MultiArray lacks. Set-points are a square wave until `reference` comes.
+    With `adapt` it waits for payload/inertia of the sample's stamp, which std_msgs/
+    Float64MultiArray lacks; where the next sample comes first, the estimator is late or gone, and
+    the last payload serves until one is in time again. Set-points are a square wave until
+    `reference` comes.
 
     A sample that cannot be used leaves the command as it is; from the second in a row on it goes
     to zero, and so it does where no sample comes for the watchdog's time. What then comes is
@@ -39,12 +56,15 @@ class LQGControllerNode(SampleNode):
         self.limiter, self._referenced = CommandLimiter(), False
         super().__init__('lqg_controller', **options)
         self._command = self.publisher('command')
-        self._message = joint_state(0, JOINTS, effort=self.limiter.sent)
+        self._message = joint_state(0, self._efforts.names, effort=self.limiter.sent)
         self._blind, self._answered, self._stopped = 0, self.wall_time(), False
         self.subscribe('reference', self._on_reference)
         self.every(WATCH_INTERVAL, self._watch)
-        self.listen('joint_states', 'strain', 'payload/inertia')
-        self._choose_parts()
+        self._waiting: Sample | None = None
+        self._masses: dict[int, float] = {}
+        self._late, self._in_time, self._last_mass = False, 0, math.nan
+        self.subscribe('payload/inertia', self._on_inertia)
+        self.listen()
         self.every(DIAGNOSTICS_INTERVAL, self._report)
 
     def build(self, values: dict[str, Any]) -> Any:
@@ -68,27 +88,51 @@ class LQGControllerNode(SampleNode):
                                  'topic reference')
             self.set_points = set_points_of(values)
         self.controller.limit_commands(values['command_limit'])
+        self.gate.limits = replace(self.gate.limits, command=np.minimum(
+            Limits.of(self.robot).command,
+            COMMAND_MARGIN * max(values['command_limit'], self.values['command_limit'])))
         self.limiter.limit, self.limiter.slew = values['command_limit'], values['command_slew']
-
-    def begin_again(self) -> None:
-        """Put the changes in force that wait for a reset."""
-        super().begin_again()
-        self._choose_parts()
-
-    def _choose_parts(self) -> None:
-        """Let a sample hold the payload where the gain depends on it."""
-        self.pair('joint_states', 'strain', *(['payload/inertia'] * self.values['adapt']))
 
     def restart(self) -> None:
         """Forget everything but the set-points."""
         self.controller.reset()
         self.limiter.sent = np.zeros(2)
-        self._blind = 0
+        self._blind, self._waiting, self._late, self._last_mass = 0, None, False, math.nan
+        self._masses.clear()
 
     def take(self, sample: Sample) -> Any:
-        """Return the command that answers a sample."""
+        """Return the command that answers a sample, or None while it waits for the payload."""
+        if not self.values['adapt']:
+            return self._control(sample, math.nan)
+        self._late = self._late or self._waiting is not None and (
+            self._waiting.stamp != sample.stamp)
+        if sample.stamp not in self._masses and not self._late:
+            self._waiting = sample
+            return None
+        self._waiting = None
+        return self._control(sample, self._masses.pop(sample.stamp, self._last_mass))
+
+    def _on_inertia(self, message: InertiaStamped) -> None:
+        stamp, mass = checked_stamp(message, 'payload/inertia'), payload_mass(message)
+        if self._waiting is not None and stamp == self._waiting.stamp:
+            sample, self._waiting = self._waiting, None
+            self.remember(self._control(sample, mass))
+        elif self.order.last is None or stamp > self.order.last:
+            self._masses[stamp] = mass
+            if len(self._masses) > EARLY:
+                del self._masses[min(self._masses)]
+        else:
+            self._last_mass = mass
+            self._count_in_time(stamp)
+
+    def _count_in_time(self, stamp: int) -> None:
+        """Wait for payloads again once a number of them came before the next sample."""
+        self._in_time = self._in_time + 1 if stamp == self.order.last else 0
+        self._late = self._late and self._in_time < IN_TIME
+
+    def _control(self, sample: Sample, mass: float) -> Any:
+        """Return the command that answers a sample, and publish it."""
         self._begin_again_if_lost(sample)
-        mass = np.nan if sample.mass is None else sample.mass
         command = self.controller.command(sample.time, sample.output, sample.command, mass,
                                           self.set_points(sample.time))
         if not np.all(np.isfinite(command)):
@@ -115,7 +159,7 @@ class LQGControllerNode(SampleNode):
         """Publish a command, as near as the limits allow, a time, s, after the last one."""
         self.commanded = sent = self.limiter(command, time)
         set_stamp(self._message, stamp)
-        self._message.effort = doubles(sent)
+        self._message.effort = doubles(self._efforts.outside(sent))
         self.answer(self._message)
 
     def answer(self, answer: Any) -> None:
@@ -152,6 +196,8 @@ class LQGControllerNode(SampleNode):
         age = self.wall_time() - self._answered
         if self.values['watchdog'] and age > self.values['watchdog']:
             return 'error', f'no sample for {age:.3g} s: the command is zero'
+        if self._late:
+            return 'warn', 'payload/inertia is late or missing: the last payload serves'
         if self._blind > 1:
             return 'error', f'{self._blind} samples said nothing: the command is zero'
         return 'ok', 'ok'

@@ -15,13 +15,12 @@ from flex_payload_estimator.nodes.sample_node import Sample, SampleNode
 from flex_plant_sim.simulation.plant_setup import robot_of
 from msg_config.contract_node import DIAGNOSTICS_INTERVAL
 from msg_config.messages import (
-    channels,
     check_finite,
+    checked_stamp,
     doubles,
     joint_state,
     JOINTS,
     set_stamp,
-    stamp_of,
 )
 from msg_config.node_process import run
 from msg_config.ros import PayloadPublisher
@@ -33,7 +32,7 @@ MESSAGES = {
     'not_excited': ('ok', 'the arm does not move enough to tell the payload'),
     'model_suspect': ('warn', 'the innovation is larger than the model explains'),
     'restarted': ('error', 'the estimate was not finite; the last good one is kept'),
-    'input_rejected': ('warn', 'a measurement was not finite; the last good estimate is kept')}
+    'input_rejected': ('warn', 'a measurement was refused; the last good estimate is kept')}
 
 NO_INNOVATION = ('input_rejected', 'restarted')
 
@@ -56,7 +55,7 @@ class PayloadEstimatorNode(SampleNode):
         self._events = 0
         self._prepared: int | None = None
         self.subscribe('command', self._on_command)
-        self.listen('joint_states', 'strain')
+        self.listen()
         self.every(DIAGNOSTICS_INTERVAL, self._report)
 
     def build(self, values: dict[str, Any]) -> Any:
@@ -107,9 +106,10 @@ class PayloadEstimatorNode(SampleNode):
 
     def _on_command(self, message: JointState) -> None:
         """Predict while nobody waits, with the command that will have been applied."""
-        command = channels(message, 'effort', JOINTS, 'command')
+        stamp = checked_stamp(message, 'command')
+        command = self._efforts.pick(message.name, message.effort, 'command: effort')
         check_finite(command, JOINTS, 'command: effort')
-        self.commanded, stamp = command, stamp_of(message)
+        self.commanded = command
         if self._prepare is not None and self._prepared != stamp == self.order.last:
             self._prepared = stamp
             self._prepare(command)

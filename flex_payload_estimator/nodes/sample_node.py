@@ -2,29 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+import math
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from flex_payload_estimator.nodes.pairing import Order, Pairing, StampOrder
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
-from geometry_msgs.msg import InertiaStamped
+from flex_plant_sim.inputs.gate import Gate
+from flex_plant_sim.inputs.stamps import Order, StampOrder
+from flex_plant_sim.inputs.synchroniser import slop_of, Synchroniser
 from msg_config.contract_node import ContractNode
-from msg_config.errors import InputError
-from msg_config.messages import (
-    channels,
-    check_finite,
-    JOINTS,
-    payload_mass,
-    seconds,
-    stamp_of,
-)
+from msg_config.messages import checked_stamp, seconds
 from msg_config.recent_counts import RecentCounts
 import numpy as np
 from sensor_msgs.msg import JointState
 
-UNEVEN = 0.1
+# Share of the sampling time by which an interval may be off before a sample counts as lost.
+UNEVEN = 0.5
+# Without a sample for so long, s, the diagnostics say why.
+QUIET = 0.7
+PARTS = ('joint_states', 'strain')
 
 
 @dataclass(frozen=True)
@@ -37,18 +35,15 @@ class Sample:
     stamp : int
         ns.
     output : Array
-        (theta_1, theta_2, strain…), rad and m/m, (m,); may hold what is not finite.
+        (theta_1, theta_2, strain…), rad and m/m, (m,); not a number where the sample was refused.
     command : Array
         Applied up to this stamp, (2,).
-    mass : float or None
-        Estimated payload, kg, where it is one of the parts.
 
     """
 
     stamp: int
     output: Array
     command: Array
-    mass: float | None = None
 
     @property
     def time(self) -> float:
@@ -60,6 +55,7 @@ class SampleNode(ContractNode):
     """
     A node that answers each sample once, and a repeated sample with the same answer again.
 
+    A sample that the arm cannot have made is refused: it reaches `take` without numbers.
     Subclasses give `take`, `answer` and `restart`.
 
     Attributes
@@ -73,32 +69,31 @@ class SampleNode(ContractNode):
     def __init__(self, name: str, **options: Any):
         super().__init__(name, **options)
         self.order = StampOrder()
-        self._pairing = Pairing(())
         self._answer: Any = None
         self.commanded: Array | None = None
         self._lost: RecentCounts[str] = RecentCounts()
-        self._restarts = 0
+        self._last_applied = np.zeros(2)
+        self._restarts, self._whole = 0, self.wall_time()
+        self._came: dict[str, float] = dict.fromkeys(PARTS, -math.inf)
+        self._taken: dict[str, float] = dict.fromkeys(PARTS, -math.inf)
 
     def take_robot(self, robot: Robot) -> None:
-        """Take over the robot and the names of its channels."""
-        self.robot = robot
-        self.gauges, self.channels = robot.gauge_names, robot.output_names
+        """Take over the robot: its channels, what it can measure, and its sampling time."""
+        self.robot, self.channels = robot, robot.output_names
+        self._joints = robot.inputs.joint_channels()
+        self._efforts = robot.inputs.command_channels()
+        self._gauges = robot.inputs.gauge_channels(robot.gauge_names)
+        self.gate = Gate(robot)
+        self._pairing = Synchroniser(PARTS, slop_of(robot.sample_time))
 
-    def pair(self, *parts: str) -> None:
-        """Make samples of these topics' messages of one stamp."""
-        self._parts, self._pairing = parts, Pairing(parts)
-
-    def listen(self, *topics: str) -> None:
-        """Take these topics' messages, and offer ~/reset. Call it when all else is ready."""
-        callbacks = {'joint_states': self._on_joint_states, 'strain': self._on_strain,
-                     'payload/inertia': self._on_inertia}
-        self.pair(*topics)
-        for topic in topics:
-            self.subscribe(topic, callbacks[topic])
+    def listen(self) -> None:
+        """Take samples, and offer ~/reset. Call it when all else is ready."""
+        self.subscribe('joint_states', self._on_joint_states)
+        self.subscribe('strain', self._on_strain)
         self.offer('~/reset', self._on_reset)
 
     def take(self, sample: Sample) -> Any:
-        """Compute, publish and return the answer to a new sample."""
+        """Compute, publish and return the answer to a new sample; None where it must wait."""
         raise NotImplementedError
 
     def answer(self, answer: Any) -> None:
@@ -110,55 +105,75 @@ class SampleNode(ContractNode):
         raise NotImplementedError
 
     def _on_joint_states(self, message: JointState) -> None:
-        angle = channels(message, 'position', JOINTS, 'joint_states')
-        command = self._applied(message)
-        self._add('joint_states', stamp_of(message), (angle, command))
-        check_finite(angle, JOINTS, 'joint_states: position')
-        check_finite(command, JOINTS, 'joint_states: effort')
+        self._came['joint_states'] = self.wall_time()
+        stamp = checked_stamp(message, 'joint_states')
+        angle = self._joints.pick(message.name, message.position, 'joint_states: position')
+        self._add('joint_states', stamp, (angle, self._applied(message)))
 
     def _applied(self, message: JointState) -> Array:
         """Return u up to this sample: the effort, or else the last command."""
-        if len(message.effort) or self.commanded is None:
-            return channels(message, 'effort', JOINTS, 'joint_states')
-        return self.commanded
+        if not len(message.effort) and self.commanded is not None:
+            return self.commanded
+        return self._efforts.pick(message.name, message.effort, 'joint_states: effort')
 
     def _on_strain(self, message: JointState) -> None:
-        strain = channels(message, 'position', self.gauges, 'strain')
-        self._add('strain', stamp_of(message), strain)
-        check_finite(strain, self.gauges, 'strain: position')
-
-    def _on_inertia(self, message: InertiaStamped) -> None:
-        self._add('payload/inertia', stamp_of(message), payload_mass(message))
+        self._came['strain'] = self.wall_time()
+        stamp = checked_stamp(message, 'strain')
+        self._add('strain', stamp,
+                  self._gauges.pick(message.name, message.position, 'strain: position'))
 
     def _add(self, part: str, stamp: int, value: Any) -> None:
-        if part not in self._parts:
-            return
-        parts = self._pairing.add(part, stamp, value)
-        if parts is not None:
-            angle, command = parts['joint_states']
-            self._on_sample(Sample(stamp, np.concatenate([angle, parts['strain']]), command,
-                                   parts.get('payload/inertia')))
+        self._taken[part] = self._came[part]
+        together = self._pairing.add(part, stamp, value)
+        if together is not None:
+            angle, command = together.parts['joint_states']
+            self._on_sample(Sample(together.stamp, np.concatenate(
+                [angle, together.parts['strain']]), command))
 
     def _on_sample(self, sample: Sample) -> None:
         last = self.order.last
         order = self.order.judge(sample.stamp)
+        if order in (Order.STALE, Order.AHEAD):
+            self.reject('joint_states', f'joint_states, strain: header.stamp: expected one after '
+                        f'{seconds(last or 0):.12g} s, got {sample.time:.12g} s',
+                        f'stamp {order.value}')
+            return
+        self._whole = self.wall_time()
         if order is Order.REPEATED and self._answer is not None:
             self.answer(self._answer)
             return
-        if order is Order.STALE:
-            raise InputError(f'joint_states, strain: header.stamp: expected more than '
-                             f'{seconds(last or 0):.9g} s, got {sample.time:.9g} s')
         if order is Order.RESTARTED:
-            self._begin_again(last or 0, sample)
+            self._begin_afresh(last or 0, sample)
         elif order is Order.NEW and last is not None:
             self._watch_interval(sample.stamp - last)
         self._answer = None
-        self._answer = self.take(sample)
+        self._answer = self.take(self._gated(sample))
 
-    def _begin_again(self, last: int, sample: Sample) -> None:
+    def _gated(self, sample: Sample) -> Sample:
+        """Return the sample, without its numbers where the arm cannot have made them."""
+        applied = self._plausible_command(sample)
+        refusal = self.gate.judge(sample.time, sample.output, applied)
+        if refusal is None:
+            return replace(sample, command=applied)
+        self.reject('joint_states', f'joint_states, strain: {refusal.text}', refusal.kind)
+        return replace(sample, output=np.full(len(sample.output), np.nan), command=applied)
+
+    def _plausible_command(self, sample: Sample) -> Array:
+        """Return the command that was applied, or the last that could be where this cannot."""
+        command = sample.command
+        if (np.abs(command) <= self.gate.limits.command).all() and np.isfinite(command).all():
+            self._last_applied = command
+            return command
+        self.reject('joint_states', 'joint_states: effort: expected at most '
+                    f'{self.gate.limits.command.max():.4g}, got {command.tolist()}',
+                    'effort out of range')
+        return self._last_applied if self.commanded is None else self.commanded
+
+    def _begin_afresh(self, last: int, sample: Sample) -> None:
         self._restarts += 1
-        self.get_logger().warning(
-            f'time went back from {seconds(last):.9g} s to {sample.time:.9g} s: starting afresh')
+        self.get_logger().warning(f'time went from {seconds(last):.12g} s to '
+                                  f'{sample.time:.12g} s: starting afresh')
+        self.gate.restart()
         self.restart()
 
     def _watch_interval(self, interval: int) -> None:
@@ -173,18 +188,38 @@ class SampleNode(ContractNode):
     def _on_reset(self, _: Any, response: Any) -> Any:
         self.begin_again()
         self.restart()
+        self.gate.restart()
         self._pairing.clear()
         self.order.clear()
         self._answer = None
         response.success, response.message = True, 'as at the start'
         return response
 
+    def remember(self, answer: Any) -> None:
+        """Keep an answer that was given later than `take`, for when its sample is repeated."""
+        self._answer = answer
+
+    def silence(self) -> str:
+        """Return why no sample comes, or nothing where samples come."""
+        since = self.wall_time() - max(QUIET, 3.0 * self.robot.sample_time)
+        if self._whole > since:
+            return ''
+        silent = [self.resolve_topic_name(part) for part in PARTS if self._came[part] < since]
+        if silent:
+            return f'no message on {" and ".join(silent)}'
+        if any(self._taken[part] < since for part in PARTS):
+            return f'every message is refused: {self.last_rejection}'
+        return self._pairing.why_nothing()
+
     def sample_status(self) -> DiagnosticStatus:
-        """Return how the samples come."""
+        """Return how the samples come, and where none comes, why."""
         lost = self._lost.recent(self.wall_time()).total()
         values: dict[str, object] = {
             'lost or uneven': self._lost.total.total(), 'restarts': self._restarts}
-        if self.order.last is None:
-            return self.status('samples', 'stale', 'no sample yet', values)
+        silence = self.silence()
+        if silence:
+            self.get_logger().warning(f'no sample: {silence}', throttle_duration_sec=5.0)
+            return self.status('samples', 'stale' if self.order.last is None else 'error',
+                               f'no sample: {silence}', values)
         text = f'{lost} samples lost or not at the sampling time lately' if lost else 'ok'
         return self.status('samples', 'warn' if lost else 'ok', text, values)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
+from flex_plant_sim.arm.drive import Drive
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from msg_config.input_mapping import JOINTS
@@ -69,8 +70,15 @@ class Limits:
                  if drive.damping > 0.0 else FASTEST for drive in drives]
         return cls(np.array([*ranges[:, 0], *(-s for s in strain)]),
                    np.array([*ranges[:, 1], *strain]), np.array(speed),
-                   COMMAND_MARGIN * np.array([drive.command_limit for drive in drives]),
+                   COMMAND_MARGIN * np.array([_largest_command(drive) for drive in drives]),
                    NOISE * math.sqrt(2.0) * robot.angle_noise)
+
+
+def _largest_command(drive: Drive) -> float:
+    """Return what a drive takes; where its file does not say, what turns it at FASTEST."""
+    if math.isfinite(drive.command_limit) or drive.damping == 0.0:
+        return drive.command_limit
+    return FASTEST * drive.damping / drive.torque_gain
 
 
 @dataclass(frozen=True)

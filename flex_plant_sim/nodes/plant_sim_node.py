@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import sys
+import time
 from typing import Any
 
+from flex_plant_sim.inputs.gate import Limits
 from flex_plant_sim.nodes.arm_markers import arm_markers
 from flex_plant_sim.simulation.arm_shape import ArmShape
 from flex_plant_sim.simulation.plant_setup import simulator_of
 from msg_config.contract_node import ContractNode, DIAGNOSTICS_INTERVAL
 from msg_config.errors import InputError
 from msg_config.messages import (
-    channels,
     check_finite,
+    checked_stamp,
     clock_message,
     doubles,
     joint_state,
@@ -20,7 +22,6 @@ from msg_config.messages import (
     nanoseconds,
     seconds,
     set_stamp,
-    stamp_of,
 )
 from msg_config.node_process import run
 from msg_config.recent_counts import RecentCounts
@@ -50,8 +51,14 @@ class PlantSim(ContractNode):
         self._joint_states = self.publisher('joint_states')
         self._strain = self.publisher('strain')
         self._markers = self.publisher('arm_markers')
-        self._clock_publisher = self.publisher('/clock') if self.values['publish_clock'] else None
-        self._messages = joint_state(0, JOINTS), joint_state(0, gauges)
+        self._clock_out = self.publisher('/clock') if (
+            self._lockstep and self.values['publish_clock']) else None
+        inputs = self.simulator.arm.robot.inputs
+        self._joints, self._gauges = inputs.joint_channels(), inputs.gauge_channels(gauges)
+        self._efforts = inputs.command_channels()
+        self._largest = Limits.of(self.simulator.arm.robot).command
+        self._messages = (joint_state(0, self._joints.names),
+                          joint_state(0, self._gauges.names))
         self.subscribe('command', self._on_command)
         self.offer('~/reset', self._on_reset)
         self.offer('~/pause', self._on_pause)
@@ -74,8 +81,9 @@ class PlantSim(ContractNode):
         self.simulator, self.shape = built
 
     def _start(self) -> None:
-        """Begin at rest at time zero."""
+        """Begin at rest: at time zero in lock-step, and now in real time."""
         self.simulator.reset()
+        self._epoch = 0 if self._lockstep else time.time_ns()
         self._sent, self._permits = np.zeros(2), 0
         self._latest, self._latest_stamp = np.zeros(2), -1
         self._answered = self._diverged = False
@@ -90,13 +98,14 @@ class PlantSim(ContractNode):
         if not np.all(np.isfinite([*sample.output, *sample.velocity])):
             self._diverge()
             return
-        self._stamp = nanoseconds(sample.time)
+        self._stamp = self._epoch + nanoseconds(sample.time)
         joint_states, strain = self._messages
         set_stamp(joint_states, self._stamp)
         set_stamp(strain, self._stamp)
-        joint_states.position, joint_states.velocity, joint_states.effort = (
-            doubles(sample.angle), doubles(sample.velocity), doubles(self._sent))
-        strain.position = doubles(sample.strain)
+        joint_states.position = doubles(self._joints.outside(sample.angle))
+        joint_states.velocity = doubles(self._joints.rate_outside(sample.velocity))
+        joint_states.effort = doubles(self._efforts.outside(self._sent))
+        strain.position = doubles(self._gauges.outside(sample.strain))
         self._answered = False
         self._resend_at = self.wall_time() + RESEND_INTERVAL
         self._publish()
@@ -109,25 +118,29 @@ class PlantSim(ContractNode):
                                 f'{self._sent.tolist()}; ~/reset starts it again')
 
     def _publish(self) -> None:
-        if self._clock_publisher is not None:
-            self._clock_publisher.publish(clock_message(self._stamp))
+        if self._clock_out is not None:
+            self._clock_out.publish(clock_message(self._stamp))
         self._joint_states.publish(self._messages[0])
         self._strain.publish(self._messages[1])
 
     def _publish_markers(self) -> None:
-        time = self.simulator.time
-        if time < self._next_marker or not self._markers.get_subscription_count():
+        now = self.simulator.time
+        if now < self._next_marker or not self._markers.get_subscription_count():
             return
-        self._next_marker = time + MARKER_INTERVAL
+        self._next_marker = now + MARKER_INTERVAL
         lines = self.shape.lines(self.simulator.state)
-        self._markers.publish(arm_markers(self._stamp, lines, self.simulator.mass(time)))
+        self._markers.publish(arm_markers(self._stamp, lines, self.simulator.mass(now)))
 
     def _on_command(self, message: JointState) -> None:
-        command, stamp = channels(message, 'effort', JOINTS, 'command'), stamp_of(message)
+        stamp = checked_stamp(message, 'command')
+        command = self._efforts.pick(message.name, message.effort, 'command: effort')
         check_finite(command, JOINTS, 'command: effort')
+        if (np.abs(command) > self._largest).any():
+            raise InputError(f'command: effort: expected at most {self._largest.min():.4g}, '
+                             f'got {command.tolist()}')
         if stamp > self._stamp:
-            raise InputError(f'command: header.stamp: expected at most {seconds(self._stamp):.9g}'
-                             f' s, got {seconds(stamp):.9g} s')
+            raise InputError(f'command: header.stamp: expected at most {seconds(self._stamp):.12g}'
+                             f' s, got {seconds(stamp):.12g} s')
         if stamp < self._stamp and self._lockstep or stamp < self._latest_stamp:
             return
         if stamp < self._stamp:
@@ -175,6 +188,8 @@ class PlantSim(ContractNode):
     def _follow_wall_clock(self) -> None:
         """Let the present sample be that of now: after a pause, or where the computer is slow."""
         self._origin = self.wall_time() - self.simulator.time
+        if not self._lockstep:
+            self._epoch = time.time_ns() - nanoseconds(self.simulator.time)
 
     def _on_reset(self, _: Any, response: Any) -> Any:
         self._paused = self._paused and not self._diverged
@@ -209,12 +224,24 @@ class PlantSim(ContractNode):
             response.message = f'at {self._now}'
         return response
 
+    def _another_clock(self) -> bool:
+        """Return whether a publisher of /clock with a smaller gid than this one is there."""
+        infos = self.get_publishers_info_by_topic('/clock')
+        own = [bytes(info.endpoint_gid) for info in infos
+               if (info.node_name, info.node_namespace) == (
+                   self.get_name(), self.get_namespace())]
+        return bool(own) and any(bytes(info.endpoint_gid) < min(own) for info in infos)
+
     @property
     def _now(self) -> str:
         return f'{self.simulator.time:.6g} s'
 
     def _report(self) -> None:
-        """Say how the commands come."""
+        """Say how the commands come, and leave /clock to one arm."""
+        if self._clock_out is not None and self._another_clock():
+            self.destroy_publisher(self._clock_out)
+            self._clock_out = None
+            self.get_logger().warning('/clock: another arm publishes it; this one no longer does')
         quiet = self._latest_stamp < 0 or (
             seconds(self._stamp - self._latest_stamp) > COMMAND_TIMEOUT)
         waiting = self.wall_time() - self._resend_at > DIAGNOSTICS_INTERVAL
