@@ -113,7 +113,7 @@ def test_another_run_replaces_the_output_and_spares_what_is_not_a_demo_s(
     (['--estimator', 'sf1_paper', '--model', 'paper'], 'paper_reduced'),
     (['--seed', '-1'], "expected a whole number .* got '-1'"),
     (['--figures', '3'], 'invalid choice: 3'),
-    (['--out', 'no/such/folder'], "expected a writable folder around 'no/such/folder'"),
+    (['--out', 'no/such/folder'], 'no/such/folder: expected an existing folder'),
 ])
 def test_bad_options_are_one_line_with_code_2_and_nothing_written(
     arguments: list[str], text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,

@@ -67,5 +67,5 @@ def test_no_folder_can_be_made_in_a_file(tmp_path: Path,
     (tmp_path / 'file').write_text('')
     assert figures.main(['--out', str(tmp_path / 'file' / 'out')]) == 2
     shown = capsys.readouterr().err
-    assert shown.startswith(f'error: {tmp_path / "file" / "out"}: expected a folder, got: ')
+    assert shown.startswith(f'error: --out: {tmp_path / "file" / "out"}: expected a folder')
     assert shown.count('\n') == 1

@@ -176,21 +176,22 @@ def test_parts_of_a_log() -> None:
 def test_nothing_is_left_half_written(tmp_path: Path) -> None:
     """After Ctrl-C in the midst of writing, the old file stands and no other does."""
     target = tmp_path / 'results.json'
-    target.write_text('old')
+    target.write_text('old, written by flex_payload')
     with pytest.raises(KeyboardInterrupt), whole_file(target) as temporary:
         temporary.write_text('new, but not all of')
         raise KeyboardInterrupt
-    assert target.read_text() == 'old'
+    assert target.read_text() == 'old, written by flex_payload'
     assert list(tmp_path.iterdir()) == [target]
 
 
-def test_a_bag_replaces_a_bag_and_nothing_else(tmp_path: Path) -> None:
+def test_a_bag_replaces_nothing(tmp_path: Path) -> None:
     write_bag(tmp_path / 'bag', some_log(10))
-    write_bag(tmp_path / 'bag', some_log(20))
-    assert len(read_log(tmp_path / 'bag', ROBOT)) == 20
+    with pytest.raises(InputError, match='got a folder that it did not write'):
+        write_bag(tmp_path / 'bag', some_log(20))
+    assert len(read_log(tmp_path / 'bag', ROBOT)) == 10
     (tmp_path / 'papers').mkdir()
     (tmp_path / 'papers' / 'mine').write_text('mine')
-    with pytest.raises(InputError, match='expected a file or a bag to replace, got a folder'):
+    with pytest.raises(InputError, match='got a folder that it did not write'):
         write_bag(tmp_path / 'papers', some_log(10))
     assert (tmp_path / 'papers' / 'mine').read_text() == 'mine'
 

@@ -6,30 +6,29 @@ import argparse
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-import json
 import os
 from pathlib import Path
-import shutil
 import sys
-from tempfile import TemporaryDirectory
 import time
 from typing import Any
 
 from flex_payload_estimator.control.loop import LoopRecord
 from flex_payload_estimator.control.loop_figures import FIGURES, save_figures
 from flex_payload_estimator.nodes.node_setup import set_points_of
+from flex_plant_sim.atomic_file import SUMMARY, whole_file
 from flex_plant_sim.compiled import COMPILED
 from flex_plant_sim.logs.bag_log import write_bag
 from flex_plant_sim.logs.csv_log import write_csv
 from flex_plant_sim.logs.log import Log
-from flex_plant_sim.logs.origin import Origin
+from flex_plant_sim.logs.origin import Origin, origin_path
 from flex_plant_sim.simulation.plant_setup import robot_of, simulator_of
 from flex_plant_sim.tools import command_line
+from flex_plant_sim.tools.outputs import check_outputs
 from msg_config.errors import InputError
 from msg_config.parameters import check_parameters, load_parameters
 import numpy as np
 
-SUMMARY = 'summary.json'
+LOG, BAG = 'run.csv', 'run_mcap'
 PRINT_INTERVAL = 0.5
 SILENCE = 30.0
 WITHIN = 0.05
@@ -202,30 +201,34 @@ def whole_folder(path: Path) -> Iterator[Path]:
         Where something else than an earlier demo's output stands there, or nothing can.
 
     """
-    if path.exists() and not (path / SUMMARY).is_file():
-        if not path.is_dir() or any(path.iterdir()):
-            raise InputError(f'--out: expected a new folder or an earlier output of flex_demo, '
-                             f'got {str(path)!r}')
-    parent = path.absolute().parent
-    if not (parent.is_dir() and os.access(parent, os.W_OK)):
-        raise InputError(f'--out: expected a writable folder around {str(path)!r}')
-    with TemporaryDirectory(prefix='.flex_demo_', dir=parent) as temporary:
-        new, old = Path(temporary) / 'new', Path(temporary) / 'old'
+    check_outputs({'--out': path}, (), folder=True)
+    foreign = _foreign(path)
+    if foreign:
+        raise InputError(f'--out: {path}: expected a new folder or an output of flex_demo alone, '
+                         f'got one with {foreign}')
+    with whole_file(path, folder=True) as new:
         new.mkdir()
         yield new
-        if path.exists():
-            shutil.move(path, old)
-        shutil.move(new, path)
+
+
+def _foreign(folder: Path) -> str:
+    """Return the first file in a folder that no demo wrote; empty where there is none."""
+    if not folder.is_dir():
+        return folder.name if folder.exists() else ''
+    own = {SUMMARY, LOG, origin_path(Path(LOG)).name, BAG, f'{BAG}/metadata.yaml',
+           f'{BAG}/{BAG}.mcap', *(f'figure_{number}.png' for number in FIGURES)}
+    found = sorted(str(item.relative_to(folder)) for item in folder.rglob('*'))
+    return next((name for name in found if name not in own), '')
 
 
 def write_output(experiment: Experiment, record: LoopRecord, folder: Path,
                  figures: tuple[int, ...]) -> None:
     """Write summary, figures and the run's log."""
     log = log_of(experiment, record)
-    write_csv(folder / 'run.csv', log)
-    write_bag(folder / 'run_mcap', log)
+    write_csv(folder / LOG, log)
+    write_bag(folder / BAG, log)
     save_figures(record, folder, figures)
-    (folder / SUMMARY).write_text(json.dumps(summary_of(experiment, record), indent=2) + '\n')
+    command_line.write_json(folder / SUMMARY, summary_of(experiment, record))
 
 
 def closing_words(summary: Mapping[str, Any], options: argparse.Namespace) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 import sys
 from typing import Any
@@ -16,6 +16,7 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.tools import command_line
 from flex_plant_sim.tools.log_input import read_log_aloud
+from flex_plant_sim.tools.outputs import check_outputs, results
 from msg_config.parameters import load_parameters
 import numpy as np
 
@@ -132,17 +133,23 @@ def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
 
 def _estimate(arguments: Sequence[str] | None) -> None:
     options = options_of(arguments)
+    check_outputs({'--json': options.json}, [*options.log, options.robot])
     robot = load_robot(options.robot)
+    with results() as write:
+        _write(options, robot, write)
+
+
+def _write(options: argparse.Namespace, robot: Robot, write: Callable[..., None]) -> None:
     found = []
     for path in options.log:
         found.append(estimate_file(path, robot, options.estimator, options.model, options.modes))
-        print(found[-1].table())
+        write(print, found[-1].table())
     settings = {'robot': robot.name, 'estimator': options.estimator, 'model': options.model,
                 'modes': options.modes}
     if options.json:
-        results = [item.results() for item in found]
-        own = results[0] if len(results) == 1 else {}
-        command_line.write_json(options.json, {**settings, **own, 'logs': results})
+        logs = [item.results() for item in found]
+        own = logs[0] if len(logs) == 1 else {}
+        write(command_line.write_json, options.json, {**settings, **own, 'logs': logs})
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

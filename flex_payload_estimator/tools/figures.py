@@ -10,8 +10,9 @@ import sys
 from flex_plant_sim.arm.beam import Beam, frequency_roots
 from flex_plant_sim.arm.paper_model import CompactModel
 from flex_plant_sim.arm.robot_file import load_robot
-from flex_plant_sim.atomic_file import whole_file
+from flex_plant_sim.atomic_file import MARK, whole_file
 from flex_plant_sim.tools import command_line
+from flex_plant_sim.tools.outputs import check_folder, results
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -119,7 +120,7 @@ def write_figure(name: str, folder: Path) -> Path:
     FIGURES[name](figure)
     path = folder / f'{name}.png'
     with whole_file(path) as temporary:
-        figure.savefig(temporary, dpi=RESOLUTION, metadata={'Software': None})
+        figure.savefig(temporary, dpi=RESOLUTION, metadata={'Software': MARK})
     return path
 
 
@@ -132,9 +133,16 @@ def options() -> argparse.ArgumentParser:
 
 
 def _main(arguments: argparse.Namespace) -> None:
-    folder = command_line.output_folder(arguments.out)
-    for name in FIGURES:
-        print(write_figure(name, folder))
+    folder = Path(arguments.out)
+    check_folder('--out', folder, [f'{name}.png' for name in FIGURES], nested=True)
+    folder.mkdir(parents=True, exist_ok=True)
+    with results() as write:
+        for name in FIGURES:
+            write(_write, name, folder)
+
+
+def _write(name: str, folder: Path) -> None:
+    print(write_figure(name, folder))
 
 
 def main(argv: Sequence[str] | None = None) -> int:

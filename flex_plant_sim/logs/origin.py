@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from flex_plant_sim.arm.safe_yaml import MAX_TEXT, read_yaml
-from flex_plant_sim.atomic_file import whole_file
+from flex_plant_sim.atomic_file import MARK, whole_file
 from msg_config.errors import InputError
 import yaml
 
@@ -60,7 +60,7 @@ def write_origin(log: Path, origin: Origin) -> None:
 
     """
     with whole_file(origin_path(log)) as temporary:
-        temporary.write_text(yaml.safe_dump(asdict(origin)), encoding='utf-8')
+        temporary.write_text(f'# {MARK}\n{yaml.safe_dump(asdict(origin))}', encoding='utf-8')
 
 
 def csv_origin(log: Path) -> Origin | None:

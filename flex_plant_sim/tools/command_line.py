@@ -1,4 +1,4 @@
-"""What all command-line tools share: options, one-line errors, exit codes, whole files."""
+"""What all command-line tools share: options, one-line errors, exit codes."""
 
 from __future__ import annotations
 
@@ -6,16 +6,20 @@ import argparse
 from collections.abc import Callable, Mapping
 import json
 import math
+import os
 from pathlib import Path
 import sys
 from typing import Any, NoReturn
 
 from flex_plant_sim.arm.robot_file import built_in_robots
-from flex_plant_sim.atomic_file import whole_file
+from flex_plant_sim.atomic_file import AUTHOR, whole_file
+from flex_plant_sim.quiet_signals import interruptible
 from flex_plant_sim.simulation.extended_arm import MODELS
+from flex_plant_sim.tools.outputs import forget_standard_output
 from msg_config.errors import InputError
 
-BAD_INPUT, INTERRUPTED = 2, 130
+UNFORESEEN, BAD_INPUT, INTERRUPTED = 1, 2, 130
+TRACEBACK = 'FLEX_TRACEBACK'
 
 
 class OneLineParser(argparse.ArgumentParser):
@@ -75,51 +79,64 @@ def mass(text: str) -> float:
     return value
 
 
-def output_folder(path: str | Path) -> Path:
-    """
-    Return a folder, made if need be.
-
-    Raises
-    ------
-    InputError
-        If it cannot be made.
-
-    """
-    try:
-        Path(path).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f'{path}: expected a folder, got: {error}') from None
-    return Path(path)
-
-
 def write_json(path: str | Path, results: Mapping[str, Any]) -> None:
     """
-    Write results as JSON, whole or not at all.
+    Write results as JSON, whole or not at all; a number that is not finite becomes null.
 
     Raises
     ------
     InputError
         If nothing can be written there.
-    ValueError
-        If a number is not finite: JSON has none such.
 
     """
-    text = json.dumps(results, indent=2, allow_nan=False)
+    text = json.dumps(_finite({'written_by': AUTHOR, **results}), indent=2, allow_nan=False)
     with whole_file(path) as temporary:
         temporary.write_text(text + '\n', encoding='utf-8')
 
 
+def _finite(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
 def run(main: Callable[[], int | None]) -> int:
     """
-    Return a tool's exit code: its own or 0, 2 after bad input, 130 after Ctrl-C.
+    Return a tool's exit code: its own or 0, 2 after bad input, 130 after Ctrl-C or SIGTERM.
 
-    Bad input is one line on stderr.
+    Whatever goes wrong is one line on stderr. What nobody foresaw ends with 1; its traceback is
+    shown where the environment variable FLEX_TRACEBACK is set.
     """
     try:
-        return main() or 0
+        with interruptible():
+            code = main() or 0
+            sys.stdout.flush()
+            return code
     except InputError as error:
-        print(f'error: {" ".join(str(error).split())}', file=sys.stderr)
-        return BAD_INPUT
+        return _complain(str(error), BAD_INPUT)
     except KeyboardInterrupt:
-        print('interrupted', file=sys.stderr)
-        return INTERRUPTED
+        return _complain('interrupted', INTERRUPTED, '')
+    except MemoryError:
+        return _complain('out of memory', BAD_INPUT)
+    except BrokenPipeError:
+        forget_standard_output()
+        return _complain('standard output: nobody reads it any more', BAD_INPUT)
+    except OSError as error:
+        forget_standard_output()
+        return _complain(f'{error.filename or "standard output"}: {error.strerror or error}',
+                         BAD_INPUT)
+    except Exception as error:  # noqa: B902  a verdict or one line, always
+        if os.environ.get(TRACEBACK):
+            raise
+        return _complain(f'unforeseen {type(error).__name__}: {error} '
+                         f'(set {TRACEBACK}=1 to see where)', UNFORESEEN)
+
+
+def _complain(line: str, code: int, prefix: str = 'error: ') -> int:
+    try:
+        print(prefix + str(InputError(line)), file=sys.stderr, flush=True)
+    except OSError:  # nobody reads this either
+        pass
+    return code

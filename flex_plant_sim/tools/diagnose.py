@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 import os
-from pathlib import Path
 import sys
 from typing import Any, Protocol
 
@@ -18,7 +17,7 @@ from flex_plant_sim.diagnosis.prediction.predictor import Base, Predictor
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.diagnosis.report.extended_file import write_extended
 from flex_plant_sim.diagnosis.report.figures import all_pictures
-from flex_plant_sim.diagnosis.report.html_report import Report, write_report
+from flex_plant_sim.diagnosis.report.html_report import FILE_NAME, Report, write_report
 from flex_plant_sim.diagnosis.report.improvement import Gain, measure_gain
 from flex_plant_sim.diagnosis.report.json_answer import answer, answer_text, with_gain
 from flex_plant_sim.diagnosis.report.payload_gain import payload_gain, PayloadGain
@@ -29,6 +28,7 @@ from flex_plant_sim.effects import catalogue
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.tools import command_line
 from flex_plant_sim.tools.log_input import read_log_aloud
+from flex_plant_sim.tools.outputs import check_folder, check_outputs, results
 from msg_config.errors import InputError
 import numpy as np
 
@@ -172,10 +172,10 @@ def settings_of(arguments: argparse.Namespace, robot: Robot, logs: Sequence[Log]
 
 def check_arguments(arguments: argparse.Namespace) -> None:
     """Raise InputError before the work starts where it would be in vain."""
-    for place in (arguments.report, arguments.extended, arguments.json):
-        if place is not None and not Path(place).absolute().parent.is_dir():
-            raise InputError(f'{place}: expected an existing folder, got '
-                             f'{str(Path(place).parent)!r}')
+    read = [*arguments.log, arguments.robot]
+    check_outputs({'--extended': arguments.extended, '--json': arguments.json}, read)
+    if arguments.report is not None:
+        check_folder('--report', arguments.report, [FILE_NAME], read)
     if arguments.true_payload == 0.0:
         raise InputError('--true-payload: expected a mass > 0 kg, got 0')
     if arguments.model == 'paper_reduced':
@@ -191,17 +191,26 @@ def _main(arguments: argparse.Namespace) -> None:
         found = run(logs, replace(robot, sample_time=logs[0].sample_time), arguments, progress)
         report = None if arguments.report is None else report_of(
             found, settings_of(arguments, robot, logs))
-    print(answer_text(found.diagnosis, found.gains, found.payload))
-    if arguments.extended:
-        changed = replace(found.extended.robot, sample_time=robot.sample_time)
-        write_extended(arguments.extended, arguments.robot, changed, found.extended.effects)
-        print(f'extended robot: {arguments.extended}')
-    if arguments.json:
-        command_line.write_json(arguments.json, answer(
-            found.diagnosis, found.gains, found.before, found.after, found.payload,
-            settings_of(arguments, robot, logs)))
-    if report is not None:
-        print(f'report: {write_report(arguments.report, report)}')
+    with results() as write:
+        write(print, answer_text(found.diagnosis, found.gains, found.payload))
+        if arguments.extended:
+            changed = replace(found.extended.robot, sample_time=robot.sample_time)
+            write(_write_extended, arguments, changed, found)
+        if arguments.json:
+            write(command_line.write_json, arguments.json, answer(
+                found.diagnosis, found.gains, found.before, found.after, found.payload,
+                settings_of(arguments, robot, logs)))
+        if report is not None:
+            write(_write_report, arguments.report, report)
+
+
+def _write_extended(arguments: argparse.Namespace, robot: Robot, found: Run) -> None:
+    write_extended(arguments.extended, arguments.robot, robot, found.extended.effects)
+    print(f'extended robot: {arguments.extended}')
+
+
+def _write_report(folder: str, report: Report) -> None:
+    print(f'report: {write_report(folder, report)}')
 
 
 def report_of(found: Run, settings: Mapping[str, Any]) -> Report:

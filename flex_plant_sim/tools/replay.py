@@ -19,6 +19,7 @@ from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.simulator import simulate, Simulator
 from flex_plant_sim.tools import command_line
 from flex_plant_sim.tools.log_input import read_log_aloud
+from flex_plant_sim.tools.outputs import check_image, check_outputs, results
 from msg_config.errors import InputError
 import numpy as np
 
@@ -161,15 +162,20 @@ def options() -> argparse.ArgumentParser:
 
 
 def _main(arguments: argparse.Namespace) -> None:
+    check_outputs({'--json': arguments.json, '--plot': arguments.plot},
+                  [arguments.log, arguments.robot])
+    if arguments.plot:
+        check_image(arguments.plot)
     robot = load_robot(arguments.robot)
     log = read_log_aloud(arguments.log, robot, arguments.model, arguments.modes)
     result = replay(log, robot, arguments.model, arguments.modes, arguments.payload)
-    print(table(result))
-    if arguments.json:
-        command_line.write_json(arguments.json, result.results())
-    if arguments.plot:
-        from flex_plant_sim.tools.replay_plot import write_plot
-        write_plot(arguments.plot, result)
+    with results() as write:
+        write(print, table(result))
+        if arguments.json:
+            write(command_line.write_json, arguments.json, result.results())
+        if arguments.plot:
+            from flex_plant_sim.tools.replay_plot import write_plot
+            write(write_plot, arguments.plot, result)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

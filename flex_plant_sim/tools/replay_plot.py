@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from flex_plant_sim.atomic_file import whole_file
+from flex_plant_sim.tools.outputs import image_metadata
 from flex_plant_sim.tools.replay import fit_text, Replay
-from msg_config.errors import InputError
 
 SHOWN = {'rad': (1.0, 'rad'), 'm/m': (1e6, 'µm/m')}
 
@@ -18,14 +18,11 @@ def write_plot(path: str | Path, result: Replay) -> None:
     Raises
     ------
     InputError
-        If nothing can be written there, or the suffix names no image format.
+        If nothing can be written there.
 
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
-    if Path(path).suffix[1:] not in FigureCanvasAgg.filetypes:
-        raise InputError(f'{path}: expected an image suffix such as .png, '
-                         f'got {Path(path).suffix!r}')
     log, count = result.log, len(result.units)
     figure = Figure(figsize=(14.0, 2.0 * count + 0.8), layout='constrained')
     FigureCanvasAgg(figure)
@@ -52,4 +49,4 @@ def write_plot(path: str | Path, result: Replay) -> None:
     figure.suptitle(f'{Path(log.source).name}: {arm.robot.name}, {arm.model_name}, '
                     f'{arm.modes} modes, {arm.payload:.4g} kg')
     with whole_file(path) as temporary:
-        figure.savefig(temporary, dpi=100)
+        figure.savefig(temporary, dpi=100, metadata=image_metadata(path))

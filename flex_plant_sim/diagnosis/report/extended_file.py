@@ -12,7 +12,7 @@ from typing import Any
 from flex_plant_sim.arm.inputs_section import inputs_document
 from flex_plant_sim.arm.robot import EffectSpec, Link, Robot, UNLIMITED
 from flex_plant_sim.arm.robot_file import parse_robot, robot_text
-from flex_plant_sim.atomic_file import whole_file
+from flex_plant_sim.atomic_file import MARK, whole_file
 from flex_plant_sim.effects.base import Effect
 from msg_config.errors import InputError
 import yaml
@@ -78,7 +78,7 @@ def write_extended(path: str | Path, source: str | Path, robot: Robot,
     """
     text = extended_text(source, robot, effects)
     with whole_file(path) as temporary:
-        temporary.write_text(text, encoding='utf-8')
+        temporary.write_text(text if MARK in text else f'{text}# {MARK}\n', encoding='utf-8')
 
 
 def document(robot: Robot) -> dict[str, Any]:

@@ -1,0 +1,50 @@
+"""Ctrl-C and SIGTERM at any moment: quiet, exit code 130, nothing half-written."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+import os
+import signal
+import sys
+from types import FrameType
+from typing import NoReturn
+
+INTERRUPTED = 130
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+def quiet_until_running() -> None:
+    """
+    End this process quietly at a signal; for the time when it imports, or has done its work.
+
+    Nothing is open then that would have to be undone.
+    """
+    for number in SIGNALS:
+        if signal.getsignal(number) in (signal.default_int_handler, signal.SIG_DFL):
+            signal.signal(number, _leave)
+
+
+def _leave(number: int, frame: FrameType | None) -> NoReturn:
+    # A child of multiprocessing leaves the word to its parent.
+    if 'multiprocessing.spawn' not in sys.modules and '--multiprocessing-fork' not in sys.argv:
+        os.write(2, b'interrupted\n')
+    os._exit(INTERRUPTED)
+
+
+def _interrupt(number: int, frame: FrameType | None) -> NoReturn:
+    raise KeyboardInterrupt
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Turn both signals into KeyboardInterrupt inside the block, where that can be done."""
+    try:
+        before = [(number, signal.signal(number, _interrupt)) for number in SIGNALS]
+    except ValueError:  # not in the main thread: whoever runs it there handles its signals
+        before = []
+    try:
+        yield
+    finally:
+        for number, handler in before:
+            signal.signal(number, handler)

@@ -1,0 +1,178 @@
+"""Outputs never replace an input, nor anything that the tools did not write."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import hashlib
+import json
+import os
+from pathlib import Path
+import resource
+import subprocess
+import sys
+
+from flex_payload_estimator.tools import demo, estimate, figures
+from flex_plant_sim.arm.robot_file import load_robot, robot_text
+from flex_plant_sim.atomic_file import MARK, whole_file, written_here
+from flex_plant_sim.logs.bag_log import write_bag
+from flex_plant_sim.logs.csv_log import write_csv
+from flex_plant_sim.logs.log import Log
+from flex_plant_sim.tools import diagnose, replay
+from msg_config.errors import InputError
+import numpy as np
+import pytest
+
+ROBOT = load_robot('reference')
+# Every tool with an output: its main, what it reads, and the option.
+FILES = [
+    (replay.main, ['{log}', '--robot', '{robot}'], '--json', 'out.json'),
+    (replay.main, ['{log}', '--robot', '{robot}'], '--plot', 'out.png'),
+    (replay.main, ['{bag}', '--robot', '{robot}'], '--json', 'out.json'),
+    (estimate.main, ['{log}', '--robot', '{robot}'], '--json', 'out.json'),
+    (diagnose.main, ['{log}', '--robot', '{robot}'], '--json', 'out.json'),
+    (diagnose.main, ['{log}', '--robot', '{robot}'], '--extended', 'out.yaml'),
+]
+FOLDERS = [
+    (diagnose.main, ['{log}', '--robot', '{robot}'], '--report', 'report.html'),
+    (demo.main, ['--duration', '0.1', '--robot', '{robot}'], '--out', 'summary.json'),
+    (figures.main, [], '--out', 'figure_13.png'),
+]
+Tool = Callable[[list[str]], int]
+
+
+def still_log() -> Log:
+    time = 0.01 * np.arange(40.0)
+    return Log('still', time, np.sin(np.outer(time, [9.0, 7.0])), np.zeros((40, 2)),
+               np.zeros((40, 4)), ROBOT.gauge_names)
+
+
+@pytest.fixture
+def place(tmp_path: Path) -> Path:
+    """Return a folder with a log, a bag, a robot, and a user's own file and folder."""
+    write_csv(tmp_path / 'log.csv', still_log())
+    write_bag(tmp_path / 'bag', still_log())
+    (tmp_path / 'arm.yaml').write_text(robot_text('reference'))
+    (tmp_path / 'own.json').write_text('{"years": "of work"}')
+    (tmp_path / 'own').mkdir()
+    for name in ('summary.json', 'thesis.txt', 'report.html', 'figure_13.png'):
+        (tmp_path / 'own' / name).write_text('{"years": "of work"}')
+    os.link(tmp_path / 'log.csv', tmp_path / 'hard.csv')
+    os.symlink(tmp_path / 'log.csv', tmp_path / 'soft.csv')
+    os.symlink(tmp_path / 'own.json', tmp_path / 'soft.json')
+    return tmp_path
+
+
+def contents(folder: Path) -> dict[str, str]:
+    return {str(path): hashlib.sha256(path.read_bytes()).hexdigest()
+            for path in folder.rglob('*') if path.is_file()}
+
+
+def refused(tool: Tool, arguments: list[str], place: Path,
+            capsys: pytest.CaptureFixture[str]) -> str:
+    """Run a tool that must refuse before any work; return its line."""
+    before = contents(place)
+    names = {'log': place / 'log.csv', 'bag': place / 'bag', 'robot': place / 'arm.yaml'}
+    assert tool([argument.format(**names) for argument in arguments]) == 2
+    out, err = capsys.readouterr()
+    assert out == '' and err.startswith('error: ') and err.count('\n') == 1, err
+    assert contents(place) == before
+    return err
+
+
+@pytest.mark.parametrize('tool, arguments, option, name', FILES)
+def test_a_file_replaces_nothing_of_the_user_s(
+        tool: Tool, arguments: list[str], option: str, name: str, place: Path,
+        capsys: pytest.CaptureFixture[str]) -> None:
+    for target in ('log.csv', 'arm.yaml', 'hard.csv', 'soft.csv', 'own.json', 'soft.json', 'own',
+                   'bag', 'bag/metadata.yaml', 'absent/out.json', '/dev/full', '/dev/stdout'):
+        refused(tool, [*arguments, option, str(place / target)], place, capsys)
+
+
+@pytest.mark.parametrize('tool, arguments, option, name', FOLDERS)
+def test_a_folder_replaces_nothing_of_the_user_s(
+        tool: Tool, arguments: list[str], option: str, name: str, place: Path,
+        capsys: pytest.CaptureFixture[str]) -> None:
+    for target in ('own', 'bag', 'own.json', 'log.csv', 'absent/out'):
+        if target not in ('bag', 'absent/out') or tool is not figures.main:  # no harm is done
+            refused(tool, [*arguments, option, str(place / target)], place, capsys)
+
+
+def test_a_marked_summary_does_not_give_the_user_s_files_away(
+        place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (place / 'own' / 'summary.json').write_text('{"written_by": "flex_payload"}')
+    err = refused(demo.main, ['--duration', '0.1', '--out', str(place / 'own')], place, capsys)
+    assert 'thesis.txt' in err or 'figure_13.png' in err
+
+
+def test_two_outputs_are_two_places(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    err = refused(replay.main, ['{log}', '--json', str(place / 'a.png'), '--plot',
+                                str(place / 'a.png')], place, capsys)
+    assert 'expected another place than --plot' in err
+
+
+def test_a_tool_replaces_what_it_wrote(place: Path) -> None:
+    (place / 'out.json').touch()  # empty files are free
+    for plot in ('out.png', 'out.svg'):
+        assert replay.main([str(place / 'log.csv'), '--json', str(place / 'out.json'), '--plot',
+                            str(place / plot)]) == 0
+        assert written_here(place / plot)
+    assert json.loads((place / 'out.json').read_text())['written_by'] == 'flex_payload'
+
+
+def test_one_output_that_fails_keeps_the_rest(place: Path, monkeypatch: pytest.MonkeyPatch,
+                                              capsys: pytest.CaptureFixture[str]) -> None:
+    """The JSON's name is taken by another while the tool works."""
+    work = replay.replay
+
+    def meanwhile(*arguments: object) -> replay.Replay:
+        (place / 'out.json').write_text('mine')
+        return work(*arguments)  # type: ignore[arg-type]
+    monkeypatch.setattr(replay, 'replay', meanwhile)
+    assert replay.main([str(place / 'log.csv'), '--json', str(place / 'out.json'), '--plot',
+                        str(place / 'out.png')]) == 2
+    out, err = capsys.readouterr()
+    assert 'joint_1' in out and 'out.json' in err and err.count('\n') == 1
+    assert (place / 'out.png').stat().st_size > 1000
+    assert (place / 'out.json').read_text() == 'mine'
+
+
+def test_a_disk_that_fills_leaves_nothing_half_written(place: Path) -> None:
+    """No file may grow beyond 6 kB: the probe and the JSON fit, the picture does not."""
+    run = subprocess.run(
+        [sys.executable, '-m', 'flex_plant_sim.tools.replay', str(place / 'log.csv'), '--json',
+         str(place / 'out.json'), '--plot', str(place / 'out.png')], text=True,
+        capture_output=True,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (6000, 6000)))
+    assert run.returncode == 2, run.stderr
+    assert run.stderr.splitlines()[-1].startswith('error: ') and 'too large' in run.stderr
+    assert json.loads((place / 'out.json').read_text())['channels']
+    assert not (place / 'out.png').exists() and not list(place.glob('.*'))
+
+
+@pytest.mark.parametrize('where', ['full', 'closed pipe'])
+def test_standard_output_that_fails_keeps_the_files(place: Path, where: str) -> None:
+    with open('/dev/full' if where == 'full' else os.devnull, 'w') as full:
+        run = subprocess.Popen(
+            [sys.executable, '-m', 'flex_plant_sim.tools.replay', str(place / 'log.csv'),
+             '--json', str(place / 'out.json')], text=True, stderr=subprocess.PIPE,
+            stdout=full if where == 'full' else subprocess.PIPE)
+        if run.stdout is not None:
+            run.stdout.close()
+        _, err = run.communicate(timeout=120)
+    assert run.returncode == 2, err
+    assert err.startswith('error: standard output: ') and err.count('\n') == 1
+    assert json.loads((place / 'out.json').read_text())['channels']
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason='root may write everywhere')
+def test_a_read_only_folder_is_refused(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (place / 'fixed').mkdir(mode=0o500)
+    refused(replay.main, ['{log}', '--json', str(place / 'fixed' / 'out.json')], place, capsys)
+
+
+def test_a_file_without_the_mark_is_never_replaced(tmp_path: Path) -> None:
+    (tmp_path / 'a').write_text('mine')
+    with pytest.raises(InputError, match='a file that it did not write'), \
+            whole_file(tmp_path / 'a') as new:
+        new.write_text(MARK)
+    assert (tmp_path / 'a').read_text() == 'mine'
