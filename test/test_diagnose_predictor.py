@@ -39,6 +39,7 @@ def first_fit(base: Base, hidden: Sequence[Effect], label: str) -> tuple[Fit, Fi
 @pytest.mark.skipif(not COMPILED, reason='Numba is not installed: there is nothing to compare')
 @pytest.mark.parametrize('more', [
     (), ('coulomb_friction:joint_2:level_n_m=0.3',),
+    ('presliding_friction:joint_2:level_n_m=0.3,travel_rad=0.005',),
     ('strain_filter:arm:time_constant_s=0.02,damping=0.8',)])
 def test_compiled_gaps_open_and_close_as_step_by_step(
         more: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -29,7 +29,8 @@ DESIGNED = """
     actuator_saturation motor_lag input_delay angle_gain angle_offset strain_bias strain_drift
     strain_gain strain_crosstalk strain_filter strain_delay link_stiffness modal_damping air_drag
     clamp_compliance base_tilt base_compliance coriolis_centripetal modal_truncation hub_inertia
-    payload_mass payload_inertia payload_change loose_payload""".split()
+    payload_mass payload_inertia payload_change loose_payload drive_bandwidth presliding_friction
+    base_sliding""".split()
 # Inside a short test record, and a gauge other than the last one.
 WITHIN = {'time_s': 0.2, 'source': 1.0, 'duration_s': 0.1}
 TIME = np.arange(60) * ROBOT.sample_time

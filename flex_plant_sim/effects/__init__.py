@@ -12,10 +12,12 @@ from flex_plant_sim.arm.robot import EffectSpec, Robot
 from flex_plant_sim.effects.base import Effect
 from msg_config.errors import InputError
 
-# What a class may name as its sites; gauges are the robot's own.
+# What a class may name as its sites, beside the gauges, which are the robot's own.
 SITES: Mapping[str, tuple[str, ...]] = MappingProxyType({
     'joint': ('joint_1', 'joint_2'), 'link': ('link_1', 'link_2'), 'arm': ('arm',),
-    'hub': ('joint_1', 'joint_2', 'elbow')})
+    'hub': ('joint_1', 'joint_2', 'elbow'), 'velocity_loop': ('joint_1', 'joint_2'),
+    'gauge': (), 'amplifier': ('arm', 'link_1', 'link_2')})
+AT_GAUGES = ('gauge', 'amplifier')
 
 
 @lru_cache(maxsize=1)
@@ -39,8 +41,19 @@ def catalogue() -> Mapping[str, type[Effect]]:
 
 
 def sites(effect: type[Effect], robot: Robot) -> tuple[str, ...]:
-    """Return where an effect can act on a robot: joints, links, gauges or the whole arm."""
-    return robot.gauge_names if effect.sites == 'gauge' else SITES[effect.sites]
+    """
+    Return where an effect can act on a robot: joints, links, gauges or the whole arm.
+
+    A velocity loop only where a drive has one; an amplifier of a link only where it serves more
+    than one gauge.
+    """
+    fixed = SITES[effect.sites]
+    if effect.sites == 'velocity_loop':
+        return tuple(site for site, drive in zip(fixed, robot.drives) if drive.closed_loop)
+    if effect.sites == 'amplifier':
+        shared = [len(link.gauge_positions) > 1 for link in robot.links]
+        fixed = ('arm', *(site for site, several in zip(SITES['link'], shared) if several))
+    return (*fixed, *robot.gauge_names) if effect.sites in AT_GAUGES else fixed
 
 
 def build(spec: EffectSpec, robot: Robot | None = None) -> Effect:
@@ -68,14 +81,16 @@ def build(spec: EffectSpec, robot: Robot | None = None) -> Effect:
 
 
 def _check_site(effect: type[Effect], spec: EffectSpec, robot: Robot | None) -> None:
-    if robot is None and effect.sites == 'gauge':
-        if not spec.site.startswith('strain_'):
-            raise InputError(f'effects: {spec.name}: site: expected a gauge, got {spec.site!r}')
-        return
     allowed = SITES[effect.sites] if robot is None else sites(effect, robot)
-    if spec.site not in allowed:
-        raise InputError(f'effects: {spec.name}: site: expected one of {", ".join(allowed)}, '
-                         f'got {spec.site!r}')
+    if spec.site in allowed:
+        return
+    at_gauges = robot is None and effect.sites in AT_GAUGES
+    if at_gauges and spec.site.startswith('strain_'):
+        return
+    names = [*(allowed if robot is None or allowed else ['none: this robot has no such place']),
+             *(['a gauge'] if at_gauges else [])]
+    raise InputError(f'effects: {spec.name}: site: expected {"one of " * (len(names) > 1)}'
+                     f'{", ".join(names)}, got {spec.site!r}')
 
 
 def parse(text: str) -> EffectSpec:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from flex_plant_sim.effects import catalogue, SITES
+from flex_plant_sim.effects import AT_GAUGES, catalogue, SITES
 from flex_plant_sim.effects.base import Effect, Parameter
 
 HEAD = """# Effects
@@ -39,18 +39,25 @@ def _section(family: str) -> str:
 
 
 def _sentence(effect: type[Effect]) -> str:
-    return effect.explanation.format(site=f'the {effect.sites}').replace('the the', 'the')
+    place = {'amplifier': 'gauges', 'velocity_loop': 'joint'}.get(effect.sites, effect.sites)
+    return effect.explanation.format(site=f'the {place}').replace('the the', 'the')
 
 
 def _row(effect: type[Effect], k: int) -> str:
     parameter = effect.parameters[k]
     name = f'`{effect.identifier}`' if k == 0 else ''
-    sites = ', '.join(SITES.get(effect.sites, ('each gauge',))) if k == 0 else ''
+    sites = _sites(effect) if k == 0 else ''
     smallest = f'{parameter.smallest:g}' if math.isfinite(parameter.smallest) else ''
     typical = f'{parameter.typical:g}' if math.isfinite(parameter.typical) else ''
     return (f'| {name} | {sites} | `{parameter.name}` | {parameter.unit} | {parameter.null:g} '
             f'| {parameter.low:g} to {parameter.high:g} | {_starts(parameter)} | {smallest} '
             f'| {typical} |\n')
+
+
+def _sites(effect: type[Effect]) -> str:
+    places = [*SITES[effect.sites], *(['each gauge'] if effect.sites in AT_GAUGES else [])]
+    where = ' with a velocity loop' if effect.sites == 'velocity_loop' else ''
+    return ', '.join(places) + where
 
 
 def _starts(parameter: Parameter) -> str:

@@ -14,6 +14,8 @@ from flex_plant_sim.arm.state_space import StateSpace
 from msg_config.errors import InputError
 import numpy as np
 
+FRICTION, GAP = 'friction', 'gap'
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -38,6 +40,8 @@ class Parameter:
         Standard deviation of the prior around null: what size is conceivable, 68 % within it,
         on robots of this kind; of a parameter that cannot be below null, of the half that is
         left. inf for a time, which may be anywhere in the record.
+    optional : bool
+        Whether a robot file may leave it out: it is then at null.
 
     """
 
@@ -49,6 +53,7 @@ class Parameter:
     starts: tuple[float, ...]
     smallest: float
     typical: float
+    optional: bool = False
 
 
 @dataclass(frozen=True)
@@ -106,6 +111,12 @@ class Effect(ABC):
     reshapes: ClassVar[bool] = False
     # Whether the effect is a cause with a name, which the diagnosis may propose.
     named: ClassVar[bool] = True
+    # What decides within a step, beside the linear plant: FRICTION, GAP or nothing.
+    contact: ClassVar[str] = ''
+    # The parameter that says when it happens, if it is an event.
+    event_time: ClassVar[str] = ''
+    # Whether every arm has it, so that what may be hidden is that a model leaves it out.
+    in_nature: ClassVar[bool] = False
 
     site: str
     values: tuple[Any, ...]
@@ -196,6 +207,10 @@ class Effect(ABC):
         """Return the largest torque against motion at each joint, N m: forward, backward."""
         return None
 
+    def yielding(self) -> Array:
+        """Return how far each joint's friction gives before it slides, rad/(N m), (…, 2)."""
+        return np.zeros(2)
+
     def open_form(self, form: SecondOrderForm, robot: Robot) -> SecondOrderForm:
         """Return the form while the effect's contact is open; for effects with on_step."""
         return form
@@ -240,6 +255,8 @@ def _full(name: str, known: Sequence[str]) -> str:
 
 def _value(identifier: str, parameter: Parameter, values: Mapping[str, Any]) -> float:
     name = f'effects: {identifier}: {parameter.name}'
+    if parameter.name not in values and parameter.optional:
+        return parameter.null
     if parameter.name not in values:
         raise InputError(f'{name}: expected a value in {parameter.unit}, it is missing')
     given = values[parameter.name]

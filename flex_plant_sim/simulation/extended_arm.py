@@ -13,7 +13,7 @@ from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.schedule import chebyshev_nodes, NODES, Schedule
 from flex_plant_sim.arm.second_order import ArmModel, Array, SecondOrderForm
 from flex_plant_sim.arm.state_space import state_space, StateSpace, zero_order_hold
-from flex_plant_sim.effects.base import Effect, Motion
+from flex_plant_sim.effects.base import Effect, FRICTION, GAP, Motion
 from msg_config.errors import InputError
 import numpy as np
 
@@ -77,9 +77,8 @@ class ExtendedArm:
         self.step_time = robot.sample_time if step is None else step
         self.nodes = chebyshev_nodes(nodes)
         self._torque = tuple(e for e in effects if type(e).force is not Effect.force)
-        self._friction = tuple(e for e in effects
-                               if type(e).dry_friction is not Effect.dry_friction)
-        self.gaps = tuple(e for e in effects if type(e).on_step is not Effect.on_step)
+        self._friction = tuple(e for e in effects if e.contact == FRICTION)
+        self.gaps = tuple(e for e in effects if e.contact == GAP)
         self._output = tuple(e for e in effects if type(e).on_output is not Effect.on_output)
         self._check_reduced()
 
@@ -231,7 +230,7 @@ class ExtendedArm:
             parted = after + _apply(f, state) + _apply(g, motion.command)
             after = effect.on_step(after, parted, state, impulse @ self.form.force, motion)
         if self._friction:
-            after = after + self._stop(e, after, motion)
+            after = self._stop(e, state, after, motion)
         return after
 
     def friction_limits(self, motion: Motion) -> tuple[Array, Array]:
@@ -248,12 +247,36 @@ class ExtendedArm:
         order, columns = self.form.order, e @ self.form.force
         return columns, np.stack([columns[..., order, 0], columns[..., order + 1, 1]], axis=-1)
 
-    def _stop(self, e: Array, free: Array, motion: Motion) -> Array:
-        order = self.form.order
+    @property
+    def bends(self) -> tuple[int, int]:
+        """Return where p holds the bend of each joint's friction; -1 where it does not give."""
+        names = [f'bend_joint_{j}' for j in (1, 2)]
+        first, second = (self.form.names.index(name) if name in self.form.names else -1
+                         for name in names)
+        return first, second
+
+    def yielding(self) -> Array:
+        """Return how far each joint's friction gives before it slides, rad/(N m), (…, 2)."""
+        return np.zeros(2) + sum(effect.yielding() for effect in self._friction)
+
+    def _stop(self, e: Array, state: Array, free: Array, motion: Motion) -> Array:
+        """
+        Return the state after a step in which friction brakes.
+
+        Its torque is that at the end of the step (implicit), within its limits.
+        """
+        order, step, bends = self.form.order, self.step_time, self.bends
         forward, backward = self.friction_limits(motion)
         columns, reach = self.friction_columns(e)
-        torque = -np.clip(free[..., order:order + 2] / reach, -backward, forward)
-        return _apply(columns, torque)
+        bend = np.stack([state[..., k] if k >= 0 else 0.0 * state[..., 0] for k in bends], -1)
+        yielding = self.yielding()
+        torque = np.clip((bend + step * free[..., order:order + 2]) / (yielding + step * reach),
+                         -backward, forward)
+        after = free - _apply(columns, torque)
+        for j, k in enumerate(bends):
+            if k >= 0:
+                after[..., k], after[..., order + k] = (yielding * torque)[..., j], 0.0
+        return after
 
     def joint_velocity(self, state: Array, command: Array) -> Array:
         """Return (theta_1', theta_2'), rad/s, (…, 2): the tachometers."""

@@ -56,6 +56,9 @@ FORMS_OF: dict[str, tuple[Realisation, ...]] = {
     'gear_compliance': (*PLAIN, Realisation(FINITE_ELEMENTS, 'heavy_output'),
                         Realisation(MUJOCO, 'sensor_on_motor')),
     'motor_lag': (*PLAIN, Realisation(MUJOCO, 'inside_loop')),
+    # Maxwell-slip (elements) or LuGre (chain): with bristles as short as `SHORT_TRAVEL` it is dry.
+    'presliding_friction': PLAIN,
+    'base_sliding': (CHAIN,),
     'strain_filter': (*LATE_FORMS, Realisation(FINITE_ELEMENTS, 'first_order', True),
                       Realisation(MUJOCO, 'first_order')),
     'strain_delay': LATE_FORMS,
@@ -63,7 +66,11 @@ FORMS_OF: dict[str, tuple[Realisation, ...]] = {
     'loose_payload': (*PLAIN, Realisation(MUJOCO, 'half_loose')),
 }
 # What an effect in a certain form may be called as well, because it is that, too.
-ALSO_RIGHT: dict[tuple[str, str], str] = {}
+ALSO_RIGHT: dict[tuple[str, str], str] = {
+    ('coulomb_friction', 'bristles'): 'presliding_friction',
+    ('coulomb_friction', 'springs'): 'presliding_friction'}
+# What a robot cannot have: no velocity loop where drives take a current.
+IMPOSSIBLE: dict[str, tuple[str, ...]] = {'quanser_2dsfl': ('drive_bandwidth',)}
 SIZES = (4.0, 2.0, 1.0)
 # These are in nature always; what is hidden is that the model leaves them out.
 MODEL_OPTIONS: dict[str, tuple[str, ...]] = {
@@ -76,7 +83,7 @@ PAIRS = (
     ('actuator_gain', 'modal_damping'), ('backlash', 'strain_bias'),
     ('torque_ripple', 'payload_inertia'), ('angle_gain', 'clamp_compliance'),
     ('actuator_dead_zone', 'loose_payload'), ('stribeck_friction', 'payload_change'))
-TAKEN_OUT = tuple(name for name in CATALOGUE if name not in MODEL_OPTIONS)
+TAKEN_OUT = tuple(name for name in CATALOGUE if name not in (*MODEL_OPTIONS, 'base_sliding'))
 CONTROLS = ('noise_only', 'shuffled_residuals', 'swapped_strain_labels', 'swapped_joint_labels')
 POOR = ('coulomb_friction', 'link_stiffness', 'payload_mass', 'strain_filter')
 SEEDS_PER_ROUND = 100
@@ -142,6 +149,12 @@ def realisations(name: str, use: str = 'scoring') -> tuple[Realisation, ...]:
     return forms if use == 'scoring' else tuple(form for form in forms if form.calibration)
 
 
+def possible(robot: str) -> list[str]:
+    """Return the identifiers of what can be hidden in a robot in any simulator's plain form."""
+    return [name for name in CATALOGUE if name not in IMPOSSIBLE.get(robot, ())
+            and set(PLAIN) <= set(realisations(name))]
+
+
 def all_cases(use: str = 'scoring', rounds: int = 9) -> Iterator[BankCase]:
     """
     Return the bank: rounds of every identifier once and some cases of each other kind.
@@ -169,10 +182,12 @@ def _singles(number: int, use: str) -> Iterator[BankCase]:
     for place, name in enumerate(CATALOGUE):
         # All pairs of form and size, in an order that the identifier's place decides.
         pairs = [(form, size) for form in realisations(name, use) for size in SIZES]
+        if not pairs:
+            continue
         order = np.random.default_rng([place, 19]).permutation(len(pairs))
         form, size = pairs[order[number % len(pairs)]]
         yield BankCase('one', (name,), 'reference', 0, form, size)
-    names = list(CATALOGUE)
+    names = possible('quanser_2dsfl')
     for k in range(number * SECOND_ROBOT, (number + 1) * SECOND_ROBOT):
         name = names[k % len(names)]
         forms = realisations(name, use)
@@ -191,7 +206,7 @@ def _clean(use: str) -> Iterator[BankCase]:
 
 def _others(number: int, use: str) -> Iterator[BankCase]:
     plain = _plain(use)
-    # 7 and 5 share no factor with the lists' lengths, so that all are taken in turn.
+    # 7 and 5 share no factor with the lists' lengths (34 and 12), so that all have their turn.
     for k in range(number * MISSING, (number + 1) * MISSING):
         yield BankCase('missing', (TAKEN_OUT[7 * k % len(TAKEN_OUT)],), 'reference', 0,
                        plain[k % len(plain)])

@@ -8,11 +8,10 @@ import math
 from pathlib import Path
 from typing import Any
 
-from bank.cases import BankCase, MODEL_OPTIONS, SIZES
+from bank.cases import BankCase, MODEL_OPTIONS, possible, SIZES
 from bank.terms import hidden_terms, Term
 from flex_plant_sim.effects import catalogue
 import numpy as np
-from truth.effects import CATALOGUE
 from truth.records import add_effect, TruthCase
 
 # A distractor is at most half a detection limit, and half of what the catalogue calls the
@@ -111,14 +110,18 @@ def over_threshold(term: Term, limits: Limits) -> float:
 
 def with_distractors(truth: TruthCase, limits: Limits) -> TruthCase:
     """Return the truth with further effects, each too small to be found."""
-    others = [name for name in CATALOGUE if name not in (*truth.names, *NO_DISTRACTORS)]
+    others = [name for name in possible(truth.robot)
+              if name not in (*truth.names, *NO_DISTRACTORS)]
     chosen = np.random.default_rng([truth.seed, 17]).choice(others, DISTRACTORS, replace=False)
     for number, name in enumerate(map(str, chosen)):
         severity = DISTRACTOR_SEVERITY
         trial = _added(truth, name, number, severity)
-        ratio = over_threshold(hidden_terms(trial)[-1], limits)
-        if ratio > DISTRACTOR_LIMIT:
-            trial = _added(truth, name, number, severity * DISTRACTOR_LIMIT / ratio)
+        # Twice, because not every size grows with its severity in proportion.
+        for _ in range(2):
+            ratio = over_threshold(hidden_terms(trial)[-1], limits)
+            if ratio > DISTRACTOR_LIMIT:
+                severity *= DISTRACTOR_LIMIT / ratio
+                trial = _added(truth, name, number, severity)
         truth = trial
     return truth
 

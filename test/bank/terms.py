@@ -107,6 +107,11 @@ def _stribeck(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], fl
                        'speed_rad_per_s': p['speed']}, p['sliding']
 
 
+def _presliding(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], float]:
+    # LuGre's bristles and a spring that slips share the level, not the way up to it.
+    return _joint(p), {'level_n_m': p['torque']}, p['torque']
+
+
 def _ripple(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], float]:
     return _joint(p), {'sine_n_m': p['torque'] * np.cos(p['phase']),
                        'cosine_n_m': p['torque'] * np.sin(p['phase']),
@@ -137,6 +142,11 @@ def _tilt(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], float]
 def _base(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], float]:
     return 'arm', {'compliance_rad_per_n_m': 1.0 / p['stiffness'],
                    'inertia_kg_m2': p['stiffness'] / p['frequency']**2}, 1.0 / p['stiffness']
+
+
+def _slide(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], float]:
+    return 'arm', {'compliance_m_per_n': 1.0 / p['stiffness'],
+                   'mass_kg': p['mass']}, 1.0 / p['stiffness']
 
 
 def _payload_mass(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], float]:
@@ -173,6 +183,7 @@ _SAID: dict[str, Said] = {
     'viscous_friction': _at_joint('coefficient', 'damping_n_m_s'),
     'asymmetric_friction': _asymmetric,
     'stribeck_friction': _stribeck,
+    'presliding_friction': _presliding,
     'backlash': _at_joint('gap', 'gap_rad'),
     'gear_compliance': _flexible(_joint),
     'torque_ripple': _ripple,
@@ -181,6 +192,7 @@ _SAID: dict[str, Said] = {
     'actuator_dead_zone': _at_joint('half_width', 'half_width'),
     'actuator_saturation': _saturation,
     'motor_lag': _lag,
+    'drive_bandwidth': _at_joint('factor', 'time_constant_factor', 1.0),
     'input_delay': _for_arm('delay', 'delay_s'),
     'angle_gain': _at_joint('factor', 'factor', 1.0),
     'angle_offset': _at_joint('offset', 'offset_rad'),
@@ -196,6 +208,7 @@ _SAID: dict[str, Said] = {
     'clamp_compliance': _flexible(_link),
     'base_tilt': _tilt,
     'base_compliance': _base,
+    'base_sliding': _slide,
     'coriolis_centripetal': _unsized('arm'),
     'modal_truncation': _unsized('arm'),
     'hub_inertia': lambda case, p: ('elbow', {'inertia_kg_m2': p['inertia']}, p['inertia']),

@@ -65,6 +65,17 @@ def stable_step(arm: Arm, system: System) -> float:
     return step
 
 
+def refuse_forms(arm: Arm) -> None:
+    """
+    Raise ValueError where an arm has what these equations leave out.
+
+    A base that slides, bristles, a lag inside the loop, a payload that is loose in part.
+    """
+    if (np.isfinite(arm.structure.slide_stiffness) or arm.payload.loose_share != 1.0
+            or any(joint.bristle or joint.lag_inside for joint in arm.joints)):
+        raise ValueError('simulate: the finite-element truth does not have this form')
+
+
 def simulate(arm: Arm, reference: Array | None = None, command: Array | None = None,
              noise: Array | None = None, state: Array | None = None) -> Motion:
     """
@@ -75,6 +86,7 @@ def simulate(arm: Arm, reference: Array | None = None, command: Array | None = N
     given = reference if command is None else command
     if given is None:
         raise ValueError('simulate: expected a reference or a command')
+    refuse_forms(arm)
     samples = given.shape[0]
     system = assemble(arm)
     step = stable_step(arm, system)

@@ -110,7 +110,10 @@ class Run:
         limits = np.stack([np.broadcast_to(limit, shape)
                            for limit in self.arm.friction_limits(motion)], axis=2)
         columns, reach = self.arm.friction_columns(self.response)
-        return Friction(columns, reach, limits, self.arm.form.order)
+        yielding = np.ascontiguousarray(np.broadcast_to(self.arm.yielding(),
+                                                        (self.inputs.shape[1], 2)))
+        return Friction(columns, reach, limits, self.arm.form.order, yielding,
+                        np.array(self.arm.bends), self.arm.step_time)
 
 
 def at_drive(arm: ExtendedArm, record: Record) -> Array:

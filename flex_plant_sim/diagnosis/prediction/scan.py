@@ -25,6 +25,12 @@ class Friction:
         Torques available against forward and backward motion, N m, (N, B, 2 ways, 2 joints).
     velocity : int
         Place of the first joint velocity in the state.
+    yielding : Array
+        How far each gives before it slides, rad/(N m), (B, 2).
+    bends : Array
+        Place of each one's bend among the coordinates, -1 where it does not give, (2,), int.
+    step : float
+        s.
 
     """
 
@@ -32,11 +38,28 @@ class Friction:
     reach: Array
     limits: Array
     velocity: int
+    yielding: Array
+    bends: Indices
+    step: float
 
     @classmethod
     def none(cls, n: int, velocity: int) -> Friction:
         """Return joints that turn freely."""
-        return cls(np.zeros((0, n, 2)), np.zeros((0, 2)), np.zeros((0, 0, 2, 2)), velocity)
+        return cls(np.zeros((0, n, 2)), np.zeros((0, 2)), np.zeros((0, 0, 2, 2)), velocity,
+                   np.zeros((0, 2)), np.full(2, -1), 1.0)
+
+    def stopped(self, state: Array, after: Array, row: Indices) -> Array:
+        """Return the states after a step, (W, B, n), as ExtendedArm has it."""
+        v, limits = self.velocity, self.limits[row]
+        bend = np.where(self.bends >= 0, state[..., self.bends], 0.0)
+        force = np.clip((bend + self.step * after[..., v:v + 2])
+                        / (self.yielding + self.step * self.reach[row][:, None]),
+                        -limits[..., 1, :], limits[..., 0, :])
+        after = after - np.matmul(force, np.swapaxes(self.columns[row], 1, 2))
+        for j, k in enumerate(self.bends):
+            if k >= 0:
+                after[..., k], after[..., v + k] = (self.yielding * force)[..., j], 0.0
+        return after
 
 
 @dataclass(frozen=True)
@@ -83,8 +106,9 @@ def scan(closed: Array, inputs: Array, start: Array, rows: Indices,
     """
     Return the states x(k+1) = F_k x_k + d_k along every window, (S, W, B, n).
 
-    With friction, each joint gets the torque that would stop it within the step, as far as its
-    limits go (a time-stepping scheme; no chatter at any T).
+    With friction, each joint gets the torque that would stop it within the step, or that its
+    bristles have at the end of the step, as far as its limits go (a time-stepping scheme; no
+    chatter at any T).
 
     Parameters
     ----------
@@ -106,13 +130,8 @@ def scan(closed: Array, inputs: Array, start: Array, rows: Indices,
     state = np.repeat(start[:, None], inputs.shape[1], axis=1)
     for k, row in enumerate(rows):
         states[k] = state
-        state = np.matmul(state, np.swapaxes(closed[row], 1, 2)) + inputs[row]
-        if friction is not None:
-            joints = state[..., friction.velocity:friction.velocity + 2]
-            limits = friction.limits[row]
-            torque = np.clip(joints / friction.reach[row][:, None], -limits[..., 1, :],
-                             limits[..., 0, :])
-            state = state - np.matmul(torque, np.swapaxes(friction.columns[row], 1, 2))
+        after = np.matmul(state, np.swapaxes(closed[row], 1, 2)) + inputs[row]
+        state = after if friction is None else friction.stopped(state, after, row)
     return states
 
 
@@ -122,13 +141,15 @@ def scan_with_gaps(closed: Array, inputs: Array, start: Array, rows: Indices,
     n = start.shape[1]
     f = friction or Friction.none(n, gaps.velocity)
     return _loops(closed, inputs, start, rows, f.columns, f.reach, f.limits, f.velocity,
-                  gaps.opened, gaps.pushed, gaps.impulse, gaps.motor, gaps.rotor, gaps.places)
+                  f.yielding, f.bends, f.step, gaps.opened, gaps.pushed, gaps.impulse,
+                  gaps.motor, gaps.rotor, gaps.places)
 
 
 @compiled
 def _loops(closed: Array, inputs: Array, start: Array, rows: Indices, columns: Array,
-           reach: Array, limits: Array, velocity: int, opened: Array, pushed: Array,
-           impulse: Array, motor: Array, rotor: Array, places: Indices) -> Array:
+           reach: Array, limits: Array, velocity: int, yielding: Array, bends: Indices,
+           step: float, opened: Array, pushed: Array, impulse: Array, motor: Array, rotor: Array,
+           places: Indices) -> Array:
     steps, windows = rows.shape
     batch, n = inputs.shape[1:]
     states = np.empty((steps, windows, batch, n))
@@ -146,16 +167,25 @@ def _loops(closed: Array, inputs: Array, start: Array, rows: Indices, columns: A
                     _gap(state, after, opened[g, row], pushed[g, row, b], impulse[g, row],
                          motor[g, row, b], rotor[g], places[g, 0], places[g, 1], velocity)
                 if len(reach):
-                    _stop(after, columns[row], reach[row], limits[row, b], velocity)
+                    _stop(state, after, columns[row], reach[row], limits[row, b], velocity,
+                          yielding[b], bends, step)
     return states
 
 
 @compiled
-def _stop(after: Array, columns: Array, reach: Array, limits: Array, velocity: int) -> None:
-    first = max(-limits[1, 0], min(after[velocity] / reach[0], limits[0, 0]))
-    second = max(-limits[1, 1], min(after[velocity + 1] / reach[1], limits[0, 1]))
+def _stop(state: Array, after: Array, columns: Array, reach: Array, limits: Array, velocity: int,
+          yielding: Array, bends: Indices, step: float) -> None:
+    force = np.zeros(2)
+    for j in range(2):
+        bend = state[bends[j]] if bends[j] >= 0 else 0.0
+        wish = (bend + step * after[velocity + j]) / (yielding[j] + step * reach[j])
+        force[j] = max(-limits[1, j], min(wish, limits[0, j]))
     for i in range(len(after)):
-        after[i] -= columns[i, 0] * first + columns[i, 1] * second
+        after[i] -= columns[i, 0] * force[0] + columns[i, 1] * force[1]
+    for j in range(2):
+        if bends[j] >= 0:
+            after[bends[j]] = yielding[j] * force[j]
+            after[velocity + bends[j]] = 0.0
 
 
 @compiled

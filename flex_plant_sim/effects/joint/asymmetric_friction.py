@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.effects.base import Effect, Motion, one_hot, Parameter
+from flex_plant_sim.effects.base import Effect, FRICTION, Motion, one_hot, Parameter
 
 
 class AsymmetricFriction(Effect):
@@ -16,6 +16,7 @@ class AsymmetricFriction(Effect):
         Parameter('forward_n_m', 'N m', 0.0, 0.0, 20.0, (0.1, 0.6), 0.05, 1.0),
         Parameter('backward_n_m', 'N m', 0.0, 0.0, 20.0, (0.6, 0.1), 0.05, 1.0))
     sites = 'joint'
+    contact = FRICTION
 
     def dry_friction(self, motion: Motion) -> tuple[Array, Array]:
         """Return the levels against positive and against negative velocity, N m."""

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array, SecondOrderForm
-from flex_plant_sim.effects.base import Effect, Motion, Parameter
-from flex_plant_sim.effects.mechanics.kinematics import extended, momentum_rows
+from flex_plant_sim.effects.base import Effect, GAP, Motion, Parameter
+from flex_plant_sim.effects.mechanics.elastic_root import root_moment, with_elastic_root
+from flex_plant_sim.effects.mechanics.kinematics import decided_by_step, momentum_rows
 import numpy as np
 
 
@@ -21,6 +22,8 @@ class Backlash(Effect):
     Where a step would end beyond the gap the teeth meet and do not rebound. So a contact is
     decided once a step, like the dry friction, needs no stiff spring and is stable at any step.
 
+    Teeth that give when they touch (contact_compliance) are a gear compliance in series.
+
     The coordinate gap_joint_j is the link's lead over the rotor, rad, within half the gap. With
     sensor_behind_gear = 1 the sensor sees the link, with 0 the rotor.
     """
@@ -31,8 +34,11 @@ class Backlash(Effect):
     parameters = (
         Parameter('gap_rad', 'rad', 0.0, 0.0, 0.3, (0.006, 0.012, 0.025), 0.002, 0.015),
         Parameter('sensor_behind_gear', '', 1.0, -0.5, 1.5, (1.0, 0.0), np.inf, 0.5),
-        Parameter('hub_share', '', 0.0, 0.0, 0.9, (0.1,), np.inf, 0.3))
+        Parameter('hub_share', '', 0.0, 0.0, 0.9, (0.1,), np.inf, 0.3),
+        Parameter('contact_compliance_rad_per_n_m', 'rad/(N m)', 0.0, 0.0, 0.05, (0.0,), np.inf,
+                  0.001, optional=True))
     sites = 'joint'
+    contact = GAP
     structural = True
 
     @property
@@ -42,12 +48,14 @@ class Backlash(Effect):
 
     def on_form(self, form: SecondOrderForm, robot: Robot) -> SecondOrderForm:
         """Return the form with the lead as a coordinate that only `on_step` moves."""
-        wide = extended(form, (self.coordinate,))
-        # Stable by itself, so that a predictor has nothing to observe there.
-        wide.mass[0, -1, -1] = 1.0
-        wide.damping[-1, -1], wide.stiffness[0, -1, -1] = 20.0, 100.0
-        wide.angle[self.index, -1] = self['sensor_behind_gear'] - 1.0
-        return wide
+        j, compliance = self.index, self['contact_compliance_rad_per_n_m']
+        moment = root_moment(form, robot, j, robot.links[j].hub_radius)
+        wide = decided_by_step(with_elastic_root(form, robot, j, compliance, moment),
+                               self.coordinate)
+        angle = wide.angle.copy()
+        angle[j, :-1] += self['sensor_behind_gear'] * compliance * moment
+        angle[j, -1] = self['sensor_behind_gear'] - 1.0
+        return replace(wide, angle=angle)
 
     def open_form(self, form: SecondOrderForm, robot: Robot) -> SecondOrderForm:
         """Return the form without the joint's rotor and drive: theta_j is the link's alone."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.effects.base import Effect, Motion, one_hot, Parameter
+from flex_plant_sim.effects.base import Effect, FRICTION, Motion, one_hot, Parameter
 
 
 class CoulombFriction(Effect):
@@ -16,6 +16,7 @@ class CoulombFriction(Effect):
         # The reference elbow's drive damps with 5 N m at 1 rad/s: 0.05 N m is 2 % of it at 0.5.
         Parameter('level_n_m', 'N m', 0.0, 0.0, 20.0, (0.1, 0.4, 1.5), 0.05, 1.0),)
     sites = 'joint'
+    contact = FRICTION
 
     def dry_friction(self, motion: Motion) -> tuple[Array, Array]:
         """Return the level both ways, N m."""

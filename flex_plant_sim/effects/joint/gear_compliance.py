@@ -17,7 +17,8 @@ class GearCompliance(Effect):
 
     The joint's angle sensor (a potentiometer in the paper) sits behind the gear; with
     sensor_behind_gear = 0 it sits on the motor, and with no hub radius the gear is then the same
-    as a clamp compliance.
+    as a clamp compliance. A hub_share of the joint's inertia sits behind the gear, where it turns
+    with the twist; the torque that it takes itself is left out of the twist.
     """
 
     identifier = 'gear_compliance'
@@ -27,7 +28,8 @@ class GearCompliance(Effect):
         # The reference links' own L / (3 E I) is 0.025 and 0.09 rad/(N m).
         Parameter('compliance_rad_per_n_m', 'rad/(N m)', 0.0, 0.0, 1.0,
                   (0.003, 0.01, 0.03, 0.08), 0.001, 0.04),
-        Parameter('sensor_behind_gear', '', 1.0, -0.5, 1.5, (1.0, 0.0), np.inf, 0.5))
+        Parameter('sensor_behind_gear', '', 1.0, -0.5, 1.5, (1.0, 0.0), np.inf, 0.5),
+        Parameter('hub_share', '', 0.0, 0.0, 0.9, (0.0,), np.inf, 0.1, optional=True))
     sites = 'joint'
     structural = True
 
@@ -35,7 +37,8 @@ class GearCompliance(Effect):
         """Return the form with the link's root turning by the gear's twist as well."""
         compliance, j = self['compliance_rad_per_n_m'], self.index
         moment = root_moment(form, robot, j, robot.links[j].hub_radius)
-        twisted = with_elastic_root(form, robot, j, compliance, moment)
+        twisted = with_elastic_root(form, robot, j, compliance, moment,
+                                    carried=self['hub_share'])
         angle = twisted.angle.copy()
         angle[j] += self['sensor_behind_gear'] * compliance * moment
         return replace(twisted, angle=angle)

@@ -7,7 +7,7 @@ from typing import Any
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array, SecondOrderForm
-from flex_plant_sim.effects.base import Effect, Motion, one_hot
+from flex_plant_sim.effects.base import Effect, FRICTION, Motion, one_hot
 from msg_config.errors import InputError
 import numpy as np
 
@@ -29,6 +29,7 @@ class MeasuredTorque(Effect):
     parameters = ()
     sites = 'joint'
     named = False
+    contact = FRICTION
 
     @property
     def variable(self) -> str:

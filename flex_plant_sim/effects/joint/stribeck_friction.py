@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.effects.base import Effect, Motion, one_hot, Parameter
+from flex_plant_sim.effects.base import Effect, FRICTION, Motion, one_hot, Parameter
 import numpy as np
 
 
@@ -23,6 +23,7 @@ class StribeckFriction(Effect):
         Parameter('extra_n_m', 'N m', 0.0, 0.0, 20.0, (0.3, 1.0), 0.05, 1.0),
         Parameter('speed_rad_per_s', 'rad/s', 0.1, 0.01, 2.0, (0.05, 0.2), np.inf, 0.1))
     sites = 'joint'
+    contact = FRICTION
 
     def dry_friction(self, motion: Motion) -> tuple[Array, Array]:
         """Return the level both ways at the present speed, N m."""

@@ -25,7 +25,8 @@ def root_moment(form: SecondOrderForm, robot: Robot, index: int, radius: float) 
 
 
 def with_elastic_root(form: SecondOrderForm, robot: Robot, index: int, compliance: float,
-                      moment: Array, lever: float = 1.0) -> SecondOrderForm:
+                      moment: Array, lever: float = 1.0,
+                      carried: float = 0.0) -> SecondOrderForm:
     """
     Return the form with psi = compliance * moment p between rotor and link root.
 
@@ -48,9 +49,11 @@ def with_elastic_root(form: SecondOrderForm, robot: Robot, index: int, complianc
         Row of the moment in the spring over p, (N,).
     lever : float
         Turn about the joint axis per turn of the spring.
+    carried : float
+        Share of the rotor's inertia behind the spring, 0 to 1.
 
     """
-    turned = with_root_turn(form, robot, index, lever * compliance * moment)
+    turned = with_root_turn(form, robot, index, lever * compliance * moment, carried)
     if not is_energy_form(form):
         return turned
     link = robot.links[index]

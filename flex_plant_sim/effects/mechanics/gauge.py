@@ -1,4 +1,4 @@
-"""Where a gauge stands among the outputs."""
+"""Where gauges stand among the outputs."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.effects.base import one_hot
 from msg_config.errors import InputError
+import numpy as np
+from numpy.typing import NDArray
 
 
 def gauge_row(robot: Robot, site: str) -> Array:
@@ -22,3 +24,23 @@ def gauge_row(robot: Robot, site: str) -> Array:
         raise InputError(f'effects: site: expected one of {", ".join(robot.gauge_names)}, '
                          f'got {site!r}')
     return one_hot(robot.output_names.index(site), len(robot.output_names))
+
+
+def gauge_places(robot: Robot, site: str) -> NDArray[np.intp]:
+    """
+    Return the places of a site's gauges among all gauges, (g,).
+
+    Parameters
+    ----------
+    robot : Robot
+        Whose gauges.
+    site : str
+        A gauge, a link (its gauges) or the arm (all).
+
+    """
+    if site == 'arm':
+        return np.arange(len(robot.gauge_names))
+    upper = len(robot.links[0].gauge_positions)
+    if site.startswith('link_'):
+        return np.arange(upper) if site == 'link_1' else np.arange(upper, len(robot.gauge_names))
+    return np.flatnonzero(gauge_row(robot, site)[2:])

@@ -86,12 +86,21 @@ def extended(form: SecondOrderForm, names: tuple[str, ...]) -> SecondOrderForm:
         field=np.pad(form.field, ((0, 0), (0, 0), last)))
 
 
-def with_root_turn(form: SecondOrderForm, robot: Robot, index: int,
-                   turn: Array) -> SecondOrderForm:
+def decided_by_step(form: SecondOrderForm, name: str) -> SecondOrderForm:
+    """Return the form with a coordinate that is stable by itself: nothing to observe there."""
+    wide = extended(form, (name,))
+    wide.mass[0, -1, -1] = 1.0
+    wide.damping[-1, -1], wide.stiffness[0, -1, -1] = 20.0, 100.0
+    return wide
+
+
+def with_root_turn(form: SecondOrderForm, robot: Robot, index: int, turn: Array,
+                   carried: float = 0.0) -> SecondOrderForm:
     """
     Return the form of an arm whose link root turns by theta_j + turn p, the rotor by theta_j.
 
-    With E = I + e_j turn', all that the link moves gets E' M E, the rotor stays. The paper's
+    With E = I + e_j turn', all that the link moves gets E' M E, the rotor stays but for the
+    share of its inertia that is carried by the link. The paper's
     rows are balances, not conjugate to coordinates, so there only the columns change: M E.
 
     Parameters
@@ -104,6 +113,8 @@ def with_root_turn(form: SecondOrderForm, robot: Robot, index: int,
         Joint and link, 0 or 1.
     turn : Array
         Row over p, (N,).
+    carried : float
+        Share of the rotor's inertia behind the gear, 0 to 1.
 
     """
     energy = is_energy_form(form)
@@ -111,7 +122,7 @@ def with_root_turn(form: SecondOrderForm, robot: Robot, index: int,
     change[index] += turn
     left = change.T if energy else np.eye(form.order)
     rotor = np.zeros_like(form.mass)
-    rotor[0, index, index] = robot.drives[index].inertia
+    rotor[0, index, index] = (1.0 - carried) * robot.drives[index].inertia
     changed = replace(form, mass=left @ (form.mass - rotor) @ change + rotor,
                       payload_mass=left @ form.payload_mass @ change)
     if not energy:

@@ -14,9 +14,10 @@ GRIP_MASS = 1e-6
 
 class LoosePayload(Effect):
     """
-    The payload on a spring and damper across the lower link's tip, z' relative to the tip.
+    A share of the payload on a spring and damper across the lower link's tip.
 
-    The damping ratio is that of the payload on the spring alone.
+    z' is relative to the tip; the damping ratio is that of the loose part on the spring alone,
+    and the rest of the payload is held.
     """
 
     identifier = 'loose_payload'
@@ -25,6 +26,7 @@ class LoosePayload(Effect):
     parameters = (
         # 0.1 kg swings at 10/sqrt(0.1 c): 0.03 m/N at 18 rad/s, 0.003 m/N at 58 rad/s.
         Parameter('compliance_m_per_n', 'm/N', 0.0, 0.0, 5.0, (0.005, 0.02, 0.06), 0.002, 0.04),
+        Parameter('share', '', 1.0, 0.05, 1.0, (1.0, 0.5), np.inf, 0.3, optional=True),
         Parameter('damping_ratio', '', 0.05, 0.0, 2.0, (0.05,), np.inf, 0.1))
     sites = 'arm'
     structural = True
@@ -34,14 +36,14 @@ class LoosePayload(Effect):
         if self['compliance_m_per_n'] < RIGID:
             return form
         wide, stiffness = extended(form, ('z_payload',)), 1.0 / self['compliance_m_per_n']
-        elbow, tip = wide.field[0, 1].copy(), wide.field[1, 1]
+        elbow, tip, share = wide.field[0, 1], wide.field[1, 1], self['share']
         energy, lower = is_energy_form(form), link_columns(wide, 1)
-        wide.payload_mass[0, :, -1] += tip if energy else tip * lower
-        wide.payload_mass[1, :, -1] += elbow if energy else 0.0
-        tip[-1] = 1.0
-        wide.payload_mass[0, -1], wide.payload_mass[1, -1] = tip, elbow
+        wide.payload_mass[0, :, -1] += share * (tip if energy else tip * lower)
+        wide.payload_mass[1, :, -1] += share * (elbow if energy else 0.0)
+        wide.payload_mass[0, -1], wide.payload_mass[1, -1] = share * tip, share * elbow
+        wide.payload_mass[0, -1, -1] = tip[-1] = share
         wide.mass[0, -1, -1] += GRIP_MASS
         wide.stiffness[0, -1, -1] += stiffness
         wide.damping[-1, -1] += 2.0 * self['damping_ratio'] * np.sqrt(
-            stiffness * (robot.payload_mass + GRIP_MASS))
+            stiffness * (share * robot.payload_mass + GRIP_MASS))
         return wide

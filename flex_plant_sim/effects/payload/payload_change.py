@@ -9,7 +9,7 @@ import numpy as np
 
 
 class PayloadChange(Effect):
-    """The payload changes by a mass from a time on, at once or over a duration."""
+    """The payload changes by a mass from a time on: at once, or by a ramp or leak."""
 
     identifier = 'payload_change'
     family = 'payload'
@@ -18,8 +18,9 @@ class PayloadChange(Effect):
         Parameter('change_kg', 'kg', 0.0, -1.0, 2.0, (-0.08, 0.08), 0.005, 0.08),
         Parameter('time_s', 's', 0.0, 0.0, 1e6, tuple(float(t) for t in range(2, 60, 2)),
                   np.inf, np.inf),
-        Parameter('duration_s', 's', 0.0, 0.0, 1e6, (0.0, 3.0), np.inf, 2.0))
+        Parameter('duration_s', 's', 0.0, 0.0, 1e6, (0.0, 3.0, 12.0), np.inf, 2.0))
     sites = 'arm'
+    event_time = 'time_s'
     structural = True
 
     def payload_at(self, time: Any, payload: Any) -> Any:

@@ -6,6 +6,7 @@ from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.state_space import StateSpace
 from flex_plant_sim.effects.base import Effect, Parameter
 from flex_plant_sim.effects.mechanics.extra_states import with_states
+from flex_plant_sim.effects.mechanics.gauge import gauge_places
 import numpy as np
 
 NO_DELAY = 1e-5
@@ -15,23 +16,25 @@ WHOLE = 1e-6
 
 class StrainDelay(Effect):
     """
-    The Padé approximant (2, 3) of a delay on every gauge; whole samples can be taken out of it.
+    The Padé approximant (2, 3) of a delay on a site's gauges.
 
     exp(-s) = (60 - 24 s + 3 s^2) / (60 + 36 s + 9 s^2 + s^3) with s tau for s; like a delay, and
     unlike the approximant (2, 2), it does not answer at once. Its phase is right to 1 % up to
-    omega tau = 2.
+    omega tau = 2. Whole samples can be taken out of what all gauges share.
     """
 
     identifier = 'strain_delay'
     family = 'sensors'
-    explanation = 'The strain readings are older than the angles logged with them.'
+    explanation = 'The strain readings of {site} are older than the angles logged with them.'
     parameters = (
         Parameter('delay_s', 's', 0.0, 0.0, 0.2, (0.005, 0.01, 0.02, 0.03, 0.05), 0.003, 0.03),)
-    sites = 'arm'
+    sites = 'amplifier'
     structural = True
 
     def late(self, sample_time: float) -> tuple[int, Effect]:
         """Return the whole samples of the delay, and the fraction that is left."""
+        if self.site != 'arm':
+            return 0, self
         whole = int(self['delay_s'] / sample_time + WHOLE)
         return whole, StrainDelay(self.site, (max(self['delay_s'] - whole * sample_time, 0.0),))
 
@@ -40,13 +43,14 @@ class StrainDelay(Effect):
         delay = self['delay_s']
         if delay < NO_DELAY:
             return plant
-        old, gauges = plant.a.shape[-1], plant.c.shape[-2] - 2
-        wider, unit = with_states(plant, 3 * gauges), np.eye(gauges)
-        first, second, third = (slice(old + k * gauges, old + (k + 1) * gauges) for k in range(3))
+        rows = 2 + gauge_places(robot, self.site)
+        old, count = plant.a.shape[-1], len(rows)
+        wider, unit = with_states(plant, 3 * count), np.eye(count)
+        first, second, third = (slice(old + k * count, old + (k + 1) * count) for k in range(3))
         wider.a[..., first, second] = wider.a[..., second, third] = unit / delay
         for row, back, ahead in ((first, 9.0, 3.0), (second, 36.0, -24.0), (third, 60.0, 60.0)):
             wider.a[..., row, first] = -back / delay * unit
-            wider.a[..., row, :old] = ahead / delay * plant.c[..., 2:, :]
-        wider.c[..., 2:, :] = 0.0
-        wider.c[..., 2:, first] = unit
+            wider.a[..., row, :old] = ahead / delay * plant.c[..., rows, :]
+        wider.c[..., rows, :] = 0.0
+        wider.c[..., rows, first] = unit
         return wider

@@ -22,6 +22,7 @@ class ModalTruncation(Effect):
     explanation = 'The model lets the links bend in too few shapes.'
     parameters = (Parameter('modes', 'modes a link', 1.0, 1.0, 12.0, (3.0, 4.0), 0.5, 3.0),)
     sites = 'arm'
+    in_nature = True
     structural = True
     reshapes = True
 

@@ -79,6 +79,19 @@ def apply_input_delay(arm: Arm, size: Parameters) -> Arm:
     return replace(arm, input_delay=size['delay'])
 
 
+def draw_bandwidth(rng: np.random.Generator, arm: Arm, severity: float) -> Parameters:
+    """Draw a velocity loop 1.5-2.5 times as slow or as fast."""
+    factor = rng.uniform(1.5, 2.5) ** rng.choice([-1.0, 1.0])
+    return {'joint': any_joint(rng), 'factor': float(factor**severity)}
+
+
+def apply_bandwidth(arm: Arm, size: Parameters) -> Arm:
+    """Multiply the loop's time constant; its steady gain stays."""
+    joint = arm.joints[int(size['joint']) - 1]
+    return with_joint(arm, size['joint'], torque_gain=joint.torque_gain / size['factor'],
+                      damping=joint.damping / size['factor'])
+
+
 EFFECTS = (
     HiddenEffect('actuator_gain', draw_gain, apply_gain),
     HiddenEffect('actuator_bias', draw_bias, apply_bias),
@@ -86,4 +99,5 @@ EFFECTS = (
     HiddenEffect('actuator_saturation', draw_saturation, apply_saturation),
     HiddenEffect('motor_lag', draw_motor_lag, apply_motor_lag),
     HiddenEffect('input_delay', draw_input_delay, apply_input_delay),
+    HiddenEffect('drive_bandwidth', draw_bandwidth, apply_bandwidth),
 )

@@ -119,11 +119,25 @@ def apply_torque_ripple(arm: Arm, size: Parameters) -> Arm:
                       ripple_phase=size['phase'])
 
 
+def draw_presliding(rng: np.random.Generator, arm: Arm, severity: float) -> Parameters:
+    """Draw friction as for Coulomb's that builds up over 3-10 mrad."""
+    joint = any_joint(rng)
+    return {'joint': joint, 'travel': rng.uniform(0.003, 0.01),
+            'torque': severity * viscous_scale(arm, joint) * rng.uniform(0.06, 0.11)}
+
+
+def apply_presliding(arm: Arm, size: Parameters) -> Arm:
+    """Add dry friction that gives before it slides."""
+    rubbing = with_friction(arm, size['joint'], size['torque'], size['torque'])
+    return with_joint(rubbing, size['joint'], presliding=size['travel'])
+
+
 EFFECTS = (
     HiddenEffect('coulomb_friction', draw_coulomb, apply_coulomb),
     HiddenEffect('viscous_friction', draw_viscous, apply_viscous),
     HiddenEffect('asymmetric_friction', draw_asymmetric, apply_asymmetric),
     HiddenEffect('stribeck_friction', draw_stribeck, apply_stribeck),
+    HiddenEffect('presliding_friction', draw_presliding, apply_presliding),
     HiddenEffect('backlash', draw_backlash, apply_backlash),
     HiddenEffect('gear_compliance', draw_gear_compliance, apply_gear_compliance),
     HiddenEffect('torque_ripple', draw_torque_ripple, apply_torque_ripple),

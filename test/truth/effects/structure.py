@@ -93,6 +93,24 @@ def apply_base(arm: Arm, size: Parameters) -> Arm:
         base_damping=2.0 * size['damping_ratio'] * stiffness / frequency))
 
 
+def draw_slide(rng: np.random.Generator, arm: Arm, severity: float) -> Parameters:
+    """Draw a mounting of 8-20 times the upper link's 3 EI / L^3, shifting at 15-30 rad/s."""
+    link = arm.links[0]
+    stiffness = (tip_stiffness(arm, 1) / (link.length + link.hub_radius)**2
+                 * rng.uniform(8.0, 20.0))
+    return {'stiffness': compliant(stiffness, severity), 'damping_ratio': 0.05,
+            'mass': stiffness / rng.uniform(15.0, 30.0)**2}
+
+
+def apply_slide(arm: Arm, size: Parameters) -> Arm:
+    """Let the base shift both ways on springs; it has `mass` kg."""
+    if not np.isfinite(size['stiffness']):
+        return arm
+    return replace(arm, structure=replace(
+        arm.structure, slide_stiffness=size['stiffness'], base_mass=size['mass'],
+        slide_damping=2.0 * size['damping_ratio'] * np.sqrt(size['stiffness'] * size['mass'])))
+
+
 def draw_fast_motion(rng: np.random.Generator, arm: Arm, severity: float) -> Parameters:
     """Draw moves 1.7 to 2.2 times as far, in the same time."""
     return {'factor': 1.0 + severity * rng.uniform(0.7, 1.2)}
@@ -140,6 +158,7 @@ EFFECTS = (
     HiddenEffect('clamp_compliance', draw_clamp, apply_clamp),
     HiddenEffect('base_tilt', draw_tilt, apply_tilt),
     HiddenEffect('base_compliance', draw_base, apply_base),
+    HiddenEffect('base_sliding', draw_slide, apply_slide),
     HiddenEffect('coriolis_centripetal', draw_fast_motion, apply_fast_motion),
     HiddenEffect('modal_truncation', draw_sharp_motion, apply_sharp_motion),
     HiddenEffect('hub_inertia', draw_hub_inertia, apply_hub_inertia),

@@ -20,9 +20,9 @@ from truth.configuration import Arm, GRAVITY, Link
 
 MASSLESS_KG, MASSLESS_KG_M2 = 1e-3, 1e-6
 CELLS = 20
-# The gap's ends: MuJoCo's shortest time constant is two steps; a soft end takes 8 ms.
-HARD_END, SOFT_END = '0.001 1', '0.008 0.4'
-# Contacts per inertia, 1/s^2, below which the ends of a gap count as soft.
+# Hard ends of a gap are the constraint solver's: its shortest time constant is two steps.
+HARD_END = '0.001 1'
+# Contacts per inertia, 1/s^2, below which the ends are soft: `drives.soft_end` has their law.
 SOFT_CONTACT = 3e4
 
 
@@ -139,10 +139,11 @@ def _driven(body: ET.Element, arm: Arm, j: int, timestep: float) -> ET.Element:
     if half == 0.0:
         damping = 0.2 * math.sqrt(joint.gear_stiffness * joint.output_share * joint.inertia)
         _joint(body, f'gear_{number}', stiffness=joint.gear_stiffness, damping=damping)
+    elif joint.contact_stiffness < SOFT_CONTACT:
+        _joint(body, f'gear_{number}')
     else:
-        end = SOFT_END if joint.contact_stiffness < SOFT_CONTACT else HARD_END
         _joint(body, f'gear_{number}', range=_text(-half, half), limited='true',
-               solreflimit=end, solimplimit='0.95 0.99 0.0005')
+               solreflimit=HARD_END, solimplimit='0.95 0.99 0.0005')
     return body
 
 

@@ -8,8 +8,11 @@ import mujoco
 import numpy as np
 
 from truth.beam_elements import Array
-from truth.configuration import Arm, Joint
-from truth.mujoco.chain import Chain
+from truth.configuration import Arm, INVISIBLE_TRAVEL, Joint
+from truth.mujoco.chain import Chain, SOFT_CONTACT
+
+# Overlap at which a soft end is as stiff as the linear one, rad, and its loss, s/rad.
+DEPTH, IMPACT_LOSS = 1e-3, 0.5
 
 
 class Drive:
@@ -17,6 +20,7 @@ class Drive:
 
     def __init__(self, joint: Joint):
         self.joint = joint
+        self.bristles = joint.bristle or joint.presliding > INVISIBLE_TRAVEL
         self.lagged = self.bend = 0.0
 
     def torque(self, command: float, theta: float, speed: float, step: float) -> float:
@@ -30,7 +34,7 @@ class Drive:
         if joint.lag_inside:
             torque = self._lag(torque - joint.damping * speed, step)
         ripple = joint.ripple * math.sin(joint.ripple_order * theta + joint.ripple_phase)
-        return torque + ripple - (self._bristles(speed, step) if joint.bristle else 0.0)
+        return torque + ripple - (self._bristles(speed, step) if self.bristles else 0.0)
 
     def _lag(self, signal: float, step: float) -> float:
         keep = math.exp(-step / self.joint.lag) if self.joint.lag > 0.0 else 0.0
@@ -56,6 +60,21 @@ class Drive:
         return self.level(speed) * self.bend
 
 
+def soft_end(joint: Joint, lead: float, speed: float) -> float:
+    """
+    Return the torque of a gap's soft ends on the link, N m.
+
+    Hunt and Crossley, J. Appl. Mech. 42 (1975): k x^1.5 (1 + 1.5 a x'), x the overlap, which at
+    DEPTH has the stiffness that the configuration states.
+    """
+    overlap, side = abs(lead) - 0.5 * joint.backlash, math.copysign(1.0, lead)
+    if overlap <= 0.0:
+        return 0.0
+    stiffness = joint.contact_stiffness * joint.inertia / math.sqrt(DEPTH)
+    loss = 1.0 + 1.5 * IMPACT_LOSS * side * speed
+    return -side * stiffness * overlap**1.5 * max(loss, 0.0)
+
+
 class Surroundings:
     """All that changes while the chain moves."""
 
@@ -75,8 +94,12 @@ class Surroundings:
         for drive, address, u in zip(self.drives, self.chain.joint, command):
             theta, speed = float(data.qpos[address]), float(data.qvel[address])
             data.qfrc_applied[address] = drive.torque(float(u), theta, speed, step)
-            if not drive.joint.bristle:
+            if not drive.bristles:
                 model.dof_frictionloss[address] = drive.level(speed)
+        for joint, gear in zip(self.arm.joints, self.chain.gear):
+            if joint.backlash > 0.0 and joint.contact_stiffness < SOFT_CONTACT:
+                data.qfrc_applied[gear] = soft_end(joint, float(data.qpos[gear]),
+                                                   float(data.qvel[gear]))
         for body, share in self.bodies if self.changes else ():
             model.body_mass[body] = max(share * self.arm.payload.mass_at(time), 1e-7)
 

@@ -1,0 +1,31 @@
+"""Drive bandwidth: a velocity loop is slower or faster than its data sheet says."""
+
+from __future__ import annotations
+
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.effects.base import Effect, Parameter
+
+
+class DriveBandwidth(Effect):
+    """
+    A factor on a velocity loop's time constant; its steady gain stays.
+
+    The loop's torque is J/tau (k u - theta'), so both its pull and its damping fall by the
+    factor. A current drive has no loop: its damping is `viscous_friction`'s, its pull
+    `actuator_gain`'s.
+    """
+
+    identifier = 'drive_bandwidth'
+    family = 'drive and timing'
+    explanation = 'The velocity loop of {site} is slower or faster than its data sheet says.'
+    parameters = (
+        # Loops are tuned by hand: half or twice as fast is common. Drives are known within 5 %.
+        Parameter('time_constant_factor', '', 1.0, 0.1, 20.0, (0.6, 1.6, 4.0), 0.1, 0.7),)
+    sites = 'velocity_loop'
+    structural = True
+
+    def on_robot(self, robot: Robot) -> Robot:
+        """Return the robot with the loop's pull and damping divided by the factor."""
+        drive, factor = robot.drives[self.index], self['time_constant_factor']
+        return robot.with_drive(self.index, torque_gain=drive.torque_gain / factor,
+                                damping=drive.damping / factor)

@@ -1,0 +1,67 @@
+"""Base sliding: the arm's base shifts on its mounting."""
+
+from __future__ import annotations
+
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.second_order import SecondOrderForm
+from flex_plant_sim.effects.base import Effect, Parameter
+from flex_plant_sim.effects.mechanics.elastic_root import root_moment
+from flex_plant_sim.effects.mechanics.kinematics import (
+    extended,
+    is_energy_form,
+    link_columns,
+    lower_rows,
+)
+import numpy as np
+
+RIGID = 1e-9
+DAMPING_RATIO = 0.03
+
+
+class BaseSliding(Effect):
+    """
+    A base with mass on a lightly damped spring across the upper link.
+
+    The coordinate is the base's shift across the upper link, m, which turns with the link: the
+    shift's other component moves the upper link along itself only. Coupling is that of a uniform
+    acceleration field across the upper link, whose share across the lower link is cos(theta_2).
+    The paper's rows balance the beams alone; there the base feels the upper link's root shear.
+    """
+
+    identifier = 'base_sliding'
+    family = 'links and structure'
+    explanation = 'The base shifts on its mounting when the arm pushes against it.'
+    parameters = (
+        # The upper reference link's tip gives 9 mm per newton.
+        Parameter('compliance_m_per_n', 'm/N', 0.0, 0.0, 0.1, (2e-4, 1e-3, 4e-3), 5e-5, 1e-3),
+        Parameter('mass_kg', 'kg', 5.0, 0.1, 500.0, (2.0, 10.0), np.inf, 5.0))
+    sites = 'arm'
+    structural = True
+
+    def on_form(self, form: SecondOrderForm, robot: Robot) -> SecondOrderForm:
+        """Return the form with the base's shift as its last coordinate."""
+        if self['compliance_m_per_n'] < RIGID:
+            return form
+        wide = extended(form, ('slide_base',))
+        upper, lower = wide.field.copy()
+        moving = robot.links[0].mass + robot.elbow_mass + robot.links[1].mass
+        along = (robot.links[1].mass * upper[1], upper[1])
+        wide.field[0, :, -1] = moving, 1.0
+        for k, mass in enumerate((wide.mass, wide.payload_mass)):
+            if is_energy_form(form):
+                mass[0, -1], mass[1, -1] = upper[k], lower[k]
+                mass[0, :, -1], mass[1, :, -1] = upper[k], lower[k]
+                mass[0, -1, -1] = (moving, 1.0)[k]
+            else:
+                mass[0, :, -1] = link_columns(wide, 0) * upper[k]
+                mass[1, :, -1] = lower_rows(wide) * lower[k]
+                mass[2, :, -1] = -1.0 * link_columns(wide, 0) * along[k]
+        if not is_energy_form(form):
+            # E I times the root's third derivative: the moment at no radius less that at 1 m.
+            wide.stiffness[0, -1] += (root_moment(wide, robot, 0, 0.0)
+                                      - root_moment(wide, robot, 0, 1.0))
+        stiffness = 1.0 / self['compliance_m_per_n']
+        wide.mass[0, -1, -1] += self['mass_kg']
+        wide.damping[-1, -1] += 2.0 * DAMPING_RATIO * np.sqrt(stiffness * self['mass_kg'])
+        wide.stiffness[0, -1, -1] += stiffness
+        return wide

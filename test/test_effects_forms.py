@@ -1,0 +1,157 @@
+"""Effects in nature's other forms: slow loops, bristles, loose parts, sliding bases, one gauge."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from bank.terms import hidden_terms
+from extended_arms import arm, effect, frequencies, ROBOT, stiff
+from flex_plant_sim.arm.robot import EffectSpec
+from flex_plant_sim.arm.robot_file import load_robot
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.effects import build, catalogue, sites
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.simulator import simulate, Simulator
+from msg_config.errors import InputError
+import numpy as np
+import pytest
+from truth.records import draw_case, HAVE_MUJOCO, make_record, MUJOCO, NO_MUJOCO
+
+# Nothing but the rotors has inertia.
+BARE = replace(stiff(ROBOT, density=1e-6), payload_mass=0.0, elbow_mass=0.0, elbow_inertia=0.0)
+DRIVE = ROBOT.drives[0]
+HELD = ['theta_1', 'theta_2', *(f'q_{link}{mode}' for link in (1, 2) for mode in (1, 2, 3))]
+
+
+def response(extended: ExtendedArm, omega: float) -> Array:
+    """Return the outputs' response to the commands at omega, rad/s, (m, 2)."""
+    plant = extended.plant
+    inverse = np.linalg.solve(1j * omega * np.eye(extended.states) - plant.a[3], plant.b[3])
+    return np.asarray(plant.c[3] @ inverse)
+
+
+@pytest.mark.parametrize('text, tau, lag', [
+    ('drive_bandwidth:joint_1:time_constant_factor=2.5', 0.025, 0.0),
+    ('motor_lag:joint_1:time_constant_s=0.03,inside_loop=1', 0.01, 0.03)])
+def test_a_bare_rotor_follows_its_loop_s_transfer_function(text: str, tau: float,
+                                                           lag: float) -> None:
+    """J theta'' = M, M = J/tau (u - theta')/(lag s + 1)."""
+    for omega in (2.0, 20.0, 90.0):
+        s = 1j * omega
+        expected = 1.0 / (s * (tau * s * (lag * s + 1.0) + 1.0))
+        got = response(arm(text, robot=BARE), omega)[0, 0]
+        assert abs(got / expected - 1.0) < 2e-3
+
+
+def test_no_bandwidth_where_there_is_no_loop() -> None:
+    current = load_robot('quanser_2dsfl')
+    assert sites(catalogue()['drive_bandwidth'], current) == ()
+    with pytest.raises(InputError, match='drive_bandwidth: site: expected none: this robot has '
+                                         "no such place, got 'joint_1'"):
+        build(EffectSpec('drive_bandwidth', 'joint_1', {'time_constant_factor': 2.0}), current)
+
+
+def bristles(command: Array, level: float, travel: float, step: float) -> Array:
+    """Return a bare rotor's angle under a Maxwell-slip element, in small explicit steps, (S,)."""
+    theta = speed = anchor = 0.0
+    found, fine = [], round(step / 1e-4)
+    for u in command:
+        for _ in range(fine):
+            anchor = min(max(anchor, theta - travel), theta + travel)
+            torque = (DRIVE.torque_gain * u - DRIVE.damping * speed
+                      - level * (theta - anchor) / travel)
+            speed += step / fine * torque / DRIVE.inertia
+            theta += step / fine * speed
+        found.append(theta)
+    return np.array(found)
+
+
+@pytest.mark.parametrize('step, tolerance', [(0.01, 0.06), (0.002, 0.015)])
+def test_bristles_against_small_explicit_steps(step: float, tolerance: float) -> None:
+    text = 'presliding_friction:joint_1:level_n_m=2,travel_rad=0.01'
+    sim = Simulator(arm(text, robot=replace(BARE, sample_time=step)))
+    command = 0.4 * np.sin(3.0 * step * np.arange(round(3.0 / step)))
+    expected, got = bristles(command, 2.0, 0.01, step), []
+    for u in command:
+        sim.step(np.array([u, 0.0]))
+        got.append(sim.state[0])
+    assert np.abs(got - expected).max() < tolerance * np.ptp(expected)
+
+
+def test_bristles_are_stable_at_any_step_and_stiffness() -> None:
+    """A spring of 10^6 N m/rad on the rotor at 20 Hz: no chatter, and it holds."""
+    text = 'presliding_friction:joint_1:level_n_m=10,travel_rad=1e-5'
+    sim = Simulator(arm(text, robot=replace(BARE, sample_time=0.05)))
+    speeds = []
+    for _ in range(200):
+        sim.step(np.array([0.4, 0.0]))
+        speeds.append(sim.state[sim.arm.form.order])
+    assert abs(sim.state[0]) < 1.1e-5
+    assert np.abs(speeds[-50:]).max() < 1e-9
+
+
+def test_bristles_without_travel_are_dry_friction() -> None:
+    motions = [simulate(Simulator(arm(text)), np.full((80, 2), [0.5, 0.6]))[0] for text in (
+        'presliding_friction:joint_2:level_n_m=1,travel_rad=1e-5',
+        'coulomb_friction:joint_2:level_n_m=1')]
+    assert np.abs(motions[0] - motions[1]).max() < 1e-4 * np.abs(motions[1]).max()
+
+
+@pytest.mark.parametrize('share', [1.0, 0.4])
+def test_a_loose_share_swings_at_its_own_frequency(share: float) -> None:
+    text = f'loose_payload:arm:compliance_m_per_n=0.02,damping_ratio=0,share={share}'
+    form = arm(text).form
+    assert frequencies(form, HELD, 0.1)[0] == pytest.approx((0.02 * share * 0.1)**-0.5, rel=1e-4)
+    total = form.payload_mass_at(1.0)
+    rigid = np.append(np.zeros(form.order - 1), 1.0)
+    assert rigid @ total @ rigid == pytest.approx(share)
+
+
+def test_a_base_carries_the_arm_s_whole_mass_on_its_spring() -> None:
+    """Stretched, all of the arm moves across the upper link; bent, the lower one's share."""
+    form = arm('base_sliding:arm:compliance_m_per_n=1e-3,mass_kg=4').form
+    total = 4.0 + ROBOT.links[0].mass + ROBOT.elbow_mass + ROBOT.links[1].mass + 0.1
+    assert frequencies(form, HELD, 0.1)[0] == pytest.approx((1e-3 * total)**-0.5, rel=1e-9)
+    lower = ROBOT.links[1]
+    for cosine in (1.0, 0.3, -0.5):
+        push = form.mass_at(cosine, 0.1)[-1, 1]
+        assert push == pytest.approx(cosine * (0.5 * lower.mass + 0.1) * lower.length, rel=1e-6)
+    assert np.all(np.linalg.eigvalsh(form.mass_at(0.3, 0.1)) > 0.0)
+
+
+@pytest.mark.parametrize('site, rows', [('arm', (2, 3, 4, 5)), ('link_2', (4, 5)),
+                                        ('strain_1b', (3,))])
+@pytest.mark.parametrize('text', ['strain_filter:{}:time_constant_s=0.04,damping=0.8',
+                                  'strain_delay:{}:delay_s=0.02'])
+def test_late_gauges_are_those_of_the_site(text: str, site: str, rows: tuple[int, ...]) -> None:
+    s = 30.0j
+    slow = (1.0 / (1.0 + 1.6 * 0.04 * s + (0.04 * s)**2) if 'filter' in text
+            else np.exp(-0.02 * s))
+    ratio = response(arm(text.format(site)), 30.0)[:, 0] / response(arm(), 30.0)[:, 0]
+    expected = np.where(np.isin(np.arange(6), rows), slow, 1.0)
+    np.testing.assert_allclose(ratio, expected, atol=1e-4)
+
+
+@pytest.mark.skipif(not HAVE_MUJOCO, reason=NO_MUJOCO)
+@pytest.mark.parametrize('name, form, shape', [
+    ('base_sliding', '', {}), ('loose_payload', 'half_loose', {'share': 0.5}),
+    ('motor_lag', 'inside_loop', {'inside_loop': 1.0}), ('presliding_friction', '', {}),
+    ('backlash', 'soft_contact', {'hub_share': 0.05, 'contact_compliance_rad_per_n_m': 8.3e-4})])
+def test_effects_explain_another_simulator_s_forms(name: str, form: str,
+                                                   shape: dict[str, float]) -> None:
+    """Open loop from the record's commands, the effect takes most of the error away."""
+    case = replace(draw_case(name, 8, duration_s=2.5), noise=0.0, tolerances=False,
+                   simulator=MUJOCO, forms=(form,) if form else ())
+    record, (term,) = make_record(case), hidden_terms(case)
+    kind = catalogue()[name]
+    values = {p.name: p.null for p in kind.parameters} | shape | term.values
+    if name == 'motor_lag':
+        values['time_constant_s'] = term.size
+    hidden = build(EffectSpec(name, term.site, values), ROBOT)
+    nature = effect('coriolis_centripetal:arm:share=1')
+    errors = []
+    for effects in ((nature,), (nature, hidden)):
+        extended = ExtendedArm(ROBOT, 'assumed_modes', 4, case.payload_true, effects)
+        output = simulate(Simulator(extended), record.command)[0]
+        errors.append(np.linalg.norm(output - record.table[:, 3:], axis=0)[2:])
+    assert np.all(errors[1] < 0.35 * errors[0])
