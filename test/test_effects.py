@@ -151,7 +151,7 @@ def test_robot_file_round_trip(identifier: str) -> None:
 @pytest.mark.parametrize('text, message', [
     ('coulomb_frictoin:joint_1:level_n_m=1', "got 'coulomb_frictoin'"),
     ('coulomb_friction:joint_3:level_n_m=1', "expected one of joint_1, joint_2, got 'joint_3'"),
-    ('coulomb_friction:joint_1:level=1', "expected level_n_m, got 'level'"),
+    ('coulomb_friction:joint_1:torque=1', "expected level_n_m, got 'torque'"),
     ('backlash:joint_1:gap_rad=0.1', 'backlash: sensor_behind_gear: expected a value'),
     ('coulomb_friction:joint_1:level_n_m=-1', 'level_n_m: expected 0 to 20 N m, got -1'),
     ('coulomb_friction:joint_1:level_n_m=nan', 'expected 0 to 20 N m, got nan'),
