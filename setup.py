@@ -73,6 +73,7 @@ setup(
             'flex_fleet = flex_payload_estimator.tools.fleet:main',
             'flex_figures = flex_payload_estimator.tools.figures:main',
             'flex_replay = flex_plant_sim.tools.replay:main',
+            'flex_robot = flex_plant_sim.tools.robot:main',
         ],
     },
     zip_safe=True,

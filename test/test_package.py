@@ -17,6 +17,7 @@ import pytest
 EXECUTABLES = {
     'plant_sim', 'payload_estimator', 'lqg_controller',
     'flex_demo', 'flex_diagnose', 'flex_estimate', 'flex_figures', 'flex_fleet', 'flex_replay',
+    'flex_robot',
 }
 PACKAGES = ('flex_plant_sim', 'flex_payload_estimator', 'msg_config')
 

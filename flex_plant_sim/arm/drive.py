@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True)
@@ -54,9 +54,14 @@ class DCMotor:
         return self.torque_constant / (self.resistance * self.loop_damping)
 
     def drive(self) -> Drive:
-        """Return the drive seen from the joint, (33)."""
+        """
+        Return the drive seen from the joint, (33).
+
+        Without a tacho the motor is fed k_p times the command, and only back-EMF brakes it.
+        """
         steady = self.velocity_gain * self.amplifier_gain / self.gear_ratio
-        return Drive.velocity_loop(self.inertia * self.gear_ratio**2, self.time_constant, steady)
+        drive = Drive.velocity_loop(self.inertia * self.gear_ratio**2, self.time_constant, steady)
+        return replace(drive, closed_loop=self.tacho_gain > 0.0)
 
 
 @dataclass(frozen=True)

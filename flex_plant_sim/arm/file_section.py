@@ -18,6 +18,8 @@ PLAUSIBLE = {
     'gain_rad_per_s': (1e-6, 1e4), 'torque_constant_n_m_per_a': (1e-6, 1e5),
     'damping_n_m_s': (1e-9, 1e5), 'command_limit': (1e-6, 1e6), 'mass_kg': (1e-6, 1e3),
     'sample_time_s': (1e-5, 1.0), 'gauge_amplifier_v_per_strain': (1e-3, 1e9),
+    'resistance_ohm': (1e-4, 1e5), 'gear_ratio': (1e-2, 1e5), 'rotor_inertia_kg_m2': (1e-12, 1e3),
+    'friction_n_m_s': (1e-12, 1e3), 'amplifier_gain': (1e-4, 1e6), 'tacho_gain_v_s': (1e-7, 1e3),
     'angle_noise_rad': (1e-12, 0.2), 'strain_noise': (1e-14, 1e-2)}
 PREFIXES = {1e-3: 'milli', 1e-6: 'micro', 1e3: 'kilo', 1e6: 'mega', 1e9: 'giga'}
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from importlib import resources
 import math
 from pathlib import Path
 from typing import Any
 
-from flex_plant_sim.arm.drive import Drive
+from flex_plant_sim.arm.drive import DCMotor, Drive
 from flex_plant_sim.arm.file_section import Section, shown
 from flex_plant_sim.arm.inputs_section import inputs_of
 from flex_plant_sim.arm.robot import EffectSpec, Link, Robot, Tolerances, UNLIMITED
@@ -40,20 +41,37 @@ def _link(section: Section) -> Link:
 
 def _drive(section: Section) -> Drive:
     kind = section.take('kind')
-    inertia = section.number('inertia_kg_m2')
-    limit = section.number('command_limit', default=math.inf) \
-        if 'command_limit' in section.data else math.inf
-    if kind == 'velocity_loop':
-        drive = Drive.velocity_loop(inertia, section.number('time_constant_s'),
-                                    section.number('gain_rad_per_s'), limit)
-    elif kind == 'current':
-        drive = Drive(inertia, section.number('torque_constant_n_m_per_a'),
-                      section.number('damping_n_m_s', strict=False), limit)
-    else:
-        raise InputError(f'{section.name("kind")}: expected velocity_loop or current, '
+    if kind not in DRIVE_KINDS:
+        raise InputError(f'{section.name("kind")}: expected {" or ".join(DRIVE_KINDS)}, '
                          f'got {shown(kind)}')
+    drive = DRIVE_KINDS[kind](section)
+    if 'command_limit' in section.data:
+        drive = replace(drive, command_limit=section.number('command_limit'))
     section.close()
     return drive
+
+
+def _velocity_loop(section: Section) -> Drive:
+    return Drive.velocity_loop(section.number('inertia_kg_m2'), section.number('time_constant_s'),
+                               section.number('gain_rad_per_s'))
+
+
+def _current(section: Section) -> Drive:
+    return Drive(section.number('inertia_kg_m2'), section.number('torque_constant_n_m_per_a'),
+                 section.number('damping_n_m_s', strict=False))
+
+
+def _dc_motor(section: Section) -> Drive:
+    return DCMotor(
+        section.number('torque_constant_n_m_per_a'), section.number('resistance_ohm'),
+        section.number('friction_n_m_s', default=0.0, strict=False),
+        section.number('rotor_inertia_kg_m2'), section.number('amplifier_gain', default=1.0),
+        section.number('tacho_gain_v_s', default=0.0, strict=False),
+        section.number('gear_ratio')).drive()
+
+
+DRIVE_KINDS: Mapping[str, Callable[[Section], Drive]] = {
+    'velocity_loop': _velocity_loop, 'current': _current, 'dc_motor': _dc_motor}
 
 
 def _angle_limits(section: Section) -> tuple[float, float]:

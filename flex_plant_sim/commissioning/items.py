@@ -1,0 +1,80 @@
+"""What a calibration may change: the parts of an arm, scale and zero of its gauges."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import exp
+
+from flex_plant_sim.arm.parts import robot_parts
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.commissioning.residuals import gauge_readings, with_gauge
+
+
+@dataclass(frozen=True)
+class Item:
+    """
+    Something to calibrate, with its prior and what the logs made of it.
+
+    Attributes
+    ----------
+    name : str
+    tolerance : float
+        Standard deviation of the prior.
+    change : Callable
+        (robot, deviation) -> robot.
+    unit : str
+        Of all deviations; empty where they are the logarithm of true over nominal.
+    deviation, std : float
+        Estimate and its standard deviation, as the tolerance; before a calibration 0 and the
+        tolerance.
+
+    """
+
+    name: str
+    tolerance: float
+    change: Callable[[Robot, float], Robot]
+    unit: str = ''
+    deviation: float = 0.0
+    std: float = 0.0
+
+    def size(self, value: float, sign: str = '') -> str:
+        """Return a deviation as text with its unit, or in percent."""
+        return f'{value:{sign}.2g} {self.unit}' if self.unit else f'{100.0 * value:{sign}.2f} %'
+
+
+def items_of(robot: Robot) -> tuple[Item, ...]:
+    """Return what can be calibrated: the parts of the arm, scale and zero of every gauge."""
+    t, gauges = robot.tolerances, robot.gauge_names
+    items = [Item(part.name, part.tolerance, part.change, part.unit)
+             for part in robot_parts(robot)]
+    items += [Item(f'strain_gain:{gauge}', t.strain_gain, _gauge_scale(k))
+              for k, gauge in enumerate(gauges)]
+    items += [Item(f'strain_bias:{gauge}', t.strain_bias, _gauge_zero(k), 'm/m')
+              for k, gauge in enumerate(gauges)]
+    return tuple(item for item in items if item.tolerance > 0.0)
+
+
+def _gauge_scale(k: int) -> Callable[[Robot, float], Robot]:
+    def change(robot: Robot, value: float) -> Robot:
+        scale, zero = gauge_readings(robot)[k]
+        return with_gauge(robot, k, scale * exp(value), zero)
+
+    return change
+
+
+def _gauge_zero(k: int) -> Callable[[Robot, float], Robot]:
+    def change(robot: Robot, value: float) -> Robot:
+        scale, zero = gauge_readings(robot)[k]
+        return with_gauge(robot, k, scale, zero + value)
+
+    return change
+
+
+def changed(robot: Robot, items: Sequence[Item], values: Array) -> Robot:
+    """Return the robot with deviations in units of the tolerances, (p,)."""
+    for item, value in zip(items, values):
+        if value != 0.0:
+            robot = item.change(robot, float(value * item.tolerance))
+    return robot

@@ -1,0 +1,72 @@
+"""How well a log of the standard move could tell the payload: the Cramer-Rao bound."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.commissioning.items import items_of
+from flex_plant_sim.commissioning.standard_move import Move, standard_move
+from flex_plant_sim.effects import effects_of
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.simulator import simulate, Simulator
+import numpy as np
+
+# Of a tolerance, or of the payload: far above rounding, far below what bends the sensitivity.
+STEP = 1e-2
+
+
+@dataclass(frozen=True)
+class Observability:
+    """
+    The smallest standard deviation of the payload, kg, after the standard move.
+
+    Attributes
+    ----------
+    move : Move
+    exact : float
+        If every part were as the file says.
+    within_tolerances : float
+        With all parts unknown, each within its tolerance.
+
+    """
+
+    move: Move
+    exact: float
+    within_tolerances: float
+
+
+def observability(robot: Robot, modes: int) -> Observability:
+    """Return the bound for the robot's own payload (1 g where it has none)."""
+    robot = replace(robot, payload_mass=max(robot.payload_mass, 1e-3))
+    move, items = standard_move(robot), items_of(robot)
+    noise = np.array([robot.angle_noise] * 2 + [robot.strain_noise] * len(robot.gauge_names))
+
+    def slope(change: Callable[[Robot, float], Robot], step: float) -> Array:
+        outputs = [_output(change(robot, way * step), modes, move) for way in (1.0, -1.0)]
+        return ((outputs[0] - outputs[1]) / (2.0 * step) / noise).ravel()
+
+    payload = slope(_with_payload, STEP * robot.payload_mass)
+    # In units of the tolerances the information is well scaled.
+    others = np.stack([item.tolerance * slope(item.change, STEP * item.tolerance)
+                       for item in items], axis=-1)
+    return Observability(move, float(1.0 / np.linalg.norm(payload)), _bound(payload, others))
+
+
+def _with_payload(robot: Robot, step: float) -> Robot:
+    return replace(robot, payload_mass=robot.payload_mass + step)
+
+
+def _output(robot: Robot, modes: int, move: Move) -> Array:
+    arm = ExtendedArm(robot, 'assumed_modes', modes, robot.payload_mass, effects_of(robot))
+    return simulate(Simulator(arm), move.commands)[0]
+
+
+def _bound(payload: Array, others: Array) -> float:
+    """Return the payload's deviation where the others have Gaussian priors of size one."""
+    basis, sizes, _ = np.linalg.svd(others, full_matrices=False)
+    along = basis.T @ payload
+    left = payload @ payload - np.sum(along**2 * sizes**2 / (1.0 + sizes**2))
+    return float(1.0 / np.sqrt(max(left, 1e-300)))

@@ -1,0 +1,122 @@
+"""One-step prediction errors of logs, as a function of the robot: the diagnosis' predictor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from math import ceil
+
+from flex_plant_sim.arm.robot import EffectSpec, Robot
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.commissioning.summary import locked_modes
+from flex_plant_sim.diagnosis.prediction.predictor import Base, Predictor
+from flex_plant_sim.diagnosis.record.sensor_noise import measurement_noise
+from flex_plant_sim.diagnosis.record.windows import Record, Windows
+from flex_plant_sim.effects import catalogue, effects_of
+from flex_plant_sim.effects.base import Effect
+from flex_plant_sim.logs.log import Log
+from msg_config.errors import InputError
+import numpy as np
+
+MODES = 3
+MODEL, CORIOLIS = 'assumed_modes', 'coriolis_centripetal'
+# Of the slowest mode, a window.
+PERIODS = 5
+FEWEST = 3
+
+
+class Residuals:
+    """
+    Logs cut into windows, and a predictor of one robot through them.
+
+    Parameters
+    ----------
+    logs : sequence of Log
+        Of one arm with one payload, the robot's.
+    robot : Robot
+        Whose trajectory and gain the predictor keeps while the residual of others is asked for.
+
+    """
+
+    def __init__(self, logs: Sequence[Log], robot: Robot):
+        self._windows = [self._cut(log, robot) for log in logs]
+        self._noise = [measurement_noise(log.output) for log in logs]
+        self._around(robot)
+
+    @staticmethod
+    def _cut(log: Log, robot: Robot) -> Windows:
+        record = Record(log.source, log.time - log.time[0], log.command, log.output,
+                        robot.payload_mass)
+        frequencies, _ = locked_modes(robot, MODES, robot.payload_mass)
+        period = ceil(1.0 / (float(frequencies[0]) * log.sample_time))
+        length = PERIODS * period
+        count = (len(log) - period) // length
+        if count < FEWEST:
+            raise InputError(
+                f'{log.source}: expected at least {FEWEST * PERIODS + 1} periods of the slowest '
+                f'mode, {(FEWEST * length + period) * log.sample_time:.1f} s, got '
+                f'{len(log) * log.sample_time:.1f} s')
+        return Windows(record, period + length * np.arange(count), length, period)
+
+    def _around(self, robot: Robot) -> None:
+        self._robot, base = robot, Base(robot, MODEL, MODES, effects_of(robot))
+        self._predictors = [Predictor(base, w, s, judging=True)
+                            for w, s in zip(self._windows, self._noise)]
+
+    def around(self, robot: Robot) -> Residuals:
+        """Return the same logs with the predictor of another robot."""
+        other = object.__new__(Residuals)
+        other._windows, other._noise = self._windows, self._noise
+        other._around(robot)
+        return other
+
+    def of(self, robot: Robot) -> Array:
+        """
+        Return y - y_predicted of a robot close by, with this one's gain, (W, length, m).
+
+        The predictor takes scales and zeros off the gauges; here they are put on again, or else
+        a large scale would pass for a small error.
+        """
+        added = self._gauge_changes(robot)
+        errors = np.concatenate([p.innovations(added, robot, p.gain)[0] for p in self._predictors])
+        errors[..., 2:] *= [scale for scale, _ in gauge_readings(robot)]
+        return errors
+
+    def _gauge_changes(self, robot: Robot) -> tuple[Effect, ...]:
+        """Return what turns this robot's gauges into another's: a scale and a zero each."""
+        changes: list[Effect] = []
+        kinds = catalogue()['strain_gain'], catalogue()['strain_bias']
+        for name, (old, old_zero), (new, new_zero) in zip(
+                robot.gauge_names, gauge_readings(self._robot), gauge_readings(robot)):
+            ratio = new / old
+            values = (ratio, new_zero - ratio * old_zero)
+            changes += [kind(name, (value,)) for kind, value, null in zip(
+                kinds, values, (1.0, 0.0)) if value != null]
+        return tuple(changes)
+
+
+def with_coriolis(robot: Robot) -> Robot:
+    """Return the robot with Coriolis and centripetal forces, if its file does not name them."""
+    if any(spec.name == CORIOLIS for spec in robot.effects):
+        return robot
+    return replace(robot, effects=(*robot.effects, EffectSpec(CORIOLIS, 'arm', {'share': 1.0})))
+
+
+def gauge_readings(robot: Robot) -> tuple[tuple[float, float], ...]:
+    """Return scale and zero (m/m) of every gauge, as the robot file's effects say."""
+    told = {(spec.name, spec.site): next(iter(spec.values.values())) for spec in robot.effects
+            if spec.name in ('strain_gain', 'strain_bias')}
+    return tuple((told.get(('strain_gain', name), 1.0), told.get(('strain_bias', name), 0.0))
+                 for name in robot.gauge_names)
+
+
+def with_gauge(robot: Robot, k: int, scale: float, zero: float) -> Robot:
+    """Return the robot whose gauge k has a scale and a zero, m/m, among its effects."""
+    name = robot.gauge_names[k]
+    others = [spec for spec in robot.effects
+              if (spec.name, spec.site) not in (('strain_gain', name), ('strain_bias', name))]
+    if scale != 1.0:
+        others.append(EffectSpec('strain_gain', name, {'factor': scale}))
+    if zero != 0.0:
+        others.append(EffectSpec('strain_bias', name, {'bias': zero}))
+    return replace(robot, effects=tuple(others))

@@ -1,0 +1,121 @@
+"""The user's robot file with other numbers: comments and order stay."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any
+
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.robot_file import parse_robot
+from flex_plant_sim.diagnosis.report.extended_file import document, EFFECTS_BLOCK
+from msg_config.errors import InputError
+import yaml
+
+DIGITS = 6
+Path = tuple[str, ...]
+
+
+def with_numbers(text: str, robot: Robot) -> str:
+    """
+    Return the text of a robot file with the numbers, tolerances and effects of a robot.
+
+    Numbers that differ are replaced where they stand, missing keys are added to their mapping.
+    A drive of another kind is written anew as a whole. A text that cannot be edited so is
+    written anew as a whole.
+
+    Parameters
+    ----------
+    text : str
+        A valid robot file.
+    robot : Robot
+        As the new file is to be read, to six digits.
+
+    """
+    wanted = document(robot)
+    edited = _edited(text, document(parse_robot(text, 'robot')), wanted)
+    edited = EFFECTS_BLOCK.sub('', edited).rstrip('\n') + '\n' + _effects(robot)
+    if _says(edited, robot):
+        return edited
+    return yaml.safe_dump(_rounded(wanted), sort_keys=False, allow_unicode=True) + _effects(robot)
+
+
+def _effects(robot: Robot) -> str:
+    if not robot.effects:
+        return ''
+    listed = [{'name': spec.name, 'site': spec.site,
+               **{key: _short(value) for key, value in spec.values.items()}}
+              for spec in robot.effects]
+    return yaml.safe_dump({'effects': listed}, sort_keys=False, allow_unicode=True)
+
+
+def _edited(text: str, old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
+    """Return the text with every leaf that differs replaced or added, the last ones first."""
+    edits = sorted(_edits(yaml.compose(text, yaml.SafeLoader), old, new, ()),
+                   key=lambda edit: edit[0], reverse=True)
+    for start, end, words in edits:
+        text = text[:start] + words + text[end:]
+    return text
+
+
+def _edits(node: Any, old: Mapping[str, Any], new: Mapping[str, Any], path: Path
+           ) -> Iterator[tuple[int, int, str]]:
+    """Yield (start, end, words) for a mapping's text."""
+    there = {key.value: value for key, value in node.value}
+    for key, value in new.items():
+        was = old.get(key)
+        if isinstance(value, Mapping) and isinstance(was, Mapping):
+            if key in there and value.get('kind') == was.get('kind') == _kind(there[key]):
+                yield from _edits(there[key], was, value, (*path, key))
+            elif not _same(was, value):
+                yield _replacement(node, there.get(key), key, value)
+        elif not _same(was, value):
+            yield _replacement(node, there.get(key), key, value)
+
+
+def _kind(node: Any) -> str | None:
+    return next((value.value for key, value in node.value if key.value == 'kind'), None)
+
+
+def _replacement(node: Any, there: Any, key: str, value: Any) -> tuple[int, int, str]:
+    words = yaml.safe_dump(_rounded(value), default_flow_style=True, width=10**6,
+                           allow_unicode=True).removesuffix('...\n').strip()
+    if there is not None:
+        # A block mapping ends behind its last line's end; its first key stands on its own line.
+        block = isinstance(there, yaml.CollectionNode) and not there.flow_style
+        tail = '\n' if block else ''
+        return there.start_mark.index, there.end_mark.index, words + tail
+    if node.flow_style:
+        return node.end_mark.index - 1, node.end_mark.index - 1, f', {key}: {words}'
+    first = node.value[0][0].start_mark
+    if first.column == 0:
+        return node.end_mark.index, node.end_mark.index, f'\n{key}: {words}\n'
+    return first.index, first.index, f'{key}: {words}\n{" " * first.column}'
+
+
+def _short(value: float) -> float:
+    return float(f'{value:.{DIGITS}g}')
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _rounded(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_rounded(item) for item in value]
+    return _short(value) if isinstance(value, float) else value
+
+
+def _same(a: Any, b: Any) -> bool:
+    return bool(_rounded(a) == _rounded(b))
+
+
+def _says(text: str, robot: Robot) -> bool:
+    """Tell whether a text is read as a robot, to the digits that are written."""
+    try:
+        found = parse_robot(text, 'edited')
+    except InputError:
+        return False
+    listed = [(spec.name, spec.site, _rounded(dict(spec.values))) for spec in robot.effects]
+    return (_same(document(found), document(replace(robot, effects=())))
+            and listed == [(spec.name, spec.site, _rounded(dict(spec.values)))
+                           for spec in found.effects])

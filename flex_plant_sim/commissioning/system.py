@@ -1,0 +1,97 @@
+"""The residuals of logs linearised in the parts: one Gauss-Newton step and its covariance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.commissioning.items import changed, Item
+from flex_plant_sim.commissioning.residuals import Residuals
+import numpy as np
+
+# Of a tolerance: large against rounding, small against what bends the residuals.
+STEP = 0.1
+# Blocks a window, each longer than half a period of the slowest mode.
+BLOCKS = 8
+# What the model of few modes lacks is the same again and again, and no blocks of one log show it.
+# benchmarks/calibration.py: with it, errors on another simulator's arms are what is stated.
+MODEL_TEMPER = 20.0
+
+
+@dataclass(frozen=True)
+class System:
+    """
+    The residuals linearised in the deviations, in units of the tolerances.
+
+    Attributes
+    ----------
+    whitener : Array
+        L^-1 with L L' the covariance of the residuals, (m, m).
+    precision : Array
+        Of the posterior, (p, p), the residuals' share divided by their temper.
+    downhill : Array
+        Minus the gradient of the negative log posterior, (p,).
+    covariance : Array
+        Of the posterior, (p, p).
+    temper : float
+        How much less than independent samples the residuals count.
+
+    """
+
+    whitener: Array
+    precision: Array
+    downhill: Array
+    covariance: Array
+    temper: float
+
+    @classmethod
+    def of(cls, residuals: Residuals, robot: Robot, items: Sequence[Item],
+           values: Array) -> System:
+        """Return the system at values (p,), by forward differences."""
+        errors = residuals.of(changed(robot, items, values))
+        columns = []
+        for k in range(len(items)):
+            moved = values.copy()
+            moved[k] += STEP
+            columns.append((residuals.of(changed(robot, items, moved)) - errors) / STEP)
+        flat = errors.reshape(-1, errors.shape[-1])
+        whitener = np.linalg.inv(np.linalg.cholesky(flat.T @ flat / len(flat)))
+        white = errors @ whitener.T
+        slopes = np.stack([column @ whitener.T for column in columns], axis=-1)
+        return cls._of_white(whitener, white, slopes, values)
+
+    @classmethod
+    def _of_white(cls, whitener: Array, white: Array, slopes: Array, values: Array) -> System:
+        rows = slopes.reshape(-1, slopes.shape[-1])
+        temper = temper_of(white, slopes)
+        precision = rows.T @ rows / temper + np.eye(len(values))
+        downhill = -rows.T @ white.ravel() / temper - values
+        covariance = np.asarray(np.linalg.inv(precision), dtype=float)
+        return cls(whitener, precision, downhill, covariance, temper)
+
+    @property
+    def step(self) -> Array:
+        """Return the Gauss-Newton step, (p,)."""
+        return np.asarray(np.linalg.solve(self.precision, self.downhill), dtype=float)
+
+    def height(self, errors: Array, values: Array) -> float:
+        """Return the negative log posterior of residuals and values, but for a constant."""
+        white = errors @ self.whitener.T
+        return 0.5 * float(np.sum(white**2) / self.temper + values @ values)
+
+
+def temper_of(white: Array, slopes: Array) -> float:
+    """
+    Return the long-run over the white variance of the scores, their median over the parts.
+
+    Coloured residuals repeat themselves; within a block they count together.
+    """
+    windows, length = len(white), white.shape[1] // BLOCKS
+    blocks = windows * BLOCKS
+    errors = white[:, :length * BLOCKS].reshape(blocks, 1, -1)
+    columns = slopes[:, :length * BLOCKS].reshape(blocks, errors.shape[-1], -1)
+    sums = (errors @ columns)[:, 0]
+    long_run = np.sum((sums - sums.mean(axis=0))**2, axis=0)
+    return MODEL_TEMPER * max(1.0, float(np.median(long_run / np.sum(slopes**2, axis=(0, 1, 2)))))

@@ -1,0 +1,137 @@
+"""flex_robot: a robot file of one's own: template, check, drawing, prior, calibration, URDF."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+import sys
+
+from flex_plant_sim.arm.robot_file import built_in_robots, load_robot, robot_text
+from flex_plant_sim.atomic_file import whole_file
+from flex_plant_sim.commissioning.calibration import calibrate
+from flex_plant_sim.commissioning.check import Check
+from flex_plant_sim.commissioning.drawing import write_drawing
+from flex_plant_sim.commissioning.earned import calibration_text, earned
+from flex_plant_sim.commissioning.items import items_of
+from flex_plant_sim.commissioning.robot_text import with_numbers
+from flex_plant_sim.commissioning.template import reference_page, template
+from flex_plant_sim.tools import command_line
+from flex_plant_sim.tools.diagnose import read_logs
+from flex_plant_sim.tools.replay import replay
+
+
+def _print_or_write(text: str, path: str | None) -> None:
+    if path is None:
+        print(text, end='')
+        return
+    with whole_file(path) as temporary:
+        temporary.write_text(text, encoding='utf-8')
+
+
+def _template(arguments: argparse.Namespace) -> None:
+    _print_or_write(template(), arguments.output)
+
+
+def _reference(arguments: argparse.Namespace) -> None:
+    _print_or_write(reference_page(), arguments.output)
+
+
+def _check(arguments: argparse.Namespace) -> None:
+    robot = load_robot(arguments.file)
+    if arguments.payload is not None:
+        robot = replace(robot, payload_mass=arguments.payload)
+    found = Check.of(robot, arguments.modes)
+    print(found.text())
+    if arguments.json:
+        command_line.write_json(arguments.json, found.results())
+
+
+def _show(arguments: argparse.Namespace) -> None:
+    write_drawing(arguments.output, load_robot(arguments.file), arguments.modes)
+    print(f'drawing: {arguments.output}')
+
+
+def _prior(arguments: argparse.Namespace) -> None:
+    robot = load_robot(arguments.file)
+    for item in items_of(robot):
+        print(f'{item.name:<24} ± {item.size(item.tolerance)}')
+    print(f'{"payload":<24} ± {100.0 * robot.tolerances.payload:.2f} %')
+
+
+def _calibrate(arguments: argparse.Namespace) -> None:
+    robot = load_robot(arguments.robot)
+    logs = read_logs(arguments.log, robot)
+    found = calibrate(logs, robot, arguments.payload,
+                      lambda words: print(words, file=sys.stderr))
+    text = with_numbers(robot_text(arguments.robot), earned(robot, found))
+    before, after = ([replay(log, item, payload=arguments.payload) for log in logs]
+                     for item in (robot, found.robot))
+    print(calibration_text(found))
+    print(f'\n{"replay":<24}{"before":>10}{"after":>10}')
+    for log, old, new in zip(logs, before, after):
+        for name, a, b in zip(log.output_names, old.fit_percent, new.fit_percent):
+            print(f'  {name:<22}{a:>8.1f} %{b:>8.1f} %')
+    with whole_file(arguments.output) as temporary:
+        temporary.write_text(text, encoding='utf-8')
+    print(f'calibrated robot: {arguments.output}')
+
+
+def _add_file(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('file', metavar='FILE',
+                        help=f'robot file, or one of {", ".join(built_in_robots())}')
+
+
+def _add_output(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('--output', default=None, metavar='FILE',
+                        help='where to write; the screen if not given')
+
+
+def _add_modes(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('--modes', default=3, type=command_line.modes_number, metavar='N',
+                        help='flexible modes a link, 1 to 20')
+
+
+def options() -> argparse.ArgumentParser:
+    """Return the options of flex_robot."""
+    parser = command_line.parser('Make, check and calibrate a robot file of your own arm.')
+    commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
+
+    def add(name: str, run: Callable[[argparse.Namespace], None],
+            words: str) -> argparse.ArgumentParser:
+        found: argparse.ArgumentParser = commands.add_parser(
+            name, help=words, description=words,
+            formatter_class=argparse.ArgumentDefaultsHelpFormatter)
+        found.set_defaults(run=run)
+        return found
+
+    _add_output(add('template', _template, 'a robot file with a comment for every key'))
+    _add_output(add('reference', _reference, 'the docs page of the robot file'))
+    check = add('check', _check, 'plausibility, frequencies, gauges, what a log could tell')
+    _add_file(check)
+    _add_modes(check)
+    check.add_argument('--payload', default=None, type=command_line.mass, metavar='KG',
+                       help="payload mass; the robot file's if not given")
+    command_line.add_json_argument(check)
+    show = add('show', _show, 'a drawing of the arm with its first mode shapes')
+    _add_file(show)
+    _add_modes(show)
+    show.add_argument('--output', required=True, metavar='FILE', help='PNG, SVG or PDF')
+    fit = add('calibrate', _calibrate, 'the parts of an arm from a log with a known payload')
+    command_line.add_log_argument(fit, '+')
+    fit.add_argument('--robot', required=True, metavar='FILE', help='robot file to start from')
+    fit.add_argument('--payload', required=True, type=command_line.mass, metavar='KG',
+                     help='what the arm carried, weighed')
+    fit.add_argument('--output', required=True, metavar='NEW', help='the robot file to write')
+    _add_file(add('prior', _prior, 'every part and how far it may be from the file'))
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run flex_robot."""
+    arguments = options().parse_args(argv)
+    return command_line.run(lambda: arguments.run(arguments))
+
+
+if __name__ == '__main__':
+    sys.exit(main())

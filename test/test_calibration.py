@@ -1,0 +1,123 @@
+"""Calibration on finite-element records, from robot files that are off by 7 %."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import re
+
+from flex_plant_sim.arm.robot_file import load_robot, parse_robot, robot_text
+from flex_plant_sim.commissioning.calibration import Calibration
+from flex_plant_sim.commissioning.earned import earned
+from flex_plant_sim.commissioning.items import Item, items_of
+from flex_plant_sim.commissioning.robot_text import with_numbers
+from flex_plant_sim.tools.robot import main
+import numpy as np
+import pytest
+from truth.records import draw_case, make_record
+import yaml
+
+# By what the numbers of the user's file are multiplied: each part is 7 % off.
+OFF = {'youngs_modulus_pa': ('70.0e+9', '75.0e9'), 'gain_rad_per_s': ('1.0}', '0.93}'),
+       'inertia_kg_m2': ('0.05,', '0.0535,'), 'mass_kg': ('0.6,', '0.645,')}
+WIDE = """
+tolerances:  # nobody calibrated it yet
+  stiffness: 0.1   # thickness by caliper
+  drive_gain: 0.1
+  drive_inertia: 0.1
+  drive_damping: 0.1
+  elbow_mass: 0.1
+  strain_gain: 0.1
+"""
+
+
+def user_file() -> str:
+    """Return the reference robot's file with wrong numbers and wide tolerances."""
+    text = robot_text('reference')
+    for old, new in OFF.values():
+        assert old in text
+        text = text.replace(old, new)
+    return text + WIDE
+
+
+@pytest.fixture(scope='module')
+def output(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
+    """Return what the tool printed, and the folder of robot.yaml and new.yaml."""
+    folder = tmp_path_factory.mktemp('calibration')
+    (folder / 'robot.yaml').write_text(user_file())
+    case = draw_case(None, 31, duration_s=24.0)
+    make_record(case).write_csv(folder / 'log.csv')
+    with pytest.MonkeyPatch.context() as patch:
+        printed: list[str] = []
+        patch.setattr('builtins.print', lambda *words, **_: printed.append(' '.join(words)))
+        assert main(['calibrate', str(folder / 'log.csv'), '--robot', str(folder / 'robot.yaml'),
+                     '--payload', str(case.payload_told), '--output',
+                     str(folder / 'new.yaml')]) == 0
+    return '\n'.join(printed), folder
+
+
+def test_replay_of_the_joints_comes_to_95_percent(output: tuple[str, Path]) -> None:
+    rows = re.findall(r'(joint_\d) +(-?[\d.]+) % +([\d.]+) %', output[0])
+    assert [name for name, _, _ in rows] == ['joint_1', 'joint_2']
+    assert min(float(before) for _, before, _ in rows) < 95.0
+    assert min(float(after) for _, _, after in rows) >= 95.0
+
+
+def test_the_parts_are_found_within_what_is_stated(output: tuple[str, Path]) -> None:
+    found = dict(re.findall(r'^ +(\S+) +± .*?([+-][\d.]+ % ± [\d.]+) %$', output[0], re.M))
+    true = {'stiffness_1': 70 / 75, 'stiffness_2': 70 / 75, 'drive_gain_1': 1 / 0.93,
+            'drive_gain_2': 1 / 0.93, 'drive_inertia_2': 0.05 / 0.0535,
+            'elbow_mass': 0.6 / 0.645}
+    scores = []
+    for name, ratio in true.items():
+        value, std = map(float, found[name].split(' % ± '))
+        assert std < 8.0, name
+        # The record's own arm is drawn within its tolerances, of about one percent.
+        scores.append((value - 100.0 * np.log(ratio)) / np.hypot(std, 1.0))
+    assert np.abs(scores).max() < 3.0
+
+
+def test_the_file_keeps_comments_and_order(output: tuple[str, Path]) -> None:
+    old, new = ((output[1] / name).read_text() for name in ('robot.yaml', 'new.yaml'))
+    assert re.findall('#.*', new) == re.findall('#.*', old)
+    keys = [list(yaml.safe_load(text)) for text in (old, new)]
+    assert keys[1][:len(keys[0])] == keys[0]
+    told, found = load_robot(output[1] / 'robot.yaml'), load_robot(output[1] / 'new.yaml')
+    assert found.tolerances.drive_gain < 0.1 * told.tolerances.drive_gain
+    assert found.payload_mass == told.payload_mass
+    assert all(new <= old for new, old in zip(vars(found.tolerances).values(),
+                                              vars(told.tolerances).values()))
+
+
+def test_a_log_that_is_too_short_is_refused(output: tuple[str, Path],
+                                            capsys: pytest.CaptureFixture[str]) -> None:
+    lines = (output[1] / 'log.csv').read_text().splitlines()[:500]
+    (output[1] / 'short.csv').write_text('\n'.join(lines) + '\n')
+    assert main(['calibrate', str(output[1] / 'short.csv'), '--robot', 'reference', '--payload',
+                 '0.1', '--output', str(output[1] / 'none.yaml')]) == 2
+    assert 'expected at least 16 periods of the slowest mode' in capsys.readouterr().err
+    assert not (output[1] / 'none.yaml').exists()
+
+
+def test_a_motor_is_written_as_the_loop_that_it_is() -> None:
+    text = robot_text('reference').replace(
+        'elbow: {kind: velocity_loop, inertia_kg_m2: 0.05, time_constant_s: 0.01, '
+        'gain_rad_per_s: 1.0}',
+        'elbow: {kind: dc_motor, resistance_ohm: 1.0, torque_constant_n_m_per_a: 0.05, '
+        'gear_ratio: 40, rotor_inertia_kg_m2: 3.0e-5}')
+    robot = parse_robot(text, 'motor.yaml')
+    heavier = robot.with_drive(1, inertia=1.07 * robot.drives[1].inertia)
+    written = parse_robot(with_numbers(text, heavier), 'new.yaml')
+    assert written.drives[1].inertia == pytest.approx(heavier.drives[1].inertia, rel=1e-5)
+    assert written.drives[1].damping == pytest.approx(robot.drives[1].damping, rel=1e-5)
+    assert with_numbers(text, robot) == text
+
+
+def test_a_shared_tolerance_is_that_of_the_least_known_part() -> None:
+    robot = load_robot('reference')
+    items = [Item(item.name, item.tolerance, item.change, item.unit, 0.0,
+                  0.5 * item.tolerance if item.name.endswith('_2') else 0.1 * item.tolerance)
+             for item in items_of(robot)]
+    found = earned(robot, Calibration(robot, tuple(items), np.zeros(6), np.zeros(6))).tolerances
+    assert found.stiffness == pytest.approx(0.5 * robot.tolerances.stiffness)
+    assert found.gauge_position_m == pytest.approx(0.1 * robot.tolerances.gauge_position_m)
+    assert found.payload == robot.tolerances.payload

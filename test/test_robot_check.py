@@ -1,0 +1,117 @@
+"""What flex_robot check says, against beams, finite elements and the Riccati bound."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+import json
+import math
+from pathlib import Path
+
+from finite_elements import natural_frequencies
+from flex_payload_estimator.kalman.cramer_rao import linearise, payload_bound
+from flex_plant_sim.arm.robot import Robot, Tolerances
+from flex_plant_sim.arm.robot_file import load_robot
+from flex_plant_sim.commissioning.observability import observability
+from flex_plant_sim.commissioning.plausibility import hints
+from flex_plant_sim.commissioning.standard_move import standard_move
+from flex_plant_sim.commissioning.summary import locked_modes, tip_force
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.simulator import Simulator
+from flex_plant_sim.tools.robot import main
+import numpy as np
+import pytest
+
+REFERENCE, QUANSER = load_robot('reference'), load_robot('quanser_2dsfl')
+
+
+@pytest.mark.parametrize('robot', [REFERENCE, QUANSER], ids=['reference', 'quanser'])
+def test_a_tip_force_bends_as_beam_theory_says(robot: Robot) -> None:
+    """A cantilever in two pieces: strain b M / (2 E I), deflection by Castigliano."""
+    upper, lower = robot.links
+    behind = lower.hub_radius + lower.length
+    expected = [0.5 * upper.thickness * (upper.length - x + behind) / upper.bending_stiffness
+                for x in upper.gauge_positions]
+    expected += [0.5 * lower.thickness * (lower.length - x) / lower.bending_stiffness
+                 for x in lower.gauge_positions]
+    found = tip_force(robot, 3)
+    np.testing.assert_allclose(found.strain, expected, rtol=1e-9)
+    squared = sum(((link.length + lever)**3 - lever**3) / (3.0 * link.bending_stiffness)
+                  for link, lever in ((upper, behind), (lower, 0.0)))
+    assert found.deflection == pytest.approx(squared, rel=1e-9)
+
+
+def test_frequencies_are_those_of_finite_elements() -> None:
+    hertz, _ = locked_modes(REFERENCE, 5, 0.1)
+    truth = natural_frequencies(REFERENCE, 0.0, 0.1)[:3] / (2.0 * math.pi)
+    np.testing.assert_allclose(hertz[:3], truth, rtol=2e-3)
+
+
+def test_the_move_keeps_within_the_drives() -> None:
+    """The commands of a rigid arm bring both joints 0.25 rad to one side, and back."""
+    move = standard_move(QUANSER)
+    limits = [drive.command_limit for drive in QUANSER.drives]
+    assert move.stroke > 1.0
+    assert np.all(np.abs(move.commands).max(axis=0) <= limits)
+
+
+def test_the_bound_without_tolerances_is_that_of_the_riccati_recursion() -> None:
+    """Another way to the same number: known start, no process noise, state and payload."""
+    none = replace(REFERENCE, tolerances=Tolerances(**dict.fromkeys(vars(Tolerances()), 0.0)))
+    move = standard_move(none)
+    arm = ExtendedArm(none, modes=2)
+    states, _ = Simulator(arm).advance(move.commands, np.zeros((len(move.commands), 2)))
+    noise = [none.angle_noise] * 2 + [none.strain_noise] * 4
+    bound = payload_bound(linearise(arm, states, move.commands), noise, np.zeros(arm.states))
+    narrow = replace(none, tolerances=replace(none.tolerances, damping=1e-6))
+    found = observability(narrow, 2)
+    assert found.exact == pytest.approx(bound[-2], rel=2e-3)
+    assert found.within_tolerances == pytest.approx(found.exact, rel=0.05)
+
+
+def test_the_bound_never_beats_the_scale_that_tolerances_leave_open() -> None:
+    """Masses, stiffnesses, drive dampings all larger alike: the outputs stay as they are."""
+    t = REFERENCE.tolerances
+    scaled = [t.stiffness, t.link_mass, t.drive_inertia, t.drive_damping] * 2 + [
+        t.elbow_mass, t.elbow_inertia]
+    floor = REFERENCE.payload_mass / math.sqrt(sum(tau**-2 for tau in scaled))
+    found = observability(REFERENCE, 2)
+    assert floor < found.within_tolerances < 10.0 * floor
+    assert found.exact < 1e-2 * found.within_tolerances
+
+
+@pytest.mark.parametrize('change, words', [
+    (lambda r: r.with_link(0, thickness=0.01, height=0.009), 'are the two exchanged'),
+    (lambda r: r.with_link(1, damping_ratio=0.3), '1 % is 0.01'),
+    (lambda r: r.with_link(1, gauge_positions=()), 'links.lower: no gauge'),
+    (lambda r: r.with_link(1, gauge_positions=(0.02, 0.499)), 'nearer to the clamp'),
+    (lambda r: replace(r, sample_time=0.1), 'to see the second mode'),
+    (lambda r: r.with_link(1, youngs_modulus=7e9), 'large deflections'),
+    (lambda r: r.with_link(0, youngs_modulus=7e15).with_link(1, youngs_modulus=7e15),
+     'flexible at all'),
+])
+def test_what_hardly_any_arm_is_gets_a_hint(change: Callable[[Robot], Robot], words: str) -> None:
+    robot = change(REFERENCE)
+    bent = tip_force(robot, 2)
+    found = hints(robot, tuple(locked_modes(robot, 2, 0.1)[0]), bent.deflection,
+                  tuple(bent.strain))
+    assert any(words in line for line in found)
+    assert len(found) <= 2
+
+
+def test_the_tool_prints_draws_and_writes(tmp_path: Path,
+                                          capsys: pytest.CaptureFixture[str]) -> None:
+    arm, picture, figures = tmp_path / 'a.yaml', tmp_path / 'a.svg', tmp_path / 'a.json'
+    assert main(['template', '--output', str(arm)]) == 0
+    assert main(['check', str(arm), '--json', str(figures)]) == 0
+    text = capsys.readouterr().out
+    found = json.loads(figures.read_text())
+    assert found['hints'] == [] and 'every number is one that an arm can have' in text
+    assert f'± {1e3 * found["payload_std_kg"]["parts_within_tolerances"]:.2g} g' in text
+    assert main(['show', str(arm), '--output', str(picture)]) == 0
+    assert '<svg' in picture.read_text(encoding='utf-8')
+    assert main(['prior', str(arm)]) == 0
+    rows = capsys.readouterr().out.splitlines()
+    assert any(row.startswith('strain_gain:strain_1') and row.endswith('10.00 %') for row in rows)
+    assert main(['show', str(arm), '--output', str(tmp_path / 'a.txt')]) == 2
+    assert 'expected an image suffix' in capsys.readouterr().err
