@@ -14,6 +14,7 @@ from flex_plant_sim.commissioning.check import Check
 from flex_plant_sim.commissioning.drawing import write_drawing
 from flex_plant_sim.commissioning.earned import calibration_text, earned
 from flex_plant_sim.commissioning.items import items_of
+from flex_plant_sim.commissioning.residuals import MODEL, MODES
 from flex_plant_sim.commissioning.robot_text import with_numbers
 from flex_plant_sim.commissioning.template import reference_page, template
 from flex_plant_sim.tools import command_line
@@ -61,7 +62,7 @@ def _prior(arguments: argparse.Namespace) -> None:
 
 def _calibrate(arguments: argparse.Namespace) -> None:
     robot = load_robot(arguments.robot)
-    logs = read_logs(arguments.log, robot)
+    logs = read_logs(arguments.log, robot, MODEL, MODES)
     found = calibrate(logs, robot, arguments.payload,
                       lambda words: print(words, file=sys.stderr))
     text = with_numbers(robot_text(arguments.robot), earned(robot, found))
