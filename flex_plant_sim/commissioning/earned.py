@@ -44,4 +44,3 @@ def calibration_text(found: Calibration) -> str:
         lines.append(f'  {item.name:<22}{"± " + told:>14}'
                      f'{item.size(item.deviation, "+"):>15} ± {item.size(item.std)}')
     return '\n'.join(lines)
-
