@@ -11,7 +11,7 @@ from typing import Any
 
 from msg_config import load_services, load_topics, Qos
 from msg_config.errors import InputError
-from msg_config.messages import inertia_message, NANOSECONDS
+from msg_config.messages import inertia_message, joint_state, NANOSECONDS
 from msg_config.parameters import APPLIES, load_parameters, Parameter, Value
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -27,6 +27,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import serialize_message
 from rclpy.service import Service
 from rclpy.subscription import Subscription
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 _MESSAGE_AND_INFO = inspect.signature(lambda message, info: None)
@@ -115,10 +116,11 @@ def payload_message(mass: float, variance: float, p: float) -> Float64MultiArray
 
 class PayloadPublisher:
     """
-    Publishes payload, and payload/inertia of the same stamp.
+    Publishes payload, payload/inertia and payload_stamped of the same stamp.
 
-    Somebody waits for them: what never changes is serialised once, and at every sample only
-    the numbers are written into it, which halves the time.
+    Somebody waits for the first two: what never changes is serialised once, and at every sample
+    only the numbers are written into it, which halves the time. The third goes out after them,
+    where anybody listens.
 
     Parameters
     ----------
@@ -127,8 +129,8 @@ class PayloadPublisher:
     """
 
     def __init__(self, node: Node):
-        self._payload = create_publisher(node, 'payload')
-        self._inertia = create_publisher(node, 'payload/inertia')
+        self._publishers = [create_publisher(node, name)
+                            for name in ('payload', 'payload/inertia', 'payload_stamped')]
         # The numbers stand last; stamp and mass stand before and after the frame's name.
         self._numbers = Struct('=3d').pack
         self._labels = bytes(serialize_message(payload_message(0.0, 0.0, 0.0)))[:-24]
@@ -137,16 +139,20 @@ class PayloadPublisher:
         self._stamp, self._mass = Struct('=iI').pack, Struct('=d').pack
 
     def serialised(self, stamp: int, mass: float, variance: float, p: float
-                   ) -> tuple[bytes, bytes]:
-        """Return both messages of a stamp, ns, as they are sent: kg, kg^2 and SF1's P."""
+                   ) -> tuple[bytes, bytes, JointState]:
+        """Return the messages of a stamp, ns: kg, kg^2 and SF1's P."""
         return (self._labels + self._numbers(mass, variance, p),
                 self._head + self._stamp(*divmod(stamp, NANOSECONDS)) + self._frame
-                + self._mass(mass) + self._rest)
+                + self._mass(mass) + self._rest,
+                joint_state(stamp, ('payload',), (mass,), effort=(variance,)))
 
-    def publish(self, messages: tuple[bytes, bytes]) -> None:
+    def publish(self, messages: tuple[bytes, bytes, JointState]) -> None:
         """Publish what `serialised` gave."""
-        self._payload.publish(messages[0])
-        self._inertia.publish(messages[1])
+        payload, inertia, stamped = self._publishers
+        payload.publish(messages[0])
+        inertia.publish(messages[1])
+        if stamped.get_subscription_count():
+            stamped.publish(messages[2])
 
 
 def descriptor(row: Parameter) -> ParameterDescriptor:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from msg_config import load_services
+from msg_config import load_services, load_topics
 from msg_config.messages import stamp_of
 from msg_config.node_process import make_executor
-from msg_config.ros import create_publisher, create_subscription, interface_class
+from msg_config.ros import create_publisher, create_subscription, interface_class, qos_profile
 from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.node import Node
@@ -66,7 +66,11 @@ class RosLoop:
 
     def start(self, kind: Callable[..., Node], **values: Any) -> Any:
         """Add a node with parameters."""
-        node = kind(context=self.context, parameter_overrides=overrides(values))
+        return self.add(kind, parameter_overrides=overrides(values))
+
+    def add(self, kind: Callable[..., Node], *arguments: Any, **options: Any) -> Any:
+        """Add a node that is made with these arguments."""
+        node = kind(*arguments, context=self.context, **options)
         self.executor.add_node(node)
         self.nodes.append(node)
         return node
@@ -78,14 +82,19 @@ class RosLoop:
         self.nodes.remove(node)
         node.destroy_node()
 
-    def record(self, topic: str) -> Recording:
-        """Return the list to which messages of a topic will be appended."""
+    def record(self, topic: str, name: str | None = None) -> Recording:
+        """Return the list to which messages of a topic, under another name, will be appended."""
         messages = Recording()
 
         def take(message: Any) -> None:
             messages.take(message)
             self._check()
-        create_subscription(self.observer, topic, take)
+        if name is None:
+            create_subscription(self.observer, topic, take)
+        else:
+            contract = load_topics()[topic]
+            self.observer.create_subscription(
+                interface_class(contract.type), name, take, qos_profile(contract.qos))
         return messages
 
     def publisher(self, topic: str) -> Publisher:

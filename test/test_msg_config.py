@@ -28,6 +28,7 @@ CONTRACT = {
     'command': 'sensor_msgs/msg/JointState',
     'reference': 'trajectory_msgs/msg/JointTrajectory',
     'payload': 'std_msgs/msg/Float64MultiArray',
+    'payload_stamped': 'sensor_msgs/msg/JointState',
     'payload/inertia': 'geometry_msgs/msg/InertiaStamped',
     'innovation': 'sensor_msgs/msg/JointState',
     '/diagnostics': 'diagnostic_msgs/msg/DiagnosticArray',
@@ -74,7 +75,7 @@ def test_payload_message_labels_its_values() -> None:
 @pytest.mark.ros
 def test_what_is_written_into_serialised_messages_is_what_comes_out() -> None:
     from geometry_msgs.msg import InertiaStamped
-    from msg_config.messages import inertia_message
+    from msg_config.messages import inertia_message, joint_state
     from msg_config.ros import payload_message, PayloadPublisher
     import rclpy
     from rclpy.serialization import deserialize_message
@@ -84,7 +85,8 @@ def test_what_is_written_into_serialised_messages_is_what_comes_out() -> None:
     rclpy.init(context=context)
     node = rclpy.create_node('payload_estimator', context=context)
     stamp = 7_000_000_123
-    payload, inertia = PayloadPublisher(node).serialised(stamp, 0.1, 4e-6, 2.0)
+    payload, inertia, stamped = PayloadPublisher(node).serialised(stamp, 0.1, 4e-6, 2.0)
+    assert stamped == joint_state(stamp, ['payload'], [0.1], effort=[4e-6])
     assert deserialize_message(payload, Float64MultiArray) == payload_message(0.1, 4e-6, 2.0)
     assert deserialize_message(inertia, InertiaStamped) == inertia_message(stamp, 0.1)
     node.destroy_node()
