@@ -17,15 +17,15 @@ STEP = 10_000_000
 class Bench:
     """A node under test, fed by hand."""
 
-    def __init__(self, loop: RosLoop, kind: str):
+    def __init__(self, loop: RosLoop, kind: str, **values: Any):
         from flex_payload_estimator.nodes.lqg_controller_node import LQGControllerNode
         from flex_payload_estimator.nodes.payload_estimator_node import PayloadEstimatorNode
 
         self.loop = loop
         self.answers = loop.record('payload/inertia' if kind == 'estimator' else 'command')
         self.diagnostics = loop.record('/diagnostics')
-        self.node = (loop.start(PayloadEstimatorNode, **ESTIMATOR) if kind == 'estimator'
-                     else loop.start(LQGControllerNode, **PAPER, adapt=False))
+        self.node = (loop.start(PayloadEstimatorNode, **{**ESTIMATOR, **values})
+                     if kind == 'estimator' else loop.start(LQGControllerNode, **PAPER, adapt=False, **values))
         self.joint_states = loop.publisher('joint_states')
         self.strain = loop.publisher('strain')
         loop.until(lambda: self.answers_are_heard)

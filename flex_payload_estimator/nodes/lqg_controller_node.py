@@ -136,8 +136,9 @@ class LQGControllerNode(SampleNode):
         command = self.controller.command(sample.time, sample.output, sample.command, mass,
                                           self.set_points(sample.time))
         if self.controller.doubted:
-            self.reject('joint_states', f'joint_states, strain: at {sample.time:.12g} s too far from '
-                        'the prediction', 'outlier')
+            self.reject(
+                'joint_states', f'joint_states, strain: at {sample.time:.12g} s too far from the '
+                'prediction', 'outlier')
         if not np.all(np.isfinite(command)):
             self.reject('command', f'the command at {sample.time:.9g} s is not finite; the one '
                                    'before is kept', 'not finite')

@@ -1,0 +1,155 @@
+"""Messages as real arms send them: jitter, losses, other names; and silence explained."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from importlib import resources
+from pathlib import Path
+import time
+from typing import Any, TYPE_CHECKING
+
+from node_bench import Bench, GAUGES, JOINTS, STEP
+import numpy as np
+import pytest
+
+if TYPE_CHECKING:
+    from rclpy.context import Context
+    from ros_loop import RosLoop
+
+pytestmark = pytest.mark.ros
+SAMPLES = 400
+
+
+@pytest.fixture
+def loop(ros_context: Context) -> Iterator[RosLoop]:
+    """Return an executor in a ROS domain of its own."""
+    from ros_loop import RosLoop
+
+    loop = RosLoop(ros_context)
+    yield loop
+    loop.close()
+
+
+def measured(payload: float = 0.1) -> list[Any]:
+    """Return measurements of an arm that swings."""
+    from flex_plant_sim.simulation.plant_setup import simulator_of
+    from msg_config.parameters import check_parameters
+
+    simulator = simulator_of(check_parameters(
+        'plant_sim', {'model': 'paper_reduced', 'modes': 2, 'payload': payload, 'seed': 2}))
+    found = []
+    for k in range(SAMPLES):
+        found.append(simulator.measure())
+        simulator.step(np.array([0.6, -0.8]) * (1.0 if (k // 40) % 2 else -1.0))
+    return found
+
+
+def final(loop: RosLoop, disturbed: bool, rows: list[Any]) -> tuple[float, float]:
+    """Return mass and variance after the rows went over the topics, ideal or as they come."""
+    from msg_config.messages import joint_state
+
+    bench = Bench(loop, 'estimator', estimator='sf1')
+    payload = loop.record('payload_stamped')
+    loop.until(lambda: bench.node.count_subscribers('payload_stamped') > 0)
+    random = np.random.default_rng(1)
+    for k, row in enumerate(rows):
+        jitter, late, lost = random.integers(-200_000, 200_000), 0, False
+        names, gauges = list(JOINTS), list(GAUGES)
+        angle, effort, strain = list(row.angle), list(row.command), list(row.strain)
+        if disturbed:
+            names, angle, effort = (['gripper', *names[::-1]], [0.03, *angle[::-1]],
+                                    [0.0, *effort[::-1]])
+            gauges, strain = gauges[::-1], strain[::-1]
+            late, lost = 300_000, bool(random.random() < 0.01)
+        stamp = int(k * STEP + STEP + jitter * disturbed)
+        bench.joint_states.publish(joint_state(stamp, names, angle, effort=effort))
+        if not lost:
+            bench.strain.publish(joint_state(stamp + late, gauges, strain))
+            loop.until(partial(bench.answers.stamps.__contains__, stamp))
+    loop.until(lambda: len(payload) > 0)
+    result = payload[-1].position[0], payload[-1].effort[0]
+    loop.stop(bench.node)
+    return result
+
+
+def test_a_real_stream_gives_the_payload_of_an_ideal_one(loop: RosLoop) -> None:
+    rows = measured()
+    ideal, variance = final(loop, False, rows)
+    found, _ = final(loop, True, rows)
+    assert ideal == pytest.approx(0.1, abs=0.01)
+    assert abs(found - ideal) < np.sqrt(variance)
+
+
+@pytest.mark.parametrize(('late', 'text'), [
+    (None, 'no message on /strain'),
+    (4_200_000, 'strain: header.stamp: expected within 4 ms of joint_states, got +4.2 ms'),
+    ('names', 'every message is refused: strain: position: name: expected strain_1a')])
+def test_why_nothing_is_estimated_is_said_within_two_seconds(
+    loop: RosLoop, late: Any, text: str,
+) -> None:
+    from msg_config.messages import joint_state
+
+    bench = Bench(loop, 'estimator')
+    begin, k = time.monotonic(), 0
+    while not (bench.status('samples') is not None and text in bench.status('samples').message):
+        assert time.monotonic() < begin + 2.0, bench.status('samples')
+        k += 1
+        bench.joint_states.publish(joint_state(k * STEP, JOINTS, (0.1, 0.2), effort=(0.0, 0.0)))
+        if late == 'names':
+            bench.strain.publish(joint_state(k * STEP, ('a', 'b', 'c', 'd'), (0.0,) * 4))
+        elif late:
+            bench.strain.publish(joint_state(k * STEP + late, GAUGES, (0.0,) * 4))
+        loop.wait(0.01)
+
+
+def test_an_arm_of_other_names_units_and_signs_runs_the_same_loop(
+    loop: RosLoop, tmp_path: Path,
+) -> None:
+    from flex_payload_estimator.nodes.lqg_controller_node import LQGControllerNode
+    from flex_plant_sim.nodes.plant_sim_node import PlantSim
+
+    text = (resources.files('flex_plant_sim') / 'robots' / 'reference.yaml').read_text()
+    (tmp_path / 'mine.yaml').write_text(text + """
+inputs:
+  joints:
+    joint_1: {name: base_yaw, unit: deg, sign: -1}
+    joint_2: {name: forearm, unit: deg}
+  gauges:
+    strain_1a: {name: bridge_0, unit: um/m, sign: -1}
+""")
+    values = {'robot': str(tmp_path / 'mine.yaml'), 'model': 'paper_reduced', 'modes': 2}
+    commands = loop.record('command')
+    joints, strain = loop.record('joint_states'), loop.record('strain')
+    loop.start(LQGControllerNode, **values, adapt=False, watchdog=0.0)
+    plant = loop.start(PlantSim, **values)
+    loop.until(lambda: len(commands.stamps) > 150)
+    assert commands[0].name == joints[0].name == ['base_yaw', 'forearm']
+    assert strain[0].name[0] == 'bridge_0'
+    assert plant.simulator.state[:2] == pytest.approx([0.5, 0.5], abs=0.1)
+    assert joints[-1].position[0] < -20.0, 'degrees, the other way'
+
+
+def test_the_command_goes_to_zero_when_samples_stop_and_comes_back(loop: RosLoop) -> None:
+    bench = Bench(loop, 'controller', watchdog=0.2)
+    for k in range(5):
+        bench.answered(k, angle=(-0.5, -0.5))
+    assert np.abs(bench.answers[-1].effort).max() > 0.1
+    loop.until(lambda: not np.any(bench.answers[-1].effort), 1.0)
+    loop.until(lambda: bench.status('command') is not None
+               and 'the command is zero' in bench.status('command').message, 2.0)
+    bench.answered(5, angle=(-0.5, -0.5))
+    assert np.abs(bench.answers[-1].effort).max() > 0.1
+
+
+def test_a_command_is_held_for_one_refused_sample_and_then_zero(loop: RosLoop) -> None:
+    bench = Bench(loop, 'controller')
+    for k in range(5):
+        bench.answered(k, angle=(-0.5, -0.5))
+    before = list(bench.answers[-1].effort)
+    bench.answered(5, angle=(1e9, -0.5))
+    assert list(bench.answers[-1].effort) == before
+    bench.answered(6, angle=(1e9, -0.5))
+    assert list(bench.answers[-1].effort) == [0.0, 0.0]
+    bench.answered(7, angle=(-0.5, -0.5))
+    assert np.abs(bench.answers[-1].effort).max() > 0.1
