@@ -24,8 +24,9 @@ class Bench:
         self.loop = loop
         self.answers = loop.record('payload/inertia' if kind == 'estimator' else 'command')
         self.diagnostics = loop.record('/diagnostics')
-        self.node = (loop.start(PayloadEstimatorNode, **{**ESTIMATOR, **values})
-                     if kind == 'estimator' else loop.start(LQGControllerNode, **PAPER, adapt=False, **values))
+        estimator, given = kind == 'estimator', {**(
+            ESTIMATOR if kind == 'estimator' else {**PAPER, 'adapt': False}), **values}
+        self.node = loop.start(PayloadEstimatorNode if estimator else LQGControllerNode, **given)
         self.joint_states = loop.publisher('joint_states')
         self.strain = loop.publisher('strain')
         loop.until(lambda: self.answers_are_heard)
