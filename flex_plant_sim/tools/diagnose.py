@@ -13,6 +13,7 @@ from typing import Any, Protocol
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import load_robot
+from flex_plant_sim.diagnosis.prediction.latent_view import latent_view, LatentView
 from flex_plant_sim.diagnosis.prediction.predictor import Base, Predictor
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.diagnosis.report.extended_file import write_extended
@@ -20,11 +21,14 @@ from flex_plant_sim.diagnosis.report.figures import all_pictures
 from flex_plant_sim.diagnosis.report.html_report import FILE_NAME, Report, write_report
 from flex_plant_sim.diagnosis.report.improvement import Gain, measure_gain
 from flex_plant_sim.diagnosis.report.json_answer import answer, answer_text, with_gain
+from flex_plant_sim.diagnosis.report.latent_pictures import latent_sections
 from flex_plant_sim.diagnosis.report.payload_gain import payload_gain, PayloadGain
 from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual, describe
 from flex_plant_sim.diagnosis.verdict.results import Diagnosis
+from flex_plant_sim.diagnosis.verdict.unknown import tables, UNNAMED, with_unknown
 from flex_plant_sim.diagnosis.verdict.verdict import diagnose, nominal_base
 from flex_plant_sim.effects import catalogue
+from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.tools import command_line
 from flex_plant_sim.tools.log_input import read_log_aloud
@@ -33,7 +37,7 @@ from msg_config.errors import InputError
 import numpy as np
 
 SAMPLING_AGREES = 1e-3
-SEARCH_SHARE = 0.9
+SEARCH_SHARE, MEASURING_SHARE = 0.85, 0.93
 
 
 class Progress(Protocol):
@@ -54,6 +58,7 @@ class Run:
     before: tuple[ChannelResidual, ...]
     after: tuple[ChannelResidual, ...]
     payload: tuple[PayloadGain, ...]
+    latent: Mapping[str, LatentView]
 
 
 def options() -> argparse.ArgumentParser:
@@ -124,14 +129,26 @@ def run(logs: Sequence[Log], robot: Robot, arguments: argparse.Namespace,
             records, nominal, arguments.jobs,
             lambda label, share: progress(label, SEARCH_SHARE * share), arguments.exclude)
     extended = nominal if search is None else search.extended.settled(payload)
-    progress('measuring the gain', SEARCH_SHARE)
-    before, after = ([Predictor(base, windows, noise) for windows, noise in
-                      zip(data.locked, data.noise)] for base in (nominal, extended))
+    progress('latent forces', SEARCH_SHARE)
+
+    def predictors(base: Base) -> list[Predictor]:
+        return [Predictor(base, windows, noise) for windows, noise in zip(data.locked, data.noise)]
+
+    before, after = predictors(nominal), predictors(extended)
+    latent = {'before': latent_view(before)}
+    added: tuple[Effect, ...] = ()
+    if diagnosis.verdict in UNNAMED:
+        latent['after'] = latent_view(after)
+        diagnosis, added = with_unknown(diagnosis, latent['after']), tables(latent['after'])
+    if added:
+        extended = replace(extended, effects=(*extended.effects, *added))
+        after = predictors(extended)
+    progress('measuring the gain', MEASURING_SHARE)
     gains = measure_gain(before, after, seed=arguments.seed)
     found = Run(
-        with_gain(diagnosis, gains), extended, (before, after), gains, describe(before),
-        describe(after), () if arguments.true_payload is None else payload_gain(
-            logs, arguments.true_payload, nominal, extended))
+        with_gain(diagnosis, gains, len(added)), extended, (before, after), gains,
+        describe(before), describe(after), () if arguments.true_payload is None else payload_gain(
+            logs, arguments.true_payload, nominal, extended), latent)
     progress('done', 1.0)
     return found
 
@@ -199,7 +216,7 @@ def _main(arguments: argparse.Namespace) -> None:
         if arguments.json:
             write(command_line.write_json, arguments.json, answer(
                 found.diagnosis, found.gains, found.before, found.after, found.payload,
-                settings_of(arguments, robot, logs)))
+                settings_of(arguments, robot, logs), found.latent))
         if report is not None:
             write(_write_report, arguments.report, report)
 
@@ -217,7 +234,9 @@ def report_of(found: Run, settings: Mapping[str, Any]) -> Report:
     """Return the report of a run with its pictures."""
     texts = {key.replace('_', ' '): _said(value) for key, value in settings.items()}
     return Report(found.diagnosis, found.before, found.after, found.gains, found.payload, texts,
-                  all_pictures(found.gains, *found.predictors))
+                  all_pictures(found.gains, *found.predictors),
+                  *(latent_sections(found.latent[stage]) if stage in found.latent else ()
+                    for stage in ('before', 'after')))
 
 
 def _said(value: Any) -> str:

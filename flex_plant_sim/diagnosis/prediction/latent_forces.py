@@ -15,6 +15,8 @@ import numpy as np
 PASSES = 4
 # Degrees of freedom of a torque's steps: heavy tails, as friction steps where a joint reverses.
 FREEDOM = 3.0
+# Of what does not move at all, so that nothing is divided by zero.
+LEAST = 1e-12
 
 
 @dataclass(frozen=True)
@@ -63,8 +65,8 @@ class LatentForces:
         Bending moment at each link's first gauge, N m, (N, 2); 0 where there is none.
     drive : Array
         Root mean square torque of the drives, N m, (2,).
-    warm_up : int
-        Samples until the first state is forgotten.
+    first, stop : int
+        Samples to judge: from where the start is forgotten to where the locked part begins.
     log_likelihood : float
         nats.
 
@@ -81,17 +83,29 @@ class LatentForces:
     strain: Array
     load: Array
     drive: Array
-    warm_up: int
+    first: int
+    stop: int
     log_likelihood: float
 
 
-def latent_forces(predictor: Predictor, amplitudes: Amplitudes = Amplitudes()) -> LatentForces:
+def latent_forces(predictor: Predictor, amplitudes: Amplitudes = Amplitudes(),
+                  stop: int | None = None) -> LatentForces:
     """
     Return the latent forces of a record under the predictor's base.
 
     Torques wander with Student-t steps. Their scale, and that of the gauges' errors, is the one
     that makes the record likeliest (expectation maximisation over the smoothed steps), but no
     smaller than the amplitude's.
+
+    Parameters
+    ----------
+    predictor : Predictor
+        Of the base, over the whole record.
+    amplitudes : Amplitudes
+        How large they are a priori.
+    stop : int, optional
+        First sample that no law may be fitted to; the record's end by default.
+
     """
     system = latent_system(predictor, amplitudes)
     least = scale = system.diffusing[0]
@@ -101,7 +115,7 @@ def latent_forces(predictor: Predictor, amplitudes: Amplitudes = Amplitudes()) -
         scale = np.maximum(np.mean(squared / _stretch(squared, scale), axis=0), least)
         system = replace(system, diffusing=scale * _stretch(squared, scale))
         smoothed = smooth(system)
-    return _found(predictor, smoothed)
+    return _found(predictor, smoothed, len(system.measured) if stop is None else stop)
 
 
 def _stretch(squared: Array, scale: Array) -> Array:
@@ -127,7 +141,7 @@ def latent_system(predictor: Predictor, amplitudes: Amplitudes) -> LatentSystem:
     open_loop = Matrices.of(predictor, arm, np.zeros_like(predictor.gain), rows)
     run = Run(predictor, arm, open_loop, rows, 1)
     drive = drive_torque(predictor)
-    strain = np.std(record.output[:, 2:], axis=0)
+    strain = np.maximum(np.std(record.output[:, 2:], axis=0), LEAST)
     decay = float(np.exp(-step / amplitudes.gauge_time))
     gauge = (amplitudes.gauge * strain)**2
     diffusing = np.concatenate([step * (amplitudes.torque * drive)**2,
@@ -142,7 +156,7 @@ def latent_system(predictor: Predictor, amplitudes: Amplitudes) -> LatentSystem:
 def drive_torque(predictor: Predictor) -> Array:
     """Return the root mean square torque of the drives over a record, N m, (2,)."""
     gain = np.array([drive.torque_gain for drive in predictor.arm.robot.drives])
-    return np.asarray(gain * np.std(predictor.record.command, axis=0), dtype=float)
+    return np.maximum(gain * np.std(predictor.record.command, axis=0), LEAST)
 
 
 def _contact(predictor: Predictor) -> Array:
@@ -175,7 +189,7 @@ def _spread(predictor: Predictor, drive: Array, gauge: Array) -> Array:
     return np.concatenate([np.ones(predictor.arm.states), drive, np.sqrt(gauge)])
 
 
-def _found(predictor: Predictor, smoothed: Smoothed) -> LatentForces:
+def _found(predictor: Predictor, smoothed: Smoothed, stop: int) -> LatentForces:
     arm, record, n = predictor.arm, predictor.record, predictor.arm.states
     order = arm.form.order
     state, latent = smoothed.mean[:, :n], smoothed.mean[:, n:]
@@ -186,5 +200,5 @@ def _found(predictor: Predictor, smoothed: Smoothed) -> LatentForces:
         gauge=latent[:, 2:], gauge_deviation=smoothed.deviation[:, 2:],
         speed=state[:, order:order + 2], angle=state[:, :2], command=record.command,
         strain=(state @ arm.output_matrix.T)[:, 2:], load=state[:, :order] @ np.array(loads).T,
-        drive=drive_torque(predictor), warm_up=predictor.windows.warm_up,
+        drive=drive_torque(predictor), first=predictor.windows.warm_up, stop=stop,
         log_likelihood=smoothed.log_likelihood)

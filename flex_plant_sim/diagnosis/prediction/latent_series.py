@@ -28,7 +28,7 @@ def torque_series(found: Sequence[LatentForces], robot: Robot) -> tuple[Series, 
     for j in range(2):
         unit = 'rad/s' if robot.drives[j].closed_loop else 'A'
         speed = _joined([f.speed[:, j] for f in found])
-        judged = _started(found) & (np.abs(speed) > REST * np.sqrt(np.mean(speed**2)))
+        judged = _judged(found) & (np.abs(speed) > REST * np.sqrt(np.mean(speed**2)))
         variables = {
             'speed': ('rad/s', speed), 'angle': ('rad', _joined([f.angle[:, j] for f in found])),
             'command': (unit, _joined([f.command[:, j] for f in found])),
@@ -56,7 +56,7 @@ def gauge_series(found: Sequence[LatentForces], robot: Robot) -> tuple[Series, .
                      **others, 'time': ('s', _joined([f.time for f in found]))}
         series.append(Series(
             name, 'm/m', _joined([f.gauge[:, g] for f in found]),
-            _joined([f.gauge_deviation[:, g] for f in found]), variables, _started(found),
+            _joined([f.gauge_deviation[:, g] for f in found]), variables, _judged(found),
             float(GAUGE_SHARE * np.std(strain[:, g])), (CONSTANT, 'strain')))
     return tuple(series)
 
@@ -65,6 +65,7 @@ def _joined(parts: Sequence[Array]) -> Array:
     return np.concatenate(parts)
 
 
-def _started(found: Sequence[LatentForces]) -> NDArray[np.bool_]:
-    """Return False where a record's first state still matters, (N,)."""
-    return np.concatenate([np.arange(len(f.time)) >= f.warm_up for f in found])
+def _judged(found: Sequence[LatentForces]) -> NDArray[np.bool_]:
+    """Return False where a record's first state still matters, and in its locked part, (N,)."""
+    rows = [np.arange(len(f.time)) for f in found]
+    return np.concatenate([(r >= f.first) & (r < f.stop) for r, f in zip(rows, found)])

@@ -217,7 +217,7 @@ def _trial(variable: str, x: Array, value: Array, stretch: NDArray[np.int_],
     return Trial(variable, knots, left, power)
 
 
-def law_of(series: Series) -> Law:
+def law_of(series: Series, trials: Sequence[Trial] | None = None) -> Law:
     """
     Return the law over the variable that explains a latent force best.
 
@@ -225,7 +225,7 @@ def law_of(series: Series) -> Law:
     error's worth better; any other variable must beat all its rivals by as much. A law is clear
     where it explains more than half beyond chance.
     """
-    trials = tried(series)
+    trials = trials or tried(series)
     best, least = trials[0], (series.relevant / series.size)**2
     by_name, alone = {trial.variable: trial for trial in trials}, True
     for name in series.simple:
@@ -253,13 +253,3 @@ def _deviations(design: Array, rest: Array, inverse: Array,
     """Return standard deviations of the values, stretches being independent, (K,)."""
     scores = np.stack([design[stretch == k].T @ rest[stretch == k] for k in np.unique(stretch)])
     return np.sqrt(np.maximum(np.diagonal(inverse @ scores.T @ scores @ inverse), 0.0))
-
-
-def shares(series: Series) -> dict[str, tuple[float, float]]:
-    """Return share and standard error by variable, the best first."""
-    return {trial.variable: (trial.share, trial.error) for trial in tried(series)}
-
-
-def stated(laws: Sequence[Law]) -> tuple[Law, ...]:
-    """Return the laws that count, the largest first."""
-    return tuple(sorted((law for law in laws if law.stated), key=lambda law: -law.share))

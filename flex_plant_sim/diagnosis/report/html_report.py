@@ -12,6 +12,7 @@ from typing import Any
 from flex_plant_sim.atomic_file import whole_file
 from flex_plant_sim.diagnosis.report.figures import Picture, shown
 from flex_plant_sim.diagnosis.report.improvement import Gain
+from flex_plant_sim.diagnosis.report.latent_pictures import LatentSection
 from flex_plant_sim.diagnosis.report.payload_gain import PayloadGain
 from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual
 from flex_plant_sim.diagnosis.report.wording import (
@@ -48,6 +49,10 @@ class Report:
         Robot, model, logs, seed, version.
     pictures : Mapping
         Under traces, gains, speed and spectrum.
+    latent : tuple of LatentSection
+        The nominal model's latent forces, the joints first.
+    unnamed : tuple of LatentSection
+        What is left of them beside the causes.
 
     """
 
@@ -58,6 +63,8 @@ class Report:
     payload: tuple[PayloadGain, ...] = ()
     settings: Mapping[str, str] = field(default_factory=dict)
     pictures: Mapping[str, Sequence[Picture]] = field(default_factory=dict)
+    latent: tuple[LatentSection, ...] = ()
+    unnamed: tuple[LatentSection, ...] = ()
 
 
 def render(report: Report) -> str:

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 import math
+from types import MappingProxyType
 from typing import Any
 
+from flex_plant_sim.diagnosis.prediction.latent_view import LatentView
 from flex_plant_sim.diagnosis.report.figures import shown
 from flex_plant_sim.diagnosis.report.improvement import Gain, gain_results
 from flex_plant_sim.diagnosis.report.payload_gain import PayloadGain
@@ -19,15 +21,16 @@ TERMINAL_HORIZONS = (0.2, 1.0, 5.0)
 SENTENCE_HORIZON = 1.0
 
 
-def with_gain(diagnosis: Diagnosis, gains: Sequence[Gain]) -> Diagnosis:
-    """Return the diagnosis with what its causes gain at the end of its sentence."""
+def with_gain(diagnosis: Diagnosis, gains: Sequence[Gain], unnamed: int = 0) -> Diagnosis:
+    """Return the diagnosis with what its causes and unnamed torques gain in its sentence."""
+    count = len(diagnosis.causes) + unnamed
     sure = [gain for gain in gains if gain.horizon == SENTENCE_HORIZON and gain.ratio_high < 1.0]
-    if not diagnosis.causes or not sure:
+    if not count or not sure:
         return diagnosis
     best = min(sure, key=lambda gain: gain.ratio)
     scale, unit = shown(best.unit)
     space = '' if unit == '°' else ' '
-    them = 'it' if len(diagnosis.causes) == 1 else 'them'
+    them = 'it' if count == 1 else 'them'
     text = (f'With {them} the {best.horizon:g} s prediction error of '
             f'{best.channel.replace("_", " ")} falls from {scale * best.before:.2g}{space}{unit} '
             f'to {scale * best.after:.2g}{space}{unit}.')
@@ -36,12 +39,13 @@ def with_gain(diagnosis: Diagnosis, gains: Sequence[Gain]) -> Diagnosis:
 
 def answer(diagnosis: Diagnosis, gains: Sequence[Gain], before: Sequence[ChannelResidual],
            after: Sequence[ChannelResidual], payload: Sequence[PayloadGain],
-           settings: Mapping[str, Any]) -> dict[str, Any]:
+           settings: Mapping[str, Any],
+           latent: Mapping[str, LatentView] = MappingProxyType({})) -> dict[str, Any]:
     """
     Return everything for JSON.
 
-    `verdict`, `causes`, `cannot_tell`, `detection_limits`, `gain` and `payload` are meant for
-    programs and stay; numbers that are not finite are null.
+    `verdict`, `causes`, `cannot_tell`, `detection_limits`, `gain`, `payload`, `latent` are meant
+    for programs and stay; numbers that are not finite are null.
     """
     rows = [row.results() for row in payload]
     found = {
@@ -57,6 +61,7 @@ def answer(diagnosis: Diagnosis, gains: Sequence[Gain], before: Sequence[Channel
         'residual': {'before': {row.channel: row.results() for row in before},
                      'after': {row.channel: row.results() for row in after}},
         'candidates': [[_candidate(item) for item in ranking] for ranking in diagnosis.rounds],
+        'latent': {stage: view.results() for stage, view in latent.items()},
         'settings': settings}
     cleaned: dict[str, Any] = plain(found)
     return cleaned

@@ -1,0 +1,114 @@
+"""All that the latent forces of some records show: series, shares, laws, lines."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.diagnosis.prediction.latent_forces import latent_forces, LatentForces
+from flex_plant_sim.diagnosis.prediction.latent_line import Line, line_of
+from flex_plant_sim.diagnosis.prediction.latent_series import gauge_series, torque_series
+from flex_plant_sim.diagnosis.prediction.law import Law, law_of, LEAST_SHARE, Series, Trial, tried
+from flex_plant_sim.diagnosis.prediction.predictor import Predictor
+import numpy as np
+
+BINS, LEAST_IN_BIN = 24, 5
+
+
+@dataclass(frozen=True)
+class Finding:
+    """
+    What one latent force shows.
+
+    Attributes
+    ----------
+    series : Series
+    trials : tuple of Trial
+        Every variable tried, the best first.
+    law : Law
+    line : Line or None
+        In its spectrum, where there is one.
+
+    """
+
+    series: Series
+    trials: tuple[Trial, ...]
+    law: Law
+    line: Line | None
+
+    @property
+    def relevant(self) -> bool:
+        """Tell whether the force is too large for a model error."""
+        return self.series.size > self.series.relevant
+
+    @property
+    def remembers(self) -> bool:
+        """Tell whether it matters although no one variable explains half of it."""
+        return self.relevant and self.trials[0].share < LEAST_SHARE
+
+    def results(self) -> dict[str, Any]:
+        """Return the figures for JSON."""
+        law, line = self.law, self.line
+        return {
+            'unit': self.series.unit, 'rms': self.series.size, 'relevant': self.relevant,
+            'deviation': float(np.median(self.series.deviation[self.series.judged])),
+            'explained': {t.variable: {'share': t.share, 'error': t.error} for t in self.trials},
+            'law': {'variable': law.variable, 'unit': law.variable_unit, 'stated': law.stated,
+                    'knots': law.knots, 'values': law.values, 'deviations': law.deviations,
+                    'share': law.share, 'error': law.share_error},
+            'remembers': self.remembers,
+            'line': line and {'frequency_hz': line.frequency, 'share': line.share},
+            'curves': {name: dict(zip(('at', 'mean', 'deviation'), self.curve(name)))
+                       for name in self.series.variables}}
+
+    def curve(self, variable: str) -> tuple[Array, Array, Array]:
+        """Return the force over a variable: bin centres, means, standard deviations, (K,) each."""
+        judged = self.series.judged
+        x, value = self.series.variables[variable][1][judged], self.series.value[judged]
+        edges = np.quantile(x, np.linspace(0.0, 1.0, BINS + 1))
+        inside = np.clip(np.searchsorted(edges, x, side='right') - 1, 0, BINS - 1)
+        bins = [inside == k for k in range(BINS) if np.sum(inside == k) >= LEAST_IN_BIN]
+        return (np.array([x[b].mean() for b in bins]), np.array([value[b].mean() for b in bins]),
+                np.array([value[b].std() for b in bins]))
+
+
+@dataclass(frozen=True)
+class LatentView:
+    """The latent forces of records under one base, and what each of them shows."""
+
+    forces: tuple[LatentForces, ...]
+    torques: tuple[Finding, ...]
+    gauges: tuple[Finding, ...]
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Return torques and gauges."""
+        return (*self.torques, *self.gauges)
+
+    def results(self) -> dict[str, Any]:
+        """Return the figures for JSON, by joint and gauge."""
+        return {finding.series.site: finding.results() for finding in self.findings}
+
+
+def latent_view(predictors: Sequence[Predictor]) -> LatentView:
+    """
+    Return what the latent forces of records show.
+
+    Parameters
+    ----------
+    predictors : sequence of Predictor
+        One a record, over its locked windows: nothing is fitted there.
+
+    """
+    forces = tuple(latent_forces(p, stop=int(p.windows.starts[0])) for p in predictors)
+    robot, step = predictors[0].base.robot, predictors[0].arm.step_time
+    torques, gauges = torque_series(forces, robot), gauge_series(forces, robot)
+    return LatentView(forces, tuple(_finding(s, step) for s in torques),
+                      tuple(_finding(s, step) for s in gauges))
+
+
+def _finding(series: Series, step: float) -> Finding:
+    trials = tuple(tried(series))
+    return Finding(series, trials, law_of(series, trials), line_of(series, step))

@@ -1,0 +1,128 @@
+"""The report's first pictures: latent torques and gauge errors over what they may depend on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.diagnosis.prediction.latent_view import Finding, LatentView
+from flex_plant_sim.diagnosis.prediction.law import CONSTANT, Trial
+from flex_plant_sim.diagnosis.report.figures import AFTER, BEFORE, MEASURED, Picture, picture
+from flex_plant_sim.diagnosis.report.wording import percent_text, unit_text
+import numpy as np
+
+DOTS, LINE_POINTS, TRACE_POINTS = 1500, 400, 1200
+UNITS: Mapping[str, tuple[float, str]] = {'m/m': (1e6, 'µm/m'), '1/s': (1e6, 'µm/m/s')}
+
+
+@dataclass(frozen=True)
+class LatentSection:
+    """One joint or gauge: what is said of it, and its pictures, the best variable first."""
+
+    title: str
+    text: str
+    pictures: tuple[Picture, ...]
+
+
+def latent_sections(view: LatentView) -> tuple[LatentSection, ...]:
+    """Return a section for each joint that moves, and for gauges that err beyond a good model."""
+    shown = (*view.torques, *(f for f in view.gauges if f.relevant))
+    return tuple(_section(finding, view) for finding in shown)
+
+
+def _section(finding: Finding, view: LatentView) -> LatentSection:
+    series, best = finding.series, finding.trials[0]
+    scale, unit = _unit(series.unit)
+    what = 'torque' if series.unit == 'N m' else 'error'
+    band = 1.96 * float(np.median(series.deviation[series.judged]))
+    text = (f'{scale * series.size:.2g} {unit} rms, 95 % band ± {scale * band:.2g} {unit}. '
+            + _said(finding))
+    order: list[str] = [t.variable for t in finding.trials if t.variable in series.variables]
+    wanted = order if what == 'torque' else [best.variable, 'time']
+    names = [n for n in dict.fromkeys(wanted) if n in series.variables]
+    trials = {t.variable: t for t in finding.trials}
+    return LatentSection(f'{series.site.replace("_", " ")}: unseen {what}', text, tuple(
+        _picture(finding, trials[name]) for name in names))
+
+
+def _said(finding: Finding) -> str:
+    law, line = finding.law, finding.line
+    if not finding.relevant:
+        return 'No more than two good models of an arm differ by.'
+    if law.stated and law.variable == CONSTANT:
+        return 'It is constant.'
+    if law.stated:
+        return (f'Its {_words(law.variable)} explains {percent_text(law.share)} of it where not '
+                'fitted.')
+    if finding.remembers:
+        swings = f' It swings at {line.frequency:.2g} Hz.' if line else ''
+        return f'No one variable explains half of it: something behind it has a memory.{swings}'
+    return 'No one variable explains it clearly better than the others.'
+
+
+def _words(variable: str) -> str:
+    return variable.replace('_', ' ')
+
+
+def _unit(unit: str) -> tuple[float, str]:
+    return UNITS.get(unit, (1.0, unit_text(unit)))
+
+
+def _picture(finding: Finding, trial: Trial) -> Picture:
+    series, variable = finding.series, trial.variable
+    (scale, unit), (factor, at_unit) = _unit(series.unit), _unit(series.variables[variable][0])
+    x, rows = factor * series.variables[variable][1], np.flatnonzero(series.judged)
+    explained = f'{max(trial.share, 0.0):.0%}' if finding.relevant else ''
+
+    def draw(figure: Any) -> None:
+        axis = figure.subplots()
+        axis.axhline(0.0, color=MEASURED, linewidth=0.5)
+        if variable == 'time':
+            _draw_trace(axis, x, scale * series.value, scale * series.deviation)
+        else:
+            _draw_cloud(axis, x[rows], scale * series.value[rows])
+            _draw_means(axis, [f * c for f, c in zip((factor, scale, scale),
+                                                     finding.curve(variable))])
+        law = finding.law
+        if law.stated and law.variable == variable:
+            _draw_law(axis, factor, scale, finding)
+        axis.set_xlabel(', '.join(t for t in (_words(variable), at_unit) if t))
+        axis.set_ylabel(unit)
+        if explained:
+            figure.text(0.97, 0.95, f'explains {explained}', ha='right', va='top', fontsize=9.0,
+                        color=AFTER if law.stated and law.variable == variable else MEASURED)
+
+    title = f'{series.site} over {_words(variable)}'
+    return picture(draw, title, f'{title}: smoothed latent force with its mean and spread; '
+                   f'explains {explained or "nothing that matters"} where not fitted')
+
+
+def _draw_cloud(axis: Any, x: Array, value: Array) -> None:
+    kept = slice(None, None, max(1, len(x) // DOTS))
+    axis.plot(x[kept], value[kept], '.', color=MEASURED, alpha=0.45, markersize=2.5,
+              markeredgewidth=0.0, rasterized=True)
+
+
+def _draw_means(axis: Any, curve: Sequence[Array]) -> None:
+    at, mean, spread = curve
+    axis.errorbar(at, mean, spread, color=BEFORE, marker='.', linestyle='none', elinewidth=0.7)
+
+
+def _draw_trace(axis: Any, time: Array, value: Array, deviation: Array) -> None:
+    kept = slice(None, None, max(1, len(time) // TRACE_POINTS))
+    # Records follow each other; each starts its time anew.
+    starts = np.flatnonzero(np.diff(time[kept]) < 0.0) + 1
+    for t, v, d in zip(*(np.split(part[kept], starts) for part in (time, value, deviation))):
+        axis.fill_between(t, v - 1.96 * d, v + 1.96 * d, color=BEFORE, alpha=0.35, linewidth=0)
+        axis.plot(t, v, color=BEFORE, linewidth=0.6)
+
+
+def _draw_law(axis: Any, factor: float, scale: float, finding: Finding) -> None:
+    law = finding.law
+    at = np.unique(np.concatenate([np.linspace(law.knots[0], law.knots[-1], LINE_POINTS),
+                                   law.knots]))
+    axis.plot(factor * at, scale * law.at(at), color=AFTER, linewidth=1.8)
+    axis.errorbar(factor * law.knots, scale * law.values, 1.96 * scale * law.deviations,
+                  color=AFTER, linestyle='none', elinewidth=1.2)

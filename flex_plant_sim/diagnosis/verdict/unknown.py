@@ -1,0 +1,84 @@
+"""What has no name: its law in a sentence, and as a table for the extended robot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from flex_plant_sim.diagnosis.prediction.latent_view import Finding, LatentView
+from flex_plant_sim.diagnosis.prediction.law import CONSTANT, Law
+from flex_plant_sim.diagnosis.verdict.results import Diagnosis
+from flex_plant_sim.effects.base import Effect
+from flex_plant_sim.effects.joint.measured_torque import MeasuredTorque
+
+UNNAMED = ('not_in_catalogue', 'cause_and_remainder')
+DIGITS = 5
+OVER = {'speed': 'its speed', 'angle': 'its angle', 'load': 'the load on its link',
+        'command': 'its command', 'time': 'time', 'strain': 'its own strain',
+        'strain rate': 'the rate of its strain'}
+
+
+def tables(view: LatentView) -> tuple[Effect, ...]:
+    """Return the torques whose law is clear as effects for the extended robot."""
+    return tuple(table(finding.law) for finding in view.torques if finding.law.stated)
+
+
+def table(law: Law) -> MeasuredTorque:
+    """Return a law as the effect that a robot file carries; a constant is one knot of time."""
+    variable = 'time' if law.variable == CONSTANT else law.variable
+    return MeasuredTorque(law.site, (variable, *(
+        tuple(float(f'{x:.{DIGITS}g}') for x in column) for column in (law.knots, law.values))))
+
+
+def with_unknown(diagnosis: Diagnosis, view: LatentView) -> Diagnosis:
+    """Return the diagnosis with what is known of the unnamed, where something is unnamed."""
+    if diagnosis.verdict not in UNNAMED:
+        return diagnosis
+    sentences = sentences_of(view)
+    if not sentences:
+        return diagnosis
+    return replace(diagnosis, sentence=' '.join([diagnosis.sentence, *sentences]),
+                   advice=diagnosis.advice and _advice(view))
+
+
+def sentences_of(view: LatentView) -> tuple[str, ...]:
+    """Return one sentence for each force that is too large for a model error, torques first."""
+    torques = _said(view.torques)
+    # Where a torque is clear, gauges mostly echo it.
+    return torques or _said(view.gauges)
+
+
+def _said(findings: Sequence[Finding]) -> tuple[str, ...]:
+    known = [sentence(f) for f in findings if f.law.stated]
+    return tuple(known or [sentence(f) for f in findings if f.remembers])
+
+
+def sentence(finding: Finding) -> str:
+    """Return what a latent force shows, in one sentence."""
+    law, series = finding.law, finding.series
+    what, scale, unit = ('torque', 1.0, 'N·m') if series.unit == 'N m' else (
+        'error', 1e6, 'µm/m')
+    size = f'{scale * series.size:.2g} {unit} rms'
+    site = series.site.replace('_', ' ')
+    if law.stated and law.variable == CONSTANT:
+        return f'An unnamed constant {what} acts on {site} ({size}).'
+    if law.stated:
+        over = OVER.get(law.variable, law.variable.replace('_', ' '))
+        return (f'An unnamed {what} of {site} ({size}) over {over} explains '
+                f'{100.0 * law.share:.0f} % on stretches left out.')
+    swings = f', and swings at {finding.line.frequency:.2g} Hz' if finding.line else ''
+    return (f'An unnamed {what} of {site} ({size}) follows no one variable: something with a '
+            f'memory is behind it, such as a gap, a loose mass, a compliance or a delay{swings}.')
+
+
+def _advice(view: LatentView) -> str:
+    stated = [f.law for f in view.torques if f.law.stated]
+    if not stated:
+        return ('Record both joints at rest after a push: what swings or creeps on shows the '
+                'coordinate that the model lacks.')
+    law = stated[0]
+    site, over = law.site.replace('_', ' '), OVER.get(law.variable, law.variable)
+    if law.variable in ('time', CONSTANT):
+        return f'Record {site} again from a cold start and an hour later: does the torque return?'
+    return (f'Record {site} slowly through the whole range of {over}, both ways: the table that '
+            'the extended robot carries is only known where this record was.')
