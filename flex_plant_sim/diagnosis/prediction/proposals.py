@@ -43,7 +43,7 @@ def _of_torque(finding: Finding, gain: float) -> Iterator[Proposal]:
     (level,), share = _fit(torque, sign)
     if level < 0.0:
         yield f'coulomb_friction:{site}', (-level,), share
-    sides, share = _fit(torque, -1.0 * (speed > 0.0), 1.0 * (speed < 0.0))
+    sides, share = _fit(torque, np.where(speed > 0.0, -1.0, 0.0), np.where(speed < 0.0, 1.0, 0.0))
     if min(sides) >= 0.0:
         yield f'asymmetric_friction:{site}', sides, share
     (size, extra), share, at = max(
