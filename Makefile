@@ -24,7 +24,7 @@ test: .venv/.$(DISTRO)-test  ## all tests with coverage, style and types include
 lint: .venv/.$(DISTRO)-test  ## style and types alone
 	$(BIN)/python -m pytest -q test/test_style.py
 
-bank: .venv/.$(DISTRO)-test  ## the full bank of hidden effects, with confusion matrix
+bank: .venv/.$(DISTRO)-bench  ## the bank of hidden effects from two simulators (docs/bank.md)
 	$(BIN)/python test/run_bank.py
 
 bench: .venv/.$(DISTRO)-bench  ## every benchmark script

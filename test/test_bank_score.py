@@ -3,11 +3,22 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 import math
 from typing import Any
 
 from bank import score, summary
-from bank.cases import all_cases, BankCase, first, FIRST_SEED, realisations, SIZES, TAKEN_OUT
+from bank.cases import (
+    all_cases,
+    BankCase,
+    first,
+    FIRST_SEED,
+    FORMS_OF,
+    Realisation,
+    realisations,
+    SIZES,
+    TAKEN_OUT,
+)
 from bank.records import control
 from bank.sizes import over_threshold, sized_truth
 from bank.terms import hidden_terms
@@ -15,7 +26,7 @@ from flex_plant_sim.effects import catalogue
 import numpy as np
 import pytest
 from truth.effects import CATALOGUE
-from truth.records import draw_case
+from truth.records import draw_case, HAVE_MUJOCO, make_record, MUJOCO
 
 
 def line(hidden: list[str], causes: dict[str, float], verdict: str = 'cause',
@@ -168,6 +179,22 @@ def test_every_hidden_effect_has_its_catalogue_terms(robot: str) -> None:
         for key, value in term.values.items():
             parameter = catalogue()[name].parameters[parameters.index(key)]
             assert parameter.low <= value <= parameter.high, (name, key, value)
+
+
+@pytest.mark.parametrize('name, form', [
+    (name, form) for name, forms in FORMS_OF.items() for form in forms
+    if form.form and (HAVE_MUJOCO or form.simulator != MUJOCO)])
+def test_every_form_shows_in_the_record(name: str, form: Realisation) -> None:
+    """Under one command a form is neither the plain effect nor none."""
+    case = BankCase('missing', (name,), 'reference', 3, form).truth(2.0)
+    event = {'time': 0.2, 'duration': 0.0} if name == 'payload_change' else {}
+    (_, size), = case.effects
+    case = replace(case, duration_s=0.6, noise=0.0, effects=((name, {**size, **event}),))
+    command = 0.4 * np.sin(np.outer(0.01 * np.arange(60), [9.0, 14.0]))
+    formed, plain, clean = (make_record(c, command).table for c in (
+        case, replace(case, forms=()), replace(case, effects=(), forms=())))
+    assert np.abs(formed - plain).max() > 1e-7
+    assert np.abs(formed - clean).max() > 1e-7
 
 
 @pytest.mark.parametrize('size', SIZES)
