@@ -171,9 +171,10 @@ class Trial:
         """
         Tell whether it explains more: beyond chance, and by a share of at least `least`.
 
-        The stretches are compared one by one.
+        The stretches are compared one by one; where the other is worse than zero, it counts as
+        zero, so that one stretch where it fails wholly does not blur the rest.
         """
-        gained = other.left - self.left
+        gained = np.minimum(other.left, other.power) - self.left
         chance = CLEAR * _ratio_error(gained, self.power)
         return float(gained.sum() / self.power.sum()) > max(chance, least)
 
