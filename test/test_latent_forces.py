@@ -110,6 +110,7 @@ def test_friction_of_a_finite_element_arm_shows_its_law() -> None:
     assert np.mean(np.abs(error) < 1.96 * found.torque_deviation[moving, 1]) > 0.9
     assert law.at(np.array([0.6]))[0] == pytest.approx(-0.25, abs=0.02)
     assert not laws(found)['joint_1'].stated
+    assert not any(law_of(series).stated for series in gauge_series([found], REFERENCE))
 
 
 def test_torque_that_fades_is_one_over_time() -> None:
@@ -121,12 +122,6 @@ def test_torque_that_fades_is_one_over_time() -> None:
     assert law.stated and law.variable == 'time' and law.share > 0.95
     at = np.array([3.0, 15.0, 30.0])
     np.testing.assert_allclose(law.at(at), 1.2 * np.exp(-at / 12.0), rtol=0.0, atol=0.05)
-
-
-def test_nothing_hidden_has_no_law() -> None:
-    found = latent(true_record(TruthCase(13, tolerances=False)))
-    assert not any(law.stated for law in laws(found).values())
-    assert not any(law_of(series).stated for series in gauge_series([found], REFERENCE))
 
 
 @dataclass(frozen=True)
