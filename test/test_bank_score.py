@@ -95,6 +95,14 @@ def test_log_score_against_its_definition() -> None:
         math.log(0.2) + (len(CATALOGUE) - 1) * math.log(0.999))
 
 
+def test_names_get_the_sum_over_the_sets_that_hold_them() -> None:
+    told = line(['backlash'], {'backlash': 0.9})
+    told['sets'] = [{'causes': ['backlash:joint_1'], 'probability': 0.5},
+                    {'causes': ['backlash:joint_2', 'unknown'], 'probability': 0.2},
+                    {'causes': [], 'probability': 0.3}]
+    assert score.stated(told) == pytest.approx({'backlash': 0.7, 'unknown': 0.2})
+
+
 def test_log_score_is_proper() -> None:
     """Over many cases, stating what is so pays better than boasting and than hedging."""
     rng = np.random.default_rng(3)

@@ -17,7 +17,7 @@ from bank.sizes import Limits, relative_size, sized_truth
 from flex_plant_sim.tools.diagnose import main
 from truth.records import TruthCase
 
-KEPT = ('verdict', 'sentence', 'causes', 'cannot_tell', 'not_excited', 'remainder')
+KEPT = ('verdict', 'sentence', 'causes', 'sets', 'cannot_tell', 'not_excited', 'remainder')
 
 
 def run_case(case: BankCase, limits: Limits) -> dict[str, Any]:

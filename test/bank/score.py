@@ -145,9 +145,15 @@ def stated(line: Line) -> dict[str, float]:
     """
     Return the probability that the answer gives to each name of being a cause.
 
-    Where it gives none to its look-alikes, they share what the cause leaves.
+    From its probabilities of sets of causes; an answer without them states those of its causes,
+    whose look-alikes share what they leave.
     """
     found: dict[str, float] = {}
+    for some in line.get('sets', []):
+        for name in {_identifier(label) for label in some['causes']}:
+            found[name] = found.get(name, 0.0) + some['probability']
+    if line.get('sets'):
+        return found
     for cause in line.get('causes', []):
         alike = {_identifier(label) for label in cause['look_alikes']} - {cause['name']}
         for name in alike:
