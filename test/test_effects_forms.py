@@ -107,6 +107,21 @@ def test_a_loose_share_swings_at_its_own_frequency(share: float) -> None:
     assert rigid @ total @ rigid == pytest.approx(share)
 
 
+def test_a_hub_swings_on_its_gear() -> None:
+    text = 'gear_compliance:joint_1:compliance_rad_per_n_m=0.01,sensor_behind_gear=1,hub_share=0.3'
+    extended = arm(text, robot=BARE)
+    swing = frequencies(extended.form, HELD, 0.0)[0]
+    assert swing == pytest.approx((0.01 * 0.3 * DRIVE.inertia)**-0.5, rel=1e-4)
+    # Far above that frequency the rotor alone is driven, far below it the whole joint.
+    for omega, share in ((1.0, 1.0), (1e4, 0.7)):
+        inertia = share * DRIVE.inertia * 1j * omega
+        rotor = response(extended, omega)[0, 0]
+        motor = response(arm(text.replace('gear=1', 'gear=0'), robot=BARE), omega)[0, 0]
+        expected = DRIVE.torque_gain / (1j * omega * (inertia + DRIVE.damping))
+        assert abs(motor / expected - 1.0) < 0.01
+        assert abs(rotor / motor) == pytest.approx(1.0 if share == 1.0 else 0.0, abs=0.01)
+
+
 def test_a_base_carries_the_arm_s_whole_mass_on_its_spring() -> None:
     """Stretched, all of the arm moves across the upper link; bent, the lower one's share."""
     form = arm('base_sliding:arm:compliance_m_per_n=1e-3,mass_kg=4').form
@@ -136,6 +151,7 @@ def test_late_gauges_are_those_of_the_site(text: str, site: str, rows: tuple[int
 @pytest.mark.parametrize('name, form, shape', [
     ('base_sliding', '', {}), ('loose_payload', 'half_loose', {'share': 0.5}),
     ('motor_lag', 'inside_loop', {'inside_loop': 1.0}), ('presliding_friction', '', {}),
+    ('gear_compliance', 'heavy_output', {'hub_share': 0.3}),
     ('backlash', 'soft_contact', {'hub_share': 0.05, 'contact_compliance_rad_per_n_m': 8.3e-4})])
 def test_effects_explain_another_simulator_s_forms(name: str, form: str,
                                                    shape: dict[str, float]) -> None:
