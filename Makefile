@@ -9,7 +9,7 @@ export OPENBLAS_NUM_THREADS := 1
 # The ROS wheels re-execute Python once; the guard of another environment would stop that.
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-.PHONY: help demo test lint bank bench figures lock sbom clean
+.PHONY: help demo test lint bank attack bench figures lock sbom clean
 .DEFAULT_GOAL := help
 
 help:  ## list the targets
@@ -26,6 +26,10 @@ lint: .venv/.$(DISTRO)-test  ## style and types alone
 
 bank: .venv/.$(DISTRO)-bench  ## the bank of hidden effects from two simulators (docs/bank.md)
 	$(BIN)/python test/run_bank.py
+
+attack: .venv/.$(DISTRO)-test  ## mutated logs, bags and robot files by the thousand
+	@set -e; for plan in 'csv 10000' 'bag 5000' 'robot 5000'; do \
+	  PYTHONPATH=test $(BIN)/python -m attack.run $$plan --seed 1; done
 
 bench: .venv/.$(DISTRO)-bench  ## every benchmark script
 	@set -e; for script in benchmarks/*.py; do echo "== $$script"; $(BIN)/python $$script; done

@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from flex_payload_estimator.estimators.factory import make_estimator
+from flex_payload_estimator.tools.estimate import estimate
 from flex_plant_sim.arm.robot_file import load_robot
+from flex_plant_sim.logs.bag_log import write_bag
+from flex_plant_sim.logs.csv_log import write_csv
+from flex_plant_sim.logs.log import Log
+from flex_plant_sim.logs.origin import Origin
 from flex_plant_sim.logs.read import read_log
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.simulator import simulate, Simulator
 from msg_config.errors import InputError
 import numpy as np
 import pytest
@@ -15,6 +24,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 
 ROBOT = load_robot('reference')
+FAST = replace(ROBOT, sample_time=0.005)
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 
@@ -54,7 +64,7 @@ def states(count: int) -> list[tuple[str, int, Any]]:
 
 
 def strains(count: int) -> list[tuple[str, int, Any]]:
-    return [('/arm/strain', t + 9, joint_state(t, GAUGES, [k / 1e3, 1e-4, 2e-4, 3e-4]))
+    return [('/arm/strain', t + 9, joint_state(t, GAUGES, [k / 1e4, 1e-4, 2e-4, 3e-4]))
             for k, t in enumerate(ticks(count))]
 
 
@@ -70,7 +80,7 @@ def test_topics_are_aligned_by_stamp_not_by_arrival(tmp_path: Path) -> None:
     log = read_log(bag, ROBOT)
     np.testing.assert_allclose(log.time, [0.0, 0.01, 0.02, 0.03], atol=1e-12)
     np.testing.assert_allclose(log.joint[:, 0], [0.1, 0.2, 0.3, 0.4])
-    np.testing.assert_allclose(log.strain[:, 0], [1e-3, 2e-3, 3e-3, 4e-3])
+    np.testing.assert_allclose(log.strain[:, 0], [1e-4, 2e-4, 3e-4, 4e-4])
     np.testing.assert_array_equal(log.command[:, 0], [10, 20, 30, 40])
 
 
@@ -78,7 +88,7 @@ def test_names_in_a_message_say_which_value_is_whose(tmp_path: Path) -> None:
     turned = [(topic, arrival, joint_state(t, GAUGES[::-1], list(message.position[::-1])))
               for t, (topic, arrival, message) in zip(ticks(4), strains(4))]
     log = read_log(record(tmp_path / 'bag', [*states(4), *turned, *commands(4)]), ROBOT)
-    np.testing.assert_array_equal(log.strain[2], [2e-3, 1e-4, 2e-4, 3e-4])
+    np.testing.assert_array_equal(log.strain[2], [2e-4, 1e-4, 2e-4, 3e-4])
 
 
 def test_a_late_command_acts_from_its_stamp_on(tmp_path: Path) -> None:
@@ -126,3 +136,84 @@ def test_a_fault_in_a_bag_is_named_in_one_line(
         read_log(bag, ROBOT)
     assert str(error.value).startswith(f'{bag}: {message}')
     assert '\n' not in str(error.value)
+
+
+def disturbed(seed: int) -> list[tuple[str, int, Any]]:
+    """Return 4 s at 200 Hz as a robot sends them: other names and order, jitter, losses, lag."""
+    rng, messages = np.random.default_rng(seed), []
+    for k, (output, applied) in enumerate(zip(*moving_arm())):
+        tick = START + 5_000_000 * k
+        stamps = [tick + int(rng.uniform(-2e5, 2e5)), tick + 300_000 + int(rng.uniform(-2e5, 2e5))]
+        parts = [('/r/joint_states', joint_state(stamps[0], ['elbow', 'gripper', 'shoulder'],
+                                                 [output[1], 0.3, output[0]],
+                                                 [applied[1], 9.0, applied[0]])),
+                 ('/r/strain', joint_state(stamps[1], GAUGES[::-1], list(output[:1:-1])))]
+        messages += [(topic, stamp, message) for (topic, message), stamp in zip(parts, stamps)
+                     if rng.random() > 0.01]
+    return messages
+
+
+def moving_arm() -> tuple[np.ndarray, np.ndarray]:
+    """Return measurements and the commands applied before them, with a payload of 0.25 kg."""
+    time = 0.005 * np.arange(800.0)
+    command = np.stack([np.sign(np.sin(3.0 * time)), np.sin(8.0 * time)], axis=1)
+    arm = ExtendedArm(FAST, 'assumed_modes', 2, 0.25)
+    output, _ = simulate(Simulator(arm), command)
+    std = np.repeat([FAST.angle_noise, FAST.strain_noise], [2, 4])
+    noise = std * np.random.default_rng(8).standard_normal(output.shape)
+    return output + noise, np.vstack([np.zeros(2), command[:-1]])
+
+
+def test_a_realistic_bag_tells_the_payload_of_the_ideal_one(tmp_path: Path) -> None:
+    """Jitter 200 us, 1 % lost, strain 0.3 ms late, a gripper, other names in another order."""
+    output, applied = moving_arm()
+    ideal = Log('ideal', 0.005 * np.arange(799.0), applied[1:], output[:-1, :2], output[:-1, 2:],
+                FAST.gauge_names)
+    found = read_log(record(tmp_path / 'bag', disturbed(3)), FAST)
+    assert 'samples lost' in found.notes[0] and 'jitter by up to' in found.notes[1]
+    assert not found.doubts and abs(len(found) - 799) <= 3
+    answers = [estimate(log, make_estimator('rpe', FAST, 'assumed_modes', 2))
+               for log in (ideal, found)]
+    mass, std = ([answer.row(-1)[k] for answer in answers] for k in (0, 1))
+    assert abs(mass[1] - mass[0]) < std[0]
+
+
+def test_strain_at_half_rate_or_that_ends_early_is_said_and_doubted(tmp_path: Path) -> None:
+    half = read_log(record(tmp_path / 'half', [*states(18), *strains(18)[::2]]), ROBOT)
+    assert half.doubts[0] == 'strain comes every 20 ms, joint_states every 10 ms: used every ' \
+                             '2th of these, commands averaged'
+    np.testing.assert_allclose(half.command[:3, 0], [5.0, 25.0, 45.0])
+    early = read_log(record(tmp_path / 'early', [*states(20), *strains(12)]), ROBOT)
+    assert len(early) == 12 and early.doubts[0] == \
+        'joint_states lasts 0.19 s, strain shares 0.11 s of it: used those'
+
+
+def test_effort_as_applied_is_preferred_and_said(tmp_path: Path) -> None:
+    other = [(topic, at, joint_state(at - 30, JOINTS, [], [7.0, 1.0]))
+             for topic, at, _ in commands(6)]
+    log = read_log(record(tmp_path / 'bag', [*states(6), *strains(6), *other]), ROBOT)
+    np.testing.assert_array_equal(log.command[:5, 0], [0, 10, 20, 30, 40])
+    assert log.notes == ('commands: as applied (effort of joint_states); in 5 of 5 samples the '
+                         'topic command says otherwise',)
+
+
+def test_names_are_read_in_every_message(tmp_path: Path) -> None:
+    turned = [(topic, at, joint_state(START + 10**7 * k, JOINTS[::-1] if k % 2 else JOINTS,
+                                      list(m.position[::-1] if k % 2 else m.position),
+                                      list(m.effort[::-1] if k % 2 else m.effort)))
+              for k, (topic, at, m) in enumerate(states(5))]
+    log = read_log(record(tmp_path / 'bag', [*turned, *strains(5)]), ROBOT)
+    np.testing.assert_allclose(log.joint[:, 0], [0.0, 0.1, 0.2, 0.3])
+    np.testing.assert_array_equal(log.command[:, 0], [0, 10, 20, 30])
+
+
+def test_a_bag_says_what_simulated_it(tmp_path: Path) -> None:
+    log = read_log(record(tmp_path / 'bag', [*states(5), *strains(5)]), ROBOT)
+    assert log.origin is None
+    origin = Origin('reference', 'paper_reduced', 2)
+    write_bag(tmp_path / 'told', replace(log, origin=origin))
+    write_csv(tmp_path / 'told.csv', replace(log, origin=origin))
+    for name in ('told', 'told.csv'):
+        assert read_log(tmp_path / name, ROBOT).origin == origin
+    assert origin.against('reference', 'paper_reduced', 2) == ''
+    assert '--model paper_reduced --modes 2' in origin.against('reference', 'assumed_modes', 3)

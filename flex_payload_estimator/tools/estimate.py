@@ -86,7 +86,8 @@ def estimate(log: Log, estimator: PayloadEstimator) -> Estimates:
     """
     Return what an estimator says over a log.
 
-    Row k's command is applied from then on, so the sample sees that of row k - 1.
+    A sample that was lost is no measurement: the estimator predicts across it. Row k's command
+    is applied from then on, so the sample sees that of row k - 1.
 
     Parameters
     ----------
@@ -99,7 +100,7 @@ def estimate(log: Log, estimator: PayloadEstimator) -> Estimates:
     estimator.reset()
     time = log.time - log.time[0]
     applied = np.vstack([np.zeros(2), log.command[:-1]])
-    answers = [estimator.update(float(t), y, u) for t, y, u in zip(time, log.output, applied)]
+    answers = [estimator.update(float(t), y, u) for t, y, u in zip(time, log.measured, applied)]
     return Estimates(log.source, time, np.array([a.mass for a in answers]),
                      np.array([a.variance for a in answers]), tuple(a.status for a in answers))
 

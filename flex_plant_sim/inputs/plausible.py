@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import combinations
 import math
 import re
 
@@ -17,8 +18,12 @@ UNITS = {'rad': {180.0 / math.pi: 'degrees'},
          'm/m': {1e6: 'µm/m (microstrain)', 1e3: 'mm/m', 1e2: 'percent'}}
 # A model that is off by its payload and its friction still gets the size within this factor.
 SIZE = 4.0
+# No part of an arm is off by as much.
+FAR = 10.0
 # Of increments, which forget drift and offsets.
 ALIKE = 0.5
+# Of the squared difference from the model that is left where two channels change places.
+BETTER = 0.5
 
 
 def time_unit(interval: float, expected: float) -> str | None:
@@ -64,7 +69,7 @@ def channel_hints(measured: Array, expected: Array, names: Sequence[str],
         Of the channels, m; units as in SI.
 
     """
-    found = []
+    found = list(_exchanged(np.diff(measured, axis=0), np.diff(expected, axis=0), names, units))
     for name, unit, own, model in zip(names, units, np.diff(measured, axis=0).T,
                                       np.diff(expected, axis=0).T):
         size, wanted = float(np.linalg.norm(own)), float(np.linalg.norm(model))
@@ -73,10 +78,22 @@ def channel_hints(measured: Array, expected: Array, names: Sequence[str],
         alike = float(own @ model) / (size * wanted)
         fits = [text for factor, text in UNITS[unit].items()
                 if 1.0 / SIZE < size / wanted / factor < SIZE]
-        if fits and abs(alike) > ALIKE:
+        if abs(alike) > ALIKE and (fits or not 1.0 / FAR < size / wanted < FAR):
             found.append(f'{name}: {size / wanted:.3g} times what the model expects: '
-                         f'is it in {fits[0]}?')
+                         + (f'is it in {fits[0]}?' if fits else 'is its scale right, or the '
+                            "command's?"))
         if alike < -ALIKE:
             found.append(f'{name}: moves against what the model expects (correlation '
                          f'{alike:.2f}): is its sign inverted?')
     return tuple(found)
+
+
+def _exchanged(measured: Array, expected: Array, names: Sequence[str], units: Sequence[str]
+               ) -> Iterator[str]:
+    def apart(i: int, j: int) -> float:
+        return float(np.sum((measured[:, i] - expected[:, j])**2))
+    for i, j in combinations(range(len(names)), 2):
+        if units[i] == units[j] and apart(i, j) + apart(j, i) \
+                < BETTER * (apart(i, i) + apart(j, j)):
+            also = ', or the commands' if units[i] == 'rad' else ''
+            yield f'{names[i]} and {names[j]} look exchanged{also}'

@@ -64,6 +64,13 @@ class Grid:
         return self.samples - len(self.place)
 
     @property
+    def missing(self) -> Array:
+        """Return 1 at the places that no sample has, else 0, (samples,)."""
+        found = np.ones(self.samples)
+        found[self.place] = 0.0
+        return found
+
+    @property
     def time(self) -> Array:
         """Return the time of every place, s, from zero."""
         return np.arange(float(self.samples)) * self.interval
@@ -145,7 +152,7 @@ def filled(grid: Grid, values: Array) -> Array:
     return found
 
 
-def held(grid: Grid, values: Array) -> Array:
-    """Return commands at every place, (samples, n): the last one is held where one was lost."""
-    last = np.searchsorted(grid.place, np.arange(grid.samples), side='right') - 1
-    return values[last]
+def bridged(grid: Grid, values: Array) -> Array:
+    """Return commands at every place, (samples, n): on a line where some were lost."""
+    places = np.arange(grid.samples)
+    return np.stack([np.interp(places, grid.place, column) for column in values.T], axis=1)

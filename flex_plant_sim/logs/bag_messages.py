@@ -9,6 +9,7 @@ from typing import Any
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.inputs.stamps import sane_stamp
+from flex_plant_sim.logs.bounded import bounded
 from msg_config import load_topics
 from msg_config.errors import InputError
 from msg_config.input_mapping import Channels, InputMapping
@@ -130,7 +131,7 @@ def read_messages(path: Path, mapping: InputMapping
                          'pip install rosbags') from None
     try:
         types = get_typestore(Stores.ROS2_JAZZY)
-        with AnyReader([path], default_typestore=types) as reader:
+        with bounded(), AnyReader([path], default_typestore=types) as reader:
             found, notes = _collected(path, reader, mapping)
     except InputError:
         raise

@@ -90,7 +90,7 @@ class Commands:
         Return the mean command from every place of a grid to the next, (samples, 2).
 
         What was applied up to a stamp acted since the stamp before. Where that is not known,
-        it is what was sent last before the middle, or else NaN at the ends and held inside.
+        it is what was sent last before the middle, or else NaN at the ends and a line inside.
 
         Parameters
         ----------
@@ -112,7 +112,7 @@ class Commands:
             for joint in (0, 1):
                 total = np.bincount(place[inside], self.applied[inside, joint], grid.samples)
                 found[count > 0, joint] = (total / np.maximum(count, 1))[count > 0]
-        return _held_inside(found)
+        return _filled_inside(found)
 
     def _sent_on(self, grid: Grid, start: int) -> Array:
         found = np.full((grid.samples, 2), np.nan)
@@ -124,10 +124,11 @@ class Commands:
         return found
 
 
-def _held_inside(values: Array) -> Array:
+def _filled_inside(values: Array) -> Array:
     known = np.flatnonzero(np.isfinite(values).all(axis=1))
     if not known.size:
         return values
     rows = np.arange(known[0], known[-1] + 1)
-    values[rows] = values[known[np.searchsorted(known, rows, side='right') - 1]]
+    for joint in (0, 1):
+        values[rows, joint] = np.interp(rows, known, values[known, joint])
     return values

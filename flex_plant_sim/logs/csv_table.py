@@ -105,7 +105,7 @@ def read_table(path: Path) -> Table:
     Return the table in a CSV file: UTF-8 or UTF-16, separated by comma, semicolon or tab.
 
     Between semicolons or tabs numbers may have decimal commas. Lines that start with # before
-    the header are comments; a last line that was cut off is left out.
+    the header are comments; a last line without its end may be cut, and is left out.
 
     Raises
     ------
@@ -126,9 +126,9 @@ def read_table(path: Path) -> Table:
     separator = max(SEPARATORS, key=lines[0][1].count)
     header = _header(path, lines[0][1], separator)
     data, notes = lines[1:], []
-    if len(data) > 1 and not text.endswith(('\n', '\r')) \
-            and data[-1][1].count(separator) < len(header) - 1:
-        notes.append(f'line {data[-1][0]}: cut off, left out')
+    if len(data) > 2 and not text.endswith(('\n', '\r')):
+        notes.append(f'line {data[-1][0]}: left out: its end is missing, and its last number may '
+                     'be cut')
         data = data[:-1]
     _check_exponents(path, text)
     notes += [] if separator == ',' else [f'columns separated by {separator!r}']

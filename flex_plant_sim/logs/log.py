@@ -36,6 +36,8 @@ class Log:
         Those of them for which the record is no evidence of the arm: it is not diagnosed.
     origin : Origin, optional
         The simulation that made it, where it says so.
+    lost : Array, optional
+        Which rows were lost and are interpolated, (N,), where any were.
 
     """
 
@@ -49,6 +51,7 @@ class Log:
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
     origin: Origin | None = None
+    lost: Array | None = None
 
     def __len__(self) -> int:
         """Return the number of rows."""
@@ -58,6 +61,14 @@ class Log:
     def output(self) -> Array:
         """Return y = (theta_1, theta_2, strain…), (N, 2 + G)."""
         return np.hstack([self.joint, self.strain])
+
+    @property
+    def measured(self) -> Array:
+        """Return the output with NaN in the rows that were lost, (N, 2 + G)."""
+        output = self.output
+        if self.lost is not None:
+            output[self.lost.astype(bool)] = np.nan
+        return output
 
     @property
     def output_names(self) -> tuple[str, ...]:
@@ -72,6 +83,7 @@ class Log:
     def part(self, start: int, stop: int) -> Log:
         """Return rows start to stop (exclusive)."""
         velocity = None if self.velocity is None else self.velocity[start:stop]
+        lost = None if self.lost is None else self.lost[start:stop]
         return replace(self, time=self.time[start:stop], command=self.command[start:stop],
                        joint=self.joint[start:stop], strain=self.strain[start:stop],
-                       velocity=velocity)
+                       velocity=velocity, lost=lost)

@@ -9,7 +9,8 @@ from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.inputs.gate import counted, Gate, judge_all, Refusal
 from flex_plant_sim.inputs.plausible import unit_hint
-from flex_plant_sim.inputs.resample import even_grid, filled, Grid, held, KEPT, LOST
+from flex_plant_sim.inputs.resample import bridged, even_grid, filled, Grid, KEPT, LOST
+from flex_plant_sim.inputs.spikes import spikes
 from flex_plant_sim.logs.log import Log
 from msg_config.errors import InputError
 import numpy as np
@@ -77,7 +78,7 @@ def to_log(rows: Rows, robot: Robot, commands: Callable[[Grid], Array] | None = 
         Its gate, gauges and sampling.
     commands : callable, optional
         The command at every place of the grid, (samples, 2), whose time is 0 at the first row
-        given; without it, that of the rows, held where one was lost.
+        given; without it, that of the rows.
 
     Raises
     ------
@@ -94,12 +95,13 @@ def to_log(rows: Rows, robot: Robot, commands: Callable[[Grid], Array] | None = 
     rows = _described(rows, grid).kept(slice(grid.first, grid.last))
     if grid.samples < 2:
         raise InputError(f'{rows.source}: expected at least 2 samples in a row, got 1')
+    rows = _with_spikes(rows, robot)
     shifted = replace(grid, start=grid.start - start)
     log = Log(rows.source, rows.time[0] + grid.time,
-              held(grid, rows.command) if commands is None else commands(shifted),
+              bridged(grid, rows.command) if commands is None else commands(shifted),
               filled(grid, rows.joint), filled(grid, rows.strain), robot.gauge_names,
               None if rows.velocity is None else filled(grid, rows.velocity),
-              rows.notes, rows.doubts)
+              rows.notes, rows.doubts, lost=grid.missing if grid.lost else None)
     return _sampled_otherwise(log, robot)
 
 
@@ -141,11 +143,22 @@ def _described(rows: Rows, grid: Grid) -> Rows:
                          kept < KEPT * count)
     if grid.lost:
         rows = rows.said(f'{grid.lost} of {grid.samples} samples lost: interpolated by a cubic, '
-                         'commands held')
+                         'commands by a line')
     if grid.jitter > EVEN * grid.interval:
         rows = rows.said(f'stamps jitter by up to {1e3 * grid.jitter:.3g} ms: taken as even, '
                          f'every {1e3 * grid.interval:.6g} ms')
     return rows
+
+
+def _with_spikes(rows: Rows, robot: Robot) -> Rows:
+    found = spikes(np.hstack([rows.joint, rows.strain]))
+    if not len(found):
+        return rows
+    k, column = (int(index) for index in found[0])
+    value = np.hstack([rows.joint, rows.strain])[k, column]
+    return rows.said(f'{len(found)} single samples stand out from their neighbours as no motion '
+                     f'does, the first at {rows.row(k)}: {robot.output_names[column]}: '
+                     f'{value:.6g}; kept as they are')
 
 
 def _sampled_otherwise(log: Log, robot: Robot) -> Log:

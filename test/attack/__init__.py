@@ -1,0 +1,1 @@
+"""Seeded attacks on what the tools read: mutated CSV logs, bags and robot files."""
