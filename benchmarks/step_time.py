@@ -28,7 +28,6 @@ from flex_payload_estimator.kalman.riccati import riccati_step
 from flex_payload_estimator.model.delta import DeltaOperator
 from flex_payload_estimator.model.payload_model import payload_model
 from flex_plant_sim.arm.robot_file import load_robot
-from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import COMPILED
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.simulator import Noise, Simulator
@@ -93,19 +92,15 @@ def part_steps(name: str, modes: int) -> Steps:
     robot = load_robot('reference')
     estimator, model = SF1Estimator(robot, name, modes), payload_model(robot, name, modes)
     x, u, cosine = 1e-2 * np.ones(model.states), np.array([0.1, 0.2]), math.cos(0.5)
-    operator = DeltaOperator(model.states, STEP, 15, model.halvings)
-    a, rates = model.rates(cosine, 0.1, x, u, 'resolvent')
     output, command = np.full(len(model.scale), 1e-3), np.zeros(2)
-    estimator.update(0.0, output, command)
-
-    def predict() -> Array:
-        return estimator.kalman.predict(x, a, rates, operator.room, output)
-
-    prediction = predict()
+    for _ in range(2):
+        estimator.update(0.0, output, command)
+    track = estimator.track
+    assert track is not None
     return {'filterpy': filterpy_step(),
-            'model': lambda: model.rates(cosine, 0.1, x, u, 'resolvent'),
-            'predictor': predict,
-            'regression': lambda: estimator.regress(0.0, output, prediction),
+            'model': lambda: model.rates(cosine, 0.1, 0.11, x, u, 'resolvent'),
+            'model and predictor': lambda: estimator.predict(track),
+            'update': lambda: estimator.update(0.0, output, command),
             'lq_gain': lq_step(modes)}
 
 

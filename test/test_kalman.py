@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 import math
 
 from flex_payload_estimator.kalman.predictor import KalmanPredictor
@@ -14,8 +15,8 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
-STEP = 0.01
-MODEL = payload_model(load_robot('reference'), 'paper_reduced', 2)
+STEP, ROBOT = 0.01, load_robot('reference')
+MODEL = payload_model(ROBOT, 'paper_reduced', 2)
 R_1, R_2 = 1e-4 * np.eye(10), 1e-4 * np.eye(6)
 
 
@@ -52,17 +53,27 @@ def test_the_iteration_settles_at_scipy_s_solution() -> None:
                                atol=1e-8 * np.abs(expected).max())
 
 
-def test_the_controller_s_iteration_settles_at_scipy_s_solution() -> None:
-    a_bar, b_bar = delta()
-    q_1 = MODEL.output[:2].T @ MODEL.output[:2] + np.outer(MODEL.end_point, MODEL.end_point)
+@pytest.mark.parametrize('step', [1e-5, 1e-4, 1e-3, 1e-2, 0.1])
+def test_the_controller_s_settled_gain_is_scipy_s(step: float) -> None:
+    model = payload_model(replace(ROBOT, sample_time=step))
+    a_bar, b_bar = delta_model(*model.matrices(1.0, 0.1), step, halvings=model.halvings)
+    q_1 = model.output[:2].T @ model.output[:2] + np.outer(model.end_point, model.end_point)
     q_2 = 0.005 * np.eye(2)
-    gain, cost = settled(a_bar, b_bar, q_1, q_2, STEP)
-    f, g = np.eye(10) + STEP * a_bar, STEP * b_bar
-    expected = solve_discrete_are(f, g, q_1, q_2)
-    np.testing.assert_allclose(cost / STEP, expected, rtol=0, atol=1e-7 * np.abs(expected).max())
-    np.testing.assert_allclose(
-        gain, np.linalg.solve(q_2 + g.T @ expected @ g, g.T @ expected @ f), rtol=0,
-        atol=1e-6 * np.abs(gain).max())
+    gain, cost = settled(a_bar, b_bar, q_1, q_2, step)
+    f, g = np.eye(10) + step * a_bar, step * b_bar
+    expected = solve_discrete_are(f, g, step * q_1, step * q_2)
+    # scipy forms I + T A and loses what T costs.
+    digits = 1e-13 / step
+    np.testing.assert_allclose(cost, expected, rtol=0, atol=digits * np.abs(expected).max())
+    np.testing.assert_allclose(gain, np.linalg.solve(
+        step * q_2 + g.T @ expected @ g, g.T @ expected @ f), rtol=0,
+        atol=digits * np.abs(gain).max())
+
+
+def test_what_never_settles_is_said() -> None:
+    """A growing mode out of the controls' reach."""
+    with pytest.raises(FloatingPointError, match='does not settle'):
+        settled(np.diag([-1.0, 1.0]), np.array([[1.0], [0.0]]), np.eye(2), np.eye(1), STEP)
 
 
 def test_the_covariance_is_that_of_simulated_errors() -> None:

@@ -115,12 +115,24 @@ def test_rates_are_the_split_applied(name: str, kind: SplitKind) -> None:
     model, random = payload_model(ROBOT, name, 2), np.random.default_rng(0)
     x, u = random.standard_normal(model.states), random.standard_normal(2)
     split = model.split(COSINE, MASS, kind)
-    a, columns = model.rates(COSINE, MASS, x, u, kind)
+    a, a_m, rows = model.rates(COSINE, MASS, MASS, x, u, kind)
     expected = [split.a @ x + split.b @ u, split.a_m @ x + split.b_m @ u,
                 split.a_slope @ x + split.b_slope @ u]
     np.testing.assert_allclose(a, split.a, rtol=0, atol=1e-12 * np.abs(split.a).max())
-    for column, wanted in zip(columns.T, expected):
-        np.testing.assert_allclose(column, wanted, rtol=0, atol=1e-11 * np.abs(wanted).max())
+    np.testing.assert_allclose(a_m, split.a_m, rtol=0, atol=1e-11 * np.abs(split.a_m).max())
+    for row, wanted in zip(rows, expected):
+        np.testing.assert_allclose(row, wanted, rtol=0, atol=1e-11 * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize('name', ['paper_reduced', 'paper', 'assumed_modes'])
+@pytest.mark.parametrize('other', [0.01, 1.3])
+def test_the_secant_is_the_difference_of_two_payloads(name: str, other: float) -> None:
+    model, random = payload_model(ROBOT, name, 2), np.random.default_rng(1)
+    x, u = random.standard_normal(model.states), random.standard_normal(2)
+    rows = model.rates(COSINE, MASS, other, x, u, 'resolvent')[2]
+    (a, b), (beyond_a, beyond_b) = (model.matrices(COSINE, m) for m in (MASS, other))
+    wanted = ((beyond_a - a) @ x + (beyond_b - b) @ u) / (other - MASS)
+    np.testing.assert_allclose(rows[2], wanted, rtol=0, atol=1e-10 * np.abs(wanted).max())
 
 
 def test_bad_kinds_and_models_are_refused() -> None:
@@ -129,6 +141,6 @@ def test_bad_kinds_and_models_are_refused() -> None:
     with pytest.raises(InputError, match='paper_reduced'):
         payload_model(ROBOT, 'assumed_modes').split(1.0, 0.1, 'paper')
     with pytest.raises(InputError, match='paper_reduced'):
-        payload_model(ROBOT, 'paper', 1).rates(1.0, 0.1, np.zeros(8), np.zeros(2), 'paper')
+        payload_model(ROBOT, 'paper', 1).rates(1.0, 0.1, 0.1, np.zeros(8), np.zeros(2), 'paper')
     with pytest.raises(InputError, match='model: expected one of paper_reduced'):
         payload_model(ROBOT, 'beam')

@@ -9,9 +9,9 @@ from typing import Any
 from flex_payload_estimator.estimators.base import PayloadEstimator
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
 from flex_payload_estimator.estimators.rpe.settings import RpeSettings
-from flex_payload_estimator.estimators.sf1.estimator import (
+from flex_payload_estimator.estimators.sf1.estimator import SF1Estimator
+from flex_payload_estimator.estimators.sf1.settings import (
     PAPER_SETTINGS,
-    SF1Estimator,
     SF1EstimatorSettings,
 )
 from flex_plant_sim.arm.robot import Robot

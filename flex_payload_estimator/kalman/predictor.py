@@ -2,56 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from flex_payload_estimator.kalman.riccati import lyapunov_step, riccati_step
-from flex_payload_estimator.model.delta import series
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.compiled import compiled
 import numpy as np
 
 INITIAL_VARIANCE = 1e-2
-
-
-@compiled
-def predicted(state: Array, a: Array, rates: Array, room: tuple[Any, ...], measured: Array,
-              columns: Array, process: Array, measurement: Array, covariance: Array, step: float
-              ) -> tuple[Array, Array]:
-    """
-    Return (25) and P one sample on: Omega of (19), the gain of (23) and what they do.
-
-    Parameters
-    ----------
-    state : Array
-        x, (n,).
-    a, rates : Array
-        A (n, n), and the columns A x + B u, A^m x + B^m u, A' x + B' u, (n, 3).
-    room : tuple
-        See DeltaOperator.
-    measured : Array
-        y of x, (m,), or (0,) where there is none.
-    columns, process, measurement, covariance : Array
-        C-bar' (n, m), R_1 / T (n, n), T R_2 (m, m) and P (n, n).
-    step : float
-        T, s.
-
-    Returns
-    -------
-    tuple of Array
-        The state, and its part and slope per kg as rows, (3, n); P, (n, n).
-
-    """
-    big = series(a, *room)
-    a_bar = np.dot(big, a)
-    found = step * np.dot(rates.T, big.T)
-    found[0] += state
-    if measured.size > 0:
-        gain, covariance, _ = riccati_step(a_bar.T, columns, process, measurement, covariance,
-                                           step)
-        found[0] += step * np.dot(measured - np.dot(state, columns), gain)
-    else:
-        covariance = lyapunov_step(a_bar.T, process, covariance, step)
-    return found, covariance
 
 
 class KalmanPredictor:
@@ -101,14 +56,6 @@ class KalmanPredictor:
         gain, self.covariance, _ = riccati_step(
             a_bar.T, self._columns, self._process, self._measurement, self.covariance, self.step)
         return gain.T
-
-    def predict(self, state: Array, a: Array, rates: Array, room: tuple[Any, ...],
-                measured: Array) -> Array:
-        """Return state, part and slope of (25), (3, n), and move P one sample on."""
-        found, self.covariance = predicted(
-            state, a, rates, room, measured, self._columns, self._process, self._measurement,
-            self.covariance, self.step)
-        return found
 
     def skip(self, a_bar: Array) -> None:
         """Move P one sample on without a measurement."""

@@ -63,12 +63,13 @@ class PayloadModel(Protocol):
     def split(self, cosine: float, mass: float, kind: SplitKind) -> Split:
         """Return A, B and the split at cos(theta_2) and m_p, kg."""
 
-    def rates(self, cosine: float, mass: float, state: Array, command: Array,
-              kind: SplitKind) -> tuple[Array, Array]:
+    def rates(self, cosine: float, mass: float, other: float, state: Array, command: Array,
+              kind: SplitKind) -> tuple[Array, Array, Array]:
         """
-        Return A (n, n), and the columns A x + B u, A^m x + B^m u, A' x + B' u; (n, 3).
+        Return A and A^m (n, n), and the rows A x + B u, A^m x + B^m u, A' x + B' u; (3, n).
 
-        A' = dA/dm_p, B' = dB/dm_p. The same as from `split`, by vectors instead of matrices.
+        A' = (A(other) - A(mass)) / (other - mass), B' likewise: the secant from one payload to
+        another, kg; where they are one, the derivative.
         """
 
 
@@ -133,12 +134,12 @@ class ReducedModel:
         """Return A, B and the split at cos(theta_2) and m_p, kg."""
         return split_compact(self._terms(cosine), mass, kind)
 
-    def rates(self, cosine: float, mass: float, state: Array, command: Array,
-              kind: SplitKind) -> tuple[Array, Array]:
-        """Return A and the columns A x + B u, A^m x + B^m u, A' x + B' u."""
+    def rates(self, cosine: float, mass: float, other: float, state: Array, command: Array,
+              kind: SplitKind) -> tuple[Array, Array, Array]:
+        """Return A, A^m and the rows A x + B u, A^m x + B^m u, A' x + B' u."""
         check_kind(kind)
-        return rates_at(float(cosine), self._table, *self._fixed, float(mass), state, command,
-                        kind == 'paper', kind == 'resolvent')
+        return rates_at(float(cosine), self._table, *self._fixed, float(mass), float(other),
+                        state, command, kind == 'paper', kind == 'resolvent')
 
 
 class SecondOrderModel:
@@ -174,10 +175,10 @@ class SecondOrderModel:
         """Return A, B and the split at cos(theta_2) and m_p, kg."""
         return split_second_order(*self._terms(cosine), mass, kind)
 
-    def rates(self, cosine: float, mass: float, state: Array, command: Array,
-              kind: SplitKind) -> tuple[Array, Array]:
-        """Return A and the columns A x + B u, A^m x + B^m u, A' x + B' u."""
-        return second_order_rates(*self._terms(cosine), mass, state, command, kind)
+    def rates(self, cosine: float, mass: float, other: float, state: Array, command: Array,
+              kind: SplitKind) -> tuple[Array, Array, Array]:
+        """Return A, A^m and the rows A x + B u, A^m x + B^m u, A' x + B' u."""
+        return second_order_rates(*self._terms(cosine), mass, other, state, command, kind)
 
 
 def end_point_row(rows: KinematicRows) -> Array:

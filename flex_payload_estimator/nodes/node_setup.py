@@ -9,7 +9,7 @@ from flex_payload_estimator.control.lqg import LQGController, LQGSettings
 from flex_payload_estimator.control.set_points import SetPoints, square
 from flex_payload_estimator.estimators.base import PayloadEstimator
 from flex_payload_estimator.estimators.factory import make_estimator
-from flex_payload_estimator.estimators.sf1.adaptation import SF1Settings
+from flex_payload_estimator.estimators.sf1.settings import SF1Settings
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.effects import effects_of
 from flex_plant_sim.simulation.plant_setup import robot_of

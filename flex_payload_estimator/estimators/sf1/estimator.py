@@ -2,72 +2,39 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 import math
-from typing import Any, Literal
 
 from flex_payload_estimator.estimators.base import Estimate
-from flex_payload_estimator.estimators.sf1.adaptation import bounded, SF1Settings, SF1State
+from flex_payload_estimator.estimators.sf1.joint import at_start, moved, Track
 from flex_payload_estimator.estimators.sf1.regression import (
-    compared,
+    Adapted,
     CompositeMeasurement,
-    regressed,
+    Law,
+    MEMORY,
+    sampled,
+    SIGNIFICANT,
 )
-from flex_payload_estimator.kalman.predictor import KalmanPredictor
-from flex_payload_estimator.model.delta import DeltaOperator
+from flex_payload_estimator.estimators.sf1.settings import (
+    DEFAULT_SETTINGS,
+    Pace,
+    PAPER_STEP,
+    SF1EstimatorSettings,
+)
+from flex_payload_estimator.kalman.predictor import INITIAL_VARIANCE
+from flex_payload_estimator.kalman.riccati import settled
+from flex_payload_estimator.model.delta import delta_model, DeltaOperator, halvings_for
 from flex_payload_estimator.model.payload_model import payload_model
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from msg_config.errors import InputError
 import numpy as np
 
-Regression = Literal['paper', 'resolvent']
-# s; how far back noise, excitation and surprise are averaged.
-MEMORY = 1.0
-# What the last second alone must tell: ten times less variance than was assumed at the start.
-EXCITED = 9.0
-SUSPECT = 9.0
-SETTLING = 200
-PRIOR_SAMPLES = 2.0
-
-
-@dataclass(frozen=True)
-class SF1EstimatorSettings:
-    """
-    What (30) gives, and the choices beside it.
-
-    Attributes
-    ----------
-    regression : str
-        'paper': split (15), (16), psi and phi as printed, the state carried on by (23).
-        'resolvent': resolvent split, psi and phi divided by the standard deviation of the
-        composite innovation over its settled value (so that the constants keep their scale),
-        the state carried on by (24).
-    r_1, r_2 : float
-        R_1 = r_1 I, R_2 = r_2 I of the predictor, angles in rad, gauges in V.
-    terms : int
-        n' of (19).
-    exact : bool
-        Halve the step where n' terms do not reach full accuracy.
-    mass_max : float
-        The estimate stays in [0, mass_max], kg.
-    sf1 : SF1Settings
-
-    """
-
-    regression: Regression = 'resolvent'
-    r_1: float = 1e-4
-    r_2: float = 1e-4
-    terms: int = 15
-    exact: bool = True
-    mass_max: float = 2.0
-    sf1: SF1Settings = field(default_factory=SF1Settings)
-
-    def __post_init__(self) -> None:
-        """Validate."""
-        if self.regression not in ('paper', 'resolvent'):
-            raise InputError('regression: expected paper or resolvent, got '
-                             f'{self.regression!r}')
+# Innovations of twice the stated standard deviation: with as much noise SIGNIFICANT means little.
+SUSPECT = SIGNIFICANT
+# Of a Gaussian, in standard deviations.
+MEAN_DEVIATION = math.sqrt(2.0 / math.pi)
+NO_SAMPLE: Array = np.zeros(0)
 
 
 def is_finite(values: Array) -> bool:
@@ -75,15 +42,12 @@ def is_finite(values: Array) -> bool:
     return all(map(math.isfinite, values.tolist()))
 
 
-PAPER_SETTINGS = SF1EstimatorSettings(regression='paper', exact=False)
-
-
 class SF1Estimator:
     """
     SF1 on a delta model (section 4.1).
 
     It regresses on one composite measurement and one step, so that it needs as many gauges on a
-    link as modes: with more modes the gauges cannot tell theta_2e, and it may settle elsewhere.
+    link as modes: with more modes the gauges cannot tell theta_2e, and it would settle elsewhere.
 
     Parameters
     ----------
@@ -95,59 +59,72 @@ class SF1Estimator:
         Modes a link.
     settings : SF1EstimatorSettings
 
+    Raises
+    ------
+    InputError
+        More modes than gauges on a link, or a model that the regression cannot use.
+
     """
 
     def __init__(self, robot: Robot, model: str = 'paper_reduced', modes: int = 2,
-                 settings: SF1EstimatorSettings = SF1EstimatorSettings()):
-        if settings.regression == 'paper' and model != 'paper_reduced':
-            raise InputError(f'regression: paper needs model paper_reduced, got {model!r}')
+                 settings: SF1EstimatorSettings = DEFAULT_SETTINGS):
+        check_usable(robot, model, modes, settings)
         self.robot, self.settings, self.step = robot, settings, robot.sample_time
         self.model = payload_model(robot, model, modes)
+        self.pace = Pace.of(self.step, settings.regression)
         self.halvings = self.model.halvings if settings.exact else 0
         self.composite = CompositeMeasurement.end_point(self.model)
-        n, m = self.model.states, len(self.model.output)
-        self._composite_noise = settings.r_2 * float(self.composite.weights
-                                                     @ self.composite.weights)
-        self.kalman = KalmanPredictor(self.model.output, settings.r_1 * np.eye(n),
-                                      settings.r_2 * np.eye(m), self.step)
-        self._omega = DeltaOperator(n, self.step, settings.terms, self.halvings)
+        self._resolvent = settings.regression == 'resolvent'
         self._columns = np.ascontiguousarray(self.model.output.T)
-        self._sample_noise = np.full(m, settings.r_2)
-        self._constants = (settings.sf1.alpha_0, settings.sf1.alpha_1,
-                           settings.sf1.drift * self.step, settings.mass_max)
-        self._reference = self._settled_noise()
+        self._room = DeltaOperator(self.model.states, self.step, settings.terms,
+                                   self.halvings).room
+        sensors = np.full(len(self.model.scale), robot.strain_noise)
+        sensors[:2] = robot.angle_noise
+        self._sensors = np.square(self.model.scale * sensors)
+        self._tune()
         self.reset()
-        for _ in range(2):
+        for _ in range(3 * self.pace.samples):
             # Compile what is compiled, so that no sample waits for it.
-            self.update(0.0, np.zeros(m), np.zeros(2))
+            self.update(0.0, np.zeros(len(self.model.scale)), np.zeros(2))
         self.reset()
+
+    def _tune(self) -> None:
+        """Turn the constants of (30) into those of this sampling interval."""
+        given, share = self.settings, self.pace.share
+        density = given.r_1 * share / (self.pace.samples * self.step)
+        self._process = density * np.eye(self.model.states)
+        measurement = given.r_2 / share * np.eye(len(self.model.scale))
+        self._measurement = self.step * measurement
+        weights, pace = self.composite.weights, self.pace.samples * self.step
+        self._law = Law(weights, np.append(self.composite.row, 0.0),
+                        np.vstack([self._columns, np.zeros(len(weights))]), self._sensors,
+                        self.model.scale, given.r_2 / share * float(weights @ weights),
+                        self._settled_noise(), given.sf1.alpha_0 * share, given.sf1.alpha_1,
+                        given.mass_max, min(1.0, pace / MEMORY), self._resolvent)
 
     def _settled_noise(self) -> float:
-        """Return the variance to which the composite innovation settles, straight, unloaded."""
-        a, _ = self.model.matrices(1.0, 0.0)
-        a_bar = self._omega(a).dot(a)
-        for _ in range(SETTLING):
-            self.kalman.update(a_bar)
-        return self._innovation_variance()
-
-    def _innovation_variance(self) -> float:
-        """Return the variance of y' - C-bar' x that the predictor expects, rad^2."""
-        row = self.composite.row
-        return float(row.dot(self.kalman.covariance.dot(row))) + self._composite_noise
+        """Return the composite innovation's variance that (30) settles to, straight, unloaded."""
+        if not self._resolvent:
+            return 1.0
+        a, b = self.model.matrices(1.0, 0.0)
+        radius = float(np.max(np.abs(np.linalg.eigvals(a))))
+        a_bar, _ = delta_model(a, b, PAPER_STEP, halvings=halvings_for(radius, PAPER_STEP))
+        r_1, r_2 = self.settings.r_1, self.settings.r_2
+        _, p = settled(a_bar.T, self._columns, r_1 / PAPER_STEP * np.eye(len(a)),
+                       r_2 * PAPER_STEP * np.eye(len(self.model.scale)), PAPER_STEP)
+        row, weights = self.composite.row, self.composite.weights
+        return float(row @ p @ row + r_2 * weights @ weights)
 
     def reset(self) -> None:
         """Forget everything."""
-        self.kalman.reset()
-        self.state = np.zeros(self.model.states)
-        self.sf1 = SF1State.start(self.settings.sf1)
-        self._output = np.zeros(0)
-        self._angle, self._started = 0.0, False
-        self._command = np.zeros(2)
-        self._ahead: tuple[Array, Array, Array] | None = None
-        self._information, self._surprise, self._samples = 0.0, 1.0, PRIOR_SAMPLES
-        self._noise = self._reference
-        scale = self.model.scale
-        self._last = self._estimate(0.0, np.stack([0.0 * scale, 1.0 / scale]), 'not_excited')
+        given = self.settings.sf1
+        self.known = Adapted(given.mass_0, given.p_0, given.variance_0, 1.0)
+        self.track: Track | None = None
+        self._measured, self._command, self._angle = NO_SAMPLE, np.zeros(2), 0.0
+        self._ahead: tuple[Array, Track] | None = None
+        self._since, self._level = 0, 1.0
+        nothing = np.stack([0.0 * self.model.scale, 1.0 / self.model.scale])
+        self._last = self._estimate(0.0, nothing, 'not_excited')
 
     def update(self, time: float, output: Array, command: Array) -> Estimate:
         """
@@ -179,24 +156,28 @@ class SF1Estimator:
         good = sent and is_finite(scaled)
         if sent:
             self._command = command
-        if not self._started:
-            return self._begin(time, scaled) if good else self._reject(time)
-        prediction = self._predict()
+        track = self.predict(self.track) if self.track is not None else None
         if not good:
-            self.state, self._output = prediction[0], np.zeros(0)
-            return self._reject(time)
-        return self.regress(time, scaled, prediction)
+            return self._reject(time, track)
+        if track is None:
+            return self._begin(time, scaled)
+        due = self._since + 1 >= self.pace.samples
+        after, known, reading, surprise = sampled(track, scaled, due, self.known, self._law)
+        if not math.isfinite(surprise + known.mass + known.p + known.variance):
+            return self._begin(time, scaled, 'model_suspect')
+        self._level += min(1.0, self.step / MEMORY) * (surprise - self._level)
+        self.track, self.known, self._angle = after, known, float(scaled[1])
+        self._measured, self._since = (scaled, 0) if due else (NO_SAMPLE, self._since + 1)
+        return self._say(time, reading)
 
-    def _begin(self, time: float, scaled: Array) -> Estimate:
-        self.state[:2] = scaled[:2]
-        self._started = True
-        prediction = np.stack([self.state, 0.0 * self.state, 0.0 * self.state])
-        return self._finish(time, scaled, *self._compared(prediction, scaled)[4:])
-
-    def _compared(self, prediction: Array, scaled: Array) -> tuple[Any, ...]:
-        return compared(prediction, scaled, self.sf1.mass, self.composite.weights,
-                        self.composite.row, self._columns, self.kalman.covariance,
-                        self._sample_noise, self.model.scale)
+    def _begin(self, time: float, scaled: Array, status: str = 'not_excited') -> Estimate:
+        """Start the state at a sample; the payload stays what it was."""
+        start = INITIAL_VARIANCE * np.eye(self.model.states)
+        self.track = at_start(scaled, self._sensors, start, self.known.variance)
+        self._angle, self._measured, self._since = float(scaled[1]), scaled, 0
+        reading = sampled(self.track, scaled, False, self.known, self._law)[2]
+        self._last = self._estimate(time, reading, status)
+        return self._last
 
     def prepare(self, command: Array) -> None:
         """
@@ -210,50 +191,69 @@ class SF1Estimator:
 
         """
         command = np.array(command, dtype=float)
-        if self._started and self._ahead is None and is_finite(command):
+        if self.track is not None and self._ahead is None and is_finite(command):
             self._command = command
-            before = self.kalman.covariance
-            self._ahead = self._command, self._predict(), before
+            self._ahead = command, self.predict(self.track)
 
-    def _predict(self) -> Array:
-        """Return (25) as rows, see `compared`, with P moved on."""
+    def predict(self, track: Track) -> Track:
+        """Return the track at the next sample."""
         if self._ahead is not None:
-            command, prediction, before = self._ahead
+            command, ahead = self._ahead
             self._ahead = None
             if command.tolist() == self._command.tolist():
-                return prediction
-            self.kalman.covariance = before
-        a, rates = self.model.rates(math.cos(self._angle), self.sf1.mass, self.state,
-                                    self._command, self.settings.regression)
-        return self.kalman.predict(self.state, a, rates, self._omega.room, self._output)
+                return ahead
+        # V is carried on by the secant to where the payload may be: a heavier one shows less.
+        mass = self.known.mass
+        heavier = mass + MEAN_DEVIATION * math.sqrt(self.known.variance)
+        a, a_m, rates = self.model.rates(math.cos(self._angle), mass, heavier, track.state,
+                                         self._command, self.settings.regression)
+        try:
+            return moved(track, self._since == 0, a, a_m, rates, self._measured, self._columns,
+                         self._process, self._measurement, self._sensors, self._room, self.step)
+        except FloatingPointError:
+            # n' terms may not hold A T: the state then starts again at the sample.
+            return track._replace(state=np.full(len(a), math.nan))
 
-    def regress(self, time: float, scaled: Array, prediction: Array) -> Estimate:
-        """Regress (28), (29) on a prediction and carry the state on."""
-        self._samples = min(self._samples + 1.0, MEMORY / self.step)
-        self.state, mass, p, variance, self._noise, told, surprise, reading = regressed(
-            prediction, scaled, *self.sf1, self._noise, self._samples, self.composite.weights,
-            self.composite.row, self._columns, self.kalman.covariance, self._sample_noise,
-            self.model.scale, self._composite_noise, self._reference, self._constants,
-            self.settings.regression == 'resolvent')
-        self.sf1 = bounded(SF1State(mass, p, variance), 0.0, self.settings.mass_max)
-        self._information += told - self.step / MEMORY * self._information
-        return self._finish(time, scaled, surprise, reading)
-
-    def _finish(self, time: float, scaled: Array, surprise: float, reading: Array) -> Estimate:
-        self._output, self._angle = scaled, float(scaled[1])
-        self._surprise += min(1.0, self.step / MEMORY) * (surprise - self._surprise)
+    def _say(self, time: float, reading: Array) -> Estimate:
+        """Return the estimate with what is to be thought of it."""
         status = 'ok'
-        if self._surprise > SUSPECT:
+        if self._level > SUSPECT:
             status = 'model_suspect'
-        elif self._information * self.settings.sf1.variance_0 < EXCITED:
+        elif (self.known.excitation <= SIGNIFICANT
+              or self.known.variance > 0.5 * self.settings.sf1.variance_0):
+            # Noise explains all, or less is known than what was assumed at the start.
             status = 'not_excited'
         self._last = self._estimate(time, reading, status)
         return self._last
 
-    def _reject(self, time: float) -> Estimate:
+    def _reject(self, time: float, track: Track | None) -> Estimate:
+        """Run on without a sample; where that leads nowhere, start again at the next."""
+        lost = track is None or not is_finite(track.state)
+        self.track, self._measured = None if lost else track, NO_SAMPLE
+        self._since = min(self._since + 1, self.pace.samples)
         self._last = replace(self._last, time=time, status='input_rejected')
         return self._last
 
     def _estimate(self, time: float, reading: Array, status: str) -> Estimate:
-        return Estimate(time, self.sf1.mass, self.sf1.variance, self.sf1.p, reading[0],
-                        reading[1], status)
+        # Birge's ratio: noise above the file's, or a model that is wrong, widens the interval.
+        variance = self.known.variance * max(self._level, 1.0)
+        return Estimate(time, self.known.mass, variance, self.known.p, reading[0], reading[1],
+                        status)
+
+
+def check_usable(robot: Robot, model: str, modes: int, settings: SF1EstimatorSettings) -> None:
+    """
+    Raise where SF1 cannot work.
+
+    Raises
+    ------
+    InputError
+        More modes than gauges on a link, or regression 'paper' on a model it is not written for.
+
+    """
+    if settings.regression == 'paper' and model != 'paper_reduced':
+        raise InputError(f'regression: paper needs model paper_reduced, got {model!r}')
+    gauges = min(len(link.gauge_positions) for link in robot.links)
+    if modes > gauges:
+        raise InputError(f'modes: SF1 needs a gauge a mode on each link, expected at most '
+                         f'{gauges}, got {modes}; estimator rpe needs none')

@@ -3,15 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from flex_payload_estimator.estimators.sf1.adaptation import sf1_step
+from flex_payload_estimator.estimators.sf1.joint import (
+    at_known_payload,
+    Track,
+    with_gain,
+    with_slope,
+)
 from flex_payload_estimator.model.payload_model import PayloadModel
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import compiled
 import numpy as np
 
-# The variance of e is at least this share of what the sensors alone give.
-FLOOR = 1e-6
+# s; how far back noise and excitation are looked at.
+MEMORY = 1.0
+# The regressor shows the payload where its power is so many times what noise alone would give:
+# chi-square with as few as 20 independent samples in a MEMORY goes beyond once in 2e8.
+SIGNIFICANT = 4.0
+# Six standard deviations in one sample: by noise alone once in 5e8, two months of (30).
+EVIDENT = 36.0
+TINY = 1e-300
 
 
 @dataclass(frozen=True)
@@ -66,88 +79,133 @@ def regression(row: Array, composite: float, predicted_0: Array,
     return composite - np.dot(row, predicted_0), np.dot(row, predicted_m)
 
 
-@compiled
-def compared(prediction: Array, scaled: Array, mass: float, weights: Array, row: Array,
-             columns: Array, covariance: Array, noise: Array, scale: Array
-             ) -> tuple[float, float, float, float, float, Array]:
+class Law(NamedTuple):
     """
-    Return what a sample says beside its prediction.
+    What stays the same from sample to sample.
 
-    Parameters
+    Attributes
     ----------
-    prediction : Array
-        State x^0 + m x^m, part x^m and slope x' per kg of (25), (3, n); x' is what x^m is with
-        the tangent split.
-    scaled : Array
-        The sample, rad and V, (m,).
-    mass : float
-        m_{t-1}, kg.
     weights, row : Array
-        See CompositeMeasurement.
-    columns, covariance, noise : Array
-        C-bar' (n, m), P (n, n) of the predictor and the diagonal of R_2, (m,).
+        See CompositeMeasurement; the row with a 0 for the payload at its end, (n + 1,).
+    columns : Array
+        C-bar' with such a row, (n + 1, m).
+    sensors : Array
+        Variances of v, (m,).
     scale : Array
         From (rad, rad, m/m…) to (rad, rad, V…), (m,).
-
-    Returns
-    -------
-    tuple
-        psi_t and phi_t of (28); C-bar' x' (rad/kg); C-bar' P C-bar''; the mean of (innovation /
-        standard deviation)^2; innovation and standard deviation, rad and m/m, (2, m).
+    tuned, reference : float
+        w' R_2 w, and the variance to which the composite innovation settles, rad^2.
+    alpha_0, alpha_1, largest : float
+        Of (29), and the largest payload, kg.
+    fading : float
+        Share of MEMORY from one regression to the next.
+    resolvent : bool
+        Normalise, leave alone what noise explains, and carry the state on by (24).
 
     """
-    state, part = prediction[0], prediction[1]
-    psi, phi = regression(row, np.dot(weights, scaled), state - mass * part, part)
-    innovation = scaled - np.dot(state, columns)
-    variances = np.sum(columns * np.dot(covariance, columns), axis=0) + noise
-    surprise = np.dot(innovation, innovation / variances) / len(scale)
-    reading = np.empty((2, len(scale)))
-    reading[0], reading[1] = innovation / scale, np.sqrt(variances) / scale
-    return (psi, phi, np.dot(row, prediction[2]), np.dot(row, np.dot(covariance, row)), surprise,
-            reading)
+
+    weights: Array
+    row: Array
+    columns: Array
+    sensors: Array
+    scale: Array
+    tuned: float
+    reference: float
+    alpha_0: float
+    alpha_1: float
+    largest: float
+    fading: float
+    resolvent: bool
+
+
+class Adapted(NamedTuple):
+    """
+    What SF1 knows.
+
+    Attributes
+    ----------
+    mass, p, variance : float
+        m_p (kg), P of (29), and the variance of the error of mass (kg^2).
+    excitation : float
+        Power of the regressor phi over what noise alone would give it, over MEMORY.
+
+    """
+
+    mass: float
+    p: float
+    variance: float
+    excitation: float
 
 
 @compiled
-def regressed(prediction: Array, scaled: Array, mass: float, p: float, variance: float,
-              noise: float, samples: float, weights: Array, row: Array, columns: Array,
-              covariance: Array, sample_noise: Array, scale: Array, composite_noise: float,
-              reference: float, constants: tuple[float, float, float, float], resolvent: bool
-              ) -> tuple[Array, float, float, float, float, float, float, Array]:
+def sampled(track: Track, scaled: Array, due: bool, known: Adapted, law: Law
+            ) -> tuple[Track, Adapted, Array, float]:
     """
     Return what (28), (29) make of a prediction and a sample.
 
     Parameters
     ----------
-    prediction, scaled, weights, row, columns, covariance, sample_noise, scale
-        See `compared`.
-    mass, p, variance : float
-        See SF1State.
-    noise, samples : float
-        Variance of e, rad^2, and over how many samples it is averaged: R_1 and R_2 are tuning,
-        not noise.
-    composite_noise, reference : float
-        Variance of the composite measurement and of its settled innovation, rad^2.
-    constants : tuple
-        alpha_0, alpha_1, the payload's walk in a sample, kg^2, and its largest value, kg.
-    resolvent : bool
-        Normalise, and carry the state on by (24).
+    track : Track
+        Predicted.
+    scaled : Array
+        The sample, rad and V, (m,).
+    due : bool
+        Whether to regress on it.
+    known : Adapted
+        Before.
+    law : Law
+        What stays the same.
 
     Returns
     -------
     tuple
-        State (n,); mass, P, variance; the variance of e; what the sample told, per kg^2; surprise
-        and reading of `compared`.
+        Track, what is known, innovation and its standard deviation in rad and m/m, (2, m), and
+        the mean of their ratio's square.
 
     """
-    psi, phi, seen, spread, surprise, reading = compared(
-        prediction, scaled, mass, weights, row, columns, covariance, sample_noise, scale)
-    error = psi - phi * mass
-    noise = max(FLOOR * composite_noise, noise + (error * error - noise) / samples)
-    weight = reference / (spread + composite_noise) if resolvent else 1.0
-    alpha_0, alpha_1, walk, largest = constants
-    after, p, variance = sf1_step(mass, p, variance, psi, phi, seen, noise, weight, alpha_0,
-                                  alpha_1, walk)
-    state = prediction[0].copy()
-    if resolvent:
-        state += (min(max(after, 0.0), largest) - mass) * prediction[1]
-    return state, after, p, variance, noise, seen * seen / noise, surprise, reading
+    n = len(track.state)
+    slope = np.zeros(n + 1)
+    slope[:n] = track.part[1]
+    joint = with_slope(track.joint, slope)
+    innovation = scaled - np.dot(track.state, law.columns[:n])
+    variances = np.sum(law.columns * np.dot(joint, law.columns), axis=0) + law.sensors
+    reading = np.empty((2, len(scaled)))
+    reading[0], reading[1] = innovation / law.scale, np.sqrt(variances) / law.scale
+    surprise = np.dot(innovation, innovation / variances) / len(scaled)
+    if due:
+        track, known = _regressed(track, joint, slope, scaled, known, law)
+    return track, known, reading, surprise
+
+
+@compiled
+def _regressed(track: Track, joint: Array, slope: Array, scaled: Array, known: Adapted, law: Law
+               ) -> tuple[Track, Adapted]:
+    """Return the track and what is known after a regression; joint holds the slope."""
+    n, part = len(track.state), np.ascontiguousarray(track.part[0])
+    row = law.row[:n]
+    swayed = np.dot(row, track.sway)
+    ratio = np.dot(row, part)**2 / max(np.dot(np.dot(track.start, swayed), swayed), TINY)
+    # Bounded, so that it is over one MEMORY after the arm has come to rest.
+    excitation = min((1.0 - law.fading) * known.excitation + law.fading * ratio,
+                     np.e * SIGNIFICANT)
+    shown = excitation > SIGNIFICANT or ratio > EVIDENT
+    psi, phi = regression(row, np.dot(law.weights, scaled), track.state - known.mass * part, part)
+    weight, change, state = 1.0, np.zeros(n + 1), track.state
+    if law.resolvent:
+        weight = law.reference / (np.dot(row, np.dot(track.covariance, row)) + law.tuned)
+        phi = phi if shown else 0.0
+    if phi != 0.0:
+        # Of phi^2 so much is noise, of which the arm knows nothing: it tells nothing either.
+        true = max(1.0 - 1.0 / ratio, 0.0) if shown else 0.0
+        joint = with_slope(track.joint, true * slope)
+    mass, p, change[n] = sf1_step(known.mass, known.p, psi, phi, weight, law.alpha_0,
+                                  law.alpha_1)
+    mass = min(max(mass, 0.0), law.largest)
+    if law.resolvent:
+        change[:n] = change[n] * part
+        state = state + (mass - known.mass) * part
+    joint, noisy = with_gain(joint, law.row, change), -np.outer(change, law.weights)
+    variance = joint[n, n] + np.sum(noisy[n] * law.sensors * noisy[n])
+    start = at_known_payload(joint, noisy, law.sensors)
+    return (Track(state, track.part, track.sway, track.reach, track.covariance, joint, noisy,
+                  start), Adapted(mass, p, variance, excitation))

@@ -1,0 +1,90 @@
+"""
+Compare SF1's stated variance with its errors, on matched models.
+
+`python benchmarks/sf1_variance.py --runs 500` draws payloads of 0.03-0.3 kg and noise of 1e-4-1e-2
+(rad, and V on the gauges) and prints, at 1, 3, 5 and 10 s, the root mean square of error over
+stated standard deviation, the share inside the 95 % interval and the median error; then the stated
+standard deviation at other sampling intervals, each sample with the same noise.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from functools import lru_cache
+
+from flex_payload_estimator.estimators.factory import make_estimator
+from flex_plant_sim.arm.robot_file import load_robot
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.simulator import Noise, Simulator
+from matched import Case, GAIN, record, set_point
+import numpy as np
+
+TIMES_S = (1.0, 3.0, 5.0, 10.0)
+STEPS_S = (1e-2, 1e-3, 1e-4)
+
+
+@lru_cache(maxsize=4)
+def arm_of(model: str, step: float) -> ExtendedArm:
+    """Return the reference arm with two modes, built once."""
+    return ExtendedArm(replace(load_robot('reference'), sample_time=step), model, 2)
+
+
+def run(name: str, model: str, seed: int) -> Array:
+    """Return error and stated standard deviation, kg, at TIMES_S, (2, 4)."""
+    case = Case.draw(seed, 0.0)
+    data = record(arm_of(model, 0.01), case, TIMES_S[-1])
+    estimator = make_estimator(name, case.robot(), model, 2)
+    command, estimates = np.zeros(2), []
+    for time, output, after in zip(data.time, data.outputs, data.commands):
+        estimates.append(estimator.update(time, output, command))
+        command = after
+    return np.array([(estimates[k].mass - case.mass, estimates[k].variance**0.5)
+                     for k in (round(time / 0.01) for time in TIMES_S)]).T
+
+
+def at_step(model: str, step: float, noise: float) -> tuple[list[float], list[float]]:
+    """Return payload and standard deviation at TIMES_S; commands change each 10 ms."""
+    arm = arm_of(model, step).at_payload(0.12)
+    robot = replace(arm.robot, angle_noise=noise, strain_noise=noise / arm.robot.gauge_amplifier)
+    simulator = Simulator(arm, None, Noise(robot.angle_noise, robot.strain_noise), 1)
+    estimator, command, found = make_estimator('sf1', robot, model, 2), np.zeros(2), []
+    every = max(1, round(0.01 / step))
+    for k in range(round(TIMES_S[-1] / step) + 1):
+        sample = simulator.measure()
+        found.append(estimator.update(sample.time, sample.output, command))
+        if k % every == 0:
+            command = GAIN * (set_point(sample.time) - simulator.state[:2])
+        simulator.step(command)
+    at = [found[round(time / step)] for time in TIMES_S]
+    return [e.mass for e in at], [e.variance**0.5 for e in at]
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
+    parser.add_argument('--runs', type=int, default=500)
+    parser.add_argument('--estimators', nargs='+', default=['sf1'])
+    parser.add_argument('--models', nargs='+', default=['paper_reduced', 'assumed_modes'])
+    parser.add_argument('--steps', type=float, nargs='*', default=STEPS_S)
+    given = parser.parse_args()
+    for model in given.models:
+        for name in given.estimators:
+            found = np.array([run(name, model, seed) for seed in range(given.runs)])
+            ratio = found[:, 0] / found[:, 1]
+            print(f'{name}, {model}, {given.runs} runs')
+            for k, time in enumerate(TIMES_S):
+                inside = np.mean(np.abs(ratio[:, k]) < 1.96)
+                error = 1e3 * np.median(np.abs(found[:, 0, k]))
+                print(f'{time:5g} s: RMS z {np.sqrt(np.mean(ratio[:, k]**2)):6.2f}, in 95 % '
+                      f'{100 * inside:5.1f} %, median error {error:8.3f} g', flush=True)
+        for step in given.steps:
+            masses, stds = at_step(model, step, 1e-3)
+            print(f'T = {step:g} s, {model}, at {TIMES_S} s: payload',
+                  ' '.join(f'{mass:.5f}' for mass in masses), 'std',
+                  ' '.join(f'{std:.6f}' for std in stds), flush=True)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,119 @@
+"""The constants of SF1 (30), as densities, and the choices beside it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from msg_config.errors import InputError
+
+Regression = Literal['paper', 'resolvent']
+# s; the sampling interval that the constants of (30) belong to.
+PAPER_STEP = 0.01
+
+
+@dataclass(frozen=True)
+class SF1Settings:
+    """
+    The constants of (29), (30).
+
+    Attributes
+    ----------
+    alpha_0, alpha_1 : float
+        0 < alpha_0 < alpha_1; alpha_0 a sample of PAPER_STEP.
+    p_0 : float
+        P at the start.
+    mass_0 : float
+        theta_0, kg.
+    variance_0 : float
+        Variance of theta_0, kg^2.
+
+    """
+
+    alpha_0: float = 0.1
+    alpha_1: float = 2.0
+    p_0: float = 2.0
+    mass_0: float = 0.0
+    variance_0: float = 0.04
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        if not 0.0 < self.alpha_0 < self.alpha_1:
+            raise InputError('alpha_0: expected 0 < alpha_0 < alpha_1, got '
+                             f'{self.alpha_0:g} and {self.alpha_1:g}')
+
+
+@dataclass(frozen=True)
+class SF1EstimatorSettings:
+    """
+    What (30) gives, and the choices beside it.
+
+    Attributes
+    ----------
+    regression : str
+        'paper': split (15), (16), psi and phi as printed, at every sample, with the constants as
+        they stand, the state carried on by (23).
+        'resolvent': resolvent split, psi and phi divided by the standard deviation of the
+        composite innovation over its settled value (so that the constants keep their scale), at
+        the pace to which the constants belong, the state carried on by (24).
+    r_1, r_2 : float
+        R_1 = r_1 I, R_2 = r_2 I of the predictor, angles in rad, gauges in V, a sample of
+        PAPER_STEP.
+    terms : int
+        n' of (19).
+    exact : bool
+        Halve the step where n' terms do not reach full accuracy.
+    mass_max : float
+        The estimate stays in [0, mass_max], kg.
+    sf1 : SF1Settings
+
+    """
+
+    regression: Regression = 'resolvent'
+    r_1: float = 1e-4
+    r_2: float = 1e-4
+    terms: int = 15
+    exact: bool = True
+    mass_max: float = 2.0
+    sf1: SF1Settings = field(default_factory=SF1Settings)
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        if self.regression not in ('paper', 'resolvent'):
+            raise InputError('regression: expected paper or resolvent, got '
+                             f'{self.regression!r}')
+
+
+DEFAULT_SETTINGS = SF1EstimatorSettings()
+PAPER_SETTINGS = SF1EstimatorSettings(regression='paper', exact=False)
+
+
+@dataclass(frozen=True)
+class Pace:
+    """
+    How often to regress at a sampling interval, and what the constants then are.
+
+    SF1 compares one step of the arm with one measurement, and what a step tells of the payload
+    grows with the square of its length: steps of 1 ms, however many, tell next to nothing. So
+    faster data is regressed at the pace of (30) and predicted exactly in between. Where samples
+    are rarer the constants are densities: R_1 and alpha_0 grow with the step, R_2 shrinks.
+
+    Attributes
+    ----------
+    samples : int
+        From one regression to the next.
+    share : float
+        Their duration over PAPER_STEP.
+
+    """
+
+    samples: int = 1
+    share: float = 1.0
+
+    @classmethod
+    def of(cls, step: float, regression: Regression) -> Pace:
+        """Return the pace at a sampling interval, s; 'paper' takes its constants as printed."""
+        if regression == 'paper':
+            return cls()
+        samples = max(1, round(PAPER_STEP / step))
+        return cls(samples, samples * step / PAPER_STEP)
