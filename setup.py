@@ -64,9 +64,9 @@ setup(
     },
     entry_points={
         'console_scripts': [
-            'plant_sim = flex_plant_sim.nodes.plant_sim_node:main',
-            'payload_estimator = flex_payload_estimator.nodes.payload_estimator_node:main',
-            'lqg_controller = flex_payload_estimator.nodes.lqg_controller_node:main',
+            'plant_sim = flex_plant_sim.nodes.start:plant_sim',
+            'payload_estimator = flex_payload_estimator.nodes.start:payload_estimator',
+            'lqg_controller = flex_payload_estimator.nodes.start:lqg_controller',
             'flex_demo = flex_payload_estimator.tools.demo:main',
             'flex_diagnose = flex_plant_sim.tools.diagnose:main',
             'flex_estimate = flex_payload_estimator.tools.estimate:main',

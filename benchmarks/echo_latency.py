@@ -223,8 +223,9 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     # At most what a block takes; a jump back to the start would be one of the arm.
     seconds = PATIENCE + SETTLING + 2.0 * WARM_UP + options.duration / options.blocks
     samples = Samples(options.rate, seconds, arm)
-    estimator = ['-m', 'flex_payload_estimator.nodes.payload_estimator_node', '--ros-args', '-p',
-                 f'sample_time:={1.0 / options.rate}', '-p', f'estimator:={options.estimator}',
+    estimator = ['-m', 'flex_payload_estimator.nodes.start', 'payload_estimator', '--ros-args',
+                 '-p', f'sample_time:={1.0 / options.rate}',
+                 '-p', f'estimator:={options.estimator}',
                  '-p', f'model:={options.model}', '-p', f'modes:={options.modes}']
     commands = {'echo': [__file__, '--echo'], 'estimator': estimator}
     times: dict[str, list[np.ndarray]] = {kind: [] for kind in commands}

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 import gc
+import signal
 import sys
 from typing import Any
 
 from msg_config.contract_node import ContractNode
 from msg_config.errors import InputError
+from msg_config.quiet_start import end_at_once
 import rclpy
 from rclpy.context import Context
 from rclpy.exceptions import ROSInterruptException
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.signals import install_signal_handlers, SignalHandlerOptions
 from rclpy.task import Future
 
 
@@ -50,7 +53,8 @@ def run(make: Callable[[], ContractNode], arguments: Sequence[str] | None = None
 
     """
     try:
-        rclpy.init(args=list(sys.argv if arguments is None else arguments))
+        rclpy.init(args=list(sys.argv if arguments is None else arguments),
+                   signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # noqa: B902  rclpy's argument errors share no base class
         return _refuse(error)
     node = None
@@ -61,6 +65,7 @@ def run(make: Callable[[], ContractNode], arguments: Sequence[str] | None = None
         # What is there stays: the collector need not look at it again and again.
         gc.collect()
         gc.freeze()
+        _take_signals()
         spin(executor, node.interrupted)
     except InputError as error:
         return _refuse(error)
@@ -74,10 +79,18 @@ def run(make: Callable[[], ContractNode], arguments: Sequence[str] | None = None
             raise
         return 130
     finally:
+        end_at_once()
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
     return 130
+
+
+def _take_signals() -> None:
+    """From now on a signal shuts rclpy down, which wakes the executor."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    install_signal_handlers(SignalHandlerOptions.ALL)
 
 
 def _refuse(error: Exception) -> int:

@@ -14,10 +14,10 @@ import pytest
 if TYPE_CHECKING:
     from rclpy.context import Context
 
-MODULES = {
-    'plant_sim': 'flex_plant_sim.nodes.plant_sim_node',
-    'payload_estimator': 'flex_payload_estimator.nodes.payload_estimator_node',
-    'lqg_controller': 'flex_payload_estimator.nodes.lqg_controller_node'}
+PROGRAMS = {
+    'plant_sim': ('flex_plant_sim.nodes.start',),
+    'payload_estimator': ('flex_payload_estimator.nodes.start', 'payload_estimator'),
+    'lqg_controller': ('flex_payload_estimator.nodes.start', 'lqg_controller')}
 
 pytestmark = pytest.mark.ros
 
@@ -26,13 +26,13 @@ def start(domain_id: int, node: str, *arguments: str) -> subprocess.Popen[str]:
     """Start a node as a process in a ROS domain of its own."""
     parameters = [item for text in arguments for item in ('-p', text)]
     return subprocess.Popen(
-        [sys.executable, '-m', MODULES[node], '--ros-args', *parameters],
+        [sys.executable, '-m', *PROGRAMS[node], '--ros-args', *parameters],
         env={**os.environ, 'ROS_DOMAIN_ID': str(domain_id),
              'PYTHONPATH': str(Path(__file__).resolve().parents[1])},
         text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
 
 
-@pytest.mark.parametrize('node', MODULES)
+@pytest.mark.parametrize('node', PROGRAMS)
 @pytest.mark.parametrize(('number', 'codes'), [
     (signal.SIGINT, (0, 130)), (signal.SIGTERM, (0,))], ids=['SIGINT', 'SIGTERM'])
 def test_a_node_ends_cleanly(
@@ -73,6 +73,17 @@ def test_a_bad_parameter_is_one_line_with_code_2(
     assert parameter.partition(':=')[0] in error
     own = [line for line in error.splitlines() if '[rcl]' not in line]
     assert len(own) == 1, error
+
+
+@pytest.mark.parametrize(('delay', 'number'), [
+    (0.7, signal.SIGINT), (1.2, signal.SIGTERM), (1.7, signal.SIGINT)])
+def test_a_signal_during_the_start_ends_quietly(
+    domain_id: int, delay: float, number: signal.Signals,
+) -> None:
+    from faults.start_signals import attack
+
+    found = attack('lqg_controller', number, delay, domain_id)
+    assert found.clean, found
 
 
 def test_three_processes_in_lock_step_take_any_start_order(

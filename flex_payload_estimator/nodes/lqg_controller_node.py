@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 import math
-import sys
 from typing import Any
 
 from flex_payload_estimator.control.safeguards import CommandLimiter
@@ -26,7 +25,6 @@ from msg_config.messages import (
     seconds,
     set_stamp,
 )
-from msg_config.node_process import run
 import numpy as np
 from trajectory_msgs.msg import JointTrajectory
 
@@ -205,12 +203,3 @@ class LQGControllerNode(SampleNode):
         if self._blind > 1:
             return 'error', f'{self._blind} samples said nothing: the command is zero'
         return 'ok', 'ok'
-
-
-def main() -> None:
-    """Run the node until Ctrl-C."""
-    sys.exit(run(LQGControllerNode))
-
-
-if __name__ == '__main__':
-    main()

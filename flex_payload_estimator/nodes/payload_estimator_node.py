@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 import math
-import sys
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -22,7 +21,6 @@ from msg_config.messages import (
     JOINTS,
     set_stamp,
 )
-from msg_config.node_process import run
 from msg_config.ros import PayloadPublisher
 import numpy as np
 from sensor_msgs.msg import JointState
@@ -183,12 +181,3 @@ class PayloadEstimatorNode(SampleNode):
             values[f'{channel.name} shape'] = channel.shape
         suspect = any(channel.suspect for channel in report.channels)
         return self.status('model', 'warn' if suspect else 'ok', report.text, values)
-
-
-def main() -> None:
-    """Run the node until Ctrl-C."""
-    sys.exit(run(PayloadEstimatorNode))
-
-
-if __name__ == '__main__':
-    main()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from typing import Any
 
@@ -23,7 +22,6 @@ from msg_config.messages import (
     seconds,
     set_stamp,
 )
-from msg_config.node_process import run
 from msg_config.recent_counts import RecentCounts
 import numpy as np
 from sensor_msgs.msg import JointState
@@ -258,12 +256,3 @@ class PlantSim(ContractNode):
             'time s': self.simulator.time, 'held': self.held.total.total(), 'late': self._late,
             'latest by s': self._worst})
         self.publish_diagnostics([status])
-
-
-def main() -> None:
-    """Run the node until Ctrl-C."""
-    sys.exit(run(PlantSim))
-
-
-if __name__ == '__main__':
-    main()

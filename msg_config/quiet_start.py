@@ -1,0 +1,33 @@
+"""A signal during the start ends a node quietly; imported before anything that takes time."""
+
+from __future__ import annotations
+
+from functools import partial
+from importlib import import_module
+import os
+import signal
+import sys
+from types import FrameType
+
+# What a process ends with: as a shell says of Ctrl-C, and as asked.
+CODES = {signal.SIGINT: 130, signal.SIGTERM: 0}
+
+
+def end_at_once() -> None:
+    """Let SIGINT and SIGTERM end the process without a word, unless they are ignored."""
+    for number, code in CODES.items():
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, partial(_leave, code))
+
+
+def _leave(code: int, _number: int, _frame: FrameType | None) -> None:
+    # Nothing is half-written that is worth more than a quiet end; imports cannot be unwound.
+    os._exit(code)
+
+
+def run_node(module: str, name: str) -> None:
+    """Run the node of a class and end the process; its module is imported under guard."""
+    end_at_once()
+    node = getattr(import_module(module), name)
+    process = import_module('msg_config.node_process')
+    sys.exit(process.run(node))
