@@ -38,7 +38,7 @@ def plant(loop: RosLoop, **values: Any) -> Any:
     (JOINTS, (np.nan, 0.0), 0, 'command: effort of joint_1: expected a finite number, got nan'),
     (JOINTS, (0.0, -np.inf), 0, 'effort of joint_2: expected a finite number, got -inf'),
     (JOINTS, (0.0,), 0, 'command: effort: expected 2 values, one for each name, got 1'),
-    (('hip', 'knee'), (0.0, 0.0), 0, "name: expected joint_1, got 'hip', 'knee'"),
+    (('hip', 'knee'), (0.0, 0.0), 0, 'joint_1 is missing from hip, knee'),
     (JOINTS, (0.0, 0.0), 1, 'command: header.stamp: expected at most 0 s, got 1e-09 s'),
     (JOINTS, (1e308, 0.0), 0, 'command: effort: expected at most 200, got [1e+308, 0.0]'),
 ])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, TYPE_CHECKING
 
+from msg_config.input_mapping import InputMapping
 from node_bench import Bench, JOINTS
 import numpy as np
 import pytest
@@ -26,38 +27,66 @@ def loop(ros_context: Context) -> Iterator[RosLoop]:
     loop.close()
 
 
-def trajectory(names: Any, *points: tuple[float, Any], stamp: int = 0) -> Any:
-    """Return a JointTrajectory of (time, positions)."""
+def trajectory(names: Any, *points: tuple[Any, ...], stamp: int = 0) -> Any:
+    """Return a JointTrajectory of (time, positions, velocities, accelerations)."""
     from builtin_interfaces.msg import Duration
     from msg_config.messages import time_message
     from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
     message = JointTrajectory(joint_names=list(names))
     message.header.stamp = time_message(stamp)
-    for time, positions in points:
+    for time, *values in points:
         whole, rest = divmod(round(time * 1e9), 10**9)
         message.points.append(JointTrajectoryPoint(
-            positions=positions, time_from_start=Duration(sec=whole, nanosec=rest)))
+            **dict(zip(('positions', 'velocities', 'accelerations'), values)),
+            time_from_start=Duration(sec=whole, nanosec=rest)))
     return message
 
 
-def test_a_trajectory_s_points_hold_from_their_times_on() -> None:
+def of(message: Any, before: Any, now: float, shape: str = 'spline') -> Any:
+    """Return the set-points of a message for joints in the contract's names."""
     from flex_payload_estimator.control.trajectory import Trajectory
 
-    points = Trajectory.of(trajectory(JOINTS[::-1], (1.0, [0.2, 0.1]), (2.0, [0.4, 0.3])),
-                           np.array([9.0, 8.0]), 5.0)
+    return Trajectory.of(message, InputMapping().joint_channels(), np.array(before), now, shape)
+
+
+def test_points_hold_from_their_times_on_where_steps_are_asked_for() -> None:
+    points = of(trajectory(JOINTS[::-1], (1.0, [0.2, 0.1]), (2.0, [0.4, 0.3])),
+                [9.0, 8.0], 5.0, 'steps')
     for time, wanted in ((5.9, [9.0, 8.0]), (6.0, [0.1, 0.2]), (6.9, [0.1, 0.2]),
                          (7.0, [0.3, 0.4]), (99.0, [0.3, 0.4])):
         assert points(time).tolist() == wanted
-    stamped = Trajectory.of(trajectory(JOINTS, (0.0, [1.0, 2.0]), stamp=3 * 10**9),
-                            np.zeros(2), 5.0)
+    stamped = of(trajectory(JOINTS, (0.0, [1.0, 2.0]), stamp=3 * 10**9), [0.0, 0.0], 5.0)
     assert stamped(2.99).tolist() == [0.0, 0.0]
     assert stamped(3.0).tolist() == [1.0, 2.0]
 
 
+@pytest.mark.parametrize('degree', [1, 3, 5])
+def test_a_spline_follows_the_polynomial_whose_derivatives_its_points_tell(degree: int) -> None:
+    curves = np.polynomial.Polynomial([0.2, -0.3, 0.5, 0.7, -0.4, 0.1][:degree + 1]), \
+        np.polynomial.Polynomial([-1.0, 0.4, 0.2, -0.6, 0.3, 0.2][:degree + 1])
+    derivatives = (degree + 1) // 2
+    rows = [(time, *([curve.deriv(k)(time) if k else curve(time) for curve in curves]
+                     for k in range(derivatives))) for time in (0.0, 0.8, 2.0)]
+    points = of(trajectory(JOINTS, *rows), [0.0, 0.0], 10.0)
+    for time in np.linspace(0.0, 2.0, 41):
+        np.testing.assert_allclose(points(10.0 + time), [curve(time) for curve in curves],
+                                   atol=1e-9)
+    assert points(99.0).tolist() == pytest.approx([curve(2.0) for curve in curves])
+
+
+def test_a_spline_begins_where_the_set_points_are() -> None:
+    points = of(trajectory(JOINTS, (2.0, [0.4, 0.0])), [0.2, 0.1], 5.0)
+    assert points(5.0).tolist() == [0.2, 0.1]
+    assert points(6.0) == pytest.approx([0.3, 0.05])
+    assert points(7.0).tolist() == [0.4, 0.0]
+
+
 @pytest.mark.parametrize(('message', 'text'), [
     ((JOINTS,), 'points: expected at least one, got none'),
-    ((('a', 'b'), (0.0, [0.0, 0.0])), 'joint_names: expected joint_1, joint_2, got a, b'),
+    ((('a', 'b'), (0.0, [0.0, 0.0])), 'joint_names: name: expected joint_1, joint_2; joint_1 is missing'),
+    ((JOINTS, (0.0, [300.0, 0.0])), 'reference: points: expected '),
+    ((JOINTS, (0.0, [0.0, 0.0], [1e308, 0.0]), (1.0, [0.0, 0.0], [0.0, 0.0])), 's after the first'),
     ((JOINTS, (0.0, [0.0])), 'points.positions: expected 2 values, got 1'),
     ((JOINTS, (0.0, [0.0, np.nan])), 'points.positions of joint_2: expected a finite number'),
     ((JOINTS, (1.0, [0.0, 0.0]), (1.0, [0.0, 0.0])), 'expected increasing times'),

@@ -1,45 +1,61 @@
-"""Set-points that a JointTrajectory message gives."""
+"""Set-points that a JointTrajectory message gives: splines between its points, or steps."""
 
 from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from flex_plant_sim.arm.second_order import Array
 from msg_config.errors import InputError
-from msg_config.messages import check_finite, JOINTS, NANOSECONDS, stamp_of
+from msg_config.input_mapping import Channels
+from msg_config.messages import check_finite, checked_stamp, JOINTS, NANOSECONDS
 import numpy as np
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+# How the points are joined: straight where they tell positions only, cubic with velocities,
+# quintic with accelerations too (as joint_trajectory_controller does), or steps where asked.
+SHAPES = ('spline', 'steps')
 
 
 @dataclass(frozen=True)
 class Trajectory:
     """
-    Set-points that hold from their times on.
+    Set-points over time.
 
     Attributes
     ----------
     before : Array
-        What holds until the first time, rad, (2,).
+        What holds until the first time of steps, rad, (2,).
     times : tuple of float
         s, increasing.
     points : tuple of Array
-        rad, (2,) each.
+        Rows position, velocity and acceleration, rad, rad/s, rad/s^2, (3, 2) each.
+    order : int
+        Highest derivative that is joined: 0 straight, 1 cubic, 2 quintic; -1 steps.
 
     """
 
     before: Array
     times: tuple[float, ...]
     points: tuple[Array, ...]
+    order: int
 
     def __call__(self, time: float) -> Array:
         """Return the set-points at a time, s: rad, (2,)."""
         index = bisect_right(self.times, time) - 1
-        return self.before if index < 0 else self.points[index]
+        if index < 0:
+            return self.before
+        if self.order < 0 or index == len(self.times) - 1:
+            return self.points[index][0]
+        start, end = self.points[index], self.points[index + 1]
+        duration = self.times[index + 1] - self.times[index]
+        return _between(start, end, duration, (time - self.times[index]) / duration, self.order)
 
     @classmethod
-    def of(cls, message: JointTrajectory, before: Array, now: float) -> Trajectory:
+    def of(cls, message: JointTrajectory, joints: Channels, before: Array, now: float,
+           shape: str = 'spline') -> Trajectory:
         """
         Return the set-points of a message.
 
@@ -47,11 +63,15 @@ class Trajectory:
         ----------
         message : JointTrajectory
             Joints in any order; times count from the header's stamp, or from `now` where it
-            is zero.
+            is zero. Splines begin at `before`, at rest, where the first time is later.
+        joints : Channels
+            Names and units of the joints.
         before : Array
             What holds until the first point, rad, (2,).
         now : float
             s.
+        shape : str
+            One of SHAPES.
 
         Raises
         ------
@@ -59,23 +79,45 @@ class Trajectory:
             No points, unknown joints, wrong lengths, not finite, or times that do not increase.
 
         """
-        order = _order(message.joint_names)
+        rows = joints.index(message.joint_names, 'reference: joint_names')
+        if len(message.joint_names) != len(JOINTS):
+            raise InputError(f'reference: joint_names: expected {", ".join(joints.names)}, '
+                             f'got {", ".join(message.joint_names)}')
         if not message.points:
             raise InputError('reference: points: expected at least one, got none')
-        origin = stamp_of(message) / NANOSECONDS or now
+        origin = checked_stamp(message, 'reference') / NANOSECONDS or now
         times = [_offset(point) for point in message.points]
         if any(b <= a for a, b in zip(times, times[1:])):
             raise InputError('reference: points.time_from_start: expected increasing times, '
                              f'got {times}')
-        points = [_positions(point, order) for point in message.points]
-        return cls(before, tuple(origin + time for time in times), tuple(points))
+        points = [_derivatives(point, rows, joints) for point in message.points]
+        if shape == 'spline' and times[0] > 0.0:
+            times, points = [0.0, *times], [np.array([before, (0.0, 0.0), (0.0, 0.0)]), *points]
+        return cls(before, tuple(origin + time for time in times), tuple(points),
+                   _order_of(message.points) if shape == 'spline' else -1)
 
 
-def _order(names: Sequence[str]) -> list[int]:
-    if sorted(names) != sorted(JOINTS):
-        raise InputError(f'reference: joint_names: expected {", ".join(JOINTS)}, '
-                         f'got {", ".join(names) or "none"}')
-    return [list(names).index(name) for name in JOINTS]
+def _between(start: Array, end: Array, duration: float, s: float, order: int) -> Array:
+    """Return the polynomial of degree 2 order + 1 that joins two points, at a share s of it."""
+    if order == 0:
+        return start[0] + s * (end[0] - start[0])
+    step = end[0] - start[0]
+    v_0, v_1 = duration * start[1], duration * end[1]
+    if order == 1:
+        return start[0] + s * (v_0 + s * (3.0 * step - 2.0 * v_0 - v_1
+                                          + s * (v_0 + v_1 - 2.0 * step)))
+    a_0, a_1 = duration**2 * start[2], duration**2 * end[2]
+    cubic = 10.0 * step - 6.0 * v_0 - 4.0 * v_1 - 1.5 * a_0 + 0.5 * a_1
+    quartic = -15.0 * step + 8.0 * v_0 + 7.0 * v_1 + 1.5 * a_0 - a_1
+    quintic = 6.0 * step - 3.0 * (v_0 + v_1) - 0.5 * (a_0 - a_1)
+    return start[0] + s * (v_0 + s * (0.5 * a_0 + s * (cubic + s * (quartic + s * quintic))))
+
+
+def _order_of(points: Sequence[JointTrajectoryPoint]) -> int:
+    """Return the highest derivative that every point tells."""
+    if not all(len(point.velocities) for point in points):
+        return 0
+    return 2 if all(len(point.accelerations) for point in points) else 1
 
 
 def _offset(point: JointTrajectoryPoint) -> float:
@@ -83,10 +125,20 @@ def _offset(point: JointTrajectoryPoint) -> float:
     return float(offset.sec + offset.nanosec / NANOSECONDS)
 
 
-def _positions(point: JointTrajectoryPoint, order: list[int]) -> Array:
-    if len(point.positions) != len(order):
-        raise InputError(f'reference: points.positions: expected {len(order)} values, '
-                         f'got {len(point.positions)}')
-    positions = np.array(point.positions, dtype=float)[order]
-    check_finite(positions, JOINTS, 'reference: points.positions')
-    return positions
+def _derivatives(point: JointTrajectoryPoint, rows: list[int], joints: Channels) -> Array:
+    """Return position, velocity and acceleration of a point, zero where untold, (3, 2)."""
+    return np.array([
+        joints.si(_numbers(point, 'positions', rows)),
+        joints.rate(_numbers(point, 'velocities', rows) if len(point.velocities) else np.zeros(2)),
+        joints.rate(_numbers(point, 'accelerations', rows)
+                    if len(point.accelerations) else np.zeros(2))])
+
+
+def _numbers(point: Any, field: str, rows: list[int]) -> Array:
+    values = getattr(point, field)
+    if len(values) != len(rows):
+        raise InputError(f'reference: points.{field}: expected {len(rows)} values, '
+                         f'got {len(values)}')
+    found = np.array(values, dtype=float)[rows]
+    check_finite(found, JOINTS, f'reference: points.{field}')
+    return found

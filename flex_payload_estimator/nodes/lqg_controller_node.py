@@ -33,6 +33,8 @@ WATCH_INTERVAL = 0.05
 EARLY = 10
 # So many payloads in time, one after another, end the time without them.
 IN_TIME = 10
+# Looks at each piece of a reference, whether its spline stays where the joints can go.
+LOOKS = 20
 SQUARE = ('reference_amplitude', 'reference_period')
 
 
@@ -182,8 +184,22 @@ class LQGControllerNode(SampleNode):
 
     def _on_reference(self, message: JointTrajectory) -> None:
         now = seconds(self.order.last or 0)
-        self.set_points = Trajectory.of(message, self.set_points(now), now)
+        self.set_points = self._within_limits(Trajectory.of(
+            message, self._joints, self.set_points(now), now, self.values['reference_shape']))
         self._referenced = True
+
+    def _within_limits(self, reference: Trajectory) -> Trajectory:
+        """Return set-points that the joints can reach; others are refused."""
+        low, high = self.gate.limits.low[:2], self.gate.limits.high[:2]
+        times = reference.times
+        for time in np.interp(np.linspace(0.0, len(times) - 1.0, LOOKS * len(times)),
+                              np.arange(len(times)), times):
+            angles = reference(float(time))
+            if not ((angles >= low) & (angles <= high)).all():
+                raise InputError(
+                    f'reference: points: expected {low.tolist()} to {high.tolist()} rad, got '
+                    f'{angles.tolist()} {time - times[0]:.4g} s after the first')
+        return reference
 
     def _report(self) -> None:
         status = self.status('command', *self._state(), {
