@@ -9,7 +9,7 @@ export OPENBLAS_NUM_THREADS := 1
 # The ROS wheels re-execute Python once; the guard of another environment would stop that.
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-.PHONY: help demo test lint bank attack bench figures lock sbom clean
+.PHONY: help demo test lint bank attack bench figures lock sbom faults soak clean
 .DEFAULT_GOAL := help
 
 help:  ## list the targets
@@ -45,6 +45,15 @@ lock: .venv/.$(DISTRO)-test  ## pin every dependency anew, with hashes
 
 sbom: .venv/.$(DISTRO)-test  ## software bill of materials of what make demo installs, as sbom.json
 	$(BIN)/cyclonedx-py requirements -o sbom.json requirements/run.txt
+
+faults: .venv/.$(DISTRO)-test  ## faults between processes, bad samples, mutated messages, signals
+	PYTHONPATH=.:test $(BIN)/python test/faults/processes.py --times 10
+	PYTHONPATH=.:test $(BIN)/python test/faults/bad_sample_run.py
+	PYTHONPATH=. $(BIN)/python test/faults/mutated_messages.py
+	$(BIN)/python test/faults/start_signals.py
+
+soak: .venv/.$(DISTRO)-bench  ## an hour of the loop: memory, latency and loss over time
+	PYTHONPATH=.:test $(BIN)/python benchmarks/soak.py
 
 clean:  ## remove the virtual environment and everything built
 	rm -rf .venv build install log *.egg-info .coverage .mypy_cache .pytest_cache .ruff_cache

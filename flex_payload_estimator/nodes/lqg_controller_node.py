@@ -65,7 +65,7 @@ class LQGControllerNode(SampleNode):
         self._late, self._in_time, self._last_mass = False, 0, math.nan
         self.subscribe('payload/inertia', self._on_inertia)
         self.listen()
-        self.every(DIAGNOSTICS_INTERVAL, self._report)
+        self.every(DIAGNOSTICS_INTERVAL, self.report)
 
     def build(self, values: dict[str, Any]) -> Any:
         """Return the robot and the controller that parameters describe."""
@@ -194,14 +194,16 @@ class LQGControllerNode(SampleNode):
         times = reference.times
         for time in np.interp(np.linspace(0.0, len(times) - 1.0, LOOKS * len(times)),
                               np.arange(len(times)), times):
-            angles = reference(float(time))
+            with np.errstate(all='ignore'):
+                angles = reference(float(time))
             if not ((angles >= low) & (angles <= high)).all():
                 raise InputError(
                     f'reference: points: expected {low.tolist()} to {high.tolist()} rad, got '
                     f'{angles.tolist()} {time - times[0]:.4g} s after the first')
         return reference
 
-    def _report(self) -> None:
+    def report(self) -> None:
+        """Publish the diagnostics."""
         status = self.status('command', *self._state(), {
             'time s': seconds(self.order.last or 0), 'command 1': float(self.limiter.sent[0]),
             'command 2': float(self.limiter.sent[1])})

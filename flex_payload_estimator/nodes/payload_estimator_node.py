@@ -54,7 +54,7 @@ class PayloadEstimatorNode(SampleNode):
         self._prepared: int | None = None
         self.subscribe('command', self._on_command)
         self.listen()
-        self.every(DIAGNOSTICS_INTERVAL, self._report)
+        self.every(DIAGNOSTICS_INTERVAL, self.report)
 
     def build(self, values: dict[str, Any]) -> Any:
         """Return the robot and the estimator that parameters describe."""
@@ -139,9 +139,10 @@ class PayloadEstimatorNode(SampleNode):
         changed = before is None or before.status != estimate.status
         found, self._events = self._events, len(self._changes())
         if changed or self._events > found:
-            self._report()
+            self.report()
 
-    def _report(self) -> None:
+    def report(self) -> None:
+        """Publish the diagnostics."""
         self.publish_diagnostics([
             self._estimator_status(), self._change_status(), self.sample_status(),
             self._model_status(self.health.report())])

@@ -21,7 +21,8 @@ from sensor_msgs.msg import JointState
 # Share of the sampling time by which an interval may be off before a sample counts as lost.
 UNEVEN = 0.5
 # Without a sample for so long, s, the diagnostics say why.
-QUIET = 0.7
+QUIET = 0.5
+LOOK_INTERVAL = 0.1
 PARTS = ('joint_states', 'strain')
 
 
@@ -56,7 +57,7 @@ class SampleNode(ContractNode):
     A node that answers each sample once, and a repeated sample with the same answer again.
 
     A sample that the arm cannot have made is refused: it reaches `take` without numbers.
-    Subclasses give `take`, `answer` and `restart`.
+    Subclasses give `take`, `answer`, `report` and `restart`.
 
     Attributes
     ----------
@@ -73,7 +74,7 @@ class SampleNode(ContractNode):
         self.commanded: Array | None = None
         self._lost: RecentCounts[str] = RecentCounts()
         self._last_applied = np.zeros(2)
-        self._restarts, self._whole = 0, self.wall_time()
+        self._restarts, self._whole, self._silent = 0, self.wall_time(), False
         self._came: dict[str, float] = dict.fromkeys(PARTS, -math.inf)
         self._taken: dict[str, float] = dict.fromkeys(PARTS, -math.inf)
 
@@ -91,6 +92,18 @@ class SampleNode(ContractNode):
         self.subscribe('joint_states', self._on_joint_states)
         self.subscribe('strain', self._on_strain)
         self.offer('~/reset', self._on_reset)
+        self.every(LOOK_INTERVAL, self._look)
+
+    def report(self) -> None:
+        """Publish the diagnostics."""
+        raise NotImplementedError
+
+    def _look(self) -> None:
+        """Tell at once where samples cease or come again."""
+        silent = bool(self.silence())
+        if silent != self._silent:
+            self._silent = silent
+            self.report()
 
     def take(self, sample: Sample) -> Any:
         """Compute, publish and return the answer to a new sample; None where it must wait."""

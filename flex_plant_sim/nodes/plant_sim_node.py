@@ -28,8 +28,9 @@ from sensor_msgs.msg import JointState
 
 RESEND_INTERVAL = 0.1
 MARKER_INTERVAL = 0.04
-# Real time: a command this old, s, is no longer held, and the drives get zero.
-COMMAND_TIMEOUT = 0.5
+# Real time: a command this old, s, is no longer held, and the drives get zero, as a drive's own
+# watchdog does.
+COMMAND_TIMEOUT = 0.1
 MOST_STEPS_BEHIND = 100
 
 

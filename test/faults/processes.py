@@ -1,0 +1,230 @@
+"""
+Faults between real processes, with bounds: joints, commands, payload, and what is said.
+
+`python test/faults/processes.py [FAULT ...] [--times N]` runs them; without names, all.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+import os
+import signal
+import subprocess
+import sys
+import time
+from typing import Any
+
+from msg_config.ros import create_sourced_subscription
+import numpy as np
+from ros_loop import RosLoop
+
+PROGRAMS = {
+    'plant_sim': ('flex_plant_sim.nodes.start',),
+    'payload_estimator': ('flex_payload_estimator.nodes.start', 'payload_estimator'),
+    'lqg_controller': ('flex_payload_estimator.nodes.start', 'lqg_controller')}
+COMMON = {'modes': 2}
+# The set-points go to 0.5 rad, with some overshoot; a command of 5 that is held until the drives'
+# watchdog ends it, 0.1 s, moves a joint by another 0.5 rad.
+LARGEST_ANGLE, COMMAND_LIMIT = 1.25, 5.0
+# Motion, s, after which the payload must be right, to three standard deviations and 5 %.
+MOTION, SHARE = 3.0, 0.05
+SAID = 1.0
+START = 60.0
+
+
+class Arena:
+    """Three processes in real time, and an observer that watches the bounds all the time."""
+
+    def __init__(self, context: Any, domain: int):
+        self.loop, self.domain = RosLoop(context), domain
+        self.processes: dict[str, subprocess.Popen[bytes]] = {}
+        self.joints: list[Any] = []
+        self.arm: bytes | None = None
+        create_sourced_subscription(self.loop.observer, 'joint_states', self._watch)
+        self.commands = self.loop.record('command')
+        self.payload = self.loop.record('payload_stamped')
+        self.diagnostics = self.loop.record('/diagnostics')
+        self.mass = 0.1
+
+    def _watch(self, message: Any, gid: bytes | None) -> None:
+        """Keep what the arm of this loop does, and not what a second one does."""
+        self.arm = self.arm or gid
+        if gid == self.arm:
+            self.joints.append(message)
+
+    def start(self, node: str, **values: Any) -> None:
+        """Start a node as a process."""
+        own: dict[str, Any] = {**COMMON, **values}
+        if node == 'plant_sim':
+            own = {'mode': 'realtime', 'payload': self.mass, **own}
+            self.arm = None if own['payload'] == self.mass else self.arm
+        arguments = [word for name, value in own.items() for word in ('-p', f'{name}:={value}')]
+        self.processes[node] = subprocess.Popen(
+            [sys.executable, '-m', *PROGRAMS[node], '--ros-args', *arguments],
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            env={**os.environ, 'ROS_DOMAIN_ID': str(self.domain)})
+
+    def start_all(self) -> None:
+        """Start the loop and wait until the payload is right."""
+        for node in PROGRAMS:
+            self.start(node)
+        self.right_within(START)
+
+    def signal(self, node: str, number: signal.Signals) -> None:
+        """Send a signal to a node's process."""
+        self.processes[node].send_signal(number)
+
+    def error(self) -> float:
+        """Return by how much the payload is off, as a share of what is allowed."""
+        if not self.payload:
+            return float('inf')
+        last = self.payload[-1]
+        allowed = 3.0 * np.sqrt(last.effort[0]) + SHARE * self.mass
+        return float(abs(last.position[0] - self.mass) / allowed)
+
+    def right_within(self, timeout: float) -> float:
+        """Wait until the payload is told afresh and is right; return how long that took, s."""
+        begin, seen = time.monotonic(), len(self.payload)
+        self.loop.until(lambda: len(self.payload) > seen + 50 and self.error() < 1.0, timeout)
+        return time.monotonic() - begin
+
+    def again_right(self) -> float:
+        """Return the motion, s of data, from the first new estimate to a right one that stays."""
+        seen = len(self.payload)
+        self.loop.until(lambda: len(self.payload) > seen, START)
+        self.loop.wait(MOTION)
+        assert self.error() < 1.0, f'{self.payload[-1].position[0]:.4f} for {self.mass} kg'
+        return MOTION
+
+    def said(self, text: str, since: float) -> float:
+        """Return how long after a time, s, a text was on diagnostics."""
+        start = len(self.diagnostics)
+
+        def found() -> bool:
+            return any(text in status.message for message in self.diagnostics[start:]
+                       for status in message.status)
+        self.loop.until(found, 10.0)
+        return time.monotonic() - since
+
+    def check_bounds(self) -> str:
+        """Assert what must hold at every sample since the last check; return the figures."""
+        angle = max(np.abs(message.position).max() for message in self.joints)
+        command = max(np.abs(message.effort).max() for message in self.commands)
+        self.joints.clear()
+        self.commands.clear()
+        assert angle < LARGEST_ANGLE, f'a joint went to {angle:.3g} rad'
+        assert command <= COMMAND_LIMIT, f'a command of {command:.3g}'
+        assert all(np.isfinite(message.position[0]) for message in self.payload)
+        return (f'joints within {angle:.3g} rad, commands within {command:.3g}, payload '
+                f'{self.payload[-1].position[0]:.4f} for {self.mass:g} kg')
+
+    def close(self) -> None:
+        """End everything."""
+        for process in self.processes.values():
+            process.send_signal(signal.SIGCONT)
+            process.kill()
+            process.wait()
+        self.loop.close()
+
+
+def killed(node: str, text: str, **values: Any) -> Callable[[Arena], str]:
+    """Return the fault of a node that is killed and started again."""
+    def fault(arena: Arena) -> str:
+        begin = time.monotonic()
+        arena.signal(node, signal.SIGKILL)
+        told = arena.said(text, begin) if text else 0.0
+        arena.mass = values.get('payload', arena.mass)
+        arena.start(node, **values)
+        arena.again_right()
+        return f'said after {told:.2f} s'
+    return fault
+
+
+def stopped(node: str, text: str) -> Callable[[Arena], str]:
+    """Return the fault of a node that stands still for two seconds."""
+    def fault(arena: Arena) -> str:
+        begin = time.monotonic()
+        arena.signal(node, signal.SIGSTOP)
+        told = arena.said(text, begin) if text else 0.0
+        arena.loop.wait(max(0.0, 2.0 - (time.monotonic() - begin)))
+        arena.signal(node, signal.SIGCONT)
+        arena.again_right()
+        return f'said after {told:.2f} s'
+    return fault
+
+
+def second_plant(arena: Arena) -> str:
+    """Let a second arm with another payload publish on the same topics."""
+    before = arena.processes['plant_sim']
+    arena.start('plant_sim', payload=0.6)
+    second, arena.processes['plant_sim'] = arena.processes['plant_sim'], before
+    begin = time.monotonic()
+    arena.loop.until(lambda: arena.loop.observer.count_publishers('strain') > 1, START)
+    begin = time.monotonic()
+    told = arena.said('publishers of', begin)
+    arena.again_right()
+    second.kill()
+    second.wait()
+    return f'said after {told:.2f} s'
+
+
+def clock_back(arena: Arena) -> str:
+    """Let the plant begin again: in real time a new stamp, and the arm back at rest."""
+    assert arena.loop.call('plant_sim', 'reset').success
+    arena.again_right()
+    return ''
+
+
+NO_SAMPLE, NO_PAYLOAD = 'no message on', 'payload/inertia is late or missing'
+FAULTS: dict[str, Callable[[Arena], str]] = {
+    'estimator killed': killed('payload_estimator', NO_PAYLOAD),
+    'controller killed': killed('lqg_controller', 'no command for the sample'),
+    'plant killed, another payload': killed('plant_sim', NO_SAMPLE, payload=0.25),
+    'estimator stopped': stopped('payload_estimator', NO_PAYLOAD),
+    'controller stopped': stopped('lqg_controller', 'no command for the sample'),
+    'plant stopped': stopped('plant_sim', NO_SAMPLE),
+    'second plant': second_plant, 'clock back': clock_back}
+
+
+def run(names: list[str], context: Any, domain: int) -> dict[str, str]:
+    """Return what became of each fault, one after another in one running loop."""
+    arena, found = Arena(context, domain), {}
+    try:
+        arena.start_all()
+        for name in names:
+            try:
+                said = FAULTS[name](arena)
+                found[name] = f'{arena.check_bounds()}, {said}'
+            except AssertionError as error:
+                found[name] = f'FAILED: {error}'
+                arena.joints.clear()
+            print(f'{name}: {found[name]}', flush=True)
+    finally:
+        arena.close()
+    return found
+
+
+def main() -> int:
+    """Run the faults so many times; return 1 where a bound was broken."""
+    import rclpy
+    from rclpy.context import Context
+
+    options = argparse.ArgumentParser(description=__doc__)
+    options.add_argument('faults', nargs='*', metavar='FAULT', help=', '.join(FAULTS))
+    options.add_argument('--times', type=int, default=1)
+    options.add_argument('--domain', type=int, default=92)
+    chosen = options.parse_args()
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    context = Context()
+    rclpy.init(context=context, domain_id=chosen.domain)
+    failed = 0
+    for _ in range(chosen.times):
+        found = run(chosen.faults or list(FAULTS), context, chosen.domain)
+        failed += sum(text.startswith('FAILED') for text in found.values())
+    print(f'{failed} failed')
+    return min(failed, 1)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
