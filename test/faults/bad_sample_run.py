@@ -14,9 +14,14 @@ import numpy as np
 import rclpy
 from rclpy.context import Context
 from ros_loop import RosLoop
-from test_nodes_bad_samples import BETWEEN, FIRST, spoiled_loop, STEP, undisturbed
-
-from faults.bad_samples import BAD_SAMPLES
+from test_nodes_bad_samples import (
+    BAD_SAMPLES,
+    BETWEEN,
+    FIRST,
+    spoiled_loop,
+    STEP,
+    undisturbed,
+)
 
 
 def main() -> int:
