@@ -8,7 +8,6 @@ subscriptions' callbacks, each between two good samples.
 from __future__ import annotations
 
 import argparse
-from collections import Counter
 from copy import deepcopy
 import random
 import sys
@@ -78,10 +77,10 @@ class Victims:
         self.context = Context()
         rclpy.init(context=self.context, domain_id=domain)
         given = [Parameter(name, value=value) for name, value in values.items()]
-        self.nodes = {kind.__name__: kind(context=self.context, parameter_overrides=given)
-                      for kind in (PlantSim, PayloadEstimatorNode, LQGControllerNode)}
-        self.by_name = {node.get_name(): node for node in self.nodes.values()}
-        self.outputs: Counter[str] = Counter()
+        self.nodes: dict[str, Any] = {
+            kind.__name__: kind(context=self.context, parameter_overrides=given)
+            for kind in (PlantSim, PayloadEstimatorNode, LQGControllerNode)}
+        self.by_name: dict[str, Any] = {node.get_name(): node for node in self.nodes.values()}
         self.bad: list[str] = []
         self.samples = 0
 
