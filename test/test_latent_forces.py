@@ -15,6 +15,8 @@ from flex_plant_sim.diagnosis.prediction.proposals import proposals
 from flex_plant_sim.diagnosis.prediction.smoother import LatentSystem, smooth
 from flex_plant_sim.diagnosis.record.sensor_noise import measurement_noise
 from flex_plant_sim.diagnosis.record.windows import Record, Windows
+from flex_plant_sim.diagnosis.report.improvement import measure_gain
+from flex_plant_sim.diagnosis.verdict.unknown import sentences_of, tables
 from flex_plant_sim.effects import catalogue
 from flex_plant_sim.effects.base import Effect, Motion
 import numpy as np
@@ -96,9 +98,26 @@ def laws(found: LatentForces) -> dict[str, Law]:
     return {series.site: law_of(series) for series in torque_series([found], REFERENCE)}
 
 
-def test_friction_of_a_finite_element_arm_shows_its_law() -> None:
+@pytest.fixture(scope='module')
+def rubbing() -> Record:
+    """Return the record of a finite-element arm whose elbow sticks and slips."""
     size = {'joint': 2, 'sliding': 0.25, 'extra': 0.35, 'speed': 0.15}
-    found = latent(true_record(TruthCase(11, (('stribeck_friction', size),), tolerances=False)))
+    return true_record(TruthCase(11, (('stribeck_friction', size),), tolerances=False))
+
+
+def test_law_carried_into_the_model_gains_where_it_was_not_fitted(rubbing: Record) -> None:
+    nominal = predictor(rubbing, effects('coriolis_centripetal:arm:share=1'))
+    view = latent_view([nominal])
+    assert sentences_of(view)[0].startswith('An unnamed torque of joint 2 (0.38 N·m rms) over its')
+    extended = predictor(rubbing, (*nominal.base.effects, *tables(view)))
+    left, = (f for f in latent_view([extended]).torques if f.series.site == 'joint_2')
+    assert not left.law.stated and left.series.size < 0.1 * view.torques[1].series.size
+    gains = {(g.channel, g.horizon): g.ratio for g in measure_gain([nominal], [extended])}
+    assert gains['joint_2', 1.0] < 0.1 and gains['strain_2a', 1.0] < 0.7
+
+
+def test_friction_of_a_finite_element_arm_shows_its_law(rubbing: Record) -> None:
+    found = latent(rubbing)
     law = laws(found)['joint_2']
     assert law.stated and law.variable == 'speed' and law.share > 0.97
     speed = found.speed[:, 1]

@@ -24,6 +24,7 @@ from flex_plant_sim.diagnosis.report.json_answer import answer, answer_text, wit
 from flex_plant_sim.diagnosis.report.latent_pictures import latent_sections
 from flex_plant_sim.diagnosis.report.payload_gain import payload_gain, PayloadGain
 from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual, describe
+from flex_plant_sim.diagnosis.verdict.experiments import with_experiment
 from flex_plant_sim.diagnosis.verdict.results import Diagnosis
 from flex_plant_sim.diagnosis.verdict.unknown import tables, UNNAMED, with_unknown
 from flex_plant_sim.diagnosis.verdict.verdict import diagnose, nominal_base
@@ -135,7 +136,7 @@ def run(logs: Sequence[Log], robot: Robot, arguments: argparse.Namespace,
         return [Predictor(base, windows, noise) for windows, noise in zip(data.locked, data.noise)]
 
     before, after = predictors(nominal), predictors(extended)
-    latent = {'before': latent_view(before)}
+    latent, diagnosis = {'before': latent_view(before)}, with_experiment(diagnosis)
     added: tuple[Effect, ...] = ()
     if diagnosis.verdict in UNNAMED:
         latent['after'] = latent_view(after)

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, replace
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.prediction.noise import load_levels, process_noise
-from flex_plant_sim.diagnosis.prediction.passage import Matrices, payload_schedule, Run
+from flex_plant_sim.diagnosis.prediction.passage import (
+    Matrices,
+    payload_schedule,
+    Run,
+    undo_sensors,
+)
 from flex_plant_sim.diagnosis.prediction.predictor import LEVEL_STEP, Predictor
 from flex_plant_sim.diagnosis.prediction.smoother import LatentSystem, smooth, Smoothed
 from flex_plant_sim.effects.joint.measured_torque import load_row
@@ -110,10 +116,11 @@ def latent_forces(predictor: Predictor, amplitudes: Amplitudes = Amplitudes(),
     system = latent_system(predictor, amplitudes)
     least = scale = system.diffusing[0]
     smoothed = smooth(system)
+    known = _known(_along(predictor, smoothed.mean[:, :system.states]))
     for _ in range(PASSES - 1):
         squared = smoothed.increments
         scale = np.maximum(np.mean(squared / _stretch(squared, scale), axis=0), least)
-        system = replace(system, diffusing=scale * _stretch(squared, scale))
+        system = replace(system, known=known, diffusing=scale * _stretch(squared, scale))
         smoothed = smooth(system)
     return _found(predictor, smoothed, len(system.measured) if stop is None else stop)
 
@@ -133,13 +140,11 @@ def _stretch(squared: Array, scale: Array) -> Array:
 def latent_system(predictor: Predictor, amplitudes: Amplitudes) -> LatentSystem:
     """Return the predictor's base with latent forces, ready to be smoothed."""
     arm, record = predictor.arm, predictor.record
-    rows, step = np.arange(len(record.time)), arm.step_time
+    step = arm.step_time
     weights, table = payload_schedule(arm, record.time, predictor.weights_of(arm))
     n = arm.states
     table = table.reshape(len(table), n, -1)
     torques = np.concatenate([table[..., :n], table[..., n + 2:] @ arm.form.force], axis=-1)
-    open_loop = Matrices.of(predictor, arm, np.zeros_like(predictor.gain), rows)
-    run = Run(predictor, arm, open_loop, rows, 1)
     drive = drive_torque(predictor)
     strain = np.maximum(np.std(record.output[:, 2:], axis=0), LEAST)
     decay = float(np.exp(-step / amplitudes.gauge_time))
@@ -147,10 +152,11 @@ def latent_system(predictor: Predictor, amplitudes: Amplitudes) -> LatentSystem:
     diffusing = np.concatenate([step * (amplitudes.torque * drive)**2,
                                 gauge * (1.0 - decay**2)])
     return LatentSystem(
-        weights, np.ascontiguousarray(torques), run.inputs[:, 0] + _contact(predictor),
-        np.ascontiguousarray(arm.output_matrix), np.ascontiguousarray(run.measured[:, 0]),
-        predictor.noise**2, _diffusion(predictor, table), decay,
-        np.tile(diffusing, (len(rows), 1)), _start(predictor), _spread(predictor, drive, gauge))
+        weights, np.ascontiguousarray(torques), _known(predictor),
+        np.ascontiguousarray(arm.output_matrix),
+        np.ascontiguousarray(undo_sensors(arm, record)[:, 0]), predictor.noise**2,
+        _diffusion(predictor, table), decay, np.tile(diffusing, (len(record.time), 1)),
+        _start(predictor), _spread(predictor, drive, gauge))
 
 
 def drive_torque(predictor: Predictor) -> Array:
@@ -159,15 +165,25 @@ def drive_torque(predictor: Predictor) -> Array:
     return np.maximum(gain * np.std(predictor.record.command, axis=0), LEAST)
 
 
-def _contact(predictor: Predictor) -> Array:
-    """Return what dry friction and backlash of the base do to each step, (N, n)."""
-    arm, states = predictor.arm, predictor.states
+def _along(predictor: Predictor, states: Array) -> Predictor:
+    """Return the predictor with forces that depend on the motion taken along these states."""
+    other = copy(predictor)
+    other.states = states
+    return other
+
+
+def _known(predictor: Predictor) -> Array:
+    """Return what commands, known forces and contact add to each step, (N, n)."""
+    arm, rows = predictor.arm, np.arange(len(predictor.record.time))
+    open_loop = Matrices.of(predictor, arm, np.zeros_like(predictor.gain), rows)
+    run = Run(predictor, arm, open_loop, rows, 1)
     if not arm.has_contact:
-        return np.zeros_like(states)
-    rows = np.arange(len(states))
-    run = Run(predictor, arm, Matrices.of(predictor, arm, predictor.gain, rows), rows, 1)
-    free = np.matmul(run.closed, states[..., None])[..., 0] + run.inputs[:, 0]
-    return np.vstack([states[1:] - free[:-1], np.zeros((1, states.shape[1]))])
+        return run.inputs[:, 0]
+    states = run.trajectory
+    free = np.matmul(states, np.swapaxes(run.closed, 1, 2)) + run.inputs
+    motion = arm.motion(states, run.command, run.time)
+    stopped = arm.apply_contact(run.response[:, None], states, free, motion)
+    return np.asarray((run.inputs + stopped - free)[:, 0], dtype=float)
 
 
 def _diffusion(predictor: Predictor, table: Array) -> Array:

@@ -1,0 +1,61 @@
+"""What one more experiment would settle: the record in which a kind of cause shows alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from flex_plant_sim.diagnosis.verdict.results import Diagnosis
+from flex_plant_sim.effects import catalogue
+
+CREEP = 'both joints slowly through their whole range at constant speed, both ways'
+PLUCK = 'free swings after a pluck of the tip, with the joints held'
+WEIGH = 'the same moves with a payload that was weighed, and without one'
+STATIC = 'known weights at the tip of the arm at rest'
+STEPS = 'steps of the command of several sizes, from small to the limit'
+BURST = 'fast reversals, ten a second and more'
+WAIT = 'an hour of the same move, from cold'
+# By which record a family's effects are told from others, and which of them by another.
+BY_FAMILY: Mapping[str, str] = {
+    'joint and gear': CREEP, 'drive and timing': STEPS, 'sensors': STATIC,
+    'links and structure': PLUCK, 'payload': WEIGH}
+EXCEPTIONS: Mapping[str, str] = {
+    **dict.fromkeys(('backlash', 'gear_compliance', 'motor_lag', 'input_delay',
+                     'drive_bandwidth', 'strain_filter', 'strain_delay', 'hub_inertia'), BURST),
+    **dict.fromkeys(('angle_gain', 'angle_offset', 'base_tilt'), CREEP),
+    **dict.fromkeys(('strain_drift', 'payload_change'), WAIT)}
+
+
+def experiment(names: Sequence[str]) -> str:
+    """
+    Return what to record to tell causes apart, in one sentence.
+
+    Causes that the same record shows differ in size or shape there; of others, each record
+    shows one alone.
+    """
+    shown_by = {name: _record_for(name) for name in names if name in catalogue()}
+    kinds = dict.fromkeys(shown_by.values())
+    words = ' from '.join(name.replace('_', ' ') for name in names)
+    if not kinds:
+        return ''
+    if len(kinds) == 1:
+        return f'To tell {words}: record {next(iter(kinds))}.'
+    shown = '; '.join(
+        f'{kind} (shows {_listed([n for n, k in shown_by.items() if k == kind])})'
+        for kind in kinds)
+    return f'To tell {words}, record one of: {shown}.'
+
+
+def with_experiment(diagnosis: Diagnosis) -> Diagnosis:
+    """Return the diagnosis with the record that would tell its look-alikes apart as advice."""
+    if not diagnosis.cannot_tell:
+        return diagnosis
+    return replace(diagnosis, advice=experiment(diagnosis.cannot_tell[0]) or diagnosis.advice)
+
+
+def _record_for(name: str) -> str:
+    return EXCEPTIONS.get(name) or BY_FAMILY[catalogue()[name].family]
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ' and '.join(name.replace('_', ' ') for name in names)
