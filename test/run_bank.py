@@ -37,6 +37,7 @@ def options() -> argparse.Namespace:
     parser.add_argument('--fresh', action='store_true', help='forget earlier results')
     parser.add_argument('--so-far', action='store_true',
                         help='run nothing; report on the results that are there')
+    parser.add_argument('--against', type=Path, help='results of another run to compare with')
     parser.add_argument('--limits', action='store_true',
                         help=f'find the detection limits anew and keep them in {LIMITS_FILE.name}')
     parser.add_argument('--docs', type=Path, default=REPOSITORY / 'docs',
@@ -112,6 +113,8 @@ def report(lines: list[dict[str, Any]], chosen: argparse.Namespace) -> None:
     for what, demand, found, met in summary.figures(lines):
         mark = '' if met is None else (' met' if met else ' MISSED')
         print(f'{what:<75} {demand:>12}  {found}{mark}')
+    if chosen.against:
+        print(summary.paired(lines, list(read_results(chosen.against).values())))
     if lines and not chosen.only:
         commit = ', '.join(sorted({line['commit'] for line in lines}))
         write_picture(chosen.docs / 'bank.png', lines)

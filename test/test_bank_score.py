@@ -136,6 +136,15 @@ def test_coverage_counts_parameters_of_right_names_at_right_sites() -> None:
     assert score.right_site(right) and not score.right_site(elsewhere)
 
 
+def test_two_runs_are_compared_case_by_case() -> None:
+    old = [{**line(['backlash'], {'motor_lag': 0.99}), 'key': str(k)} for k in range(3)]
+    new = [{**line(['backlash'], {'backlash': 0.99}), 'key': str(k)} for k in range(1, 5)]
+    gain = math.log(0.99) + math.log(0.999) - math.log(0.01) - math.log(0.001)
+    text = summary.paired(new, old)
+    assert text.startswith('2 cases in common') and f'gain {gain:+.2f} +- 0.00' in text
+    assert 'exact 2 against 0, surely wrong 0 against 2' in text
+
+
 def test_confusion_counts_every_case_once() -> None:
     lines = [line(['coulomb_friction'], {'coulomb_friction': 0.9}),
              line(['coulomb_friction'], {'stribeck_friction': 0.9}),

@@ -71,6 +71,23 @@ def mean_log_score(lines: Sequence[Line]) -> str:
     return f'{statistics.fmean(scores):.2f} +- {spread:.2f}'
 
 
+def paired(lines: Sequence[Line], others: Sequence[Line]) -> str:
+    """Return the mean log-score of the cases that both have, and the paired difference."""
+    earlier = {line['key']: line for line in others if line['kind'] in JUDGED}
+    shared = [line for line in lines if line['key'] in earlier]
+    before = [earlier[line['key']] for line in shared]
+    gains = [score.log_score(a) - score.log_score(b) for a, b in zip(shared, before)]
+    if len(gains) < 2:
+        return f'{len(gains)} cases in common: nothing to compare'
+    error = statistics.stdev(gains) / math.sqrt(len(gains))
+    return (f'{len(gains)} cases in common: log-score {mean_log_score(shared)}, of the other run '
+            f'{mean_log_score(before)}, gain {statistics.fmean(gains):+.2f} +- {error:.2f}; exact '
+            f'{score.share(shared, score.exact).right} against '
+            f'{score.share(before, score.exact).right}, surely wrong '
+            f'{score.share(shared, score.surely_wrong).right} against '
+            f'{score.share(before, score.surely_wrong).right}')
+
+
 def _at_least(what: str, demand: float, found: Share) -> tuple[str, str, str, bool | None]:
     met = None if not found.total else found.value >= demand
     return what, f'>= {100 * demand:.0f} %', str(found), met
