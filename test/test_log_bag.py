@@ -20,7 +20,7 @@ from flex_plant_sim.simulation.simulator import simulate, Simulator
 from msg_config.errors import InputError
 import numpy as np
 import pytest
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 
 ROBOT = load_robot('reference')
@@ -205,6 +205,26 @@ def test_names_are_read_in_every_message(tmp_path: Path) -> None:
     log = read_log(record(tmp_path / 'bag', [*turned, *strains(5)]), ROBOT)
     np.testing.assert_allclose(log.joint[:, 0], [0.0, 0.1, 0.2, 0.3])
     np.testing.assert_array_equal(log.command[:, 0], [0, 10, 20, 30])
+
+
+def test_a_bag_that_unpacks_to_too_much_is_refused(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """10 kB of compressed zeros would be 300 MB on disk; 30 MB are allowed here."""
+    zstd = pytest.importorskip('backports.zstd')
+    monkeypatch.setattr('flex_plant_sim.logs.bounded.FILE', 30_000_000)
+    monkeypatch.setenv('TMPDIR', str(tmp_path / 'disk'))
+    monkeypatch.setattr('tempfile.tempdir', None)
+    (tmp_path / 'disk').mkdir()
+    writer = Writer(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.MCAP)
+    writer.set_compression(CompressionMode.FILE, CompressionFormat.ZSTD)
+    with writer:
+        known = writer.add_connection('/strain', JOINT_STATE, typestore=TYPES)
+        writer.write(known, START, TYPES.serialize_cdr(strains(1)[0][2], JOINT_STATE))
+    packed, = (tmp_path / 'bag').glob('*.z*')
+    packed.write_bytes(zstd.compress(bytes(10_000_000)) * 30)
+    with pytest.raises(InputError, match='expected a rosbag2, got: .*too large'):
+        read_log(tmp_path / 'bag', ROBOT)
+    assert list((tmp_path / 'disk').iterdir()) == []
 
 
 def test_a_bag_says_what_simulated_it(tmp_path: Path) -> None:

@@ -78,7 +78,9 @@ def channel_hints(measured: Array, expected: Array, names: Sequence[str],
         alike = float(own @ model) / (size * wanted)
         fits = [text for factor, text in UNITS[unit].items()
                 if 1.0 / SIZE < size / wanted / factor < SIZE]
-        if abs(alike) > ALIKE and (fits or not 1.0 / FAR < size / wanted < FAR):
+        ratio = size / wanted
+        if abs(alike) > ALIKE and (fits or not 1.0 / FAR < ratio < FAR) \
+                or not 1.0 / FAR**2 < ratio < FAR**2:
             found.append(f'{name}: {size / wanted:.3g} times what the model expects: '
                          + (f'is it in {fits[0]}?' if fits else 'is its scale right, or the '
                             "command's?"))

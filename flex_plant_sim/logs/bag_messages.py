@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from array import array
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.inputs.stamps import sane_stamp
-from flex_plant_sim.logs.bounded import bounded
+from flex_plant_sim.logs.bounded import bounded, MEMORY
 from msg_config import load_topics
 from msg_config.errors import InputError
 from msg_config.input_mapping import Channels, InputMapping
@@ -18,12 +19,38 @@ from numpy.typing import NDArray
 
 NANOSECONDS = 1_000_000_000
 TOPICS = ('joint_states', 'strain', 'command')
+FIELDS = ('position', 'velocity', 'effort')
+# Several drivers may share joint_states, each with names of its own.
+MOST_NAMES = 100
 Stamps = NDArray[np.int64]
 
 
 def seconds_text(stamp: int) -> str:
     """Return a stamp, ns, in s; a double has no room for the digits of today's clock."""
     return f'{stamp // NANOSECONDS}.{stamp % NANOSECONDS:09d} s'
+
+
+@dataclass(frozen=True)
+class Fields:
+    """
+    One field of a topic's messages, end to end.
+
+    Attributes
+    ----------
+    flat : Array
+        The values of all messages.
+    count : array of int
+        How many of them each message has, (N,).
+
+    """
+
+    flat: Array
+    count: Stamps
+
+    def of(self, rows: Stamps) -> tuple[Array, Stamps]:
+        """Return of these messages the values and where each begins."""
+        begin = np.concatenate([[0], np.cumsum(self.count)])
+        return self.flat, begin[rows]
 
 
 @dataclass(frozen=True)
@@ -37,52 +64,34 @@ class Stream:
         Of the bag, for errors.
     name : str
         Of the topic in the contract.
-    messages : tuple
-        JointStates.
     stamps : array of int
-        ns, increasing.
+        ns, increasing, (N,).
+    names : tuple of tuple of str
+        The lists of names that came.
+    group : array of int
+        Which of them each message bears, (N,).
+    fields : Mapping of str to Fields
+        position, velocity and effort.
 
     """
 
     path: Path
     name: str
-    messages: tuple[Any, ...]
     stamps: Stamps
-
-    @classmethod
-    def of(cls, path: Path, name: str, messages: Sequence[Any]) -> Stream:
-        """
-        Return a topic's messages with their stamps.
-
-        Raises
-        ------
-        InputError
-            A stamp is no time, or does not come after the one before.
-
-        """
-        for k, message in enumerate(messages):
-            own = message.header.stamp
-            if not sane_stamp(own.sec, own.nanosec):
-                raise InputError(f'{path}: {name}: message {k + 1}: header.stamp: expected a '
-                                 f'time, got {own.sec} s and {own.nanosec} ns')
-        stamps = np.array([m.header.stamp.sec * NANOSECONDS + m.header.stamp.nanosec
-                           for m in messages], dtype=np.int64)
-        late = np.diff(stamps) <= 0
-        if late.any():
-            k = int(np.argmax(late)) + 1
-            raise InputError(f'{path}: {name}: message {k + 1}: expected a stamp after '
-                             f'{seconds_text(stamps[k - 1])}, got {seconds_text(stamps[k])}')
-        return cls(path, name, tuple(messages), stamps)
+    names: tuple[tuple[str, ...], ...]
+    group: Stamps
+    fields: Mapping[str, Fields]
 
     def naming(self, channels: Channels) -> Stream:
         """Return the messages that name any of the channels; drivers share joint_states."""
         own = {name for names in channels.sources for name in names}
-        told = [bool(own.intersection(message.name)) for message in self.messages]
-        if all(told) or not any(told):
+        tells = np.array([bool(own.intersection(names)) for names in self.names], dtype=bool)
+        kept = np.flatnonzero(tells[self.group]) if tells.size else np.zeros(0, dtype=np.int64)
+        if len(kept) in (0, len(self.stamps)):
             return self
-        return Stream(self.path, self.name,
-                      tuple(m for m, tells in zip(self.messages, told) if tells),
-                      self.stamps[np.array(told)])
+        return replace(self, stamps=self.stamps[kept], group=self.group[kept],
+                       fields={field: _kept(values, kept)
+                               for field, values in self.fields.items()})
 
     def values(self, channels: Channels, field: str, rate: bool = False) -> Array:
         """
@@ -94,22 +103,69 @@ class Stream:
             Names and values do not match, or a channel is missing or ambiguous.
 
         """
-        rows = np.empty((len(self.messages), len(channels.own)))
-        known: dict[tuple[str, ...], list[int]] = {}
-        for k, message in enumerate(self.messages):
-            given, values = tuple(message.name), getattr(message, field)
-            where = f'{self.path}: {self.name}: message {k + 1}'
-            if len(values) != len(given):
+        found, own = np.empty((len(self.stamps), len(channels.own))), self.fields[field]
+        for number, given in enumerate(self.names):
+            rows = np.flatnonzero(self.group == number)
+            if not rows.size:
+                continue
+            wrong = own.count[rows] != len(given)
+            at = int(rows[int(np.argmax(wrong))])
+            where = f'{self.path}: {self.name}: message {at + 1}'
+            if wrong.any():
                 raise InputError(f'{where}: {field}: expected {len(given)} values, one for each '
-                                 f'name, got {len(values)}')
-            if given not in known:
-                known[given] = channels.index(given, where)
-            rows[k] = values[known[given]]
-        return channels.rate(rows) if rate else channels.si(rows)
+                                 f'name, got {int(own.count[at])}')
+            flat, begin = own.of(rows)
+            found[rows] = flat[begin[:, None] + np.array(channels.index(given, where))]
+        return channels.rate(found) if rate else channels.si(found)
 
     def has(self, field: str) -> bool:
         """Return whether every message fills a field."""
-        return bool(self.messages) and all(len(getattr(m, field)) for m in self.messages)
+        return len(self.stamps) > 0 and bool(self.fields[field].count.all())
+
+
+def _kept(field: Fields, rows: Stamps) -> Fields:
+    inside = np.zeros(len(field.count), dtype=bool)
+    inside[rows] = True
+    return Fields(field.flat[np.repeat(inside, field.count)], field.count[rows])
+
+
+class _Collector:
+    """Takes what is wanted of one topic's messages, some forty bytes a value."""
+
+    def __init__(self, path: Path, name: str):
+        self.path, self.name = path, name
+        self.stamps, self.group = array('q'), array('q')
+        self.names: dict[tuple[str, ...], int] = {}
+        self.flat = {field: array('d') for field in FIELDS}
+        self.count = {field: array('q') for field in FIELDS}
+
+    def add(self, message: Any) -> None:
+        """Take a message whose stamp comes after the last one's."""
+        own = message.header.stamp
+        where = f'{self.path}: {self.name}: message {len(self.stamps) + 1}'
+        if not sane_stamp(own.sec, own.nanosec):
+            raise InputError(f'{where}: header.stamp: expected a time, got {own.sec} s and '
+                             f'{own.nanosec} ns')
+        stamp = own.sec * NANOSECONDS + own.nanosec
+        if self.stamps and stamp <= self.stamps[-1]:
+            raise InputError(f'{where}: expected a stamp after {seconds_text(self.stamps[-1])}, '
+                             f'got {seconds_text(stamp)}')
+        names = tuple(message.name)
+        if len(self.names) > MOST_NAMES:
+            raise InputError(f'{where}: name: expected at most {MOST_NAMES} different lists')
+        self.stamps.append(stamp)
+        self.group.append(self.names.setdefault(names, len(self.names)))
+        for field in FIELDS:
+            values = getattr(message, field)
+            self.flat[field].extend(values)
+            self.count[field].append(len(values))
+
+    def stream(self) -> Stream:
+        """Return what was taken."""
+        fields = {field: Fields(np.array(self.flat[field]),
+                                np.array(self.count[field], dtype=np.int64)) for field in FIELDS}
+        return Stream(self.path, self.name, np.array(self.stamps, dtype=np.int64),
+                      tuple(self.names), np.array(self.group, dtype=np.int64), fields)
 
 
 def read_messages(path: Path, mapping: InputMapping
@@ -135,17 +191,20 @@ def read_messages(path: Path, mapping: InputMapping
             found, notes = _collected(path, reader, mapping)
     except InputError:
         raise
+    except MemoryError:
+        raise InputError(f'{path}: expected a bag that takes at most {MEMORY / 1e6:g} MB of '
+                         'memory; a long one can be split') from None
     except Exception as error:  # noqa: B902  a torn bag raises what its bytes happen to hit
         raise InputError(f'{path}: expected a rosbag2, got: '
                          f'{type(error).__name__}: {error}') from None
-    return {name: Stream.of(path, name, messages) for name, messages in found.items()}, notes
+    return {name: collector.stream() for name, collector in found.items()}, notes
 
 
 def _collected(path: Path, reader: Any, mapping: InputMapping
-               ) -> tuple[dict[str, list[Any]], tuple[str, ...]]:
+               ) -> tuple[dict[str, _Collector], tuple[str, ...]]:
     chosen = {name: _connections(path, reader, name, mapping) for name in TOPICS}
     owner = {id(c): name for name, group in chosen.items() for c in group}
-    found: dict[str, list[Any]] = {name: [] for name in TOPICS}
+    found = {name: _Collector(path, name) for name in TOPICS}
     came = dict.fromkeys(TOPICS, 0)
     before: dict[str, bytes] = {}
     wanted = [c for group in chosen.values() for c in group]
@@ -154,7 +213,7 @@ def _collected(path: Path, reader: Any, mapping: InputMapping
         came[name] += 1
         # In lock-step a sample that nobody answers in time is sent again.
         if before.get(name) != data:
-            found[name].append(reader.deserialize(data, connection.msgtype))
+            found[name].add(reader.deserialize(data, connection.msgtype))
         before[name] = data
     notes = []
     for name, group in chosen.items():

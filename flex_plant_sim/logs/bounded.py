@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 import resource
 
-# An hour at 500 Hz fits; a length that was crafted, or a bomb, does not.
+# Bytes. A length that was crafted, or a bomb, takes more; half an hour at 200 Hz takes less.
 MEMORY = 400_000_000
 FILE = 1_000_000_000
 
@@ -18,14 +18,14 @@ def _in_use() -> int:
 
 
 @contextmanager
-def bounded(memory: int = MEMORY, file: int = FILE) -> Iterator[None]:
+def bounded() -> Iterator[None]:
     """
-    Let the block take so much more memory, and write files no longer than that, bytes.
+    Let the block take so much more MEMORY, and write files no longer than FILE.
 
     What exceeds it raises MemoryError or OSError. The bound is the process', all its threads'.
     """
     try:
-        wanted = {resource.RLIMIT_AS: _in_use() + memory, resource.RLIMIT_FSIZE: file}
+        wanted = {resource.RLIMIT_AS: _in_use() + MEMORY, resource.RLIMIT_FSIZE: FILE}
     except OSError:  # not Linux: no bound
         wanted = {}
     before = {kind: resource.getrlimit(kind) for kind in wanted}

@@ -95,7 +95,7 @@ def to_log(rows: Rows, robot: Robot, commands: Callable[[Grid], Array] | None = 
     rows = _described(rows, grid).kept(slice(grid.first, grid.last))
     if grid.samples < 2:
         raise InputError(f'{rows.source}: expected at least 2 samples in a row, got 1')
-    rows = _with_spikes(rows, robot)
+    rows = _with_spikes(_with_stuck(rows, robot), robot)
     shifted = replace(grid, start=grid.start - start)
     log = Log(rows.source, rows.time[0] + grid.time,
               bridged(grid, rows.command) if commands is None else commands(shifted),
@@ -148,6 +148,16 @@ def _described(rows: Rows, grid: Grid) -> Rows:
         rows = rows.said(f'stamps jitter by up to {1e3 * grid.jitter:.3g} ms: taken as even, '
                          f'every {1e3 * grid.interval:.6g} ms')
     return rows
+
+
+def _with_stuck(rows: Rows, robot: Robot) -> Rows:
+    output = np.hstack([rows.joint, rows.strain])
+    still = np.ptp(output, axis=0) == 0.0
+    if still.all() or not still.any():
+        return rows
+    names = [name for name, stuck in zip(robot.output_names, still) if stuck]
+    return rows.said(f'{", ".join(names)}: never changes while the rest moves: stuck, or not '
+                     'connected?', doubtful=True)
 
 
 def _with_spikes(rows: Rows, robot: Robot) -> Rows:
