@@ -24,7 +24,7 @@ SYSTEM = ('/dev', '/proc', '/sys')
 
 
 @contextmanager
-def whole_file(path: str | Path, folder: bool = False) -> Iterator[Path]:
+def whole_file(path: str | Path, folder: bool = False, known: bool = False) -> Iterator[Path]:
     """
     Yield a temporary path beside `path` that takes its name when the block ends well.
 
@@ -38,6 +38,8 @@ def whole_file(path: str | Path, folder: bool = False) -> Iterator[Path]:
         Where the file shall stand.
     folder : bool
         Whether an earlier folder may be replaced, else an earlier file.
+    known : bool
+        Whether the caller knows, without the mark, that it wrote what stands there.
 
     Raises
     ------
@@ -46,7 +48,7 @@ def whole_file(path: str | Path, folder: bool = False) -> Iterator[Path]:
 
     """
     target = Path(os.path.realpath(path))
-    check_replaceable(path, folder)
+    check_replaceable(path, folder, known)
     try:
         # Its name stays: writers take formats and names of parts from it.
         with TemporaryDirectory(prefix='.', suffix=f'.{target.name[-60:]}',
@@ -64,7 +66,7 @@ def _reason(error: OSError) -> str:
     return error.strerror or str(error)
 
 
-def check_replaceable(path: str | Path, folder: bool = False) -> None:
+def check_replaceable(path: str | Path, folder: bool = False, known: bool = False) -> None:
     """
     Raise where an output cannot be, or would replace what these tools did not write.
 
@@ -85,12 +87,17 @@ def check_replaceable(path: str | Path, folder: bool = False) -> None:
             return
         if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
             raise InputError(f'{path}: expected a file to write, got a device or a pipe')
-        if target.is_dir() != folder or not written_here(target):
+        if target.is_dir() != folder or not (known or written_here(target)):
             what = 'folder' if target.is_dir() else 'file'
             raise InputError(f'{path}: expected a new place, or one of this tool to replace, got '
                              f'a {what} that it did not write; remove it or choose another name')
     except OSError as error:
         raise InputError(f'{path}: expected a writable place, got: {_reason(error)}') from None
+
+
+def image_metadata(path: str | Path) -> dict[str, str | None]:
+    """Return the mark of these tools as an image of that suffix holds it: PNG, PDF, SVG."""
+    return {'Software': MARK} if Path(path).suffix == '.png' else {'Creator': MARK}
 
 
 def written_here(path: Path) -> bool:

@@ -17,7 +17,7 @@ from flex_plant_sim.atomic_file import MARK, whole_file, written_here
 from flex_plant_sim.logs.bag_log import write_bag
 from flex_plant_sim.logs.csv_log import write_csv
 from flex_plant_sim.logs.log import Log
-from flex_plant_sim.tools import diagnose, replay
+from flex_plant_sim.tools import diagnose, replay, robot
 from msg_config.errors import InputError
 import numpy as np
 import pytest
@@ -31,6 +31,11 @@ FILES = [
     (estimate.main, ['{log}', '--robot', '{robot}'], '--json', 'out.json'),
     (diagnose.main, ['{log}', '--robot', '{robot}'], '--json', 'out.json'),
     (diagnose.main, ['{log}', '--robot', '{robot}'], '--extended', 'out.yaml'),
+    (robot.main, ['template'], '--output', 'out.yaml'),
+    (robot.main, ['check', '{robot}'], '--json', 'out.json'),
+    (robot.main, ['show', '{robot}'], '--output', 'out.png'),
+    (robot.main, ['calibrate', '{log}', '--robot', '{robot}', '--payload', '0.1'], '--output',
+     'out.yaml'),
 ]
 FOLDERS = [
     (diagnose.main, ['{log}', '--robot', '{robot}'], '--report', 'report.html'),

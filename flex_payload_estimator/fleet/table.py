@@ -1,4 +1,8 @@
-"""The fleet's table: one row a log, and since when an arm answers as it does now."""
+"""
+The fleet's table: one row a log, and since when an arm answers as it does now.
+
+It stands in a folder that the journal has found to be the fleet's.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +45,8 @@ def records(rows: Sequence[Row]) -> list[dict[str, Any]]:
 def write_csv(path: Path, rows: Sequence[Row]) -> None:
     """Write the table as CSV, whole or not at all; no cell is a formula to a spreadsheet."""
     table = records(rows)
-    with whole_file(path) as temporary, temporary.open('w', newline='', encoding='utf-8') as file:
+    with whole_file(path, known=True) as temporary, \
+            temporary.open('w', newline='', encoding='utf-8') as file:
         writer = csv.DictWriter(file, list(table[0]))
         writer.writeheader()
         writer.writerows({key: _cell(value) for key, value in row.items()} for row in table)
@@ -59,7 +64,7 @@ def write_parquet(path: Path, rows: Sequence[Row]) -> bool:
         from pyarrow.parquet import write_table
     except ImportError:
         return False
-    with whole_file(path) as temporary:
+    with whole_file(path, known=True) as temporary:
         write_table(Table.from_pylist(records(rows)), temporary)
     return True
 
@@ -79,7 +84,7 @@ def write_page(path: Path, rows: Sequence[Row]) -> bool:
     for row in table:
         name = row['verdict'] or 'failed'
         counts[name] = counts.get(name, 0) + 1
-    with whole_file(path) as temporary:
+    with whole_file(path, known=True) as temporary:
         temporary.write_text(Environment(autoescape=True).from_string(template).render(
             rows=table, counts=counts, arms=len({row.arm for row in rows})), encoding='utf-8')
     return True

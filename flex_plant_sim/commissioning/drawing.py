@@ -8,7 +8,7 @@ from typing import Any
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array, link_slice
-from flex_plant_sim.atomic_file import whole_file
+from flex_plant_sim.atomic_file import image_metadata, whole_file
 from flex_plant_sim.commissioning.summary import locked_modes
 from flex_plant_sim.simulation.arm_shape import ArmShape
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
@@ -50,7 +50,7 @@ def write_drawing(path: str | Path, robot: Robot, modes: int = 3) -> None:
     rows[-1].set_xlabel('m')
     figure.suptitle(f'{robot.name}, from above, elbow straight, joints held')
     with whole_file(path) as temporary:
-        figure.savefig(temporary, dpi=110)
+        figure.savefig(temporary, dpi=110, metadata=image_metadata(path))
 
 
 def _roots(robot: Robot) -> tuple[float, float]:

@@ -10,7 +10,7 @@ import sys
 from tempfile import TemporaryFile
 from typing import Any
 
-from flex_plant_sim.atomic_file import check_replaceable, MARK
+from flex_plant_sim.atomic_file import check_replaceable
 from msg_config.errors import InputError
 
 BLOCK = 4096
@@ -119,11 +119,6 @@ def check_image(path: str | Path) -> None:
     if Path(path).suffix not in IMAGES:
         raise InputError(f'{path}: expected an image suffix, {", ".join(IMAGES)}, '
                          f'got {Path(path).suffix!r}')
-
-
-def image_metadata(path: str | Path) -> dict[str, str | None]:
-    """Return the mark of these tools as an image of that suffix holds it."""
-    return {'Software': MARK} if Path(path).suffix == '.png' else {'Creator': MARK}
 
 
 @contextmanager

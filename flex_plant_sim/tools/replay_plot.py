@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from flex_plant_sim.atomic_file import whole_file
-from flex_plant_sim.tools.outputs import image_metadata
+from flex_plant_sim.atomic_file import image_metadata, whole_file
 from flex_plant_sim.tools.replay import fit_text, Replay
 
 SHOWN = {'rad': (1.0, 'rad'), 'm/m': (1e6, 'µm/m')}

@@ -19,6 +19,7 @@ from flex_plant_sim.commissioning.robot_text import with_numbers
 from flex_plant_sim.commissioning.template import reference_page, template
 from flex_plant_sim.tools import command_line
 from flex_plant_sim.tools.diagnose import read_logs
+from flex_plant_sim.tools.outputs import check_outputs
 from flex_plant_sim.tools.replay import replay
 
 
@@ -39,6 +40,7 @@ def _reference(arguments: argparse.Namespace) -> None:
 
 
 def _check(arguments: argparse.Namespace) -> None:
+    check_outputs({'--json': arguments.json}, [arguments.file])
     robot = load_robot(arguments.file)
     if arguments.payload is not None:
         robot = replace(robot, payload_mass=arguments.payload)
@@ -49,6 +51,7 @@ def _check(arguments: argparse.Namespace) -> None:
 
 
 def _show(arguments: argparse.Namespace) -> None:
+    check_outputs({'--output': arguments.output}, [arguments.file])
     write_drawing(arguments.output, load_robot(arguments.file), arguments.modes)
     print(f'drawing: {arguments.output}')
 
@@ -61,6 +64,7 @@ def _prior(arguments: argparse.Namespace) -> None:
 
 
 def _calibrate(arguments: argparse.Namespace) -> None:
+    check_outputs({'--output': arguments.output}, [*arguments.log, arguments.robot])
     robot = load_robot(arguments.robot)
     logs = read_logs(arguments.log, robot, MODEL, MODES)
     found = calibrate(logs, robot, arguments.payload,
