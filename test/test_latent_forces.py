@@ -108,7 +108,8 @@ def rubbing() -> Record:
 def test_law_carried_into_the_model_gains_where_it_was_not_fitted(rubbing: Record) -> None:
     nominal = predictor(rubbing, effects('coriolis_centripetal:arm:share=1'))
     view = latent_view([nominal])
-    assert sentences_of(view)[0].startswith('An unnamed torque of joint 2 (0.38 N·m rms) over its')
+    assert sentences_of(view)[0].startswith(
+        'An unnamed torque of joint 2 (0.38 N·m rms) is a law over its speed, which explains')
     extended = predictor(rubbing, (*nominal.base.effects, *tables(view)))
     left, = (f for f in latent_view([extended]).torques if f.series.site == 'joint_2')
     assert not left.law.stated and left.series.size < 0.1 * view.torques[1].series.size

@@ -8,8 +8,8 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import compiled
 import numpy as np
 
-# Memory for the covariances of a block: 50 s at 500 Hz with 20 states in one go.
-BLOCK_BYTES = 128e6
+# Memory for the covariances of a block: 30 s at 500 Hz with 20 states in one go.
+BLOCK_BYTES = 64e6
 
 
 @dataclass(frozen=True)

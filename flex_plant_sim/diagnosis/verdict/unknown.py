@@ -64,8 +64,8 @@ def sentence(finding: Finding) -> str:
         return f'An unnamed constant {what} acts on {site} ({size}).'
     if law.stated:
         over = OVER.get(law.variable, law.variable.replace('_', ' '))
-        return (f'An unnamed {what} of {site} ({size}) over {over} explains '
-                f'{100.0 * law.share:.0f} % on stretches left out.')
+        return (f'An unnamed {what} of {site} ({size}) is a law over {over}, which explains '
+                f'{100.0 * law.share:.0f} % of it on stretches left out.')
     swings = f', and swings at {finding.line.frequency:.2g} Hz' if finding.line else ''
     return (f'An unnamed {what} of {site} ({size}) follows no one variable: something with a '
             f'memory is behind it, such as a gap, a loose mass, a compliance or a delay{swings}.')
@@ -80,5 +80,5 @@ def _advice(view: LatentView) -> str:
     site, over = law.site.replace('_', ' '), OVER.get(law.variable, law.variable)
     if law.variable in ('time', CONSTANT):
         return f'Record {site} again from a cold start and an hour later: does the torque return?'
-    return (f'Record {site} slowly through the whole range of {over}, both ways: the table that '
-            'the extended robot carries is only known where this record was.')
+    return (f'Record {site} through the whole range of {over}, both ways: the table that the '
+            'extended robot carries is only known where this record was.')
