@@ -1,11 +1,10 @@
-"""flex_demo: the paper's experiment in closed loop over ROS 2 topics."""
+"""flex_demo: an arm in closed loop over ROS 2 topics, and three estimators of its payload."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 import os
 from pathlib import Path
 import sys
@@ -15,6 +14,21 @@ from typing import Any
 from flex_payload_estimator.control.loop import LoopRecord
 from flex_payload_estimator.control.loop_figures import FIGURES, save_figures
 from flex_payload_estimator.nodes.node_setup import set_points_of
+from flex_payload_estimator.tools.experiment import (
+    bend_percent,
+    drawn_arm,
+    Experiment,
+    GENTLE,
+    PLANT_MODES,
+)
+from flex_payload_estimator.tools.side_by_side import (
+    Answer,
+    answers_on,
+    draw,
+    table,
+)
+from flex_payload_estimator.tools.words import with_uncertainty
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.atomic_file import SUMMARY, whole_file
 from flex_plant_sim.compiled import COMPILED
 from flex_plant_sim.logs.bag_log import write_bag
@@ -25,52 +39,13 @@ from flex_plant_sim.simulation.plant_setup import robot_of, simulator_of
 from flex_plant_sim.tools import command_line
 from flex_plant_sim.tools.outputs import check_outputs
 from msg_config.errors import InputError
-from msg_config.parameters import check_parameters, load_parameters
+from msg_config.parameters import load_parameters
 import numpy as np
 
-LOG, BAG = 'run.csv', 'run_mcap'
+LOG, BAG, ARM, PICTURE = 'run.csv', 'run_mcap', 'arm.yaml', 'payload.png'
 PRINT_INTERVAL = 0.5
 SILENCE = 30.0
 WITHIN = 0.05
-
-
-@dataclass(frozen=True)
-class Experiment:
-    """
-    The checked parameters of the three nodes, and a duration, s.
-
-    Attributes
-    ----------
-    plant, estimator, controller : Mapping
-    duration : float
-
-    """
-
-    plant: Mapping[str, Any]
-    estimator: Mapping[str, Any]
-    controller: Mapping[str, Any]
-    duration: float
-
-    @classmethod
-    def of(cls, options: argparse.Namespace) -> Experiment:
-        """Return the experiment that the options ask for."""
-        arm = {'robot': options.robot, 'model': options.model, 'modes': options.modes}
-        robot = robot_of({'robot': options.robot, 'sample_time': 0.0})
-        payload = robot.payload_mass if options.payload is None else options.payload
-        plant = {**arm, 'payload': payload, 'seed': options.seed, 'publish_clock': False,
-                 'angle_noise': robot.angle_noise, 'strain_noise': robot.strain_noise}
-        if options.no_noise:
-            plant.update(angle_noise=0.0, strain_noise=0.0)
-        if options.drop_at is not None:
-            plant['payload_schedule'] = [options.drop_at, payload, options.drop_at, 0.0]
-        return cls(check_parameters('plant_sim', plant), check_parameters(
-            'payload_estimator', {**arm, 'estimator': options.estimator}),
-            check_parameters('lqg_controller', {**arm, 'integrator': False}), options.duration)
-
-    @property
-    def samples(self) -> int:
-        """Return how many samples the duration holds, the first included."""
-        return round(self.duration / robot_of(self.plant).sample_time) + 1
 
 
 def run_over_topics(experiment: Experiment) -> LoopRecord:
@@ -115,8 +90,6 @@ def _spin(experiment: Experiment) -> LoopRecord:
     namespace = f'/flex_demo_{os.getpid()}'
     end: Future[None] = Future()
     print(f'topics: {namespace}/payload, joint_states, strain, command, diagnostics …')
-    if COMPILED:
-        print('starting the nodes; the first run compiles, up to a minute …', flush=True)
     progress = Progress()
     recorder = TopicRecorder(
         experiment.samples, robot_of(experiment.plant).gauge_names, progress,
@@ -161,7 +134,7 @@ class Progress:
         self.count += 1
         if at + 1e-9 >= self._next:
             self._next = at + PRINT_INTERVAL
-            print(f't = {at:6.2f} s   payload = {mass:.4f} ± {np.sqrt(variance):.4f} kg',
+            print(f't = {at:6.2f} s   payload = {with_uncertainty(mass, np.sqrt(variance))} kg',
                   flush=True)
 
 
@@ -215,49 +188,70 @@ def _foreign(folder: Path) -> str:
     """Return the first file in a folder that no demo wrote; empty where there is none."""
     if not folder.is_dir():
         return folder.name if folder.exists() else ''
-    own = {SUMMARY, LOG, origin_path(Path(LOG)).name, BAG, f'{BAG}/metadata.yaml',
+    own = {SUMMARY, LOG, ARM, PICTURE, origin_path(Path(LOG)).name, BAG, f'{BAG}/metadata.yaml',
            f'{BAG}/{BAG}.mcap', *(f'figure_{number}.png' for number in FIGURES)}
     found = sorted(str(item.relative_to(folder)) for item in folder.rglob('*'))
     return next((name for name in found if name not in own), '')
 
 
 def write_output(experiment: Experiment, record: LoopRecord, folder: Path,
-                 figures: tuple[int, ...]) -> None:
-    """Write summary, figures and the run's log."""
+                 figures: tuple[int, ...], answers: Sequence[Answer]) -> None:
+    """Write summary, pictures and the run's log."""
     log = log_of(experiment, record)
     write_csv(folder / LOG, log)
     write_bag(folder / BAG, log)
     save_figures(record, folder, figures)
+    draw(record, answers, folder / PICTURE)
     command_line.write_json(folder / SUMMARY, summary_of(experiment, record))
 
 
-def closing_words(summary: Mapping[str, Any], options: argparse.Namespace) -> str:
+def opening_words(options: argparse.Namespace) -> str:
+    """Return what is about to happen: the first thing that is printed."""
+    plant = f"the estimator's own model (--matched): {options.model}, n = {options.modes}" \
+        if options.matched else (
+            f"no estimator's own model: n = {PLANT_MODES} modes a link,\n"
+            f'  parts drawn from their tolerances with seed {options.seed}')
+    compiling = '; the first run compiles, up to a minute' if COMPILED else ''
+    return (f'flex_demo: {options.duration:g} s over ROS 2 topics; {options.estimator} tells the '
+            f'controller the payload\n  the plant is {plant}\n'
+            f'starting the nodes{compiling} …')
+
+
+def closing_words(experiment: Experiment, record: LoopRecord, answers: Sequence[Answer],
+                  options: argparse.Namespace) -> str:
     """Return what came out, and what to look at next."""
-    out, robot = options.out, options.robot
-    since = summary['within_5_percent_from_s']
-    verdict = 'not within 5 % of it at the end' if since is None else \
-        f'within 5 % of it from {since:g} s on'
-    arm = '' if robot == 'reference' else f' --robot {robot}'
+    out = options.out
+    plant = options.robot if options.matched else f'{out}/{ARM}'
+    plant = '' if plant == 'reference' else f' --robot {plant}'
+    arm = '' if options.robot == 'reference' else f' --robot {options.robot}'
     same = f'{arm} --model {options.model} --modes {options.modes}'
     return f"""
-payload {summary['mass_kg']:.4f} ± {summary['std_kg']:.4f} kg after {summary['duration_s']:g} s; \
-true {summary['true_mass_kg']:g} kg, {verdict}
-look at   {out}/figure_4.png … figure_9.png   as in the paper; figure 5 is the estimate
+true payload {record.true_mass[-1]:g} kg; the forearm bent by up to \
+{bend_percent(experiment, record):.1f} % of its length
+{table(record, answers)}
+look at   {out}/{PICTURE}   the three side by side
+          {out}/figure_4.png … figure_9.png   the paper's figures; figure 5 is {options.estimator}
           {out}/run.csv, {out}/run_mcap   the run as CSV and as a bag (MCAP)
 next      flex_estimate {out}/run.csv{same} --estimator {options.estimator}
-          flex_replay {out}/run.csv{same}"""
+          flex_replay {out}/run.csv{plant} --model {experiment.plant['model']} \
+--modes {experiment.plant['modes']}"""
 
 
 def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
     """Return the parsed options."""
-    options = command_line.parser("The paper's experiment in closed loop over ROS 2 topics.")
-    command_line.add_arm_arguments(options, 'paper_reduced', 2)
-    options.add_argument('--estimator', default='sf1', help='payload estimator',
+    options = command_line.parser(
+        'An arm in closed loop over ROS 2 topics, and three estimators of its payload.')
+    command_line.add_arm_arguments(options, 'assumed_modes', 3)
+    options.add_argument('--estimator', default='rpe', help='payload estimator in the loop',
                          choices=load_parameters()['payload_estimator']['estimator'].choices)
     options.add_argument('--duration', default=10.0, type=_positive, metavar='S',
                          help='simulated time, s')
     options.add_argument('--drop-at', default=None, type=_positive, metavar='S',
                          help='let the payload fall at this time, s')
+    options.add_argument('--amplitude', default=GENTLE, type=_positive, metavar='RAD',
+                         help='of the square set-points; the paper takes 0.5')
+    options.add_argument('--matched', action='store_true',
+                         help="let the plant be the estimator's own model")
     options.add_argument('--no-noise', action='store_true', help='measure without noise')
     options.add_argument('--seed', default=0, type=_seed, metavar='N', help='seed of all noise')
     options.add_argument('--out', default='demo_output', type=Path, metavar='FOLDER',
@@ -283,15 +277,21 @@ def _seed(text: str) -> int:
 
 def _demo(arguments: Sequence[str] | None) -> None:
     options = options_of(arguments)
-    experiment = Experiment.of(options)
+    Experiment.of(options)
+    print(opening_words(options), flush=True)
     with whole_folder(options.out) as folder:
+        experiment = Experiment.of(
+            options, None if options.matched else drawn_arm(options, folder / ARM))
         begin = time.monotonic()
         record = run_over_topics(experiment)
         took = time.monotonic() - begin
-        print(f'{experiment.duration:g} s of data in {took:.1f} s over topics; writing '
-              f'{options.out}')
-        write_output(experiment, record, folder, tuple(options.figures))
-    print(closing_words(summary_of(experiment, record), options))
+        print(f'{experiment.duration:g} s of data in {took:.1f} s over topics; the other '
+              f'estimators on the same samples, writing {options.out} …', flush=True)
+        answers = answers_on(record, load_robot(options.robot), {
+            options.estimator: (options.model, options.modes)})
+        write_output(experiment, record, folder, tuple(options.figures), answers)
+        words = closing_words(experiment, record, answers, options)
+    print(words)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -10,6 +10,7 @@ from typing import Any
 
 from flex_payload_estimator.estimators.base import PayloadEstimator
 from flex_payload_estimator.estimators.factory import make_estimator
+from flex_payload_estimator.tools.words import decimals_of, with_uncertainty
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
@@ -77,9 +78,11 @@ class Estimates:
         lines = [self.source]
         for label, k in rows:
             mass, std = self.row(k)
-            lines.append(f'  {label:>14}   {mass:8.4f} ± {std:.4f} kg   {self.status[k]}')
+            lines.append(f'  {label:>14}   {with_uncertainty(mass, std)} kg   {self.status[k]}')
         low, high = self.results()['interval95_kg']
-        return '\n'.join([*lines, f'  {"95 % interval":>14}   {low:8.4f} … {high:.4f} kg'])
+        digits = decimals_of(std)
+        return '\n'.join([*lines, f'  {"95 % interval":>14}   {low:.{digits}f} … '
+                                  f'{high:.{digits}f} kg'])
 
 
 def estimate(log: Log, estimator: PayloadEstimator) -> Estimates:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from math import exp
 
 from flex_plant_sim.arm.robot import Robot
+from numpy.random import Generator
 
 Change = Callable[[Robot, float], Robot]
 
@@ -56,6 +57,14 @@ def robot_parts(robot: Robot) -> tuple[Part, ...]:
               Part('payload_inertia', t.payload_inertia_kg_m2, lambda r, v: replace(
                   r, payload_inertia=r.payload_inertia + v), 'kg m^2')]
     return tuple(part for part in found if part.tolerance > 0.0)
+
+
+def drawn(robot: Robot, random: Generator) -> Robot:
+    """Return an arm whose parts are off by what their tolerances say."""
+    for part in robot_parts(robot):
+        robot = part.change(robot, part.tolerance * float(random.standard_normal()))
+    # The tolerance of what should be a point is absolute; an inertia is not negative.
+    return replace(robot, payload_inertia=abs(robot.payload_inertia))
 
 
 def _of_link(j: int, name: str) -> Change:

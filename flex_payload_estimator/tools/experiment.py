@@ -1,0 +1,84 @@
+"""The demo's experiment: the nodes' parameters, and an arm that is no estimator's own model."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from flex_payload_estimator.control.loop import LoopRecord
+from flex_plant_sim.arm.parts import drawn
+from flex_plant_sim.arm.robot_file import load_robot
+from flex_plant_sim.diagnosis.report.extended_file import document
+from flex_plant_sim.simulation.arm_shape import ArmShape
+from flex_plant_sim.simulation.plant_setup import robot_of, simulator_of
+from msg_config.parameters import check_parameters
+import numpy as np
+import yaml
+
+# The plant bends in more modes than any estimator, so that it is none's own model.
+PLANT_MODES = 5
+# rad; the forearm's tip then bends by a few percent of its length.
+GENTLE = 0.05
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """
+    The checked parameters of the three nodes, and a duration, s.
+
+    Attributes
+    ----------
+    plant, estimator, controller : Mapping
+    duration : float
+
+    """
+
+    plant: Mapping[str, Any]
+    estimator: Mapping[str, Any]
+    controller: Mapping[str, Any]
+    duration: float
+
+    @classmethod
+    def of(cls, options: argparse.Namespace, arm_file: Path | None = None) -> Experiment:
+        """Return the experiment that the options ask for, with another arm as the plant."""
+        arm = {'robot': options.robot, 'model': options.model, 'modes': options.modes}
+        robot = robot_of({'robot': options.robot, 'sample_time': 0.0})
+        payload = robot.payload_mass if options.payload is None else options.payload
+        plant = {**arm, 'payload': payload, 'seed': options.seed, 'publish_clock': False,
+                 'angle_noise': robot.angle_noise, 'strain_noise': robot.strain_noise}
+        if arm_file is not None:
+            plant.update(robot=str(arm_file), model='assumed_modes', modes=PLANT_MODES)
+        if options.no_noise:
+            plant.update(angle_noise=0.0, strain_noise=0.0)
+        if options.drop_at is not None:
+            plant['payload_schedule'] = [options.drop_at, payload, options.drop_at, 0.0]
+        return cls(check_parameters('plant_sim', plant), check_parameters(
+            'payload_estimator', {**arm, 'estimator': options.estimator}),
+            check_parameters('lqg_controller', {
+                **arm, 'integrator': False, 'reference_amplitude': options.amplitude}),
+            options.duration)
+
+    @property
+    def samples(self) -> int:
+        """Return how many samples the duration holds, the first included."""
+        return round(self.duration / robot_of(self.plant).sample_time) + 1
+
+
+def drawn_arm(options: argparse.Namespace, path: Path) -> Path:
+    """Write the robot file of the plant, its parts drawn from the tolerances by the seed."""
+    nominal = load_robot(options.robot)
+    arm = drawn(nominal, np.random.default_rng([options.seed, 1]))
+    path.write_text(yaml.safe_dump(document(arm), sort_keys=False, allow_unicode=True),
+                    encoding='utf-8')
+    return path
+
+
+def bend_percent(experiment: Experiment, record: LoopRecord) -> float:
+    """Return how far the forearm's tip bent at most, % of its length."""
+    shape = ArmShape.of(simulator_of(experiment.plant).arm)
+    count = record.modal.shape[1] // 2
+    tip = record.modal[:, count:] @ shape.deflection[1][-1]
+    return float(100.0 * np.abs(tip).max() / shape.along[1, -1])
