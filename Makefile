@@ -9,7 +9,7 @@ export OPENBLAS_NUM_THREADS := 1
 # The ROS wheels re-execute Python once; the guard of another environment would stop that.
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-.PHONY: help demo test lint bank attack bench figures lock sbom faults soak clean
+.PHONY: help demo test lint bank attack bench figures docs lock sbom faults soak clean
 .DEFAULT_GOAL := help
 
 help:  ## list the targets
@@ -36,6 +36,9 @@ bench: .venv/.$(DISTRO)-bench  ## every benchmark script
 
 figures: .venv/.$(DISTRO)-run  ## Figures 13, 14, 15 and 18 of the paper
 	$(BIN)/flex_figures
+
+docs: .venv/.$(DISTRO)-test  ## the documentation as a site, in build/docs
+	$(BIN)/python -m sphinx -b html -W --keep-going -q docs build/docs
 
 lock: .venv/.$(DISTRO)-test  ## pin every dependency anew, with hashes
 	$(BIN)/python -m pip install -q uv

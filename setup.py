@@ -1,5 +1,7 @@
 """ament_python package: three Python packages, their executables and their data."""
 
+from glob import glob
+
 from setuptools import find_packages, setup
 
 PACKAGE = 'flex_payload'
@@ -25,6 +27,7 @@ AMENT_FLAKE8 = [
     'flake8-import-order',
     'flake8-quotes',
 ]
+DOCS = ['furo', 'myst-parser', 'sphinx']
 
 setup(
     name=PACKAGE,
@@ -48,6 +51,7 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
         (f'share/{PACKAGE}/launch', ['launch/flex_payload.launch.py']),
+        (f'share/{PACKAGE}/config', sorted(glob('config/*'))),
     ],
     install_requires=['setuptools', 'numpy', 'scipy', 'PyYAML', 'matplotlib'],
     extras_require={
@@ -56,10 +60,12 @@ setup(
         'report': ['jinja2', 'tqdm'],
         'speed': ['numba'],
         'fleet': ['distributed', 'jinja2', 'pyarrow', 'tqdm'],
+        'docs': DOCS,
         'bench': ['filterpy', 'mujoco', 'numba'],
         'test': [
             'colcon-common-extensions', 'cyclonedx-bom', 'mypy~=2.4', 'packaging', 'pydocstyle',
-            'pytest', 'pytest-cov', 'pytest-xdist', 'ruff~=0.17.5', 'types-PyYAML', *AMENT_FLAKE8,
+            'pytest', 'pytest-cov', 'pytest-xdist', 'ruff~=0.17.5', 'types-PyYAML', *DOCS,
+            *AMENT_FLAKE8,
         ],
     },
     entry_points={

@@ -54,8 +54,7 @@ def robot_parts(robot: Robot) -> tuple[Part, ...]:
                   r, elbow_mass=r.elbow_mass * exp(v))),
               Part('elbow_inertia', t.elbow_inertia, lambda r, v: replace(
                   r, elbow_inertia=r.elbow_inertia * exp(v))),
-              Part('payload_inertia', t.payload_inertia_kg_m2, lambda r, v: replace(
-                  r, payload_inertia=r.payload_inertia + v), 'kg m^2')]
+              Part('payload_inertia', t.payload_inertia_kg_m2, _payload_inertia, 'kg m^2')]
     return tuple(part for part in found if part.tolerance > 0.0)
 
 
@@ -65,6 +64,11 @@ def drawn(robot: Robot, random: Generator) -> Robot:
         robot = part.change(robot, part.tolerance * float(random.standard_normal()))
     # The tolerance of what should be a point is absolute; an inertia is not negative.
     return replace(robot, payload_inertia=abs(robot.payload_inertia))
+
+
+def _payload_inertia(r: Robot, v: float) -> Robot:
+    # A negative one turns the mass matrix of a light link indefinite, and all diverges.
+    return replace(r, payload_inertia=max(r.payload_inertia + v, 0.0))
 
 
 def _of_link(j: int, name: str) -> Change:

@@ -22,6 +22,8 @@ ITERATIONS = 12
 # Of a tolerance: a smaller step, or a smaller change of the file, is not worth making.
 SETTLED = 0.1
 HALVINGS = 5
+# Belongs to the payload, which is known.
+KNOWN = ('payload_inertia',)
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,7 @@ def calibrate(logs: Sequence[Log], robot: Robot, payload: float,
     # The file names the forces that the fit reckoned with.
     robot = with_coriolis(robot)
     told = replace(robot, payload_mass=payload, sample_time=logs[0].sample_time)
-    items, residuals = items_of(told), Residuals(logs, told)
+    items, residuals = [i for i in items_of(told) if i.name not in KNOWN], Residuals(logs, told)
     values, before = np.zeros(len(items)), residuals.of(told)
     for iteration in range(ITERATIONS):
         system = System.of(residuals, told, items, values)

@@ -12,7 +12,6 @@ from flex_plant_sim.atomic_file import image_metadata, whole_file
 from flex_plant_sim.commissioning.summary import locked_modes
 from flex_plant_sim.simulation.arm_shape import ArmShape
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
-from msg_config.errors import InputError
 import numpy as np
 
 COLOURS = ('tab:blue', 'tab:green')
@@ -23,21 +22,27 @@ SWING = 0.12
 THICKER = 4.0
 
 
-def write_drawing(path: str | Path, robot: Robot, modes: int = 3) -> None:
+def write_drawing(path: str | Path, robot: Robot, modes: int) -> None:
     """
     Draw an arm.
+
+    Parameters
+    ----------
+    path : str or Path
+        With the suffix of an image.
+    robot : Robot
+        The arm.
+    modes : int
+        Modes a link.
 
     Raises
     ------
     InputError
-        If nothing can be written there, or the suffix names no image format.
+        If nothing can be written there.
 
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
-    if Path(path).suffix[1:] not in FigureCanvasAgg.filetypes:
-        raise InputError(f'{path}: expected an image suffix such as .png or .svg, '
-                         f'got {Path(path).suffix!r}')
     figure = Figure(figsize=(10.0, 7.5), layout='constrained')
     FigureCanvasAgg(figure)
     rows = figure.subplots(1 + SHAPES, 1, sharex=True, height_ratios=(2.2, 1, 1, 1))

@@ -45,7 +45,7 @@ class Item:
 
 
 def items_of(robot: Robot) -> tuple[Item, ...]:
-    """Return what can be calibrated: the parts of the arm, scale and zero of every gauge."""
+    """Return what is uncertain: the parts of the arm, scale and zero of every gauge."""
     t, gauges = robot.tolerances, robot.gauge_names
     items = [Item(part.name, part.tolerance, part.change, part.unit)
              for part in robot_parts(robot)]

@@ -40,9 +40,12 @@ class Observability:
 
 def observability(robot: Robot, modes: int) -> Observability:
     """Return the bound for the robot's own payload (1 g where it has none)."""
-    robot = replace(robot, payload_mass=max(robot.payload_mass, 1e-3))
+    # Away from zero, so that there is something to both sides.
+    robot = replace(robot, payload_mass=max(robot.payload_mass, 1e-3), payload_inertia=max(
+        robot.payload_inertia, STEP * robot.tolerances.payload_inertia_kg_m2))
     move, items = standard_move(robot), items_of(robot)
     noise = np.array([robot.angle_noise] * 2 + [robot.strain_noise] * len(robot.gauge_names))
+
 
     def slope(change: Callable[[Robot, float], Robot], step: float) -> Array:
         outputs = [_output(change(robot, way * step), modes, move) for way in (1.0, -1.0)]

@@ -7,10 +7,16 @@ from dataclasses import dataclass
 from flex_plant_sim.arm.assumed_modes import assumed_modes
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.effects import effects_of
+from flex_plant_sim.logs.log import Log
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.simulator import Noise, simulate, Simulator
 import numpy as np
 
 AMPLITUDE = 0.25
 STROKE = 1.0
+# The elbow's strokes are shorter, so that every combination of the two comes.
+ELBOW_SHARE = 0.8
 STROKES = 10
 SLOWER = 1.25
 SLOWEST = 50.0
@@ -24,47 +30,45 @@ class Move:
     Attributes
     ----------
     stroke : float
-        Duration of one stroke, s.
+        Duration of one stroke of the shoulder, s.
+    strokes : int
     commands : Array
         In the drives' own units, (N, 2).
 
     """
 
     stroke: float
+    strokes: int
     commands: Array
 
-    @property
-    def strokes(self) -> int:
-        """Return how many strokes the move has."""
-        return STROKES
 
-
-def standard_move(robot: Robot) -> Move:
+def standard_move(robot: Robot, strokes: int = STROKES) -> Move:
     """
-    Return ten minimum-jerk strokes of 0.5 rad, of 1 s or as much slower as the drives need.
+    Return minimum-jerk strokes of 0.5 rad, of 1 s or as much slower as the drives need.
 
     The commands are those of a rigid arm, so that any kind of drive makes about the same move.
     """
     stroke = STROKE
     while True:
-        commands = _commands(robot, stroke)
+        commands = _commands(robot, stroke, strokes)
         limits = [drive.command_limit for drive in robot.drives]
         if np.all(np.abs(commands) <= limits) or stroke > SLOWEST:
-            return Move(stroke, np.clip(commands, np.negative(limits), limits))
+            return Move(stroke, strokes, np.clip(commands, np.negative(limits), limits))
         stroke *= SLOWER
 
 
-def _commands(robot: Robot, stroke: float) -> Array:
-    speed, acceleration = _profile(robot.sample_time, stroke)
-    inertia = assumed_modes(robot, 1).mass_at(1.0, robot.payload_mass)[:2, :2].sum(axis=1)
+def _commands(robot: Robot, stroke: float, strokes: int) -> Array:
+    time = robot.sample_time * (np.arange(round(strokes * stroke / robot.sample_time)) + 0.5)
+    speed, acceleration = np.stack(
+        [_profile(time, stroke), _profile(time, ELBOW_SHARE * stroke)], axis=-1)
+    inertia = assumed_modes(robot, 1).mass_at(1.0, robot.payload_mass)[:2, :2]
     damping = np.array([drive.damping for drive in robot.drives])
     gain = np.array([drive.torque_gain for drive in robot.drives])
-    return (speed[:, None] * damping + acceleration[:, None] * inertia) / gain
+    return (speed * damping + acceleration @ inertia) / gain
 
 
-def _profile(step: float, stroke: float) -> tuple[Array, Array]:
-    """Return speed and acceleration of the strokes (N,): 10 s^3 - 15 s^4 + 6 s^5, to and fro."""
-    time = step * (np.arange(round(STROKES * stroke / step)) + 0.5)
+def _profile(time: Array, stroke: float) -> tuple[Array, Array]:
+    """Return speed and acceleration at times (N,), s: 10 s^3 - 15 s^4 + 6 s^5, to and fro."""
     s = time / stroke % 1.0
     # The first stroke goes from the middle to one side, so it is half as long.
     sign = np.where((time // stroke).astype(int) % 2 == 0, 1.0, -1.0)
@@ -73,3 +77,14 @@ def _profile(step: float, stroke: float) -> tuple[Array, Array]:
     speed = size * 30.0 * s**2 * (1.0 - s)**2 / stroke
     acceleration = size * 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / stroke**2
     return speed, acceleration
+
+
+def simulated_move(robot: Robot, strokes: int, modes: int, seed: int) -> Log:
+    """Return what the arm and its noisy sensors should log over the standard move."""
+    move = standard_move(robot, strokes)
+    arm = ExtendedArm(robot, 'assumed_modes', modes, effects=effects_of(robot))
+    noise = Noise(robot.angle_noise, robot.strain_noise)
+    output, velocity = simulate(Simulator(arm, noise=noise, seed=seed), move.commands)
+    time = robot.sample_time * np.arange(len(output))
+    return Log(f'{robot.name}, standard move', time, move.commands, output[:, :2], output[:, 2:],
+               robot.gauge_names, velocity)

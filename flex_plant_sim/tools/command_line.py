@@ -68,6 +68,13 @@ def modes_number(text: str) -> int:
     return int(text)
 
 
+def count(text: str) -> int:
+    """Return a whole number >= 1, at most a million."""
+    if not (text.isascii() and text.isdigit() and 1 <= int(text[:8]) <= 10**6):
+        raise argparse.ArgumentTypeError(f'expected a whole number from 1 to 1e6, got {text!r}')
+    return int(text)
+
+
 def mass(text: str) -> float:
     """Return a mass, kg, finite and not negative."""
     try:

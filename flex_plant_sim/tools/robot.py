@@ -8,7 +8,7 @@ from dataclasses import replace
 import sys
 
 from flex_plant_sim.arm.robot_file import built_in_robots, load_robot, robot_text
-from flex_plant_sim.atomic_file import whole_file
+from flex_plant_sim.atomic_file import MARK, whole_file
 from flex_plant_sim.commissioning.calibration import calibrate
 from flex_plant_sim.commissioning.check import Check
 from flex_plant_sim.commissioning.drawing import write_drawing
@@ -16,10 +16,12 @@ from flex_plant_sim.commissioning.earned import calibration_text, earned
 from flex_plant_sim.commissioning.items import items_of
 from flex_plant_sim.commissioning.residuals import MODEL, MODES
 from flex_plant_sim.commissioning.robot_text import with_numbers
+from flex_plant_sim.commissioning.standard_move import simulated_move, STROKES
 from flex_plant_sim.commissioning.template import reference_page, template
+from flex_plant_sim.logs.csv_log import write_csv
 from flex_plant_sim.tools import command_line
 from flex_plant_sim.tools.diagnose import read_logs
-from flex_plant_sim.tools.outputs import check_outputs
+from flex_plant_sim.tools.outputs import check_image, check_outputs
 from flex_plant_sim.tools.replay import replay
 
 
@@ -51,6 +53,7 @@ def _check(arguments: argparse.Namespace) -> None:
 
 
 def _show(arguments: argparse.Namespace) -> None:
+    check_image(arguments.output)
     check_outputs({'--output': arguments.output}, [arguments.file])
     write_drawing(arguments.output, load_robot(arguments.file), arguments.modes)
     print(f'drawing: {arguments.output}')
@@ -63,8 +66,18 @@ def _prior(arguments: argparse.Namespace) -> None:
     print(f'{"payload":<24} ± {100.0 * robot.tolerances.payload:.2f} %')
 
 
+def _move(arguments: argparse.Namespace) -> None:
+    check_outputs({'--output': arguments.output}, [arguments.file])
+    robot = load_robot(arguments.file)
+    if arguments.payload is not None:
+        robot = replace(robot, payload_mass=arguments.payload)
+    write_csv(arguments.output, simulated_move(robot, arguments.strokes, arguments.modes,
+                                               arguments.seed))
+    print(f'commands, and what the arm should measure: {arguments.output}')
+
+
 def _calibrate(arguments: argparse.Namespace) -> None:
-    check_outputs({'--output': arguments.output}, [*arguments.log, arguments.robot])
+    check_outputs({'--output': arguments.output}, [arguments.robot, *arguments.log])
     robot = load_robot(arguments.robot)
     logs = read_logs(arguments.log, robot, MODEL, MODES)
     found = calibrate(logs, robot, arguments.payload,
@@ -78,7 +91,7 @@ def _calibrate(arguments: argparse.Namespace) -> None:
         for name, a, b in zip(log.output_names, old.fit_percent, new.fit_percent):
             print(f'  {name:<22}{a:>8.1f} %{b:>8.1f} %')
     with whole_file(arguments.output) as temporary:
-        temporary.write_text(text, encoding='utf-8')
+        temporary.write_text(text if MARK in text else f'{text}# {MARK}\n', encoding='utf-8')
     print(f'calibrated robot: {arguments.output}')
 
 
@@ -95,6 +108,11 @@ def _add_output(parser: argparse.ArgumentParser) -> None:
 def _add_modes(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--modes', default=3, type=command_line.modes_number, metavar='N',
                         help='flexible modes a link, 1 to 20')
+
+
+def _add_payload(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('--payload', default=None, type=command_line.mass, metavar='KG',
+                        help="payload mass; the robot file's if not given")
 
 
 def options() -> argparse.ArgumentParser:
@@ -115,13 +133,22 @@ def options() -> argparse.ArgumentParser:
     check = add('check', _check, 'plausibility, frequencies, gauges, what a log could tell')
     _add_file(check)
     _add_modes(check)
-    check.add_argument('--payload', default=None, type=command_line.mass, metavar='KG',
-                       help="payload mass; the robot file's if not given")
+    _add_payload(check)
     command_line.add_json_argument(check)
     show = add('show', _show, 'a drawing of the arm with its first mode shapes')
     _add_file(show)
     _add_modes(show)
     show.add_argument('--output', required=True, metavar='FILE', help='PNG, SVG or PDF')
+    move = add('move', _move, 'a log of the standard move: commands to play on the arm, and what '
+               'it should measure')
+    _add_file(move)
+    _add_modes(move)
+    _add_payload(move)
+    move.add_argument('--strokes', default=STROKES, type=command_line.count, metavar='N',
+                      help='of 0.5 rad, 1 s each or as slow as the drives need')
+    move.add_argument('--seed', default=1, type=command_line.count, metavar='N',
+                      help='of the noise')
+    move.add_argument('--output', required=True, metavar='FILE', help='CSV')
     fit = add('calibrate', _calibrate, 'the parts of an arm from a log with a known payload')
     command_line.add_log_argument(fit, '+')
     fit.add_argument('--robot', required=True, metavar='FILE', help='robot file to start from')
