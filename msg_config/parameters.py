@@ -1,4 +1,4 @@
-"""The parameter table: one source for declaration, validation, parameter files and README."""
+"""The parameter table: one source for declaration, validation, parameter files and docs."""
 
 from __future__ import annotations
 
@@ -202,7 +202,7 @@ def _rows() -> list[tuple[str, Parameter]]:
 
 
 def markdown_table() -> str:
-    """Return the README's table: the common parameters first, then each node's own."""
+    """Return the table: the common parameters first, then each node's own."""
     lines = ['| node | parameter | type | default | unit | range | a change applies | meaning |',
              '|---|---|---|---|---|---|---|---|']
     lines += [
@@ -212,9 +212,28 @@ def markdown_table() -> str:
     return '\n'.join(lines)
 
 
+HEAD = """# Parameters
+
+Made by `python -m msg_config.parameters` from `msg_config/parameters.yaml`, which declares and
+checks them. A value out of range is refused; so is a change of what a running node cannot change.
+
+A parameter file with every default, for `--ros-args --params-file`:
+
+```sh
+python -m msg_config.parameters --yaml > parameters.yaml
+```
+
+"""
+
+
+def page() -> str:
+    """Return the docs page of the parameters, Markdown."""
+    return f'{HEAD}{markdown_table()}\n'
+
+
 def main() -> int:
-    """Print the README's table, or with ``--yaml`` a ROS parameter file with the defaults."""
-    print(parameter_file() if '--yaml' in sys.argv[1:] else markdown_table())
+    """Print the docs page, or with ``--yaml`` a ROS parameter file with the defaults."""
+    print(parameter_file() if '--yaml' in sys.argv[1:] else page(), end='')
     return 0
 
 

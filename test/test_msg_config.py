@@ -12,7 +12,7 @@ from msg_config.errors import InputError
 from msg_config.parameters import (
     check_parameters,
     load_parameters,
-    markdown_table,
+    page,
     parameter_file,
 )
 import pytest
@@ -136,8 +136,8 @@ def test_an_unknown_parameter_is_named_with_those_that_exist() -> None:
         check_parameters('plant_sim', {'mass': 0.1})
 
 
-def test_readme_holds_exactly_the_table(repository: Path) -> None:
-    assert f'\n\n{markdown_table()}\n\n' in (repository / 'README.md').read_text(encoding='utf-8')
+def test_the_docs_hold_exactly_the_table(repository: Path) -> None:
+    assert page() == (repository / 'docs/parameters.md').read_text(encoding='utf-8')
 
 
 def _node(context: Context, name: str, **overrides: Any) -> Any:

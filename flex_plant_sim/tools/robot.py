@@ -18,6 +18,7 @@ from flex_plant_sim.commissioning.residuals import MODEL, MODES
 from flex_plant_sim.commissioning.robot_text import with_numbers
 from flex_plant_sim.commissioning.standard_move import simulated_move, STROKES
 from flex_plant_sim.commissioning.template import reference_page, template
+from flex_plant_sim.commissioning.urdf import urdf
 from flex_plant_sim.logs.csv_log import write_csv
 from flex_plant_sim.tools import command_line
 from flex_plant_sim.tools.diagnose import read_logs
@@ -50,6 +51,13 @@ def _check(arguments: argparse.Namespace) -> None:
     print(found.text())
     if arguments.json:
         command_line.write_json(arguments.json, found.results())
+
+
+def _urdf(arguments: argparse.Namespace) -> None:
+    if arguments.output is not None:
+        check_outputs({'--output': arguments.output}, [arguments.file])
+    text = urdf(load_robot(arguments.file), arguments.prefix)
+    _print_or_write(f'{text}<!-- {MARK} -->\n', arguments.output)
 
 
 def _show(arguments: argparse.Namespace) -> None:
@@ -115,6 +123,12 @@ def _add_payload(parser: argparse.ArgumentParser) -> None:
                         help="payload mass; the robot file's if not given")
 
 
+def _prefix(text: str) -> str:
+    if text and not (text.isascii() and text.replace('_', '').replace('/', '').isalnum()):
+        raise argparse.ArgumentTypeError(f'expected letters, digits, _ and /, got {text!r}')
+    return text
+
+
 def options() -> argparse.ArgumentParser:
     """Return the options of flex_robot."""
     parser = command_line.parser('Make, check and calibrate a robot file of your own arm.')
@@ -155,6 +169,11 @@ def options() -> argparse.ArgumentParser:
     fit.add_argument('--payload', required=True, type=command_line.mass, metavar='KG',
                      help='what the arm carried, weighed')
     fit.add_argument('--output', required=True, metavar='NEW', help='the robot file to write')
+    skeleton = add('urdf', _urdf, 'the rigid skeleton for robot_state_publisher')
+    _add_file(skeleton)
+    _add_output(skeleton)
+    skeleton.add_argument('--prefix', default='', type=_prefix, metavar='P',
+                          help='before the name of every link and frame')
     _add_file(add('prior', _prior, 'every part and how far it may be from the file'))
     return parser
 
