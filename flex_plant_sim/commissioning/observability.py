@@ -46,7 +46,6 @@ def observability(robot: Robot, modes: int) -> Observability:
     move, items = standard_move(robot), items_of(robot)
     noise = np.array([robot.angle_noise] * 2 + [robot.strain_noise] * len(robot.gauge_names))
 
-
     def slope(change: Callable[[Robot, float], Robot], step: float) -> Array:
         outputs = [_output(change(robot, way * step), modes, move) for way in (1.0, -1.0)]
         return ((outputs[0] - outputs[1]) / (2.0 * step) / noise).ravel()
