@@ -58,7 +58,8 @@ def standard_move(robot: Robot, strokes: int = STROKES) -> Move:
 
 
 def _commands(robot: Robot, stroke: float, strokes: int) -> Array:
-    time = robot.sample_time * (np.arange(round(strokes * stroke / robot.sample_time)) + 0.5)
+    count = round(strokes * stroke / robot.sample_time)
+    time = np.asarray(robot.sample_time * (np.arange(count) + 0.5), dtype=float)
     speed, acceleration = np.stack(
         [_profile(time, stroke), _profile(time, ELBOW_SHARE * stroke)], axis=-1)
     inertia = assumed_modes(robot, 1).mass_at(1.0, robot.payload_mass)[:2, :2]
@@ -85,6 +86,6 @@ def simulated_move(robot: Robot, strokes: int, modes: int, seed: int) -> Log:
     arm = ExtendedArm(robot, 'assumed_modes', modes, effects=effects_of(robot))
     noise = Noise(robot.angle_noise, robot.strain_noise)
     output, velocity = simulate(Simulator(arm, noise=noise, seed=seed), move.commands)
-    time = robot.sample_time * np.arange(len(output))
+    time = np.asarray(robot.sample_time * np.arange(len(output)), dtype=float)
     return Log(f'{robot.name}, standard move', time, move.commands, output[:, :2], output[:, 2:],
                robot.gauge_names, velocity)
