@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from flex_plant_sim.diagnosis.causes.candidate_pass import Data, one_pass, Round
-from flex_plant_sim.diagnosis.causes.exchange import exchanged, refitted
-from flex_plant_sim.diagnosis.causes.fit import settle
-from flex_plant_sim.diagnosis.causes.hypothesis import hypotheses, Hypothesis
-from flex_plant_sim.diagnosis.causes.ranking import Ranked
+from flex_plant_sim.diagnosis.held_out.candidate_pass import Data, one_pass, Round
+from flex_plant_sim.diagnosis.held_out.exchange import exchanged, refitted
+from flex_plant_sim.diagnosis.held_out.fit import settle
+from flex_plant_sim.diagnosis.held_out.hypothesis import hypotheses, Hypothesis
+from flex_plant_sim.diagnosis.held_out.ranking import Ranked
+from flex_plant_sim.diagnosis.held_out.verdict import cause_of
 from flex_plant_sim.diagnosis.prediction.predictor import Base
-from flex_plant_sim.diagnosis.verdict.verdict import cause_of
 import pytest
 from simulated_records import effects, REFERENCE, simulated
 

@@ -6,16 +6,17 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from flex_plant_sim.compiled import COMPILED
-from flex_plant_sim.diagnosis.causes.candidate_pass import Data, Round
-from flex_plant_sim.diagnosis.causes.fit import explore, Fit, Projector, promise, settle
-from flex_plant_sim.diagnosis.causes.held_out import autoregression, innovations
-from flex_plant_sim.diagnosis.causes.hypothesis import hypotheses
-from flex_plant_sim.diagnosis.causes.ranking import rank
+from flex_plant_sim.diagnosis.held_out.allowance import model_error
+from flex_plant_sim.diagnosis.held_out.candidate_pass import Data, Round
+from flex_plant_sim.diagnosis.held_out.detection import detection_limits
+from flex_plant_sim.diagnosis.held_out.fit import explore, Fit, Projector, promise, settle
+from flex_plant_sim.diagnosis.held_out.gain import autoregression, innovations
+from flex_plant_sim.diagnosis.held_out.hypothesis import hypotheses
+from flex_plant_sim.diagnosis.held_out.problem import GAUGES_ALONE
+from flex_plant_sim.diagnosis.held_out.ranking import rank
+from flex_plant_sim.diagnosis.held_out.verdict import cause_of
 from flex_plant_sim.diagnosis.prediction import passage
 from flex_plant_sim.diagnosis.prediction.predictor import Base, Predictor
-from flex_plant_sim.diagnosis.record.allowance import model_error
-from flex_plant_sim.diagnosis.verdict.detection import detection_limits
-from flex_plant_sim.diagnosis.verdict.verdict import cause_of
 from flex_plant_sim.effects import catalogue
 from flex_plant_sim.effects.base import Effect
 import numpy as np
@@ -80,15 +81,16 @@ def test_a_late_gauge_is_predicted_as_if_it_were_in_time() -> None:
 
 def test_gauges_err_by_the_model_error_that_is_allowed_for() -> None:
     p = predictor(simulated(), locked=False)
-    judge = Predictor(p.base, p.windows, p.noise, judging=True)
+    judge = Predictor(replace(p.base, discrepancy=GAUGES_ALONE), p.windows, p.noise,
+                      judging=True)
     arm, first = judge.arm, judge.arm.own_states
     f = arm.schedule.table[0].reshape(arm.states, -1)[first:, first:arm.states]
-    step = judge.gauge_error.step_variance(arm, p.windows)
-    assert not step[:first].any()
+    step = judge.discrepancy.step_variance(arm, p.record, GAUGES_ALONE)[first:]
+    assert not step[:2].any()
     assert f == pytest.approx(np.diag(np.diagonal(f)), abs=1e-12)
-    assert step[first:] / (1.0 - np.diagonal(f)**2) == pytest.approx(
+    assert (step / (1.0 - np.diagonal(f)**2))[2:] == pytest.approx(
         model_error([p.record])[2:], rel=1e-9)
-    assert arm.output_matrix[2:, first:] == pytest.approx(np.eye(4))
+    assert arm.output_matrix[2:, first + 2:] == pytest.approx(np.eye(4))
 
 
 def test_innovations_of_an_autoregression_are_what_drove_it() -> None:

@@ -107,7 +107,7 @@ class Tolerances:
     length: float = 0.001
     gauge_position_m: float = 5e-4
     strain_bias: float = 1e-6
-    payload_inertia_kg_m2: float = 5e-5
+    payload_inertia_kg_m2: float = 2e-4
 
 
 @dataclass(frozen=True)

@@ -78,7 +78,8 @@ class Residuals:
         a large scale would pass for a small error.
         """
         added = self._gauge_changes(robot)
-        errors = np.concatenate([p.innovations(added, robot, p.gain)[0] for p in self._predictors])
+        errors = np.concatenate([p.innovations(added, robot, p.steady)[0]
+                                 for p in self._predictors])
         errors[..., 2:] *= [scale for scale, _ in gauge_readings(robot)]
         return errors
 

@@ -9,6 +9,7 @@ import math
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.diagnosis.likelihood.evidence import Slab
 from flex_plant_sim.effects import catalogue, sites
 from flex_plant_sim.effects.base import Effect, Parameter
 import numpy as np
@@ -16,7 +17,6 @@ import numpy as np
 DIFFERENCE = 0.05
 GRID = 5
 TIMES = 30
-TIME = 'time_s'
 
 
 @dataclass(frozen=True)
@@ -66,10 +66,16 @@ class Hypothesis:
         """Return True where a parameter measures the effect's size, False for its shape, (k,)."""
         return np.array([math.isfinite(p.smallest) for p in self.parameters])
 
-    @property
-    def is_event(self) -> bool:
-        """Tell whether it happens at a time, so that one window may hold all that shows it."""
-        return any(p.name == TIME for p in self.parameters)
+    def slab(self, duration: float) -> Slab:
+        """Return the prior of the parameters in a record of a duration, s."""
+        anywhere = [not math.isfinite(p.typical) for p in self.parameters]
+        centre = np.where(anywhere, 0.5 * duration, self.null)
+        # A time is uniform over the record: mean and deviation of that.
+        width = np.where(anywhere, duration / math.sqrt(12.0),
+                         [p.typical for p in self.parameters])
+        above, below = self.low >= self.null, self.high <= self.null
+        sided = np.where(anywhere, 0.0, 1.0 * above - 1.0 * below)
+        return Slab(centre, width, sided)
 
     def steps(self, values: Array) -> Array:
         """
@@ -84,13 +90,22 @@ class Hypothesis:
                 steps[k] = DIFFERENCE * float(np.min(np.diff(np.unique(parameter.starts))))
         return np.where(values + steps > self.high, -steps, steps)
 
-    def starts(self, duration: float) -> Array:
-        """Return the start values, (S, k); times are spread over the record's duration, s."""
-        return np.array(list(product(*(self._grid(p, duration) for p in self.parameters))))
+    def shapes(self, duration: float) -> Array:
+        """Return the grid over the parameters that are no size, sizes at null, (S, k)."""
+        grids = [(p.null,) if size else self._grid(p, duration)
+                 for p, size in zip(self.parameters, self.sizes)]
+        return np.array(list(product(*grids)))
+
+    def magnitudes(self) -> list[Array]:
+        """Return deviations from null at which to look, one set for all sizes at once, (k,)."""
+        some = [sorted({s - p.null for s in p.starts} - {0.0}, key=abs)
+                if size else [0.0] for p, size in zip(self.parameters, self.sizes)]
+        most = max(map(len, some))
+        return [np.array([s[min(m, len(s) - 1)] for s in some]) for m in range(most)]
 
     @staticmethod
     def _grid(parameter: Parameter, duration: float) -> Sequence[float]:
-        if parameter.name != TIME:
+        if math.isfinite(parameter.typical):
             return parameter.starts
         spacing = float(np.min(np.diff(parameter.starts)))
         count = int(np.clip(duration / spacing, GRID, TIMES))
@@ -101,11 +116,6 @@ class Hypothesis:
         if values.ndim == 1:
             return self.effect(self.site, tuple(float(v) for v in values))
         return self.effect(self.site, tuple(values[:, k:k + 1] for k in range(values.shape[1])))
-
-    def relevance(self, values: Array) -> float:
-        """Return the size over the smallest that matters: below 1 it does not."""
-        smallest = np.array([p.smallest for p in self.parameters])
-        return float(np.max(np.abs(values - self.null)[self.sizes] / smallest[self.sizes]))
 
 
 def hypotheses(robot: Robot, exclude: Sequence[str] = ()) -> tuple[Hypothesis, ...]:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from flex_plant_sim.arm.second_order import Array, link_slice
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
+from numpy.typing import NDArray
 
 GAIN_NODES = 4
 DOUBLINGS = 24
@@ -48,28 +51,58 @@ def process_noise(loads: Array, level: tuple[float, float]) -> Array:
     return (share * loads)**2
 
 
-def steady_gain(arm: ExtendedArm, force_variance: Array, noise: Array,
-                state_variance: Array | float = 0.0) -> Array:
+@dataclass(frozen=True)
+class Steady:
     """
-    Return the steady Kalman predictor gain at every schedule node, (K, n, m).
+    The steady Kalman predictor at every schedule node.
+
+    Attributes
+    ----------
+    gain : Array
+        (K, n, m).
+    whitener : Array
+        L^-1 with L L' the innovation covariance, (K, m, m).
+
+    """
+
+    gain: Array
+    whitener: Array
+
+
+def steady_filter(arm: ExtendedArm, force_variance: Array, noise: Array,
+                  state_variance: Array | float = 0.0) -> Steady:
+    """
+    Return the steady Kalman predictor at every schedule node.
 
     Process noise is white force noise of a variance (N,) and what a step adds to the states, (n,).
 
-    Riccati equations at a few nodes of cos(theta_2), quadratic in between.
+    Riccati equations at a few nodes of cos(theta_2), a cubic through them.
     """
     n, c, nodes = arm.states, arm.output_matrix, arm.nodes
     table = arm.schedule.table.reshape(nodes.size, n, -1)
     chosen = np.linspace(0, nodes.size - 1, GAIN_NODES).round().astype(int)
     f, e = table[chosen, :, :n], table[chosen, :, n + 2:n + 2 + force_variance.size]
     q = (e * force_variance) @ np.swapaxes(e, 1, 2) + np.diag(np.zeros(n) + state_variance)
-    p = predicted_covariance(f, q, c / noise[:, None])
     scaled = c / noise[:, None]
+    p = predicted_covariance(f, q, scaled)
     s = scaled @ p @ scaled.T + np.eye(noise.size)
     gains = np.swapaxes(np.linalg.solve(s, scaled @ p @ np.swapaxes(f, 1, 2)), 1, 2) / noise
+    whiteners = np.linalg.inv(np.linalg.cholesky(s)) / noise
+    return Steady(*(_between(nodes, chosen, values) for values in (gains, whiteners)))
+
+
+def steady_gain(arm: ExtendedArm, force_variance: Array, noise: Array,
+                state_variance: Array | float = 0.0) -> Array:
+    """Return the steady Kalman predictor gain at every schedule node, (K, n, m)."""
+    return steady_filter(arm, force_variance, noise, state_variance).gain
+
+
+def _between(nodes: Array, chosen: NDArray[np.int64], values: Array) -> Array:
+    """Return values (GAIN_NODES, …) at chosen nodes as a polynomial has them at all, (K, …)."""
     coefficients = np.linalg.solve(np.vander(nodes[chosen], increasing=True),
-                                   gains.reshape(GAIN_NODES, -1))
-    interpolated = np.vander(nodes, GAIN_NODES, increasing=True) @ coefficients
-    return interpolated.reshape(nodes.size, n, noise.size)
+                                   values.reshape(GAIN_NODES, -1))
+    found = np.vander(nodes, GAIN_NODES, increasing=True) @ coefficients
+    return found.reshape(nodes.size, *values.shape[1:])
 
 
 def predicted_covariance(f: Array, q: Array, c: Array) -> Array:

@@ -144,16 +144,22 @@ def _in_step(measured: Array, late: int) -> Array:
     return np.concatenate([measured[..., :2], measured[rows][..., 2:]], axis=-1)
 
 
+def sensor_gain(arm: ExtendedArm, record: Record) -> Array:
+    """Return the matrix of the (affine) sensor effects, (1, 1 or B, m, m)."""
+    m, time = record.output.shape[1], record.time[:1, None]
+    zero = arm.sense(np.zeros((1, 1, m)), time)
+    columns = [arm.sense(np.broadcast_to(unit, (1, 1, m)), time) - zero for unit in np.eye(m)]
+    return np.stack(columns, axis=-1)
+
+
 def _before_sensors(arm: ExtendedArm, record: Record) -> Array:
     measured = record.output[:, None, :]
     if not arm.acts_on_output:
         return measured
     time, m = record.time[:, None], record.output.shape[1]
     zero = arm.sense(np.zeros((len(time), 1, m)), time)
-    columns = [arm.sense(np.broadcast_to(unit, (1, 1, m)), time[:1]) - zero[:1]
-               for unit in np.eye(m)]
     # One inverse for all samples: a sensor's gain does not change with time.
-    inverse = np.linalg.inv(np.stack(columns, axis=-1))
+    inverse = np.linalg.inv(sensor_gain(arm, record))
     return np.asarray(np.matmul(inverse, (measured - zero)[..., None])[..., 0], dtype=float)
 
 

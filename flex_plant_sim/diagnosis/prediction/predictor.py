@@ -9,10 +9,14 @@ from functools import cached_property
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.schedule import barycentric_weights
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.prediction.gauge_error import GaugeError
-from flex_plant_sim.diagnosis.prediction.noise import load_levels, process_noise, steady_gain
-from flex_plant_sim.diagnosis.prediction.nuisance import nuisances, settled
-from flex_plant_sim.diagnosis.prediction.passage import Matrices, Run, undo_sensors
+from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude, Discrepancy
+from flex_plant_sim.diagnosis.prediction.noise import (
+    load_levels,
+    process_noise,
+    Steady,
+    steady_filter,
+)
+from flex_plant_sim.diagnosis.prediction.passage import Matrices, Run, sensor_gain, undo_sensors
 from flex_plant_sim.diagnosis.record.windows import Record, Windows
 from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
@@ -37,8 +41,10 @@ class Base:
         Always on.
     level : tuple of float
         Process noise as shares of the loads in a 10 ms step, see process_noise.
+    discrepancy : Amplitude
+        What every model lacks, where causes are judged.
     deviations : tuple of float
-        Of the robot's parameters from its file, as `nuisances` lists them, (p,); or none.
+        Of the robot's parameters from its file, as the search by held-out gains has them.
 
     """
 
@@ -47,13 +53,8 @@ class Base:
     modes: int = 3
     effects: tuple[Effect, ...] = ()
     level: tuple[float, float] = (0.01, 0.02)
+    discrepancy: Amplitude = Amplitude()
     deviations: tuple[float, ...] = ()
-
-    def settled(self, payload: float) -> Base:
-        """Return the base with its deviations in the robot and the effects."""
-        robot, effects = settled(self.robot, nuisances(self.robot, payload),
-                                 np.array(self.deviations))
-        return replace(self, robot=robot, effects=(*self.effects, *effects), deviations=())
 
     def arm(self, payload: float, effects: Sequence[Effect] = (),
             robot: Robot | None = None, in_step: bool = False) -> ExtendedArm:
@@ -76,20 +77,28 @@ class Predictor:
     noise : Array
         Standard deviation of each output channel, (m,).
     judging : bool
-        Whether it serves to tell causes apart. Then gauges have an error of their own, and
-        strain that reads whole samples late is brought forward to the angles it belongs to: the
-        likelihood of a record is the same in any order of its samples, and so exact for delays
-        of any length. What is predicted in real time must not be brought forward.
+        Whether it serves to tell causes apart. Then it knows of a discrepancy, and strain that
+        reads whole samples late is brought forward to the angles it belongs to: the likelihood of
+        a record is the same in any order of its samples, and so exact for delays of any length.
+        What is predicted in real time must not be brought forward.
+    around : sequence of Effect
+        On top of the base's, for the trajectory.
+    robot : Robot, optional
+        In place of the base's, for the trajectory.
 
     """
 
-    def __init__(self, base: Base, windows: Windows, noise: Array, judging: bool = False):
+    def __init__(self, base: Base, windows: Windows, noise: Array, judging: bool = False,
+                 around: Sequence[Effect] = (), robot: Robot | None = None):
         self.base, self.windows, self.noise, self.judging = base, windows, noise, judging
+        self.around, self.robot = tuple(around), robot or base.robot
         self.record: Record = windows.record
-        self.gauge_error = GaugeError.of(windows, base.robot.sample_time)
-        self.arm = arm = self.arm_with()
+        period = windows.warm_up * base.robot.sample_time
+        self.discrepancy = Discrepancy.of(base.discrepancy, period)
+        self.arm = arm = self.arm_with(around, robot)
         self.weights = barycentric_weights(np.cos(self.record.output[:, 1]), arm.nodes)
-        self.gain = self.gain_of(arm)
+        self.steady = self.steady_of(arm)
+        self.gain = self.steady.gain
         self.states = np.zeros((len(self.record.time), arm.states))
         for _ in range(PASSES):
             self.states = self._filter(arm)
@@ -100,8 +109,8 @@ class Predictor:
         """Return the base's arm with further effects, or another robot's."""
         if not self.judging:
             return self.base.arm(self.record.payload, effects, robot)
-        # The gauges' error comes first, so that its states are behind the arm's own.
-        judged = replace(self.base, effects=(self.gauge_error, *self.base.effects))
+        # The discrepancy comes first, so that its states are behind the arm's own.
+        judged = replace(self.base, effects=(self.discrepancy, *self.base.effects))
         return judged.arm(self.record.payload, effects, robot, in_step=True)
 
     def _force_variance(self, arm: ExtendedArm) -> Array:
@@ -110,13 +119,18 @@ class Predictor:
         return process_noise(load_levels(arm, self.record.command, self.record.output),
                              (share * self.base.level[0], share * self.base.level[1]))
 
+    def steady_of(self, arm: ExtendedArm) -> Steady:
+        """Return an arm's steady filter: another arm's may be unstable with it."""
+        own = self.discrepancy.step_variance(
+            arm, self.record, self.base.discrepancy) if self.judging else 0.0
+        return steady_filter(arm, self._force_variance(arm), self.noise, own)
+
     def gain_of(self, arm: ExtendedArm) -> Array:
-        """Return an arm's steady gain: another arm's may be unstable with it."""
-        own = self.gauge_error.step_variance(arm, self.windows) if self.judging else 0.0
-        return steady_gain(arm, self._force_variance(arm), self.noise, own)
+        """Return an arm's steady gain, (K, n, m)."""
+        return self.steady_of(arm).gain
 
     def innovations(self, effects: Sequence[Effect] = (), robot: Robot | None = None,
-                    gain: Array | None = None) -> Array:
+                    steady: Steady | None = None) -> Array:
         """
         Return y - y_predicted over the scored samples, (B, W, length, m).
 
@@ -126,19 +140,21 @@ class Predictor:
             On top of the base's; their values may be arrays (B, 1).
         robot : Robot, optional
             In place of the base's.
-        gain : Array, optional
-            (K, n, m); the arm's own by default.
+        steady : Steady, optional
+            The arm's own by default.
 
         """
-        if any(effect.reshapes for effect in effects):
-            return self._with_other_shapes(effects, robot).innovations(gain=gain)
+        if self._reshaped(effects):
+            return self._with_other_shapes(effects, robot).innovations(effects, robot, steady)
         arm = self.arm_with(effects, robot)
+        return self._innovations(arm, self._own(effects, robot, arm, steady), effects, robot,
+                                 steady)
+
+    def _innovations(self, arm: ExtendedArm, own: Steady, effects: Sequence[Effect],
+                     robot: Robot | None, steady: Steady | None) -> Array:
         used = np.unique(self.windows.indices)
-        if gain is None and robot is None and not any(e.structural for e in effects):
-            matrices = self.matrices
-        else:
-            gain = self.gain_of(arm) if gain is None else gain
-            matrices = Matrices.of(self, arm, gain, used)
+        shared = steady is None and self._same_plant(effects, robot)
+        matrices = self.matrices if shared else Matrices.of(self, arm, own.gain, used)
         run = Run(self, arm, matrices, used, _batch(effects))
         rows = np.searchsorted(used, self.windows.indices.T)
         states = run.states(rows, run.trajectory[rows[0], 0])
@@ -146,21 +162,65 @@ class Predictor:
         errors = run.measured[rows] - scored @ arm.output_matrix.T
         return np.ascontiguousarray(errors.transpose(2, 1, 0, 3))
 
+    def whitened(self, effects: Sequence[Effect] = (), robot: Robot | None = None,
+                 steady: Steady | None = None) -> Array:
+        """
+        Return L^-1 (y - y_predicted), (B, W, length, m), as the sensors show it.
+
+        L L' is the innovation covariance of the base alone, the same for all effects: one that
+        only makes a record look more certain than it is must not be paid for that. Parameters
+        are those of `innovations`.
+        """
+        if self._reshaped(effects):
+            return self._with_other_shapes(effects, robot).whitened(effects, robot, steady)
+        arm = self.arm_with(effects, robot)
+        errors = self._innovations(arm, self._own(effects, robot, arm, steady), effects, robot,
+                                   steady)
+        whitener = self.whitener
+        if arm.acts_on_output:
+            # Errors were those before the sensors' effects, which are affine.
+            gain = sensor_gain(arm, self.record)[0]
+            whitener = whitener @ gain[:, None, None]
+        return np.asarray((whitener @ errors[..., None])[..., 0], dtype=float)
+
+    @cached_property
+    def whitener(self) -> Array:
+        """Return L^-1 at the scored samples, (W, length, m, m)."""
+        plain = self.arm_with()
+        table = self.steady_of(plain).whitener
+        rows = self.windows.indices[:, self.windows.warm_up:]
+        weights = barycentric_weights(np.cos(self.record.output[rows, 1]).ravel(), plain.nodes)
+        m = table.shape[-1]
+        return np.asarray((weights @ table.reshape(len(table), -1)).reshape(*rows.shape, m, m))
+
+    def _reshaped(self, effects: Sequence[Effect]) -> bool:
+        return _reshaping(effects) != _reshaping(self.around)
+
+    def _same_plant(self, effects: Sequence[Effect], robot: Robot | None) -> bool:
+        """Tell whether effects and robot leave the trajectory's matrices as they are."""
+        same = robot is None or robot == self.robot
+        return same and _structural(effects) == _structural(self.around)
+
+    def _own(self, effects: Sequence[Effect], robot: Robot | None, arm: ExtendedArm,
+             steady: Steady | None) -> Steady:
+        if steady is not None:
+            return steady
+        return self.steady if self._same_plant(effects, robot) else self.steady_of(arm)
+
     def _with_other_shapes(self, effects: Sequence[Effect], robot: Robot | None) -> Predictor:
         """Return a predictor with a trajectory of its own: its coordinates mean other shapes."""
-        other = replace(self.base, robot=robot or self.base.robot,
-                        effects=(*self.base.effects, *effects))
-        return Predictor(other, self.windows, self.noise, self.judging)
+        return Predictor(self.base, self.windows, self.noise, self.judging, effects, robot)
 
     @cached_property
     def matrices(self) -> Matrices:
-        """Return the base's matrices, which serve all effects that leave the plant alone."""
+        """Return the trajectory's matrices, which serve all effects that leave the plant alone."""
         return Matrices.of(self, self.arm, self.gain, np.unique(self.windows.indices))
 
     def thinned(self, every: int) -> Predictor:
         """Return the same predictor, asked about every so-manieth window alone."""
         other = object.__new__(Predictor)
-        other.__dict__.update({k: v for k, v in self.__dict__.items() if k != 'matrices'})
+        other.__dict__.update({k: v for k, v in self.__dict__.items()
+                               if k not in ('matrices', 'whitener')})
         other.windows = self.windows.thinned(every)
         return other
 
@@ -198,10 +258,20 @@ class Predictor:
         if extra > 0:
             states[:, :n] = self.states[:, :n]
             states[:, n + extra:2 * n + extra] = self.states[:, n:2 * n]
+            rest = min(self.states.shape[1], arm.states - 2 * extra) - 2 * n
+            states[:, 2 * (n + extra):][:, :rest] = self.states[:, 2 * n:2 * n + rest]
             return states
         known = min(self.states.shape[1], arm.states)
         states[:, :known] = self.states[:, :known]
         return states
+
+
+def _structural(effects: Sequence[Effect]) -> tuple[Effect, ...]:
+    return tuple(effect for effect in effects if effect.structural)
+
+
+def _reshaping(effects: Sequence[Effect]) -> tuple[Effect, ...]:
+    return tuple(effect for effect in effects if effect.reshapes)
 
 
 def _batch(effects: Sequence[Effect]) -> int:

@@ -60,6 +60,9 @@ def answer(diagnosis: Diagnosis, gains: Sequence[Gain], before: Sequence[Channel
         'advice': diagnosis.advice, 'remainder': diagnosis.remainder,
         'residual': {'before': {row.channel: row.results() for row in before},
                      'after': {row.channel: row.results() for row in after}},
+        'parts': {part.name: {'unit': part.unit, 'prior_sd': part.prior, 'mean': part.mean,
+                              'sd': part.deviation} for part in diagnosis.parts},
+        'sets': [{'causes': list(labels), 'probability': p} for labels, p in diagnosis.sets],
         'candidates': [[_candidate(item) for item in ranking] for ranking in diagnosis.rounds],
         'latent': {stage: view.results() for stage, view in latent.items()},
         'settings': settings}

@@ -1,97 +1,58 @@
-"""Detection limits: the smallest size of each effect that a record would have shown."""
+"""Detection limits: the size of each effect at which a record's evidence turns."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.causes.fit import Fit, Projector
-from flex_plant_sim.diagnosis.causes.hypothesis import hypotheses, Hypothesis
-from flex_plant_sim.diagnosis.likelihood.problem import Problem
-from flex_plant_sim.effects.base import Effect
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.diagnosis.causes.promise import Promise
+from flex_plant_sim.diagnosis.likelihood.evidence import detectable
+from flex_plant_sim.diagnosis.likelihood.prior import log_odds
 import numpy as np
 
-SIGMAS = 4.5
-SHAPES, MOST_SHAPES = 0.75, 4
-SECANTS, CLOSE, SMALLEST_SHARE = 5, 0.3, 0.01
+ITERATIONS = 20
 
 
-def detection_limits(problem: Problem, base: Fit, allowed: Array, duration: float,
-                     exclude: Sequence[str] = ()) -> dict[str, tuple[float, str]]:
+def detection_limits(promises: Sequence[Promise], robot: Robot, duration: float
+                     ) -> dict[str, tuple[float, str]]:
     """
     Return 'identifier:site' to (smallest deviation from null, unit); inf where none shows.
 
-    A size counts as shown when what it does to the predictions, less what the base parameters
-    could undo, exceeds the allowance in some channel and 4.5 standard errors overall.
+    A size shows when the effect with it would be more probable than nothing in its place.
+
+    Parameters
+    ----------
+    promises : sequence of Promise
+        What each hypothesis could add to the causes that are on.
+    robot : Robot
+        Whose sites share an effect's odds.
+    duration : float
+        Of the longest record, s.
+
     """
-    projector = Projector(problem, base.weighting)
-    limits = {}
-    for hypothesis in hypotheses(problem.base.robot, exclude):
-        limits[hypothesis.label] = _limit(problem, projector, hypothesis, allowed, duration)
-    return limits
+    return {p.hypothesis.label: (_limit(p, robot, duration),
+                                 p.hypothesis.parameters[_size(p)].unit) for p in promises}
 
 
-def _limit(problem: Problem, projector: Projector, hypothesis: Hypothesis, allowed: Array,
-           duration: float) -> tuple[float, str]:
-    """Return the limit that three of four of its shapes (a time, a source) stay below."""
-    k = int(np.argmax(hypothesis.sizes))
-    shapes = _shapes(hypothesis, duration)
-    some = np.unique(np.linspace(0, len(shapes) - 1, MOST_SHAPES).round().astype(int))
-    sizes = [_smallest(problem, projector, hypothesis, start, allowed) for start in shapes[some]]
-    return float(np.quantile(sizes, SHAPES, method='lower')), hypothesis.parameters[k].unit
+def _size(promise: Promise) -> int:
+    return int(np.argmax(promise.hypothesis.sizes))
 
 
-def _shapes(hypothesis: Hypothesis, duration: float) -> Array:
-    """Return the smallest start of every shape and sign, (S, k)."""
-    found: dict[tuple[float, ...], Array] = {}
-    starts = hypothesis.starts(duration)
-    nearest = np.argsort(np.linalg.norm((starts - hypothesis.null)[:, hypothesis.sizes], axis=1),
-                         kind='stable')
-    for start in starts[nearest]:
-        away = np.sign((start - hypothesis.null)[hypothesis.sizes])
-        if away.any():
-            found.setdefault((*away, *start[np.logical_not(hypothesis.sizes)]), start)
-    return np.array(list(found.values()))
-
-
-def _smallest(problem: Problem, projector: Projector, hypothesis: Hypothesis, start: Array,
-              allowed: Array) -> float:
-    """
-    Return the smallest size of a start's shape (k,) that shows; inf if none within bounds does.
-
-    Base parameters undo small sizes and run out of tolerance at larger ones, so one start does
-    not tell by proportion: secants within a bracket.
-    """
-    k, away = int(np.argmax(hypothesis.sizes)), start - hypothesis.null
-    sizes = hypothesis.sizes & (away != 0.0)
-    bound = np.where(away > 0.0, hypothesis.high, hypothesis.low)
-    reach = float(np.min((bound - hypothesis.null)[sizes] / away[sizes]))
-    hidden, shown, share = 0.0, np.inf, 1.0
-    for _ in range(SECANTS):
-        values = np.where(sizes, hypothesis.null + share * away, start)
-        factor = _factor(problem, projector, hypothesis.at(values), allowed)
-        if abs(np.log(factor)) < CLOSE:
-            break
-        hidden, shown = (share, shown) if factor > 1.0 else (hidden, share)
-        if hidden >= reach:
-            return np.inf
-        share *= factor
-        if not hidden < share < shown:
-            share = np.sqrt(max(hidden, SMALLEST_SHARE * shown) * shown)
-        share = min(share, reach)
-    return float(share * abs(away[k]))
-
-
-def _factor(problem: Problem, projector: Projector, effect: Effect, allowed: Array) -> float:
-    """Return the multiple of an effect that would just show were all linear; inf if none."""
-    try:
-        change = problem.residual([effect])[0] - problem.nominal
-    except np.linalg.LinAlgError:
+def _limit(promise: Promise, robot: Robot, duration: float) -> float:
+    """Return the size that is as large as what its own information makes detectable."""
+    slab, k = promise.hypothesis.slab(duration), _size(promise)
+    # A one-sided slab is twice as dense.
+    price = -log_odds(promise.hypothesis.effect, robot) - np.log(2.0) * (slab.sided[k] != 0.0)
+    known = promise.information > 0.0
+    if not known.any():
         return float('inf')
-    flat = projector.white(change)
-    nuisance, _ = projector.nuisance(flat)
-    left = change + problem.sensitivity @ nuisance
-    practical = np.max(np.mean(left**2, axis=(0, 1)) / allowed)
-    statistical = 2.0 * projector.cost(flat) / SIGMAS**2
-    shown = min(practical, statistical)
-    return float(1.0 / np.sqrt(shown)) if 1e-12 < shown < np.inf else float('inf')
+    where, what = np.log(promise.magnitudes[known]), np.log(promise.information[known])
+    size = float(promise.magnitudes[known][0])
+    for _ in range(ITERATIONS):
+        information = float(np.exp(np.interp(np.log(size), where, what)))
+        size = float(np.sqrt(size * detectable(information, float(slab.width[k]), price)))
+        if not np.isfinite(size):
+            return size
+    low, high = promise.hypothesis.bounds[k]
+    null = promise.hypothesis.parameters[k].null
+    return size if size <= max(high - null, null - low) else float('inf')

@@ -32,15 +32,15 @@ class Candidate:
     name, site : str
     parameters : tuple of ParameterValue
     gain : float
-        Held-out log-likelihood gain over the model without it, nats.
+        Over the model without it, nats: of the log-evidence, or of the held-out log-likelihood.
     window_gain : tuple of float
-        The same per window.
+        The same per window, where it is held out.
     t : float
         mean / standard error over the windows.
     positive : float
         Share of windows with a gain.
     probability : float
-        That this is the cause, given that the catalogue holds it.
+        That this is the cause.
     relevant : bool
         Its size is beyond the smallest that matters, and off the bounds.
 
@@ -55,6 +55,30 @@ class Candidate:
     positive: float
     probability: float
     relevant: bool
+
+
+@dataclass(frozen=True)
+class PartEstimate:
+    """
+    A part of the robot with its prior and its posterior.
+
+    Attributes
+    ----------
+    name : str
+    unit : str
+        Of the deviation from the robot file; empty where it is a logarithm.
+    prior : float
+        Standard deviation.
+    mean, deviation : float
+        Posterior mean and standard deviation.
+
+    """
+
+    name: str
+    unit: str
+    prior: float
+    mean: float
+    deviation: float
 
 
 @dataclass(frozen=True)
@@ -103,11 +127,15 @@ class Diagnosis:
     not_excited : tuple of str
         'identifier:site' that this record cannot show at any sensible size.
     rounds : tuple of tuple of Candidate
-        The ranking of every round, best first.
+        For every cause, all that might stand in its place, best first.
     advice : str
         What to record next, where it would help.
     remainder : Mapping
-        What is left of the residual after the causes, by channel and dependence.
+        By what factor each channel's errors exceed what the model states, the causes on.
+    parts : tuple of PartEstimate
+        All parts of the robot, re-estimated beside the causes.
+    sets : tuple of (tuple of str, float)
+        Labels of the sets of causes (`unknown` is one), with their probabilities.
 
     """
 
@@ -120,3 +148,5 @@ class Diagnosis:
     rounds: tuple[tuple[Candidate, ...], ...] = ()
     advice: str = ''
     remainder: Mapping[str, object] = field(default_factory=dict)
+    parts: tuple[PartEstimate, ...] = ()
+    sets: tuple[tuple[tuple[str, ...], float], ...] = ()

@@ -1,35 +1,34 @@
-"""From the search's course to one verdict in a sentence an engineer would say."""
+"""From the posterior over sets of causes to one verdict in a sentence an engineer would say."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from flex_plant_sim.arm.robot import Robot
-from flex_plant_sim.diagnosis.causes.candidate_pass import Data, Round
-from flex_plant_sim.diagnosis.causes.fit import fit_base
-from flex_plant_sim.diagnosis.causes.ranking import (
-    candidate,
-    clear_of_null,
-    look_alikes,
-    parameter_values,
-    probabilities,
-    Ranked,
-)
+from flex_plant_sim.diagnosis.causes.fit import Causes, Fit
+from flex_plant_sim.diagnosis.causes.hypothesis import Hypothesis
+from flex_plant_sim.diagnosis.causes.posterior import is_unknown, Key, Posterior
 from flex_plant_sim.diagnosis.causes.search import Progress, Search, search
+from flex_plant_sim.diagnosis.likelihood.prior import deviated
 from flex_plant_sim.diagnosis.prediction.predictor import Base
-from flex_plant_sim.diagnosis.record.allowance import still_wrong, WRONG
+from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.diagnosis.verdict.detection import detection_limits
-from flex_plant_sim.diagnosis.verdict.results import Cause, Diagnosis, ParameterValue
+from flex_plant_sim.diagnosis.verdict.results import (
+    Candidate,
+    Cause,
+    Diagnosis,
+    ParameterValue,
+    PartEstimate,
+)
 from flex_plant_sim.effects import catalogue, effects_of
 import numpy as np
 
-REMAINDER = 2.0
-EXPLAINED = 0.5
-# A cause whose interval holds its absence, beside the other causes, is at most as likely as not.
-UNDETERMINED = 0.5
-QUIET_STRAIN = 5.0
-QUIET_ANGLE = 30.0
+# Swings in noise deviations below which a record shows no motion at all.
+QUIET_STRAIN, QUIET_ANGLE = 5.0, 30.0
+SETS = 12
+Z = 1.959964
 
 
 def nominal_base(robot: Robot, model: str, modes: int, coriolis: bool = True) -> Base:
@@ -43,9 +42,9 @@ def nominal_base(robot: Robot, model: str, modes: int, coriolis: bool = True) ->
 
 def diagnose(records: Sequence[Record], nominal: Base, jobs: int = 1,
              progress: Progress = lambda step, share: None,
-             exclude: Sequence[str] = ()) -> tuple[Diagnosis, Data, Search | None]:
+             exclude: Sequence[str] = ()) -> tuple[Diagnosis, Data, Base]:
     """
-    Return the diagnosis of records, the data it used, and the course of the search.
+    Return the diagnosis of records, the data it used, and the model it ends with.
 
     Parameters
     ----------
@@ -66,25 +65,31 @@ def diagnose(records: Sequence[Record], nominal: Base, jobs: int = 1,
         A record too short for five windows.
 
     """
-    data = Data.of(records, nominal)
+    slowest = slowest_frequency(nominal, records[0].payload)
+    data = Data.of(records, slowest, nominal.robot.sample_time)
     still = _still(records, data)
     if still:
-        return _cannot_answer(still), data, None
+        return _cannot_answer(still), data, nominal
     found = search(data, nominal, jobs, progress, exclude)
-    fitted = fit_base(found.final)
-    progress('detection limits', 0.0)
-    limits = detection_limits(found.final, fitted, data.allowed, data.duration, exclude)
-    progress('detection limits', 1.0)
-    shown = {k: v for k, v in limits.items() if np.isfinite(v[0])}
-    blind = tuple(k for k, v in limits.items() if not np.isfinite(v[0]))
-    rounds = tuple(_rows(r) for r in found.rounds)
-    causes = tuple(cause_of(*pair) for pair in zip(found.accepted, found.grounds))
-    verdict, sentence, sets = _verdict(found, causes)
-    named = () if verdict == 'not_in_catalogue' else causes
-    channels = nominal.robot.output_names
-    remainder = {name: float(left) for name, left in zip(channels, found.after)}
-    return Diagnosis(verdict, sentence, named, sets, shown, blind, rounds,
-                     _advice(verdict, sets), remainder), data, found
+    return _diagnosis(found, data, nominal), data, extended_base(found, nominal)
+
+
+def slowest_frequency(base: Base, payload: float) -> float:
+    """Return the slowest natural frequency with locked joints, stretched arm, rad/s."""
+    form = base.arm(payload).form
+    flexible = slice(2, 2 + 2 * base.modes)
+    ratio = np.linalg.solve(form.mass_at(1.0, payload)[flexible, flexible],
+                            form.stiffness_at(1.0)[flexible, flexible])
+    return float(np.sqrt(np.min(np.linalg.eigvals(ratio).real)))
+
+
+def extended_base(found: Search, nominal: Base) -> Base:
+    """Return the nominal base with the parts as re-estimated and the causes on."""
+    parts, fit = found.best.likelihood.parts, found.best.fit
+    kept = np.where([part.settles for part in parts], fit.deviations, 0.0)
+    robot, sensors = deviated(nominal.robot, parts, kept)
+    causes = Causes(fit.hypotheses, 1.0).effects(fit.values)
+    return replace(nominal, robot=robot, effects=(*nominal.effects, *sensors, *causes))
 
 
 def _still(records: Sequence[Record], data: Data) -> tuple[str, ...]:
@@ -106,60 +111,111 @@ def _cannot_answer(still: Sequence[str]) -> Diagnosis:
                'with pauses of about a second.')
 
 
-def _rows(found: Round) -> tuple:
-    chances = probabilities(found.ranked, found.chosen)
-    return tuple(candidate(r, float(p)) for r, p in zip(found.ranked, chances))
+def _diagnosis(found: Search, data: Data, nominal: Base) -> Diagnosis:
+    limits = detection_limits(found.promises, nominal.robot, data.duration)
+    causes = causes_of(found.posterior, found.best.fit)
+    verdict, sentence, sets = _verdict(found, causes)
+    channels = nominal.robot.output_names
+    return Diagnosis(
+        verdict, sentence, causes, sets,
+        {k: v for k, v in limits.items() if np.isfinite(v[0])},
+        tuple(k for k, v in limits.items() if not np.isfinite(v[0])),
+        tuple(_in_place(found.posterior, h) for h in found.best.fit.hypotheses),
+        _advice(verdict, sets),
+        {name: float(s) for name, s in zip(channels, found.best.fit.scale)},
+        part_estimates(found), _sets(found.posterior))
 
 
-def cause_of(ranked: Ranked, found: Round) -> Cause:
-    """Return an accepted effect as it is stated, with what its round says of it."""
-    assert found.chosen is not None
-    chances = probabilities(found.ranked, found.chosen)
-    name = ranked.hypothesis.effect.identifier
-    probability = float(sum(p for r, p in zip(found.ranked, chances)
-                            if r.hypothesis.effect.identifier == name))
-    if not clear_of_null(ranked):
-        probability = min(probability, UNDETERMINED)
-    values = parameter_values(ranked.fit)
-    alike = tuple(r.hypothesis.effect.identifier
-                  for r in look_alikes(found.chosen, found.ranked))
-    return Cause(name, ranked.hypothesis.site, cause_sentence(ranked, values), probability,
-                 values, alike[:2], ranked.hypothesis.at(ranked.fit.values))
+def part_estimates(found: Search) -> tuple[PartEstimate, ...]:
+    """Return all parts with prior and posterior."""
+    fit, k = found.best.fit, len(found.best.fit.values)
+    spread = np.sqrt(np.diagonal(fit.covariance)[k:])
+    return tuple(PartEstimate(part.name, part.unit, part.tolerance, float(m), float(s))
+                 for part, m, s in zip(found.best.likelihood.parts, fit.deviations, spread))
 
 
-def cause_sentence(ranked: Ranked, values: Sequence[ParameterValue]) -> str:
+def _sets(posterior: Posterior) -> tuple[tuple[tuple[str, ...], float], ...]:
+    rows = zip(posterior.fits[:SETS], posterior.probability)
+    return tuple(((*sorted(Key.of(fit).labels), *(
+        ('unknown',) if is_unknown(fit, posterior.nominal) else ())), float(p))
+        for fit, p in rows)
+
+
+def causes_of(posterior: Posterior, best: Fit) -> tuple[Cause, ...]:
+    """Return the causes of the most probable set, each with its probability and look-alikes."""
+    found = []
+    pieces = Causes(best.hypotheses, 1.0).split(best.values)
+    for hypothesis, values in zip(best.hypotheses, pieces):
+        name = hypothesis.effect.identifier
+        alike = dict.fromkeys(label.partition(':')[0]
+                              for label in posterior.credible(hypothesis.label))
+        sizes = parameter_values(best, hypothesis)
+        found.append(Cause(
+            name, hypothesis.site, cause_sentence(hypothesis, sizes),
+            posterior.of_effect(name), sizes,
+            tuple(other for other in alike if other in catalogue() and other != name),
+            hypothesis.at(values)))
+    return tuple(found)
+
+
+def parameter_values(fit: Fit, hypothesis: Hypothesis) -> tuple[ParameterValue, ...]:
+    """Return a cause's values with 95 % intervals, within what each can be."""
+    places = Causes(fit.hypotheses, 1.0).split(np.arange(1.0 * len(fit.values)))
+    place = places[fit.hypotheses.index(hypothesis)].astype(int)
+    reach = Z * np.sqrt(np.diagonal(fit.covariance)[place])
+    return tuple(
+        ParameterValue(p.name, float(v), float(max(v - r, a)), float(min(v + r, b)), p.unit)
+        for p, v, r, a, b in zip(hypothesis.parameters, fit.values[place], reach,
+                                 hypothesis.low, hypothesis.high))
+
+
+def _in_place(posterior: Posterior, hypothesis: Hypothesis) -> tuple[Candidate, ...]:
+    """Return what may stand in a cause's place, the most probable first."""
+    others = Key.of(posterior.best).labels - {hypothesis.label}
+    without = max((fit.log_evidence for fit in posterior.fits
+                   if Key.of(fit).labels == others), default=posterior.best.log_evidence)
+    found = []
+    for fit, p in zip(posterior.fits, posterior.probability):
+        fresh = [h for h in fit.hypotheses if h.label not in others]
+        if len(fresh) == 1 and len(fit.hypotheses) == len(others) + 1:
+            found.append(Candidate(
+                fresh[0].effect.identifier, fresh[0].site, parameter_values(fit, fresh[0]),
+                fit.log_evidence - without, (), 0.0, 1.0, float(p), True))
+    return tuple(found)
+
+
+def cause_sentence(hypothesis: Hypothesis, values: Sequence[ParameterValue]) -> str:
     """Return the effect's explanation at its site, with sizes and uncertainty."""
-    site = ranked.hypothesis.site.replace('_', ' ')
-    text = ranked.hypothesis.effect.explanation.format(site=site)
+    text = hypothesis.effect.explanation.format(site=hypothesis.site.replace('_', ' '))
     sizes = [f'{v.name} {v.value:.3g} ± {0.5 * (v.high - v.low):.2g} {v.unit}'.rstrip()
-             for v, counts in zip(values, ranked.hypothesis.sizes) if counts]
+             for v, counts in zip(values, hypothesis.sizes) if counts]
     return f'{text.rstrip(".")} ({", ".join(sizes)}).'
 
 
-def _verdict(found: Search,
-             causes: Sequence[Cause]) -> tuple[str, str, tuple[tuple[str, ...], ...]]:
-    before, after = float(found.before.max()), float(found.after.max())
-    if before <= WRONG:
+def _verdict(found: Search, causes: Sequence[Cause]
+             ) -> tuple[str, str, tuple[tuple[str, ...], ...]]:
+    unknown = is_unknown(found.best.fit, found.posterior.nominal)
+    if not causes and not unknown:
         return ('nothing_wrong', 'Nothing in the catalogue is wrong with the simulation: its '
-                'errors stay within noise and part tolerances.', ())
-    explained = 1.0 - after / before
-    if not causes or explained < EXPLAINED:
-        names = f' (the best guess, {causes[0].name}, explains too little)' if causes else ''
+                f'errors stay within noise and part tolerances.{_moved(found)}', ())
+    if not causes:
         return ('not_in_catalogue', 'The simulation is wrong in a way that nothing in the '
-                f'catalogue explains{names}.', ())
+                'catalogue explains.', ())
     sentence = ' '.join(cause.sentence for cause in causes)
-    sets = tuple((c.name, *c.look_alikes) for c in causes if _torn(c))
+    sets = tuple((c.name, *c.look_alikes) for c in causes if c.look_alikes)
+    if unknown:
+        return 'cause_and_remainder', f'{sentence} Something unnamed is left.', sets
     if sets:
         return 'cannot_tell', (f'One of {", ".join(sets[0])}: this record cannot tell them '
                                f'apart. Best guess: {sentence}'), sets
-    if np.any(still_wrong(found.before, found.after / REMAINDER)):
-        return 'cause_and_remainder', f'{sentence} Something unnamed is left.', ()
     return 'cause', f'{sentence} Nothing else in the catalogue explains the record as well.', ()
 
 
-def _torn(cause: Cause) -> bool:
-    """Tell whether a look-alike is as likely as not."""
-    return bool(cause.look_alikes) and cause.probability < 0.6
+def _moved(found: Search) -> str:
+    """Return what a reader must know of parts that are further off than their tolerance."""
+    far = [f'{p.name} {p.mean / p.prior:+.1f}' for p in part_estimates(found)
+           if abs(p.mean) > p.prior]
+    return f' In tolerances, parts moved: {", ".join(far)}.' if far else ''
 
 
 def _advice(verdict: str, sets: Sequence[Sequence[str]]) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.causes.fit import Fit
+from flex_plant_sim.diagnosis.held_out.fit import Fit
 import numpy as np
 
 HELD = 1e12

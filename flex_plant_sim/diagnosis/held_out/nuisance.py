@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from flex_plant_sim.arm.parts import robot_parts
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.diagnosis.prediction.predictor import Base
 from flex_plant_sim.effects import catalogue
 from flex_plant_sim.effects.base import Effect
+import numpy as np
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,13 @@ def settled(robot: Robot, items: Sequence[Nuisance], deviations: Array
         else:
             robot = item.change(robot, float(value))
     return robot, tuple(effects)
+
+
+def settled_base(base: Base, payload: float) -> Base:
+    """Return the base with its deviations in the robot and the effects."""
+    robot, effects = settled(base.robot, nuisances(base.robot, payload),
+                             np.array(base.deviations))
+    return replace(base, robot=robot, effects=(*base.effects, *effects), deviations=())
 
 
 def _of_effect(identifier: str, site: str, tolerance: float, null: float, scale: float,

@@ -11,7 +11,8 @@ import signal
 from typing import Any, TypeVar
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.causes.fit import (
+from flex_plant_sim.diagnosis.held_out.allowance import allowance, misfit, still_wrong
+from flex_plant_sim.diagnosis.held_out.fit import (
     explore,
     Fit,
     fit_base,
@@ -20,11 +21,10 @@ from flex_plant_sim.diagnosis.causes.fit import (
     promise,
     refine,
 )
-from flex_plant_sim.diagnosis.causes.hypothesis import Hypothesis
-from flex_plant_sim.diagnosis.causes.ranking import choose, rank, Ranked
-from flex_plant_sim.diagnosis.likelihood.problem import Problem
+from flex_plant_sim.diagnosis.held_out.hypothesis import Hypothesis
+from flex_plant_sim.diagnosis.held_out.problem import Problem
+from flex_plant_sim.diagnosis.held_out.ranking import choose, rank, Ranked
 from flex_plant_sim.diagnosis.prediction.predictor import Base
-from flex_plant_sim.diagnosis.record.allowance import allowance, misfit, still_wrong
 from flex_plant_sim.diagnosis.record.sensor_noise import measurement_noise
 from flex_plant_sim.diagnosis.record.windows import Record, Windows
 import numpy as np

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.prediction.nuisance import Nuisance, nuisances, settled
+from flex_plant_sim.diagnosis.held_out.allowance import model_error
+from flex_plant_sim.diagnosis.held_out.nuisance import Nuisance, nuisances, settled, settled_base
+from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude
+from flex_plant_sim.diagnosis.prediction.noise import Steady
 from flex_plant_sim.diagnosis.prediction.predictor import Base, Predictor
-from flex_plant_sim.diagnosis.record.allowance import model_error
 from flex_plant_sim.diagnosis.record.windows import Windows
 from flex_plant_sim.effects.base import Effect
 import numpy as np
 
 STEP = 0.2
+# What judges takes a hundredth of what gauges see for their own error.
+GAUGES_ALONE = Amplitude(0.0, 0.01, 1.0, 0.05)
 BLOCKS_PER_WINDOW = 8
 
 
@@ -79,12 +83,12 @@ class Problem:
         self.nuisances: tuple[Nuisance, ...] = nuisances(base.robot, payload)
         self.precision = np.array([n.tolerance**-2 for n in self.nuisances])
         self.start = np.array(base.deviations or [0.0] * len(self.nuisances))
-        self.model = base.settled(payload)
+        self.model = replace(settled_base(base, payload), discrepancy=GAUGES_ALONE)
         self.predictors = [Predictor(self.model, w, s, judging)
                            for w, s in zip(windows, noise)]
 
     def residual(self, effects: Sequence[Effect] = (), deviations: Array | None = None,
-                 gains: Sequence[Array] | None = None) -> Array:
+                 gains: Sequence[Steady] | None = None) -> Array:
         """
         Return one-step prediction errors of all windows, (B, W, length, m).
 
@@ -94,7 +98,7 @@ class Problem:
             On top of the base's.
         deviations : Array, optional
             Of the base parameters, in place of the base's own, (p,).
-        gains : sequence of Array, optional
+        gains : sequence of Steady, optional
             In place of the predictors' own.
 
         """
@@ -108,9 +112,9 @@ class Problem:
                  for k, p in enumerate(self.predictors)]
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 
-    def gains(self, effects: Sequence[Effect]) -> list[Array]:
-        """Return the predictors' gains for an arm with further effects."""
-        return [p.gain_of(p.arm_with(effects)) for p in self.predictors]
+    def gains(self, effects: Sequence[Effect]) -> list[Steady]:
+        """Return the predictors' filters for an arm with further effects."""
+        return [p.steady_of(p.arm_with(effects)) for p in self.predictors]
 
     @cached_property
     def nominal(self) -> Array:

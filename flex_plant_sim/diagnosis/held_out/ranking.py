@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.causes.fit import Fit
-from flex_plant_sim.diagnosis.causes.held_out import held_out, spread
-from flex_plant_sim.diagnosis.causes.hypothesis import Hypothesis
-from flex_plant_sim.diagnosis.record.allowance import misfit, still_wrong
+from flex_plant_sim.diagnosis.held_out.allowance import misfit, still_wrong
+from flex_plant_sim.diagnosis.held_out.fit import Fit
+from flex_plant_sim.diagnosis.held_out.gain import held_out, spread
+from flex_plant_sim.diagnosis.held_out.hypothesis import Hypothesis
 from flex_plant_sim.diagnosis.verdict.results import Candidate, ParameterValue
 import numpy as np
 from scipy.stats import t as student

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.diagnosis.held_out.nuisance import settled_base
 from flex_plant_sim.diagnosis.prediction.predictor import Base, Predictor
 from flex_plant_sim.diagnosis.record.windows import Windows
 import numpy as np
@@ -42,7 +43,7 @@ def likeliest_level(base: Base, windows: Sequence[Windows], noise: Sequence[Arra
 def _log_likelihood(base: Base, level: Level, windows: Sequence[Windows],
                     noise: Sequence[Array]) -> float:
     """Return the log-likelihood per sample, less a constant, nats."""
-    model = replace(base, level=level).settled(windows[0].record.payload)
+    model = settled_base(replace(base, level=level), windows[0].record.payload)
     errors = np.concatenate([Predictor(model, w, s).innovations().reshape(-1, s.size)
                              for w, s in zip(windows, noise)])
     sign, size = np.linalg.slogdet(errors.T @ errors / len(errors))

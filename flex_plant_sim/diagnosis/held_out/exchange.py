@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from flex_plant_sim.diagnosis.causes.candidate_pass import Data, decided, one_pass, rivals, Round
-from flex_plant_sim.diagnosis.causes.fit import Fit, fit_base, refine
-from flex_plant_sim.diagnosis.causes.hypothesis import Hypothesis
-from flex_plant_sim.diagnosis.causes.ranking import choose, rank, Ranked
-from flex_plant_sim.diagnosis.likelihood.problem import Problem
+from flex_plant_sim.diagnosis.held_out.candidate_pass import Data, decided, one_pass, rivals, Round
+from flex_plant_sim.diagnosis.held_out.fit import Fit, fit_base, refine
+from flex_plant_sim.diagnosis.held_out.hypothesis import Hypothesis
+from flex_plant_sim.diagnosis.held_out.problem import Problem
+from flex_plant_sim.diagnosis.held_out.ranking import choose, rank, Ranked
 from flex_plant_sim.diagnosis.prediction.predictor import Base
 
 SWEEPS = 3

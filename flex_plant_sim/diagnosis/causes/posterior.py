@@ -1,0 +1,122 @@
+"""The posterior over the sets of causes that were visited, and all that is read from it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+import math
+
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.diagnosis.causes.fit import Fit
+from flex_plant_sim.diagnosis.likelihood.prior import log_odds, UNKNOWN
+from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude
+from flex_plant_sim.diagnosis.prediction.predictor import Base
+import numpy as np
+
+CREDIBLE = 0.95
+
+
+@dataclass(frozen=True)
+class Key:
+    """What tells sets apart: labels of the causes, and the discrepancy."""
+
+    labels: frozenset[str]
+    level: Amplitude
+
+    @classmethod
+    def of(cls, fit: Fit) -> Key:
+        """Return the key of a fit."""
+        return cls(frozenset(h.label for h in fit.hypotheses), fit.discrepancy)
+
+
+def is_unknown(fit: Fit, nominal: Base) -> bool:
+    """Tell whether something that no catalogue knows belongs to a set."""
+    return fit.discrepancy != nominal.discrepancy
+
+
+def log_prior(fit: Fit, nominal: Base, levels: int = 3) -> float:
+    """Return the logarithm of a set's prior odds against `nothing`, nats."""
+    price = sum(log_odds(h.effect, nominal.robot) for h in fit.hypotheses)
+    if is_unknown(fit, nominal):
+        price += math.log(UNKNOWN / (1.0 - UNKNOWN) / levels)
+    return price
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """
+    Sets of causes with their probabilities, the most probable first.
+
+    Attributes
+    ----------
+    fits : tuple of Fit
+    probability : Array
+        Of each, (S,); they sum to one.
+    nominal : Base
+
+    """
+
+    fits: tuple[Fit, ...]
+    probability: Array
+    nominal: Base
+
+    @classmethod
+    def of(cls, fits: Sequence[Fit], nominal: Base, others: Sequence[Fit] = ()) -> Posterior:
+        """Return the posterior over fits; of sets that occur again in `others`, those first."""
+        known = {Key.of(fit) for fit in fits}
+        fits = [*fits, *(fit for fit in others if Key.of(fit) not in known)]
+        score = np.array([fit.log_evidence + log_prior(fit, nominal) for fit in fits])
+        order = np.argsort(-score)
+        weight = np.exp(score[order] - score[order[0]])
+        return cls(tuple(fits[k] for k in order), weight / weight.sum(), nominal)
+
+    @property
+    def best(self) -> Fit:
+        """Return the most probable set."""
+        return self.fits[0]
+
+    def of_effect(self, identifier: str) -> float:
+        """Return the probability that an effect is at work, at whatever site."""
+        return self._sum(lambda fit: any(
+            h.effect.identifier == identifier for h in fit.hypotheses))
+
+    @property
+    def of_nothing(self) -> float:
+        """Return the probability that nothing is wrong."""
+        return self._sum(lambda fit: not fit.hypotheses and not is_unknown(fit, self.nominal))
+
+    @property
+    def of_unknown(self) -> float:
+        """Return the probability that something that no catalogue knows is at work."""
+        return self._sum(lambda fit: is_unknown(fit, self.nominal))
+
+    def _sum(self, holds: Callable[[Fit], bool]) -> float:
+        return float(sum(p for fit, p in zip(self.fits, self.probability) if holds(fit)))
+
+    def in_place_of(self, label: str) -> dict[str, float]:
+        """
+        Return what may stand where the best set has a cause, with its probability.
+
+        Labels of causes ('unknown', 'nothing' too) in sets that are as the best without it.
+        """
+        others = Key.of(self.best).labels - {label}
+        found: dict[str, float] = {}
+        for fit, p in zip(self.fits, self.probability):
+            labels = Key.of(fit).labels
+            if not others <= labels:
+                continue
+            for name in (labels - others) or {
+                    'unknown' if is_unknown(fit, self.nominal) else 'nothing'}:
+                found[name] = found.get(name, 0.0) + float(p)
+        return dict(sorted(found.items(), key=lambda item: -item[1]))
+
+    def credible(self, label: str) -> tuple[str, ...]:
+        """Return the smallest set of labels in a cause's place that holds CREDIBLE of it."""
+        found, total, kept = self.in_place_of(label), 0.0, []
+        whole = sum(found.values())
+        for name, p in found.items():
+            kept.append(name)
+            total += p
+            if total >= CREDIBLE * whole:
+                break
+        return tuple(kept)

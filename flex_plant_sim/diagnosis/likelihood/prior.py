@@ -1,0 +1,113 @@
+"""
+The prior: parts of the arm, sizes of effects, and how likely a cause is before any data.
+
+`python -m flex_plant_sim.diagnosis.likelihood.prior [ROBOT]` prints it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+import math
+import sys
+
+from flex_plant_sim.arm.parts import robot_parts
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.robot_file import load_robot
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.effects import catalogue, sites
+from flex_plant_sim.effects.base import Effect
+
+# As likely as not, something of the catalogue is wrong with a simulation; one time in ten
+# something is that no catalogue knows.
+ANY_CAUSE, UNKNOWN = 0.5, 0.1
+
+
+@dataclass(frozen=True)
+class PartPrior:
+    """
+    A part of the robot, its sensors or its payload, with a Gaussian prior around the file.
+
+    Attributes
+    ----------
+    name : str
+    tolerance : float
+        Standard deviation of the deviation, in `unit`; of a logarithm where that is empty.
+    unit : str
+    change : Callable
+        (robot, deviation) -> robot.
+    effect : Callable or None
+        deviation -> Effect, where the parameter is not the robot's.
+    settles : bool
+        Whether an extended robot is taken to have it; the payload is not the robot's.
+
+    """
+
+    name: str
+    tolerance: float
+    unit: str
+    change: Callable[[Robot, float], Robot]
+    effect: Callable[[float], Effect] | None = None
+    settles: bool = True
+
+
+def part_priors(robot: Robot, payload: float) -> tuple[PartPrior, ...]:
+    """Return all that a healthy robot of this make may differ in, payload, kg, included."""
+    t = robot.tolerances
+    found = [PartPrior(part.name, part.tolerance, part.unit, part.change)
+             for part in robot_parts(robot)]
+    found += [_of_effect('strain_gain', gauge, t.strain_gain, 1.0, 1.0)
+              for gauge in robot.gauge_names]
+    found += [_of_effect('strain_bias', gauge, t.strain_bias, 0.0, 1.0, unit='m/m')
+              for gauge in robot.gauge_names]
+    found.append(_of_effect('payload_mass', 'arm', t.payload, 0.0, max(payload, 1e-3),
+                            settles=False))
+    return tuple(part for part in found if part.tolerance > 0.0)
+
+
+def deviated(robot: Robot, parts: Sequence[PartPrior], deviations: Array
+             ) -> tuple[Robot, tuple[Effect, ...]]:
+    """Return a robot with deviations (p,), and the effects that stand for the others of them."""
+    effects = []
+    for part, value in zip(parts, deviations):
+        if value != 0.0 and part.effect is not None:
+            effects.append(part.effect(float(value)))
+        elif value != 0.0:
+            robot = part.change(robot, float(value))
+    return robot, tuple(effects)
+
+
+def _of_effect(identifier: str, site: str, tolerance: float, null: float, scale: float,
+               unit: str = '', settles: bool = True) -> PartPrior:
+    return PartPrior(f'{identifier}:{site}', tolerance, unit, lambda r, v: r,
+                     lambda v: catalogue()[identifier](site, (null + scale * v,)), settles)
+
+
+def log_odds(effect: type[Effect], robot: Robot) -> float:
+    """
+    Return the logarithm of an effect's prior odds at one site, nats: the price of a cause.
+
+    All identifiers are alike, and so are the sites of each: with the odds of n identifiers the
+    chance of none is 1 - ANY_CAUSE.
+    """
+    each = 1.0 - (1.0 - ANY_CAUSE)**(1.0 / len(catalogue()))
+    return math.log(each / (1.0 - each) / len(sites(effect, robot)))
+
+
+def prior_table(robot: Robot) -> str:
+    """Return the prior of a robot as text: parts, then effects."""
+    lines = [f'{"part":<28}{"standard deviation":>20}  unit']
+    lines += [f'{part.name:<28}{part.tolerance:>20.3g}  {part.unit or "relative"}'
+              for part in part_priors(robot, robot.payload_mass)]
+    lines += ['', f'{"effect":<24}{"parameter":<30}{"null":>8}{"typical":>10}  '
+              f'{"odds a site":<12} unit']
+    for name, effect in catalogue().items():
+        odds = math.exp(log_odds(effect, robot))
+        lines += [f'{name:<24}{p.name:<30}{p.null:>8.3g}{p.typical:>10.3g}  {odds:<12.2g} {p.unit}'
+                  for p in effect.parameters]
+    lines.append(f'something that no catalogue knows: {UNKNOWN:g}')
+    return '\n'.join(lines)
+
+
+if __name__ == '__main__':
+    print(prior_table(load_robot(sys.argv[1] if len(sys.argv) > 1 else 'reference')))

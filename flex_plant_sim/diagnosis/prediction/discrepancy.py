@@ -1,0 +1,80 @@
+"""What every model lacks: a slow torque of each joint and a slow error of each gauge."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.arm.state_space import StateSpace
+from flex_plant_sim.diagnosis.record.windows import Record
+from flex_plant_sim.effects.base import Effect, Parameter
+from flex_plant_sim.effects.mechanics.extra_states import with_states
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Amplitude:
+    """
+    How much a model lacks.
+
+    Attributes
+    ----------
+    torque, gauge : float
+        Shares of the drive's root-mean-square torque and of what the gauge shows.
+    torque_periods, gauge_periods : float
+        Correlation times in periods of the slowest mode.
+
+    """
+
+    # On clean arms of two other simulators (test/truth, benchmarks/mujoco_records.py) no channel
+    # errs by more than this states: joints by 0.9 of it, gauges by a quarter to a half.
+    torque: float = 0.03
+    gauge: float = 0.05
+    torque_periods: float = 1.0
+    gauge_periods: float = 0.3
+
+
+class Discrepancy(Effect):
+    """
+    Ornstein-Uhlenbeck torques on both joints and errors of all gauges, inside the filter.
+
+    Kennedy and O'Hagan, Journal of the Royal Statistical Society B 63 (2001). Inside, because a
+    cause that only takes colour out of the innovations must not be paid for it. The same for
+    every hypothesis.
+    """
+
+    identifier = 'discrepancy'
+    family = 'part of the predictor'
+    explanation = 'The model lacks a little, slowly changing.'
+    parameters = (Parameter('torque_time_s', 's', 0.0, 1e-6, 1e3, (1.0,), np.inf, 1.0),
+                  Parameter('gauge_time_s', 's', 0.0, 1e-6, 1e3, (1.0,), np.inf, 1.0))
+    sites = 'arm'
+
+    @classmethod
+    def of(cls, amplitude: Amplitude, period: float) -> Discrepancy:
+        """Return the discrepancy of an arm whose slowest mode has a period, s."""
+        return cls('arm', (amplitude.torque_periods * period, amplitude.gauge_periods * period))
+
+    def on_state_space(self, plant: StateSpace, robot: Robot) -> StateSpace:
+        """Return the plant with two torques and an error of each gauge as its last states."""
+        old, gauges = plant.a.shape[-1], plant.c.shape[-2] - 2
+        wider = with_states(plant, 2 + gauges)
+        torque, gauge = slice(old, old + 2), slice(old + 2, None)
+        wider.a[..., :old, torque] = plant.e[..., :, :2]
+        wider.a[..., torque, torque] = -np.eye(2) / self['torque_time_s']
+        wider.a[..., gauge, gauge] = -np.eye(gauges) / self['gauge_time_s']
+        wider.c[..., 2:, gauge] = np.eye(gauges)
+        return wider
+
+    def step_variance(self, arm: ExtendedArm, record: Record, amplitude: Amplitude) -> Array:
+        """Return what a step's noise adds to the variance of an arm's states, (n,)."""
+        variance, first = np.zeros(arm.states), arm.own_states
+        drives = [d.torque_gain * np.std(u) for d, u in zip(arm.robot.drives, record.command.T)]
+        sizes = np.concatenate([amplitude.torque * np.array(drives),
+                                amplitude.gauge * np.std(record.output[:, 2:], axis=0)])
+        times = np.array([self['torque_time_s']] * 2 + [self['gauge_time_s']] * (sizes.size - 2))
+        kept = np.exp(-2.0 * arm.step_time / times)
+        variance[first:first + sizes.size] = sizes**2 * (1.0 - kept)
+        return variance

@@ -1,0 +1,37 @@
+"""Records cut into windows, with the noise of their sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.diagnosis.record.sensor_noise import measurement_noise
+from flex_plant_sim.diagnosis.record.windows import Record, Windows
+
+# Of long records, evenly chosen windows: the time that a diagnosis takes.
+SAMPLES = 12000
+
+
+@dataclass(frozen=True)
+class Data:
+    """Windows to work on, windows locked for the figures, sensor noise; one each per record."""
+
+    windows: tuple[Windows, ...]
+    locked: tuple[Windows, ...]
+    noise: tuple[Array, ...]
+
+    @classmethod
+    def of(cls, records: Sequence[Record], slowest: float, sample_time: float) -> Data:
+        """Cut the records by the slowest natural frequency, rad/s."""
+        pairs = [Windows.cut(r, slowest, sample_time) for r in records]
+        noise = tuple(measurement_noise(r.output) for r in records)
+        scored = sum(work.starts.size * work.length for work, _ in pairs)
+        every = -(-scored // SAMPLES)
+        return cls(tuple(work.thinned(every) for work, _ in pairs),
+                   tuple(locked for _, locked in pairs), noise)
+
+    @property
+    def duration(self) -> float:
+        """Return the end of the longest record, s."""
+        return max(float(w.record.time[-1]) for w in self.windows)
