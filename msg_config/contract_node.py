@@ -25,7 +25,7 @@ from msg_config.ros import (
 import numpy as np
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 from rclpy.task import Future
@@ -39,13 +39,15 @@ REFUSED = (InputError, ArithmeticError, np.linalg.LinAlgError)
 SECOND = 'second publisher'
 
 
-class ContractNode(Node):
+class ContractNode(LifecycleNode):
     """
     A node of the contract: it declares its table, and no message ends it.
 
     A message that does not fit is refused, counted by topic and kind, and warned of at most once
     a second; so is one of a second publisher. Timers run on the wall clock, simulated time or
-    not. Parameters change as their table says: at once, at ~/reset, or not at all.
+    not. Parameters change as their table says: at once, at ~/reset, or not at all. As a lifecycle
+    node it takes messages while it is active only, which it is from the start unless autostart is
+    false.
 
     Subclasses give `build` and `install`, and `on_live` where a parameter is live.
 
@@ -81,8 +83,42 @@ class ContractNode(Node):
         self._wall = Clock(clock_type=ClockType.STEADY_TIME)
         self._diagnostics = self.publisher('/diagnostics')
         self.hardware = Path(str(self.values['robot'])).stem
+        self.active = False
         self.configured(lambda: self.install(self.build(self.values)))
         self.add_on_set_parameters_callback(self._on_set)
+
+    def bring_up(self) -> None:
+        """Go through the lifecycle to active, where autostart says so."""
+        if self.values['autostart']:
+            self.trigger_configure()
+            self.trigger_activate()
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Begin to take messages."""
+        self.active = True
+        self.begin()
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Take no more messages."""
+        self._pause()
+        return super().on_deactivate(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Take no more messages, for good."""
+        self._pause()
+        return super().on_shutdown(state)
+
+    def _pause(self) -> None:
+        if self.active:
+            self.active = False
+            self.cease()
+
+    def begin(self) -> None:
+        """Do what is due when the node becomes active."""
+
+    def cease(self) -> None:
+        """Do what is due when the node becomes inactive."""
 
     def build(self, values: dict[str, Any]) -> Any:
         """Return what parameters describe, and touch nothing; InputError where they do not."""
@@ -134,6 +170,8 @@ class ContractNode(Node):
         exclusive = load_topics()[topic].exclusive
 
         def guarded(message: Any, gid: bytes | None) -> None:
+            if not self.active:
+                return
             if exclusive and not self._heard.hears(topic, gid, time.monotonic()):
                 self.reject(topic, f'{topic}: expected one publisher, got a message of a second '
                                    'one; the first is kept', SECOND)
@@ -148,9 +186,14 @@ class ContractNode(Node):
         """Offer a service of the contract."""
         create_service(self, service, callback)
 
-    def every(self, interval: float, callback: Callable[[], None]) -> Timer:
-        """Call back at an interval of wall time, s."""
-        return self.create_timer(interval, lambda: self._run(callback), clock=self._wall)
+    def every(self, interval: float, callback: Callable[[], None], *, always: bool = False,
+              ) -> Timer:
+        """Call back at an interval of wall time, s, while the node is active, or always."""
+        return self.create_timer(interval, lambda: self._tell(callback, always), clock=self._wall)
+
+    def _tell(self, callback: Callable[[], None], always: bool) -> None:
+        if self.active or always:
+            self._run(callback)
 
     def _run(self, callback: Callable[..., None], *arguments: Any) -> None:
         try:

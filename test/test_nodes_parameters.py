@@ -20,7 +20,7 @@ NODES = ('plant_sim', 'payload_estimator', 'lqg_controller')
 # Another good value where the one made from the row's limits would not do.
 OTHER: dict[str, Any] = {
     'payload_schedule': [1.0, 0.2], 'effects': ['coulomb_friction:joint_2:level=0.4'],
-    'regression': 'resolvent', 'modes': 3, 'model': 'assumed_modes', 'estimator': 'rpe',
+    'regression': 'resolvent', 'modes': 1, 'model': 'assumed_modes', 'estimator': 'rpe',
     'process_noise': 0.0, 'n_prime': 12}
 
 

@@ -65,7 +65,14 @@ class LQGControllerNode(SampleNode):
         self._late, self._in_time, self._last_mass = False, 0, math.nan
         self.subscribe('payload/inertia', self._on_inertia)
         self.listen()
-        self.every(DIAGNOSTICS_INTERVAL, self.report)
+        self.every(DIAGNOSTICS_INTERVAL, self.report, always=True)
+        self.bring_up()
+
+    def cease(self) -> None:
+        """Leave the arm with a command of zero."""
+        self.restart()
+        if self.order.last is not None:
+            self._send(np.zeros(2), self.order.last, WATCH_INTERVAL)
 
     def build(self, values: dict[str, Any]) -> Any:
         """Return the robot and the controller that parameters describe."""

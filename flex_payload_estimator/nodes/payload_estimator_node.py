@@ -54,7 +54,8 @@ class PayloadEstimatorNode(SampleNode):
         self._prepared: int | None = None
         self.subscribe('command', self._on_command)
         self.listen()
-        self.every(DIAGNOSTICS_INTERVAL, self.report)
+        self.every(DIAGNOSTICS_INTERVAL, self.report, always=True)
+        self.bring_up()
 
     def build(self, values: dict[str, Any]) -> Any:
         """Return the robot and the estimator that parameters describe."""

@@ -214,6 +214,8 @@ class SampleNode(ContractNode):
 
     def silence(self) -> str:
         """Return why no sample comes, or nothing where samples come."""
+        if not self.active:
+            return 'the node is inactive'
         since = self.wall_time() - max(QUIET, 3.0 * self.robot.sample_time)
         if self._whole > since:
             return ''

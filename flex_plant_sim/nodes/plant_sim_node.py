@@ -63,12 +63,17 @@ class PlantSim(ContractNode):
         self.offer('~/pause', self._on_pause)
         self.offer('~/step', self._on_step)
         self._paused = False
-        self._start()
+        self.held: RecentCounts[str] = RecentCounts()
         if self._lockstep:
             self.every(RESEND_INTERVAL, self._resend)
         else:
             self.every(self.simulator.arm.robot.sample_time, self._tick)
         self.every(DIAGNOSTICS_INTERVAL, self._report)
+        self.bring_up()
+
+    def begin(self) -> None:
+        """Begin where the node becomes active."""
+        self._start()
 
     def build(self, values: dict[str, Any]) -> Any:
         """Return the simulator that parameters describe, and how its arm is drawn."""

@@ -1,0 +1,74 @@
+"""The lifecycle: nothing is done before a node is active, and nothing after."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, TYPE_CHECKING
+
+from node_bench import Bench
+import numpy as np
+import pytest
+
+if TYPE_CHECKING:
+    from rclpy.context import Context
+    from ros_loop import RosLoop
+
+pytestmark = pytest.mark.ros
+
+
+@pytest.fixture
+def loop(ros_context: Context) -> Iterator[RosLoop]:
+    """Return an executor in a ROS domain of its own."""
+    from ros_loop import RosLoop
+
+    loop = RosLoop(ros_context)
+    yield loop
+    loop.close()
+
+
+def change(loop: RosLoop, node: str, label: str) -> bool:
+    """Ask for a transition of the lifecycle, as `ros2 lifecycle set` does."""
+    from lifecycle_msgs.msg import Transition
+    from lifecycle_msgs.srv import ChangeState
+
+    client: Any = loop.observer.create_client(ChangeState, f'{node}/change_state')
+    loop.until(client.service_is_ready)
+    future = client.call_async(ChangeState.Request(transition=Transition(label=label)))
+    loop.until(future.done)
+    return bool(future.result().success)
+
+
+def test_the_controller_does_nothing_until_it_is_active(loop: RosLoop) -> None:
+    bench = Bench(loop, 'controller', autostart=False)
+    bench.sample(0)
+    loop.wait(0.3)
+    assert not bench.answers
+    assert change(loop, 'lqg_controller', 'configure')
+    bench.sample(1)
+    loop.wait(0.3)
+    assert not bench.answers
+    assert change(loop, 'lqg_controller', 'activate')
+    for k in range(2, 5):
+        bench.answered(k, angle=(-0.5, -0.5))
+    assert np.abs(bench.answers[-1].effort).max() > 0.1
+    assert change(loop, 'lqg_controller', 'deactivate')
+    loop.until(lambda: not np.any(bench.answers[-1].effort))
+    count = len(bench.answers)
+    bench.sample(5)
+    loop.wait(0.3)
+    assert len(bench.answers) == count
+    assert not change(loop, 'lqg_controller', 'deactivate')
+    assert change(loop, 'lqg_controller', 'activate')
+    bench.answered(6)
+
+
+def test_the_plant_begins_when_it_becomes_active(loop: RosLoop) -> None:
+    from flex_plant_sim.nodes.plant_sim_node import PlantSim
+
+    joints = loop.record('joint_states')
+    loop.start(PlantSim, autostart=False, modes=2)
+    loop.wait(0.3)
+    assert not joints
+    assert change(loop, 'plant_sim', 'configure')
+    assert change(loop, 'plant_sim', 'activate')
+    loop.until(lambda: 0 in joints.stamps)
