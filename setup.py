@@ -50,7 +50,8 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
-        (f'share/{PACKAGE}/launch', ['launch/flex_payload.launch.py']),
+        (f'share/{PACKAGE}/launch', ['launch/estimator.launch.py',
+                                     'launch/flex_payload.launch.py']),
         (f'share/{PACKAGE}/config', sorted(glob('config/*'))),
     ],
     install_requires=['setuptools', 'numpy', 'scipy', 'PyYAML', 'matplotlib'],

@@ -162,3 +162,46 @@ def test_a_bad_estimator_is_named(loop: RosLoop) -> None:
     with pytest.raises(InputError, match='^payload_estimator: regression: paper needs model '
                                          'paper_reduced'):
         loop.start(PayloadEstimatorNode, estimator='sf1_paper', model='assumed_modes')
+
+
+def test_two_arms_share_one_clock_and_none_in_real_time(ros_context: Context) -> None:
+    from flex_plant_sim.nodes.plant_sim_node import PlantSim
+    from ros_loop import overrides, RosLoop
+
+    loop = RosLoop(ros_context)
+    for namespace in ('left', 'right'):
+        loop.add(PlantSim, namespace=namespace, parameter_overrides=overrides(PAPER))
+    loop.until(lambda: loop.observer.count_publishers('/clock') == 2)
+    loop.until(lambda: loop.observer.count_publishers('/clock') == 1)
+    diagnostics = loop.record('/diagnostics')
+    names = {'left/plant_sim: command', 'right/plant_sim: command'}
+    loop.until(lambda: names <= {s.name for m in diagnostics for s in m.status})
+    assert {s.hardware_id for m in diagnostics for s in m.status} == {'reference'}
+    loop.close()
+
+
+def test_real_time_has_wall_stamps_and_no_clock(loop: RosLoop) -> None:
+    import time
+
+    joints = loop.record('joint_states')
+    plant(loop, mode='realtime')
+    loop.until(lambda: len(joints) > 5)
+    assert max(joints.stamps) * 1e-9 == pytest.approx(time.time(), abs=0.5)
+    assert loop.observer.count_publishers('/clock') == 0
+
+
+def test_the_measured_arm_lies_where_the_simulated_one_does() -> None:
+    from flex_payload_estimator.nodes.measured_shape import MeasuredShape
+    from flex_plant_sim.arm.robot_file import load_robot
+    from flex_plant_sim.simulation.arm_shape import ArmShape
+    from flex_plant_sim.simulation.extended_arm import ExtendedArm
+
+    robot = load_robot('reference')
+    arm = ExtendedArm(robot, 'assumed_modes', 2, robot.payload_mass)
+    state = np.zeros(arm.states)
+    state[:6] = 0.3, -0.5, 0.02, 0.003, -0.03, 0.004
+    lines = MeasuredShape.of(robot).lines(arm.output(state, 0.0))
+    straight = MeasuredShape.of(robot).lines(np.array([0.3, -0.5, 0.0, 0.0, 0.0, 0.0]))
+    wanted = ArmShape.of(arm).lines(state)
+    assert np.abs(lines - wanted).max() < 1e-9
+    assert np.abs(straight - wanted).max() > 0.01

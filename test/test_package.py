@@ -8,6 +8,7 @@ from importlib.metadata import distribution
 import os
 from pathlib import Path
 import re
+import runpy
 import subprocess
 import sys
 from xml.etree import ElementTree
@@ -118,14 +119,34 @@ def test_flake8_settings_are_those_of_ament(repository: Path) -> None:
     }
 
 
-def test_launch_file_starts_the_three_nodes_with_declared_parameters(repository: Path) -> None:
+@pytest.mark.parametrize(('name', 'nodes'), [
+    ('flex_payload', ('plant_sim', 'payload_estimator', 'lqg_controller')),
+    ('estimator', ('payload_estimator',))])
+def test_a_launch_file_names_nodes_and_parameters_that_exist(
+    repository: Path, name: str, nodes: tuple[str, ...],
+) -> None:
     from msg_config.parameters import load_parameters
 
-    launch = (repository / 'launch/flex_payload.launch.py').read_text(encoding='utf-8')
-    assert set(re.findall(r"executable='(\w+)'", launch)) == set(load_parameters())
-    arguments = re.findall(r"^    '(\w+)': \('([\w.]+)'", launch, re.MULTILINE)
-    plant = load_parameters()['plant_sim']
-    assert {name: str(plant[name].default) for name, _ in arguments} == dict(arguments)
+    launch = (repository / f'launch/{name}.launch.py').read_text(encoding='utf-8')
+    assert tuple(re.findall(r"executable='(\w+)'", launch)) == nodes
+    arguments = dict(re.findall(r"^    '(\w+)': \('([\w.]*)'", launch, re.MULTILINE))
+    assert set(arguments) >= {'robot', 'namespace', 'params_file', 'use_sim_time', 'record'}
+    table = load_parameters()[nodes[0]]
+    for given in set(arguments) & set(table):
+        assert str(table[given].default) == arguments[given]
+
+
+@pytest.mark.parametrize('name', ['flex_payload', 'estimator'])
+def test_a_launch_file_runs_where_launch_is_installed(repository: Path, name: str) -> None:
+    launch = pytest.importorskip('launch', reason='launch is no wheel: a ROS 2 has it')
+    pytest.importorskip('launch_ros')
+    path = repository / f'launch/{name}.launch.py'
+    content = runpy.run_path(str(path))
+    context = launch.LaunchContext()
+    for argument, (default, _) in content['ARGUMENTS'].items():
+        context.launch_configurations[argument] = default
+    assert content['generate_launch_description']().entities
+    assert len(content['nodes'](context)) == (3 if name == 'flex_payload' else 1)
 
 
 def _environment(repository: Path, python: Path) -> subprocess.CompletedProcess[str]:

@@ -8,9 +8,11 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from flex_payload_estimator.estimators.base import Estimate
+from flex_payload_estimator.nodes.measured_shape import MeasuredShape
 from flex_payload_estimator.nodes.model_health import HealthReport, ModelHealth
 from flex_payload_estimator.nodes.node_setup import estimator_of
 from flex_payload_estimator.nodes.sample_node import Sample, SampleNode
+from flex_plant_sim.nodes.arm_markers import arm_markers
 from flex_plant_sim.simulation.plant_setup import robot_of
 from msg_config.contract_node import DIAGNOSTICS_INTERVAL
 from msg_config.messages import (
@@ -32,6 +34,8 @@ MESSAGES = {
     'restarted': ('error', 'the estimate was not finite; the last good one is kept'),
     'input_rejected': ('warn', 'a measurement was refused; the last good estimate is kept')}
 
+# Between two pictures of the arm, ns.
+MARKER_INTERVAL = 40_000_000
 NO_INNOVATION = ('input_rejected', 'restarted')
 
 
@@ -46,6 +50,7 @@ class PayloadEstimatorNode(SampleNode):
         super().__init__('payload_estimator', **options)
         self._payload = PayloadPublisher(self)
         self._innovation = self.publisher('innovation')
+        self._markers, self._next_marker = self.publisher('arm_markers'), 0
         # Made once and filled at every sample: making it takes longer than sending it.
         empty = np.zeros(len(self.channels))
         self._message = joint_state(0, self.channels, empty, effort=empty)
@@ -64,6 +69,7 @@ class PayloadEstimatorNode(SampleNode):
     def install(self, built: Any) -> None:
         """Take over what `build` gave."""
         robot, self.estimator = built
+        self.shape = MeasuredShape.of(robot)
         self.take_robot(robot)
         self.health = ModelHealth(self.channels, robot.sample_time)
         self._prepare = getattr(self.estimator, 'prepare', None)
@@ -88,7 +94,17 @@ class PayloadEstimatorNode(SampleNode):
         if self._conclude is not None:
             self._conclude()
         self._watch(estimate)
+        self._publish_markers(sample, estimate)
         return payload, innovation
+
+    def _publish_markers(self, sample: Sample, estimate: Estimate) -> None:
+        """Draw the arm as it is measured, where anybody looks."""
+        if not self._markers.get_subscription_count() or not np.isfinite(sample.output).all() \
+                or 0 <= self._next_marker - sample.stamp < MARKER_INTERVAL:
+            return
+        self._next_marker = sample.stamp + MARKER_INTERVAL
+        self._markers.publish(arm_markers(
+            sample.stamp, self.shape.lines(sample.output), estimate.mass, 'measured'))
 
     def _estimate_of(self, sample: Sample) -> Estimate | None:
         """Return the estimate, or the last good one where this is no number."""

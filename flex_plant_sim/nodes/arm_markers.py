@@ -16,7 +16,7 @@ PAYLOAD_COLOUR = (0.85, 0.35, 0.15)
 PAYLOAD_DENSITY, SMALLEST_RADIUS = 1000.0, 0.008
 
 
-def arm_markers(stamp: int, lines: Array, mass: float) -> MarkerArray:
+def arm_markers(stamp: int, lines: Array, mass: float, space: str = 'arm') -> MarkerArray:
     """
     Return one line strip a link and a sphere for the payload.
 
@@ -28,14 +28,19 @@ def arm_markers(stamp: int, lines: Array, mass: float) -> MarkerArray:
         Centre lines, m, (2, P, 2).
     mass : float
         Payload, kg.
+    space : str
+        Namespace of the markers: the arm as it is, or as it is measured.
 
     """
-    links = [_link(stamp, index, line) for index, line in enumerate(lines)]
-    return MarkerArray(markers=[*links, _payload(stamp, lines[1, -1], mass)])
+    markers = [*(_link(stamp, index, line) for index, line in enumerate(lines)),
+               _payload(stamp, lines[1, -1], mass)]
+    for marker in markers:
+        marker.ns = space
+    return MarkerArray(markers=markers)
 
 
 def _marker(stamp: int, number: int, kind: int, colour: tuple[float, float, float]) -> Marker:
-    marker = Marker(ns='arm', id=number, type=kind, action=Marker.ADD)
+    marker = Marker(id=number, type=kind, action=Marker.ADD)
     marker.header.frame_id, marker.header.stamp = FRAME, time_message(stamp)
     marker.pose.orientation.w = 1.0
     marker.color = ColorRGBA(r=colour[0], g=colour[1], b=colour[2], a=1.0)

@@ -1,0 +1,40 @@
+"""The bent arm as the sensors see it, for markers of an arm that no simulator knows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.simulation.arm_shape import ArmShape
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+import numpy as np
+
+
+@dataclass(frozen=True)
+class MeasuredShape:
+    """
+    Centre lines from joint angles and strain: as many shapes a link as it has gauges.
+
+    Attributes
+    ----------
+    shape : ArmShape
+    modal : Array
+        q per unit strain, m, (2 n, gauges).
+
+    """
+
+    shape: ArmShape
+    modal: Array
+
+    @classmethod
+    def of(cls, robot: Robot) -> MeasuredShape:
+        """Return the shape of a robot; a link without gauges is drawn straight."""
+        modes = max(1, min(len(link.gauge_positions) for link in robot.links))
+        arm = ExtendedArm(robot, 'assumed_modes', modes, robot.payload_mass)
+        return cls(ArmShape.of(arm),
+                   np.linalg.pinv(np.asarray(arm.output_matrix)[2:, 2:2 + 2 * modes]))
+
+    def lines(self, output: Array) -> Array:
+        """Return the centre lines for (theta_1, theta_2, strain…): (2, P, 2), m."""
+        return self.shape.lines(np.concatenate([output[:2], self.modal @ output[2:]]))
