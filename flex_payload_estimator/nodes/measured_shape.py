@@ -32,8 +32,8 @@ class MeasuredShape:
         """Return the shape of a robot; a link without gauges is drawn straight."""
         modes = max(1, min(len(link.gauge_positions) for link in robot.links))
         arm = ExtendedArm(robot, 'assumed_modes', modes, robot.payload_mass)
-        return cls(ArmShape.of(arm),
-                   np.linalg.pinv(np.asarray(arm.output_matrix)[2:, 2:2 + 2 * modes]))
+        modal: Array = np.linalg.pinv(arm.output_matrix[2:, 2:2 + 2 * modes])
+        return cls(ArmShape.of(arm), modal)
 
     def lines(self, output: Array) -> Array:
         """Return the centre lines for (theta_1, theta_2, strain…): (2, P, 2), m."""

@@ -92,7 +92,7 @@ class PlantSim(ContractNode):
         self._latest, self._latest_stamp = np.zeros(2), -1
         self._answered = self._diverged = False
         self._origin, self._resend_at, self._late, self._worst = self.wall_time(), 0.0, 0, 0.0
-        self.held: RecentCounts[str] = RecentCounts()
+        self.held = RecentCounts()
         self._next_marker = 0.0
         self._sample()
 
