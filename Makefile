@@ -55,8 +55,8 @@ faults: .venv/.$(DISTRO)-test  ## faults between processes, bad samples, mutated
 	PYTHONPATH=. $(BIN)/python test/faults/mutated_messages.py
 	$(BIN)/python test/faults/start_signals.py
 
-soak: .venv/.$(DISTRO)-bench  ## an hour of the loop: memory, latency and loss over time
-	PYTHONPATH=.:test $(BIN)/python benchmarks/soak.py
+soak: .venv/.$(DISTRO)-test  ## an hour in real time at 1 kHz, one in lock-step: memory, latency, loss
+	$(BIN)/python test/faults/soak.py --minutes 120
 
 clean:  ## remove the virtual environment and everything built
 	rm -rf .venv build install log *.egg-info .coverage .mypy_cache .pytest_cache .ruff_cache

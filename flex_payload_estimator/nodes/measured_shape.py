@@ -32,7 +32,7 @@ class MeasuredShape:
         """Return the shape of a robot; a link without gauges is drawn straight."""
         modes = max(1, min(len(link.gauge_positions) for link in robot.links))
         arm = ExtendedArm(robot, 'assumed_modes', modes, robot.payload_mass)
-        modal: Array = np.linalg.pinv(arm.output_matrix[2:, 2:2 + 2 * modes])
+        modal = np.linalg.pinv(arm.output_matrix[2:, 2:2 + 2 * modes]).astype(np.float64)
         return cls(ArmShape.of(arm), modal)
 
     def lines(self, output: Array) -> Array:
