@@ -64,8 +64,9 @@ setup(
         'docs': DOCS,
         'bench': ['filterpy', 'mujoco', 'numba'],
         'test': [
-            'colcon-common-extensions', 'cyclonedx-bom', 'mypy~=2.4', 'packaging', 'pydocstyle',
-            'pytest', 'pytest-cov', 'pytest-xdist', 'ruff~=0.17.5', 'types-PyYAML', *DOCS,
+            'colcon-common-extensions', 'cyclonedx-bom', 'hypothesis', 'mypy~=2.4', 'packaging',
+            'pydocstyle', 'pytest', 'pytest-cov', 'pytest-xdist', 'ruff~=0.17.5', 'types-PyYAML',
+            *DOCS,
             *AMENT_FLAKE8,
         ],
     },

@@ -96,7 +96,8 @@ def even_grid(time: Array, source: str, row: Callable[[int], str] = 'row {}'.for
 
     """
     interval = np.diff(time)
-    usual = float(np.median(interval))
+    # The lower median: what is lost only lengthens an interval.
+    usual = float(np.sort(interval)[(len(interval) - 1) // 2])
     steps = np.rint(interval / usual)
     # Times that drift against the first guess of T would leave their places.
     off = (np.abs(interval - steps * usual) > 2.0 * JITTER * usual) & (steps <= BRIDGED + 1)

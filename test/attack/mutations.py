@@ -124,7 +124,7 @@ def bomb(rng: random.Random, data: bytes) -> bytes:
     """Put an alias bomb, a deep list or a long one where a value stood."""
     lines = data.split(b'\n')
     keys = [k for k, line in enumerate(lines) if b': ' in line and not line.startswith(b'#')]
-    k = rng.choice(keys)
+    k = rng.choice(keys or [0])
     name = lines[k].split(b':')[0]
     value = rng.choice([
         b'[' * rng.choice([30, 1000]), b'[' + b'1, ' * 20_000 + b'1]',
