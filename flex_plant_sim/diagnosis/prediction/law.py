@@ -18,6 +18,8 @@ RIDGE = 1e-3
 LEAST_SHARE = 0.5
 # Two-sided 5 % shared by five comparisons (Bonferroni).
 CLEAR = 2.576
+# Keeps logarithms finite where a stretch is explained wholly.
+TINY = 1e-300
 CONSTANT = 'constant'
 STEPPED = 'speed'
 
@@ -171,12 +173,14 @@ class Trial:
         """
         Tell whether it explains more: beyond chance, and by a share of at least `least`.
 
-        The stretches are compared one by one; where the other is worse than zero, it counts as
-        zero, so that one stretch where it fails wholly does not blur the rest.
+        By the logarithm of what each leaves, stretch by stretch, as held-out likelihoods are
+        compared; where the other is worse than zero, it counts as zero.
         """
-        gained = np.minimum(other.left, other.power) - self.left
-        chance = CLEAR * _ratio_error(gained, self.power)
-        return float(gained.sum() / self.power.sum()) > max(chance, least)
+        theirs = np.minimum(other.left, other.power)
+        gained = np.log(np.maximum(theirs, TINY)) - np.log(np.maximum(self.left, TINY))
+        chance = CLEAR * float(np.std(gained, ddof=1)) / np.sqrt(len(gained))
+        share = float(np.sum(theirs - self.left) / self.power.sum())
+        return float(gained.mean()) > chance and share > least
 
 
 def _ratio_error(part: Array, whole: Array) -> float:
