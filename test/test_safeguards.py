@@ -1,0 +1,62 @@
+"""What limits commands and the believed payload."""
+
+from __future__ import annotations
+
+import math
+
+from flex_payload_estimator.control.lqg import LOST, LQGController, LQGSettings
+from flex_payload_estimator.control.safeguards import BelievedPayload, CLOSING_TIME, CommandLimiter
+from flex_payload_estimator.nodes.node_setup import largest_payload
+from flex_plant_sim.arm.robot_file import load_robot
+import numpy as np
+import pytest
+
+ROBOT = load_robot('reference')
+
+
+def test_a_command_is_finite_and_inside_limit_and_slew() -> None:
+    limiter, random = CommandLimiter(3.0, 50.0), np.random.default_rng(0)
+    before = np.zeros(2)
+    for _ in range(2000):
+        wanted = random.choice([np.nan, np.inf, -np.inf, 1e308, -1e30, 2.0, -0.5, 0.0], 2)
+        sent = limiter(wanted, 0.01)
+        assert np.isfinite(sent).all()
+        assert np.abs(sent).max() <= 3.0
+        assert np.abs(sent - before).max() <= 0.5 + 1e-12
+        before = sent
+    limiter.limit = 0.1
+    assert np.abs(limiter(np.array([3.0, 3.0]), 0.01)).max() <= 0.1, 'a limit goes before the slew'
+
+
+def test_a_payload_is_believed_in_range_and_no_faster_than_a_gripper_closes() -> None:
+    payload = BelievedPayload(0.1, 0.7)
+    assert payload(math.nan, 0.0) == 0.1
+    assert payload(0.2, 0.0) == 0.2
+    assert payload(1.9, 0.01) == pytest.approx(0.2 + 0.7 * 0.01 / CLOSING_TIME)
+    for k in range(2, 100):
+        mass = payload(1e9, 0.01 * k)
+    assert mass == 0.7
+    assert payload(-5.0, 9.0) == 0.0
+    assert payload(math.inf, 9.1) == 0.0
+
+
+def test_the_largest_payload_is_the_parameter_s_or_follows_from_the_robot() -> None:
+    assert largest_payload({'payload_max': 0.3}, ROBOT) == 0.3
+    assert 0.2 < largest_payload({'payload_max': 0.0}, ROBOT) < 1.0
+
+
+def test_a_predictor_that_is_lost_begins_again_at_the_measurement() -> None:
+    controller = LQGController(ROBOT, settings=LQGSettings(command_limit=5.0))
+    output = np.array([0.1, 0.2, 0.0, 0.0, 0.0, 0.0])
+    command = np.zeros(2)
+    for k in range(50):
+        command = controller.command(0.01 * k, output, command, 0.1, output[:2])
+    assert controller.doubted == 0
+    far = output + np.array([2.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    for k in range(50, 50 + LOST):
+        command = controller.command(0.01 * k, far, command, 0.1, output[:2])
+        assert controller.doubted == k - 49
+        assert abs(controller.state[0] - far[0]) > 1.0
+    controller.command(1.0, far, command, 0.1, output[:2])
+    assert controller.doubted == 0
+    assert controller.state[0] == pytest.approx(far[0])
