@@ -124,24 +124,7 @@ def test_a_tool_replaces_what_it_wrote(place: Path) -> None:
     assert json.loads((place / 'out.json').read_text())['written_by'] == 'flex_payload'
 
 
-def test_one_output_that_fails_keeps_the_rest(place: Path, monkeypatch: pytest.MonkeyPatch,
-                                              capsys: pytest.CaptureFixture[str]) -> None:
-    """The JSON's name is taken by another while the tool works."""
-    work = replay.replay
-
-    def meanwhile(*arguments: object) -> replay.Replay:
-        (place / 'out.json').write_text('mine')
-        return work(*arguments)  # type: ignore[arg-type]
-    monkeypatch.setattr(replay, 'replay', meanwhile)
-    assert replay.main([str(place / 'log.csv'), '--json', str(place / 'out.json'), '--plot',
-                        str(place / 'out.png')]) == 2
-    out, err = capsys.readouterr()
-    assert 'joint_1' in out and 'out.json' in err and err.count('\n') == 1
-    assert (place / 'out.png').stat().st_size > 1000
-    assert (place / 'out.json').read_text() == 'mine'
-
-
-def test_a_disk_that_fills_leaves_nothing_half_written(place: Path) -> None:
+def test_a_disk_that_fills_keeps_the_rest_and_leaves_nothing_half_written(place: Path) -> None:
     """No file may grow beyond 6 kB: the probe and the JSON fit, the picture does not."""
     run = subprocess.run(
         [sys.executable, '-m', 'flex_plant_sim.tools.replay', str(place / 'log.csv'), '--json',

@@ -215,14 +215,15 @@ def started(*arguments: str) -> Iterator[subprocess.Popen[str]]:
         process.communicate()
 
 
-def test_ctrl_c_leaves_nothing_behind(tmp_path: Path) -> None:
-    """The log is a pipe that nobody fills, so the tool is surely running when Ctrl-C comes."""
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_leaves_nothing_behind(tmp_path: Path, number: signal.Signals) -> None:
+    """The log is a pipe that nobody fills, so the tool is surely running when it comes."""
     os.mkfifo(tmp_path / 'log.csv')
     with started(str(tmp_path / 'log.csv'), '--json', str(tmp_path / 'out.json')) as process:
         # Opening for writing waits until the tool opens for reading.
         with open(tmp_path / 'log.csv', 'w'):
             time.sleep(0.1)
-            process.send_signal(signal.SIGINT)
+            process.send_signal(number)
             _, error = process.communicate(timeout=60)
     assert (process.returncode, error) == (130, 'interrupted\n')
     assert [path.name for path in tmp_path.iterdir()] == ['log.csv']

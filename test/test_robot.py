@@ -51,7 +51,7 @@ FAULTS = [
     ('links.upper.colour', 'red', 'robot.yaml: links.upper.colour: unknown key'),
     ('weight_kg', 3, 'robot.yaml: weight_kg: unknown key'),
     ('drives.elbow.kind', 'hydraulic', 'robot.yaml: drives.elbow.kind: expected velocity_loop or '
-                                       "current, got 'hydraulic'"),
+                                       "current or dc_motor, got 'hydraulic'"),
     ('drives', 3, 'robot.yaml: drives: expected a mapping, got 3'),
     ('effects', {'name': 'backlash'}, 'robot.yaml: effects: expected a list, got '
                                       "{'name': 'backlash'}"),
