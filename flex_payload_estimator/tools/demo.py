@@ -278,8 +278,8 @@ def _seed(text: str) -> int:
 def _demo(arguments: Sequence[str] | None) -> None:
     options = options_of(arguments)
     Experiment.of(options)
-    print(opening_words(options), flush=True)
     with whole_folder(options.out) as folder:
+        print(opening_words(options), flush=True)
         experiment = Experiment.of(
             options, None if options.matched else drawn_arm(options, folder / ARM))
         begin = time.monotonic()
