@@ -9,6 +9,7 @@ import json
 from pathlib import Path
 from tempfile import TemporaryDirectory
 import time
+import traceback
 from typing import Any
 
 from bank.cases import BankCase
@@ -17,6 +18,7 @@ from bank.sizes import Limits, relative_size, sized_truth
 from flex_plant_sim.tools.diagnose import main
 from truth.records import TruthCase
 
+TRACEBACK = 70  # EX_SOFTWARE of sysexits.h
 KEPT = ('verdict', 'sentence', 'causes', 'sets', 'cannot_tell', 'not_excited', 'remainder')
 
 
@@ -62,13 +64,22 @@ def limits_answer(robot: str) -> dict[str, Any]:
     return answer
 
 
+def _main(arguments: list[str]) -> int:
+    """Return the tool's exit code; a traceback is a result, too, and the bank goes on."""
+    try:
+        return main(arguments)
+    except Exception:
+        traceback.print_exc(limit=-1)
+        return TRACEBACK
+
+
 def diagnose_file(path: Path, case: BankCase,
                   truth: TruthCase) -> tuple[int, dict[str, Any], str]:
     """Return the tool's exit code, its JSON and what it complained of."""
     answer = path.with_suffix('.json')
     errors = StringIO()
     with redirect_stdout(StringIO()), redirect_stderr(errors):
-        code = main([str(path), '--robot', case.robot, '--payload', f'{truth.payload_told:.9g}',
+        code = _main([str(path), '--robot', case.robot, '--payload', f'{truth.payload_told:.9g}',
                      '--json', str(answer), '--jobs', '1', *case.options])
     found = json.loads(answer.read_text(encoding='utf-8')) if answer.is_file() else {}
     return code, found, errors.getvalue().strip()

@@ -9,6 +9,7 @@ import statistics
 from bank import groups, score
 from bank.cases import FIRST_SEED
 from bank.groups import of_kind
+from bank.run import TRACEBACK
 from bank.score import Line, Share
 
 
@@ -43,6 +44,8 @@ def figures(lines: Sequence[Line]) -> list[tuple[str, str, str, bool | None]]:
         _told('negative controls: no name stated surely', score.share(
             of_kind(lines, 'control'),
             lambda line: not score.named(line) or score.doubtful(line))),
+        _at_most('ended in a traceback', 0.0, score.share(
+            lines, lambda line: line['code'] == TRACEBACK)),
         _told('site right where the name is', score.share(
             [line for line in one if score.exact(line)], score.right_site))]
     return rows + _probability_rows(lines)
