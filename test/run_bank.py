@@ -33,6 +33,8 @@ def options() -> argparse.Namespace:
     parser.add_argument('--jobs', type=int, default=2, help='processes')
     parser.add_argument('--only', default='', help='cases whose name contains this')
     parser.add_argument('--count', type=int, default=None, help='stop after so many cases')
+    parser.add_argument('--search', default=None,
+                        help="another way to judge causes than flex_diagnose's own")
     parser.add_argument('--results', type=Path, default=RESULTS, help='one JSON line a case')
     parser.add_argument('--fresh', action='store_true', help='forget earlier results')
     parser.add_argument('--so-far', action='store_true',
@@ -68,11 +70,12 @@ def read_results(path: Path) -> dict[str, dict[str, Any]]:
 
 
 def run_all(cases: list[BankCase], known: dict[str, dict[str, Any]], path: Path,
-            jobs: int) -> dict[str, dict[str, Any]]:
+            jobs: int, search: str | None) -> dict[str, dict[str, Any]]:
     """Return all results, each kept as soon as it is there."""
     path.parent.mkdir(parents=True, exist_ok=True)
     limits, commit = read_limits(), present_commit()
-    work = [(case, limits[case.robot], commit) for case in cases if case.key not in known]
+    options = ('--search', search) if search else ()
+    work = [(case, limits[case.robot], options, commit) for case in cases if case.key not in known]
     with open(path, 'a', encoding='utf-8') as file, get_context('spawn').Pool(
             jobs, maxtasksperchild=20) as pool:
         return known | _keep(pool.imap_unordered(_run, work), file, len(work))
@@ -92,9 +95,9 @@ def _with_bar(results: Iterable[dict[str, Any]], total: int) -> Iterator[dict[st
     yield from tqdm(results, total=total, disable=None, unit='case')
 
 
-def _run(work: tuple[BankCase, Limits, str]) -> dict[str, Any]:
-    case, limits, commit = work
-    return {**run_case(case, limits), 'commit': commit}
+def _run(work: tuple[BankCase, Limits, tuple[str, ...], str]) -> dict[str, Any]:
+    case, limits, options, commit = work
+    return {**run_case(case, limits, options), 'commit': ' '.join([commit, *options[1:]])}
 
 
 def chosen_cases(chosen: argparse.Namespace) -> list[BankCase]:
@@ -132,7 +135,7 @@ def main() -> int:
         chosen.results.unlink(missing_ok=True)
     known, cases = read_results(chosen.results), chosen_cases(chosen)
     if not chosen.so_far:
-        known = run_all(cases, known, chosen.results, chosen.jobs)
+        known = run_all(cases, known, chosen.results, chosen.jobs, chosen.search)
     report([known[case.key] for case in cases if case.key in known], chosen)
     return 0
 

@@ -22,7 +22,8 @@ TRACEBACK = 70  # EX_SOFTWARE of sysexits.h
 KEPT = ('verdict', 'sentence', 'causes', 'sets', 'cannot_tell', 'not_excited', 'remainder')
 
 
-def run_case(case: BankCase, limits: Limits) -> dict[str, Any]:
+def run_case(case: BankCase, limits: Limits,
+             options: tuple[str, ...] = ()) -> dict[str, Any]:
     """
     Return a case's line of results: its answer and what was hidden.
 
@@ -32,6 +33,8 @@ def run_case(case: BankCase, limits: Limits) -> dict[str, Any]:
         What to hide.
     limits : Mapping
         'identifier:site' to the detection limit of a clean record of the same robot.
+    options : tuple of str
+        Of flex_diagnose, beside the case's own.
 
     """
     truth, terms = sized_truth(case, limits)
@@ -45,7 +48,7 @@ def run_case(case: BankCase, limits: Limits) -> dict[str, Any]:
         path = Path(folder) / 'record.csv'
         write_record(case, truth, path)
         started = time.perf_counter()
-        code, answer, complaint = diagnose_file(path, case, truth)
+        code, answer, complaint = diagnose_file(path, case, truth, options)
     return {**line, 'code': code, 'complaint': complaint,
             'seconds': round(time.perf_counter() - started, 2),
             **{key: answer[key] for key in KEPT if key in answer}}
@@ -74,12 +77,13 @@ def _main(arguments: list[str]) -> int:
 
 
 def diagnose_file(path: Path, case: BankCase,
-                  truth: TruthCase) -> tuple[int, dict[str, Any], str]:
+                  truth: TruthCase,
+                  options: tuple[str, ...] = ()) -> tuple[int, dict[str, Any], str]:
     """Return the tool's exit code, its JSON and what it complained of."""
     answer = path.with_suffix('.json')
     errors = StringIO()
     with redirect_stdout(StringIO()), redirect_stderr(errors):
         code = _main([str(path), '--robot', case.robot, '--payload', f'{truth.payload_told:.9g}',
-                     '--json', str(answer), '--jobs', '1', *case.options])
+                     '--json', str(answer), '--jobs', '1', *case.options, *options])
     found = json.loads(answer.read_text(encoding='utf-8')) if answer.is_file() else {}
     return code, found, errors.getvalue().strip()
