@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
-from io import StringIO
 import json
 from pathlib import Path
+import subprocess
+import sys
 from tempfile import TemporaryDirectory
 import time
-import traceback
 from typing import Any
 
 from bank.cases import BankCase
 from bank.records import write_record
 from bank.sizes import Limits, relative_size, sized_truth
-from flex_plant_sim.tools.diagnose import main
 from truth.records import TruthCase
 
-TRACEBACK = 70  # EX_SOFTWARE of sysexits.h
+TRACEBACK = 1  # what Python exits with after one
 KEPT = ('verdict', 'sentence', 'causes', 'sets', 'cannot_tell', 'not_excited', 'remainder')
 
 
@@ -67,23 +65,17 @@ def limits_answer(robot: str) -> dict[str, Any]:
     return answer
 
 
-def _main(arguments: list[str]) -> int:
-    """Return the tool's exit code; a traceback is a result, too, and the bank goes on."""
-    try:
-        return main(arguments)
-    except Exception:
-        traceback.print_exc(limit=-1)
-        return TRACEBACK
-
-
-def diagnose_file(path: Path, case: BankCase,
-                  truth: TruthCase,
+def diagnose_file(path: Path, case: BankCase, truth: TruthCase,
                   options: tuple[str, ...] = ()) -> tuple[int, dict[str, Any], str]:
-    """Return the tool's exit code, its JSON and what it complained of."""
+    """
+    Return the tool's exit code, its JSON and what it complained of.
+
+    In a process of its own, so that a traceback is one more answer and the bank goes on.
+    """
     answer = path.with_suffix('.json')
-    errors = StringIO()
-    with redirect_stdout(StringIO()), redirect_stderr(errors):
-        code = _main([str(path), '--robot', case.robot, '--payload', f'{truth.payload_told:.9g}',
-                     '--json', str(answer), '--jobs', '1', *case.options, *options])
+    command = [sys.executable, '-m', 'flex_plant_sim.tools.diagnose', str(path), '--robot',
+               case.robot, '--payload', f'{truth.payload_told:.9g}', '--json', str(answer),
+               '--jobs', '1', *case.options, *options]
+    done = subprocess.run(command, check=False, capture_output=True, text=True)
     found = json.loads(answer.read_text(encoding='utf-8')) if answer.is_file() else {}
-    return code, found, errors.getvalue().strip()
+    return done.returncode, found, done.stderr.strip()
