@@ -100,7 +100,7 @@ def test_the_loop_runs_with_an_extended_robot_as_offline(loop: RosLoop, extended
     from flex_plant_sim.nodes.plant_sim_node import PlantSim
 
     common = {'robot': extended, 'modes': 2}
-    tables = {'plant_sim': {**common, 'seed': 4}, 'lqg_controller': common,
+    tables = {'plant_sim': {**common, 'seed': 4}, 'lqg_controller': {**common, 'watchdog': 0.0},
               'payload_estimator': {**common, 'estimator': 'sf1'}}
     inertia, commands = loop.record('payload/inertia'), loop.record('command')
     for kind, values in zip((PlantSim, LQGControllerNode, PayloadEstimatorNode),

@@ -17,11 +17,13 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.ros
 
 PAPER = {'model': 'paper_reduced', 'modes': 2}
+# A machine that stands still for half a second must not change a number.
+CALM = {'watchdog': 0.0}
 SF1_PAPER: dict[str, dict[str, Any]] = {
-    'plant_sim': {**PAPER, 'seed': 3}, 'lqg_controller': {**PAPER},
+    'plant_sim': {**PAPER, 'seed': 3}, 'lqg_controller': {**PAPER, **CALM},
     'payload_estimator': {**PAPER, 'estimator': 'sf1_paper'}}
 DEFAULT: dict[str, dict[str, Any]] = {
-    'plant_sim': {'seed': 5}, 'lqg_controller': {}, 'payload_estimator': {}}
+    'plant_sim': {'seed': 5}, 'lqg_controller': {**CALM}, 'payload_estimator': {}}
 SAMPLES = 301
 
 

@@ -24,7 +24,7 @@ from msg_config.node_process import make_executor
 from msg_config.ros import create_subscription
 import numpy as np
 import rclpy
-from rclpy.executors import Executor
+from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.node import Node
 from rclpy.task import Future
 
@@ -34,6 +34,8 @@ PROGRAMS = {
     'lqg_controller': ('flex_payload_estimator.nodes.start', 'lqg_controller')}
 TOPICS = ('joint_states', 'payload/inertia', 'command')
 INTERVAL = 5.0
+# A slope needs some rows.
+FEWEST = 3
 # Share of a run that is warm-up: caches of payloads and of messages fill.
 WARM_UP = 0.25
 PAGE = os.sysconf('SC_PAGE_SIZE')
@@ -77,11 +79,14 @@ def start(mode: str, rate: float, domain: int) -> dict[str, subprocess.Popen[byt
 
 def watch(executor: Executor, heard: Heard, processes: dict[str, subprocess.Popen[bytes]],
           minutes: float) -> list[dict[str, float]]:
-    """Return a row every INTERVAL: time, memory, latency, and the messages of each topic."""
+    """Return a row every INTERVAL until the end or Ctrl-C: time, memory, latency, messages."""
     rows: list[dict[str, float]] = []
     begin = time.monotonic()
     while time.monotonic() - begin < 60.0 * minutes:
-        executor.spin_until_future_complete(Future(), timeout_sec=INTERVAL)
+        try:
+            executor.spin_until_future_complete(Future(), timeout_sec=INTERVAL)
+        except (KeyboardInterrupt, ExternalShutdownException):
+            break
         delays, heard.delays = heard.delays or [float('nan')], []
         row = {'time': (time.monotonic() - begin) / 60.0,
                'p50': 1e3 * float(np.quantile(delays, 0.5)),
@@ -160,10 +165,16 @@ def main() -> int:
     chosen = options.parse_args()
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     rclpy.init(domain_id=chosen.domain)
-    found = {mode: run(mode, chosen) for mode in ('realtime', 'lockstep')}
-    for mode, rows in found.items():
-        print(verdict(mode, rows, chosen.rate))
-    draw(found, chosen.picture)
+    found: dict[str, list[dict[str, float]]] = {}
+    for mode in ('realtime', 'lockstep'):
+        try:
+            rows = run(mode, chosen)
+        except (KeyboardInterrupt, ExternalShutdownException):
+            break
+        if len(rows) > FEWEST:
+            found[mode] = rows
+            print(verdict(mode, rows, chosen.rate), flush=True)
+            draw(found, chosen.picture)
     rclpy.try_shutdown()
     return 0
 
