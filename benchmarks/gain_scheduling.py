@@ -5,6 +5,10 @@ The arm (`assumed_modes`, two modes, the robot's own noise) follows square set-p
 and 4 s with payloads of 0, 0.1 and 0.3 kg, several noise seeds each. One thing varies: the payload
 for which predictor and gain are designed. It is fixed, estimated by `rpe` while the arm moves, or
 the true one. The step from rest is left out: there the estimate is not there yet.
+
+`--drawn` takes another plant: five modes, Coriolis forces, and parts drawn from their
+tolerances by the seed. The adaptive design then knows neither the parts nor the payload, the one
+that it is set beside both.
 """
 
 from __future__ import annotations
@@ -17,8 +21,10 @@ from flex_payload_estimator.control.loop import LoopRecord, run_loop
 from flex_payload_estimator.control.lqg import LQGController, LQGSettings
 from flex_payload_estimator.control.set_points import square
 from flex_payload_estimator.estimators.factory import make_estimator
+from flex_plant_sim.arm.parts import drawn
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.effects import build, parse
 from flex_plant_sim.simulation.arm_shape import ArmShape
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.simulator import Noise, Simulator
@@ -27,6 +33,7 @@ from matplotlib.figure import Figure
 import numpy as np
 
 MODEL, MODES = 'assumed_modes', 2
+DRAWN_MODES, CORIOLIS = 5, 'coriolis_centripetal:arm:share=1'
 HALF_PERIOD, STEPS, BAND, CALM_AFTER = 2.0, 5, 0.02, 1.0
 PAYLOADS = (0.0, 0.1, 0.3)
 DESIGNS = ('fixed 0 kg', 'fixed 0.1 kg', 'fixed 0.3 kg', 'adaptive', 'true payload')
@@ -45,6 +52,12 @@ class Run:
     measures: Array
 
 
+def drawn_arm(seed: int, payload: float) -> ExtendedArm:
+    """Return an arm that is not the controller's: more modes, other parts, Coriolis forces."""
+    robot = drawn(load_robot('reference'), np.random.default_rng([seed, 2]))
+    return ExtendedArm(robot, MODEL, DRAWN_MODES, payload, [build(parse(CORIOLIS))])
+
+
 def settings_of(design: str, payload: float, q_2: float) -> LQGSettings:
     """Return the controller's settings for a design."""
     if design == 'adaptive':
@@ -53,16 +66,17 @@ def settings_of(design: str, payload: float, q_2: float) -> LQGSettings:
     return LQGSettings(adapt=False, mass_0=told, q_2=q_2)
 
 
-def run(design: str, payload: float, seed: int, q_2: float) -> Run:
+def run(design: str, payload: float, seed: int, q_2: float, other: bool = False) -> Run:
     """Run one closed loop and measure each step but the first."""
     robot = load_robot('reference')
-    arm = ExtendedArm(robot, MODEL, MODES, payload)
+    arm = drawn_arm(seed, payload) if other else ExtendedArm(robot, MODEL, MODES, payload)
+    told = arm.robot if other and design == 'true payload' else robot
     simulator = Simulator(arm, None, Noise(robot.angle_noise, robot.strain_noise), seed)
-    controller = LQGController(robot, MODEL, MODES, settings_of(design, payload, q_2))
-    record = run_loop(simulator, make_estimator('rpe', robot, MODEL, MODES), controller,
-                      square(), HALF_PERIOD * (STEPS + 1))
+    controller = LQGController(told, MODEL, MODES, settings_of(design, payload, q_2))
+    record = run_loop(simulator, make_estimator('rpe', robot, MODEL, 3 if other else MODES),
+                      controller, square(), HALF_PERIOD * (STEPS + 1))
     tip = tip_of(arm, np.hstack([record.output[:, :2], record.modal]))
-    goal = tip_of(arm, np.pad(record.set_point, ((0, 0), (0, 2 * MODES))))
+    goal = tip_of(arm, np.pad(record.set_point, ((0, 0), (0, 2 * arm.modes))))
     error = np.linalg.norm(tip - goal, axis=1)
     return Run(record.time, 1e3 * error, measures(arm, record, goal, error))
 
@@ -105,6 +119,17 @@ def print_table(results: dict[tuple[float, str], list[Run]]) -> None:
         print(f'{payload:5.1f} kg  {design:13}  {mean[0]:7.3f} +- {spread[0]:.3f}  '
               f'{mean[1]:10.4f} +- {spread[1]:.4f}  {mean[2]:8.3f} +- {spread[2]:.3f}  '
               f'{late:3d} of {STEPS * len(runs)}')
+
+
+def print_drawn(seeds: int, q_2: float) -> None:
+    """Print settling times on drawn arms beside those of the design that knows the arm."""
+    print(f'{"payload":>8}  settling s: adaptive, true arm, ratio of the means; each arm')
+    for payload in PAYLOADS:
+        times = np.array([[run(design, payload, seed, q_2, True).measures[:, 0].mean()
+                           for design in ('adaptive', 'true payload')] for seed in range(seeds)])
+        mean = times.mean(axis=0)
+        print(f'{payload:5.1f} kg  {mean[0]:7.3f} {mean[1]:7.3f}  {mean[0] / mean[1]:5.2f}; ',
+              ' '.join(f'{one:.2f}/{other:.2f}' for one, other in times), flush=True)
 
 
 def statistics(runs: list[Run]) -> tuple[Array, Array]:
@@ -161,8 +186,13 @@ def main() -> None:
     parser.add_argument('--seeds', type=int, default=5)
     parser.add_argument('--q-2', type=float, default=LQGSettings.q_2,
                         help='weight of the commands; smaller is faster')
+    parser.add_argument('--drawn', action='store_true',
+                        help='an arm that is not its model; no figure')
     parser.add_argument('--figure', type=Path, default=FIGURE)
     arguments = parser.parse_args()
+    if arguments.drawn:
+        print_drawn(arguments.seeds, arguments.q_2)
+        return
     results = {(payload, design): [run(design, payload, seed, arguments.q_2)
                                    for seed in range(arguments.seeds)]
                for payload in PAYLOADS for design in DESIGNS}

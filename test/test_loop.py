@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 
 from flex_payload_estimator.control.loop import LoopRecord, run_loop
-from flex_payload_estimator.control.lqg import LQGController
+from flex_payload_estimator.control.lqg import LQGController, LQGSettings
 from flex_payload_estimator.control.set_points import constant, smooth_square, square
 from flex_payload_estimator.estimators.factory import make_estimator
 from flex_plant_sim.arm.robot_file import load_robot
@@ -47,11 +47,24 @@ def test_the_same_over_twenty_seeds_with_noise() -> None:
 
 
 def test_the_printed_algorithm_reaches_the_payload_at_three_seconds_and_p_is_no_variance() -> None:
-    record = experiment('sf1_paper')
+    record = experiment('sf1_paper', seconds=10.0)
     at_three = slice(300, 500)
     assert np.abs(record.mass[at_three] - 0.1).max() < 0.005
     assert record.p[at_three].max() > 1.9
     assert record.p[at_three].max() > 1e3 * (record.mass[at_three] - 0.1).max()**2
+    # It goes away again: the printed split has no slope where the payload is right.
+    assert record.mass[700] == pytest.approx(0.106, abs=1e-3)
+    assert record.mass[1000] == pytest.approx(0.125, abs=1e-3)
+    assert 'ok' not in record.status[300:]
+
+
+def test_the_printed_algorithm_needs_commands_without_a_limit() -> None:
+    simulator = Simulator(ExtendedArm(ROBOT, 'paper_reduced', 2, 0.1), None, SILENT)
+    controller = LQGController(ROBOT, settings=LQGSettings(command_limit=5.0))
+    record = run_loop(simulator, make_estimator('sf1_paper', ROBOT), controller, square(), 10.0)
+    assert np.abs(experiment('sf1_paper', seconds=10.0).command).max() > 25.0
+    assert record.mass[[300, 500, 700, 1000]].max() == 0.0
+    assert 'ok' not in record.status
 
 
 def test_the_printed_split_does_not_hold_under_noise() -> None:
