@@ -96,11 +96,14 @@ class SF1Estimator:
         measurement = given.r_2 / share * np.eye(len(self.model.scale))
         self._measurement = self.step * measurement
         weights, pace = self.composite.weights, self.pace.samples * self.step
+        count = self.pace.samples
+        # Their deviations add at most.
+        unseen = 1.0 if count == 1 else (count / (count - 1.0))**2
         self._law = Law(weights, np.append(self.composite.row, 0.0),
                         np.vstack([self._columns, np.zeros(len(weights))]), self._sensors,
                         self.model.scale, given.r_2 / share * float(weights @ weights),
                         self._settled_noise(), given.sf1.alpha_0 * share, given.sf1.alpha_1,
-                        given.mass_max, min(1.0, pace / MEMORY), self._resolvent)
+                        given.mass_max, min(1.0, pace / MEMORY), unseen, self._resolvent)
 
     def _settled_noise(self) -> float:
         """Return the composite innovation's variance that (30) settles to, straight, unloaded."""
@@ -163,7 +166,8 @@ class SF1Estimator:
             return self._begin(time, scaled)
         due = self._since + 1 >= self.pace.samples
         after, known, reading, surprise = sampled(track, scaled, due, self.known, self._law)
-        if not math.isfinite(surprise + known.mass + known.p + known.variance):
+        if not (math.isfinite(surprise + known.mass + known.p)
+                and 0.0 < known.variance < math.inf):
             return self._begin(time, scaled, 'model_suspect')
         self._level += min(1.0, self.step / MEMORY) * (surprise - self._level)
         self.track, self.known, self._angle = after, known, float(scaled[1])
@@ -208,7 +212,7 @@ class SF1Estimator:
         a, a_m, rates = self.model.rates(math.cos(self._angle), mass, heavier, track.state,
                                          self._command, self.settings.regression)
         try:
-            return moved(track, self._since == 0, a, a_m, rates, self._measured, self._columns,
+            return moved(track, self._since, a, a_m, rates, self._measured, self._columns,
                          self._process, self._measurement, self._sensors, self._room, self.step)
         except FloatingPointError:
             # n' terms may not hold A T: the state then starts again at the sample.

@@ -35,7 +35,7 @@ class Track(NamedTuple):
     part : Array
         Rows, (2, n): x^m of (25) and s, rad/kg…, grown since the last regression.
     sway : Array
-        What errors of the state at the last regression do to x^m, (n, n).
+        What errors of the state at the last regression, or one sample on, do to x^m, (n, n).
     reach : Array
         What they do to the state, (n, n).
     covariance : Array
@@ -45,7 +45,7 @@ class Track(NamedTuple):
     noisy : Array
         What v did to them, (n + 1, m).
     start : Array
-        Covariance of xi at the last regression at a known payload, (n, n).
+        Covariance of xi then, at a known payload, (n, n).
 
     """
 
@@ -89,7 +89,17 @@ def at_start(scaled: Array, noise: Array, covariance: Array, variance: float) ->
 
 
 @compiled
-def moved(track: Track, fresh: bool, a: Array, a_m: Array, rates: Array, measured: Array,
+def at_known_payload(joint: Array, noisy: Array, noise: Array) -> Array:
+    """Return the covariance of xi were epsilon known, (n, n): the part that noise alone made."""
+    n = len(joint) - 1
+    whole = joint + np.dot(noisy * noise, noisy.T)
+    if whole[n, n] > 0.0:
+        whole -= np.outer(whole[n], whole[n] / whole[n, n])
+    return np.ascontiguousarray(whole[:n, :n])
+
+
+@compiled
+def moved(track: Track, since: int, a: Array, a_m: Array, rates: Array, measured: Array,
           columns: Array, process: Array, measurement: Array, noise: Array,
           room: tuple[Any, ...], step: float) -> Track:
     """
@@ -99,8 +109,8 @@ def moved(track: Track, fresh: bool, a: Array, a_m: Array, rates: Array, measure
     ----------
     track : Track
         Before.
-    fresh : bool
-        Whether the last sample was regressed on, so that nothing has grown yet.
+    since : int
+        Samples since the last regression.
     a, a_m, rates : Array
         A and A^m (n, n), and the rows A x + B u, A^m x + B^m u, A' x + B' u, (3, n).
     measured : Array
@@ -138,12 +148,16 @@ def moved(track: Track, fresh: bool, a: Array, a_m: Array, rates: Array, measure
     if measured.size > 0:
         joint += np.dot(noisy * noise, noisy.T)
         noisy[:] = 0.0
-    grown, sway, reach = found[1:], step * np.dot(big, a_m), onward
-    if not fresh:
+    grown, sway, reach, start = found[1:], step * np.dot(big, a_m), onward, track.start
+    if since > 0:
         grown = grown + np.dot(track.part, onward.T)
+    if since == 1:
+        # The measurement has been taken in: what it leaves of the errors sways the rest.
+        start = at_known_payload(track.joint, track.noisy, noise)
+    elif since > 1:
         sway = np.dot(onward, track.sway) + np.dot(sway, track.reach)
         reach = np.dot(onward, track.reach)
-    return Track(state, grown, sway, reach, covariance, joint, noisy, track.start)
+    return Track(state, grown, sway, reach, covariance, joint, noisy, start)
 
 
 @compiled
@@ -160,13 +174,3 @@ def with_gain(joint: Array, row: Array, change: Array) -> Array:
     beside = np.dot(joint, row)
     product = np.outer(change, 0.5 * np.dot(beside, row) * change - beside)
     return joint + product + product.T
-
-
-@compiled
-def at_known_payload(joint: Array, noisy: Array, noise: Array) -> Array:
-    """Return the covariance of xi were epsilon known, (n, n): the part that noise alone made."""
-    n = len(joint) - 1
-    whole = joint + np.dot(noisy * noise, noisy.T)
-    if whole[n, n] > 0.0:
-        whole -= np.outer(whole[n], whole[n] / whole[n, n])
-    return np.ascontiguousarray(whole[:n, :n])

@@ -99,6 +99,8 @@ class Law(NamedTuple):
         Of (29), and the largest payload, kg.
     fading : float
         Share of MEMORY from one regression to the next.
+    unseen : float
+        By how much sway's variance is larger for the one sample that it leaves out.
     resolvent : bool
         Normalise, leave alone what noise explains, and carry the state on by (24).
 
@@ -115,6 +117,7 @@ class Law(NamedTuple):
     alpha_1: float
     largest: float
     fading: float
+    unseen: float
     resolvent: bool
 
 
@@ -172,6 +175,9 @@ def sampled(track: Track, scaled: Array, due: bool, known: Adapted, law: Law
     reading = np.empty((2, len(scaled)))
     reading[0], reading[1] = innovation / law.scale, np.sqrt(variances) / law.scale
     surprise = np.dot(innovation, innovation / variances) / len(scaled)
+    if np.min(variances) <= 0.0:
+        # A model that explodes has left no digit of its covariance.
+        surprise = np.nan
     if due:
         track, known = _regressed(track, joint, slope, scaled, known, law)
     return track, known, reading, surprise
@@ -184,7 +190,8 @@ def _regressed(track: Track, joint: Array, slope: Array, scaled: Array, known: A
     n, part = len(track.state), np.ascontiguousarray(track.part[0])
     row = law.row[:n]
     swayed = np.dot(row, track.sway)
-    ratio = np.dot(row, part)**2 / max(np.dot(np.dot(track.start, swayed), swayed), TINY)
+    swaying = law.unseen * np.dot(np.dot(track.start, swayed), swayed)
+    ratio = np.dot(row, part)**2 / max(swaying, TINY)
     # Bounded, so that it is over one MEMORY after the arm has come to rest.
     excitation = min((1.0 - law.fading) * known.excitation + law.fading * ratio,
                      np.e * SIGNIFICANT)
