@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.effects.base import Effect
+from flex_plant_sim.simulation.drive_input import DriveInput
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.payload_profile import PayloadProfile
 from flex_plant_sim.simulation.stepping import schedule_row, Stepper
@@ -91,9 +91,7 @@ class Simulator:
         if abs(ratio - self.substeps) > 1e-9 or self.substeps < 1:
             raise InputError(f'step: expected the sample time {arm.robot.sample_time:g} s '
                              f'divided by a whole number, got {arm.step_time:g} s')
-        self._memory = max([e.memory(arm.robot.sample_time) for e in arm.effects], default=0)
-        self._hooked = tuple(e for e in arm.effects
-                             if type(e).on_command is not Effect.on_command)
+        self._drive_input = DriveInput(arm)
         self._angle = schedule_row(arm)
         # Made now, so that no sample waits for compilation.
         self._arms = {arm.payload: (arm, Stepper.of(arm))}
@@ -108,7 +106,7 @@ class Simulator:
         self.time, self.samples = 0.0, 0
         self.state = np.zeros(self.arm.states)
         self._applied = np.zeros(2)
-        self._history = np.zeros((self._memory, 2))
+        self._drive_input.reset()
         self._random = np.random.default_rng(self._seed)
 
     def mass(self, time: float) -> float:
@@ -165,17 +163,11 @@ class Simulator:
         return states[:-1:self.substeps], before
 
     def _at_drive(self, commands: Array) -> Array:
-        limits = [drive.command_limit for drive in self.arm.robot.drives]
-        applied = np.clip(commands, np.negative(limits), limits)
-        if not (self._hooked or self._memory):
-            return applied
+        if not self._drive_input.effects:
+            return self._drive_input(commands, 0.0)
         step = self.arm.robot.sample_time
-        for k, sent in enumerate(commands):
-            for effect in self._hooked:
-                applied[k] = effect.on_command(applied[k], self._history,
-                                               (self.samples + k) * step, step)
-            self._history = np.vstack([self._history, sent])[1:]
-        return applied
+        return np.array([self._drive_input(sent, (self.samples + k) * step)
+                         for k, sent in enumerate(commands)]).reshape(-1, 2)
 
     def _run(self, times: Array, commands: Array, forces: Array) -> Array:
         """Return the states before each step and after the last, payload by payload."""

@@ -9,8 +9,8 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import COMPILED
 from flex_plant_sim.diagnosis.prediction.scan import Friction, Gaps, scan, scan_with_gaps
 from flex_plant_sim.diagnosis.record.windows import Indices, Record
-from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.effects.joint.backlash import Backlash
+from flex_plant_sim.simulation.drive_input import DriveInput
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 
@@ -118,17 +118,7 @@ class Run:
 
 def at_drive(arm: ExtendedArm, record: Record) -> Array:
     """Return the command at the drive, (N, 1 or B, 2)."""
-    limits = np.array([drive.command_limit for drive in arm.robot.drives])
-    command = np.clip(record.command, -limits, limits)[:, None, :]
-    for effect in arm.effects:
-        if type(effect).on_command is not Effect.on_command:
-            memory = effect.memory(arm.robot.sample_time)
-            padded = np.concatenate([np.zeros((memory,) + command.shape[1:]), command])
-            history = np.zeros(command.shape[:-1] + (0, 2)) if memory == 0 else np.stack(
-                [padded[k:k + len(command)] for k in range(memory)], axis=-2)
-            command = effect.on_command(command, history, record.time[:, None],
-                                        arm.robot.sample_time)
-    return command
+    return DriveInput(arm).of_record(record.command, record.time)
 
 
 def undo_sensors(arm: ExtendedArm, record: Record) -> Array:

@@ -1,0 +1,55 @@
+"""The one way from a command to what the drive makes of it: limits, then effects, in a row."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.effects.base import Effect
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+import numpy as np
+
+
+class DriveInput:
+    """
+    What reaches an arm's drives, sample by sample or for a whole record.
+
+    The drive obeys a command up to its limit; each effect then acts on what the one before it
+    made, and remembers that, so that a delayed command is one that was obeyed.
+
+    Parameters
+    ----------
+    arm : ExtendedArm
+
+    """
+
+    def __init__(self, arm: ExtendedArm):
+        self.limits = np.array([drive.command_limit for drive in arm.robot.drives])
+        self.step = arm.robot.sample_time
+        self.effects = tuple(effect for effect in arm.effects
+                             if type(effect).on_command is not Effect.on_command)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past commands: they were zero."""
+        self._past = [np.zeros((effect.memory(self.step), 2)) for effect in self.effects]
+
+    def __call__(self, command: Array, time: float) -> Array:
+        """Return what of a command (2,), sent at a time, s, reaches the drives, (2,)."""
+        applied = np.clip(command, -self.limits, self.limits)
+        for k, effect in enumerate(self.effects):
+            sent, past = applied, self._past[k]
+            applied = effect.on_command(sent, past, time, self.step)
+            self._past[k] = np.vstack([past, sent])[1:]
+        return applied
+
+    def of_record(self, commands: Array, time: Any) -> Array:
+        """Return what reaches the drives of commands (N, 2) at times (N,): (N, 1 or B, 2)."""
+        applied = np.clip(commands, -self.limits, self.limits)[:, None, :]
+        for effect in self.effects:
+            memory = effect.memory(self.step)
+            padded = np.concatenate([np.zeros((memory,) + applied.shape[1:]), applied])
+            past = np.zeros(applied.shape[:-1] + (0, 2)) if memory == 0 else np.stack(
+                [padded[k:k + len(applied)] for k in range(memory)], axis=-2)
+            applied = effect.on_command(applied, past, time[:, None], self.step)
+        return applied
