@@ -28,8 +28,9 @@ class Amplitude:
 
     """
 
-    # On clean arms of two other simulators (test/truth, benchmarks/mujoco_records.py) no channel
-    # errs by more than this states: joints by 0.9 of it, gauges by a quarter to a half.
+    # On clean arms of other simulators no channel errs by more than this states: joints by 0.9 of
+    # it, gauges by a quarter to a half (benchmarks/discrepancy.py: with 1 % by half to three
+    # quarters). Less lets the parts soak up what is systematic.
     torque: float = 0.03
     gauge: float = 0.05
     torque_periods: float = 1.0

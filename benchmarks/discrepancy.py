@@ -1,0 +1,68 @@
+"""
+How much a good model lacks: innovations of clean arms of another simulator, by amplitude.
+
+For clean MuJoCo arms (calibration seeds from 700; score on others) and some amplitudes of the
+discrepancy: the root mean square of the whitened innovations per channel with the parts
+re-estimated (1: as large as stated), and the temper their colour asks for, the long-run over the
+white variance of the scores of the parts. `python benchmarks/discrepancy.py --runs 6`.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+
+from flex_plant_sim.arm.robot_file import load_robot
+from flex_plant_sim.diagnosis.causes.fit import Causes, fitted
+from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood, TEMPER
+from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude
+from flex_plant_sim.diagnosis.record.data import Data
+from flex_plant_sim.diagnosis.record.windows import Record
+from flex_plant_sim.diagnosis.verdict.verdict import nominal_base, slowest_frequency
+from mujoco_records import make_record
+import numpy as np
+
+FIRST_SEED, BLOCKS = 700, 48
+AMPLITUDES = (Amplitude(0.03, 0.01), Amplitude(0.03, 0.02), Amplitude(0.03, 0.05))
+
+
+def whitened(seed: int, amplitude: Amplitude) -> tuple[np.ndarray, np.ndarray]:
+    """Return untempered innovations (N, m) of a clean arm and their columns (N, m, p)."""
+    table, truth = make_record('nothing', seed)
+    robot = load_robot('reference')
+    base = replace(nominal_base(robot, 'assumed_modes', 3), discrepancy=amplitude)
+    record = Record('clean', table[:, 0], table[:, 1:3], table[:, 3:], truth['payload_told'])
+    data = Data.of([record], slowest_frequency(base, record.payload), robot.sample_time)
+    likelihood = Likelihood(base, data.windows, data.noise)
+    fit = fitted(likelihood, Causes((), data.duration), (np.zeros(0),))
+    left = likelihood.present + likelihood.columns @ fit.deviations
+    m, root = likelihood.scale.size, np.sqrt(TEMPER)
+    columns = root * likelihood.columns * likelihood.tolerances
+    return root * left.reshape(-1, m), columns.reshape(len(left) // m, m, -1)
+
+
+def temper(errors: np.ndarray, columns: np.ndarray) -> float:
+    """Return the median over parts of the long-run over the white variance of their scores."""
+    scores = np.einsum('tm,tmp->tp', errors, columns)
+    sums = np.array([part.sum(axis=0) for part in np.array_split(scores, BLOCKS)])
+    white = np.einsum('tmp,tmp->p', columns, columns)
+    return float(np.median(np.sum((sums - sums.mean(axis=0))**2, axis=0) / white))
+
+
+def main() -> None:
+    """Print one line an amplitude."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
+    parser.add_argument('--runs', type=int, default=2)
+    runs = parser.parse_args().runs
+    print('torque  gauge   rms of whitened innovations per channel       temper')
+    for amplitude in AMPLITUDES:
+        pairs = [whitened(FIRST_SEED + k, amplitude) for k in range(runs)]
+        rms = np.sqrt(np.mean([np.mean(errors**2, axis=0) for errors, _ in pairs], axis=0))
+        found = [temper(*pair) for pair in pairs]
+        print(f'{amplitude.torque:6.2f} {amplitude.gauge:6.2f}   '
+              f'{" ".join(f"{r:6.2f}" for r in rms)}   {np.mean(found):6.2f} '
+              f'({min(found):.2f} to {max(found):.2f})', flush=True)
+
+
+if __name__ == '__main__':
+    main()
