@@ -14,6 +14,12 @@ from flex_plant_sim.diagnosis.report.figures import Picture, shown
 from flex_plant_sim.diagnosis.report.improvement import Gain
 from flex_plant_sim.diagnosis.report.latent_pictures import LatentSection
 from flex_plant_sim.diagnosis.report.payload_gain import PayloadGain
+from flex_plant_sim.diagnosis.report.posterior_pictures import (
+    moved,
+    part_text,
+    parts_picture,
+    sets_picture,
+)
 from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual
 from flex_plant_sim.diagnosis.report.wording import (
     interval_text,
@@ -93,7 +99,15 @@ def render(report: Report) -> str:
         causes=[_cause(cause) for cause in report.diagnosis.causes],
         errors=_error_rows(report.gains), channels=_channel_rows(report),
         rounds=[_ranking(candidates) for candidates in report.diagnosis.rounds],
+        posterior=_posterior(report.diagnosis),
+        parts=[part_text(part) for part in moved(report.diagnosis.parts)],
         limits=_limits(report.diagnosis), remainder=_remainder(report.diagnosis))
+
+
+def _posterior(diagnosis: Diagnosis) -> list[Picture]:
+    """Return the pictures of the posterior, as far as the search has one."""
+    return [*([sets_picture(diagnosis.sets)] if diagnosis.sets else []),
+            *([parts_picture(diagnosis.parts)] if diagnosis.parts else [])]
 
 
 def write_report(folder: str | Path, report: Report) -> Path:
