@@ -36,6 +36,7 @@ BAD_ROBOTS = [
     (REFERENCE + 'a: &a [1,1]\n' + ''.join(
         f'{chr(98 + k)}: &{chr(98 + k)} [{", ".join(["*" + chr(97 + k)] * 9)}]\n'
         for k in range(8)), 'expected at most 10000 values'),
+    (REFERENCE.replace('kind: velocity_loop', 'kind: [velocity_loop]'), 'drives.shoulder.kind: '),
     ('x' * 70_000, 'expected at most 64000 characters'),
 ]
 

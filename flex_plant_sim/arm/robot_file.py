@@ -41,7 +41,7 @@ def _link(section: Section) -> Link:
 
 def _drive(section: Section) -> Drive:
     kind = section.take('kind')
-    if kind not in DRIVE_KINDS:
+    if not isinstance(kind, str) or kind not in DRIVE_KINDS:
         raise InputError(f'{section.name("kind")}: expected {" or ".join(DRIVE_KINDS)}, '
                          f'got {shown(kind)}')
     drive = DRIVE_KINDS[kind](section)
