@@ -153,3 +153,28 @@ def test_a_command_is_held_for_one_refused_sample_and_then_zero(loop: RosLoop) -
     assert list(bench.answers[-1].effort) == [0.0, 0.0]
     bench.answered(7, angle=(-0.5, -0.5))
     assert np.abs(bench.answers[-1].effort).max() > 0.1
+
+
+def test_without_an_estimator_every_sample_is_answered_with_the_last_payload(
+    loop: RosLoop,
+) -> None:
+    from msg_config.messages import inertia_message
+
+    bench = Bench(loop, 'controller', adapt=True, watchdog=0.0)
+    inertia = loop.publisher('payload/inertia')
+    bench.sample(0)
+    loop.wait(0.2)
+    assert not bench.answers, 'it waits for the payload of its sample'
+    inertia.publish(inertia_message(0, 0.2))
+    loop.until(lambda: 0 in bench.answers.stamps)
+    for k in range(1, 8):
+        bench.sample(k)
+    loop.until(lambda: bench.answers.stamps == {k * STEP for k in range(8)})
+    level, text = bench.node._state()
+    assert level == 'warn'
+    assert text.startswith('payload/inertia is late or missing')
+    assert bench.node.controller._mass == 0.2
+    inertia.publish(inertia_message(7 * STEP, 1e9))
+    bench.sample(8)
+    loop.until(lambda: 8 * STEP in bench.answers.stamps)
+    assert bench.node.controller._mass < 0.3, 'no faster than a gripper closes'

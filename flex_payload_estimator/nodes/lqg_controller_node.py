@@ -111,8 +111,10 @@ class LQGControllerNode(SampleNode):
         """Return the command that answers a sample, or None while it waits for the payload."""
         if not self.values['adapt']:
             return self._control(sample, math.nan)
-        self._late = self._late or self._waiting is not None and (
-            self._waiting.stamp != sample.stamp)
+        if self._waiting is not None and self._waiting.stamp != sample.stamp:
+            # Answered late rather than never: the predictor must not miss a step.
+            waiting, self._waiting, self._late = self._waiting, None, True
+            self._control(waiting, self._last_mass)
         if sample.stamp not in self._masses and not self._late:
             self._waiting = sample
             return None
@@ -121,6 +123,7 @@ class LQGControllerNode(SampleNode):
 
     def _on_inertia(self, message: InertiaStamped) -> None:
         stamp, mass = checked_stamp(message, 'payload/inertia'), payload_mass(message)
+        self._last_mass = mass
         if self._waiting is not None and stamp == self._waiting.stamp:
             sample, self._waiting = self._waiting, None
             self.remember(self._control(sample, mass))
@@ -129,7 +132,6 @@ class LQGControllerNode(SampleNode):
             if len(self._masses) > EARLY:
                 del self._masses[min(self._masses)]
         else:
-            self._last_mass = mass
             self._count_in_time(stamp)
 
     def _count_in_time(self, stamp: int) -> None:
