@@ -70,10 +70,11 @@ def test_the_parts_are_found_within_what_is_stated(output: tuple[str, Path]) -> 
     scores = []
     for name, ratio in true.items():
         value, std = map(float, found[name].split(' % ± '))
-        assert std < 8.0, name
+        # An inertia behind a stiff velocity loop is hardly told; gains and stiffness are.
+        assert std < (10.0 if 'inertia' in name else 5.0), name
         # The record's own arm is drawn within its tolerances, of about one percent.
         scores.append((value - 100.0 * np.log(ratio)) / np.hypot(std, 1.0))
-    assert np.abs(scores).max() < 3.0
+    assert np.abs(scores).max() < 3.0, output[0]
 
 
 def test_the_file_keeps_comments_and_order(output: tuple[str, Path]) -> None:
@@ -82,7 +83,7 @@ def test_the_file_keeps_comments_and_order(output: tuple[str, Path]) -> None:
     keys = [list(yaml.safe_load(text)) for text in (old, new)]
     assert keys[1][:len(keys[0])] == keys[0]
     told, found = load_robot(output[1] / 'robot.yaml'), load_robot(output[1] / 'new.yaml')
-    assert found.tolerances.drive_gain < 0.1 * told.tolerances.drive_gain
+    assert found.tolerances.drive_gain < 0.5 * told.tolerances.drive_gain
     assert found.payload_mass == told.payload_mass
     assert all(new <= old for new, old in zip(vars(found.tolerances).values(),
                                               vars(told.tolerances).values()))

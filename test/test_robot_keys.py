@@ -88,4 +88,4 @@ def test_no_key_of_the_parser_is_undocumented() -> None:
 
 def test_the_reference_page_is_the_one_in_the_docs(repository: Path) -> None:
     page = (repository / 'docs/robot_file.md').read_text(encoding='utf-8')
-    assert page == reference_page()
+    assert page == reference_page(), 'flex_robot reference > docs/robot_file.md'

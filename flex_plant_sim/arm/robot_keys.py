@@ -181,7 +181,7 @@ TOLERANCES: dict[str, tuple[float, str]] = {
     'length': (0.005, 'Length of each link.'),
     'gauge_position_m': (0.001, 'Place of each gauge, m.'),
     'strain_bias': (2e-5, 'Zero of each gauge, m/m.'),
-    'payload_inertia_kg_m2': (1e-4, 'Inertia of the payload about the tip, kg m^2.'),
+    'payload_inertia_kg_m2': (2e-4, 'Inertia of the payload about the tip, kg m^2.'),
 }
 
 EFFECTS_ABOUT = (

@@ -16,8 +16,7 @@ STEP = 0.1
 # Blocks a window, each longer than half a period of the slowest mode.
 BLOCKS = 8
 # What the model of few modes lacks is the same again and again, and no blocks of one log show it.
-# benchmarks/calibration.py: errors on another simulator's arms are within what is stated; on
-# seeds 200 to 203 their rms is 0.64 stated deviations, without it about 6.
+# benchmarks/calibration.py: with it, errors on another simulator's arms are about what is stated.
 MODEL_TEMPER = 20.0
 
 
