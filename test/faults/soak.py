@@ -118,16 +118,17 @@ def run(mode: str, options: argparse.Namespace) -> list[dict[str, float]]:
 
 
 def verdict(mode: str, rows: list[dict[str, float]], rate: float) -> str:
-    """Return one line a mode: memory's slope, latency, and what was lost."""
+    """Return one line a mode, after the warm-up: what was lost, latency, memory's slope."""
     late = rows[int(WARM_UP * len(rows)):]
     hours = np.array([row['time'] for row in late]) / 60.0
     slopes = {name: np.polyfit(hours, [row[name] for row in late], 1)[0] for name in PROGRAMS}
-    last = rows[-1]
+    counts = {topic: rows[-1][topic] - late[0][topic] for topic in TOPICS}
+    minutes = rows[-1]['time'] - late[0]['time']
     memory = ', '.join(f'{name} {slope:+.2f}' for name, slope in slopes.items())
-    asked = f' of {rate * 60.0 * last["time"]:.0f} due' if mode == 'realtime' else ''
-    return (f'{mode}: {last["joint_states"]:.0f} samples{asked}, '
-            f'{last["joint_states"] - last["payload/inertia"]:.0f} without an estimate, '
-            f'{last["joint_states"] - last["command"]:.0f} without a command; latency p50 '
+    asked = f' of {rate * 60.0 * minutes:.0f} due' if mode == 'realtime' else ''
+    return (f'{mode}: {counts["joint_states"]:.0f} samples{asked}, '
+            f'{counts["joint_states"] - counts["payload/inertia"]:.0f} without an estimate, '
+            f'{counts["joint_states"] - counts["command"]:.0f} without a command; latency p50 '
             f'{np.nanmedian([row["p50"] for row in late]):.2f}, p99 '
             f'{np.nanmedian([row["p99"] for row in late]):.2f} ms; memory MB/h: {memory}')
 
