@@ -56,6 +56,8 @@ _worker: list[Callable[[Any], Any]] = []
 
 
 def _remember(task: Callable[[Any], Any]) -> None:
+    # The parent ends workers by SIGTERM, which means an interrupt to it alone.
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     _worker[:] = [task]
 
 
