@@ -81,6 +81,7 @@ def test_doubt_and_sure_errors() -> None:
     cases = [unknown, doubted, sure_wrong, sure_right, missed]
     assert [score.doubt_stated(c) for c in cases] == [True, True, False, False, False]
     assert [score.surely_wrong(c) for c in cases] == [False, False, True, False, False]
+    assert not score.surely_wrong({**sure_wrong, 'distractors': ['strain_gain']})
 
 
 def test_log_score_against_its_definition() -> None:

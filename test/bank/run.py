@@ -39,7 +39,8 @@ def run_case(case: BankCase, limits: Limits,
     line = {'key': case.key, 'kind': case.kind, 'names': list(case.names),
             'robot': case.robot, 'seed': case.seed, 'size': case.size,
             'simulator': case.realisation.simulator, 'form': case.realisation.form,
-            'calibration': case.realisation.calibration, 'code': 0, 'complaint': '',
+            'calibration': case.realisation.calibration,
+            'distractors': [name for name in truth.names if name not in case.names],
             'truth': [{'name': term.name, 'site': term.site, 'values': term.values,
                        'times_limit': relative_size(term, limits)} for term in terms]}
     with TemporaryDirectory() as folder:

@@ -130,9 +130,10 @@ def doubtful(line: Line) -> bool:
 
 
 def surely_wrong(line: Line) -> bool:
-    """Tell whether a name that is not hidden is stated surely."""
+    """Tell whether a name that is not there is stated surely; a distractor is there."""
     return not doubtful(line) and any(
         cause['probability'] >= SURE and not is_hidden(line, cause['name'])
+        and cause['name'] not in line.get('distractors', [])
         for cause in line.get('causes', []))
 
 
