@@ -11,13 +11,13 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from dataclasses import replace
 from functools import lru_cache, partial
 import json
 from pathlib import Path
 
 from flex_payload_estimator.estimators.factory import make_estimator
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
+from flex_plant_sim.arm.parts import robot_parts
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
@@ -42,23 +42,10 @@ def nominal_arm(modes: int) -> ExtendedArm:
 
 def drawn(robot: Robot, seed: int) -> Robot:
     """Return the robot with every part drawn from its tolerance."""
-    random, tolerance = np.random.default_rng([seed, 2]), robot.tolerances
-
-    def factor(spread: float) -> float:
-        # Three sigma at most: a damping of 0.3 must stay positive.
-        return 1.0 + spread * float(np.clip(random.standard_normal(), -3.0, 3.0))
-
-    for j, (link, drive) in enumerate(zip(robot.links, robot.drives)):
-        robot = robot.with_link(
-            j, youngs_modulus=link.youngs_modulus * factor(tolerance.stiffness),
-            density=link.density * factor(tolerance.link_mass),
-            damping_ratio=link.damping_ratio * factor(tolerance.damping))
-        robot = robot.with_drive(
-            j, inertia=drive.inertia * factor(tolerance.drive_inertia),
-            torque_gain=drive.torque_gain * factor(tolerance.drive_gain),
-            damping=drive.damping * factor(tolerance.drive_damping))
-    return replace(robot, elbow_mass=robot.elbow_mass * factor(tolerance.elbow_mass),
-                   elbow_inertia=robot.elbow_inertia * factor(tolerance.elbow_inertia))
+    random = np.random.default_rng([seed, 2])
+    for part in robot_parts(robot):
+        robot = part.change(robot, part.tolerance * float(random.standard_normal()))
+    return robot
 
 
 def run(seed: int, kind: str, modes: int) -> Array:

@@ -28,8 +28,7 @@ def answers(name: str, told: str, samples: int = 120) -> list[Estimate]:
         found.append(estimator.update(simulator.time, output, command))
         command = np.array([0.5, -0.8]) if (k // 30) % 2 else np.array([-0.6, 0.9])
         if told != 'not':
-            estimator.prepare(  # type: ignore[attr-defined]
-                command if told == 'right' else command + 0.3)
+            estimator.prepare(command if told == 'right' else command + 0.3)
         simulator.step(command)
     return found
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -37,11 +38,52 @@ class Estimate:
     status: str = 'ok'
 
 
+@dataclass(frozen=True)
+class Event:
+    """
+    A change of the payload.
+
+    Attributes
+    ----------
+    time, found : float
+        When it was, and when it was noticed, s.
+    before, after : float
+        kg.
+
+    """
+
+    time: float
+    found: float
+    before: float
+    after: float
+
+
 class PayloadEstimator(Protocol):
-    """Estimates the payload from (y_t, u_{t-1}); state is kept inside, one update a sample."""
+    """
+    Estimates the payload from (y_t, u_{t-1}); state is kept inside, one update a sample.
+
+    All that nodes and tools call is here. Attributes: `rejected`, samples that were none.
+    """
+
+    rejected: int
+
+    @property
+    def events(self) -> Sequence[Event]:
+        """Return the payload changes found so far; none where nobody looks for them."""
 
     def reset(self) -> None:
         """Forget everything."""
+
+    def prepare(self, command: Array) -> None:
+        """
+        Predict while no measurement waits: `update` is then quicker, its answer the same.
+
+        Parameters
+        ----------
+        command : Array
+            What will have been applied up to the next sample, (2,).
+
+        """
 
     def update(self, time: float, output: Array, command: Array) -> Estimate:
         """
@@ -57,3 +99,6 @@ class PayloadEstimator(Protocol):
             Applied up to this sample, (2,).
 
         """
+
+    def conclude(self) -> None:
+        """Do what the last estimate need not wait for; otherwise the next `update` does."""

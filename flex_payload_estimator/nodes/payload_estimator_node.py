@@ -72,8 +72,6 @@ class PayloadEstimatorNode(SampleNode):
         self.shape = MeasuredShape.of(robot)
         self.take_robot(robot)
         self.health = ModelHealth(self.channels, robot.sample_time)
-        self._prepare = getattr(self.estimator, 'prepare', None)
-        self._conclude = getattr(self.estimator, 'conclude', None)
 
     def restart(self) -> None:
         """Forget everything."""
@@ -91,8 +89,7 @@ class PayloadEstimatorNode(SampleNode):
                                            estimate.p)
         self._payload.publish(payload)
         innovation = self._answer_innovation(sample.stamp, estimate)
-        if self._conclude is not None:
-            self._conclude()
+        self.estimator.conclude()
         self._watch(estimate)
         self._publish_markers(sample, estimate)
         return payload, innovation
@@ -125,9 +122,9 @@ class PayloadEstimatorNode(SampleNode):
         command = self._efforts.pick(message.name, message.effort, 'command: effort')
         check_finite(command, JOINTS, 'command: effort')
         self.commanded = command
-        if self._prepare is not None and self._prepared != stamp == self.order.last:
+        if self._prepared != stamp == self.order.last:
             self._prepared = stamp
-            self._prepare(command)
+            self.estimator.prepare(command)
 
     def answer(self, answer: tuple[Any, ...]) -> None:
         """Publish an answer again."""
@@ -154,7 +151,7 @@ class PayloadEstimatorNode(SampleNode):
         if estimate.status not in NO_INNOVATION:
             self.health.add(estimate.innovation, estimate.innovation_std)
         changed = before is None or before.status != estimate.status
-        found, self._events = self._events, len(self._changes())
+        found, self._events = self._events, len(self.estimator.events)
         if changed or self._events > found:
             self.report()
 
@@ -164,12 +161,8 @@ class PayloadEstimatorNode(SampleNode):
             self._estimator_status(), self._change_status(), self.sample_status(),
             self._model_status(self.health.report())])
 
-    def _changes(self) -> list[Any]:
-        """Return the payload changes that the estimator has found, if it looks for them."""
-        return getattr(self.estimator, 'events', [])
-
     def _change_status(self) -> DiagnosticStatus:
-        changes = self._changes()
+        changes = self.estimator.events
         if not changes:
             return self.status('payload change', 'ok', 'none', {})
         last = changes[-1]

@@ -103,3 +103,32 @@ def _drive_damping(j: int) -> Change:
         return r.with_drive(j, damping=drive.damping * exp(v), torque_gain=gain)
 
     return change
+
+
+@dataclass(frozen=True)
+class GaugePart:
+    """
+    A gauge's deviation from the robot file, Gaussian around zero: it reads (1 + gain) e + bias.
+
+    Attributes
+    ----------
+    kind : str
+        'gain' or 'bias'.
+    gauge : str
+        For example strain_1a.
+    tolerance : float
+        Standard deviation: of a gain relative, of a bias in m/m.
+
+    """
+
+    kind: str
+    gauge: str
+    tolerance: float
+
+
+def gauge_parts(robot: Robot) -> tuple[GaugePart, ...]:
+    """Return the gains, then the biases, of all gauges."""
+    t = robot.tolerances
+    return tuple(GaugePart(kind, gauge, tolerance)
+                 for kind, tolerance in (('gain', t.strain_gain), ('bias', t.strain_bias))
+                 for gauge in robot.gauge_names)

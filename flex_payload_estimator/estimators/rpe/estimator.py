@@ -1,4 +1,4 @@
-"""Recursive prediction error: the default payload estimator."""
+"""Recursive prediction error: the default payload estimator, one joint posterior."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 import math
 
-from flex_payload_estimator.estimators.base import Estimate
-from flex_payload_estimator.estimators.rpe.bank import Ahead, Bank
-from flex_payload_estimator.estimators.rpe.events import Event
-from flex_payload_estimator.estimators.rpe.hypothesis import Hypothesis, Sample, Weighed
-from flex_payload_estimator.estimators.rpe.judge import Judge
-from flex_payload_estimator.estimators.rpe.levels import Activity
-from flex_payload_estimator.estimators.rpe.pace import Pace
-from flex_payload_estimator.estimators.rpe.settings import RpeSettings
+from flex_payload_estimator.estimators.base import Estimate, Event
+from flex_payload_estimator.estimators.rpe.events import EventLog
+from flex_payload_estimator.estimators.rpe.evidence import misfit_of
+from flex_payload_estimator.estimators.rpe.filter import Filter, FilterStep, Sample
+from flex_payload_estimator.estimators.rpe.modes import Modes
+from flex_payload_estimator.estimators.rpe.motion import Motion
+from flex_payload_estimator.estimators.rpe.settings import RpeSettings, stepper_of
+from flex_payload_estimator.estimators.rpe.start import Start
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.effects import effects_of
@@ -21,11 +21,10 @@ from flex_plant_sim.effects.base import Effect
 from msg_config.errors import InputError
 import numpy as np
 
-# A gap longer than this, s, loses the state. A reading of more standard deviations of noise, or a
-# command of more than this, is none.
+# A gap longer than this, s, loses the state. Numbers beyond these are no reading.
 LONGEST_GAP_S = 1.0
-LARGEST, LARGEST_COMMAND = 1e9, 1e9
-SUSPECT_MISFIT = 2.0
+LARGEST_ANGLE, LARGEST_STRAIN, LARGEST_COMMAND = 1e6, 1.0, 1e6
+SUSPECT_MISFIT = 3.0
 
 
 def _within(values: Array, limit: float) -> bool:
@@ -39,15 +38,14 @@ def _within(values: Array, limit: float) -> bool:
 
 class RecursivePredictionError:
     """
-    Predictors that carry the sensitivity of their state to the payload along.
+    A joint posterior of state, payload, parts and gauges, under the mode that predicts best.
 
-    A bank of them starts from payloads over the whole range and from four levels of model
-    error, and collapses to one (see docs/estimators.md).
+    See docs/estimators.md; modes.py has the hypotheses about the model and all ways between.
 
     Parameters
     ----------
     robot : Robot
-        Its noise is believed at the exact level, its tolerances at the others.
+        Its noise is where the noise's estimate starts, its tolerances are the prior of parts.
     model : str
         'assumed_modes', 'paper' or 'paper_reduced'.
     modes : int
@@ -69,35 +67,46 @@ class RecursivePredictionError:
                  settings: RpeSettings | None = None):
         self.settings = settings or RpeSettings()
         chosen = effects_of(robot) if effects is None else tuple(effects)
-        self.pace = Pace(robot, model, modes, chosen, self.settings)
-        self.stepper = self.pace.coarse
-        self.arm, self.told = self.pace.fine.effects.arm, self.pace.fine.told
-        self.bank = Bank(self.stepper, self.pace.tolerances)
-        self._judge = Judge(self.pace, self.bank, self.settings)
+        self.stepper = stepper_of(robot, model, modes, chosen, self.settings)
+        self.arm = self.stepper.effects.arm
+        self._modes, self._start = Modes(self.stepper), Start(self.stepper)
+        self._channels = self.stepper.told_variance.size
+        self._warm()
+
+    def _warm(self) -> None:
+        """Compile the kernels where they are compiled, so that no sample waits for it."""
+        self.reset()
+        for k in range(3):
+            self.prepare(np.zeros(2))
+            self.update(self.arm.step_time * k, np.zeros(self._channels), np.zeros(2))
         self.reset()
 
     def reset(self) -> None:
         """Forget everything."""
-        self.bank.clear()
-        self.pace.reset()
-        self._judge.reset()
-        self.rejected, self._lost = 0, False
-        self._activity, self._command = Activity(self.arm), np.zeros(2)
-        self._ahead: Ahead | None = None
-        self._weighed: Weighed | None = None
-        # What is left to do: conclusions of the last sample, the prediction of this one.
-        self._open = self._due = False
-        channels, mass = self.told.size, 0.5 * self.stepper.heaviest
-        self._nothing = np.full(channels, np.nan)
+        self._modes.clear()
+        self._start.clear()
+        self.stepper.effects.reset()
+        self.rejected = 0
+        self._log = EventLog()
+        self._incumbent: Filter | None = None
+        self._motion = Motion(self.stepper)
+        self._ahead: tuple[Array, list[Filter], Sample, Array] | None = None
+        self._open: Sample | None = None
+        self._command, self._time = np.zeros(2), math.nan
+        mass, channels = 0.5 * self.stepper.heaviest, self._channels
         self._last = Estimate(0.0, mass, mass**2 / 3.0, mass**2 / 3.0, np.zeros(channels),
                               np.full(channels, np.inf), 'not_excited')
-        self._time: float | None = None
 
     @property
-    def events(self) -> list[Event]:
-        """Return the payload changes found; one that later samples refute is taken back."""
+    def events(self) -> Sequence[Event]:
+        """Return the payload changes found."""
         self.conclude()
-        return list(self._judge.log.events)
+        return tuple(self._log.events)
+
+    @property
+    def incumbent(self) -> Filter:
+        """Return the filter that gives the estimate, or the likeliest of the start."""
+        return self._incumbent or self._start.best()
 
     def update(self, time: float, output: Array, command: Array) -> Estimate:
         """
@@ -121,33 +130,24 @@ class RecursivePredictionError:
             Wrong number of outputs or commands.
 
         """
-        # Another layout in memory would be compiled for while the sample waits.
         self.conclude()
-        output, command = np.asarray(output, dtype=float), np.array(command, dtype=float)
-        if output.shape != self.told.shape or command.shape != (2,):
-            raise InputError(f'output, command: expected {self.told.size} and 2 numbers, got '
+        # Another layout in memory would be compiled for while the sample waits.
+        output, command = np.array(output, dtype=float), np.array(command, dtype=float)
+        if output.shape != (self._channels,) or command.shape != (2,):
+            raise InputError(f'output, command: expected {self._channels} and 2 numbers, got '
                              f'shapes {output.shape} and {command.shape}')
-        measured, sent = output / self.told, _within(command, LARGEST_COMMAND)
-        good = sent and math.isfinite(time) and _within(measured, LARGEST)
-        if self._time is None:
-            return self._begin(time, output, measured) if good else self._reject(time)
+        sent = _within(command, LARGEST_COMMAND)
+        good = sent and math.isfinite(time) and _within(output[:2], LARGEST_ANGLE) \
+            and _within(output[2:], LARGEST_STRAIN)
+        if math.isnan(self._time):
+            return self._begin(time, output) if good else self._reject(time)
         if sent:
             self._command = command
-        self._predict(time if good else self._time + self.arm.step_time, good)
         if not good:
-            self._judge.keep(self._mark)
-            return self._reject(time)
-        return self._learn(output, measured)
-
-    def conclude(self) -> None:
-        """
-        Draw the conclusions of the last sample that its estimate need not wait for.
-
-        Otherwise `update` does, before it takes the next sample: its answers are the same.
-        """
-        if self._open:
-            self._open = False
-            self._judge.conclude(self._mark)
+            self._advance(self._time + self.arm.step_time, None)
+            return self._reject(time if math.isfinite(time) else self._time)
+        self._advance(time, output)
+        return self._estimate(time)
 
     def prepare(self, command: Array) -> None:
         """
@@ -161,97 +161,112 @@ class RecursivePredictionError:
 
         """
         self.conclude()
-        if self._time is None or self._ahead or not _within(command, LARGEST_COMMAND):
-            return
-        saved, pace = [(h, h.copy()) for h in self.bank.hypotheses], self.pace.save()
-        sample, mark = self._sample, self._mark
         command = np.array(command, dtype=float)
-        self._advance(self._time + self.arm.step_time, command)
-        weighed = self.pace.fine.weigh(saved[0][0], self._sample) if len(saved) == 1 else None
-        self._ahead = Ahead(command, saved, pace, sample, mark, weighed)
-
-    def _predict(self, time: float, good: bool) -> None:
-        """Bring every hypothesis to the time of the sample, across a gap if there is one."""
-        assert self._time is not None
-        step, start = self.arm.step_time, self._time
-        steps = max(1, round((time - start) / step))
-        self._time = max(time, start) if good else time
-        ahead, self._ahead, self._weighed = self._ahead, None, None
-        if ahead and steps == 1 and ahead.command.tolist() == self._command.tolist():
-            self._weighed = ahead.weighed
+        if math.isnan(self._time) or self._ahead or not _within(command, LARGEST_COMMAND):
             return
-        if ahead:
-            self.pace.restore(ahead.pace)
-            self._sample, self._mark = ahead.sample, ahead.mark
-            ahead.restore()
-        if steps * step > LONGEST_GAP_S:
-            self._lost, activity = True, self._sample.activity
-            self._sample = self._mark = Sample(time, None, self._command, activity, activity)
+        history, filters = self.stepper.effects.history, self._filters()
+        saved = [f.copy() for f in filters]
+        sample = self._sample(self._time + self.arm.step_time, None, command)
+        for f in filters:
+            self.stepper.predict(f, sample, self._motion.loads)
+        self._ahead = command, saved, sample, history
+
+    def conclude(self) -> None:
+        """
+        Draw the conclusions of the last sample that its estimate need not wait for.
+
+        Otherwise `update` does, before it takes the next sample: its answers are the same.
+        """
+        sample, self._open = self._open, None
+        if sample is None:
             return
-        if steps > 1:
-            # A filter that diverges across a gap begins again after it.
-            with np.errstate(over='ignore', invalid='ignore'):
-                for k in range(1, steps):
-                    self._advance(start + k * step, self._command)
-                    self._judge.keep(self._mark)
-        self._due = good and not self._lost and len(self.bank.hypotheses) == 1
-        self._advance(start + step if time <= start else time, self._command)
+        if self._incumbent is None:
+            left = self._start.decide()
+            for f in left[1:]:
+                self._modes.keep(f, sample.time)
+            self._incumbent = left[0] if left else None
+            return
+        self._incumbent = self._modes.advance(self._incumbent, sample, self._motion.loads,
+                                              self._motion.excited)
+        self._log.follow(self._modes.moved, self._incumbent, sample.time,
+                         self.stepper.schedule.soft_mass)
 
-    def _advance(self, time: float, command: Array) -> None:
-        """Predict one sample; a bank, where this is a mark, from the last one on."""
-        self._sample, self._mark = self.pace.advance(time, command, self._sample.activity)
-        if len(self.bank.hypotheses) == 1:
-            if not self._due:
-                self.pace.fine.predict(self.bank.hypotheses[0], self._sample)
-        elif self._mark:
-            for h in self.bank.hypotheses:
-                self.stepper.predict(h, self._mark)
+    def _filters(self) -> list[Filter]:
+        return self._start.filters if self._incumbent is None else [self._incumbent]
 
-    def _begin(self, time: float, output: Array, measured: Array) -> Estimate:
-        self.bank.start(measured)
+    def _sample(self, time: float, output: Array | None, command: Array) -> Sample:
+        applied = self.stepper.effects.at_drive(command, time - self.arm.step_time)
+        return Sample(time, output, applied)
+
+    def _begin(self, time: float, output: Array) -> Estimate:
         self._time = time
-        self._sample = self._mark = Sample(time, None, np.zeros(2), 0.0, 0.0)
-        return self._learn(output, measured)
+        self._start.begin(output)
+        sample = Sample(time, output, np.zeros(2))
+        for f in self._start.filters:
+            self.stepper.correct(f, sample, self._motion.loads)
+        self._open = sample
+        return self._estimate(time)
 
-    def _relocate(self, measured: Array) -> None:
-        """Start the state again after a gap, with what is known of the payload."""
-        for h in self.bank.hypotheses:
-            self.stepper.relocate(h, measured)
-        self._judge.forget()
-        self._lost, self._weighed = False, None
-
-    def _learn(self, output: Array, measured: Array) -> Estimate:
-        """Learn from the sample, a bank only from marks, and say what is known."""
-        bank, mark = self.bank, self._mark
-        if self._lost:
-            self._relocate(measured)
-        activity = self._activity.follow(output)
-        self._sample = self._sample.with_reading(measured, activity)
-        alone = len(bank.hypotheses) == 1
-        if alone:
-            if self._due:
-                self._due = False
-                self.pace.fine.step(bank.hypotheses[0], self._sample)
+    def _advance(self, time: float, output: Array | None) -> None:
+        """Bring the filters to the time of a sample, across a gap if there is one, and learn."""
+        step, ahead = self.arm.step_time, self._take_back(time)
+        steps = max(1, round((time - self._time) / step))
+        start, self._time = self._time, max(time, self._time)
+        if steps * step > LONGEST_GAP_S:
+            for f in self._filters():
+                self.stepper.relocate(f, output)
+            self._modes.clear()
+            steps = 1
+        for k in range(1, steps):
+            sample = self._sample(start + k * step, None, self._command)
+            for f in [*self._filters(), *self._modes.filters()]:
+                self.stepper.predict(f, sample, self._motion.loads)
+        sample = ahead._replace(measured=output) if ahead else \
+            self._sample(self._time, output, self._command)
+        self._motion.follow(output, self.incumbent, sample)
+        for f in self._filters():
+            if output is None:
+                self.stepper.predict(f, sample, self._motion.loads)
+            elif ahead:
+                self.stepper.correct(f, sample, self._motion.loads)
             else:
-                self.pace.fine.correct(bank.hypotheses[0], self._sample, self._weighed)
-        if mark:
-            mark = self._mark = mark.with_reading(measured, activity)
-            if not alone:
-                self._judge.weigh(mark)
-        self._open = True
-        if not (mark or alone):
-            self._last = replace(self._last, time=self._sample.time, innovation=self._nothing)
-            return self._last
-        self._last = self._estimate(bank.best())
-        return self._last
+                self.stepper.step(f, sample, self._motion.loads)
+        if not self._motion.excited:
+            self._drift()
+        self._open = sample
 
-    def _estimate(self, best: Hypothesis) -> Estimate:
-        mass, variance = self.bank.moments()
-        status = 'ok' if self._judge.excited else 'not_excited'
-        if best.misfit > SUSPECT_MISFIT:
-            status = 'model_suspect'
-        return Estimate(self._sample.time, mass, variance, best.variance, best.reading[0],
-                        best.reading[1], status)
+    def _take_back(self, time: float) -> Sample | None:
+        """Return the sample that was predicted for, where it is this one; else undo that."""
+        if self._ahead is None:
+            return None
+        command, saved, sample, history = self._ahead
+        self._ahead = None
+        if command.tolist() == self._command.tolist() and \
+                round((time - self._time) / self.arm.step_time) <= 1:
+            return sample
+        self.stepper.effects.history = history
+        for f, before in zip(self._filters(), saved):
+            f.x, f.cov, f.sens, f.spread = before.x, before.cov, before.sens, before.spread
+        return None
+
+    def _drift(self) -> None:
+        """Let the payload walk at rest, where nobody sees it."""
+        variance = self.settings.rest_drift**2 * self.arm.step_time
+        for f in self._filters():
+            self.stepper.drift(f, variance)
+
+    def _estimate(self, time: float) -> Estimate:
+        best = self.incumbent
+        if self._incumbent is None:
+            mass, variance = self._start.moments()
+        else:
+            mass, variance = self.stepper.payload(best)
+        suspect = misfit_of(best.record) > SUSPECT_MISFIT
+        status = 'model_suspect' if suspect else 'ok' if self._motion.excited \
+            and self._incumbent is not None else 'not_excited'
+        self._last = Estimate(time, mass, variance, best.variance, best.innovation,
+                              np.sqrt(best.variances), status)
+        return self._last
 
     def _reject(self, time: float) -> Estimate:
         self.rejected += 1

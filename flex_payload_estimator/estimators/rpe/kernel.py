@@ -1,32 +1,38 @@
 """
-The arithmetic of one recursive-prediction-error step, on plain arrays.
+The arithmetic of one step of the joint posterior of state, payload and parts, on plain arrays.
 
+Friedland's factored form of the augmented Kalman filter (IEEE Trans. Autom. Control 14, 1969):
+P is the state's covariance for known parameters beta, s = dx/dbeta, V the covariance of beta; the
+joint covariance is [P + s V s', s V; V s', V]. Columns of s: payload, share of the Coriolis
+forces, bias of each gauge; then, where parts count, each part and the gain of each gauge.
 The same code runs with and without Numba; only two-dimensional products.
-Columns of the sensitivity: dx/dm since the start, dx/dm since the start of either of two
-staggered windows (what a payload change then would have done), dx/d(part parameter).
 """
 
 from __future__ import annotations
 
-import math
-
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import COMPILED, compiled
 import numpy as np
-from scipy.linalg.lapack import dgetrf, dgetri
+from scipy.linalg.lapack import dpotrf, dtrtri
 
-MASS_COLUMNS = 3
+# Columns of s before the gauges' biases.
+MASS, CORIOLIS, FIRST_BIAS = 0, 1, 2
+# P's diagonal grows by this share a sample, above what rounding takes: a memory of 1e12 samples.
+JITTER = 1e-12
 
 
-def _inverse_by_lapack(matrix: Array) -> tuple[Array, float]:
-    factors, pivots, _ = dgetrf(matrix)
-    return dgetri(factors, pivots)[0], abs(float(factors.diagonal().prod()))
+def _whitener_by_lapack(matrix: Array) -> Array:
+    factor, wrong = dpotrf(matrix, lower=True)
+    if wrong:
+        return np.full_like(matrix, np.nan)
+    inverse, wrong = dtrtri(np.tril(factor), lower=True)
+    return np.ascontiguousarray(inverse)
 
 
 @compiled
-def _inverse_by_loops(matrix: Array) -> tuple[Array, float]:
-    """Return inverse and determinant by Cholesky's factors; both NaN where there are none."""
-    size, square = len(matrix), 1.0
+def _whitener_by_loops(matrix: Array) -> Array:
+    """Return L^-1 of matrix = L L'; NaN where it is not positive definite."""
+    size = len(matrix)
     lower, inverse = np.zeros_like(matrix), np.zeros_like(matrix)
     for i in range(size):
         for j in range(i + 1):
@@ -37,214 +43,255 @@ def _inverse_by_loops(matrix: Array) -> tuple[Array, float]:
                 lower[i, j] = rest / lower[j, j]
             elif rest > 0.0:
                 lower[i, i] = np.sqrt(rest)
-                square *= rest
             else:
-                return np.full_like(matrix, np.nan), np.nan
+                return np.full_like(matrix, np.nan)
     for c in range(size):
-        # Forwards by L, then backwards by L'; what stands above row c stays zero on the way.
-        inverse[c, c] = 1.0
-        for i in range(c, size):
+        inverse[c, c] = 1.0 / lower[c, c]
+        for i in range(c + 1, size):
+            total = 0.0
             for k in range(c, i):
-                inverse[i, c] -= lower[i, k] * inverse[k, c]
-            inverse[i, c] /= lower[i, i]
-        for i in range(size - 1, -1, -1):
-            for k in range(i + 1, size):
-                inverse[i, c] -= lower[k, i] * inverse[k, c]
-            inverse[i, c] /= lower[i, i]
-    return inverse, square
+                total -= lower[i, k] * inverse[k, c]
+            inverse[i, c] = total / lower[i, i]
+    return inverse
 
 
-# Inverse and determinant of a covariance; LAPACK's calls are quicker only beside plain Python.
-inverse_and_size = _inverse_by_loops if COMPILED else _inverse_by_lapack
+# LAPACK's calls are quicker only beside plain Python.
+whitener = _whitener_by_loops if COMPILED else _whitener_by_lapack
 
 
 @compiled
-def predict(x: Array, cov: Array, sens: Array, order: Array, value: Array, slopes: Array,
-            parts: Array, away: float, command: Array, torque: Array, floor: Array
-            ) -> tuple[Array, Array, Array]:
+def predict(x: Array, cov: Array, sens: Array, beta: Array, order: Array, value: Array,
+            slopes: Array, parts: Array, away: float, command: Array, turning: Array,
+            torque: Array) -> tuple[Array, Array, Array]:
     """
     Return state, covariance and sensitivity one sample later, delta form.
 
-    x+ = x + T (A x + B u),  s+ = s + T (J s + dA/dm x + dB/dm u),  P+ = (I + T J) P (I + T J)'
-    + Q, with J the Jacobian of A x + B u over x (theta_2 inside A and B included).
+    x+ = x + M d with d = (x, u, Coriolis forces) and M = sum_k cos(k angle) M_k(m) + parts' dM,
+    s+ = s + J s + dM/dbeta d, P+ = (I + J) P (I + J)' + Q, J = d(M d)/dx.
 
     Parameters
     ----------
-    x, cov, sens : Array
-        (n,), (n, n) given the payload, (n, 3 + p).
+    x, cov, sens, beta : Array
+        (n,), (n, n), (n, B) and (B,).
     order : Array
-        0, 1, … of the cosine series, (K,).
+        0, 1, ... of the cosine series, (K,).
     value, slopes : Array
         See PayloadSlice.
     parts : Array
-        Derivatives over the part parameters, (K', p W), or (1, 0).
+        dM/d(part) of states and commands at this angle, (p, n (n + 2)), p = 0 for exact parts.
     away : float
         m - slice payload, kg.
     command : Array
         u held over the sample, (2,).
+    turning : Array
+        See ExtendedModel; (0, N) without Coriolis forces.
     torque : Array
         Standard deviation of the command's disturbance, in its unit, (2,).
-    floor : Array
-        Covariance added to the state, (n, n), or (0, 0) for none.
 
     """
-    n = x.size
-    width = n * (n + 2)
-    angles = x[1] * order
+    n, coordinates, share = x.size, turning.shape[1], beta[CORIOLIS]
+    held, width = n + 2, n * (n + 4)
+    angle, lean = x[1], 0.0
+    if len(turning) > 0:
+        lean = turning[5] @ x[:coordinates]
+        angle += share * lean
+    angles = angle * order
     wave = np.cos(angles)
     over = wave @ slopes
     bend = away * over[width:]
-    over_m = over[:width] + bend
-    increment = (wave @ value + away * (over_m - 0.5 * bend)).reshape(n, n + 2)
-    over_angle = (-order * np.sin(angles)) @ value
-    drive = np.concatenate((x, command))
-    jacobian = increment[:, :n].copy()
-    jacobian[:, 1] += over_angle.reshape(n, n + 2) @ drive
-    sens = sens + jacobian @ sens
-    sens[:, :MASS_COLUMNS] += (over_m.reshape(n, n + 2) @ drive).reshape(n, 1)
-    if parts.shape[1] > 0:
-        coarse = ((wave[:parts.shape[0]] @ parts).reshape(-1, n + 2) @ drive).reshape(-1, n)
-        sens[:, MASS_COLUMNS:MASS_COLUMNS + coarse.shape[0]] += coarse.T
-    noise = increment[:, n:] * torque
+    over_m = (over[:width] + bend).reshape(n, n + 4)
+    matrix = (wave @ value).reshape(n, n + 4) + away * (over_m - 0.5 * bend.reshape(n, n + 4))
+    over_angle = ((-order * np.sin(angles)) @ value).reshape(n, n + 4)
+    drive = np.zeros(n + 4)
+    drive[:n], drive[n:held] = x, command
+    moved = np.zeros((n, beta.size))
+    jacobian = matrix[:, :n].copy()
+    if len(parts) > 0:
+        count = len(parts)
+        first = FIRST_BIAS + (beta.size - FIRST_BIAS - count) // 2
+        by_part = (parts.reshape(-1, held) @ drive[:held]).reshape(-1, n)
+        moved[:, first:first + count] = by_part.T
+        off = (beta[first:first + count].copy() @ parts).reshape(n, held)
+        jacobian += off[:, :n]
+        increment = matrix @ drive + off @ drive[:held]
+    else:
+        increment = matrix @ drive
+    if len(turning) > 0:
+        # From the middle of the step, so that the scheme is of second order.
+        middle = x + 0.5 * increment
+        rate = middle[coordinates:2 * coordinates].copy()
+        across = turning[1] + beta[MASS] * turning[2]
+        elbow, sigma = turning[0] @ rate, across @ rate
+        root_1, root_2 = turning[3] @ rate, turning[4] @ rate
+        sine = np.sin(middle[1] + share * (turning[5] @ middle[:coordinates]))
+        drive[held], drive[held + 1] = sine * sigma * root_2, -sine * elbow * root_1
+        push = matrix[:, held] * drive[held] + matrix[:, held + 1] * drive[held + 1]
+        increment = increment + share * push
+        drive[held:] *= share
+        turned = over_angle @ drive
+        moved[:, CORIOLIS] = push + lean * turned
+        rows = np.zeros((2, n))
+        rows[0, coordinates:2 * coordinates] = share * sine * (
+            sigma * turning[4] + root_2 * across)
+        rows[1, coordinates:2 * coordinates] = -share * sine * (
+            elbow * turning[3] + root_1 * turning[0])
+        jacobian += np.outer(matrix[:, held], rows[0]) + np.outer(matrix[:, held + 1], rows[1])
+        jacobian[:, :coordinates] += np.outer(turned, share * turning[5])
+    else:
+        turned = over_angle @ drive
+    jacobian[:, 1] += turned
+    moved[:, MASS] = over_m @ drive
+    sens = sens + jacobian @ sens + moved
+    noise = matrix[:, n:held] * torque
     half = jacobian @ cov
     cov = cov + half + half.T + half @ jacobian.T + noise @ noise.T
-    if floor.size > 0:
-        cov += floor
-    return x + increment @ drive, cov, sens
+    return x + increment, cov, sens
 
 
 @compiled
-def weigh(x: Array, cov: Array, sens: Array, variance: float, lean: Array, offset: Array,
-          output: Array, gains: Array, noise: Array, halves: Array, limit: float
-          ) -> tuple[Array, Array, Array, Array, Array, Array, Array, Array, Array, float,
-                     float]:
+def walk(cov: Array, sens: Array, spread: Array, variance: float
+         ) -> tuple[Array, Array, Array]:
     """
-    Return what a measurement to come will be worth: all of `correct` that does not need it.
+    Return P, s and V after the payload walked at random by `variance`, kg^2, since the sample.
 
-    Joseph form. Parameters as in `correct`.
-
-    Returns
-    -------
-    tuple
-        The measurement expected, (m,); P, sensitivity and lean after it; the gain (n, m); S^-1
-        (m, m) for a known payload; S^-1 psi (m, 3 + p); psi'S^-1 psi of the first columns, (3,);
-        the innovation's standard deviation per channel, payload included, (m,); the payload's
-        variance after it; log det S, payload included. Where the state is lost, log det S is
-        NaN, and nothing else counts.
-
+    Exact for the joint covariance: of what x was thought to owe to the payload, the part that
+    the walk makes doubtful goes to P.
     """
-    expected, projected = output @ x + offset, cov @ output.T
-    total = output @ projected + np.diag(noise)
-    variances = np.diag(total).copy()
-    # A comparison with NaN is false.
-    if not (variances.sum() < limit and variances.min() > 0.0):
-        return (expected, cov, sens, lean, projected, total, projected, variances, variances,
-                variance, np.nan)
-    inverse, size = inverse_and_size(total)
-    gain = projected @ inverse
-    psi = output @ sens
-    if lean.size > 0:
-        psi[:, MASS_COLUMNS:] += gains * expected.reshape(-1, 1)
-    weighted = inverse @ psi
-    known = (psi[:, :MASS_COLUMNS] * weighted[:, :MASS_COLUMNS]).sum(axis=0)
-    spread = 1.0 + variance * known[0]
-    pull = variance / spread
-    deviation = np.sqrt(variances + variance * psi[:, 0]**2)
-    if lean.size > 0:
-        cross = (psi[:, MASS_COLUMNS:] * weighted[:, :1]).sum(axis=0)
-        lean = lean - pull * (cross + known[0] * lean)
-    keep = np.eye(len(cov)) - gain @ output
-    cov = keep @ cov @ keep.T + (gain * noise) @ gain.T
-    return (expected, halves * (cov + cov.T), sens - gain @ psi, lean, gain, inverse, weighted,
-            known, deviation, pull, np.log(spread * size))
+    unit = np.zeros(len(spread))
+    unit[MASS] = 1.0
+    row = np.linalg.solve(spread, unit)
+    share = variance / (1.0 + variance * row[MASS])
+    column = sens[:, MASS].copy()
+    cov = cov + share * np.outer(column, column)
+    sens = sens - share * np.outer(column, row)
+    spread = spread.copy()
+    spread[MASS, MASS] += variance
+    return cov, sens, spread
 
 
 @compiled
-def learn(x: Array, mass: float, sums: Array, measured: Array, expected: Array, told: Array,
-          heaviest: float, sens: Array, gain: Array, inverse: Array, weighted: Array,
-          known: Array, deviation: Array, pull: float
-          ) -> tuple[Array, float, Array, Array, float]:
+def correct(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, measured: Array,
+            offset: Array, output: Array, noise: Array, gains: int, gate: float,
+            heaviest: float
+            ) -> tuple[Array, Array, Array, Array, Array, Array, Array, Array, float]:
     """
-    Return state, payload, sums, reading and misfit after a measurement that was weighed.
-
-    The state moves with the payload by its sensitivity, so that the whole is the augmented
-    Kalman filter in factored form (Friedland, IEEE Trans. Autom. Control 14, 1969). Parameters
-    and results as in `correct` and `weigh`.
-    """
-    innovation = measured - expected
-    score = innovation @ weighted
-    after = min(max(mass + pull * score[0], 0.0), heaviest)
-    misfit = innovation @ (inverse @ innovation) - pull * score[0] * score[0]
-    gathered, reading = sums.copy(), np.empty((2, told.size))
-    gathered[0] += score[:MASS_COLUMNS]
-    gathered[1] += known
-    reading[0], reading[1] = innovation * told, deviation * told
-    return x + gain @ innovation + sens[:, 0] * (after - mass), after, gathered, reading, misfit
-
-
-@compiled
-def correct(x: Array, cov: Array, sens: Array, mass: float, variance: float, lean: Array,
-            sums: Array, measured: Array, offset: Array, output: Array, gains: Array,
-            noise: Array, told: Array, halves: Array, limit: float, heaviest: float
-            ) -> tuple[Array, Array, Array, float, float, Array, Array, Array, float, float]:
-    """
-    Return the hypothesis after a measurement, and its statistics.
+    Return the posterior after a measurement, and what the measurement says of the model.
 
     Parameters
     ----------
-    x, cov, sens : Array
-        See predict.
-    mass, variance : float
-        kg, and kg^2 for white innovations and exact parts.
-    lean : Array
-        d(m - estimate)/d(part parameter), (p,).
-    sums : Array
-        psi'S^-1 e and psi'S^-1 psi of the first columns so far, S for a known payload, (2, 3).
+    x, cov, sens, beta, spread : Array
+        (n,), (n, n), (n, B), (B,) and V (B, B).
     measured, offset : Array
-        y, and what y is beyond C x, (m,).
+        y, and what y is beyond C x without gains and biases, (m,).
     output : Array
         C, (m, n).
-    gains : Array
-        Where a strain gain acts among the part parameters, (m, p).
     noise : Array
         Variance of each channel, (m,).
-    told : Array
-        Unit of each channel, (m,).
-    halves : Array
-        What P + P' is multiplied with: 1/2, a little more on the diagonal, (n, n).
-    limit : float
-        Sum of the innovations' variances beyond which the state is lost.
+    gains : int
+        Gauges whose gain is among beta: the last of its columns.
+    gate : float
+        Where e' Sigma^-1 e is beyond, the noise counts as large as makes it the gate: one
+        absurd sample moves nothing, and many in a row are believed (Huber's influence).
     heaviest : float
         The payload stays in [0, heaviest], kg.
 
     Returns
     -------
     tuple
-        x, cov, sens, mass, variance, lean, sums; the innovation e = y - C x - offset and its
-        standard deviation per channel, times their units, (2, m); e'S^-1 e and log det S with S
-        the innovation's covariance, payload included. Where the state is lost, log det S is
-        NaN, and nothing else counts.
+        x, P, s, beta, V; the innovation e; the variances of its channels; L^-1 e with L L' =
+        Sigma before the gate, (m,); ln |Sigma| as it was used, NaN where the state is lost.
 
     """
-    expected, cov, sens, lean, gain, inverse, weighted, known, deviation, pull, log_det = weigh(
-        x, cov, sens, variance, lean, offset, output, gains, noise, halves, limit)
-    if math.isnan(log_det):
-        return x, cov, sens, mass, variance, lean, sums, sums, np.nan, log_det
-    x, mass, sums, reading, misfit = learn(
-        x, mass, sums, measured, expected, told, heaviest, sens, gain, inverse, weighted, known,
-        deviation, pull)
-    return x, cov, sens, mass, pull, lean, sums, reading, misfit, log_det
+    channels, size = measured.size, beta.size
+    gauges = channels - 2
+    base = output @ x + offset
+    factor = np.ones(channels)
+    if gains > 0:
+        factor[2:] += beta[size - gains:]
+    seen = output * factor.reshape(-1, 1)
+    innovation = measured - base * factor
+    innovation[2:] -= beta[FIRST_BIAS:FIRST_BIAS + gauges]
+    psi = seen @ sens
+    for g in range(gauges):
+        psi[2 + g, FIRST_BIAS + g] += 1.0
+        if gains > 0:
+            psi[2 + g, size - gains + g] += base[2 + g]
+    projected, learnt = cov @ seen.T, spread @ psi.T
+    known = seen @ projected
+    total = known + psi @ learnt
+    for i in range(channels):
+        total[i, i] += noise[i]
+    white = whitener(total)
+    scores = white @ innovation
+    misfit = scores @ scores
+    variances = np.diag(total).copy()
+    if not misfit >= 0.0:
+        return x, cov, sens, beta, spread, innovation, variances, scores, np.nan
+    if misfit > gate:
+        more = (misfit / gate - 1.0) * variances
+        noise = noise + more
+        for i in range(channels):
+            total[i, i] += more[i]
+        white = whitener(total)
+    for i in range(channels):
+        known[i, i] += noise[i]
+    alone = whitener(known)
+    gain = projected @ (alone.T @ alone)
+    learnt = learnt @ white.T
+    moved = learnt @ (white @ innovation)
+    moved[MASS] = min(max(beta[MASS] + moved[MASS], 0.0), heaviest) - beta[MASS]
+    spread = spread - learnt @ learnt.T
+    keep = np.eye(len(cov)) - gain @ seen
+    cov = keep @ cov @ keep.T + (gain * noise) @ gain.T
+    for i in range(len(cov)):
+        cov[i, i] *= 1.0 + JITTER
+    sens = sens - gain @ psi
+    return (x + gain @ innovation + sens @ moved, 0.5 * (cov + cov.T), sens, beta + moved,
+            0.5 * (spread + spread.T), innovation, variances, scores,
+            -2.0 * np.log(np.diag(white)).sum())
 
 
 @compiled
-def step(x: Array, cov: Array, sens: Array, order: Array, value: Array, slopes: Array,
-         parts: Array, away: float, command: Array, torque: Array, floor: Array, mass: float,
-         variance: float, lean: Array, sums: Array, measured: Array, offset: Array,
-         output: Array, gains: Array, noise: Array, told: Array, halves: Array, limit: float,
-         heaviest: float
-         ) -> tuple[Array, Array, Array, float, float, Array, Array, Array, float, float]:
-    """Return what `correct` does after `predict`: one call where nothing is between them."""
-    x, cov, sens = predict(x, cov, sens, order, value, slopes, parts, away, command, torque,
-                           floor)
-    return correct(x, cov, sens, mass, variance, lean, sums, measured, offset, output, gains,
-                   noise, told, halves, limit, heaviest)
+def without_bias(beta: Array, spread: Array, std: Array) -> tuple[float, float]:
+    """
+    Return payload, kg, and its variance where the gauges' biases may as well be none.
+
+    'No bias' is the posterior given that they vanish, and the evidence for it is the ratio of
+    posterior to prior density there (Savage and Dickey), exact as biases act linearly; both
+    hypotheses are equally likely before.
+
+    Parameters
+    ----------
+    beta, spread : Array
+        (B,) and V, (B, B).
+    std : Array
+        Prior standard deviation of the biases, m/m, (G,).
+
+    """
+    mass, variance = beta[MASS], spread[MASS, MASS]
+    last = FIRST_BIAS + std.size
+    white = whitener(spread[FIRST_BIAS:last, FIRST_BIAS:last].copy())
+    bias = white @ beta[FIRST_BIAS:last].copy()
+    cross = white @ spread[FIRST_BIAS:last, MASS].copy()
+    evidence = np.log(np.diag(white)).sum() + np.log(std).sum() - 0.5 * (bias @ bias)
+    if not np.isfinite(evidence):
+        return mass, variance
+    share = 1.0 / (1.0 + np.exp(-min(max(evidence, -30.0), 30.0)))
+    off = cross @ bias
+    return (mass - share * off, max(variance - share * (cross @ cross), 0.0)
+            + share * (1.0 - share) * off * off)
+
+
+@compiled
+def step(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, order: Array,
+         value: Array, slopes: Array, parts: Array, away: float, command: Array,
+         turning: Array, torque: Array, variance: float, measured: Array, offset: Array,
+         output: Array, noise: Array, gains: int, gate: float, heaviest: float
+         ) -> tuple[Array, Array, Array, Array, Array, Array, Array, Array, float]:
+    """Return what `correct` does after `predict` and `walk`: one call where one is enough."""
+    x, cov, sens = predict(x, cov, sens, beta, order, value, slopes, parts, away, command,
+                           turning, torque)
+    if variance > 0.0:
+        cov, sens, spread = walk(cov, sens, spread, variance)
+    return correct(x, cov, sens, beta, spread, measured, offset, output, noise, gains, gate,
+                   heaviest)

@@ -10,6 +10,7 @@ from typing import Any
 from flex_plant_sim.arm.schedule import barycentric_weights, chebyshev_nodes
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.arm.state_space import zero_order_hold
+from flex_plant_sim.effects.mechanics.kinematics import is_energy_form, root_row
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 
@@ -18,10 +19,13 @@ COARSE_TERMS, COARSE_NODES = 9, 12
 # The arm over xi = m / (m + soft mass) is nearly a polynomial; soft mass over lower link's mass.
 SOFT_SHARE = 0.4
 # Slices stand at steps of this share of (m + soft mass): a cubic remainder of 1e-8. The parts'
-# derivatives, which only a variance uses, stand at coarser ones.
-SLICE_STEP, PART_STEP = 4e-3, 0.1
-KEPT_SLICES, KEPT_PARTS = 128, 32
-ROUGH = 4
+# derivatives, which act through deviations of a few percent, are held over steps of that and of
+# the angle, rad.
+SLICE_STEP, PART_STEP, PART_ANGLE = 4e-3, 0.05, 0.02
+KEPT_SLICES, KEPT_LAYERS, KEPT_PARTS = 128, 16, 512
+
+
+Mixture = Sequence[tuple[ExtendedArm, float]]
 
 
 def differentiation_matrix(nodes: Array) -> Array:
@@ -53,7 +57,7 @@ class PayloadSlice:
     payload : float
         kg.
     value : Array
-        T [A B], (K, W), W = n (n + 2).
+        T [A B D], (K, W), W = n (n + 4).
     slopes : Array
         d/dm and d^2/dm^2, (K, 2 W).
 
@@ -69,9 +73,9 @@ class Kept:
     """The last few results of a function of a number."""
 
     def __init__(self, most: int):
-        self.most, self.results = most, {}  # type: int, dict[int, Any]
+        self.most, self.results = most, {}  # type: int, dict[Any, Any]
 
-    def get(self, key: int, make: Callable[[], Any]) -> Any:
+    def get(self, key: Any, make: Callable[[], Any]) -> Any:
         """Return the result of a key, made if it is not there."""
         if key not in self.results:
             if len(self.results) >= self.most:
@@ -83,16 +87,18 @@ class Kept:
 @dataclass(frozen=True)
 class PayloadSchedule:
     """
-    T A and T B of the delta model x+ = x + T (A x + B u), over theta_2 and m.
+    T [A B D] of the delta model x+ = x + T (A x + B u + D c), over theta_2 and m.
+
+    D c are the Coriolis forces: c = sin(eta) (sigma w_2, -epsilon w_1), see CoriolisCentripetal.
 
     Attributes
     ----------
     axis, coarse_axis : Array
         Chebyshev nodes of the payload axis, on [-1, 1].
     table : Array
-        (L, K W), W = n (n + 2).
+        (L, K W), W = n (n + 4).
     parts : Array
-        Derivatives over part parameters, (L', K' p W).
+        Derivatives of T [A B] over part parameters, (L', K' p n (n + 2)).
     slope : Array
         Differentiation matrix of the payload axis, (L, L).
     states, parameters : int
@@ -116,10 +122,11 @@ class PayloadSchedule:
     order: Array
     slices: Kept = field(default_factory=lambda: Kept(KEPT_SLICES))
     part_slices: Kept = field(default_factory=lambda: Kept(KEPT_PARTS))
+    part_layers: Kept = field(default_factory=lambda: Kept(KEPT_LAYERS))
 
     @classmethod
     def of(cls, arm: ExtendedArm, heaviest: float,
-           variants: Sequence[tuple[ExtendedArm, float]] = ()) -> PayloadSchedule:
+           variants: Sequence[Mixture] = ()) -> PayloadSchedule:
         """
         Tabulate an arm for payloads from 0 to `heaviest`, kg.
 
@@ -129,20 +136,23 @@ class PayloadSchedule:
             The model.
         heaviest : float
             kg.
-        variants : sequence of (ExtendedArm, float)
-            The arm with one part parameter changed, and by how much.
+        variants : sequence of Mixture
+            For each part: arms in which it is changed and what to multiply each one's table
+            with, so that their sum is the derivative.
 
         """
         soft = SOFT_SHARE * arm.robot.links[1].mass
         span = heaviest / (heaviest + soft)
         axis, coarse = chebyshev_nodes(PAYLOAD_NODES), chebyshev_nodes(COARSE_NODES)
         table = _table(arm, ANGLE_TERMS, _payloads(axis, span, soft))
-        base = _table(arm, COARSE_TERMS, _payloads(coarse, span, soft))
-        width = arm.states * (arm.states + 2)
+        masses, width = _payloads(coarse, span, soft), arm.states * (arm.states + 2)
+        base = _table(arm, COARSE_TERMS, masses, forces=False)
         parts = np.zeros((COARSE_NODES, COARSE_TERMS, len(variants), width))
-        for k, (variant, change) in enumerate(variants):
-            moved = _table(variant, COARSE_TERMS, _payloads(coarse, span, soft))
-            parts[:, :, k] = (moved - base).reshape(COARSE_NODES, COARSE_TERMS, width) / change
+        for k, mixture in enumerate(variants):
+            # Less the nominal table, which a derivative does not have, for the sake of digits.
+            found = sum(share * (_table(variant, COARSE_TERMS, masses, forces=False) - base)
+                        for variant, share in mixture)
+            parts[:, :, k] = np.reshape(found, (COARSE_NODES, COARSE_TERMS, width))
         return cls(axis, coarse, table, parts.reshape(COARSE_NODES, -1),
                    differentiation_matrix(axis), arm.states, len(variants), soft, span,
                    np.arange(float(ANGLE_TERMS)))
@@ -151,17 +161,9 @@ class PayloadSchedule:
         """Return which slice serves a payload, kg."""
         return round(math.log1p(payload / self.soft_mass) / step)
 
-    def cut(self, payload: float, roughly: bool = False) -> PayloadSlice:
-        """
-        Return a slice that serves a payload, kg.
-
-        Roughly, it is one of few: the payload of a trial moves through many, and a cut takes as
-        long as ten steps. The remainder of T [A B] is then 1e-6 of the largest entry, that of
-        its slope 1e-3.
-        """
+    def cut(self, payload: float) -> PayloadSlice:
+        """Return the slice that serves a payload, kg."""
         index = self.index(payload)
-        if roughly:
-            index = ROUGH * round(index / ROUGH)
         found: PayloadSlice | None = self.slices.results.get(index)
         return found or self.slices.get(index, lambda: self._cut(index))
 
@@ -176,13 +178,20 @@ class PayloadSchedule:
         return PayloadSlice(index, payload, np.ascontiguousarray(cuts[0]),
                             np.concatenate([cuts[1], cuts[2]], axis=1))
 
-    def parts_at(self, payload: float) -> Array:
-        """Return derivatives over the part parameters near a payload, kg: (K', p W)."""
-        index = self.index(payload, PART_STEP)
-        found: Array = self.part_slices.get(index, lambda: self._cut_parts(index))
+    def parts_at(self, payload: float, angle: float) -> Array:
+        """Return derivatives over the part parameters near a payload, kg, and angle: (p, W')."""
+        turn = round(angle / PART_ANGLE)
+        key = (self.index(payload, PART_STEP), turn)
+        found: Array = self.part_slices.get(key, lambda: self._cut_parts(*key))
         return found
 
-    def _cut_parts(self, index: int) -> Array:
+    def _cut_parts(self, index: int, turn: int) -> Array:
+        """Return the derivatives at a slice and an angle, (p, W')."""
+        layers: Array = self.part_layers.get(index, lambda: self._part_layers(index))
+        wave = np.cos(turn * PART_ANGLE * np.arange(COARSE_TERMS))
+        return np.asarray(wave @ layers).reshape(self.parameters, -1)
+
+    def _part_layers(self, index: int) -> Array:
         place = self._place(self.soft_mass * math.expm1(index * PART_STEP))
         weights = barycentric_weights(min(place, 1.0), self.coarse_axis)
         return np.asarray(weights @ self.parts).reshape(COARSE_TERMS, -1)
@@ -197,15 +206,42 @@ def _payloads(axis: Array, span: float, soft: float) -> Array:
     return soft * xi / (1.0 - xi)
 
 
-def _table(arm: ExtendedArm, terms: int, payloads: Array) -> Array:
-    """Return the series coefficients of [exp(A T) - I, int exp(A s) ds B], (L, terms W)."""
+def _table(arm: ExtendedArm, terms: int, payloads: Array, forces: bool = True) -> Array:
+    """Return the series coefficients of int_0^T exp(A s) ds [A B D], (L, terms W)."""
     transform, cosines = cosine_transform(terms), chebyshev_nodes(terms)
     layers = []
     for payload in payloads:
         loaded = arm.at_payload(float(payload))
         loaded.nodes = cosines
         plant = loaded.plant
-        _, increments = zero_order_hold(
-            plant.a, np.concatenate([plant.a, plant.b], axis=-1), arm.step_time)
+        inputs = [plant.a, plant.b]
+        if forces:
+            inputs.append(_coriolis_columns(arm, float(payload), plant.e))
+        _, increments = zero_order_hold(plant.a, np.concatenate(inputs, axis=-1), arm.step_time)
         layers.append((transform @ increments.reshape(terms, -1)).ravel())
     return np.stack(layers)
+
+
+def turning_rows(arm: ExtendedArm) -> Array:
+    """
+    Return what the Coriolis forces are made of, over the coordinates, (6, N).
+
+    Rows: the elbow's velocity e, the static moment s of lower link and payload as s_0 + m s_1,
+    the rotation rates w_1 and w_2 of the links' roots, and the angle between the links less
+    theta_2. (0, N) for the paper's forms, which are not made from an energy.
+    """
+    form = arm.form
+    if arm.compact is not None or not is_energy_form(form):
+        return np.zeros((0, form.order))
+    lean = form.elbow_angle.copy()
+    lean[1] -= 1.0
+    return np.array([form.field[0, 1], form.field[1, 0], form.field[1, 1], root_row(form, 0),
+                     root_row(form, 1), lean])
+
+
+def _coriolis_columns(arm: ExtendedArm, payload: float, push: Array) -> Array:
+    """Return the columns D of the two Coriolis forces in the state's rate, (terms, n, 2)."""
+    rows = turning_rows(arm)
+    if not len(rows):
+        return np.zeros((*push.shape[:2], 2))
+    return push @ np.column_stack([rows[0], rows[1] + payload * rows[2]])

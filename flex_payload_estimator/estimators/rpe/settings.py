@@ -1,10 +1,20 @@
-"""Choices of the recursive-prediction-error estimator beyond the robot file."""
+"""Choices of the recursive-prediction-error estimator, and what they make of a robot."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
+from flex_payload_estimator.estimators.rpe.effects import EffectStep
+from flex_payload_estimator.estimators.rpe.filter import FilterStep
+from flex_payload_estimator.estimators.rpe.prior import prior_of, tabulated
+from flex_payload_estimator.estimators.rpe.sensors import start_spread, told_noise
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.effects.base import Effect
+from flex_plant_sim.effects.structure.coriolis_centripetal import CoriolisCentripetal
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from msg_config.errors import InputError
+import numpy as np
 
 
 @dataclass(frozen=True)
@@ -18,10 +28,6 @@ class RpeSettings:
         Largest payload, kg; None: four lower links and twice the robot file's payload.
     torque_noise : tuple of float
         Told process noise: torque on each joint held over a sample, N m.
-    block_s : float
-        A change of payload is looked for in windows of one to two times this, s.
-    event_nats : float
-        Log-likelihood that a change of payload must gain.
     rest_drift : float
         Random walk of the payload while nothing tells of it, kg per square root of a second.
 
@@ -29,17 +35,26 @@ class RpeSettings:
 
     payload_max: float | None = None
     torque_noise: tuple[float, float] = (0.0, 0.0)
-    block_s: float = 0.25
-    event_nats: float = 12.0
     rest_drift: float = 2e-3
 
     def __post_init__(self) -> None:
         """Validate."""
-        positive = {'payload_max': self.payload_max, 'block_s': self.block_s,
-                    'event_nats': self.event_nats}
-        for name, value in positive.items():
-            if value is not None and not value > 0.0:
-                raise InputError(f'{name}: expected a number > 0, got {value!r}')
+        if self.payload_max is not None and not self.payload_max > 0.0:
+            raise InputError(f'payload_max: expected a number > 0, got {self.payload_max!r}')
         if min(*self.torque_noise, self.rest_drift) < 0.0:
             raise InputError('torque_noise, rest_drift: expected numbers >= 0, '
                              f'got {self.torque_noise}, {self.rest_drift!r}')
+
+
+def stepper_of(robot: Robot, model: str, modes: int, effects: Sequence[Effect],
+               settings: RpeSettings) -> FilterStep:
+    """Return what steps the filters of a robot; its Coriolis forces are a parameter."""
+    others = tuple(e for e in effects if not isinstance(e, CoriolisCentripetal))
+    arm = ExtendedArm(robot, model, modes, effects=others)
+    heaviest = settings.payload_max or 4.0 * robot.links[1].mass + 2.0 * robot.payload_mass
+    bare = replace(robot, effects=(), angle_noise=1.0, strain_noise=1.0)
+    schedule, turning = tabulated(bare, model, modes, others, heaviest)
+    gains = np.array([drive.torque_gain for drive in robot.drives])
+    return FilterStep(schedule, turning, prior_of(robot, effects, len(turning) > 0),
+                      EffectStep(arm), told_noise(arm), np.asarray(settings.torque_noise) / gains,
+                      heaviest, start_spread(arm))

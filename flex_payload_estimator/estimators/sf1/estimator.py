@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 import math
 
-from flex_payload_estimator.estimators.base import Estimate
+from flex_payload_estimator.estimators.base import Estimate, Event
 from flex_payload_estimator.estimators.sf1.joint import at_start, moved, Track
 from flex_payload_estimator.estimators.sf1.regression import (
     Adapted,
@@ -120,6 +121,7 @@ class SF1Estimator:
 
     def reset(self) -> None:
         """Forget everything."""
+        self.rejected = 0
         given = self.settings.sf1
         self.known = Adapted(given.mass_0, given.p_0, given.variance_0, 1.0)
         self.track: Track | None = None
@@ -183,6 +185,14 @@ class SF1Estimator:
         self._last = self._estimate(time, reading, status)
         return self._last
 
+    def conclude(self) -> None:
+        """Do nothing: all is done in `update`."""
+
+    @property
+    def events(self) -> Sequence[Event]:
+        """Return no changes: none are looked for."""
+        return ()
+
     def prepare(self, command: Array) -> None:
         """
         Predict while no measurement waits: `update` is then quicker, and its answer the same.
@@ -231,6 +241,7 @@ class SF1Estimator:
         return self._last
 
     def _reject(self, time: float, track: Track | None) -> Estimate:
+        self.rejected += 1
         """Run on without a sample; where that leads nowhere, start again at the next."""
         lost = track is None or not is_finite(track.state)
         self.track, self._measured = None if lost else track, NO_SAMPLE

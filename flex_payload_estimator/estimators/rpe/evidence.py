@@ -1,0 +1,115 @@
+"""How large the sensors' noise is, and how well a filter predicts: both from its innovations."""
+
+from __future__ import annotations
+
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.compiled import compiled
+import numpy as np
+
+# Memory of the noise's scale and of the misfit, s: a burst of noise is over soon after its end.
+MEMORY_S = 0.5
+# And in samples, at least.
+FEWEST = 30.0
+# One sample counts as no more than this many variances of the noise known so far.
+LARGEST = 30.0
+# What the robot file's noise is worth at the start, in readings.
+PRIOR = 8.0
+# The sensors may be this much noisier than the robot file says, in the logarithm of a variance.
+NOISE_DOUBT = 2.0
+SMALLEST_SCALE, SMALLEST_MISFIT = 1e-6, 1e-4
+
+
+def new_record(channels: int) -> Array:
+    """
+    Return the memory of a new filter, (m + 5,).
+
+    Noise variance over the robot file's for each channel, (m,); then for angles and gauges the
+    readings that told it, (2,), and the mean square of the whitened innovations, (2,); samples.
+    """
+    return np.concatenate([np.ones(channels), [PRIOR, PRIOR, 1.0, 1.0, 0.0]])
+
+
+@compiled
+def weigh(record: Array, innovation: Array, before: Array, variances: Array, scores: Array,
+          log_det: float, told: Array, gate: float, step: float) -> tuple[Array, float, float]:
+    """
+    Return the record and the log-likelihoods of a sample: as judged, and as stated.
+
+    What changes from one innovation to the next is noise, what stays is the model's error:
+    (e_k - e_{k-1})^2 / 2 is compared with what the filter expects of it. A filter that expects
+    more than it sees (a model error that is not white) is judged by what it sees; what it says of
+    its payload counts as it was stated.
+
+    Parameters
+    ----------
+    record : Array
+        See new_record.
+    innovation, before : Array
+        Of this sample and the last, rad and m/m, (m,).
+    variances : Array
+        Expected of the innovation, (m,).
+    scores : Array
+        Whitened innovation, (m,).
+    log_det : float
+        ln |Sigma|.
+    told : Array
+        Variances of the noise as the robot file has them, (m,).
+    gate : float
+        See kernel.correct.
+    step : float
+        T, s.
+
+    """
+    channels = innovation.size
+    found = record.copy()
+    most = max(MEMORY_S / step, FEWEST)
+    misfit = scores @ scores
+    cut = min(1.0, gate / max(misfit, 1e-300))
+    log = stated = log_det
+    steps = found[channels + 4]
+    for kind in range(2):
+        first, last = (0, 2) if kind == 0 else (2, channels)
+        count = last - first
+        square = 0.0
+        for i in range(first, last):
+            square += scores[i] * scores[i]
+        square *= cut / count
+        fit = min(max(found[channels + 2 + kind], SMALLEST_MISFIT), 1.0)
+        log += count * (square / fit + np.log(fit))
+        stated += count * square
+        share = 1.0 / min(steps + 10.0, most)
+        found[channels + 2 + kind] += share * (square - found[channels + 2 + kind])
+        scale, weight, total = found[first], found[channels + kind], 0.0
+        told_by, excess = 0.0, found[channels + 2 + kind] - 1.0
+        if steps > 0.0:
+            for i in range(first, last):
+                expected = scale * told[i]
+                other = max(variances[i] - expected, 0.0)
+                change = innovation[i] - before[i]
+                reading = (0.5 * change * change - other) / told[i]
+                trust = (expected / variances[i])**2
+                told_by += trust
+                total += trust * min(reading, LARGEST * scale)
+                if excess > 0.0:
+                    # More than all that is expected is noise as well.
+                    trust = min(excess, 1.0)
+                    told_by += trust
+                    total += trust * scale * min(0.5 * change * change / variances[i], LARGEST)
+        kept = min(weight, most * count)
+        scale = (kept * scale + total) / (kept + told_by)
+        found[channels + kind] = kept + told_by
+        for i in range(first, last):
+            found[i] = max(scale, SMALLEST_SCALE)
+    found[channels + 4] = steps + 1.0
+    return found, -0.5 * log, -0.5 * stated
+
+
+def misfit_of(record: Array) -> float:
+    """Return the larger of the angles' and the gauges' mean square of whitened innovations."""
+    return float(max(record[-3], record[-2]))
+
+
+def belief(record: Array) -> float:
+    """Return the log-density, before any sample, of how large a filter takes the noise to be."""
+    larger = np.log(np.maximum(record[[0, 2]], 1.0))
+    return float(-0.5 * (larger @ larger) / NOISE_DOUBT**2)

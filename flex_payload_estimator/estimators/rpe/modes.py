@@ -1,0 +1,275 @@
+"""
+What may be wrong with the model, and every way from one such hypothesis to another.
+
+A hypothesis is a mode: how far model and payload may be from what they are told to be. The
+incumbent gives the estimate; trials run beside it from the incumbent's knowledge, and each may
+take its place for what it gains in log-likelihood over it since it began:
+
+* `moved`: the payload walks at random. Always one runs; where it loses it begins again, so that
+  its beginning is the time of a change (Page's cumulative sum, Biometrika 41, 1954).
+* `still`: beside an incumbent whose payload walks, one whose payload stands still.
+* `other`: the other modes take turns, and come at once where the incumbent does not fit.
+* `former`: what was incumbent before stays a while; it comes back with all it knows.
+
+So no mode is left for good. The simpler mode needs no gain, the one with more freedom GAIN nats.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+from flex_payload_estimator.estimators.rpe.evidence import belief, misfit_of
+from flex_payload_estimator.estimators.rpe.filter import Filter, FilterStep, Mode, Sample
+from flex_payload_estimator.estimators.rpe.sensors import Loads
+
+# From the simplest to the one that allows most. The model errors of `rough` are calibrated on
+# arms of other simulators by benchmarks/model_error.py; `coarse` is four times as wrong.
+MODES = (Mode('exact', False, 0.0, 0.0), Mode('rough', True, 0.15, 0.15),
+         Mode('coarse', True, 0.6, 0.6))
+EXACT, ROUGH = MODES[:2]
+NAMES = tuple(mode.name for mode in MODES)
+# Nats that more freedom, a change of the payload among it, must gain: once in e^12 / 12
+# independent trials by chance.
+GAIN = 12.0
+# And what more freedom about the model must.
+MODE_GAIN = 8.0
+# A model is wrong for longer than a moment, s: a change of the payload shows at once.
+PERSISTS_S = 0.1
+# A simpler mode may be behind by this when its trial ends.
+SIMPLER = 3.0
+# And its whitened innovations' mean square is at most this: where it is more they are coloured.
+FITS = 1.25
+# A walking payload may be anywhere after WALK_S.
+WALK_S = 1.0
+# Trials of other modes: their length, s; how often one begins, and how often where the
+# incumbent's misfit is beyond MISFIT.
+TRIAL_S, PAUSE_S, HASTE_S, MISFIT = 2.0, 2.0, 0.25, 1.4
+# No trial is longer than this, s.
+LONGEST_S = 8.0
+# A payload stands still when it has for STILL_S; where that lasts less than LASTS_S, for twice as
+# long the next time.
+STILL_S, LASTS_S = 0.3, 2.0
+# A filter that begins afresh settles in this time, s.
+SETTLES_S = 0.1
+# The trial of a walking payload begins again where it is behind by this, or after this long.
+RESTART, RESTART_S = 2.0, 1.0
+# A former incumbent stays for so many trials.
+FORMER_TRIALS = 3
+# The payload of a fresh start is known to this share of (m + soft mass).
+FRESH = 0.3
+# And its state to this share of a start's standard deviation, beyond what the incumbent says.
+DOUBT = 0.01
+
+
+@dataclass
+class Trial:
+    """
+    A filter beside the incumbent.
+
+    Attributes
+    ----------
+    kind : str
+        'moved', 'still', 'other' or 'former'.
+    filter : Filter
+    since : float
+        When it began, s.
+    mass : float
+        The incumbent's payload then, kg.
+    gain : float
+        Log-likelihood over the incumbent's since then.
+    age : float
+        How long it has run, s; a trial of another mode, while the modes differ.
+    time : float
+        How long it has run, s.
+    square : float
+        Its whitened innovations' mean square summed over that time, s.
+    left : int
+        Trials that it may begin again.
+
+    """
+
+    kind: str
+    filter: Filter
+    since: float
+    mass: float
+    gain: float = 0.0
+    age: float = 0.0
+    time: float = 0.0
+    square: float = 0.0
+    left: int = 0
+
+
+def level(mode: Mode) -> int:
+    """Return how much freedom a mode has: its place among MODES."""
+    return NAMES.index(mode.name)
+
+
+class Modes:
+    """
+    Incumbent and trials.
+
+    Parameters
+    ----------
+    stepper : FilterStep
+
+    Attributes
+    ----------
+    trials : list of Trial
+    moved : Trial or None
+        The one that told of the change that goes on.
+
+    """
+
+    def __init__(self, stepper: FilterStep):
+        self.stepper = stepper
+        self.walk = stepper.heaviest / math.sqrt(WALK_S) / 4.0
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self.trials: list[Trial] = []
+        self._turn, self._next = 0, 0.0
+        self.moved: Trial | None = None
+        self._stood, self._patience = -math.inf, STILL_S
+
+    def filters(self) -> list[Filter]:
+        """Return the filters on trial."""
+        return [trial.filter for trial in self.trials]
+
+    def advance(self, incumbent: Filter, sample: Sample, loads: Loads, excited: bool
+                ) -> Filter:
+        """Step the trials over a sample that the incumbent has learnt from; return who is next."""
+        if sample.measured is None:
+            for trial in self.trials:
+                self.stepper.predict(trial.filter, sample, loads)
+            return incumbent
+        step = self.stepper.step_time if self.stepper.tells(incumbent, loads, ROUGH) else 0.0
+        for trial in self.trials:
+            self.stepper.step(trial.filter, sample, loads)
+            took = step if trial.kind in ('other', 'former') else self.stepper.step_time
+            trial.age, trial.time = trial.age + took, trial.time + self.stepper.step_time
+            trial.square += took * trial.filter.square
+            trial.gain += self._gained(trial, incumbent)
+            if trial.kind == 'still' and trial.age < SETTLES_S:
+                trial.gain = 0.0
+            if level(trial.filter.mode) > level(incumbent.mode):
+                # What it was behind before counts no longer: from now on the model may be wrong.
+                if trial.gain <= 0.0:
+                    trial.gain, trial.age, trial.square = 0.0, 0.0, 0.0
+        for trial in list(self.trials):
+            if self._wins(trial, incumbent):
+                return self._promote(trial, incumbent, sample.time)
+            if self._over(trial, incumbent):
+                self.trials.remove(trial)
+        if excited:
+            self._begin(incumbent, sample.time)
+        return incumbent
+
+    def _gained(self, trial: Trial, incumbent: Filter) -> float:
+        if trial.filter.mode.name == incumbent.mode.name:
+            return trial.filter.stated - incumbent.stated
+        return trial.filter.gained - incumbent.gained
+
+    def _wins(self, trial: Trial, incumbent: Filter) -> bool:
+        if trial.kind == 'still':
+            return trial.age >= self._patience and trial.gain > -SIMPLER
+        if trial.kind == 'moved':
+            return trial.gain > GAIN
+        gain = trial.gain + belief(trial.filter.record) - belief(incumbent.record)
+        if level(trial.filter.mode) > level(incumbent.mode):
+            return gain > MODE_GAIN and trial.age >= PERSISTS_S
+        return trial.age >= TRIAL_S and gain > -SIMPLER and trial.square < FITS * trial.age
+
+    def _over(self, trial: Trial, incumbent: Filter) -> bool:
+        """Tell whether a trial that has not won is at its end; a former one begins again."""
+        if trial.kind == 'moved':
+            return trial.gain < -RESTART or (trial.age > RESTART_S and trial.gain < RESTART)
+        if trial.kind == 'still':
+            return trial.gain < -GAIN
+        if trial.age >= TRIAL_S and trial.left > 0:
+            if trial.gain < -GAIN and not trial.filter.mode.parts:
+                # It may have learnt under a wrong noise: it begins afresh, knowing the noise.
+                noise = trial.filter.record
+                trial.filter = self._renewed(incumbent, trial.filter.mode)
+                trial.filter.record[:-5] = noise[:-5]
+            trial.left, trial.age, trial.gain, trial.square = trial.left - 1, 0.0, 0.0, 0.0
+            return False
+        lost = trial.gain < -GAIN and trial.left == 0
+        return trial.age >= TRIAL_S or lost or trial.time >= LONGEST_S
+
+    def _promote(self, trial: Trial, incumbent: Filter, time: float) -> Filter:
+        """Return the new incumbent; one of another mode that it follows stays beside it."""
+        new = trial.filter.mode.name != incumbent.mode.name
+        kinds = ('other', 'former') if not new else ('other',)
+        self.trials = [other for other in self.trials
+                       if other is not trial and other.kind in kinds]
+        for other in self.trials:
+            other.gain -= trial.gain
+        if trial.kind == 'moved':
+            # A payload that stood still for a moment only goes on changing.
+            hasty = time - self._stood < LASTS_S
+            self._patience = min(2.0 * self._patience, LASTS_S) if hasty else STILL_S
+            self.moved = trial
+        elif trial.filter.mode.walk == 0.0:
+            self.moved, self._stood = None, time
+        if new:
+            self.keep(incumbent, time)
+        return trial.filter
+
+    def keep(self, former: Filter, time: float) -> None:
+        """Let a filter that is not the incumbent go on for a while."""
+        self.trials.append(Trial('former', former, time, former.mass, left=FORMER_TRIALS))
+
+    def _begin(self, incumbent: Filter, time: float) -> None:
+        """Begin the trials that should run and do not."""
+        kinds = {trial.kind for trial in self.trials}
+        walking = incumbent.mode.walk > 0.0
+        if walking and 'still' not in kinds:
+            self._add('still', self._still(incumbent), incumbent, time)
+        if not walking and 'moved' not in kinds:
+            self._add('moved', self._as(incumbent, incumbent.mode, self.walk), incumbent, time)
+        hasty = misfit_of(incumbent.record) > MISFIT
+        if 'other' not in kinds and time >= self._next:
+            mode = self._candidate(incumbent, hasty)
+            self._next = time + (HASTE_S if hasty else PAUSE_S)
+            if mode and not any(trial.filter.mode.name == mode.name for trial in self.trials
+                       if trial.kind == 'former'):
+                self._add('other', self._converted(incumbent, mode), incumbent, time)
+
+    def _candidate(self, incumbent: Filter, hasty: bool) -> Mode | None:
+        """Return the mode whose turn it is; where the incumbent does not fit, the next wrong one."""
+        place = level(incumbent.mode)
+        more = [mode for mode in MODES if level(mode) > place][:1]
+        less = [mode for mode in MODES if level(mode) < place][::-1]
+        if incumbent.mode.parts and not hasty:
+            more = []
+        others = more if hasty and more else more + less
+        self._turn += 1
+        return others[self._turn % len(others)] if others else None
+
+    def _add(self, kind: str, f: Filter, incumbent: Filter, time: float) -> None:
+        self.trials.append(Trial(kind, f, time, incumbent.mass))
+
+    def _as(self, incumbent: Filter, mode: Mode, walk: float) -> Filter:
+        f = incumbent.copy()
+        f.mode = mode._replace(walk=walk)
+        return f
+
+    def _still(self, incumbent: Filter) -> Filter:
+        """Return one whose payload stands still; an exact one is linearised afresh there."""
+        mode = incumbent.mode._replace(walk=0.0)
+        if mode.parts:
+            return self._as(incumbent, mode, 0.0)
+        return self._renewed(incumbent, mode)
+
+    def _renewed(self, incumbent: Filter, mode: Mode) -> Filter:
+        soft = self.stepper.schedule.soft_mass
+        std = max(3.0 * math.sqrt(incumbent.variance), FRESH * (incumbent.mass + soft))
+        return self.stepper.renewed(incumbent, mode, std, DOUBT)
+
+    def _converted(self, incumbent: Filter, mode: Mode) -> Filter:
+        """Return a filter of another mode: with less model error all is kept, else fresh."""
+        if mode.parts and incumbent.mode.parts and level(mode) < level(incumbent.mode):
+            return self._as(incumbent, mode, 0.0)
+        return self._renewed(incumbent, mode)

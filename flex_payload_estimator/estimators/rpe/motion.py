@@ -1,0 +1,40 @@
+"""Whether the arm moves, and what it carries."""
+
+from __future__ import annotations
+
+from flex_payload_estimator.estimators.rpe.filter import Filter, FilterStep, Sample
+from flex_payload_estimator.estimators.rpe.sensors import Loads
+from flex_plant_sim.arm.second_order import Array
+import numpy as np
+
+# The payload is told where a gauge swings by so many standard deviations of its noise, and for
+# a while after: set-points are held that long.
+SWING, EXCITED_S = 5.0, 2.0
+
+
+class Motion:
+    """
+    Loads, and the time since the arm last moved.
+
+    Attributes
+    ----------
+    loads : Loads
+    excited : bool
+        Whether it has moved within EXCITED_S.
+
+    """
+
+    def __init__(self, stepper: FilterStep):
+        self._stepper = stepper
+        self.loads = Loads(stepper.told_variance.size, stepper.step_time)
+        self.excited, self._still = False, EXCITED_S
+
+    def follow(self, output: Array | None, incumbent: Filter, sample: Sample) -> None:
+        """Take a sample."""
+        if output is not None:
+            net = self._stepper.net_command(incumbent, sample.command)
+            self.loads.follow(output, net)
+        noise = self._stepper.told_variance * incumbent.record[:-5]
+        swings = bool(np.any(self.loads.swing[2:] > SWING**2 * noise[2:]))
+        self._still = 0.0 if swings else self._still + self._stepper.step_time
+        self.excited = self._still < EXCITED_S

@@ -1,0 +1,136 @@
+"""What is believed of payload, Coriolis forces, gauges and parts before any sample."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+from flex_payload_estimator.estimators.rpe.kernel import CORIOLIS, FIRST_BIAS, MASS
+from flex_payload_estimator.estimators.rpe.schedule import Mixture, PayloadSchedule, turning_rows
+from flex_plant_sim.arm.parts import gauge_parts, Part, robot_parts
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.effects.base import Effect
+from flex_plant_sim.effects.structure.coriolis_centripetal import CoriolisCentripetal
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+import numpy as np
+
+# The share of the Coriolis forces: the paper's equations have none, nature has all.
+# An exact model has one of the two; with parts it may be between.
+SHARES = (0.0, 1.0)
+SHARE, SHARE_STD = 0.5, 0.5
+# A gauge's bias, m/m, at least: a bridge drifts by 20 microstrain while it warms up, whatever the
+# file says of the day it was balanced.
+BIAS_STD = 2e-5
+# Keeps V regular where the scale is taken out of it.
+REGULAR = 1e-6
+# A column whose value is certain.
+CERTAIN = 1e-9
+
+
+@dataclass(frozen=True)
+class Prior:
+    """
+    Mean and standard deviation of beta's columns but the payload's, in the order of kernel.py.
+
+    Attributes
+    ----------
+    mean, std : Array
+        (B,).
+    parts, gains : int
+        How many of the columns are parts, and gauges' gains.
+    scale : Array
+        The columns that grow together where the whole arm is heavier, stiffer and stronger, with
+        the payload's logarithm, (B,). No output shows it.
+
+    """
+
+    mean: Array
+    std: Array
+    parts: int
+    gains: int
+    scale: Array
+
+    @property
+    def scale_variance(self) -> float:
+        """Return the variance of the arm's scale, relative: what no record can make smaller."""
+        information = float(((self.scale / self.std)**2).sum())
+        return 1.0 / information if information else 0.0
+
+    def exact(self) -> Prior:
+        """Return the prior where all parts and gains are the robot file's."""
+        kept = self.mean.size - self.parts - self.gains
+        std = self.std[:kept].copy()
+        std[CORIOLIS] = CERTAIN
+        return Prior(self.mean[:kept], std, 0, 0, np.zeros(kept))
+
+    def spread(self, mass_std: float) -> Array:
+        """
+        Return V of an arm whose payload is known to a standard deviation, kg, (B, B).
+
+        Without the scale of the whole arm, which `FilterStep.payload` adds: linearised about
+        estimates that move, a filter would find in the record what is not there.
+        """
+        std = self.std.copy()
+        std[MASS] = mass_std
+        free = np.diag(std**2 * (1.0 + REGULAR))
+        return free - self.scale_variance * np.outer(self.scale, self.scale)
+
+
+def moving_parts(robot: Robot) -> tuple[Part, ...]:
+    """Return the parts that act on the motion; what acts on gauges, their gains stand for."""
+    return tuple(part for part in robot_parts(robot)
+                 if not (part.unit or part.name.startswith('length')))
+
+
+def prior_of(robot: Robot, effects: Sequence[Effect], turns: bool) -> Prior:
+    """
+    Return the prior of a robot's columns.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its tolerances count.
+    effects : sequence of Effect
+        Of the robot file: Coriolis forces among them are known.
+    turns : bool
+        Whether the model has Coriolis forces.
+
+    """
+    parts, gauges = moving_parts(robot), gauge_parts(robot)
+    biases = [max(part.tolerance, BIAS_STD) for part in gauges if part.kind == 'bias']
+    gains = [part.tolerance for part in gauges if part.kind == 'gain']
+    std = np.array([0.0, 0.0, *biases, *(part.tolerance for part in parts), *gains])
+    mean = np.zeros(std.size)
+    told = [effect['share'] for effect in effects if isinstance(effect, CoriolisCentripetal)]
+    if turns:
+        mean[CORIOLIS] = sum(told) if told else SHARE
+        std[CORIOLIS] = 0.0 if told else SHARE_STD
+    scale = np.zeros(std.size)
+    for k, part in enumerate(parts, start=FIRST_BIAS + len(biases)):
+        scale[k] = 0.0 if part.name.startswith(('damping', 'drive_gain')) else 1.0
+        if part.name.startswith('drive_gain') and not robot.drives[int(part.name[-1]) - 1] \
+                .closed_loop:
+            scale[k] = 1.0
+    return Prior(mean, np.maximum(std, CERTAIN), len(parts), len(gains), scale)
+
+
+@lru_cache(maxsize=4)
+def tabulated(robot: Robot, model: str, modes: int, effects: tuple[Effect, ...],
+              heaviest: float) -> tuple[PayloadSchedule, Array]:
+    """
+    Return the schedule over the parts, and the rows of the Coriolis forces; some are kept.
+
+    Derivatives are central differences over the tolerances.
+    """
+    arm = ExtendedArm(robot, model, modes, effects=effects)
+
+    def changed(part: Part, deviation: float) -> ExtendedArm:
+        return ExtendedArm(part.change(robot, deviation), model, modes, effects=effects,
+                           step=arm.step_time)
+
+    variants: list[Mixture] = [
+        [(changed(part, sign * part.tolerance), 0.5 * sign / part.tolerance)
+         for sign in (1.0, -1.0)] for part in moving_parts(robot)]
+    return PayloadSchedule.of(arm, heaviest, variants), turning_rows(arm)

@@ -1,0 +1,73 @@
+"""What the sensors are told to be, what they carry now, and where the arm may be at the start."""
+
+from __future__ import annotations
+
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+import numpy as np
+
+# Loads are remembered this long, s: about a period of the arm.
+LOAD_MEMORY_S = 0.3
+
+
+def told_noise(arm: ExtendedArm) -> Array:
+    """Return the robot file's standard deviation of each channel, rad and m/m, (m,)."""
+    gauges = len(arm.robot.gauge_names)
+    return np.array([arm.robot.angle_noise] * 2 + [arm.robot.strain_noise] * gauges)
+
+
+def speed_feedback(arm: ExtendedArm) -> Array:
+    """Return the command that holds a joint velocity of 1 rad/s, over the states, (2, n)."""
+    rows = np.zeros((2, arm.states))
+    if arm.compact is None:
+        for j, drive in enumerate(arm.robot.drives):
+            rows[j, arm.form.order + j] = drive.damping / drive.torque_gain
+    return rows
+
+
+def start_spread(arm: ExtendedArm) -> Array:
+    """Return the standard deviation of the state at the start: anywhere, moving, bent, (n,)."""
+    bend: list[float] = []
+    swing: list[float] = []
+    for link in arm.robot.links:
+        size = 0.04 * link.length / np.arange(1, arm.modes + 1)**2
+        bend += list(size)
+        swing += list(size * link.beam(arm.modes).frequencies)
+    extra = [1.0] * (0 if arm.compact else arm.form.order - 2 - 2 * arm.modes)
+    turning = [] if arm.compact else [1.0, 1.0]
+    spread = [1.0, 1.0, *bend, *extra, *turning, *swing, *extra]
+    return np.array(spread + [1.0] * (arm.states - len(spread)))
+
+
+class Loads:
+    """
+    Mean squares of what the gauges see and of the drives' net torques, remembered for a while.
+
+    Attributes
+    ----------
+    strain : Array
+        Of each channel, m/m squared, zero for angles, (m,).
+    swing : Array
+        Of each channel about its mean, rad and m/m squared, (m,).
+    drive : Array
+        Net torque in the command's unit squared, (2,).
+
+    """
+
+    def __init__(self, channels: int, step: float):
+        self._share = min(1.0, step / LOAD_MEMORY_S)
+        self._mean: Array | None = None
+        self.strain, self.swing = np.zeros(channels), np.zeros(channels)
+        self.drive = np.zeros(2)
+
+    def follow(self, output: Array, net: Array) -> None:
+        """Take a sample's outputs, (m,), and the drives' net commands, (2,)."""
+        if self._mean is None:
+            self._mean = output
+        now = output * output
+        now[:2] = 0.0
+        off = output - self._mean
+        self._mean = self._mean + self._share * off
+        self.swing = (1.0 - self._share) * (self.swing + self._share * off * off)
+        self.strain = self.strain + self._share * (now - self.strain)
+        self.drive = self.drive + self._share * (net * net - self.drive)

@@ -1,0 +1,94 @@
+"""The start: filters over the range of payloads, until one is left."""
+
+from __future__ import annotations
+
+from flex_payload_estimator.estimators.rpe.filter import Filter, FilterStep
+from flex_payload_estimator.estimators.rpe.modes import EXACT, ROUGH
+from flex_plant_sim.arm.second_order import Array
+import numpy as np
+
+# Filters linearised about payloads this close agree: a share of (m + soft mass).
+EXACT_CELLS, ROUGH_CELLS = 6, 3
+FINE = 0.05
+# Behind by this, nats, a filter is given up.
+BEHIND = 15.0
+# Which mode fits is told by the last so many seconds: the noise must be known first.
+RECENT_S = 0.25
+# What an arm with parts off must gain over an exact one.
+ROUGH_COST = 6.0
+
+
+class Start:
+    """
+    A bank of filters that starts over the whole range of payloads.
+
+    A filter is linearised about its payload, so one alone, started at 0.1 kg, is tens of standard
+    deviations off at 0.3 kg.
+
+    Parameters
+    ----------
+    stepper : FilterStep
+
+    """
+
+    def __init__(self, stepper: FilterStep):
+        self.stepper, self._share = stepper, min(1.0, stepper.step_time / RECENT_S)
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self.filters: list[Filter] = []
+
+    def begin(self, measured: Array) -> None:
+        """Fill the bank: payloads from 0 to the heaviest, with and without Coriolis forces."""
+        self.filters = []
+        for mode, cells, shares in ((EXACT, EXACT_CELLS, self.stepper.shares),
+                                    (ROUGH, ROUGH_CELLS, (None,))):
+            for low, high in self._cells(cells):
+                for share in shares:
+                    f = self.stepper.begin(mode, measured, 0.5 * (low + high),
+                                           0.5 * (high - low), share)
+                    f.log = -ROUGH_COST if mode.parts else 0.0
+                    self.filters.append(f)
+
+    def _cells(self, count: int) -> list[tuple[float, float]]:
+        soft, heaviest = self.stepper.schedule.soft_mass, self.stepper.heaviest
+        edges = soft * (1.0 + heaviest / soft)**(np.arange(count + 1) / count) - soft
+        return list(zip(edges[:-1].tolist(), edges[1:].tolist()))
+
+    def best(self) -> Filter:
+        """Return the likeliest filter."""
+        return max(self.filters, key=lambda f: f.log)
+
+    def decide(self) -> list[Filter]:
+        """
+        Take the last sample's evidence and drop what is unlikely within its mode.
+
+        Returns one filter a mode, the likeliest first, once no mode has more; else none.
+        """
+        for f in self.filters:
+            f.log += f.gained
+            f.recent += f.gained - self._share * f.recent
+        kept: list[Filter] = []
+        for f in sorted(self.filters, key=lambda f: -f.log):
+            same = [other for other in kept if other.mode == f.mode]
+            if not same or (f.log > same[0].log - BEHIND
+                            and not any(self._agree(f, other) for other in same)):
+                kept.append(f)
+        self.filters = kept
+        if len(kept) > len({f.mode for f in kept}):
+            return []
+        return sorted(kept, key=lambda f: ROUGH_COST * f.mode.parts - f.recent)
+
+    def _agree(self, f: Filter, other: Filter) -> bool:
+        width = FINE * (other.mass + self.stepper.schedule.soft_mass)
+        return abs(f.mass - other.mass) < width and f.variance < width**2 and abs(f.beta[1] - other.beta[1]) < 0.2
+
+    def moments(self) -> tuple[float, float]:
+        """Return mean and variance of the payload, kg and kg^2."""
+        logs = np.array([f.log + f.gained for f in self.filters])
+        weights = np.exp(logs - logs.max())
+        weights /= weights.sum()
+        found = np.array([self.stepper.payload(f) for f in self.filters])
+        mean = float(weights @ found[:, 0])
+        return mean, float(weights @ (found[:, 1] + (found[:, 0] - mean)**2))
