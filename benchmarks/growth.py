@@ -110,11 +110,11 @@ def many_steps(robot: Robot, modes: int, steps: int) -> None:
     loop = Loop(replace(robot, sample_time=1e-4), modes)
     for _ in range(steps):
         loop.step()
-    h = loop.estimator.bank.best()
-    scale = np.sqrt(np.diag(h.cov))
-    smallest = np.linalg.eigvalsh(h.cov / np.outer(scale, scale)).min()
+    f = loop.estimator.incumbent
+    scale = np.sqrt(np.diag(f.cov))
+    smallest = np.linalg.eigvalsh(f.cov / np.outer(scale, scale)).min()
     error = (loop.estimate.mass - MASS) / loop.estimate.variance**0.5
-    print(f'{steps} steps of 1e-4 s: symmetric {np.array_equal(h.cov, h.cov.T)}, smallest '
+    print(f'{steps} steps of 1e-4 s: symmetric {np.array_equal(f.cov, f.cov.T)}, smallest '
           f'eigenvalue of the correlation {smallest:.1e}, variance {loop.estimate.variance:.2e} '
           f'kg^2, error {error:+.2f} standard deviations, status {loop.estimate.status}')
 

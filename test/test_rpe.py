@@ -6,17 +6,18 @@ from dataclasses import replace
 
 from flex_payload_estimator.estimators.factory import make_estimator
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
-from flex_payload_estimator.estimators.rpe.levels import start_spread
-from flex_payload_estimator.estimators.rpe.parts import tabulated
+from flex_payload_estimator.estimators.rpe.filter import Filter, Sample
+from flex_payload_estimator.estimators.rpe.modes import ROUGH
+from flex_payload_estimator.estimators.rpe.prior import tabulated
+from flex_payload_estimator.estimators.rpe.sensors import Loads, start_spread
 from flex_payload_estimator.kalman.cramer_rao import linearise, payload_bound
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.arm.state_space import zero_order_hold
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.payload_profile import PayloadProfile
-from flex_plant_sim.simulation.simulator import Noise, Simulator
 import numpy as np
 import pytest
-from rpe_runs import estimator_of, robot_with, Run, SIGMA
+from rpe_runs import estimator_of, robot_with, Run
 
 
 def test_the_schedule_and_its_derivatives_are_those_of_the_sampled_arm() -> None:
@@ -29,38 +30,92 @@ def test_the_schedule_and_its_derivatives_are_those_of_the_sampled_arm() -> None
         f, g, _ = arm.matrices(np.cos(angle), mass)
         return np.hstack([f - np.eye(len(f)), g])
 
+    n = arm.states
     for angle, mass in ((0.3, 0.0003), (1.9, 0.1), (2.9, 0.35), (0.0, 0.69)):
         piece = schedule.cut(mass)
         away, width = mass - piece.payload, piece.value.shape[1]
         wave = np.cos(angle * schedule.order)
         slope, bend = (wave @ piece.slopes).reshape(2, width)
-        found = wave @ piece.value + away * (slope + 0.5 * away * bend)
+        found = (wave @ piece.value + away * (slope + 0.5 * away * bend)).reshape(n, n + 4)
         size = np.abs(exact(angle, mass)).max()
-        np.testing.assert_allclose(found, exact(angle, mass).ravel(), atol=3e-7 * size)
+        np.testing.assert_allclose(found[:, :n + 2], exact(angle, mass), atol=3e-7 * size)
         over_mass = (exact(angle, mass + 1e-6) - exact(angle, mass - 1e-6 * (mass > 0))) / (
             1e-6 * (1 + (mass > 0)))
-        np.testing.assert_allclose(slope + away * bend, over_mass.ravel(),
+        np.testing.assert_allclose((slope + away * bend).reshape(n, n + 4)[:, :n + 2], over_mass,
                                    atol=5e-4 * np.abs(over_mass).max())
 
 
-def test_the_sensitivity_is_the_finite_difference_of_the_predictor() -> None:
-    estimator = estimator_of()
-    run = Run(estimator, PayloadProfile.constant(0.12), 1.5)
-    stepper, h = estimator.stepper, estimator.bank.best()
-    sample, step = estimator._sample, 1e-5
+def joint(f: Filter) -> Array:
+    """Return the covariance of (x, beta) from its factors."""
+    cross = f.sens @ f.spread
+    return np.block([[f.cov + cross @ f.sens.T, cross], [cross.T, f.spread]])
 
-    def predicted(shift: float) -> Array:
-        moved = h.copy()
-        moved.mass, moved.x = h.mass + shift, h.x + shift * h.sens[:, 0]
-        stepper.predict(moved, sample)
-        return moved.x
 
-    expected = (predicted(step) - predicted(-step)) / (2 * step)
-    after = h.copy()
-    stepper.predict(after, sample)
-    size = np.abs(expected).max()
-    assert size > 0.0 and run.mass.size
-    np.testing.assert_allclose(after.sens[:, 0], expected, atol=1e-4 * size)
+def anywhere(estimator: RecursivePredictionError) -> Filter:
+    """Return a filter with parts, in motion, whose factors are arbitrary."""
+    random = np.random.default_rng(4)
+    f = estimator.stepper.begin(ROUGH, np.array([0.2, 0.9, 0.0, 0.0, 0.0, 0.0]), 0.12, 0.05)
+    n, size = f.x.size, f.beta.size
+    spread = np.sqrt(np.diag(f.cov))
+    f.x = f.x + 0.1 * spread * random.standard_normal(n)
+    f.x[1] = 0.9
+    f.beta = f.beta + 0.3 * np.sqrt(np.diag(f.spread)) * random.standard_normal(size)
+    f.sens = np.outer(spread, 1.0 / np.sqrt(np.diag(f.spread))) \
+        * random.standard_normal((n, size))
+    return f
+
+
+def test_a_prediction_moves_the_joint_covariance_by_its_own_derivatives() -> None:
+    stepper, loads = (estimator := estimator_of()).stepper, Loads.none(np.zeros(6), 0.01)
+    f, sample = anywhere(estimator), Sample(0.0, None, np.array([0.5, -0.4]))
+    n, size = f.x.size, f.beta.size
+    move = np.eye(n + size)
+
+    def predicted(change: Array) -> Array:
+        g = f.copy()
+        g.x, g.beta = f.x + change[:n], f.beta + change[n:]
+        stepper.predict(g, sample, loads)
+        return g.x
+
+    for k in range(n + size):
+        step = 1e-4 * np.sqrt(joint(f)[k, k]) * np.eye(n + size)[k]
+        move[:n, k] = (predicted(step) - predicted(-step)) / (2.0 * step[k])
+    after = f.copy()
+    after.mode = f.mode._replace(drive=0.0)
+    stepper.predict(after, sample, loads)
+    # What a wrong model says of the parts fades: not what is tested here.
+    after.spread = f.spread
+    expected, found = move @ joint(f) @ move.T, joint(after)
+    scale = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(found / np.outer(scale, scale),
+                               expected / np.outer(scale, scale), atol=0.02)
+
+
+def test_a_walk_and_a_measurement_are_those_of_the_augmented_kalman_filter() -> None:
+    stepper = (estimator := estimator_of()).stepper
+    f = anywhere(estimator)
+    n, size, gauges = f.x.size, f.beta.size, 4
+    expected = joint(f)
+    expected[n, n] += 0.02**2
+    stepper.drift(f, 0.02**2)
+    scale = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(joint(f) / np.outer(scale, scale),
+                               expected / np.outer(scale, scale), atol=1e-9)
+    output = np.zeros((6, n + size))
+    output[:, :n] = stepper.output * (1.0 + np.r_[0.0, 0.0, f.beta[-gauges:]])[:, None]
+    output[2:, n + 2:n + 2 + gauges] = np.eye(gauges)
+    output[2:, -gauges:] = np.diag((stepper.output @ f.x)[2:])
+    expect = output[:, :n] @ f.x + np.r_[0.0, 0.0, f.beta[2:6]]
+    total = output @ expected @ output.T + np.diag(stepper.told_variance)
+    gain = expected @ output.T @ np.linalg.inv(total)
+    measured = expect + 0.1 * np.sqrt(np.diag(total))
+    x, beta = f.x, f.beta
+    stepper.correct(f, Sample(0.0, measured, np.zeros(2)), Loads.none(np.zeros(6), 0.01))
+    moved = np.r_[f.x - x, f.beta - beta]
+    np.testing.assert_allclose(moved / scale, gain @ (measured - expect) / scale, atol=1e-7)
+    np.testing.assert_allclose(
+        joint(f) / np.outer(scale, scale),
+        (expected - gain @ total @ gain.T) / np.outer(scale, scale), atol=1e-7)
 
 
 @pytest.mark.parametrize(('sigma', 'torque'), [(1e-2, 0.0), (1e-4, 0.0), (1e-3, 0.05)])
@@ -73,7 +128,8 @@ def test_it_reaches_the_bound_on_a_matched_model(sigma: float, torque: float) ->
         model = linearise(arm, np.array(run.states[:-1]), np.array(run.commands[:-1]))
         noise = [robot.angle_noise] * 2 + [robot.strain_noise] * 4
         bound = payload_bound(model, noise, start_spread(arm), [torque] * 2)
-        assert run.std[-1] == pytest.approx(bound[-1], rel=0.02)
+        # The noise is estimated from the last half second, a hundred readings of the angles.
+        assert run.std[-1] == pytest.approx(bound[-1], rel=0.15)
         errors.append((run.mass[-1] - mass) / bound[-1])
         assert run.estimates[-1].status == 'ok' and not estimator.events
     # Five standard normal draws exceed this root mean square once in a thousand.
@@ -96,42 +152,12 @@ def test_the_covariance_stays_symmetric_positive_definite_at_a_fine_step() -> No
     estimator = estimator_of(robot)
     arm = ExtendedArm(robot, 'assumed_modes', 2, 0.1)
     run = Run(estimator, PayloadProfile.constant(0.1), 0.3, arm=arm)
-    h = estimator.bank.best()
-    scale = np.sqrt(np.diag(h.cov))
-    assert np.array_equal(h.cov, h.cov.T)
-    assert np.linalg.eigvalsh(h.cov / np.outer(scale, scale)).min() > 0.0
-    assert h.variance > 0.0 and np.isfinite(run.mass).all()
+    f = estimator.incumbent
+    for cov in (f.cov, f.spread):
+        scale = np.sqrt(np.diag(cov))
+        assert np.array_equal(cov, cov.T)
+        assert np.linalg.eigvalsh(cov / np.outer(scale, scale)).min() > 0.0
     assert abs(run.mass[-1] - 0.1) < 4 * run.std[-1]
-
-
-def test_the_joint_covariance_is_that_of_the_augmented_kalman_filter() -> None:
-    # The Riccati recursion of (x, m) at the filter's own estimates, as an independent route.
-    estimator = estimator_of()
-    robot, arm = estimator.arm.robot, ExtendedArm(robot_with(), 'assumed_modes', 2, 0.1)
-    simulator = Simulator(arm, noise=Noise(SIGMA, SIGMA / 2000.0), seed=2)
-    stepper, n = estimator.stepper, arm.states
-    estimator.update(0.0, simulator.measure().output, np.zeros(2))
-    h = min((h for h in estimator.bank.hypotheses if h.level == 0),
-            key=lambda h: abs(h.mass - 0.1))
-    estimator.bank.hypotheses = [h]
-    joint = np.zeros((n + 1, n + 1))
-    joint[:n, :n], joint[n, n] = h.cov + h.variance * np.outer(h.sens[:, 0], h.sens[:, 0]), \
-        h.variance
-    joint[:n, n] = joint[n, :n] = h.variance * h.sens[:, 0]
-    output = np.hstack([stepper.output, np.zeros((6, 1))])
-    for k in range(1, 60):
-        command = np.array([np.sin(0.1 * k), np.cos(0.2 * k)])
-        simulator.step(command)
-        model = linearise(arm.at_payload(h.mass), h.x[None], command[None])
-        step = np.eye(n + 1)
-        step[:n, :n], step[:n, n] = model.jacobian[0], model.slope[0]
-        joint = step @ joint @ step.T
-        gain = joint @ output.T @ np.linalg.inv(output @ joint @ output.T + np.eye(6))
-        joint = joint - gain @ output @ joint
-        estimator.update(robot.sample_time * k, simulator.measure().output, command)
-        assert h.variance == pytest.approx(joint[n, n], rel=1e-4)
-    total = h.cov + h.variance * np.outer(h.sens[:, 0], h.sens[:, 0])
-    np.testing.assert_allclose(total, joint[:n, :n], rtol=1e-3, atol=1e-4 * np.abs(total).max())
 
 
 def test_zero_order_hold_of_the_increment_loses_no_digits() -> None:

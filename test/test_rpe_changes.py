@@ -28,6 +28,7 @@ def test_a_ramp_is_followed_announced_and_left_behind() -> None:
     run = Run(estimator, PayloadProfile((0.0, 3.0, 5.0, 9.0), (0.05, 0.05, 0.15, 0.15)), 9.0)
     event, = estimator.events
     assert event.time == pytest.approx(3.0, abs=0.3) and event.found < 4.6
+    assert event.after == pytest.approx(0.15, rel=0.02)
     error = np.abs(run.mass - run.truth)
     assert error[330:].max() < 0.03
     assert np.mean(error[330:500] < 1.96 * run.std[330:500]) > 0.9

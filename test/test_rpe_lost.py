@@ -52,10 +52,10 @@ def test_gaps_after_a_start_in_motion_break_nothing(seed: int) -> None:
 def test_a_filter_that_diverged_begins_again_with_its_payload(spoilt: float) -> None:
     estimator = estimator_of()
     run = Run(estimator, PayloadProfile.constant(0.12), 3.0)
-    last, h = run.estimates[-1], estimator.bank.best()
-    h.cov = np.full_like(h.cov, spoilt)
+    last, f = run.estimates[-1], estimator.incumbent
+    f.cov = np.full_like(f.cov, spoilt)
     output = estimator.arm.output(run.states[-1], last.time)
     found = estimator.update(last.time + 0.01, output, run.commands[-1])
     assert found.mass == pytest.approx(last.mass, rel=1e-3)
     assert found.variance >= 0.5 * last.variance
-    assert np.linalg.eigvalsh(estimator.bank.best().cov)[0] > 0.0
+    assert np.linalg.eigvalsh(estimator.incumbent.cov)[0] > 0.0

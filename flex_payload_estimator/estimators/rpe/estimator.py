@@ -9,8 +9,8 @@ import math
 from flex_payload_estimator.estimators.base import Estimate, Event
 from flex_payload_estimator.estimators.rpe.events import EventLog
 from flex_payload_estimator.estimators.rpe.evidence import misfit_of
-from flex_payload_estimator.estimators.rpe.filter import Filter, FilterStep, Sample
-from flex_payload_estimator.estimators.rpe.modes import Modes
+from flex_payload_estimator.estimators.rpe.filter import Filter, Sample
+from flex_payload_estimator.estimators.rpe.modes import Modes, WAIT_S
 from flex_payload_estimator.estimators.rpe.motion import Motion
 from flex_payload_estimator.estimators.rpe.settings import RpeSettings, stepper_of
 from flex_payload_estimator.estimators.rpe.start import Start
@@ -90,6 +90,7 @@ class RecursivePredictionError:
         self._log = EventLog()
         self._incumbent: Filter | None = None
         self._motion = Motion(self.stepper)
+        self._loads = self._motion.loads
         self._ahead: tuple[Array, list[Filter], Sample, Array] | None = None
         self._open: Sample | None = None
         self._command, self._time = np.zeros(2), math.nan
@@ -183,10 +184,10 @@ class RecursivePredictionError:
         if self._incumbent is None:
             left = self._start.decide()
             for f in left[1:]:
-                self._modes.keep(f, sample.time)
+                self._modes.keep(f, sample.time, WAIT_S)
             self._incumbent = left[0] if left else None
             return
-        self._incumbent = self._modes.advance(self._incumbent, sample, self._motion.loads,
+        self._incumbent = self._modes.advance(self._incumbent, sample, self._loads,
                                               self._motion.excited)
         self._log.follow(self._modes.moved, self._incumbent, sample.time,
                          self.stepper.schedule.soft_mass)
@@ -201,6 +202,7 @@ class RecursivePredictionError:
     def _begin(self, time: float, output: Array) -> Estimate:
         self._time = time
         self._start.begin(output)
+        self._motion.begin(output)
         sample = Sample(time, output, np.zeros(2))
         for f in self._start.filters:
             self.stepper.correct(f, sample, self._motion.loads)
@@ -223,14 +225,17 @@ class RecursivePredictionError:
                 self.stepper.predict(f, sample, self._motion.loads)
         sample = ahead._replace(measured=output) if ahead else \
             self._sample(self._time, output, self._command)
-        self._motion.follow(output, self.incumbent, sample)
+        self._loads = self._motion.loads
         for f in self._filters():
             if output is None:
-                self.stepper.predict(f, sample, self._motion.loads)
+                if not ahead:
+                    self.stepper.predict(f, sample, self._motion.loads)
             elif ahead:
                 self.stepper.correct(f, sample, self._motion.loads)
             else:
                 self.stepper.step(f, sample, self._motion.loads)
+        # Loads count from the next sample on, so that a prediction ahead knows them too.
+        self._motion.follow(output, self.incumbent, sample)
         if not self._motion.excited:
             self._drift()
         self._open = sample

@@ -28,6 +28,7 @@ class EventLog:
         moved : Trial or None
             The trial of a walking payload that has won, and is not over.
         incumbent : Filter
+            Of this sample.
         time, soft : float
             s, and soft mass, kg.
 

@@ -63,7 +63,7 @@ def weigh(record: Array, innovation: Array, before: Array, variances: Array, sco
     channels = innovation.size
     found = record.copy()
     most = max(MEMORY_S / step, FEWEST)
-    misfit = scores @ scores
+    misfit = float(scores @ scores)
     cut = min(1.0, gate / max(misfit, 1e-300))
     log = stated = log_det
     steps = found[channels + 4]
@@ -77,7 +77,7 @@ def weigh(record: Array, innovation: Array, before: Array, variances: Array, sco
         fit = min(max(found[channels + 2 + kind], SMALLEST_MISFIT), 1.0)
         log += count * (square / fit + np.log(fit))
         stated += count * square
-        share = 1.0 / min(steps + 10.0, most)
+        share = max(1.0 / (steps + 10.0), 1.0 / most)
         found[channels + 2 + kind] += share * (square - found[channels + 2 + kind])
         scale, weight, total = found[first], found[channels + kind], 0.0
         told_by, excess = 0.0, found[channels + 2 + kind] - 1.0

@@ -120,8 +120,8 @@ class Filter:
     def copy(self) -> Filter:
         """Return an independent filter that knows the same."""
         return Filter(self.mode, self.x, self.cov, self.sens, self.beta, self.spread,
-                      self.record, self.innovation, self.variances, self.log, self.recent, self.gained,
-                      self.stated, self.square)
+                      self.record, self.innovation, self.variances, self.log, self.recent,
+                      self.gained, self.stated, self.square)
 
 
 class FilterStep:
@@ -150,7 +150,8 @@ class FilterStep:
                  effects: EffectStep, told: Array, torque: Array, heaviest: float, start: Array):
         self.schedule, self.turning, self.prior, self.effects = schedule, turning, prior, effects
         self.exact, self.heaviest, self.start_cov = prior.exact(), heaviest, np.diag(start**2)
-        self.shares = SHARES if prior.std[CORIOLIS] >= SHARE_STD else (prior.mean[CORIOLIS],)
+        free = prior.std[CORIOLIS] >= SHARE_STD
+        self.shares = SHARES if free else (float(prior.mean[CORIOLIS]),)
         self.bias_std = prior.std[FIRST_BIAS:FIRST_BIAS + told.size - 2].copy()
         self.told_variance, self._torque = told**2, torque**2
         self.output = np.ascontiguousarray(effects.output_matrix())
@@ -182,11 +183,11 @@ class FilterStep:
     def predict(self, f: Filter, sample: Sample, loads: Loads) -> None:
         """Advance one sample."""
         before, payload = f.x, f.mass
+        self._fade(f)
         f.x, f.cov, f.sens = predict(*self._before(f, sample, loads))
         variance = f.mode.walk**2 * self.step_time
         if variance > 0.0:
             f.cov, f.sens, f.spread = walk(f.cov, f.sens, f.spread, variance)
-        self._fade(f)
         if self.effects.moves:
             f.x = self.effects.push(self.schedule.cut(payload).payload, before, f.x,
                                     sample.command, sample.time - self.step_time)
@@ -198,7 +199,9 @@ class FilterStep:
     def payload(self, f: Filter) -> tuple[float, float]:
         """Return payload and variance, kg and kg^2; a misfit counts as that much variance."""
         mass, variance = without_bias(f.beta, f.spread, self.bias_std)
-        variance = float(variance) * max(1.0, misfit_of(f.record))
+        variance = float(variance)
+        if f.mode.parts:
+            variance *= max(1.0, misfit_of(f.record))
         return float(mass), variance + self.prior_of(f.mode).scale_variance * float(mass)**2
 
     def _fade(self, f: Filter) -> None:
@@ -225,11 +228,12 @@ class FilterStep:
     def step(self, f: Filter, sample: Sample, loads: Loads) -> None:
         """Advance one sample, and learn from it."""
         if self.plain:
+            self._fade(f)
             variance = f.mode.walk**2 * self.step_time
             before = self._before(f, sample, loads)
-            self._take(f, sample, step(*before[:4], f.spread, *before[4:], variance,
-                                       *self._after(f, sample, loads)))
-            self._fade(f)
+            arguments: tuple[Any, ...] = (*before[:4], f.spread, *before[4:], variance,
+                                          *self._after(f, sample, loads))
+            self._take(f, sample, step(*arguments))
             return
         self.predict(f, sample, loads)
         self.correct(f, sample, loads)
@@ -246,7 +250,7 @@ class FilterStep:
             return
         f.x, f.cov, f.sens, f.beta, f.spread = x, cov, sens, beta, spread
         f.record, f.gained, f.stated = weigh(f.record, innovation, f.innovation, variances, scores,
-                                   log_det, self.told_variance, GATE, self.step_time)
+                                             log_det, self.told_variance, GATE, self.step_time)
         f.innovation, f.variances = innovation, variances
         f.square = min(scores @ scores, GATE) / scores.size
 
@@ -261,21 +265,24 @@ class FilterStep:
         """Return the drives' net torques in the command's unit, (2,)."""
         return command - self._speed @ f.x
 
-    def renewed(self, f: Filter, mode: Mode, std: float, doubt: float) -> Filter:
+    def renewed(self, f: Filter, mode: Mode, fresh: float, doubt: float) -> Filter:
         """
         Return a filter of another mode at the state of one, which has forgotten all parameters.
 
         Parameters
         ----------
         f : Filter
+            Whose state it takes over.
         mode : Mode
-        std : float
-            Of the payload, kg.
+            Its own.
+        fresh : float
+            Standard deviation of the payload, as a share of (m + soft mass), at least.
         doubt : float
             Of the state, as a share of a start's, beyond all that f says.
 
         """
         prior, new = self.prior_of(mode), f.copy()
+        std = max(3.0 * math.sqrt(f.variance), fresh * (f.mass + self.schedule.soft_mass))
         new.mode, new.beta, new.spread = mode, prior.mean.copy(), prior.spread(std)
         new.beta[MASS] = f.beta[MASS]
         if not mode.parts:

@@ -11,7 +11,8 @@ take its place for what it gains in log-likelihood over it since it began:
 * `other`: the other modes take turns, and come at once where the incumbent does not fit.
 * `former`: what was incumbent before stays a while; it comes back with all it knows.
 
-So no mode is left for good. The simpler mode needs no gain, the one with more freedom GAIN nats.
+So no mode is left for good. The exact mode needs no gain, one with more freedom MODE_GAIN nats, a
+change of the payload GAIN nats.
 """
 
 from __future__ import annotations
@@ -32,6 +33,10 @@ NAMES = tuple(mode.name for mode in MODES)
 # Nats that more freedom, a change of the payload among it, must gain: once in e^12 / 12
 # independent trials by chance.
 GAIN = 12.0
+# In each mode so many times as much: a model's errors last, and each counts again.
+WRONG = (1.0, 5.0, math.inf)
+# And a wrong model that does not fit either, by this, tells of no change.
+UNFIT = 2.0
 # And what more freedom about the model must.
 MODE_GAIN = 8.0
 # A model is wrong for longer than a moment, s: a change of the payload shows at once.
@@ -44,20 +49,26 @@ FITS = 1.25
 WALK_S = 1.0
 # Trials of other modes: their length, s; how often one begins, and how often where the
 # incumbent's misfit is beyond MISFIT.
-TRIAL_S, PAUSE_S, HASTE_S, MISFIT = 2.0, 2.0, 0.25, 1.4
+TRIAL_S, PAUSE_S, HASTE_S, MISFIT = 1.0, 2.0, 0.25, 1.4
+# Between two modes that are both wrong a trial takes so many times as long, and even the simpler
+# must gain: else they would take turns.
+LONGER = 16.0
 # No trial is longer than this, s.
-LONGEST_S = 8.0
+LONGEST_S = 40.0
 # A payload stands still when it has for STILL_S; where that lasts less than LASTS_S, for twice as
 # long the next time.
 STILL_S, LASTS_S = 0.3, 2.0
+# After the start the simplest mode is not judged for this long, s.
+WAIT_S = 0.4
 # A filter that begins afresh settles in this time, s.
 SETTLES_S = 0.1
 # The trial of a walking payload begins again where it is behind by this, or after this long.
 RESTART, RESTART_S = 2.0, 1.0
 # A former incumbent stays for so many trials.
 FORMER_TRIALS = 3
-# The payload of a fresh start is known to this share of (m + soft mass).
-FRESH = 0.3
+# The payload of a fresh start is known to this share of (m + soft mass): closely where it is
+# linearised about what a wrong model knows, widely where that knew nothing of its errors.
+CLOSE, FRESH = 0.05, 0.3
 # And its state to this share of a start's standard deviation, beyond what the incumbent says.
 DOUBT = 0.01
 
@@ -71,7 +82,7 @@ class Trial:
     ----------
     kind : str
         'moved', 'still', 'other' or 'former'.
-    filter : Filter
+    runner : Filter
     since : float
         When it began, s.
     mass : float
@@ -90,7 +101,7 @@ class Trial:
     """
 
     kind: str
-    filter: Filter
+    runner: Filter
     since: float
     mass: float
     gain: float = 0.0
@@ -131,31 +142,33 @@ class Modes:
         self.trials: list[Trial] = []
         self._turn, self._next = 0, 0.0
         self.moved: Trial | None = None
-        self._stood, self._patience = -math.inf, STILL_S
+        self._stood, self._moved, self._patience = -math.inf, -math.inf, STILL_S
 
     def filters(self) -> list[Filter]:
         """Return the filters on trial."""
-        return [trial.filter for trial in self.trials]
+        return [trial.runner for trial in self.trials]
 
     def advance(self, incumbent: Filter, sample: Sample, loads: Loads, excited: bool
                 ) -> Filter:
-        """Step the trials over a sample that the incumbent has learnt from; return who is next."""
+        """Step the trials over a sample that the incumbent has learnt; return who is next."""
         if sample.measured is None:
             for trial in self.trials:
-                self.stepper.predict(trial.filter, sample, loads)
+                self.stepper.predict(trial.runner, sample, loads)
             return incumbent
         step = self.stepper.step_time if self.stepper.tells(incumbent, loads, ROUGH) else 0.0
         for trial in self.trials:
-            self.stepper.step(trial.filter, sample, loads)
+            self.stepper.step(trial.runner, sample, loads)
             took = step if trial.kind in ('other', 'former') else self.stepper.step_time
             trial.age, trial.time = trial.age + took, trial.time + self.stepper.step_time
-            trial.square += took * trial.filter.square
+            trial.square += took * trial.runner.square
             trial.gain += self._gained(trial, incumbent)
             if trial.kind == 'still' and trial.age < SETTLES_S:
                 trial.gain = 0.0
-            if level(trial.filter.mode) > level(incumbent.mode):
+            if level(trial.runner.mode) > level(incumbent.mode):
                 # What it was behind before counts no longer: from now on the model may be wrong.
-                if trial.gain <= 0.0:
+                if trial.gain <= 0.0 or trial.age < 0.0:
+                    trial.gain = 0.0
+                if trial.gain <= 0.0 < trial.age:
                     trial.gain, trial.age, trial.square = 0.0, 0.0, 0.0
         for trial in list(self.trials):
             if self._wins(trial, incumbent):
@@ -167,19 +180,23 @@ class Modes:
         return incumbent
 
     def _gained(self, trial: Trial, incumbent: Filter) -> float:
-        if trial.filter.mode.name == incumbent.mode.name:
-            return trial.filter.stated - incumbent.stated
-        return trial.filter.gained - incumbent.gained
+        if trial.runner.mode.name == incumbent.mode.name:
+            return trial.runner.stated - incumbent.stated
+        return trial.runner.gained - incumbent.gained
 
     def _wins(self, trial: Trial, incumbent: Filter) -> bool:
         if trial.kind == 'still':
             return trial.age >= self._patience and trial.gain > -SIMPLER
         if trial.kind == 'moved':
-            return trial.gain > GAIN
-        gain = trial.gain + belief(trial.filter.record) - belief(incumbent.record)
-        if level(trial.filter.mode) > level(incumbent.mode):
+            fits = not incumbent.mode.parts or misfit_of(incumbent.record) < UNFIT
+            return fits and trial.gain > GAIN * WRONG[level(incumbent.mode)]
+        gain = trial.gain + belief(trial.runner.record) - belief(incumbent.record)
+        if level(trial.runner.mode) > level(incumbent.mode):
             return gain > MODE_GAIN and trial.age >= PERSISTS_S
-        return trial.age >= TRIAL_S and gain > -SIMPLER and trial.square < FITS * trial.age
+        if trial.runner.mode.parts:
+            return trial.age >= LONGER * TRIAL_S and gain > MODE_GAIN
+        return (trial.age >= TRIAL_S and gain > -SIMPLER
+                and trial.square < FITS * trial.age)
 
     def _over(self, trial: Trial, incumbent: Filter) -> bool:
         """Tell whether a trial that has not won is at its end; a former one begins again."""
@@ -187,20 +204,22 @@ class Modes:
             return trial.gain < -RESTART or (trial.age > RESTART_S and trial.gain < RESTART)
         if trial.kind == 'still':
             return trial.gain < -GAIN
-        if trial.age >= TRIAL_S and trial.left > 0:
-            if trial.gain < -GAIN and not trial.filter.mode.parts:
+        long = TRIAL_S * (LONGER if trial.runner.mode.parts else 1.0)
+        if trial.age >= long and trial.left > 0:
+            if trial.gain < -GAIN and not trial.runner.mode.parts \
+                    and trial.left < FORMER_TRIALS:
                 # It may have learnt under a wrong noise: it begins afresh, knowing the noise.
-                noise = trial.filter.record
-                trial.filter = self._renewed(incumbent, trial.filter.mode)
-                trial.filter.record[:-5] = noise[:-5]
+                noise = trial.runner.record
+                trial.runner = self._renewed(incumbent, trial.runner.mode)
+                trial.runner.record[:-5] = noise[:-5]
             trial.left, trial.age, trial.gain, trial.square = trial.left - 1, 0.0, 0.0, 0.0
             return False
         lost = trial.gain < -GAIN and trial.left == 0
-        return trial.age >= TRIAL_S or lost or trial.time >= LONGEST_S
+        return trial.age >= long or lost or trial.time >= LONGEST_S
 
     def _promote(self, trial: Trial, incumbent: Filter, time: float) -> Filter:
         """Return the new incumbent; one of another mode that it follows stays beside it."""
-        new = trial.filter.mode.name != incumbent.mode.name
+        new = trial.runner.mode.name != incumbent.mode.name
         kinds = ('other', 'former') if not new else ('other',)
         self.trials = [other for other in self.trials
                        if other is not trial and other.kind in kinds]
@@ -210,35 +229,36 @@ class Modes:
             # A payload that stood still for a moment only goes on changing.
             hasty = time - self._stood < LASTS_S
             self._patience = min(2.0 * self._patience, LASTS_S) if hasty else STILL_S
-            self.moved = trial
-        elif trial.filter.mode.walk == 0.0:
+            self.moved, self._moved = trial, time
+        elif trial.runner.mode.walk == 0.0:
             self.moved, self._stood = None, time
         if new:
             self.keep(incumbent, time)
-        return trial.filter
+        return trial.runner
 
-    def keep(self, former: Filter, time: float) -> None:
-        """Let a filter that is not the incumbent go on for a while."""
-        self.trials.append(Trial('former', former, time, former.mass, left=FORMER_TRIALS))
+    def keep(self, former: Filter, time: float, wait: float = 0.0) -> None:
+        """Let one that is not the incumbent go on for a while, with no say for `wait`, s."""
+        self.trials.append(Trial('former', former, time, former.mass, age=-wait,
+                                 left=FORMER_TRIALS))
 
     def _begin(self, incumbent: Filter, time: float) -> None:
         """Begin the trials that should run and do not."""
         kinds = {trial.kind for trial in self.trials}
         walking = incumbent.mode.walk > 0.0
-        if walking and 'still' not in kinds:
+        if walking and 'still' not in kinds and time - self._moved > SETTLES_S:
             self._add('still', self._still(incumbent), incumbent, time)
-        if not walking and 'moved' not in kinds:
+        if not walking and 'moved' not in kinds and level(incumbent.mode) < 2:
             self._add('moved', self._as(incumbent, incumbent.mode, self.walk), incumbent, time)
         hasty = misfit_of(incumbent.record) > MISFIT
         if 'other' not in kinds and time >= self._next:
             mode = self._candidate(incumbent, hasty)
             self._next = time + (HASTE_S if hasty else PAUSE_S)
-            if mode and not any(trial.filter.mode.name == mode.name for trial in self.trials
-                       if trial.kind == 'former'):
+            known = [trial.runner.mode.name for trial in self.trials if trial.kind == 'former']
+            if mode and mode.name not in known:
                 self._add('other', self._converted(incumbent, mode), incumbent, time)
 
     def _candidate(self, incumbent: Filter, hasty: bool) -> Mode | None:
-        """Return the mode whose turn it is; where the incumbent does not fit, the next wrong one."""
+        """Return the mode whose turn it is; where the incumbent does not fit, a wronger one."""
         place = level(incumbent.mode)
         more = [mode for mode in MODES if level(mode) > place][:1]
         less = [mode for mode in MODES if level(mode) < place][::-1]
@@ -264,9 +284,7 @@ class Modes:
         return self._renewed(incumbent, mode)
 
     def _renewed(self, incumbent: Filter, mode: Mode) -> Filter:
-        soft = self.stepper.schedule.soft_mass
-        std = max(3.0 * math.sqrt(incumbent.variance), FRESH * (incumbent.mass + soft))
-        return self.stepper.renewed(incumbent, mode, std, DOUBT)
+        return self.stepper.renewed(incumbent, mode, FRESH, DOUBT)
 
     def _converted(self, incumbent: Filter, mode: Mode) -> Filter:
         """Return a filter of another mode: with less model error all is kept, else fresh."""

@@ -26,14 +26,18 @@ class Motion:
 
     def __init__(self, stepper: FilterStep):
         self._stepper = stepper
-        self.loads = Loads(stepper.told_variance.size, stepper.step_time)
+        self.loads = Loads.none(np.zeros(stepper.told_variance.size), stepper.step_time)
         self.excited, self._still = False, EXCITED_S
+
+    def begin(self, output: Array) -> None:
+        """Take the first sample."""
+        self.loads = Loads.none(output, self._stepper.step_time)
 
     def follow(self, output: Array | None, incumbent: Filter, sample: Sample) -> None:
         """Take a sample."""
         if output is not None:
             net = self._stepper.net_command(incumbent, sample.command)
-            self.loads.follow(output, net)
+            self.loads = self.loads.followed(output, net)
         noise = self._stepper.told_variance * incumbent.record[:-5]
         swings = bool(np.any(self.loads.swing[2:] > SWING**2 * noise[2:]))
         self._still = 0.0 if swings else self._still + self._stepper.step_time

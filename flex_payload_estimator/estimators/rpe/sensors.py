@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
@@ -39,14 +41,19 @@ def start_spread(arm: ExtendedArm) -> Array:
     return np.array(spread + [1.0] * (arm.states - len(spread)))
 
 
+@dataclass(frozen=True)
 class Loads:
     """
     Mean squares of what the gauges see and of the drives' net torques, remembered for a while.
 
     Attributes
     ----------
+    share : float
+        What a sample counts.
+    mean : Array
+        Of each channel, rad and m/m, (m,).
     strain : Array
-        Of each channel, m/m squared, zero for angles, (m,).
+        Mean square of each channel, m/m squared, zero for angles, (m,).
     swing : Array
         Of each channel about its mean, rad and m/m squared, (m,).
     drive : Array
@@ -54,20 +61,23 @@ class Loads:
 
     """
 
-    def __init__(self, channels: int, step: float):
-        self._share = min(1.0, step / LOAD_MEMORY_S)
-        self._mean: Array | None = None
-        self.strain, self.swing = np.zeros(channels), np.zeros(channels)
-        self.drive = np.zeros(2)
+    share: float
+    mean: Array
+    strain: Array
+    swing: Array
+    drive: Array
 
-    def follow(self, output: Array, net: Array) -> None:
-        """Take a sample's outputs, (m,), and the drives' net commands, (2,)."""
-        if self._mean is None:
-            self._mean = output
-        now = output * output
+    @classmethod
+    def none(cls, output: Array, step: float) -> Loads:
+        """Return those of an arm at rest whose channels read what they read, (m,)."""
+        zero = np.zeros(output.size)
+        return cls(min(1.0, step / LOAD_MEMORY_S), output, zero, zero, np.zeros(2))
+
+    def followed(self, output: Array, net: Array) -> Loads:
+        """Return the loads after a sample's outputs, (m,), and the drives' net commands, (2,)."""
+        now, off = output * output, output - self.mean
         now[:2] = 0.0
-        off = output - self._mean
-        self._mean = self._mean + self._share * off
-        self.swing = (1.0 - self._share) * (self.swing + self._share * off * off)
-        self.strain = self.strain + self._share * (now - self.strain)
-        self.drive = self.drive + self._share * (net * net - self.drive)
+        return Loads(self.share, self.mean + self.share * off,
+                     self.strain + self.share * (now - self.strain),
+                     (1.0 - self.share) * (self.swing + self.share * off * off),
+                     self.drive + self.share * (net * net - self.drive))

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from flex_payload_estimator.estimators.rpe.evidence import misfit_of
 from flex_payload_estimator.estimators.rpe.filter import Filter, FilterStep
-from flex_payload_estimator.estimators.rpe.modes import EXACT, ROUGH
+from flex_payload_estimator.estimators.rpe.kernel import CORIOLIS
+from flex_payload_estimator.estimators.rpe.modes import CLOSE, DOUBT, EXACT, MISFIT, ROUGH
 from flex_plant_sim.arm.second_order import Array
 import numpy as np
 
 # Filters linearised about payloads this close agree: a share of (m + soft mass).
-EXACT_CELLS, ROUGH_CELLS = 6, 3
+EXACT_CELLS, ROUGH_CELLS = 8, 3
 FINE = 0.05
+# Noise whose variance is so many times the robot file's has misled a filter that did not know.
+NOISIER = 4.0
 # Behind by this, nats, a filter is given up.
 BEHIND = 15.0
 # Which mode fits is told by the last so many seconds: the noise must be known first.
@@ -78,11 +82,21 @@ class Start:
         self.filters = kept
         if len(kept) > len({f.mode for f in kept}):
             return []
-        return sorted(kept, key=lambda f: ROUGH_COST * f.mode.parts - f.recent)
+        kept.sort(key=lambda f: ROUGH_COST * f.mode.parts - f.recent)
+        return [f if f.mode.parts or self._learnt_well(f) else self._again(f) for f in kept]
+
+    def _learnt_well(self, f: Filter) -> bool:
+        """Tell whether the noise was about what it was taken for while it learnt."""
+        return misfit_of(f.record) < MISFIT and bool((f.record[:-5] < NOISIER).all())
+
+    def _again(self, f: Filter) -> Filter:
+        """Return a filter that begins afresh where one is, knowing the noise."""
+        return self.stepper.renewed(f, f.mode, CLOSE, DOUBT)
 
     def _agree(self, f: Filter, other: Filter) -> bool:
         width = FINE * (other.mass + self.stepper.schedule.soft_mass)
-        return abs(f.mass - other.mass) < width and f.variance < width**2 and abs(f.beta[1] - other.beta[1]) < 0.2
+        return (abs(f.mass - other.mass) < width and f.variance < width**2
+                and abs(f.beta[CORIOLIS] - other.beta[CORIOLIS]) < 0.2)
 
     def moments(self) -> tuple[float, float]:
         """Return mean and variance of the payload, kg and kg^2."""
