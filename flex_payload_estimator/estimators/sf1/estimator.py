@@ -241,8 +241,8 @@ class SF1Estimator:
         return self._last
 
     def _reject(self, time: float, track: Track | None) -> Estimate:
-        self.rejected += 1
         """Run on without a sample; where that leads nowhere, start again at the next."""
+        self.rejected += 1
         lost = track is None or not is_finite(track.state)
         self.track, self._measured = None if lost else track, NO_SAMPLE
         self._since = min(self._since + 1, self.pace.samples)
