@@ -93,7 +93,7 @@ class RecursivePredictionError:
         self._loads = self._motion.loads
         self._ahead: tuple[Array, list[Filter], Sample, Array] | None = None
         self._open: Sample | None = None
-        self._command, self._time = np.zeros(2), math.nan
+        self._command, self._before, self._time = np.zeros(2), np.zeros(2), math.nan
         mass, channels = 0.5 * self.stepper.heaviest, self._channels
         self._last = Estimate(0.0, mass, mass**2 / 3.0, mass**2 / 3.0, np.zeros(channels),
                               np.full(channels, np.inf), 'not_excited')
@@ -143,7 +143,7 @@ class RecursivePredictionError:
         if math.isnan(self._time):
             return self._begin(time, output) if good else self._reject(time)
         if sent:
-            self._command = command
+            self._before, self._command = self._command, command
         if not good:
             self._advance(self._time + self.arm.step_time, None)
             return self._reject(time if math.isfinite(time) else self._time)
@@ -214,13 +214,14 @@ class RecursivePredictionError:
         step, ahead = self.arm.step_time, self._take_back(time)
         steps = max(1, round((time - self._time) / step))
         start, self._time = self._time, max(time, self._time)
+        doubt = self._doubt(steps)
         if steps * step > LONGEST_GAP_S:
             for f in self._filters():
                 self.stepper.relocate(f, output)
             self._modes.clear()
             steps = 1
         for k in range(1, steps):
-            sample = self._sample(start + k * step, None, self._command)
+            sample = self._sample(start + k * step, None, self._command)._replace(doubt=doubt)
             for f in [*self._filters(), *self._modes.filters()]:
                 self.stepper.predict(f, sample, self._motion.loads)
         sample = ahead._replace(measured=output) if ahead else \
@@ -239,6 +240,15 @@ class RecursivePredictionError:
         if not self._motion.excited:
             self._drift()
         self._open = sample
+
+    def _doubt(self, steps: int) -> Array:
+        """
+        Return the variance of a command that was lost in a gap of so many samples, (2,).
+
+        It lasts for the gap: as white noise of each sample it counts so many times as much.
+        """
+        change = self._command - self._before
+        return steps * (change * change + self._loads.drive)
 
     def _take_back(self, time: float) -> Sample | None:
         """Return the sample that was predicted for, where it is this one; else undo that."""

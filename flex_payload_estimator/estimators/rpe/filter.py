@@ -63,11 +63,16 @@ ERROR_STEP_S = 0.01
 
 
 class Sample(NamedTuple):
-    """A sample: time, s; outputs, rad and m/m, (m,), or None; command at the drives, (2,)."""
+    """
+    A sample: time, s; outputs, rad and m/m, (m,), or None; command at the drives, (2,).
+
+    `doubt` is the variance of that command, (2,) or 0.
+    """
 
     time: float
     measured: Array | None
     command: Array
+    doubt: Array | float = 0.0
 
 
 @dataclass(slots=True)
@@ -215,7 +220,8 @@ class FilterStep:
         piece, parts = self.schedule.cut(f.beta[MASS]), self._no_parts
         if f.mode.parts:
             parts = self.schedule.parts_at(f.beta[MASS], f.x[1])
-        torque = np.sqrt(self._torque + f.mode.drive**2 * self._density * loads.drive)
+        torque = np.sqrt(self._torque + sample.doubt
+                         + f.mode.drive**2 * self._density * loads.drive)
         return (f.x, f.cov, f.sens, f.beta, self.schedule.order, piece.value, piece.slopes,
                 parts, f.beta[MASS] - piece.payload, sample.command, self.turning, torque)
 
