@@ -1,0 +1,155 @@
+"""
+Measure how wrong the model is on arms that are not its own: the amplitude of the mode `rough`.
+
+`python benchmarks/model_error.py --runs 5` runs one filter of parts with a fixed model error over
+clean arms of two other simulators (finite elements and a MuJoCo chain, parts drawn from their
+tolerances), and prints for each amplitude the root mean square of error over stated deviation and
+the coverage of the 95 % interval, at 3 and 10 s. The amplitude whose root mean square is nearest 1
+is taken. Seeds from 1000 on calibrate; `--seed 5000` scores, and prints the whole estimator too.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+import sys
+
+from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
+from flex_payload_estimator.estimators.rpe.filter import Filter, FilterStep, Mode, Sample
+from flex_payload_estimator.estimators.rpe.motion import Motion
+from flex_payload_estimator.estimators.rpe.start import Start
+from flex_plant_sim.arm.robot_file import load_robot
+from flex_plant_sim.arm.second_order import Array
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / 'test'))
+from truth.records import draw_case, make_record, Record  # noqa: E402
+
+TRUTHS = ('finite_elements', 'mujoco')
+TIMES_S = (3.0, 10.0)
+AMPLITUDES = (0.02, 0.05, 0.10, 0.15, 0.20, 0.30)
+WHOLE = 'whole estimator'
+
+
+class FixedMode:
+    """
+    Filters of one mode only, over the range of payloads; the likeliest gives the estimate.
+
+    Parameters
+    ----------
+    stepper : FilterStep
+    amplitude : float
+        Model error of gauges and drives, as a share of what they carry.
+    measured : Array
+        First sample, (m,).
+
+    """
+
+    def __init__(self, stepper: FilterStep, amplitude: float, measured: Array):
+        self.stepper, self.motion = stepper, Motion(stepper)
+        start = Start(stepper)
+        start.begin(measured)
+        self.filters = [f for f in start.filters if f.mode.parts]
+        for f in self.filters:
+            f.mode = Mode('fixed', True, amplitude, amplitude)
+        self.motion.begin(measured)
+
+    @property
+    def best(self) -> Filter:
+        """Return the likeliest."""
+        return max(self.filters, key=lambda f: f.log)
+
+    def update(self, sample: Sample) -> None:
+        """Advance one sample and learn from it."""
+        for f in self.filters:
+            self.stepper.step(f, sample, self.motion.loads)
+            f.log += f.gained
+        self.motion.follow(sample.measured, self.best, sample)
+
+
+def rows_of(record: Record) -> list[tuple[float, Array, Array]]:
+    """Return time, outputs and the command before, of each sample."""
+    outputs = np.column_stack([record.joint, record.strain])
+    before = np.vstack([np.zeros((1, 2)), record.command[:-1]])
+    return list(zip(record.time.tolist(), outputs, before))
+
+
+def fixed(record: Record, amplitude: float, stepper: FilterStep) -> list[tuple[float, float]]:
+    """Return payload and variance, kg and kg^2, at TIMES_S."""
+    stepper.effects.reset()
+    (_, first, _), *rows = rows_of(record)
+    runner, found = FixedMode(stepper, amplitude, first), []
+    for time, output, command in rows:
+        applied = stepper.effects.at_drive(command, time - stepper.step_time)
+        runner.update(Sample(time, output, applied))
+        if np.isclose(time, TIMES_S).any():
+            found.append(stepper.payload(runner.best))
+    return found
+
+
+def whole(record: Record, estimator: RecursivePredictionError) -> list[tuple[float, float]]:
+    """Return payload and variance of the whole estimator, kg and kg^2, at TIMES_S."""
+    estimator.reset()
+    answers = [estimator.update(*row) for row in rows_of(record)]
+    return [(a.mass, a.variance) for a in answers if np.isclose(a.time, TIMES_S).any()]
+
+
+def report(name: str, scores: Sequence[Array], errors: Sequence[Array]) -> None:
+    """Print a line: scores and relative errors are (runs, times)."""
+    z, off = np.array(scores), 100.0 * np.array(errors)
+    columns = ''.join(
+        f'{np.sqrt(np.mean(z[:, k]**2)):10.2f}{100 * np.mean(np.abs(z[:, k]) < 1.96):7.0f} %'
+        f'{np.sqrt(np.mean(off[:, k]**2)):8.2f}{np.abs(off[:, k]).max():8.2f}'
+        for k in range(len(TIMES_S)))
+    print(f'{name:18s}{len(z):5d}{columns}', flush=True)
+
+
+def study(truth: str, seeds: range, amplitudes: Sequence[float], modes: int, score: bool
+          ) -> dict[str, tuple[list[Array], list[Array]]]:
+    """Return scores and relative errors of each filter on clean arms of one simulator."""
+    estimator = RecursivePredictionError(load_robot('reference'), 'assumed_modes', modes)
+    found: dict[str, tuple[list[Array], list[Array]]] = {}
+    for seed in seeds:
+        case = draw_case(None, seed, duration_s=TIMES_S[-1] + 0.05)
+        record = make_record(replace(case, simulator=truth))
+        answers = {f'{100 * a:g} %': fixed(record, a, estimator.stepper) for a in amplitudes}
+        if score:
+            answers[WHOLE] = whole(record, estimator)
+        for name, answer in answers.items():
+            mass, variance = np.array(answer).T
+            error = mass - case.payload_true
+            scores, errors = found.setdefault(name, ([], []))
+            scores.append(error / np.sqrt(variance))
+            errors.append(error / case.payload_true)
+    return found
+
+
+def main() -> None:
+    """Run and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
+    parser.add_argument('--runs', type=int, default=5, help='of each simulator')
+    parser.add_argument('--seed', type=int, default=1000, help='first; 5000 scores')
+    parser.add_argument('--modes', type=int, default=3)
+    parser.add_argument('--amplitudes', type=float, nargs='*', default=AMPLITUDES)
+    options = parser.parse_args()
+    print(f'{"model error":18s}{"runs":>5s}' + ''.join(
+        f'{f"rms z {t:g} s":>10s}{"in 95 %":>9s}{"RMSE %":>8s}{"worst":>8s}' for t in TIMES_S))
+    together: dict[str, tuple[list[Array], list[Array]]] = {}
+    for truth in TRUTHS:
+        print(truth)
+        found = study(truth, range(options.seed, options.seed + options.runs),
+                      options.amplitudes, options.modes, options.seed >= 5000)
+        for name, (scores, errors) in found.items():
+            report(name, scores, errors)
+            both = together.setdefault(name, ([], []))
+            both[0].extend(scores)
+            both[1].extend(errors)
+    print('both')
+    for name, (scores, errors) in together.items():
+        report(name, scores, errors)
+
+
+if __name__ == '__main__':
+    main()
