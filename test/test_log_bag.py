@@ -230,10 +230,14 @@ def test_a_bag_that_unpacks_to_too_much_is_refused(
 def test_a_bag_says_what_simulated_it(tmp_path: Path) -> None:
     log = read_log(record(tmp_path / 'bag', [*states(5), *strains(5)]), ROBOT)
     assert log.origin is None
-    origin = Origin('reference', 'paper_reduced', 2)
+    origin = Origin('reference', 'assumed_modes', 2, coriolis=True)
     write_bag(tmp_path / 'told', replace(log, origin=origin))
     write_csv(tmp_path / 'told.csv', replace(log, origin=origin))
     for name in ('told', 'told.csv'):
         assert read_log(tmp_path / name, ROBOT).origin == origin
-    assert origin.against('reference', 'paper_reduced', 2) == ''
-    assert '--model paper_reduced --modes 2' in origin.against('reference', 'assumed_modes', 3)
+    for forces in (True, None):
+        assert origin.against('reference', 'assumed_modes', 2, forces) == ''
+    assert '--model assumed_modes --modes 2, read with reference, paper, 2: ' \
+        in origin.against('reference', 'paper', 2, True)
+    assert '--modes 2, with Coriolis forces, read with reference, assumed_modes, 2, without ' \
+        'Coriolis forces: ' in origin.against('reference', 'assumed_modes', 2, False)

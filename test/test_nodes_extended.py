@@ -65,11 +65,13 @@ def test_effects_of_the_file_and_of_the_parameters_are_the_same(extended: str) -
     assert difference[1] > 1e-3
 
 
-def test_coriolis_terms_are_one_switch() -> None:
-    switched = outputs(coriolis=True)
-    np.testing.assert_array_equal(
-        switched, outputs(effects=['coriolis_centripetal:arm:share=1']))
-    assert np.abs(switched - outputs()).max() > 1e-6
+def test_coriolis_forces_act_unless_switched_off() -> None:
+    named, off = ['coriolis_centripetal:arm:share=1'], outputs(coriolis=False)
+    np.testing.assert_array_equal(outputs(), outputs(coriolis=False, effects=named))
+    np.testing.assert_array_equal(outputs(), outputs(effects=named))
+    assert np.abs(outputs() - off).max() > 1e-6
+    for model in ('paper', 'paper_reduced'):
+        np.testing.assert_array_equal(outputs(model=model), outputs(model=model, coriolis=False))
 
 
 @pytest.mark.parametrize('identifier', catalogue())

@@ -33,12 +33,16 @@ ROBOT = load_robot('reference')
 TOLD = 0.12378423790934351  # truth.json, payload_told of case_8009d8b8
 
 
-def simulated_log(robot: Robot = ROBOT, rows: int = 300, start: float = 0.4) -> Log:
+CORIOLIS = EffectSpec('coriolis_centripetal', 'arm', {'share': 1.0})
+
+
+def simulated_log(robot: Robot = ROBOT, rows: int = 300, start: float = 0.4,
+                  nature: tuple[EffectSpec, ...] = (CORIOLIS,), speed: float = 1.0) -> Log:
     """Return a log that the arm itself made, from joint angles `start` at rest."""
     time_ = robot.sample_time * np.arange(float(rows))
-    command = np.column_stack([np.sin(3.0 * time_), 0.7 * np.cos(2.0 * time_)])
+    command = speed * np.column_stack([np.sin(3.0 * time_), 0.7 * np.cos(2.0 * time_)])
     arm = ExtendedArm(robot, 'assumed_modes', 3,
-                      effects=[build(spec, robot) for spec in robot.effects])
+                      effects=[build(spec, robot) for spec in (*robot.effects, *nature)])
     simulator = Simulator(arm)
     simulator.state[:2] = start
     output, velocity = simulate(simulator, command)
@@ -72,6 +76,33 @@ def test_replay_applies_the_effects_of_the_robot_file() -> None:
     log = simulated_log(rubbing)
     np.testing.assert_allclose(tool.replay(log, rubbing).fit_percent, 100.0, atol=1e-9)
     assert tool.replay(log, ROBOT).fit_percent[1] < 99.0
+
+
+@pytest.mark.parametrize('nature, arguments, words', [
+    ((CORIOLIS,), [], 'reference, assumed_modes, 3 modes, with Coriolis forces'),
+    ((), ['--no-coriolis'], 'reference, assumed_modes, 3 modes, without Coriolis forces'),
+    ((), ['--model', 'paper'], 'reference, paper, 3 modes, without Coriolis forces')])
+def test_tool_says_whether_coriolis_forces_act(
+        nature: tuple[EffectSpec, ...], arguments: list[str], words: str, tmp_path: Path,
+        capsys: pytest.CaptureFixture[str]) -> None:
+    write_csv(tmp_path / 'log.csv', simulated_log(nature=nature))
+    assert tool.main([str(tmp_path / 'log.csv'), *arguments]) == 0
+    shown = capsys.readouterr()
+    assert f'{words}, 0.1 kg' in shown.out and shown.err == ''
+    assert ('paper' in arguments) or shown.out.count('fit 100.0 %') == 6
+
+
+def test_a_log_faster_than_the_model_was_checked_for_is_said(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = simulated_log(speed=3.0)
+    write_csv(tmp_path / 'log.csv', log)
+    assert tool.main([str(tmp_path / 'log.csv')]) == 0
+    error = capsys.readouterr().err
+    assert log.velocity is not None
+    fastest = np.abs(log.velocity[:, 0]).max()
+    said = float(error.split('joint_1 turns at up to ')[1].split()[0])
+    assert said == pytest.approx(fastest, rel=0.02)
+    assert 'the models are checked up to 1.5 rad/s' in error and error.count('\n') == 1
 
 
 def test_replay_takes_the_log_s_own_rate() -> None:

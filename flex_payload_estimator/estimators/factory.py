@@ -15,6 +15,9 @@ from flex_payload_estimator.estimators.sf1.settings import (
     SF1EstimatorSettings,
 )
 from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.effects import effects_of
+from flex_plant_sim.effects.structure.coriolis_centripetal import CoriolisCentripetal
+from flex_plant_sim.simulation.nominal import has_coriolis, WITH_CORIOLIS
 from msg_config.errors import InputError
 
 Builder = Callable[..., PayloadEstimator]
@@ -33,6 +36,19 @@ def _rpe(robot: Robot, model: str, modes: int, **changes: Any) -> PayloadEstimat
 
 
 BUILDERS: dict[str, Builder] = {'sf1_paper': _sf1_paper, 'sf1': _sf1, 'rpe': _rpe}
+
+
+def coriolis_of(name: str, robot: Robot, model: str) -> bool | None:
+    """
+    Tell whether an estimator's model has Coriolis forces; None where it estimates them.
+
+    SF1 is linear, as the paper has it; rpe asks the record, unless the robot file names them.
+    """
+    if name != 'rpe' or model not in WITH_CORIOLIS:
+        return False
+    told = effects_of(robot)
+    named = any(isinstance(effect, CoriolisCentripetal) for effect in told)
+    return has_coriolis(told) if named else None
 
 
 def make_estimator(name: str, robot: Robot, model: str = 'paper_reduced', modes: int = 2,

@@ -13,6 +13,7 @@ from flex_payload_estimator.nodes.node_setup import controller_of, set_points_of
 from flex_payload_estimator.nodes.sample_node import Sample, SampleNode
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.inputs.gate import COMMAND_MARGIN, Limits
+from flex_plant_sim.simulation.nominal import model_words
 from flex_plant_sim.simulation.plant_setup import robot_of
 from geometry_msgs.msg import InertiaStamped
 from msg_config.contract_node import DIAGNOSTICS_INTERVAL
@@ -81,6 +82,8 @@ class LQGControllerNode(SampleNode):
     def install(self, built: Any) -> None:
         """Take over what `build` gave."""
         robot, self.controller = built
+        self.get_logger().info('designed for ' + model_words(
+            robot.name, self.values['model'], self.values['modes'], coriolis=False))
         self.take_robot(robot)
         if not self._referenced:
             self.set_points: SetPoints = set_points_of(self.values)

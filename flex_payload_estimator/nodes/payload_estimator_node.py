@@ -8,11 +8,13 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from flex_payload_estimator.estimators.base import Estimate
+from flex_payload_estimator.estimators.factory import coriolis_of
 from flex_payload_estimator.nodes.measured_shape import MeasuredShape
 from flex_payload_estimator.nodes.model_health import HealthReport, ModelHealth
 from flex_payload_estimator.nodes.node_setup import estimator_of
 from flex_payload_estimator.nodes.sample_node import Sample, SampleNode
 from flex_plant_sim.nodes.arm_markers import arm_markers
+from flex_plant_sim.simulation.nominal import model_words
 from flex_plant_sim.simulation.plant_setup import robot_of
 from msg_config.contract_node import DIAGNOSTICS_INTERVAL
 from msg_config.messages import (
@@ -69,6 +71,9 @@ class PayloadEstimatorNode(SampleNode):
     def install(self, built: Any) -> None:
         """Take over what `build` gave."""
         robot, self.estimator = built
+        name, model = self.values['estimator'], self.values['model']
+        self.get_logger().info(f'{name} with ' + model_words(
+            robot.name, model, self.values['modes'], coriolis_of(name, robot, model)))
         self.shape = MeasuredShape.of(robot)
         self.take_robot(robot)
         self.health = ModelHealth(self.channels, robot.sample_time)

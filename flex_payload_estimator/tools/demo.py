@@ -35,6 +35,7 @@ from flex_plant_sim.logs.bag_log import write_bag
 from flex_plant_sim.logs.csv_log import write_csv
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.logs.origin import Origin, origin_path
+from flex_plant_sim.simulation.nominal import has_coriolis
 from flex_plant_sim.simulation.plant_setup import robot_of, simulator_of
 from flex_plant_sim.tools import command_line
 from flex_plant_sim.tools.outputs import check_outputs
@@ -143,7 +144,8 @@ def log_of(experiment: Experiment, record: LoopRecord) -> Log:
     robot, plant = robot_of(experiment.plant), experiment.plant
     return Log('flex_demo', record.time, record.command, record.output[:, :2],
                record.output[:, 2:], robot.gauge_names, record.velocity,
-               origin=Origin(robot.name, plant['model'], plant['modes']))
+               origin=Origin(robot.name, plant['model'], plant['modes'],
+                             has_coriolis(simulator_of(plant).arm.effects)))
 
 
 def summary_of(experiment: Experiment, record: LoopRecord) -> dict[str, Any]:

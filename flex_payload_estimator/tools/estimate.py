@@ -9,12 +9,13 @@ import sys
 from typing import Any
 
 from flex_payload_estimator.estimators.base import PayloadEstimator
-from flex_payload_estimator.estimators.factory import make_estimator
+from flex_payload_estimator.estimators.factory import coriolis_of, make_estimator
 from flex_payload_estimator.tools.words import decimals_of, with_uncertainty
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.logs.log import Log
+from flex_plant_sim.simulation.nominal import model_words
 from flex_plant_sim.tools import command_line
 from flex_plant_sim.tools.log_input import read_log_aloud
 from flex_plant_sim.tools.outputs import check_outputs, results
@@ -118,7 +119,7 @@ def estimate_file(path: str, robot: Robot, name: str, model: str, modes: int) ->
         Naming what does not fit.
 
     """
-    log = read_log_aloud(path, robot, model, modes)
+    log = read_log_aloud(path, robot, model, modes, coriolis_of(name, robot, model))
     return estimate(log, make_estimator(
         name, replace(robot, sample_time=log.sample_time), model, modes))
 
@@ -144,12 +145,15 @@ def _estimate(arguments: Sequence[str] | None) -> None:
 
 
 def _write(options: argparse.Namespace, robot: Robot, write: Callable[..., None]) -> None:
+    forces = coriolis_of(options.estimator, robot, options.model)
+    write(print, f'{options.estimator}: '
+          f'{model_words(robot.name, options.model, options.modes, forces)}')
     found = []
     for path in options.log:
         found.append(estimate_file(path, robot, options.estimator, options.model, options.modes))
         write(print, found[-1].table())
     settings = {'robot': robot.name, 'estimator': options.estimator, 'model': options.model,
-                'modes': options.modes}
+                'modes': options.modes, 'coriolis': 'estimated' if forces is None else forces}
     if options.json:
         logs = [item.results() for item in found]
         own = logs[0] if len(logs) == 1 else {}

@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.commissioning.items import changed, Item, items_of
-from flex_plant_sim.commissioning.residuals import Residuals, with_coriolis
+from flex_plant_sim.commissioning.residuals import MODEL, Residuals
 from flex_plant_sim.commissioning.system import System
 from flex_plant_sim.logs.log import Log
+from flex_plant_sim.simulation.nominal import nominal_robot
 import numpy as np
 
 ITERATIONS = 12
@@ -71,7 +72,7 @@ def calibrate(logs: Sequence[Log], robot: Robot, payload: float,
 
     """
     # The file names the forces that the fit reckoned with.
-    robot = with_coriolis(robot)
+    robot = nominal_robot(robot, MODEL)
     told = replace(robot, payload_mass=payload, sample_time=logs[0].sample_time)
     items, residuals = [i for i in items_of(told) if i.name not in KNOWN], Residuals(logs, told)
     values, before = np.zeros(len(items)), residuals.of(told)

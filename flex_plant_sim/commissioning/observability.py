@@ -9,8 +9,8 @@ from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.commissioning.items import items_of
 from flex_plant_sim.commissioning.standard_move import Move, standard_move
-from flex_plant_sim.effects import effects_of
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.nominal import nominal_effects
 from flex_plant_sim.simulation.simulator import simulate, Simulator
 import numpy as np
 
@@ -62,7 +62,7 @@ def _with_payload(robot: Robot, step: float) -> Robot:
 
 
 def _output(robot: Robot, modes: int, move: Move) -> Array:
-    arm = ExtendedArm(robot, 'assumed_modes', modes, robot.payload_mass, effects_of(robot))
+    arm = ExtendedArm(robot, 'assumed_modes', modes, robot.payload_mass, nominal_effects(robot))
     return simulate(Simulator(arm), move.commands)[0]
 
 

@@ -19,7 +19,7 @@ from msg_config.errors import InputError
 import numpy as np
 
 MODES = 3
-MODEL, CORIOLIS = 'assumed_modes', 'coriolis_centripetal'
+MODEL = 'assumed_modes'
 # Of the slowest mode, a window.
 PERIODS = 5
 FEWEST = 3
@@ -94,13 +94,6 @@ class Residuals:
             changes += [kind(name, (value,)) for kind, value, null in zip(
                 kinds, values, (1.0, 0.0)) if value != null]
         return tuple(changes)
-
-
-def with_coriolis(robot: Robot) -> Robot:
-    """Return the robot with Coriolis and centripetal forces, if its file does not name them."""
-    if any(spec.name == CORIOLIS for spec in robot.effects):
-        return robot
-    return replace(robot, effects=(*robot.effects, EffectSpec(CORIOLIS, 'arm', {'share': 1.0})))
 
 
 def gauge_readings(robot: Robot) -> tuple[tuple[float, float], ...]:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from flex_plant_sim.arm.assumed_modes import assumed_modes
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.effects import effects_of
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.nominal import nominal_effects
 from flex_plant_sim.simulation.simulator import Noise, simulate, Simulator
 import numpy as np
 
@@ -83,7 +83,7 @@ def _profile(time: Array, stroke: float) -> tuple[Array, Array]:
 def simulated_move(robot: Robot, strokes: int, modes: int, seed: int) -> Log:
     """Return what the arm and its noisy sensors should log over the standard move."""
     move = standard_move(robot, strokes)
-    arm = ExtendedArm(robot, 'assumed_modes', modes, effects=effects_of(robot))
+    arm = ExtendedArm(robot, 'assumed_modes', modes, effects=nominal_effects(robot))
     noise = Noise(robot.angle_noise, robot.strain_noise)
     output, velocity = simulate(Simulator(arm, noise=noise, seed=seed), move.commands)
     time = np.asarray(robot.sample_time * np.arange(len(output)), dtype=float)

@@ -9,6 +9,7 @@ from typing import Any
 
 from flex_plant_sim.arm.safe_yaml import MAX_TEXT, read_yaml
 from flex_plant_sim.atomic_file import MARK, whole_file
+from flex_plant_sim.simulation.nominal import coriolis_words
 from msg_config.errors import InputError
 import yaml
 
@@ -28,20 +29,36 @@ class Origin:
         A key of extended_arm.MODELS.
     modes : int
         Modes a link.
+    coriolis : bool
+        Whether Coriolis and centripetal forces acted.
 
     """
 
     robot: str
     model: str
     modes: int
+    coriolis: bool = False
 
-    def against(self, robot: str, model: str, modes: int) -> str:
-        """Return in one line how an arm differs from the one simulated; empty where not."""
-        own, other = (self.robot, self.model, self.modes), (robot, model, modes)
-        if own == other:
+    def against(self, robot: str, model: str, modes: int, coriolis: bool | None) -> str:
+        """
+        Return in one line how an arm differs from the one simulated; empty where not.
+
+        Parameters
+        ----------
+        robot, model, modes
+            As the attributes.
+        coriolis : bool or None
+            None where these forces are estimated.
+
+        """
+        forced = self.coriolis if coriolis is None else coriolis
+        if (self.robot, self.model, self.modes, self.coriolis) == (robot, model, modes, forced):
             return ''
-        return (f'simulated with --robot {self.robot} --model {self.model} --modes {self.modes}, '
-                f'read with {robot}, {model}, {modes}: the difference biases what is found')
+        forces = '' if forced == self.coriolis else f', {coriolis_words(forced)}'
+        simulated = f', {coriolis_words(self.coriolis)},' if forces else ','
+        return (f'simulated with --robot {self.robot} --model {self.model} --modes {self.modes}'
+                f'{simulated} read with {robot}, {model}, {modes}{forces}: the difference biases '
+                'what is found')
 
 
 def origin_path(log: Path) -> Path:
@@ -94,6 +111,7 @@ def bag_text(origin: Origin) -> str:
 
 def _origin(data: Any) -> Origin | None:
     try:
-        return Origin(str(data['robot'])[:100], str(data['model'])[:100], int(data['modes']))
-    except (KeyError, TypeError, ValueError, OverflowError):
+        return Origin(str(data['robot'])[:100], str(data['model'])[:100], int(data['modes']),
+                      bool(data.get('coriolis', False)))
+    except (AttributeError, KeyError, TypeError, ValueError, OverflowError):
         return None

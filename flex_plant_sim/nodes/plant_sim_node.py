@@ -8,6 +8,7 @@ from typing import Any
 from flex_plant_sim.inputs.gate import Limits
 from flex_plant_sim.nodes.arm_markers import arm_markers
 from flex_plant_sim.simulation.arm_shape import ArmShape
+from flex_plant_sim.simulation.nominal import has_coriolis, model_words
 from flex_plant_sim.simulation.plant_setup import simulator_of
 from msg_config.contract_node import ContractNode, DIAGNOSTICS_INTERVAL
 from msg_config.errors import InputError
@@ -83,6 +84,9 @@ class PlantSim(ContractNode):
     def install(self, built: Any) -> None:
         """Take over what `build` gave."""
         self.simulator, self.shape = built
+        arm = self.simulator.arm
+        self.get_logger().info('simulates ' + model_words(
+            arm.robot.name, arm.model_name, arm.modes, has_coriolis(arm.effects)))
 
     def _start(self) -> None:
         """Begin at rest: at time zero in lock-step, and now in real time."""

@@ -8,14 +8,12 @@ from typing import Any
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import load_robot
-from flex_plant_sim.effects import build, effects_of, parse
-from flex_plant_sim.effects.base import Effect
+from flex_plant_sim.effects import parse
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.nominal import nominal_effects
 from flex_plant_sim.simulation.payload_profile import PayloadProfile
 from flex_plant_sim.simulation.simulator import Noise, Simulator
 from msg_config.errors import InputError
-
-CORIOLIS = 'coriolis_centripetal:arm:share=1'
 
 
 def robot_of(values: Mapping[str, Any]) -> Robot:
@@ -28,7 +26,8 @@ def simulator_of(values: Mapping[str, Any]) -> Simulator:
     """
     Return the simulator of a checked table plant_sim.
 
-    Effects of the robot file come first, then those of the parameters.
+    Effects of the robot file come first, then those of the parameters; see nominal_robot for
+    what is added.
 
     Raises
     ------
@@ -37,8 +36,9 @@ def simulator_of(values: Mapping[str, Any]) -> Simulator:
 
     """
     robot = robot_of(values)
-    texts = [*values['effects'], *([CORIOLIS] if values['coriolis'] else [])]
-    effects: list[Effect] = [*effects_of(robot), *(build(parse(text), robot) for text in texts)]
+    added = tuple(parse(text) for text in values['effects'])
+    effects = nominal_effects(replace(robot, effects=(*robot.effects, *added)),
+                              values['model'], values['coriolis'])
     arm = ExtendedArm(robot, values['model'], values['modes'], values['payload'], effects,
                       step=robot.sample_time / values['substeps'])
     noise = Noise(values['angle_noise'], values['strain_noise'], values['process_noise'])

@@ -56,6 +56,13 @@ def add_arm_arguments(options: argparse.ArgumentParser, model: str = 'assumed_mo
                          help="payload mass; the robot file's if not given")
 
 
+def add_coriolis_argument(options: argparse.ArgumentParser) -> None:
+    """Add --no-coriolis."""
+    options.add_argument('--no-coriolis', action='store_true',
+                         help='leave Coriolis and centripetal forces out of the model, as those '
+                              'of the paper do; what the robot file names stays')
+
+
 def add_json_argument(options: argparse.ArgumentParser) -> None:
     """Add --json."""
     options.add_argument('--json', default=None, metavar='FILE', help='write the results as JSON')

@@ -32,6 +32,7 @@ from flex_plant_sim.diagnosis.verdict.verdict import diagnose, nominal_base
 from flex_plant_sim.effects import catalogue
 from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.logs.log import Log
+from flex_plant_sim.simulation.nominal import has_coriolis, model_words, nominal_effects
 from flex_plant_sim.tools import command_line
 from flex_plant_sim.tools.log_input import read_log_aloud
 from flex_plant_sim.tools.outputs import check_folder, check_outputs, results
@@ -80,8 +81,7 @@ def options() -> argparse.ArgumentParser:
                         help='processes')
     parser.add_argument('--true-payload', default=None, type=command_line.mass, metavar='KG',
                         help='what the arm really carries, to measure the payload estimate')
-    parser.add_argument('--no-coriolis', action='store_true',
-                        help='leave Coriolis and centripetal forces out of the nominal model')
+    command_line.add_coriolis_argument(parser)
     parser.add_argument('--exclude', default=[], action='append', metavar='EFFECT',
                         choices=sorted(catalogue()),
                         help='an effect that is not to be considered; may be given again')
@@ -98,7 +98,8 @@ def _count(text: str) -> int:
     return int(text)
 
 
-def read_logs(paths: Sequence[str], robot: Robot, model: str, modes: int) -> list[Log]:
+def read_logs(paths: Sequence[str], robot: Robot, model: str, modes: int,
+              coriolis: bool = True) -> list[Log]:
     """
     Return the logs, all sampled alike.
 
@@ -108,7 +109,8 @@ def read_logs(paths: Sequence[str], robot: Robot, model: str, modes: int) -> lis
         Naming the file that cannot be read, is sampled otherwise, or is no evidence of the arm.
 
     """
-    logs = [read_log_aloud(path, robot, model, modes) for path in paths]
+    forces = has_coriolis(nominal_effects(robot, model, coriolis))
+    logs = [read_log_aloud(path, robot, model, modes, forces) for path in paths]
     for log in logs:
         if log.doubts:
             raise InputError(f'{log.source}: not diagnosed: {log.doubts[0]}')
@@ -189,8 +191,12 @@ def settings_of(arguments: argparse.Namespace, robot: Robot, logs: Sequence[Log]
     return {
         'logs': described, 'robot': f'{robot.name} ({arguments.robot})',
         'model': arguments.model, 'modes': arguments.modes, 'payload_told_kg': told,
-        'coriolis': not arguments.no_coriolis, 'excluded': list(arguments.exclude),
+        'coriolis': _forces(arguments, robot), 'excluded': list(arguments.exclude),
         'jobs': arguments.jobs, 'seed': arguments.seed, 'version': number}
+
+
+def _forces(arguments: argparse.Namespace, robot: Robot) -> bool:
+    return has_coriolis(nominal_effects(robot, arguments.model, not arguments.no_coriolis))
 
 
 def check_arguments(arguments: argparse.Namespace) -> None:
@@ -209,12 +215,15 @@ def check_arguments(arguments: argparse.Namespace) -> None:
 def _main(arguments: argparse.Namespace) -> None:
     check_arguments(arguments)
     robot = load_robot(arguments.robot)
-    logs = read_logs(arguments.log, robot, arguments.model, arguments.modes)
+    logs = read_logs(arguments.log, robot, arguments.model, arguments.modes,
+                     not arguments.no_coriolis)
     with progress_bar() as progress:
         found = run(logs, replace(robot, sample_time=logs[0].sample_time), arguments, progress)
         report = None if arguments.report is None else report_of(
             found, settings_of(arguments, robot, logs))
     with results() as write:
+        write(print, 'nominal model: ' + model_words(
+            robot.name, arguments.model, arguments.modes, _forces(arguments, robot)))
         write(print, answer_text(found.diagnosis, found.gains, found.payload))
         if arguments.extended:
             changed = replace(found.extended.robot, sample_time=robot.sample_time)

@@ -6,11 +6,11 @@ from dataclasses import replace
 import sys
 
 from flex_plant_sim.arm.robot import Robot
-from flex_plant_sim.effects import effects_of
 from flex_plant_sim.inputs.plausible import channel_hints
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.logs.read import read_log
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.nominal import beyond_checked, nominal_effects
 from flex_plant_sim.simulation.simulator import simulate, Simulator
 from msg_config.errors import InputError
 import numpy as np
@@ -19,12 +19,14 @@ import numpy as np
 HINT_DURATION = 10.0
 
 
-def read_log_aloud(path: str, robot: Robot, model: str, modes: int) -> Log:
+def read_log_aloud(path: str, robot: Robot, model: str, modes: int,
+                   coriolis: bool | None = None) -> Log:
     """
     Return a log, and say on stderr, a line each, what a user must know before believing it.
 
-    That is what was done to read it, what made it where that is another model, and channels
-    whose unit or sign looks wrong beside a simulation from the same commands.
+    That is what was done to read it, what made it where that is another model, joints faster
+    than the models are checked for, and channels whose unit or sign looks wrong beside a
+    simulation from the same commands. Whether Coriolis forces act, None leaves open.
 
     Raises
     ------
@@ -33,14 +35,16 @@ def read_log_aloud(path: str, robot: Robot, model: str, modes: int) -> Log:
 
     """
     log = read_log(path, robot)
-    for line in (*log.notes, *_other_origin(log, robot, model, modes), *hints(log, robot)):
+    said = (*log.notes, _other_origin(log, robot, model, modes, coriolis),
+            beyond_checked(log.time, log.joint), *hints(log, robot))
+    for line in filter(None, said):
         print(f'{log.source}: {line}', file=sys.stderr)
     return log
 
 
-def _other_origin(log: Log, robot: Robot, model: str, modes: int) -> tuple[str, ...]:
-    line = '' if log.origin is None else log.origin.against(robot.name, model, modes)
-    return (line,) if line else ()
+def _other_origin(log: Log, robot: Robot, model: str, modes: int,
+                  coriolis: bool | None) -> str:
+    return '' if log.origin is None else log.origin.against(robot.name, model, modes, coriolis)
 
 
 def hints(log: Log, robot: Robot) -> tuple[str, ...]:
@@ -52,7 +56,7 @@ def hints(log: Log, robot: Robot) -> tuple[str, ...]:
     try:
         with np.errstate(all='ignore'):
             simulator = Simulator(ExtendedArm(robot, 'assumed_modes', 1, None,
-                                              effects_of(robot)))
+                                              nominal_effects(robot)))
             simulator.state[:2] = part.joint[0]
             expected, _ = simulate(simulator, part.command)
     except (InputError, np.linalg.LinAlgError):

@@ -12,10 +12,10 @@ from typing import Any
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.effects import effects_of
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.simulation.agreement import fit_percent, rmse
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.nominal import has_coriolis, model_words, nominal_effects
 from flex_plant_sim.simulation.simulator import simulate, Simulator
 from flex_plant_sim.tools import command_line
 from flex_plant_sim.tools.log_input import read_log_aloud
@@ -83,11 +83,11 @@ class Replay:
 
 
 def replay(log: Log, robot: Robot, model: str = 'assumed_modes', modes: int = 3,
-           payload: float | None = None) -> Replay:
+           payload: float | None = None, coriolis: bool = True) -> Replay:
     """
     Simulate a log from its commands alone, the arm at rest at the log's first joint angles.
 
-    The robot's effects act. The log's own sample time replaces the robot's.
+    The nominal effects act. The log's own sample time replaces the robot's.
 
     Parameters
     ----------
@@ -101,6 +101,8 @@ def replay(log: Log, robot: Robot, model: str = 'assumed_modes', modes: int = 3,
         Modes a link.
     payload : float, optional
         kg, the robot's if not given.
+    coriolis : bool
+        See nominal_robot.
 
     Raises
     ------
@@ -109,7 +111,8 @@ def replay(log: Log, robot: Robot, model: str = 'assumed_modes', modes: int = 3,
 
     """
     robot = replace(robot, sample_time=log.sample_time)
-    arm = ExtendedArm(robot, model, modes, payload, effects_of(robot))
+    arm = ExtendedArm(robot, model, modes, payload,
+                      nominal_effects(robot, model, coriolis))
     simulator = Simulator(arm)
     at_zero = arm.output(simulator.state, 0.0)[:2]
     simulator.state[:2] = log.joint[0] - at_zero
@@ -141,8 +144,9 @@ def fit_text(fit: float) -> str:
 def table(result: Replay) -> str:
     """Return the figures as text."""
     log, arm = result.log, result.arm
+    words = model_words(arm.robot.name, arm.model_name, arm.modes, has_coriolis(arm.effects))
     lines = [f'{log.source}: {len(log)} samples at {1.0 / log.sample_time:g} Hz; '
-             f'{arm.robot.name}, {arm.model_name}, {arm.modes} modes, {arm.payload:g} kg',
+             f'{words}, {arm.payload:g} kg',
              f'{"channel":<12}{"":>16}{"RMSE":>12}']
     for name, fit, error, unit in zip(log.output_names, result.fit_percent, result.rmse,
                                       result.units):
@@ -155,6 +159,7 @@ def options() -> argparse.ArgumentParser:
     parser = command_line.parser('Simulate a log from its commands; print fit and RMSE.')
     command_line.add_log_argument(parser)
     command_line.add_arm_arguments(parser)
+    command_line.add_coriolis_argument(parser)
     command_line.add_json_argument(parser)
     parser.add_argument('--plot', default=None, metavar='FILE',
                         help='plot measured, simulated and residual (PNG, PDF, SVG)')
@@ -167,8 +172,10 @@ def _main(arguments: argparse.Namespace) -> None:
     if arguments.plot:
         check_image(arguments.plot)
     robot = load_robot(arguments.robot)
-    log = read_log_aloud(arguments.log, robot, arguments.model, arguments.modes)
-    result = replay(log, robot, arguments.model, arguments.modes, arguments.payload)
+    coriolis = not arguments.no_coriolis
+    forces = has_coriolis(nominal_effects(robot, arguments.model, coriolis))
+    log = read_log_aloud(arguments.log, robot, arguments.model, arguments.modes, forces)
+    result = replay(log, robot, arguments.model, arguments.modes, arguments.payload, coriolis)
     with results() as write:
         write(print, table(result))
         if arguments.json:

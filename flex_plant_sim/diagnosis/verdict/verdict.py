@@ -22,7 +22,8 @@ from flex_plant_sim.diagnosis.verdict.results import (
     ParameterValue,
     PartEstimate,
 )
-from flex_plant_sim.effects import catalogue, effects_of
+from flex_plant_sim.effects import catalogue
+from flex_plant_sim.simulation.nominal import nominal_effects
 import numpy as np
 
 # Swings in noise deviations below which a record shows no motion at all.
@@ -32,12 +33,8 @@ Z = 1.959964
 
 
 def nominal_base(robot: Robot, model: str, modes: int, coriolis: bool = True) -> Base:
-    """Return the base that a user's simulation stands for, Coriolis terms included or not."""
-    effects = effects_of(robot)
-    kind = catalogue()['coriolis_centripetal']
-    if coriolis and not any(isinstance(e, kind) for e in effects):
-        effects = (*effects, kind('arm', (1.0,)))
-    return Base(robot, model, modes, effects)
+    """Return the base that a user's simulation stands for, see nominal_robot."""
+    return Base(robot, model, modes, nominal_effects(robot, model, coriolis))
 
 
 def diagnose(records: Sequence[Record], nominal: Base, jobs: int = 1,
