@@ -10,7 +10,7 @@ from pathlib import Path
 
 from finite_elements import natural_frequencies
 from flex_payload_estimator.kalman.cramer_rao import linearise, payload_bound
-from flex_plant_sim.arm.robot import Robot, Tolerances
+from flex_plant_sim.arm.robot import EffectSpec, Robot, Tolerances
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.commissioning.observability import observability
 from flex_plant_sim.commissioning.plausibility import hints
@@ -60,6 +60,8 @@ def test_the_bound_without_tolerances_is_that_of_the_riccati_recursion() -> None
     none = replace(REFERENCE, tolerances=Tolerances(**dict.fromkeys(vars(Tolerances()), 0.0)))
     move = standard_move(none)
     arm = ExtendedArm(none, modes=2)
+    # The recursion is of linear equations.
+    none = replace(none, effects=(EffectSpec('coriolis_centripetal', 'arm', {'share': 0.0}),))
     states, _ = Simulator(arm).advance(move.commands, np.zeros((len(move.commands), 2)))
     noise = [none.angle_noise] * 2 + [none.strain_noise] * 4
     bound = payload_bound(linearise(arm, states, move.commands), noise, np.zeros(arm.states))
