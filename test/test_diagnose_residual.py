@@ -123,6 +123,18 @@ def test_a_true_model_that_expects_no_disturbance_leaves_noise() -> None:
         assert all(share < 0.1 for share in row.one_step.values())
 
 
+@pytest.mark.parametrize('value', [np.inf, np.nan, 1e200])
+def test_a_prediction_that_diverges_is_described_and_said_to_diverge(value: float) -> None:
+    source = predictor(simulated())
+    source.states[1500:] = value
+    for row in describe([source]):
+        assert 0.0 <= row.whiteness.predictable < 1.0
+        assert all(0.0 <= share <= 1.0 for share in (
+            *row.drifted.values(), *row.one_step.values()))
+        assert sum(share for _, _, share, _ in row.bands) == pytest.approx(1.0)
+        assert row.results()['free_run']['0.01'] is None
+
+
 def test_results_are_plain() -> None:
     row = describe([predictor(simulated())])[0].results()
     assert set(row['free_run']) == {'0.01', '0.2', '1', '5'}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 import math
 from typing import Any
 
@@ -158,7 +159,7 @@ class Robot:
     angle_limits: tuple[tuple[float, float], tuple[float, float]] = (UNLIMITED, UNLIMITED)
     inputs: InputMapping = field(default_factory=InputMapping, hash=False)
 
-    @property
+    @cached_property
     def gauge_names(self) -> tuple[str, ...]:
         """Return strain_1a, strain_1b, …; without a letter where a link has one gauge."""
         names = []
@@ -168,7 +169,7 @@ class Robot:
             names += [f'strain_{number}{letter}' for letter in letters]
         return tuple(names)
 
-    @property
+    @cached_property
     def output_names(self) -> tuple[str, ...]:
         """Return the measured channels: joint_1, joint_2 and the gauges."""
         return ('joint_1', 'joint_2', *self.gauge_names)

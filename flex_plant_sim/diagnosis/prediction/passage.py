@@ -136,10 +136,10 @@ def _in_step(measured: Array, late: int) -> Array:
 
 def sensor_gain(arm: ExtendedArm, record: Record) -> Array:
     """Return the matrix of the (affine) sensor effects, (1, 1 or B, m, m)."""
-    m, time = record.output.shape[1], record.time[:1, None]
-    zero = arm.sense(np.zeros((1, 1, m)), time)
-    columns = [arm.sense(np.broadcast_to(unit, (1, 1, m)), time) - zero for unit in np.eye(m)]
-    return np.stack(columns, axis=-1)
+    m = record.output.shape[1]
+    units = np.concatenate([np.zeros((1, 1, m)), np.eye(m)[:, None]])
+    seen = arm.sense(units, np.full((m + 1, 1), record.time[0]))
+    return np.asarray((seen[1:] - seen[0]).transpose(1, 2, 0)[None], dtype=float)
 
 
 def _before_sensors(arm: ExtendedArm, record: Record) -> Array:

@@ -243,8 +243,12 @@ class Predictor:
         """Return how far the joints are from where the base sees them, (N, 2)."""
         if not arm.acts_on_output:
             return np.zeros((len(self.record.time), 2))
-        undone = undo_sensors(arm, self.record)
-        return undone[:, 0, :2] - undo_sensors(self.arm, self.record)[:, 0, :2]
+        return undo_sensors(arm, self.record)[:, 0, :2] - self.own_angle
+
+    @cached_property
+    def own_angle(self) -> Array:
+        """Return where the base sees the joints, rad, (N, 2)."""
+        return undo_sensors(self.arm, self.record)[:, 0, :2]
 
     def started(self, arm: ExtendedArm) -> Array:
         """Return the base's states, (N, n); where coordinates were added, they are at zero."""

@@ -23,6 +23,8 @@ COMMAND_LAGS = 6
 REST = 0.1
 STARTS, SHORT_STARTS = 120, 900
 DRIFTED = 0.2
+# Errors that no sensor can have: the prediction has diverged. Fourth powers still add up.
+DIVERGED = 1e50
 
 
 @dataclass(frozen=True)
@@ -112,8 +114,9 @@ def shapes(predictor: Predictor) -> dict[str, Array]:
     noise is in the residual too.
     """
     arm, record, order = predictor.arm, predictor.record, predictor.arm.form.order
-    angle, speed = predictor.states[:, :2], predictor.states[:, order:order + 2]
-    load = arm.output(predictor.states, record.time)[:, 2:]
+    states = _tame(predictor.states)
+    angle, speed = states[:, :2], states[:, order:order + 2]
+    load = arm.output(states, record.time)[:, 2:]
     rest = REST * np.sqrt(np.mean(speed**2, axis=0)) + 1e-12
     padded = np.vstack([np.repeat(record.command[:1], COMMAND_LAGS, axis=0), record.command])
     commands = [padded[k:k + len(record.time)] for k in range(1, COMMAND_LAGS + 1)]
@@ -200,7 +203,8 @@ def band_edges(predictor: Predictor) -> Array:
 
 def one_step(predictor: Predictor) -> Array:
     """Return measured minus predicted over the whole record but the first window, (N, m)."""
-    predicted = predictor.arm.output(predictor.states, predictor.record.time)
+    with np.errstate(over='ignore', invalid='ignore'):
+        predicted = predictor.arm.output(predictor.states, predictor.record.time)
     return (predictor.record.output - predicted)[predictor.windows.warm_up:]
 
 
@@ -219,13 +223,14 @@ def describe(predictors: Sequence[Predictor],
     """
     first = predictors[0]
     step, names = first.base.robot.sample_time, first.base.robot.output_names
-    steps = [one_step(p) for p in predictors]
+    raw = [one_step(p) for p in predictors]
+    steps = [_tame(e) for e in raw]
     now = _over_records(predictors, steps, [
         p.windows.warm_up + np.arange(len(e)) for p, e in zip(predictors, steps)])
     rows, final = zip(*(drift(p) for p in predictors))
     later = _over_records(predictors, final, rows)
     in_bands = bands(steps, band_edges(first), step)
-    runs = _free_run_errors(predictors, steps, horizons)
+    runs = _free_run_errors(predictors, raw, horizons)
     noise = np.sqrt(np.mean([p.noise**2 for p in predictors], axis=0))
     return tuple(ChannelResidual(
         name, 'rad' if k < 2 else 'm/m', float(noise[k]),
@@ -249,7 +254,12 @@ def drift(predictor: Predictor,
     starts = start_instants(predictor.windows.warm_up, len(predictor.record.time) - samples,
                             SHORT_STARTS)
     final = errors(predictor, starts, samples)[-1]
-    return starts + samples // 2, np.where(np.isfinite(final), final, 0.0)
+    return starts + samples // 2, _tame(final)
+
+
+def _tame(values: Array) -> Array:
+    """Return values with zero where a prediction has diverged: there they show no shape."""
+    return np.where(np.abs(values) < DIVERGED, values, 0.0)
 
 
 def _free_run_errors(predictors: Sequence[Predictor], steps: Sequence[Array],
