@@ -243,6 +243,14 @@ def test_distractors_stay_below_half_a_detection_limit() -> None:
             assert over_threshold(term, limits) < 0.5001, term
 
 
+def test_presliding_is_no_distractor_beside_dry_friction() -> None:
+    """A true joint has one travel: seed 1003 draws it, and springs would be what is hidden."""
+    truth, _ = sized_truth(BankCase('one', ('coulomb_friction',), 'reference', 1003), {})
+    assert truth.names == ('coulomb_friction', 'strain_delay')
+    beside, _ = sized_truth(BankCase('one', ('viscous_friction',), 'reference', 1003), {})
+    assert 'presliding_friction' in beside.names
+
+
 def test_shuffled_residuals_keep_their_size_and_lose_their_order() -> None:
     case = BankCase('control', ('shuffled_residuals',), 'reference', 700)
     clean = control(BankCase('control', ('swapped_joint_labels',), 'reference', 700))

@@ -23,6 +23,8 @@ DISTRACTED = ('one', 'clean', 'pair')
 LIMITS_FILE = Path(__file__).with_name('limits.json')
 # Not as distractors: what is in nature always, and what changes the payload that others count on.
 NO_DISTRACTORS = (*MODEL_OPTIONS, 'payload_mass')
+# A true joint has one travel: presliding beside these would give it to their friction as well.
+DRY = frozenset({'coulomb_friction', 'asymmetric_friction', 'stribeck_friction'})
 
 Limits = Mapping[str, float]
 
@@ -114,6 +116,8 @@ def with_distractors(truth: TruthCase, limits: Limits) -> TruthCase:
               if name not in (*truth.names, *NO_DISTRACTORS)]
     chosen = np.random.default_rng([truth.seed, 17]).choice(others, DISTRACTORS, replace=False)
     for number, name in enumerate(map(str, chosen)):
+        if name == 'presliding_friction' and DRY & set(truth.names):
+            continue
         severity = DISTRACTOR_SEVERITY
         trial = _added(truth, name, number, severity)
         # Twice, because not every size grows with its severity in proportion.
