@@ -193,8 +193,8 @@ def test_effort_as_applied_is_preferred_and_said(tmp_path: Path) -> None:
              for topic, at, _ in commands(6)]
     log = read_log(record(tmp_path / 'bag', [*states(6), *strains(6), *other]), ROBOT)
     np.testing.assert_array_equal(log.command[:5, 0], [0, 10, 20, 30, 40])
-    assert log.notes == ('commands: as applied (effort of joint_states); in 5 of 5 samples the '
-                         'topic command says otherwise',)
+    assert log.notes[0] == ('commands: as applied (effort of joint_states); in 5 of 5 samples the '
+                            'topic command says otherwise')
 
 
 def test_names_are_read_in_every_message(tmp_path: Path) -> None:

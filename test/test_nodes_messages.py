@@ -7,6 +7,11 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, TYPE_CHECKING
 
+from flex_plant_sim.arm.robot_file import load_robot
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.nominal import nominal_effects
+from flex_plant_sim.simulation.payload_profile import PayloadProfile
+from flex_plant_sim.simulation.simulator import Noise, Simulator
 from node_bench import Bench, GAUGES, JOINTS, STEP
 import numpy as np
 import pytest
@@ -183,20 +188,24 @@ def test_diagnostics_name_the_estimate_and_the_model(loop: RosLoop) -> None:
 
 
 def test_a_payload_change_is_announced_at_once_with_its_time(loop: RosLoop) -> None:
-    from argparse import Namespace
-
-    bench = Bench(loop, 'estimator')
-    for k in range(5):
-        bench.answered(k)
-    before = len(bench.diagnostics)
-    # What an estimator that looks for changes keeps: see estimators/rpe_events.py.
-    bench.node.estimator.events = [Namespace(time=0.02, found=0.05, before=0.2, after=0.05)]
-    bench.answered(5)
-    loop.until(lambda: len(bench.diagnostics) > before)
-    status = bench.status('payload change')
-    assert status.message == ('the payload went from 0.2 to 0.05 kg at 0.02 s, '
-                              'found at 0.05 s')
-    assert {value.key: value.value for value in status.values}['found s'] == '0.05'
+    bench = Bench(loop, 'estimator', estimator='rpe', model='assumed_modes', modes=2)
+    robot = load_robot('reference')
+    simulator = Simulator(
+        ExtendedArm(robot, 'assumed_modes', 2, 0.2, nominal_effects(robot, 'assumed_modes')),
+        PayloadProfile.step(0.2, 2.3, 0.05), Noise(2e-4, 5e-7))
+    command = np.zeros(2)
+    for k in range(330):
+        sample = simulator.measure()
+        bench.answered(k, angle=sample.output[:2], strain=sample.output[2:], effort=command)
+        command = 4.0 * (0.5 * np.sign(np.sin(np.pi * sample.time)) - sample.angle)
+        simulator.step(command)
+    loop.until(lambda: bench.status('payload change').message != 'none')
+    values = {value.key: float(value.value)
+              for value in bench.status('payload change').values}
+    event = bench.node.estimator.events[-1]
+    assert values['time s'] == event.time == pytest.approx(2.3, abs=0.2)
+    assert values['found s'] == event.found < 2.8
+    assert values['after kg'] == pytest.approx(0.05, abs=0.01)
 
 
 def _raise(*_: Any) -> Any:

@@ -152,7 +152,7 @@ def test_effect_of_no_size_is_no_effect(name: str) -> None:
     assert make_record(case).table == pytest.approx(clean.table, abs=1e-9)
 
 
-@pytest.mark.parametrize('name', sorted(CATALOGUE))
+@pytest.mark.parametrize('name', sorted(set(CATALOGUE) - {'base_sliding'}))  # MuJoCo's alone
 def test_effect_of_clear_size_shows(name: str) -> None:
     """At its clear size an effect moves some channel, under the same command, by over 3 sigma."""
     duration = 30.0 if name == 'payload_change' else 6.0
