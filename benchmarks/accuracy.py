@@ -2,17 +2,21 @@
 Compare the default estimator's error with the Cramer-Rao bound, on matched models.
 
 `python benchmarks/accuracy.py` runs 500 random cases without and 500 with process noise:
-payload 0.03-0.3 kg, noise 1e-4-1e-2 (rad, and V on the gauges), assumed modes, n = 3.
+payload 0.03-0.3 kg, noise 1e-4-1e-2 (rad, and V on the gauges), assumed modes, n = 3; --model,
+--step and --until, s, change that, --parts draws the parts from their tolerances (a bound that
+knows them), --told says of how many times less noise the estimator is told.
 The bound has the same vague start as the estimator; with process noise it is the posterior one.
 """
 
 from __future__ import annotations
 
 import argparse
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
 
 from flex_payload_estimator.estimators.factory import make_estimator
+from flex_plant_sim.arm.parts import robot_parts
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
@@ -21,21 +25,54 @@ from matplotlib.figure import Figure
 import numpy as np
 
 TIMES_S = (1.0, 3.0, 10.0)
+NAMES = ('no process noise', 'process noise')
 LIMIT = 1.5
 FIGURE = Path(__file__).resolve().parents[1] / 'docs' / 'figures' / 'accuracy.png'
 
 
+@dataclass(frozen=True)
+class Study:
+    """What all runs have in common: model, modes, step, s, end, s, parts drawn, noise untold."""
+
+    model: str = 'assumed_modes'
+    modes: int = 3
+    step: float = 0.01
+    until: float = TIMES_S[-1]
+    parts: bool = False
+    told: float = 1.0
+
+    @property
+    def times(self) -> tuple[float, ...]:
+        """Return which of TIMES_S are reached."""
+        return tuple(t for t in TIMES_S if t <= self.until)
+
+    def arm(self, seed: int) -> ExtendedArm:
+        """Return the true arm of a run."""
+        return _drawn(self, seed) if self.parts else _nominal(self)
+
+
 @lru_cache(maxsize=1)
-def arm_of(modes: int) -> ExtendedArm:
+def _nominal(study: Study) -> ExtendedArm:
     """Return the reference arm, built once a process."""
-    return ExtendedArm(load_robot('reference'), 'assumed_modes', modes)
+    robot = replace(load_robot('reference'), sample_time=study.step)
+    return ExtendedArm(robot, study.model, study.modes)
 
 
-def run(seed: int, torque: float, modes: int) -> Array:
-    """Return error, stated standard deviation and bound, kg, at TIMES_S, (3, 3)."""
-    case, arm = Case.draw(seed, torque), arm_of(modes)
-    data = record(arm, case, TIMES_S[-1])
-    estimator = make_estimator('rpe', case.robot(), 'assumed_modes', modes,
+def _drawn(study: Study, seed: int) -> ExtendedArm:
+    robot = replace(load_robot('reference'), sample_time=study.step)
+    random = np.random.default_rng([seed, 2])
+    for part in robot_parts(robot):
+        robot = part.change(robot, part.tolerance * float(random.standard_normal()))
+    return ExtendedArm(robot, study.model, study.modes)
+
+
+def run(seed: int, torque: float, study: Study) -> Array:
+    """Return error, stated standard deviation and bound, kg, at the times, (3, times)."""
+    case, arm = Case.draw(seed, torque, study.step), study.arm(seed)
+    data, robot = record(arm, case, study.until), case.robot()
+    robot = replace(robot, angle_noise=robot.angle_noise / study.told,
+                    strain_noise=robot.strain_noise / study.told)
+    estimator = make_estimator('rpe', robot, study.model, study.modes,
                                torque_noise=(torque, torque))
     command, estimates = np.zeros(2), []
     for time, output, after in zip(data.time, data.outputs, data.commands):
@@ -43,7 +80,7 @@ def run(seed: int, torque: float, modes: int) -> Array:
         command = after
     limit = bound(arm, case, data)
     return np.array([(estimates[k].mass - case.mass, estimates[k].variance**0.5, limit[k])
-                     for k in (round(time / 0.01) for time in TIMES_S)]).T
+                     for k in (round(time / study.step) for time in study.times)]).T
 
 
 def report(name: str, found: Array) -> None:
@@ -52,7 +89,7 @@ def report(name: str, found: Array) -> None:
     print(f'{name}, {len(found)} runs')
     print(f'{"at s":>6s}{"RMSE/CRB":>10s}{"median CRB g":>14s}{"std/CRB":>9s}{"in 95 %":>9s}'
           f'{"its interval":>16s}{"worst error/std":>17s}')
-    for k, time in enumerate(TIMES_S):
+    for k, time in enumerate(TIMES_S[:error.shape[1]]):
         ratio = np.sqrt(np.mean((error[:, k] / limit[:, k])**2))
         inside = int(np.sum(np.abs(error[:, k]) < 1.96 * std[:, k]))
         low, high = wilson(inside, len(found))
@@ -71,7 +108,7 @@ def draw(studies: dict[str, Array]) -> None:
         axis.loglog([low, high], [low, high], 'k-', lw=1, label='bound')
         axis.loglog([low, high], [LIMIT * low, LIMIT * high], 'k--', lw=1,
                     label=f'{LIMIT:g} × bound')
-        for k, time in enumerate(TIMES_S):
+        for k, time in enumerate(TIMES_S[:found.shape[2]]):
             bins = np.array_split(np.argsort(found[:, 2, k]), max(1, len(found) // 50))
             rms = [(np.median(found[b, 2, k]), np.sqrt(np.mean(found[b, 0, k]**2))) for b in bins]
             axis.loglog(1e3 * found[:, 2, k], 1e3 * np.abs(found[:, 0, k]), '.', ms=2, alpha=0.4,
@@ -91,13 +128,23 @@ def main() -> None:
     parser.add_argument('--runs', type=int, default=500)
     parser.add_argument('--modes', type=int, default=3)
     parser.add_argument('--jobs', type=int, default=2)
+    parser.add_argument('--seed', type=int, default=0, help='first')
+    parser.add_argument('--model', default='assumed_modes')
+    parser.add_argument('--step', type=float, default=0.01)
+    parser.add_argument('--until', type=float, default=TIMES_S[-1])
+    parser.add_argument('--parts', action='store_true')
+    parser.add_argument('--told', type=float, default=1.0)
+    parser.add_argument('--torque', nargs='*', type=float, default=(0.0, TORQUE_NOISE))
     parser.add_argument('--no-figure', action='store_true')
     options = parser.parse_args()
+    study = Study(options.model, options.modes, options.step, options.until, options.parts,
+                  options.told)
     studies = {}
     with workers(options.jobs) as pool:
-        for name, torque in (('no process noise', 0.0), ('process noise', TORQUE_NOISE)):
-            job = partial(run, torque=torque, modes=options.modes)
-            studies[name] = np.array(pool.map(job, range(options.runs), chunksize=5))
+        for torque in options.torque:
+            seeds, name = range(options.seed, options.seed + options.runs), NAMES[torque > 0.0]
+            job = partial(run, torque=torque, study=study)
+            studies[name] = np.array(pool.map(job, seeds, chunksize=5))
             report(name, studies[name])
     if not options.no_figure:
         draw(studies)

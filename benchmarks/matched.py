@@ -53,25 +53,26 @@ class Record:
 
 @dataclass(frozen=True)
 class Case:
-    """Payload, kg, noise level (rad on angles, V on gauges), torque noise, N m, and seed."""
+    """Payload, kg, noise (rad on angles, V on gauges), torque noise, N m, seed and step, s."""
 
     mass: float
     noise: float
     torque: float
     seed: int
+    step: float = 0.01
 
     @classmethod
-    def draw(cls, seed: int, torque: float) -> Case:
+    def draw(cls, seed: int, torque: float, step: float = 0.01) -> Case:
         """Draw a payload uniformly, a noise level uniformly in its logarithm."""
         random = np.random.default_rng([seed, 1])
         low, high = np.log(SMALLEST_NOISE), np.log(LARGEST_NOISE)
         return cls(random.uniform(LIGHTEST, HEAVIEST), float(np.exp(random.uniform(low, high))),
-                   torque, seed)
+                   torque, seed, step)
 
     def robot(self) -> Robot:
         """Return the reference robot with this noise."""
         robot = load_robot('reference')
-        return replace(robot, angle_noise=self.noise,
+        return replace(robot, sample_time=self.step, angle_noise=self.noise,
                        strain_noise=self.noise / robot.gauge_amplifier)
 
 

@@ -13,11 +13,13 @@ from typing import Any, NoReturn
 
 from flex_plant_sim.arm.robot_file import built_in_robots
 from flex_plant_sim.atomic_file import AUTHOR, whole_file
+from flex_plant_sim.compiled import cold
 from flex_plant_sim.quiet_signals import interruptible
 from flex_plant_sim.simulation.extended_arm import MODELS
 from flex_plant_sim.tools.outputs import forget_standard_output
 from msg_config.errors import InputError
 
+COMPILING = 'compiling the inner loops (once for each installation, about a minute) …'
 UNFORESEEN, BAD_INPUT, INTERRUPTED = 1, 2, 130
 TRACEBACK = 'FLEX_TRACEBACK'
 
@@ -66,6 +68,12 @@ def add_coriolis_argument(options: argparse.ArgumentParser) -> None:
 def add_json_argument(options: argparse.ArgumentParser) -> None:
     """Add --json."""
     options.add_argument('--json', default=None, metavar='FILE', help='write the results as JSON')
+
+
+def say_if_compiling(function: Callable[..., Any]) -> None:
+    """Say on stderr that a compiled function is about to be compiled, where it is."""
+    if cold(function):
+        print(COMPILING, file=sys.stderr, flush=True)
 
 
 def modes_number(text: str) -> int:
