@@ -110,7 +110,7 @@ def draw(studies: dict[str, Array]) -> None:
                     label=f'{LIMIT:g} × bound')
         for k, time in enumerate(TIMES_S[:found.shape[2]]):
             bins = np.array_split(np.argsort(found[:, 2, k]), max(1, len(found) // 50))
-            rms = [(np.median(found[b, 2, k]), np.sqrt(np.mean(found[b, 0, k]**2))) for b in bins]
+            rms = [np.sqrt(np.mean(found[b, :, k]**2, axis=0))[[2, 0]] for b in bins]
             axis.loglog(1e3 * found[:, 2, k], 1e3 * np.abs(found[:, 0, k]), '.', ms=2, alpha=0.4,
                         color=f'C{k}')
             axis.loglog(*(1e3 * np.array(rms).T), 'o-', ms=4, color=f'C{k}',

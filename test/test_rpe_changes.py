@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from flex_payload_estimator.estimators.rpe.settings import RpeSettings
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.payload_profile import PayloadProfile
@@ -127,3 +129,20 @@ def test_wrong_shapes_and_settings_are_refused() -> None:
         RpeSettings(payload_max=0.0)
     with pytest.raises(InputError, match='torque_noise'):
         RpeSettings(torque_noise=(-1.0, 0.0))
+
+
+@pytest.mark.parametrize(('density', 'stiffness', 'payload', 'step'), [
+    (0.1, 1.0, 0.3, 0.01), (1.0, 100.0, 0.01, 1e-3)])
+def test_noise_alone_tells_no_payload(density: float, stiffness: float, payload: float,
+                                      step: float) -> None:
+    # Of 240 very different robots (benchmarks/robot_sweep.py) these told most at rest.
+    robot = replace(robot_with(2e-4), sample_time=step, payload_mass=payload)
+    for j, link in enumerate(robot.links):
+        robot = robot.with_link(j, density=density * link.density,
+                                youngs_modulus=stiffness * link.youngs_modulus)
+    estimator, random = estimator_of(robot), np.random.default_rng(5)
+    noise = np.array([2e-4] * 2 + [robot.strain_noise] * 4)
+    found = [estimator.update(step * k, noise * random.standard_normal(6), np.zeros(2))
+             for k in range(100)]
+    assert {answer.status for answer in found} == {'not_excited'}
+    assert min(answer.variance for answer in found) >= (1.0 - 1e-9) * found[0].variance

@@ -206,7 +206,7 @@ class RecursivePredictionError:
         sample = Sample(time, output, np.zeros(2))
         for f in self._start.filters:
             self.stepper.correct(f, sample, self._motion.loads)
-        self._open = sample
+        self._open, self._prior = sample, self._start.moments()
         return self._estimate(time)
 
     def _advance(self, time: float, output: Array | None) -> None:
@@ -272,7 +272,10 @@ class RecursivePredictionError:
 
     def _estimate(self, time: float) -> Estimate:
         best = self.incumbent
-        if self._incumbent is None:
+        if not self._motion.moved:
+            # Noise alone tells which payload explains less, not which it is.
+            mass, variance = self._prior
+        elif self._incumbent is None:
             mass, variance = self._start.moments()
         else:
             mass, variance = self.stepper.payload(best)

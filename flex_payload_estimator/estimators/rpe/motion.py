@@ -21,13 +21,15 @@ class Motion:
     loads : Loads
     excited : bool
         Whether it has moved within EXCITED_S.
+    moved : bool
+        Whether it ever has.
 
     """
 
     def __init__(self, stepper: FilterStep):
         self._stepper = stepper
         self.loads = Loads.none(np.zeros(stepper.told_variance.size), stepper.step_time)
-        self.excited, self._still = False, EXCITED_S
+        self.excited, self.moved, self._still = False, False, EXCITED_S
 
     def begin(self, output: Array) -> None:
         """Take the first sample."""
@@ -42,3 +44,4 @@ class Motion:
         swings = bool(np.any(self.loads.swing[2:] > SWING**2 * noise[2:]))
         self._still = 0.0 if swings else self._still + self._stepper.step_time
         self.excited = self._still < EXCITED_S
+        self.moved = self.moved or self.excited
