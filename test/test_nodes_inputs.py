@@ -37,7 +37,7 @@ def measured(payload: float = 0.1) -> list[Any]:
     from msg_config.parameters import check_parameters
 
     simulator = simulator_of(check_parameters(
-        'plant_sim', {'model': 'paper_reduced', 'modes': 2, 'payload': payload, 'seed': 2}))
+        'plant_sim', {'modes': 2, 'payload': payload, 'seed': 2}))
     found = []
     for k in range(SAMPLES):
         found.append(simulator.measure())
@@ -49,7 +49,7 @@ def final(loop: RosLoop, disturbed: bool, rows: list[Any]) -> tuple[float, float
     """Return mass and variance after the rows went over the topics, ideal or as they come."""
     from msg_config.messages import joint_state
 
-    bench = Bench(loop, 'estimator', estimator='sf1')
+    bench = Bench(loop, 'estimator', estimator='rpe', model='assumed_modes')
     payload = loop.record('payload_stamped')
     loop.until(lambda: bench.node.count_subscribers('payload_stamped') > 0)
     random = np.random.default_rng(1)

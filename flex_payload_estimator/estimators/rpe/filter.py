@@ -206,7 +206,8 @@ class FilterStep:
         mass, variance = without_bias(f.beta, f.spread, self.bias_std)
         variance = float(variance)
         if f.mode.parts:
-            variance *= max(1.0, misfit_of(f.record))
+            variance = (variance + self.prior_of(f.mode).considered(f.spread)) \
+                * max(1.0, misfit_of(f.record))
         return float(mass), variance + self.prior_of(f.mode).scale_variance * float(mass)**2
 
     def _fade(self, f: Filter) -> None:

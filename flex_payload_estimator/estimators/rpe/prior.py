@@ -77,6 +77,27 @@ class Prior:
         free = np.diag(std**2 * (1.0 + REGULAR))
         return free - self.scale_variance * np.outer(self.scale, self.scale)
 
+    def considered(self, spread: Array) -> float:
+        """
+        Return by how much the payload's variance grows where parts are considered, kg^2.
+
+        A wrong model's estimates of the parts soak up what the model lacks, so that their own
+        spread says too little. Given them the record still tells the payload: its mean moves with
+        them by c = V_pp^-1 V_pm, and they are as uncertain as the robot file says (Schmidt's
+        consider filter; Bierman, Factorization Methods, 1977, VIII).
+
+        Parameters
+        ----------
+        spread : Array
+            V, (B, B).
+
+        """
+        parts = slice(self.mean.size - self.parts - self.gains, None)
+        own = 1.0 / self.std[parts]
+        believed = own[:, None] * spread[parts, parts] * own
+        slope = np.linalg.solve(believed + REGULAR * np.eye(own.size), own * spread[parts, MASS])
+        return max(0.0, float(slope @ slope - slope @ believed @ slope))
+
 
 def moving_parts(robot: Robot) -> tuple[Part, ...]:
     """Return the parts that act on the motion; what acts on gauges, their gains stand for."""
