@@ -39,13 +39,6 @@ def test_the_payload_is_within_five_percent_from_three_seconds_on() -> None:
     assert np.abs(record.mass[FROM_THREE] - 0.1).max() < 1e-4
 
 
-@pytest.mark.slow
-def test_the_same_over_twenty_seeds_with_noise() -> None:
-    worst = [np.abs(experiment(noise=NOISE, seed=seed, seconds=5.0).mass[FROM_THREE] - 0.1).max()
-             for seed in range(20)]
-    assert max(worst) < 0.005
-
-
 def test_the_printed_algorithm_reaches_the_payload_at_three_seconds_and_p_is_no_variance() -> None:
     record = experiment('sf1_paper', seconds=10.0)
     at_three = slice(300, 500)
