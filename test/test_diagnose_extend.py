@@ -19,6 +19,8 @@ def some_of_each(robot: Robot) -> list[Effect]:
     """Return every effect of the catalogue once, at an awkward value."""
     found = []
     for effect in catalogue().values():
+        if not sites(effect, robot):  # a velocity loop's effect on an arm that has none
+            continue
         values = tuple(min(max(p.low, p.starts[0] / 3.0), p.high) for p in effect.parameters)
         found.append(effect(sites(effect, robot)[-1], values))
     return found

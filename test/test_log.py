@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-import time
 from typing import Literal
 
 from flex_plant_sim.arm.robot_file import load_robot
@@ -77,17 +76,6 @@ def test_shared_records_read_as_their_readme_says(shared_data: Path) -> None:
     assert (len(real), real.sample_time) == (25500, 0.002)
     # ±25 degrees and ±10 degrees, within the controller's overshoot.
     assert np.degrees(np.abs(real.joint).max(axis=0)) == pytest.approx([25.0, 10.0], abs=5.0)
-
-
-def test_large_csv_is_read_fast(shared_data: Path) -> None:
-    robot = load_robot('quanser_2dsfl')
-    path = shared_data / 'quanser_2dsfl' / 'square_10s.csv'
-    best = np.inf
-    for _ in range(5):
-        start = time.process_time()
-        read_log(path, robot)
-        best = min(best, time.process_time() - start)
-    assert best < 0.3
 
 
 def test_columns_in_any_order_and_unknown_ones(tmp_path: Path) -> None:

@@ -164,7 +164,8 @@ def test_the_generated_file_and_the_documented_effect_start_every_node(
 def test_plant_sim_takes_an_effect_as_the_table_writes_it(loop: RosLoop) -> None:
     from flex_plant_sim.nodes.plant_sim_node import PlantSim
 
-    node = loop.start(PlantSim, effects='coulomb_friction:joint_2:level=0.4')
+    node = loop.start(PlantSim, effects='coulomb_friction:joint_2:level=0.4',
+                      coriolis=False)
     effect, = node.simulator.arm.effects
     assert (effect.identifier, effect.site) == ('coulomb_friction', 'joint_2')
     assert effect['level_n_m'] == 0.4
