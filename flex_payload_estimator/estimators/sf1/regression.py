@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+import math
 from typing import NamedTuple
 
 from flex_payload_estimator.estimators.sf1.adaptation import sf1_step
@@ -194,7 +195,7 @@ def _regressed(track: Track, joint: Array, slope: Array, scaled: Array, known: A
     ratio = np.dot(row, part)**2 / max(swaying, TINY)
     # Bounded, so that it is over one MEMORY after the arm has come to rest.
     excitation = min((1.0 - law.fading) * known.excitation + law.fading * ratio,
-                     np.e * SIGNIFICANT)
+                     math.e * SIGNIFICANT)
     shown = excitation > SIGNIFICANT or ratio > EVIDENT
     psi, phi = regression(row, np.dot(law.weights, scaled), track.state - known.mass * part, part)
     weight, change, state = 1.0, np.zeros(n + 1), track.state
