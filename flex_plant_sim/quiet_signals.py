@@ -48,3 +48,26 @@ def interruptible() -> Iterator[None]:
     finally:
         for number, handler in before:
             signal.signal(number, handler)
+
+
+@contextmanager
+def held_back() -> Iterator[None]:
+    """
+    Let signals that come inside the block be heard at its end, not in the middle.
+
+    A mask would not do: a library's thread may take the signal, and the main thread then hears of
+    it wherever it is, in a fork not at all.
+    """
+    heard: list[int] = []
+    try:
+        before = [(number, signal.signal(number, lambda n, frame: heard.append(n)))
+                  for number in SIGNALS]
+    except ValueError:  # not in the main thread, which is the one that hears
+        before = []
+    try:
+        yield
+    finally:
+        for number, handler in before:
+            signal.signal(number, handler)
+        if heard:
+            signal.raise_signal(heard[0])

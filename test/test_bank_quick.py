@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+import re
 from typing import Any
 
 from bank import score
@@ -78,7 +79,13 @@ def test_extended_robot_replays_the_record_better(folder: Path) -> None:
 def test_report_holds_sentence_and_pictures(folder: Path) -> None:
     text = (folder / 'report' / 'report.html').read_text(encoding='utf-8')
     assert answer_of(folder)['sentence'].split('.')[0] in text
-    assert text.count('<img src="data:image/svg+xml;base64,') == 4 * 6
+    shown = re.findall(r'<img src="data:image/svg\+xml;base64,[^"]+" alt="([^":]*)', text)
+    channels = load_robot('reference').output_names
+    assert {name: shown.count(name) for name in channels} == dict.fromkeys(channels, 4)
+    # Latent torques come first, each over all that it may depend on.
+    for joint in ('joint_1', 'joint_2'):
+        over = {f'{joint} over {name}' for name in ('speed', 'angle', 'load', 'command', 'time')}
+        assert over <= set(shown[:10])
 
 
 def test_clean_arm_with_tolerances_and_distractors_is_left_alone() -> None:

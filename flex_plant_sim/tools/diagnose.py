@@ -169,8 +169,10 @@ def progress_bar() -> Iterator[Progress]:
     except ImportError:
         yield lambda label, share: None
         return
-    with tqdm(total=100.0, disable=None, leave=False, file=sys.stderr,
-              bar_format='{desc} {bar} {percentage:3.0f} % [{elapsed}]') as bar:
+    # Without the thread that watches it: workers are forked.
+    single: Any = type('Bar', (tqdm,), {'monitor_interval': 0})
+    with single(total=100.0, disable=None, leave=False, file=sys.stderr,
+                bar_format='{desc} {bar} {percentage:3.0f} % [{elapsed}]') as bar:
         def show(label: str, share: float) -> None:
             bar.set_description_str(f'{label:<28.28}', refresh=False)
             bar.update(max(0.0, 100.0 * share - bar.n))

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, ExitStack
-from functools import partial
-from multiprocessing import get_context
-import signal
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from multiprocessing.connection import Connection, wait
+from multiprocessing.context import ForkContext, ForkProcess
 from typing import Any, TypeVar
 
+from flex_plant_sim.quiet_signals import held_back
 import numpy as np
 
 Found = TypeVar('Found')
@@ -17,29 +17,17 @@ Found = TypeVar('Found')
 def each(task: Callable[[Any], Found], items: Sequence[Any], jobs: int,
          progress: Callable[[float], None] = lambda share: None) -> list[Found]:
     """Return what the task finds where it succeeds, in the order of the items."""
-    found: list[Found] = []
-    with ExitStack() as stack:
-        if jobs <= 1 or len(items) < 2:
-            results: Iterable[Found | None] = map(partial(attempt, task), items)
-        else:
-            with _interrupts_held():
-                pool = stack.enter_context(get_context('fork').Pool(
-                    jobs, initializer=_remember, initargs=(task,)))
-            results = pool.imap(_run, items)
-        for done, result in enumerate(results, start=1):
+    found: list[Found | None] = [None] * len(items)
+    if jobs <= 1 or len(items) < 2:
+        for k, item in enumerate(items):
+            found[k] = attempt(task, item)
+            progress((k + 1) / len(items))
+        return [result for result in found if result is not None]
+    with _workers(task, items, min(jobs, len(items))) as pipes:
+        for done, (k, result) in enumerate(_served(pipes, len(items)), start=1):
+            found[k] = result
             progress(done / len(items))
-            found += [result] if result is not None else []
-    return found
-
-
-@contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Hold Ctrl-C back while workers start, who never get it: one in a fork would be lost."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    return [result for result in found if result is not None]
 
 
 def attempt(task: Callable[[Any], Found], item: Any) -> Found | None:
@@ -50,16 +38,68 @@ def attempt(task: Callable[[Any], Found], item: Any) -> Found | None:
         return None
 
 
-# The pool's own copy of the task: set once in each worker process, so that the records are
-# inherited and not sent with every item.
-_worker: list[Callable[[Any], Any]] = []
+@contextmanager
+def _workers(task: Callable[[Any], Any], items: Sequence[Any], count: int
+             ) -> Iterator[list[Connection[Any, Any]]]:
+    """
+    Yield the pipes to workers, which are gone when the block is left, however it is left.
+
+    Forked, so that the records are inherited and not sent. No thread is involved, and a worker
+    whose parent is gone finds its pipe closed: nothing outlives an interrupt.
+    """
+    workers: list[ForkProcess] = []
+    pipes: list[Connection[Any, Any]] = []
+    try:
+        # Workers keep signals held back; they end by SIGKILL.
+        with held_back():
+            for _ in range(count):
+                near, far = ForkContext().Pipe()
+                pipes.append(near)
+                worker = ForkContext().Process(
+                    target=_work, args=(task, items, far, tuple(pipes)), daemon=True)
+                worker.start()
+                workers.append(worker)
+                far.close()
+        yield pipes
+    finally:
+        with held_back():
+            for worker in workers:
+                worker.kill()
+                worker.join()
+            for pipe in pipes:
+                pipe.close()
 
 
-def _remember(task: Callable[[Any], Any]) -> None:
-    # The parent ends workers by SIGTERM, which means an interrupt to it alone.
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    _worker[:] = [task]
+def _served(pipes: Sequence[Connection[Any, Any]], count: int) -> Iterator[tuple[int, Any]]:
+    """Hand out the numbers of items, one at a time; yield each with its result."""
+    numbers = iter(range(count))
+    for pipe, k in zip(pipes, numbers):
+        pipe.send(k)
+    for _ in range(count):
+        pipe = next(p for p in wait(pipes) if isinstance(p, Connection))
+        try:
+            k, result, error = pipe.recv()
+        except EOFError:
+            raise MemoryError('a worker process was killed') from None
+        if error is not None:
+            raise error
+        further = next(numbers, None)
+        if further is not None:
+            pipe.send(further)
+        yield k, result
 
 
-def _run(item: Any) -> Any:
-    return attempt(_worker[0], item)
+def _work(task: Callable[[Any], Any], items: Sequence[Any], pipe: Connection[Any, Any],
+          others: Sequence[Connection[Any, Any]]) -> None:
+    """Serve one pipe until the parent is gone; its own copies of the others' ends are closed."""
+    for other in others:
+        other.close()
+    try:
+        while True:
+            k = pipe.recv()
+            try:
+                pipe.send((k, attempt(task, items[k]), None))
+            except Exception as error:  # noqa: B902  the parent raises it
+                pipe.send((k, None, error))
+    except (EOFError, OSError):
+        return

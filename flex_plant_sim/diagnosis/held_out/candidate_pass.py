@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, ExitStack
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from multiprocessing import get_context
-import signal
-from typing import Any, TypeVar
 
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.diagnosis.causes.pool import each
 from flex_plant_sim.diagnosis.held_out.allowance import allowance, misfit, still_wrong
 from flex_plant_sim.diagnosis.held_out.fit import (
     explore,
@@ -33,8 +29,6 @@ FIT_SAMPLES, PROMISE_SAMPLES = 12000, 6000
 FEWEST_EXPLORED, WORTH_EXPLORING = 12, 0.1
 FEWEST_REFINED, WORTH_REFINING = 3, 0.5
 RIVAL, MOST_RIVALS = 0.3, 7
-
-Found = TypeVar('Found')
 
 
 @dataclass(frozen=True)
@@ -124,17 +118,17 @@ def _fit_all(problem: Problem, trial: Sequence[Hypothesis], fitted: Fit, data: D
     projector = Projector(problem, fitted.weighting)
     some = problem.thinned(PROMISE_SAMPLES)
     judge = _Promise(some, Projector(some, fitted.weighting), data.duration)
-    promises = sorted(_each(judge, trial, jobs, lambda share: progress(0.4 * share)),
+    promises = sorted(each(judge, trial, jobs, lambda share: progress(0.4 * share)),
                       key=lambda p: -p.gain)
     worth = [p for k, p in enumerate(promises)
              if k < FEWEST_EXPLORED or p.gain > WORTH_EXPLORING * promises[0].gain]
-    fits = _each(_Explore(problem, projector), worth, jobs,
-                 lambda share: progress(0.4 + 0.3 * share))
+    fits = each(_Explore(problem, projector), worth, jobs,
+                lambda share: progress(0.4 + 0.3 * share))
     first = rank(_joined(fits, problem), fitted, data.noise, data.allowed)
     leading = [r.fit for k, r in enumerate(first)
                if k < FEWEST_REFINED or r.gain > WORTH_REFINING * first[0].gain]
-    refined = _joined(_each(_Refine(problem), [_alone(f) for f in leading], jobs,
-                            lambda share: progress(0.7 + 0.3 * share)), problem)
+    refined = _joined(each(_Refine(problem), [_alone(f) for f in leading], jobs,
+                           lambda share: progress(0.7 + 0.3 * share)), problem)
     rest = [r.fit for r in first[len(leading):]]
     return rank([*refined, *rest], fitted, data.noise, data.allowed)
 
@@ -174,54 +168,3 @@ def _alone(fit: Fit) -> Fit:
 def _joined(fits: Sequence[Fit], problem: Problem) -> list[Fit]:
     """Return fits with the problem's own sensitivity, one array for all."""
     return [replace(fit, sensitivity=problem.sensitivity) for fit in fits]
-
-
-def _each(task: Callable[[Any], Found], items: Sequence[Any], jobs: int,
-          progress: Callable[[float], None]) -> list[Found]:
-    """Return what the task finds where it succeeds, in the order of the items."""
-    found: list[Found] = []
-    with ExitStack() as stack:
-        if jobs <= 1:
-            results: Iterable[Found | None] = map(partial(_attempt, task), items)
-        else:
-            with _interrupts_held():
-                pool = stack.enter_context(get_context('fork').Pool(
-                    jobs, initializer=_remember, initargs=(task,)))
-            results = pool.imap(_run, items)
-        for done, result in enumerate(results, start=1):
-            progress(done / len(items))
-            found += [result] if result is not None else []
-    return found
-
-
-@contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Hold Ctrl-C back while workers start, who never get it: one in a fork would be lost."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _attempt(task: Callable[[Any], Found], item: Any) -> Found | None:
-    """Return what the task finds, or None where the hypothesis makes no finite prediction."""
-    try:
-        return task(item)
-    except np.linalg.LinAlgError:
-        return None
-
-
-# The pool's own copy of the task: set once in each worker process, so that the problem is
-# inherited and not sent with every hypothesis.
-_worker: list[Callable[[Any], Any]] = []
-
-
-def _remember(task: Callable[[Any], Any]) -> None:
-    # The parent ends workers by SIGTERM, which means an interrupt to it alone.
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    _worker[:] = [task]
-
-
-def _run(item: Any) -> Any:
-    return _attempt(_worker[0], item)
