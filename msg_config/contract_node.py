@@ -9,8 +9,8 @@ import time
 from typing import Any, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from msg_config import load_topics
 from msg_config.changes import Changes
+from msg_config.contract import load_topics
 from msg_config.errors import InputError
 from msg_config.first_publisher import FirstPublisher
 from msg_config.messages import diagnostic_array, diagnostic_status

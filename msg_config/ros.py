@@ -9,7 +9,7 @@ import inspect
 from struct import Struct
 from typing import Any
 
-from msg_config import load_services, load_topics, Qos
+from msg_config.contract import load_services, load_topics, Qos
 from msg_config.errors import InputError
 from msg_config.messages import inertia_message, joint_state, NANOSECONDS
 from msg_config.parameters import APPLIES, load_parameters, Parameter, Value

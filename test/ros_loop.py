@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from msg_config import load_services, load_topics
+from msg_config.contract import load_services, load_topics
 from msg_config.messages import stamp_of
 from msg_config.node_process import make_executor
 from msg_config.ros import create_publisher, create_subscription, interface_class, qos_profile

@@ -16,7 +16,7 @@ from flex_plant_sim.nodes.arm_markers import FRAME
 from flex_plant_sim.simulation.arm_shape import ArmShape
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.tools.robot import main
-from msg_config import load_topics
+from msg_config.contract import load_topics
 import numpy as np
 import pytest
 import yaml

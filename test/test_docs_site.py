@@ -9,7 +9,7 @@ import sys
 
 from flex_payload_estimator.nodes.payload_estimator_node import MESSAGES
 from flex_plant_sim.diagnosis.verdict.results import VERDICTS
-from msg_config import load_topics
+from msg_config.contract import load_topics
 import pytest
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import time
 from typing import Any, TYPE_CHECKING
 
-from msg_config import load_services, load_topics
+from msg_config.contract import load_services, load_topics
 from msg_config.errors import InputError
 from msg_config.parameters import (
     check_parameters,

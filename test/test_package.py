@@ -60,7 +60,7 @@ def test_version_is_the_same_everywhere(manifest: ElementTree.Element, repositor
 def test_every_message_package_of_the_contract_is_a_dependency(
     manifest: ElementTree.Element,
 ) -> None:
-    from msg_config import load_services, load_topics
+    from msg_config.contract import load_services, load_topics
 
     types = [topic.type for topic in load_topics().values()]
     types += [service.type for service in load_services().values()]

@@ -16,7 +16,7 @@ from flex_plant_sim.logs.commands import Commands
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.logs.origin import BAG_KEY, bag_origin, bag_text
 from flex_plant_sim.logs.rows import Rows, to_log
-from msg_config import load_topics
+from msg_config.contract import load_topics
 from msg_config.errors import InputError
 from msg_config.input_mapping import JOINTS
 import numpy as np

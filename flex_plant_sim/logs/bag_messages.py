@@ -11,7 +11,7 @@ from typing import Any
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.inputs.stamps import sane_stamp
 from flex_plant_sim.logs.bounded import bounded, MEMORY
-from msg_config import load_topics
+from msg_config.contract import load_topics
 from msg_config.errors import InputError
 from msg_config.input_mapping import Channels, InputMapping
 import numpy as np

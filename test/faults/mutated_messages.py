@@ -13,7 +13,7 @@ import random
 import sys
 from typing import Any
 
-from msg_config import load_topics
+from msg_config.contract import load_topics
 from msg_config.ros import interface_class
 import numpy as np
 import rclpy

@@ -1,0 +1,103 @@
+"""The topic contract, loaded from topics.yaml. Imports no ROS; `msg_config.ros` does."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from types import MappingProxyType
+from typing import Any
+
+import yaml
+
+
+@dataclass(frozen=True)
+class Field:
+    """A message field: what it means and its unit."""
+
+    meaning: str
+    unit: str
+
+
+@dataclass(frozen=True)
+class Qos:
+    """Quality of service by ROS's own names: reliability, history depth and durability."""
+
+    reliability: str
+    depth: int
+    durability: str
+
+
+@dataclass(frozen=True)
+class Topic:
+    """
+    A topic of the contract.
+
+    Attributes
+    ----------
+    name : str
+        Name, relative to the node's namespace unless it starts with a slash.
+    type : str
+        Message type, ``package/msg/Name``.
+    description : str
+        One sentence.
+    fields : Mapping[str, Field]
+        The fields in use, in message order.
+    qos : Qos
+        What publishers offer.
+    subscribe : Qos
+        What subscriptions ask for; by default best effort, so that they accept any publisher.
+    exclusive : bool
+        One publisher is heard, the first; others are refused.
+
+    """
+
+    name: str
+    type: str  # noqa: A003
+    description: str
+    fields: Mapping[str, Field]
+    qos: Qos
+    subscribe: Qos
+    exclusive: bool = False
+
+
+@dataclass(frozen=True)
+class Service:
+    """A service that every node offers: private name, type ``package/srv/Name``, purpose."""
+
+    name: str
+    type: str  # noqa: A003
+    description: str
+
+
+def _contract() -> Mapping[str, Any]:
+    text = files('msg_config').joinpath('topics.yaml').read_text(encoding='utf-8')
+    return yaml.safe_load(text)
+
+
+def _topic(name: str, entry: Mapping[str, Any]) -> Topic:
+    best_effort = {**entry['qos'], 'reliability': 'best_effort', 'durability': 'volatile'}
+    return Topic(
+        name=name,
+        type=entry['type'],
+        description=entry['description'],
+        fields=MappingProxyType({key: Field(**value) for key, value in entry['fields'].items()}),
+        qos=Qos(**entry['qos']),
+        subscribe=Qos(**{**best_effort, **entry.get('subscribe', {})}),
+        exclusive=entry.get('exclusive', False),
+    )
+
+
+@cache
+def load_topics() -> Mapping[str, Topic]:
+    """Return every topic of the contract by its name."""
+    topics = _contract()['topics']
+    return MappingProxyType({name: _topic(name, entry) for name, entry in topics.items()})
+
+
+@cache
+def load_services() -> Mapping[str, Service]:
+    """Return every service of the contract by its private name."""
+    services = _contract()['services']
+    return MappingProxyType({name: Service(name, **entry) for name, entry in services.items()})
