@@ -10,6 +10,7 @@ from flex_payload_estimator.estimators.base import Estimate, Event
 from flex_payload_estimator.estimators.rpe.events import EventLog
 from flex_payload_estimator.estimators.rpe.evidence import misfit_of
 from flex_payload_estimator.estimators.rpe.filter import Filter, Sample
+from flex_payload_estimator.estimators.rpe.jolts import Jolts
 from flex_payload_estimator.estimators.rpe.modes import Modes, WAIT_S
 from flex_payload_estimator.estimators.rpe.motion import Motion
 from flex_payload_estimator.estimators.rpe.settings import RpeSettings, stepper_of
@@ -70,6 +71,7 @@ class RecursivePredictionError:
         self.stepper = stepper_of(robot, model, modes, chosen, self.settings)
         self.arm = self.stepper.effects.arm
         self._modes, self._start = Modes(self.stepper), Start(self.stepper)
+        self._jolts = Jolts(self.stepper)
         self._channels = self.stepper.told_variance.size
         self._warm()
 
@@ -85,6 +87,7 @@ class RecursivePredictionError:
         """Forget everything."""
         self._modes.clear()
         self._start.clear()
+        self._jolts.clear()
         self.stepper.effects.reset()
         self.rejected = 0
         self._log = EventLog()
@@ -224,8 +227,9 @@ class RecursivePredictionError:
             sample = self._sample(start + k * step, None, self._command)._replace(doubt=doubt)
             for f in [*self._filters(), *self._modes.filters()]:
                 self.stepper.predict(f, sample, self._motion.loads)
-        sample = ahead._replace(measured=output) if ahead else \
-            self._sample(self._time, output, self._command)
+        sample, before = ahead or (self._sample(self._time, output, self._command),
+                                   [f.copy() for f in self._filters()])
+        sample = sample._replace(measured=output)
         self._loads = self._motion.loads
         for f in self._filters():
             if output is None:
@@ -235,6 +239,9 @@ class RecursivePredictionError:
                 self.stepper.correct(f, sample, self._motion.loads)
             else:
                 self.stepper.step(f, sample, self._motion.loads)
+        if self._incumbent is not None:
+            self._incumbent, sample = self._jolts.taken(
+                before[0], self._incumbent, sample, self._loads)
         # Loads count from the next sample on, so that a prediction ahead knows them too.
         self._motion.follow(output, self.incumbent, sample)
         if not self._motion.excited:
@@ -250,15 +257,19 @@ class RecursivePredictionError:
         change = self._command - self._before
         return steps * (change * change + self._loads.drive)
 
-    def _take_back(self, time: float) -> Sample | None:
-        """Return the sample that was predicted for, where it is this one; else undo that."""
+    def _take_back(self, time: float) -> tuple[Sample, list[Filter]] | None:
+        """
+        Return the sample that was predicted for, where it is this one; else undo that.
+
+        With it come the filters as they were before.
+        """
         if self._ahead is None:
             return None
         command, saved, sample, history = self._ahead
         self._ahead = None
         if command.tolist() == self._command.tolist() and \
                 round((time - self._time) / self.arm.step_time) <= 1:
-            return sample
+            return sample, saved
         self.stepper.effects.history = history
         for f, before in zip(self._filters(), saved):
             f.x, f.cov, f.sens, f.spread = before.x, before.cov, before.sens, before.spread
