@@ -22,8 +22,8 @@ def test_mutated_files_are_read_or_refused_in_one_line(
     assert run.returncode == 0, run.stdout + run.stderr
     counts = ast.literal_eval(re.findall(r'\{.*\}', run.stdout)[-1])
     assert sum(counts.values()) == count
-    # One command changed within its range looks like any other: 13 in 1000.
-    assert counts.get('misled', 0) <= 0.03 * count, run.stdout
+    # What is left of a short log may hold one number changed that nothing contradicts.
+    assert counts.get('misled', 0) <= 0.01 * count, run.stdout
 
 
 REFERENCE = robot_text('reference')

@@ -10,7 +10,7 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.inputs.gate import counted, Gate, judge_all, Refusal
 from flex_plant_sim.inputs.plausible import unit_hint
 from flex_plant_sim.inputs.resample import bridged, even_grid, filled, Grid, KEPT, LOST
-from flex_plant_sim.inputs.spikes import spikes
+from flex_plant_sim.inputs.single_errors import single_errors
 from flex_plant_sim.logs.log import Log
 from msg_config.errors import InputError
 import numpy as np
@@ -18,6 +18,7 @@ import numpy as np
 # Of the sampling interval; below, stamps are as even as a file's digits.
 EVEN = 0.01
 SAMPLING_AGREES = 1e-3
+COMMANDS = ('command_1', 'command_2')
 
 
 @dataclass(frozen=True)
@@ -95,14 +96,14 @@ def to_log(rows: Rows, robot: Robot, commands: Callable[[Grid], Array] | None = 
     rows = _described(rows, grid).kept(slice(grid.first, grid.last))
     if grid.samples < 2:
         raise InputError(f'{rows.source}: expected at least 2 samples in a row, got 1')
-    rows = _with_spikes(_with_stuck(rows, robot), robot)
+    rows = _with_stuck(rows, robot)
     shifted = replace(grid, start=grid.start - start)
     log = Log(rows.source, rows.time[0] + grid.time,
               bridged(grid, rows.command) if commands is None else commands(shifted),
               filled(grid, rows.joint), filled(grid, rows.strain), robot.gauge_names,
               None if rows.velocity is None else filled(grid, rows.velocity),
               rows.notes, rows.doubts, lost=grid.missing if grid.lost else None)
-    return _sampled_otherwise(log, robot)
+    return _sampled_otherwise(_with_single_errors(log, rows, grid), robot)
 
 
 def _check_time(rows: Rows) -> None:
@@ -160,15 +161,25 @@ def _with_stuck(rows: Rows, robot: Robot) -> Rows:
                      'connected?', doubtful=True)
 
 
-def _with_spikes(rows: Rows, robot: Robot) -> Rows:
-    found = spikes(np.hstack([rows.joint, rows.strain]))
-    if not len(found):
-        return rows
-    k, column = (int(index) for index in found[0])
-    value = np.hstack([rows.joint, rows.strain])[k, column]
-    return rows.said(f'{len(found)} single samples stand out from their neighbours as no motion '
-                     f'does, the first at {rows.row(k)}: {robot.output_names[column]}: '
-                     f'{value:.6g}; kept as they are')
+def _with_single_errors(log: Log, rows: Rows, grid: Grid) -> Log:
+    """Return the log with a note where a number of it contradicts the others."""
+    known = np.flatnonzero(np.isfinite(log.command).all(axis=1))
+    if not known.size:
+        return log
+    start, stop = known[0], known[-1] + 1
+    found = [error for error in single_errors(log.command[start:stop], log.output[start:stop])
+             # What was lost is interpolated.
+             if log.lost is None or not log.lost[start + error.row]]
+    if not found:
+        return log
+    place, column, error = found[0]
+    name = (*COMMANDS, *log.output_names)[column]
+    value = np.hstack([log.command, log.output])[start + place, column]
+    where = rows.row(int(np.searchsorted(grid.place, start + place)))
+    note = (f'{len(found)} single numbers contradict the samples around them, first {where}: '
+            f'{name}: {value:.6g}, where {value - error:.6g} would fit; kept as they are'
+            + ('; or the arm was pushed' if name in COMMANDS else ''))
+    return replace(log, notes=(*log.notes, note))
 
 
 def _sampled_otherwise(log: Log, robot: Robot) -> Log:

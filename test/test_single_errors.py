@@ -1,0 +1,69 @@
+"""Numbers of a record that the rest of it contradicts: found, and none where there is none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from attack.run import good_log, ROBOT
+from flex_plant_sim.arm.robot_file import load_robot
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.inputs.single_errors import single_errors
+from flex_plant_sim.logs.csv_log import read_csv, write_csv
+from flex_plant_sim.logs.read import read_log
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.simulator import simulate, Simulator
+import numpy as np
+import pytest
+
+
+def spoilt(column: int, row: int, share: float) -> tuple[Array, Array, float]:
+    """Return commands and outputs of a record in which one number is off, and by how much."""
+    log = good_log()
+    values = np.hstack([log.command, log.output])
+    off = share * float(np.ptp(values[:, column]))
+    values[row, column] += off
+    return values[:, :2], values[:, 2:], off
+
+
+@pytest.mark.parametrize('column', range(8))
+@pytest.mark.parametrize('row, share', [(20, 0.2), (75, -0.4), (130, 1.0)])
+def test_one_wrong_number_is_found_where_it_is(column: int, row: int, share: float) -> None:
+    command, output, off = spoilt(column, row, share)
+    found = single_errors(command, output)
+    assert [(error.row, error.column) for error in found] == [(row, column)]
+    assert found[0].error == pytest.approx(off, rel=0.3)
+
+
+@pytest.mark.parametrize('noise', [0.0, 1.0])
+@pytest.mark.parametrize('name', ['reference', 'quanser_2dsfl'])
+@pytest.mark.parametrize('kind', ['step', 'square', 'pulse', 'sines'])
+def test_what_the_arm_answers_to_is_no_error(kind: str, name: str, noise: float) -> None:
+    robot = load_robot(name)
+    k, amplitude = np.arange(400.0)[:, None], 1.0 if name == 'reference' else 0.3
+    command = amplitude * {
+        'step': (k > [120.0, 250.0]) * 1.0, 'square': np.sign(np.sin(k / [13.0, 21.0])),
+        'pulse': (k == [133.0, 201.0]) * 1.0, 'sines': np.sin(k / [7.0, 11.0])}[kind]
+    output, _ = simulate(Simulator(ExtendedArm(robot, 'assumed_modes', 2, 0.1)), command)
+    scale = np.repeat([robot.angle_noise, robot.strain_noise], [2, output.shape[1] - 2])
+    output = output + noise * scale * np.random.default_rng(3).standard_normal(output.shape)
+    assert not single_errors(command, output)
+
+
+def test_records_of_other_arms_have_none(shared_data: Path) -> None:
+    files = [*sorted((shared_data / 'bench').glob('*.csv')),
+             shared_data / 'quanser_2dsfl' / 'square_10s.csv']
+    assert len(files) == 9
+    for file in files:
+        log = read_log(file, load_robot(
+            'reference' if file.parent.name == 'bench' else 'quanser_2dsfl'))
+        assert not single_errors(log.command, log.output), file.name
+
+
+def test_a_log_says_where_and_what_would_fit(tmp_path: Path) -> None:
+    log = good_log()
+    log.command[70, 1] += 0.7
+    was = log.command[70, 1]
+    write_csv(tmp_path / 'log.csv', log)
+    note = read_csv(tmp_path / 'log.csv', ROBOT).notes[0]
+    assert f'first line 72: command_2: {was:.6g}, where ' in note
+    assert float(note.split('where ')[1].split()[0]) == pytest.approx(was - 0.7, abs=0.15)
