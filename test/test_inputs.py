@@ -117,7 +117,7 @@ def test_it_says_why_nothing_pairs() -> None:
 
 
 def test_a_stamp_far_ahead_needs_a_second_one() -> None:
-    order = StampOrder()
+    order = StampOrder(10)
     stamps = [0, 10, 10, 5, 20, 20 + 10**12, 30, 2 * 10**12, 2 * 10**12 + 10, 7, 17]
     names = [Order.NEW, Order.NEW, Order.REPEATED, Order.STALE, Order.NEW, Order.AHEAD, Order.NEW,
              Order.AHEAD, Order.RESTARTED, Order.STALE, Order.RESTARTED]

@@ -61,8 +61,8 @@ def test_stamps_keep_nanoseconds(time: float) -> None:
 
 
 def judged(*stamps: int) -> list[Order]:
-    """Return what a fresh order says of stamps."""
-    order = StampOrder()
+    """Return what a fresh order says of stamps, every 10 ns."""
+    order = StampOrder(10)
     return [order.judge(stamp) for stamp in stamps]
 
 
@@ -77,3 +77,12 @@ def test_a_time_that_begins_again_is_told_from_one_late_sample() -> None:
     new, stale, restarted = Order.NEW, Order.STALE, Order.RESTARTED
     assert judged(100, 110, 0, 10, 20) == [new, new, stale, restarted, new]
     assert judged(100, 0, 0, 10) == [new, stale, restarted, new], 'the first sample, sent again'
+    assert judged(0, 10, 0, 0, 10) == [new, new, stale, restarted, new], 'soon after the start'
+
+
+def test_one_stamp_from_the_future_changes_nothing() -> None:
+    new, stale, ahead = Order.NEW, Order.STALE, Order.AHEAD
+    assert judged(10, 20, 90, 30, 40) == [new, new, ahead, new, new]
+    assert judged(10, 20, 50, 30, 40, 60) == [new, new, new, stale, stale, new], (
+        'too near to be doubted, and passed before long')
+    assert judged(10, 20, 200, 210) == [new, new, ahead, new], 'a pause, and no new beginning'

@@ -10,10 +10,10 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.inputs.gate import Gate
-from flex_plant_sim.inputs.stamps import Order, StampOrder
+from flex_plant_sim.inputs.stamps import LEAP, Order, StampOrder
 from flex_plant_sim.inputs.synchroniser import slop_of, Synchroniser
 from msg_config.contract_node import ContractNode
-from msg_config.messages import checked_stamp, seconds
+from msg_config.messages import checked_stamp, nanoseconds, seconds
 from msg_config.recent_counts import RecentCounts
 import numpy as np
 from sensor_msgs.msg import JointState
@@ -68,8 +68,9 @@ class SampleNode(ContractNode):
     """
 
     def __init__(self, name: str, **options: Any):
+        # Until the robot is known.
+        self.order = StampOrder(LEAP)
         super().__init__(name, **options)
-        self.order = StampOrder()
         self._answer: Any = None
         self.commanded: Array | None = None
         self._lost: RecentCounts[str] = RecentCounts()
@@ -86,6 +87,7 @@ class SampleNode(ContractNode):
         self._gauges = robot.inputs.gauge_channels(robot.gauge_names)
         self.gate = Gate(robot)
         self._pairing = Synchroniser(PARTS, slop_of(robot.sample_time))
+        self.order.interval = nanoseconds(robot.sample_time)
 
     def listen(self) -> None:
         """Take samples, and offer ~/reset. Call it when all else is ready."""

@@ -21,9 +21,9 @@ PROGRAMS = {
     'payload_estimator': ('flex_payload_estimator.nodes.start', 'payload_estimator'),
     'lqg_controller': ('flex_payload_estimator.nodes.start', 'lqg_controller')}
 CODES = {signal.SIGINT: (0, 130), signal.SIGTERM: (0,)}
-# Before this, s, Python itself starts, and no line of this package has run.
-OWN = 0.15
 LATEST = 4.0
+# What Python says where a signal comes while it imports `site`: no line of this package has run.
+SITE = 'Failed to import the site module'
 
 
 @dataclass(frozen=True)
@@ -40,6 +40,12 @@ class Attack:
     def clean(self) -> bool:
         """Return whether it ended as promised."""
         return self.code in CODES[self.number] and 'Traceback' not in self.error
+
+    @property
+    def too_early(self) -> bool:
+        """Return whether Python itself took it, before a line of this package had run."""
+        silent = self.code == -self.number and not self.error
+        return silent or SITE in self.error
 
 
 def attack(node: str, number: signal.Signals, delay: float, domain: int) -> Attack:
@@ -62,7 +68,7 @@ def attacks(count: int, seed: int, domain: int) -> list[Attack]:
     """Return what came of signals at random moments of the start."""
     chance = random.Random(seed)
     return [attack(chance.choice(sorted(PROGRAMS)), chance.choice(sorted(CODES)),
-                   chance.uniform(OWN, LATEST), domain) for _ in range(count)]
+                   chance.uniform(0.0, LATEST), domain) for _ in range(count)]
 
 
 def main() -> int:
@@ -73,13 +79,16 @@ def main() -> int:
     options.add_argument('--domain', type=int, default=90)
     chosen = options.parse_args()
     found = attacks(chosen.count, chosen.seed, chosen.domain)
-    for item in found:
-        if not item.clean:
-            print(f'{item.node} {item.number.name} after {item.delay:.3f} s: {item.code}\n'
-                  f'{item.error}')
-    print(Counter((item.number.name, item.code) for item in found),
-          f'{sum(not item.clean for item in found)} of {len(found)} not clean')
-    return min(sum(not item.clean for item in found), 1)
+    early = [item for item in found if item.too_early]
+    bad = [item for item in found if not (item.clean or item.too_early)]
+    for item in bad:
+        print(f'{item.node} {item.number.name} after {item.delay:.3f} s: {item.code}\n'
+              f'{item.error}')
+    print(Counter((item.number.name, item.code) for item in found))
+    print(f'{len(bad)} of {len(found)} not clean; {len(early)} more ended while Python itself '
+          f'started, up to {max((item.delay for item in early), default=0.0):.2f} s, '
+          f'{sum(SITE in item.error for item in early)} of them with its own traceback')
+    return min(len(bad), 1)
 
 
 if __name__ == '__main__':
