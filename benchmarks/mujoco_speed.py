@@ -31,6 +31,8 @@ from scipy.linalg import eigh
 Array = NDArray[np.float64]
 PAYLOAD, PERIOD, COUNT, MODES, SEGMENTS = 0.1, 0.01, 1000, 5, 20
 CORIOLIS = EffectSpec('coriolis_centripetal', 'arm', {'share': 1.0})
+BENT = EffectSpec('foreshortening', 'arm', {'share': 1.0})
+FORCES = {'linear': (), 'Coriolis': (CORIOLIS,), 'foreshortening': (CORIOLIS, BENT)}
 # (payload kg, theta_2 rad)
 POINTS = ((0.1, 0.0), (0.1, np.pi / 2), (0.0, 0.0))
 
@@ -105,9 +107,9 @@ def chain(substeps: int) -> Contender:
     return Contender(f'MuJoCo chain, step {1e3 * PERIOD / substeps:.2f} ms', building, outputs)
 
 
-def ours(modes: int, coriolis: bool) -> Contender:
-    """Return our simulator, with or without Coriolis forces."""
-    effects = (build_effect(CORIOLIS),) if coriolis else ()
+def ours(modes: int, forces: str) -> Contender:
+    """Return our simulator with the FORCES of a name."""
+    effects = tuple(build_effect(spec) for spec in FORCES[forces])
     start = time.process_time()
     arm = ExtendedArm(load_robot('reference'), 'assumed_modes', modes, PAYLOAD, effects)
     simulator = Simulator(arm)
@@ -117,8 +119,7 @@ def ours(modes: int, coriolis: bool) -> Contender:
         simulator.reset()
         return step_arm(simulator, commands)[0]
 
-    name = f'assumed_modes {modes}, ' + ('Coriolis' if coriolis else 'linear')
-    return Contender(name, building, outputs)
+    return Contender(f'assumed_modes {modes}, {forces}', building, outputs)
 
 
 def milliseconds(contender: Contender, commands: Array, repeats: int) -> float:
@@ -155,7 +156,7 @@ def main() -> None:
     """Print times, errors and their ratios."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--amplitudes', type=float, nargs='+', default=[0.05, 0.2, 0.5, 1.0],
+    parser.add_argument('--amplitudes', type=float, nargs='+', default=[0.05, 0.2, 0.5, 1.0, 1.5],
                         help='of the commands, rad/s')
     parser.add_argument('--repeats', type=int, default=5)
     arguments = parser.parse_args()
@@ -163,8 +164,9 @@ def main() -> None:
     true_outputs, true_frequencies = finite_elements()
     print_frequencies(true_frequencies)
     substeps = largest_stable_substeps(moves(max(arguments.amplitudes))[:200])
-    baseline, *rest = [chain(substeps), chain(2 * substeps), ours(MODES, False),
-                       ours(MODES, True), ours(3, True)]
+    baseline, *rest = [chain(substeps), chain(2 * substeps), ours(MODES, 'linear'),
+                       ours(MODES, 'Coriolis'), ours(MODES, 'foreshortening'),
+                       ours(3, 'foreshortening')]
     for amplitude in arguments.amplitudes:
         commands = moves(amplitude)
         truth = true_outputs(commands)

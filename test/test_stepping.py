@@ -22,6 +22,7 @@ from truth.configuration import reference_arm
 
 ROBOT = load_robot('reference')
 CORIOLIS = EffectSpec('coriolis_centripetal', 'arm', {'share': 1.0})
+BENT = EffectSpec('foreshortening', 'arm', {'share': 1.0})
 
 
 def commands(count: int, step: float = 0.01) -> Array:
@@ -40,16 +41,16 @@ def stepped(arm: ExtendedArm, held: Array) -> Array:
     return np.array(outputs)
 
 
-@pytest.mark.parametrize('model, effect', [
-    ('assumed_modes', None), ('paper', None), ('paper_reduced', None),
-    ('assumed_modes', CORIOLIS),
-    ('paper', CORIOLIS),
-    ('assumed_modes', EffectSpec('motor_lag', 'joint_2', {'time_constant_s': 0.02})),
-    ('assumed_modes', EffectSpec('coulomb_friction', 'joint_1', {'level_n_m': 0.2}))])
+@pytest.mark.parametrize('model, effects', [
+    ('assumed_modes', ()), ('paper', ()), ('paper_reduced', ()),
+    ('assumed_modes', (CORIOLIS,)), ('assumed_modes', (CORIOLIS, BENT)),
+    ('paper', (CORIOLIS,)),
+    ('assumed_modes', (EffectSpec('motor_lag', 'joint_2', {'time_constant_s': 0.02}),)),
+    ('assumed_modes', (EffectSpec('coulomb_friction', 'joint_1', {'level_n_m': 0.2}),))])
 def test_many_steps_at_once_are_those_of_the_schedule(model: str,
-                                                      effect: EffectSpec | None) -> None:
-    effects = () if effect is None else (build(effect),)
-    arm, held = ExtendedArm(ROBOT, model, 2, effects=effects), commands(150)
+                                                      effects: tuple[EffectSpec, ...]) -> None:
+    arm = ExtendedArm(ROBOT, model, 2, effects=[build(effect) for effect in effects])
+    held = commands(150)
     expected = stepped(arm, held)
     assert np.ptp(expected[:, 1]) > 1.0
     np.testing.assert_allclose(simulate(Simulator(arm), held)[0], expected, rtol=0.0, atol=1e-12)
@@ -71,13 +72,14 @@ def test_at_once_or_sample_by_sample_with_the_same_noise() -> None:
 
 @pytest.mark.skipif(not COMPILED, reason='Numba is not installed: there is nothing to compare')
 def test_compiled_steps_are_those_of_plain_numpy() -> None:
-    arm = ExtendedArm(ROBOT, modes=3, effects=[build(CORIOLIS)])
+    arm = ExtendedArm(ROBOT, modes=3, effects=[build(CORIOLIS), build(BENT)])
     stepper, held = Stepper.of(arm), commands(100)
     assert stepper is not None
     fast = stepper.run(np.zeros(arm.states), held, np.zeros((100, arm.form.order)))
     inputs, plain = np.pad(held, ((0, 0), (0, arm.form.order))), np.zeros_like(fast)
-    stepping._run.py_func(stepper.series, stepper.angle, stepper.turning,  # type: ignore
-                          inputs, plain)
+    stepping._run.py_func(  # type: ignore[attr-defined]
+        stepper.series, stepper.angle, stepper.turning, stepper.bending, stepper.share,
+        stepper.step, inputs, plain)
     np.testing.assert_allclose(fast, plain, rtol=0.0, atol=1e-12)
 
 

@@ -78,6 +78,8 @@ class Motion:
         kg.
     step : float
         Length of the step, s.
+    change : Array
+        Of (p, p') over the step, (…, 2 N); for `force` of effects that are `inertial`.
 
     """
 
@@ -89,6 +91,7 @@ class Motion:
     form: SecondOrderForm
     payload: float
     step: float
+    change: Any = 0.0
 
 
 @dataclass(frozen=True)
@@ -117,6 +120,8 @@ class Effect(ABC):
     event_time: ClassVar[str] = ''
     # Whether every arm has it, so that what may be hidden is that a model leaves it out.
     in_nature: ClassVar[bool] = False
+    # Whether its force depends on the acceleration.
+    inertial: ClassVar[bool] = False
 
     site: str
     values: tuple[Any, ...]

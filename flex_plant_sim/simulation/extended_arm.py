@@ -183,6 +183,16 @@ class ExtendedArm:
         return Motion(time, state[..., :n], state[..., n:2 * n], command, self.robot, self.form,
                       self.payload, self.step_time)
 
+    def motion_between(self, state: Array, after: Array, command: Array, time: Any) -> Motion:
+        """Return the motion at the middle of a step between two states, (…, n)."""
+        change = (after - state)[..., :2 * self.form.order]
+        return replace(self.motion(0.5 * (state + after), command, time), change=change)
+
+    @property
+    def passes(self) -> int:
+        """Return how often a step's forces are asked: again where they go with acceleration."""
+        return 2 if any(effect.inertial for effect in self._torque) else 1
+
     def advance(self, matrices: tuple[Array, Array, Array], state: Array, command: Array,
                 time: Any) -> Array:
         """
@@ -212,12 +222,11 @@ class ExtendedArm:
         """Return the state one step later, given what the linear plant alone would do."""
         if not (self._torque or self.has_contact):
             return after
-        motion = self.motion(state, command, time)
-        if self._torque:
-            # From the middle of the step, so that the scheme is of second order.
-            middle = self.motion(0.5 * (state + after), command, time)
-            after = after + _apply(e, self.smooth_force(middle))
-        return self.apply_contact(e, state, after, motion)
+        motion, pushed = self.motion(state, command, time), after
+        for _ in range(self.passes if self._torque else 0):
+            middle = self.motion_between(state, pushed, command, time)
+            pushed = after + _apply(e, self.smooth_force(middle))
+        return self.apply_contact(e, state, pushed, motion)
 
     def smooth_force(self, motion: Motion) -> Array:
         """Return the sum of the force effects, (…, N)."""

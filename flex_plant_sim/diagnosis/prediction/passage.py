@@ -63,7 +63,7 @@ class Run:
         trajectory = predictor.started(arm)[:, None]
         self.measured, self.trajectory = measured, trajectory[used]
         ahead = trajectory[np.minimum(used + 1, len(trajectory) - 1)]
-        motion = arm.motion(0.5 * (self.trajectory + ahead), self.command, self.time)
+        motion = arm.motion_between(self.trajectory, ahead, self.command, self.time)
         parts = (self.command, arm.smooth_force(motion), measured)
         drive = np.concatenate([np.broadcast_to(part, (len(used), batch, width))
                                 for part, width in zip(parts, (2, order, m))], axis=-1)

@@ -1,0 +1,239 @@
+"""
+The kinetic energy of second order in the deflections, which the linear equations leave out.
+
+A point of a bent link is at (x - s, w), s = int w'^2 dx / 2, in axes that turn with its root. With
+e p' = epsilon, s p' = sigma and the root rates w_1, w_2 of CoriolisCentripetal, eta the angle
+between the links, the elbow's deflection tau = t p, alpha = int w dm of the lower link, the
+elbow's shortening P and beta = int s dm of the lower link, and C = int (w^2 - 2 x s) dm, the
+energy gains
+
+    M_2 (w_1^2 tau^2 / 2 - epsilon w_1 P) + w_1^2 C_1 / 2 + w_2^2 C_2 / 2
+    + sin(eta) ((w_1 tau + P') sigma - epsilon (w_2 alpha + beta'))
+    + cos(eta) (w_1 w_2 tau alpha - w_1 P sigma - epsilon w_2 beta),
+
+M_2 the mass beyond the elbow: centrifugal stiffening and spin softening, and the upper tip's
+motion along the lower link and along itself. Third order in (q, q') is left out. These are
+Lagrange's forces of that energy, and what the linear equations' own M(eta) has beyond
+CoriolisCentripetal: sin(eta) (w_2 epsilon s - w_1 sigma e - epsilon sigma h), h the row of eta,
+nothing where the links are rigid.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+from flex_plant_sim.arm.robot import Link, Robot
+from flex_plant_sim.arm.second_order import Array, SecondOrderForm
+from flex_plant_sim.effects.mechanics.kinematics import link_columns, link_shapes, root_row
+import numpy as np
+
+
+class BendingTerms(NamedTuple):
+    """
+    What the energy is made of, over the coordinates.
+
+    Attributes
+    ----------
+    over_position : Array
+        Rows over p, (3 + 2 N, N): tau, alpha, eta, the matrix of 2 P on the upper link's
+        deflections and of 2 beta on the lower one's, and that of C_1 and C_2.
+    over_velocity : Array
+        Rows over p', (4 + N, N): w_1, w_2, epsilon, sigma, and the first of those matrices.
+    upper : Array
+        1 for the upper link's deflections, else 0, (N,).
+    carried : float
+        M_2, kg.
+
+    """
+
+    over_position: Array
+    over_velocity: Array
+    upper: Array
+    carried: float
+
+    @classmethod
+    def none(cls, form: SecondOrderForm) -> BendingTerms:
+        """Return terms of no mass."""
+        n = form.order
+        return cls(np.zeros((3 + 2 * n, n)), np.zeros((4 + n, n)), np.zeros(n), 0.0)
+
+
+class LinkTerms(NamedTuple):
+    """
+    Integrals over one link, n shapes.
+
+    Attributes
+    ----------
+    moment : Array
+        int phi dm, kg, (n,).
+    shortening, own : Array
+        int S dm with S(x) = int_0^x phi' phi'' dx, and int (phi phi' - x S) dm, (n, n).
+    tip : Array
+        phi at the tip, (n,).
+    tip_shortening : Array
+        S at the tip, 1/m, (n, n).
+    reach : float
+        From the joint's axis to the tip, m.
+
+    """
+
+    moment: Array
+    shortening: Array
+    own: Array
+    tip: Array
+    tip_shortening: Array
+    reach: float
+
+    def centrifugal(self, mass: float) -> Array:
+        """Return int (phi phi' - x S) dm with a mass, kg, at the tip, (n, n)."""
+        return self.own + mass * (np.outer(self.tip, self.tip)
+                                  - self.reach * self.tip_shortening)
+
+
+@lru_cache(maxsize=16)
+def link_terms(link: Link, modes: int) -> LinkTerms:
+    """Return the integrals of a link that bends in statically complete shapes."""
+    shapes = link_shapes(link, modes, True)
+    points, weights = np.polynomial.legendre.leggauss(40 + 4 * modes)
+    length, radius = link.length, link.hub_radius
+    x, w = 0.5 * length * (points + 1.0), 0.5 * length * weights
+    slope, density, rest = shapes.shape(x, 1), link.mass / length, length - x
+    # A slope at x shortens all that lies beyond it.
+    beyond = density * rest
+    moments = density * (radius * rest + 0.5 * (length**2 - x**2))
+    tip = np.asarray(shapes.shape(length), dtype=float)
+    return LinkTerms(
+        -shapes.modal_mass * shapes.beta, (slope.T * (w * beyond)) @ slope,
+        shapes.modal_mass * np.eye(modes) - (slope.T * (w * moments)) @ slope,
+        tip, (slope.T * w) @ slope, radius + length)
+
+
+def bending_terms(form: SecondOrderForm, robot: Robot, payload: float) -> BendingTerms:
+    """Return the terms of an energy form with a payload, kg, at its tip."""
+    return _terms(form, robot.links, robot.elbow_mass, payload)
+
+
+@lru_cache(maxsize=64)
+def _terms(form: SecondOrderForm, links: tuple[Link, Link], elbow_mass: float, payload: float
+           ) -> BendingTerms:
+    q_1, q_2 = (link_columns(form, index) for index in (0, 1))
+    upper, lower = (link_terms(link, int(q.sum())) for link, q in zip(links, (q_1, q_2)))
+    bent, n = np.zeros((3, form.order)), form.order
+    bent[0, q_1], bent[1, q_2] = upper.tip, lower.moment + payload * lower.tip
+    bent[2] = form.elbow_angle
+    shortening, centrifugal = np.zeros((n, n)), np.zeros((n, n))
+    shortening[np.ix_(q_1, q_1)] = upper.tip_shortening
+    shortening[np.ix_(q_2, q_2)] = lower.shortening + payload * lower.tip_shortening
+    centrifugal[np.ix_(q_1, q_1)] = upper.centrifugal(elbow_mass)
+    centrifugal[np.ix_(q_2, q_2)] = lower.centrifugal(payload)
+    turning = np.array([root_row(form, 0), root_row(form, 1), form.field[0, 1],
+                        form.field[1, 0] + payload * form.field[1, 1]])
+    return BendingTerms(np.vstack([bent, shortening, centrifugal]),
+                        np.vstack([turning, shortening]), q_1.astype(np.float64),
+                        links[1].mass + payload)
+
+
+def momentum_factors(rate: Any, bent: Any, short: Any, carried: float) -> tuple[Any, ...]:
+    """
+    Return what the momenta along w_1, w_2, epsilon, sigma are, and those of P' and beta'.
+
+    Parameters
+    ----------
+    rate : tuple
+        w_1, w_2, epsilon, sigma.
+    bent : tuple
+        tau, alpha, sin and cos of eta.
+    short : tuple
+        P, P', C_1, beta, beta', C_2.
+    carried : float
+        M_2, kg.
+
+    """
+    w_1, w_2, epsilon, sigma = rate
+    tau, alpha, s, c = bent
+    p, dp, c_1, beta, dbeta, c_2 = short
+    return (carried * (w_1 * tau * tau - epsilon * p) + w_1 * c_1
+            + c * (w_2 * tau * alpha - p * sigma) + s * tau * sigma,
+            w_2 * c_2 - s * epsilon * alpha + c * (w_1 * tau * alpha - epsilon * beta),
+            -carried * w_1 * p - s * (w_2 * alpha + dbeta) - c * w_2 * beta,
+            s * (w_1 * tau + dp) - c * w_1 * p,
+            s * sigma, -s * epsilon)
+
+
+def field_factors(rate: Any, bent: Any, short: Any, carried: float) -> tuple[Any, ...]:
+    """
+    Return the energy's slopes along tau, alpha, eta, P and beta, as momentum_factors does.
+
+    Then what M(eta) has beyond CoriolisCentripetal, along epsilon and sigma (and in eta).
+    """
+    w_1, w_2, epsilon, sigma = rate
+    tau, alpha, s, c = bent
+    p, dp, _, beta, dbeta, _ = short
+    return (carried * w_1 * w_1 * tau + s * w_1 * sigma + c * w_1 * w_2 * alpha,
+            -s * epsilon * w_2 + c * w_1 * w_2 * tau,
+            c * ((w_1 * tau + dp) * sigma - epsilon * (w_2 * alpha + dbeta))
+            - s * (w_1 * w_2 * tau * alpha - w_1 * p * sigma - epsilon * w_2 * beta
+                   + epsilon * sigma),
+            -carried * epsilon * w_1 - c * w_1 * sigma, -c * epsilon * w_2,
+            -s * w_1 * sigma, s * w_2 * epsilon)
+
+
+def bending_force(terms: BendingTerms, position: Array, velocity: Array, change: Array,
+                  step: float) -> Array:
+    """
+    Return dL/dp - d/dt dL/dp' of that energy: the mean over a step, (…, N).
+
+    Parameters
+    ----------
+    terms : BendingTerms
+        What the energy is made of.
+    position, velocity : Array
+        p and p' at the step's middle, (…, N).
+    change : Array
+        Of (p, p') over the step, (…, 2 N).
+    step : float
+        s.
+
+    """
+    n = len(terms.upper)
+    half, half_rate = 0.5 * change[..., :n], 0.5 * change[..., n:]
+    gained = (_momentum(terms, position + half, velocity + half_rate)
+              - _momentum(terms, position - half, velocity - half_rate))
+    return _slopes(terms, position, velocity) - gained / step
+
+
+def _scalars(terms: BendingTerms, position: Array, velocity: Array) -> tuple[Any, ...]:
+    """Return rate, bent and short of momentum_factors; S p, C p and S p', S of P and beta."""
+    n, upper = len(terms.upper), terms.upper
+    over_p, over_v = position @ terms.over_position.T, velocity @ terms.over_velocity.T
+    rate = tuple(np.moveaxis(over_v[..., :4], -1, 0)[..., None])
+    tau, alpha, eta = np.moveaxis(over_p[..., :3], -1, 0)[..., None]
+    shorter, spun = over_p[..., 3:3 + n], over_p[..., 3 + n:]
+
+    def along(a: Array, b: Array) -> Array:
+        return np.sum(a * b, axis=-1, keepdims=True)
+
+    short = tuple(along(part * link, image)
+                  for link in (upper, 1.0 - upper)
+                  for part, image in ((0.5 * position, shorter), (velocity, shorter),
+                                      (position, spun)))
+    return rate, (tau, alpha, np.sin(eta), np.cos(eta)), short, shorter, spun, over_v[..., 4:]
+
+
+def _momentum(terms: BendingTerms, position: Array, velocity: Array) -> Array:
+    rate, bent, short, shorter, *_ = _scalars(terms, position, velocity)
+    *along, of_p, of_beta = momentum_factors(rate, bent, short, terms.carried)
+    return (sum(factor * row for factor, row in zip(along, terms.over_velocity))
+            + (of_p * terms.upper + of_beta * (1.0 - terms.upper)) * shorter)
+
+
+def _slopes(terms: BendingTerms, position: Array, velocity: Array) -> Array:
+    rate, bent, short, shorter, spun, turned = _scalars(terms, position, velocity)
+    *along, of_p, of_beta, elbow, across = field_factors(rate, bent, short, terms.carried)
+    upper, lower = terms.upper, 1.0 - terms.upper
+    return (sum(factor * row for factor, row in zip(along, terms.over_position))
+            + elbow * terms.over_velocity[2] + across * terms.over_velocity[3]
+            + (of_p * upper + of_beta * lower) * shorter
+            + bent[2] * (rate[3] * upper - rate[2] * lower) * turned
+            + (rate[0]**2 * upper + rate[1]**2 * lower) * spun)

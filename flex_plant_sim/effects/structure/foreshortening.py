@@ -1,0 +1,41 @@
+"""Foreshortening: bent links are shorter and carry their mass beside their axes as they turn."""
+
+from __future__ import annotations
+
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.effects.base import Effect, Motion, Parameter
+from flex_plant_sim.effects.mechanics.bending import bending_force, bending_terms
+from flex_plant_sim.effects.mechanics.bending_step import step_force
+from flex_plant_sim.effects.mechanics.kinematics import is_energy_form
+import numpy as np
+
+
+class Foreshortening(Effect):
+    """
+    The inertial forces of first order in the deflections, beside CoriolisCentripetal's.
+
+    Centrifugal stiffening, spin softening and the elbow's motion along the links; see
+    mechanics/bending.py. Part of them goes with the acceleration. The paper's form, which is not
+    made from an energy, has none. share = 1 is nature.
+    """
+
+    identifier = 'foreshortening'
+    family = 'links and structure'
+    explanation = 'The links bend so far while they turn that they become shorter and lopsided.'
+    parameters = (Parameter('share', '', 0.0, -1.0, 3.0, (1.0,), 0.3, 1.0),)
+    sites = 'arm'
+    # Not a cause to look for: it is too small to be told from the parts' tolerances.
+    named = False
+    in_nature = True
+    inertial = True
+
+    def force(self, motion: Motion) -> Array | float:
+        """Return the generalised force over the step, (…, N)."""
+        if not is_energy_form(motion.form):
+            return 0.0
+        terms = bending_terms(motion.form, motion.robot, motion.payload)
+        force = step_force if motion.position.ndim == 1 else bending_force
+        change = np.broadcast_to(motion.change, motion.position.shape[:-1] + (
+            2 * motion.form.order,))
+        return np.asarray(self['share'] * force(terms, motion.position, motion.velocity, change,
+                                                motion.step))

@@ -1,0 +1,145 @@
+"""What bent links add to the forces of motion, against drawn points and a closed form."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from extended_arms import arm, effect, ROBOT, stiff
+from flex_plant_sim.arm.ritz import RitzShapes
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.effects import catalogue, kinds
+from flex_plant_sim.effects.base import Motion
+from flex_plant_sim.simulation.stepping import Stepper
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+from truth import simulation as truth
+from truth.configuration import reference_arm
+
+BOTH = ('coriolis_centripetal:arm:share=1', 'foreshortening:arm:share=1')
+PAYLOAD = ROBOT.payload_mass
+
+
+def points(robot: Robot, modes: int, p: Array) -> tuple[Array, Array]:
+    """Return masses (K,) and places (K, 2) of a drawn arm whose links keep their length."""
+    x, w = np.polynomial.legendre.leggauss(30)
+    masses, places, root, turn = [], [], np.zeros(2), 0.0
+    for j, (link, end) in enumerate(zip(robot.links, (robot.elbow_mass, PAYLOAD))):
+        shape, q = RitzShapes.of(link.beam(modes)), p[2 + j * modes:2 + (j + 1) * modes]
+        turn += p[j]
+        axes = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+        at = np.append(0.5 * link.length * (x + 1.0), link.length)
+        drawn = np.array([[link.hub_radius + s - 0.25 * s * w @ (
+            shape.shape(0.5 * s * (x + 1.0), 1) @ q)**2, shape.shape(s) @ q] for s in at])
+        masses.append(np.append(0.5 * link.mass * w, end))
+        places.append(root + drawn @ axes)
+        root, turn = places[-1][-1], turn + float(shape.shape(link.length, 1) @ q)
+    return np.concatenate(masses), np.concatenate(places)
+
+
+def drawn_energy_and_momentum(robot: Robot, modes: int, p: Array, v: Array) -> tuple[float, float]:
+    """Return kinetic energy, J, and angular momentum about the first axis, kg m^2/s."""
+    h = 1e-6
+    mass, place = points(robot, modes, p)
+    speed = (points(robot, modes, p + h * v)[1] - points(robot, modes, p - h * v)[1]) / (2.0 * h)
+    upper = robot.links[0]
+    hub = v[0] + float(RitzShapes.of(upper.beam(modes)).shape(upper.length, 1) @ v[2:2 + modes])
+    rotors = np.array([drive.inertia for drive in robot.drives])
+    energy = 0.5 * (mass @ np.sum(speed**2, axis=1) + rotors @ v[:2]**2
+                    + robot.elbow_inertia * hub**2)
+    spin = place[:, 0] * speed[:, 1] - place[:, 1] * speed[:, 0]
+    return float(energy), float(mass @ spin + rotors[0] * v[0] + robot.elbow_inertia * hub)
+
+
+def coasting(*texts: str, step: float) -> Array:
+    """Return relative changes of the drawn arm's energy and momentum while it coasts for 1 s."""
+    robot = ROBOT
+    for j in (0, 1):
+        robot = robot.with_drive(j, damping=0.0).with_link(j, damping_ratio=0.0)
+    extended = arm(*texts, robot=robot, modes=1, step=step)
+    stepper, n = Stepper.of(extended), extended.form.order
+    assert stepper is not None
+    start, count = np.zeros(extended.states), round(1.0 / step)
+    start[1], start[n:n + 2] = 0.7, (1.0, -1.6)
+    states = stepper.run(start, np.zeros((count, 2)), np.zeros((count, n)))
+    found = []
+    for x in (states[0], states[-1]):
+        energy, momentum = drawn_energy_and_momentum(robot, 1, x[:n], x[n:])
+        found.append((energy + 0.5 * x[:n] @ extended.form.stiffness_at(1.0) @ x[:n], momentum))
+    return np.array(found[1]) / found[0] - 1.0
+
+
+def test_a_coasting_arm_keeps_energy_and_angular_momentum_of_its_drawn_points() -> None:
+    """The scheme is of second order; what its limit leaves is of third order in (q, q')."""
+    bent = [coasting(*BOTH, step=step) for step in (0.004, 0.002, 0.001)]
+    straight = [coasting(BOTH[0], step=step) for step in (0.002, 0.001)]
+    assert bent[0][0] - bent[1][0] > 3.0 * (bent[1][0] - bent[2][0]) > 0.0
+    limit = (4.0 * bent[2] - bent[1]) / 3.0
+    assert np.all(np.abs(limit) < 2e-4)
+    assert np.all(np.abs(2.0 * straight[1] - straight[0]) > 10.0 * np.abs(limit))
+
+
+def test_a_spinning_link_stiffens_as_southwell_s_beam() -> None:
+    """
+    Out of its plane (omega L^2 sqrt(m / EI)) is 3.6817 and 4.1373 at 1 and 2 such units of speed.
+
+    Wright, Smith, Thresher and Wang, J. Applied Mechanics 49 (1982); in the plane of rotation the
+    square of the speed is taken off.
+    """
+    robot = replace(ROBOT, payload_mass=0.0)
+    extended, link, n = arm(*BOTH[1:], robot=robot, modes=5), robot.links[1], 12
+    unit = np.sqrt(link.bending_stiffness * link.length / link.mass) / link.length**2
+    mu, bent = RitzShapes.of(link.beam(5)).modal_mass, 1e-6 * np.eye(n)[7:]
+    for speed, expected in ((1.0, 3.6817), (2.0, 4.1373)):
+        velocity = np.tile(speed * unit * np.eye(n)[1], (5, 1))
+        motion = Motion(0.0, bent, velocity, np.zeros(2), robot, extended.form, 0.0, 0.01,
+                        np.hstack([0.01 * velocity, 0.0 * velocity]))
+        pull = 1e6 * np.asarray(extended.effects[0].force(motion))[:, 7:]
+        stiffness = extended.form.stiffness_at(1.0)[7:, 7:] - pull
+        lowest = eigh(stiffness, mu * np.eye(5), eigvals_only=True)[0]
+        assert np.sqrt(lowest / unit**2 + speed**2) == pytest.approx(expected, abs=2e-4)
+
+
+def test_rigid_links_and_the_paper_s_form_have_none() -> None:
+    state = np.zeros(2 * 8)
+    state[1], state[8:10] = 0.9, (1.3, -0.8)
+    rigid = arm(*BOTH[1:], robot=stiff(ROBOT))
+    assert np.abs(rigid.smooth_force(rigid.motion_between(state, state, np.zeros(2), 0.0))[:2]
+                  ).max() < 1e-12
+    paper = arm(*BOTH[1:], model='paper')
+    assert not np.any(paper.smooth_force(paper.motion(state, np.zeros(2), 0.0)))
+
+
+def test_one_instant_or_many_at_once_are_the_same() -> None:
+    extended, random = arm(*BOTH), np.random.default_rng(1)
+    before, after = 0.1 * random.standard_normal((2, 6, extended.states))
+    together = extended.motion_between(before, after, np.zeros((6, 2)), 0.0)
+    one_by_one = [extended.smooth_force(extended.motion_between(a, b, np.zeros(2), 0.0))
+                  for a, b in zip(before, after)]
+    np.testing.assert_allclose(extended.smooth_force(together), one_by_one, rtol=1e-11)
+
+
+def test_it_brings_the_arm_to_the_finite_elements() -> None:
+    """Swings with jumps of up to 2 rad/s: what is left is smaller by far than the forces."""
+    time = 0.01 * np.arange(300.0)
+    held = 1.2 * np.column_stack([np.sin(2 * time) + 0.4 * np.sign(np.sin(1.3 * time)),
+                                  np.sin(3 * time) + 0.4 * np.sign(np.sin(1.7 * time))])
+    motion = truth.simulate(reference_arm(PAYLOAD), command=held)
+    true = np.hstack([motion.joint, motion.fine_strain[::motion.steps_per_sample]])
+    misses = []
+    for texts in (BOTH, BOTH[:1]):
+        extended = arm(*texts, modes=5)
+        stepper = Stepper.of(extended)
+        assert stepper is not None
+        states = stepper.run(np.zeros(extended.states), held,
+                             np.zeros((300, extended.form.order)))
+        found = states[:-1] @ extended.output_matrix.T
+        misses.append(np.linalg.norm(found - true, axis=0)
+                      / np.linalg.norm(true - true.mean(axis=0), axis=0))
+    assert np.all(misses[0][:2] < 1e-4) and np.all(misses[0][2:] < 8e-3)
+    assert np.all(misses[0] < 0.25 * misses[1])
+
+
+def test_it_is_no_cause_to_be_named() -> None:
+    assert effect(BOTH[1]).identifier in kinds() and 'foreshortening' not in catalogue()
