@@ -14,7 +14,7 @@ from dataclasses import replace
 
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.diagnosis.causes.fit import Causes, fitted
-from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood, TEMPER
+from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
 from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
@@ -35,10 +35,8 @@ def whitened(seed: int, amplitude: Amplitude) -> tuple[np.ndarray, np.ndarray]:
     data = Data.of([record], slowest_frequency(base, record.payload), robot.sample_time)
     likelihood = Likelihood(base, data.windows, data.noise)
     fit = fitted(likelihood, Causes((), data.duration), (np.zeros(0),))
-    left = likelihood.present + likelihood.columns @ fit.deviations
-    m, root = likelihood.scale.size, np.sqrt(TEMPER)
-    columns = root * likelihood.columns * likelihood.tolerances
-    return root * left.reshape(-1, m), columns.reshape(len(left) // m, m, -1)
+    left = likelihood.present + np.tensordot(fit.deviations, likelihood.columns, 1)
+    return left.T, (likelihood.columns.T * likelihood.tolerances)
 
 
 def temper(errors: np.ndarray, columns: np.ndarray) -> float:

@@ -7,8 +7,14 @@ from dataclasses import replace
 from flex_plant_sim.diagnosis.causes.fit import Causes, Fit, fitted
 from flex_plant_sim.diagnosis.causes.hypothesis import hypotheses, Hypothesis
 from flex_plant_sim.diagnosis.causes.posterior import Posterior
-from flex_plant_sim.diagnosis.likelihood.evidence import detectable, Marginal, Slab
+from flex_plant_sim.diagnosis.likelihood.evidence import (
+    channel_products,
+    detectable,
+    Marginal,
+    Slab,
+)
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
+from flex_plant_sim.diagnosis.likelihood.moments import Moments
 from flex_plant_sim.diagnosis.likelihood.prior import (
     ANY_CAUSE,
     deviated,
@@ -31,40 +37,70 @@ from simulated_records import effects, REFERENCE, simulated
 RNG = np.random.default_rng(7)
 COLUMNS, PRIOR = RNG.standard_normal((30, 4)), np.array([0.5, 1.0, 2.0, 1e-9])
 RESIDUAL = RNG.standard_normal(30) + COLUMNS @ np.array([0.4, -1.0, 2.5, 0.0])
-NOTHING = Fit((), Amplitude(), np.zeros(0), np.zeros(0), np.ones(1), np.eye(1), 0.0)
+SLAB = Slab(np.array([1.0]), np.array([0.7]), np.zeros(1))
+EMPTY = Moments(np.zeros((1, 1, 1)), np.zeros(0), Slab(*np.zeros((3, 0))), np.zeros(0), 1.0,
+                np.zeros(1))
+NOTHING = Fit((), Amplitude(), np.zeros(0), np.zeros(0), np.ones(1), np.eye(1), EMPTY, 0.0)
 
 
 def test_evidence_is_that_of_the_gaussian_it_stands_for() -> None:
-    marginal = Marginal(COLUMNS, PRIOR)
+    marginal = Marginal.of(RESIDUAL, COLUMNS, PRIOR)
     whole = np.eye(30) + COLUMNS @ np.diag(PRIOR**2) @ COLUMNS.T
     direct = multivariate_normal(np.zeros(30), whole).logpdf(RESIDUAL)
-    assert marginal.log_evidence(RESIDUAL) - 15.0 * np.log(2.0 * np.pi) == pytest.approx(
+    assert marginal.log_evidence - 15.0 * np.log(2.0 * np.pi) == pytest.approx(
         direct, rel=1e-12)
 
 
 def test_posterior_of_the_parts_is_that_of_ridge_regression() -> None:
-    marginal = Marginal(COLUMNS, PRIOR)
+    marginal = Marginal.of(RESIDUAL, COLUMNS, PRIOR)
     precision = COLUMNS.T @ COLUMNS + np.diag(PRIOR**-2.0)
     # The residual is what is left: r = e + J b is explained by b of the other sign.
-    assert marginal.mean(RESIDUAL) == pytest.approx(
+    assert marginal.mean == pytest.approx(
         -np.linalg.solve(precision, COLUMNS.T @ RESIDUAL), rel=1e-6, abs=1e-12)
     assert marginal.covariance == pytest.approx(np.linalg.inv(precision), rel=1e-6, abs=1e-12)
 
 
-def test_columns_in_front_are_as_good_as_columns_from_the_start() -> None:
-    whole = Marginal(COLUMNS, PRIOR)
-    joined = Marginal(COLUMNS[:, 2:], PRIOR[2:]).joined(COLUMNS[:, :2], PRIOR[:2])
-    assert joined.log_evidence(RESIDUAL) == pytest.approx(whole.log_evidence(RESIDUAL))
-    assert joined.mean(RESIDUAL) == pytest.approx(whole.mean(RESIDUAL))
+def moments(scale: float = 1.0) -> Moments:
+    """Return two channels of 15 samples, one value at 1.2 and three parts, unit temper aside."""
+    rows = np.vstack([RESIDUAL, COLUMNS.T]).reshape(5, 2, 15) * scale
+    return Moments(channel_products(rows, rows), np.array([0.2]), SLAB, PRIOR[1:], 15.0,
+                   np.array([3.0, 4.0]))
+
+
+def test_moments_hold_the_evidence_of_the_gaussian_they_stand_for() -> None:
+    """Linear: r = y + J (value - 1.2) + K b with both Gaussian, channels of two scales."""
+    scale, temper = np.array([1.5, 2.0]), 3.0
+    deviation = np.repeat(scale * np.sqrt(temper), 15)
+    prior = np.concatenate([SLAB.width, PRIOR[1:]])
+    mean = RESIDUAL - 0.2 * COLUMNS[:, 0]
+    whole = np.diag(deviation**2) + COLUMNS @ np.diag(prior**2) @ COLUMNS.T
+    direct = multivariate_normal(np.zeros(30), whole).logpdf(mean) + 15.0 * np.log(2.0 * np.pi)
+    tempered = direct + 30.0 * 0.5 * np.log(temper) + np.sum(np.log(np.repeat(scale, 15)))
+    paid = (15.0 * np.sum(np.log(scale)) + 7.0) / temper
+    found = moments().joined(scale, temper)
+    assert found.log_evidence - paid == pytest.approx(tempered - paid, rel=1e-10)
+    # At the optimum Laplace's method is exact.
+    best = replace(moments(), away=found.mean[:1])
+    move = np.eye(5)
+    move[1, 0] = found.mean[0] - 0.2
+    best = replace(best, products=move.T @ moments().products @ move)
+    assert best.log_evidence(scale, temper) == pytest.approx(found.log_evidence - paid)
+
+
+def test_the_scale_is_the_likeliest_and_never_below_one() -> None:
+    bare = replace(moments(3.0), tolerances=np.full(3, 1e-9))
+    power = np.sum((3.0 * RESIDUAL.reshape(2, 15))**2, axis=1)
+    assert bare.scaled() == pytest.approx(np.sqrt(power / 15.0), rel=1e-6)
+    assert moments(1e-3).scaled() == pytest.approx([1.0, 1.0])
 
 
 def test_a_prediction_that_is_not_finite_has_no_evidence() -> None:
-    assert Marginal(COLUMNS, PRIOR).log_evidence(RESIDUAL * np.inf) == -np.inf
+    assert Marginal.of(RESIDUAL * np.inf, COLUMNS, PRIOR).log_evidence == -np.inf
 
 
 def test_a_one_sided_slab_keeps_the_mass_on_its_side() -> None:
     column, width = COLUMNS[:, :1], 0.7
-    marginal = Marginal(column, np.array([width]))
+    marginal = Marginal.of(RESIDUAL, column, np.array([width]))
 
     def density(theta: float) -> float:
         left = RESIDUAL + column[:, 0] * theta
@@ -72,18 +108,17 @@ def test_a_one_sided_slab_keeps_the_mass_on_its_side() -> None:
         return float(np.exp(-0.5 * left @ left + 0.5 * RESIDUAL @ RESIDUAL) * prior)
 
     slab = Slab(np.zeros(1), np.array([width]), np.array([-1.0]))
-    inside = slab.log_inside(marginal.mean(RESIDUAL), np.diagonal(marginal.covariance))
-    assert marginal.log_evidence(RESIDUAL) + 0.5 * RESIDUAL @ RESIDUAL + inside == pytest.approx(
+    inside = slab.log_inside(marginal.mean, np.diagonal(marginal.covariance))
+    assert marginal.log_evidence + 0.5 * RESIDUAL @ RESIDUAL + inside == pytest.approx(
         np.log(quad(density, -8.0, 0.0)[0]), abs=1e-6)
 
 
 def test_the_evidence_turns_at_the_detection_limit() -> None:
     column, width, price = COLUMNS[:, 0], 3.0, 5.0
     size = detectable(float(column @ column), width, price)
-    effect, nothing = Marginal(column[:, None], np.array([width])), Marginal(
-        np.zeros((30, 0)), np.zeros(0))
     draws = RNG.standard_normal((4000, 30)) + size * column
-    gained = [effect.log_evidence(r) - nothing.log_evidence(r) for r in draws]
+    gained = [Marginal.of(r, column[:, None], np.array([width])).log_evidence + 0.5 * r @ r
+              for r in draws]
     assert np.mean(gained) == pytest.approx(price, abs=5.0 * np.std(gained) / np.sqrt(4000))
 
 

@@ -41,7 +41,8 @@ class Realisation:
 # on the forms marked so, nothing else; score on seeds from 5000 on, all forms. Clean arms of any
 # other simulator may set the amplitudes of the model's discrepancy: they hide nothing.
 FIRST_SEED = {'calibration': 1000, 'scoring': 5000}
-ELEMENTS, CHAIN = Realisation(FINITE_ELEMENTS, calibration=True), Realisation(MUJOCO)
+ELEMENTS = Realisation(FINITE_ELEMENTS, calibration=True)
+CHAIN = Realisation(MUJOCO, calibration=True)
 PLAIN = (ELEMENTS, CHAIN)
 # Dry friction: a spring too short to be seen (elements), a constraint solver (chain), LuGre.
 DRY_FORMS = (*PLAIN, Realisation(MUJOCO, 'bristles'))

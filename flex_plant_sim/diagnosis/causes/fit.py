@@ -1,4 +1,4 @@
-"""Fit a set of causes with the parts of the arm: its evidence, its values, how sure they are."""
+"""Fit a set of causes with the parts of the arm: its values, its evidence, how sure it is."""
 
 from __future__ import annotations
 
@@ -8,16 +8,17 @@ from functools import cached_property
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.causes.hypothesis import Hypothesis
-from flex_plant_sim.diagnosis.likelihood.evidence import Marginal, Slab
+from flex_plant_sim.diagnosis.likelihood.evidence import channel_products, Marginal, Slab
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
+from flex_plant_sim.diagnosis.likelihood.moments import Moments, TEMPER
 from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude
 from flex_plant_sim.effects.base import Effect
 import numpy as np
 
-ITERATIONS = 6
+ITERATIONS = 8
 BATCH = 8
 # A step that promises less is not worth a pass, nats.
-ENOUGH = 0.05
+ENOUGH = 0.3
 DAMPINGS = (1e-4, 0.1, 10.0)
 
 
@@ -71,7 +72,7 @@ class Causes:
         return self._joined([h.steps(v) for h, v in zip(self.hypotheses, self.split(values))])
 
     def residual(self, likelihood: Likelihood, values: Array) -> Array:
-        """Return the residuals at values (B, k): (B, M)."""
+        """Return the residuals at values (B, k): (B, m, N)."""
         if self.structural or not self.hypotheses:
             return np.concatenate([likelihood.residual(self.effects(v)) for v in values])
         return np.concatenate([likelihood.residual(self.effects(values[k:k + BATCH]))
@@ -97,6 +98,8 @@ class Fit:
         By how much errors exceed what the filter states, (m,).
     covariance : Array
         Of (values, deviations), (k + p, k + p).
+    moments : Moments
+        From which all of this follows.
     log_evidence : float
         Nats, less that of white noise; -inf where nothing finite is predicted.
 
@@ -108,12 +111,13 @@ class Fit:
     deviations: Array
     scale: Array
     covariance: Array
+    moments: Moments
     log_evidence: float
 
 
 @dataclass(frozen=True)
 class Point:
-    """A linearisation: values (k,), undeviated residual (M,), its columns (M, k), the cost."""
+    """A linearisation: values (k,), residual (m, N), its columns (k, m, N), the cost in nats."""
 
     values: Array
     residual: Array
@@ -122,24 +126,58 @@ class Point:
 
 
 class Descent:
-    """Gauss-Newton with damping over the values of some causes, parts integrated out."""
+    """
+    Gauss-Newton with damping over the values of some causes, parts integrated out.
 
-    def __init__(self, likelihood: Likelihood, causes: Causes):
+    Columns are taken by differences where it starts and where a step fails, and corrected in
+    between by what each step shows: C. G. Broyden, Mathematics of Computation 19 (1965). So a
+    step costs one pass.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+    causes : Causes
+    scale : Array
+        By how much errors exceed what the filter states, (m,).
+
+    """
+
+    def __init__(self, likelihood: Likelihood, causes: Causes, scale: Array):
         self.likelihood, self.causes, self.slab = likelihood, causes, causes.slab
-        self.marginal = likelihood.parts_marginal
+        self.scale = scale
 
-    def costs(self, values: Array) -> Array:
-        """Return minus the log-posterior at values (B, k), nats, (B,)."""
-        white = self.likelihood.undeviated(self.causes.residual(self.likelihood, values))
-        return np.array([self._cost(*row) for row in zip(white, values)])
+    def _products(self, own: Array) -> Array:
+        """Return products of own rows (a, m, N) and the parts' columns, (m, a + p, a + p)."""
+        cross = channel_products(own, self.likelihood.columns)
+        return np.block([[channel_products(own, own), cross],
+                         [cross.transpose(0, 2, 1), self.likelihood.products]])
 
-    def _cost(self, white: Array, values: Array) -> float:
+    def moments(self, point: Point) -> Moments:
+        """Return the products at a point."""
+        own = np.concatenate([point.residual[None], point.columns])
+        return Moments(self._products(own), point.values - self.slab.centre, self.slab,
+                       self.likelihood.tolerances,
+                       self.likelihood.weight * point.residual.shape[1],
+                       self.likelihood.surprise)
+
+    def cost(self, values: Array, residual: Array) -> float:
+        """Return minus the log-posterior at values, nats; infinite where nothing is predicted."""
+        if not np.all(np.isfinite(residual)):
+            return float('inf')
+        products = np.tensordot(1.0 / (TEMPER * self.scale**2),
+                                self._products(residual[None]), 1)
         away = (values - self.slab.centre) / self.slab.width
-        return 0.5 * self.marginal.quadratic(white) + 0.5 * float(away @ away)
+        return 0.5 * (Marginal(products, self.likelihood.tolerances).quadratic
+                      + float(away @ away))
 
-    def linearise(self, values: Array) -> Point:
+    def at(self, values: Array) -> tuple[Array, float]:
+        """Return residual (m, N) and cost at values, (k,)."""
+        residual = self.causes.residual(self.likelihood, values[None])[0]
+        return residual, self.cost(values, residual)
+
+    def linearise(self, values: Array, residual: Array, cost: float) -> Point:
         """
-        Return residual and columns at values, by differences.
+        Return the columns at values by differences.
 
         Raises
         ------
@@ -147,76 +185,86 @@ class Descent:
             Where the prediction is not finite.
 
         """
-        step = self.causes.steps(values)
-        moved = values + np.concatenate([np.zeros((1, len(values))), np.diag(step)])
-        white = self.likelihood.undeviated(self.causes.residual(self.likelihood, moved))
-        if not np.all(np.isfinite(white)):
+        columns = np.zeros((0, *residual.shape))
+        if values.size:
+            step = self.causes.steps(values)
+            moved = self.causes.residual(self.likelihood, values + np.diag(step))
+            columns = (moved - residual) / step[:, None, None]
+        if not (np.isfinite(cost) and np.all(np.isfinite(columns))):
             raise np.linalg.LinAlgError('no finite prediction')
-        columns = ((white[1:] - white[0]) / step[:, None]).T
-        return Point(values, white[0], columns, self._cost(white[0], values))
+        return Point(values, residual, columns, cost)
 
     def run(self, starts: Sequence[Array]) -> Point:
-        """Return the minimum found from the best of some starts, linearised there."""
-        first = starts[0]
-        if len(starts) > 1:
-            first = starts[int(np.argmin(self.costs(np.stack(starts))))]
-        point = self.linearise(first)
-        for _ in range(ITERATIONS if len(first) else 0):
+        """Return the minimum found from the best of some starts, linearised near it."""
+        tried = [(start, *self.at(start)) for start in starts]
+        point = self.linearise(*min(tried, key=lambda found: found[2]))
+        fresh, again = True, True
+        for _ in range(ITERATIONS if point.values.size else 0):
             better = self._next(point)
-            if better is None:
+            if better is not None:
+                point, fresh = better, False
+            elif fresh or not again:
                 break
-            point = self.linearise(better)
+            else:
+                # What the corrections lack of the truth may have hidden a way down.
+                point = self.linearise(point.values, point.residual, point.cost)
+                fresh, again = True, False
         return point
 
-    def _next(self, point: Point) -> Array | None:
-        """Return better values within the bounds, or None where little is to be gained."""
+    def _next(self, point: Point) -> Point | None:
+        """Return a better point within the bounds, or None where little is to be gained."""
         low, high = self.causes.bounds
-        rows = point.columns.T
-        hessian = self.marginal.inner(rows, rows) + np.diag(self.slab.width**-2.0)
-        gradient = (self.marginal.inner(rows, point.residual[None])[:, 0]
-                    + (point.values - self.slab.centre) / self.slab.width**2)
+        moments = self.moments(point)
+        joint = moments.weighted(self.scale)
+        k, prior = point.values.size, np.concatenate([self.slab.width, moments.tolerances])
+        pull = np.concatenate([moments.away / self.slab.width**2, np.zeros(len(prior) - k)])
+        gradient = prior * (joint[1:, 0] + pull)
+        hessian = prior[:, None] * joint[1:, 1:] * prior + np.eye(len(prior))
         for damping in DAMPINGS:
-            damped = hessian + damping * np.diag(np.diagonal(hessian))
-            trial = np.clip(point.values - np.linalg.solve(damped, gradient), low, high)
+            damped = hessian.copy()
+            damped[np.arange(k), np.arange(k)] *= 1.0 + damping
+            trial = np.clip(point.values - (prior * np.linalg.solve(damped, gradient))[:k],
+                            low, high)
             change = trial - point.values
-            if -(gradient @ change + 0.5 * change @ hessian @ change) < ENOUGH:
+            if self._promised(hessian, gradient, change / prior[:k]) < ENOUGH:
                 return None
-            # Half the step as well: beyond a clip (a payload below zero) nothing changes.
-            trials = np.stack([trial, point.values + 0.5 * change])
-            costs = self.costs(trials)
-            if costs.min() < point.cost - 0.1 * ENOUGH:
-                return trials[int(np.argmin(costs))]
+            residual, cost = self.at(trial)
+            if cost < point.cost - 0.1 * ENOUGH:
+                return self._corrected(point, trial, residual, cost)
         return None
 
+    @staticmethod
+    def _promised(hessian: Array, gradient: Array, change: Array) -> float:
+        """Return what a change of the values, in widths, (k,), gains with the parts following."""
+        k = change.size
+        rest = np.linalg.solve(hessian[k:, k:], -(gradient[k:] + hessian[k:, :k] @ change))
+        best = np.linalg.solve(hessian[k:, k:], -gradient[k:])
+
+        def cost(step: Array) -> float:
+            return float(gradient @ step + 0.5 * step @ hessian @ step)
+
+        return cost(np.r_[np.zeros(k), best]) - cost(np.r_[change, rest])
+
+    def _corrected(self, point: Point, trial: Array, residual: Array, cost: float) -> Point:
+        """Return the point after a step, its columns such that they tell what the step did."""
+        step = (trial - point.values) / self.slab.width
+        missed = residual - point.residual - np.tensordot(trial - point.values, point.columns, 1)
+        columns = point.columns + (
+            step / (step @ step) / self.slab.width)[:, None, None] * missed
+        return Point(trial, residual, columns, cost)
+
     def fit(self, point: Point) -> Fit:
-        """Return the evidence at a point by Laplace's method, exact where all is linear."""
-        wide = self.marginal.joined(point.columns, self.slab.width)
-        away = point.values - self.slab.centre
-        plain = point.residual - point.columns @ away
-        mean, covariance, k = wide.mean(plain), wide.covariance, away.size
-        # At the point; where a value lies at the end of a one-sided slab, at the optimum beyond.
-        ends = (self.slab.sided != 0.0) & (away == 0.0)
-        at = wide.quadratic(plain) if ends.any() else self.marginal.quadratic(
-            point.residual) + float(np.sum((away / self.slab.width)**2))
-        evidence = -0.5 * at - wide.half_log_determinant - self.likelihood.surprise()
-        evidence += self.slab.log_inside(np.where(ends, mean[:k], away),
-                                         np.diagonal(covariance)[:k])
-        deviations = self.marginal.mean(point.residual) if k else mean
-        left = point.residual + self.likelihood.columns @ deviations
+        """Return the evidence at a point, at the scales that are likeliest there."""
+        moments = self.moments(point)
+        scale = moments.scaled()
         return Fit(self.causes.hypotheses, self.likelihood.base.discrepancy, point.values,
-                   deviations, self.likelihood.scale_of(left), covariance, float(evidence))
+                   moments.parts(scale).mean, scale, moments.joined(scale).covariance, moments,
+                   moments.log_evidence(scale))
 
 
-def fitted(likelihood: Likelihood, causes: Causes, starts: Sequence[Array]) -> Fit:
+def fitted(likelihood: Likelihood, causes: Causes, starts: Sequence[Array],
+           scale: Array | None = None) -> Fit:
     """Return causes fitted around a likelihood's linearisation, from the best of some starts."""
-    descent = Descent(likelihood, causes)
+    scale = np.ones(len(likelihood.present)) if scale is None else scale
+    descent = Descent(likelihood, causes, scale)
     return descent.fit(descent.run(starts))
-
-
-def joined_marginal(likelihood: Likelihood, causes: Causes, values: Array
-                    ) -> tuple[Marginal, Array]:
-    """Return the marginal over causes and parts, and the residual (M,) at their centres."""
-    descent = Descent(likelihood, causes)
-    point = descent.linearise(values)
-    return (descent.marginal.joined(point.columns, causes.slab.width),
-            point.residual - point.columns @ (values - causes.slab.centre))

@@ -66,6 +66,12 @@ class Hypothesis:
         """Return True where a parameter measures the effect's size, False for its shape, (k,)."""
         return np.array([math.isfinite(p.smallest) for p in self.parameters])
 
+    @property
+    def event(self) -> int | None:
+        """Return which parameter says when it happens, if it is an event."""
+        names = [p.name for p in self.parameters]
+        return names.index(self.effect.event_time) if self.effect.event_time else None
+
     def slab(self, duration: float) -> Slab:
         """Return the prior of the parameters in a record of a duration, s."""
         anywhere = [not math.isfinite(p.typical) for p in self.parameters]

@@ -12,73 +12,79 @@ from scipy.special import log_ndtr
 
 class Marginal:
     """
-    Residuals e = r + J b with white noise of unit variance and b ~ N(0, diag(prior^2)).
+    Residuals e = r + J x with white noise of unit variance and x ~ N(0, diag(prior^2)).
 
     Then r ~ N(0, W) with W = 1 + J Lambda J'. By Woodbury's identity nothing larger than (p, p)
-    is factored: A = 1 + K' K, K = J Lambda^(1/2), which is never singular.
+    is factored: A = 1 + K' K, K = J Lambda^(1/2), which is never singular. All that is asked of
+    r and J are their products.
 
     Parameters
     ----------
-    columns : Array
-        J, whitened, (M, p).
+    products : Array
+        [r, J]' [r, J], (1 + p, 1 + p).
     prior : Array
-        Standard deviations of b, (p,).
+        Standard deviations of x, (p,).
 
     """
 
-    def __init__(self, columns: Array, prior: Array):
-        self.columns, self.prior = columns * prior, prior
-        self.gram = self.columns.T @ self.columns
+    def __init__(self, products: Array, prior: Array):
+        self.power, self.prior = float(products[0, 0]), prior
+        self.cross = prior * products[1:, 0]
+        self.gram = prior[:, None] * products[1:, 1:] * prior
+
+    @classmethod
+    def of(cls, residual: Array, columns: Array, prior: Array) -> Marginal:
+        """Return the marginal of residuals (M,) with columns (M, p)."""
+        both = np.column_stack([residual, columns])
+        return cls(both.T @ both, prior)
 
     @cached_property
     def factor(self) -> Array:
-        """Return L^-1 with L L' = A, (p, p)."""
-        lower = np.linalg.cholesky(np.eye(self.prior.size) + self.gram)
-        return np.linalg.inv(lower)
+        """
+        Return L^-1 with L L' = A, (p, p).
+
+        Raises
+        ------
+        LinAlgError
+            Where the columns are not finite.
+
+        """
+        if not np.all(np.isfinite(self.gram)):
+            raise np.linalg.LinAlgError('no finite prediction')
+        return np.linalg.inv(np.linalg.cholesky(np.eye(self.prior.size) + self.gram))
 
     @property
     def half_log_determinant(self) -> float:
         """Return ln|W| / 2."""
         return -float(np.sum(np.log(np.diagonal(self.factor))))
 
-    def explained(self, residual: Array) -> Array:
-        """Return L^-1 K' r for r (…, M): (…, p); what b takes out of r, in whitened terms."""
-        return residual @ self.columns @ self.factor.T
-
-    def inner(self, left: Array, right: Array) -> Array:
-        """Return left W^-1 right' for rows (…, M)."""
-        return left @ right.T - self.explained(left) @ self.explained(right).T
-
-    def quadratic(self, residual: Array) -> float:
+    @property
+    def quadratic(self) -> float:
         """Return r' W^-1 r; infinite where r is not finite."""
-        if not np.all(np.isfinite(residual)):
+        if not (np.isfinite(self.power) and np.all(np.isfinite(self.cross))):
             return float('inf')
-        taken = self.explained(residual)
-        return float(residual @ residual - taken @ taken)
+        return self.power - float(np.sum((self.factor @ self.cross)**2))
 
-    def log_evidence(self, residual: Array) -> float:
+    @property
+    def log_evidence(self) -> float:
         """Return ln p(r) less that of white noise at zero, nats; -inf where r is not finite."""
-        return -0.5 * self.quadratic(residual) - self.half_log_determinant
+        return -0.5 * self.quadratic - self.half_log_determinant
 
-    def mean(self, residual: Array) -> Array:
-        """Return the posterior mean of b, (p,)."""
-        return -self.prior * (self.factor.T @ self.explained(residual))
+    @property
+    def mean(self) -> Array:
+        """Return the posterior mean of x, (p,)."""
+        return -self.prior * (self.factor.T @ (self.factor @ self.cross))
 
     @property
     def covariance(self) -> Array:
-        """Return the posterior covariance of b, (p, p)."""
+        """Return the posterior covariance of x, (p, p)."""
         root = self.factor * self.prior
         return root.T @ root
 
-    def joined(self, columns: Array, prior: Array) -> Marginal:
-        """Return the marginal with further columns (M, k) in front; the others' gram is kept."""
-        wide = object.__new__(Marginal)
-        front = columns * prior
-        cross = front.T @ self.columns
-        wide.columns = np.concatenate([front, self.columns], axis=1)
-        wide.prior = np.concatenate([prior, self.prior])
-        wide.gram = np.block([[front.T @ front, cross], [cross.T, self.gram]])
-        return wide
+
+def channel_products(left: Array, right: Array) -> Array:
+    """Return sums over samples, (m, a, b), of (a, m, N) times (b, m, N)."""
+    return np.matmul(left.transpose(1, 0, 2), right.transpose(1, 2, 0))
 
 
 @dataclass(frozen=True)

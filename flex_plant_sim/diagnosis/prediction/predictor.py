@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from hashlib import blake2b
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.schedule import barycentric_weights
@@ -92,6 +93,7 @@ class Predictor:
                  around: Sequence[Effect] = (), robot: Robot | None = None):
         self.base, self.windows, self.noise, self.judging = base, windows, noise, judging
         self.around, self.robot = tuple(around), robot or base.robot
+        self._filters: dict[bytes, Steady] = {}
         self.record: Record = windows.record
         period = windows.warm_up * base.robot.sample_time
         self.discrepancy = Discrepancy.of(base.discrepancy, period)
@@ -122,8 +124,14 @@ class Predictor:
     def steady_of(self, arm: ExtendedArm) -> Steady:
         """Return an arm's steady filter: another arm's may be unstable with it."""
         own = self.discrepancy.step_variance(
-            arm, self.record, self.base.discrepancy) if self.judging else 0.0
-        return steady_filter(arm, self._force_variance(arm), self.noise, own)
+            arm, self.record, self.base.discrepancy) if self.judging else np.zeros(arm.states)
+        force = self._force_variance(arm)
+        # Many effects leave the plant alone, or differ from another in what it does not hold.
+        key = blake2b(b''.join(part.tobytes() for part in (
+            arm.schedule.table, arm.output_matrix, force, own))).digest()
+        if key not in self._filters:
+            self._filters[key] = steady_filter(arm, force, self.noise, own)
+        return self._filters[key]
 
     def gain_of(self, arm: ExtendedArm) -> Array:
         """Return an arm's steady gain, (K, n, m)."""
@@ -146,15 +154,15 @@ class Predictor:
         """
         if self._reshaped(effects):
             return self._with_other_shapes(effects, robot).innovations(effects, robot, steady)
-        arm = self.arm_with(effects, robot)
-        return self._innovations(arm, self._own(effects, robot, arm, steady), effects, robot,
-                                 steady)
+        return self._innovations(self.arm_with(effects, robot), effects, robot, steady)
 
-    def _innovations(self, arm: ExtendedArm, own: Steady, effects: Sequence[Effect],
-                     robot: Robot | None, steady: Steady | None) -> Array:
+    def _innovations(self, arm: ExtendedArm, effects: Sequence[Effect], robot: Robot | None,
+                     steady: Steady | None) -> Array:
         used = np.unique(self.windows.indices)
-        shared = steady is None and self._same_plant(effects, robot)
-        matrices = self.matrices if shared else Matrices.of(self, arm, own.gain, used)
+        if (steady is None or steady is self.steady) and self._same_plant(effects, robot):
+            matrices = self.matrices
+        else:
+            matrices = Matrices.of(self, arm, (steady or self.steady_of(arm)).gain, used)
         run = Run(self, arm, matrices, used, _batch(effects))
         rows = np.searchsorted(used, self.windows.indices.T)
         states = run.states(rows, run.trajectory[rows[0], 0])
@@ -163,19 +171,20 @@ class Predictor:
         return np.ascontiguousarray(errors.transpose(2, 1, 0, 3))
 
     def whitened(self, effects: Sequence[Effect] = (), robot: Robot | None = None,
-                 steady: Steady | None = None) -> Array:
+                 keep: bool = False) -> Array:
         """
         Return L^-1 (y - y_predicted), (B, W, length, m), as the sensors show it.
 
         L L' is the innovation covariance of the base alone, the same for all effects: one that
-        only makes a record look more certain than it is must not be paid for that. Parameters
-        are those of `innovations`.
+        only makes a record look more certain than it is must not be paid for that. With `keep`,
+        the trajectory's own gain serves an arm with the same states, for small changes. Other
+        parameters are those of `innovations`.
         """
         if self._reshaped(effects):
-            return self._with_other_shapes(effects, robot).whitened(effects, robot, steady)
+            return self._with_other_shapes(effects, robot).whitened(effects, robot)
         arm = self.arm_with(effects, robot)
-        errors = self._innovations(arm, self._own(effects, robot, arm, steady), effects, robot,
-                                   steady)
+        kept = keep and self.gain.shape[1] == arm.states
+        errors = self._innovations(arm, effects, robot, self.steady if kept else None)
         whitener = self.whitener
         if arm.acts_on_output:
             # Errors were those before the sensors' effects, which are affine.
@@ -200,12 +209,6 @@ class Predictor:
         """Tell whether effects and robot leave the trajectory's matrices as they are."""
         same = robot is None or robot == self.robot
         return same and _structural(effects) == _structural(self.around)
-
-    def _own(self, effects: Sequence[Effect], robot: Robot | None, arm: ExtendedArm,
-             steady: Steady | None) -> Steady:
-        if steady is not None:
-            return steady
-        return self.steady if self._same_plant(effects, robot) else self.steady_of(arm)
 
     def _with_other_shapes(self, effects: Sequence[Effect], robot: Robot | None) -> Predictor:
         """Return a predictor with a trajectory of its own: its coordinates mean other shapes."""

@@ -18,6 +18,7 @@ class ActuatorBias(Effect):
         # 0.005 rad/s on the reference robot: 0.2 rad of drift in 40 s.
         Parameter('bias', 'command unit', 0.0, -1.0, 1.0, (-0.03, 0.03), 0.005, 0.04),)
     sites = 'joint'
+    linear = True
 
     def on_command(self, command: Array, history: Array, time: Any,
                    sample_time: float) -> Array:

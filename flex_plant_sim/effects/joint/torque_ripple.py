@@ -19,6 +19,7 @@ class TorqueRipple(Effect):
         Parameter('periods_per_turn', '', 10.0, 1.0, 200.0,
                   tuple(float(k) for k in range(2, 45)), np.inf, 15.0))
     sites = 'joint'
+    linear = True
 
     def force(self, motion: Motion) -> Array:
         """Return the torque as a generalised force, (…, N)."""

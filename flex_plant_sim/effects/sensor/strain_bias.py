@@ -20,6 +20,7 @@ class StrainBias(Effect):
         # Ordinary moves bend the reference links to about 1e-4.
         Parameter('bias', 'm/m', 0.0, -1e-3, 1e-3, (-2e-5, 2e-5), 2e-6, 3e-5),)
     sites = 'gauge'
+    linear = True
 
     def on_output(self, output: Array, time: Any, robot: Robot) -> Array:
         """Return the readings with one gauge shifted."""

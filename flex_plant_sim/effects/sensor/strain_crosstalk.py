@@ -22,6 +22,7 @@ class StrainCrosstalk(Effect):
         # The other gauge's place in the robot's order, from 1.
         Parameter('source', 'gauge number', 1.0, 1.0, 64.0, (1.0, 2.0, 3.0, 4.0), np.inf, 1.5))
     sites = 'gauge'
+    linear = True
 
     def on_output(self, output: Array, time: Any, robot: Robot) -> Array:
         """Return the readings with the share added; a gauge picks up nothing of itself."""

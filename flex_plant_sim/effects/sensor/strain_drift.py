@@ -21,6 +21,7 @@ class StrainDrift(Effect):
         # 8e-6 over 40 s where ordinary moves give 1e-4.
         Parameter('drift_per_s', '1/s', 0.0, -1e-4, 1e-4, (-1e-6, 1e-6), 2e-7, 2e-6),)
     sites = 'gauge'
+    linear = True
 
     def on_output(self, output: Array, time: Any, robot: Robot) -> Array:
         """Return the readings with one gauge shifted by drift times time."""
