@@ -128,11 +128,13 @@ class RosLoop:
         return future.result()
 
     def close(self) -> None:
-        """Take everything down."""
+        """Take everything down, once what is queued is done: a late event would find no node."""
         for node in self.nodes:
             self.executor.remove_node(node)
-            node.destroy_node()
+        self.wait(0.02)
         self.executor.shutdown()
+        for node in self.nodes:
+            node.destroy_node()
 
     def _check(self) -> None:
         if self._condition is not None and not self._stop.done() and self._condition():

@@ -10,10 +10,10 @@ from flex_payload_estimator.estimators.base import Estimate, Event
 from flex_payload_estimator.estimators.rpe.events import EventLog
 from flex_payload_estimator.estimators.rpe.evidence import misfit_of
 from flex_payload_estimator.estimators.rpe.filter import Filter, Sample
-from flex_payload_estimator.estimators.rpe.jolts import Jolts
 from flex_payload_estimator.estimators.rpe.modes import Modes, WAIT_S
 from flex_payload_estimator.estimators.rpe.motion import Motion
 from flex_payload_estimator.estimators.rpe.settings import RpeSettings, stepper_of
+from flex_payload_estimator.estimators.rpe.shocks import Shocks
 from flex_payload_estimator.estimators.rpe.start import Start
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
@@ -71,7 +71,7 @@ class RecursivePredictionError:
         self.stepper = stepper_of(robot, model, modes, chosen, self.settings)
         self.arm = self.stepper.effects.arm
         self._modes, self._start = Modes(self.stepper), Start(self.stepper)
-        self._jolts = Jolts(self.stepper)
+        self._shocks = Shocks(self.stepper)
         self._channels = self.stepper.told_variance.size
         self._warm()
 
@@ -87,7 +87,7 @@ class RecursivePredictionError:
         """Forget everything."""
         self._modes.clear()
         self._start.clear()
-        self._jolts.clear()
+        self._shocks.clear()
         self.stepper.effects.reset()
         self.rejected = 0
         self._log = EventLog()
@@ -240,8 +240,10 @@ class RecursivePredictionError:
             else:
                 self.stepper.step(f, sample, self._motion.loads)
         if self._incumbent is not None:
-            self._incumbent, sample = self._jolts.taken(
+            self._incumbent, sample, lost = self._shocks.taken(
                 before[0], self._incumbent, sample, self._loads)
+            if lost:
+                self._modes.clear()
         # Loads count from the next sample on, so that a prediction ahead knows them too.
         self._motion.follow(output, self.incumbent, sample)
         if not self._motion.excited:

@@ -1,4 +1,4 @@
-"""The default estimator where one command was not the one told, and where the arm is pushed."""
+"""The default estimator where a command was not the one told, an arm is pushed, or set back."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rpe_runs import estimator_of, robot_with, square
 AT, LAST = 350, 450
 
 
-def answered(told: Array, done: Array) -> tuple[Array, Array]:
+def answered(told: Array, done: Array, back: bool = False) -> tuple[Array, Array]:
     """Return payload and deviation of a run in which sample AT was told and had another."""
     robot = robot_with(2e-4)
     estimator = estimator_of(robot)
@@ -20,10 +20,12 @@ def answered(told: Array, done: Array) -> tuple[Array, Array]:
                           noise=Noise(robot.angle_noise, robot.strain_noise), seed=4)
     command, found = np.zeros(2), []
     for k in range(LAST + 1):
+        if back and k == AT:
+            simulator.reset()
         sample = simulator.measure()
         heard = command + told * (k == AT)
-        found.append(estimator.update(sample.time, sample.output, heard))
-        command = 4.0 * (square(sample.time) - sample.angle)
+        found.append(estimator.update(0.01 * k, sample.output, heard))
+        command = 4.0 * (square(0.01 * k) - sample.angle)
         simulator.step(command + done * (k == AT - 1))
     return np.array([e.mass for e in found]), np.sqrt([e.variance for e in found])
 
@@ -36,4 +38,11 @@ def test_one_wrong_command_or_push_moves_the_payload_by_no_more_than_its_deviati
     mass, std = answered(np.array(told), np.array(done))
     assert np.abs(mass[AT:] - mass[AT - 1]).max() < 2.0 * std[AT - 1]
     assert std[AT:].max() < 1.1 * std[AT - 1]
+    assert abs(mass[-1] - 0.1) < 3.0 * std[-1]
+
+
+def test_an_arm_that_is_set_back_to_rest_keeps_its_payload() -> None:
+    mass, std = answered(np.zeros(2), np.zeros(2), back=True)
+    assert np.abs(mass[AT:] - mass[AT - 1]).max() < 3.0 * std[AT - 1]
+    assert std[-1] < 2.0 * std[AT - 1]
     assert abs(mass[-1] - 0.1) < 3.0 * std[-1]
