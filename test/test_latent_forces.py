@@ -24,6 +24,8 @@ import pytest
 from simulated_records import effects, predictor, REFERENCE, simulated, SLOWEST
 from truth.records import make_record, TruthCase
 
+SECONDS = 24.0
+
 
 def small_system(count: int) -> LatentSystem:
     """Return an arbitrary system with two states and three channels."""
@@ -102,14 +104,14 @@ def laws(found: LatentForces) -> dict[str, Law]:
 def rubbing() -> Record:
     """Return the record of a finite-element arm whose elbow sticks and slips."""
     size = {'joint': 2, 'sliding': 0.25, 'extra': 0.35, 'speed': 0.15}
-    return true_record(TruthCase(11, (('stribeck_friction', size),), tolerances=False))
+    return true_record(TruthCase(11, (('stribeck_friction', size),), duration_s=SECONDS, tolerances=False))
 
 
 def test_law_carried_into_the_model_gains_where_it_was_not_fitted(rubbing: Record) -> None:
     nominal = predictor(rubbing, effects('coriolis_centripetal:arm:share=1'))
     view = latent_view([nominal])
     assert sentences_of(view)[0].startswith(
-        'An unnamed torque of joint 2 (0.38 N·m rms) is a law over its speed, which explains')
+        'An unnamed torque of joint 2 (0.37 N·m rms) is a law over its speed, which explains')
     extended = predictor(rubbing, (*nominal.base.effects, *tables(view)))
     left, = (f for f in latent_view([extended]).torques if f.series.site == 'joint_2')
     assert not left.law.stated and left.series.size < 0.1 * view.torques[1].series.size
@@ -134,13 +136,13 @@ def test_friction_of_a_finite_element_arm_shows_its_law(rubbing: Record) -> None
 
 
 def test_torque_that_fades_is_one_over_time() -> None:
-    time = np.arange(4000) * REFERENCE.sample_time
+    time = np.arange(round(SECONDS / REFERENCE.sample_time)) * REFERENCE.sample_time
     torque = np.stack([1.2 * np.exp(-time / 12.0), 0.0 * time], axis=1)
     unseen = torque / [drive.torque_gain for drive in REFERENCE.drives]
-    found = latent(true_record(TruthCase(12, tolerances=False), unseen))
+    found = latent(true_record(TruthCase(12, duration_s=SECONDS, tolerances=False), unseen))
     law = laws(found)['joint_1']
     assert law.stated and law.variable == 'time' and law.share > 0.95
-    at = np.array([3.0, 15.0, 30.0])
+    at = np.array([3.0, 10.0, 20.0])
     np.testing.assert_allclose(law.at(at), 1.2 * np.exp(-at / 12.0), rtol=0.0, atol=0.05)
 
 
@@ -169,14 +171,15 @@ def bending(motion: Motion) -> Array:
     ('command', lambda motion: 0.3 * np.exp(-(motion.command[..., 1] / 0.3)**2)),
     ('speed', lambda motion: -0.8 * motion.velocity[..., 1]**3)])
 def test_variable_is_named(variable: str, law: Callable[[Motion], Array]) -> None:
-    record = simulated((Unnamed('joint_2', (), law),), duration=40.0, seed=21)
+    record = simulated((Unnamed('joint_2', (), law),), duration=SECONDS, seed=21)
     found = laws(latent_forces(predictor(record, locked=False)))['joint_2']
     assert found.variable == variable
     assert found.stated and found.share > 0.8
 
 
 def test_gauge_that_reads_too_much_shows_in_its_own_strain() -> None:
-    case = TruthCase(14, (('strain_gain', {'gauge': 3, 'factor': 1.2}),), tolerances=False)
+    case = TruthCase(14, (('strain_gain', {'gauge': 3, 'factor': 1.2}),), duration_s=SECONDS,
+                     tolerances=False)
     found = {s.site: law_of(s) for s in gauge_series([latent(true_record(case))], REFERENCE)}
     law = found['strain_2a']
     assert law.stated and law.variable == 'strain'
@@ -193,7 +196,7 @@ def test_gauge_that_reads_too_much_shows_in_its_own_strain() -> None:
     ('strain_gain:strain_2a:factor=1.25', 'strain_gain:strain_2a', 0)])
 def test_laws_propose_causes_with_sizes(hidden: str, label: str, index: int) -> None:
     acting = effects(hidden)
-    view = latent_view([predictor(simulated(acting, 24.0, seed=4))])
+    view = latent_view([predictor(simulated(acting, SECONDS, seed=4))])
     found = proposals(view, REFERENCE)
     assert list(found).index(label) < 3
     assert found[label][index] == pytest.approx(acting[0].values[index], rel=0.1)

@@ -31,12 +31,9 @@ def test_ruff(repository: Path) -> None:
     _run(repository, 'ruff', 'check', '--output-format', 'concise')
 
 
-def test_flake8_as_ament_configures_it(repository: Path) -> None:
+def test_flake8_with_pep257_as_ament_configures_them(repository: Path) -> None:
+    """flake8-docstrings runs pydocstyle, which is what ament_pep257 calls."""
     _run(repository, 'flake8')
-
-
-def test_pep257_as_ament_configures_it(repository: Path) -> None:
-    _run(repository, 'pydocstyle')
 
 
 @pytest.mark.skipif(
