@@ -1,0 +1,79 @@
+"""flex_compile: compile every inner loop once, so that no node or tool waits for it later."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+import multiprocessing
+import sys
+
+from flex_payload_estimator.control.loop import run_loop
+from flex_payload_estimator.nodes.node_setup import controller_of, estimator_of, set_points_of
+from flex_plant_sim.arm.robot_file import load_robot
+from flex_plant_sim.compiled import COMPILED
+from flex_plant_sim.diagnosis.prediction.latent_forces import latent_forces
+from flex_plant_sim.diagnosis.prediction.predictor import Base, Predictor
+from flex_plant_sim.diagnosis.record.windows import Record, Windows
+from flex_plant_sim.simulation.nominal import nominal_effects
+from flex_plant_sim.simulation.plant_setup import simulator_of
+from flex_plant_sim.tools import command_line
+from msg_config.parameters import check_parameters
+import numpy as np
+
+# Samples of a record that is long enough to be smoothed.
+SAMPLES = 2000
+
+
+def _loop(estimator: str, model: str, modes: int) -> None:
+    """Run simulator, estimator and controller for a few samples."""
+    arm = {'model': model, 'modes': modes}
+    controller = check_parameters('lqg_controller', arm)
+    estimates = check_parameters('payload_estimator', {**arm, 'estimator': estimator})
+    plant = check_parameters('plant_sim', arm)
+    run_loop(simulator_of(plant), estimator_of(estimates), controller_of(controller),
+             set_points_of(controller), 0.05)
+
+
+def estimators() -> None:
+    """Compile rpe."""
+    _loop('rpe', 'assumed_modes', 3)
+
+
+def regressions() -> None:
+    """Compile SF1 on either kind of model."""
+    for model, modes in (('paper_reduced', 2), ('assumed_modes', 2)):
+        for name in ('sf1_paper', 'sf1') if model == 'paper_reduced' else ('sf1',):
+            _loop(name, model, modes)
+
+
+def smoothing() -> None:
+    """Compile what predicts and smooths a record."""
+    robot = load_robot('reference')
+    rng = np.random.default_rng(0)
+    time = robot.sample_time * np.arange(SAMPLES)
+    record = Record('compiling', time, rng.normal(size=(SAMPLES, 2)),
+                    1e-3 * rng.normal(size=(SAMPLES, 6)), robot.payload_mass)
+    windows = Windows.cut(record, 10.0, robot.sample_time)[0]
+    base = Base(robot, effects=nominal_effects(robot, 'assumed_modes'))
+    latent_forces(Predictor(base, windows, np.full(6, 1e-4)))
+
+
+PARTS: tuple[Callable[[], None], ...] = (estimators, regressions, smoothing)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run flex_compile."""
+    argparse.ArgumentParser(prog='flex_compile', description=__doc__.partition(': ')[2]) \
+        .parse_args(arguments)
+    if not COMPILED:
+        print('flex_compile: nothing to compile: Numba is not installed or switched off')
+        return 0
+    with ProcessPoolExecutor(len(PARTS), multiprocessing.get_context('spawn')) as pool:
+        for job in [pool.submit(part) for part in PARTS]:
+            job.result()
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(command_line.run(main))
