@@ -75,6 +75,7 @@ setup(
             'plant_sim = flex_plant_sim.nodes.start:plant_sim',
             'payload_estimator = flex_payload_estimator.nodes.start:payload_estimator',
             'lqg_controller = flex_payload_estimator.nodes.start:lqg_controller',
+            'flex_compile = flex_payload_estimator.tools.compile:main',
             'flex_demo = flex_payload_estimator.tools.demo:main',
             'flex_diagnose = flex_plant_sim.tools.diagnose:main',
             'flex_estimate = flex_payload_estimator.tools.estimate:main',

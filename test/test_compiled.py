@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 import os
 from pathlib import Path
 import subprocess
 import sys
 
-from flex_plant_sim.compiled import COMPILED
+from flex_plant_sim.compiled import cold, COMPILED
 from flex_plant_sim.tools.command_line import COMPILING
 import pytest
+
+if COMPILED:
+    from numba.core.dispatcher import Dispatcher
 
 SOURCE = """
 from flex_plant_sim.compiled import compiled
@@ -38,3 +42,18 @@ def test_what_is_about_to_be_compiled_is_said_once_for_each_installation(tmp_pat
         said.append((answer.stdout, answer.stderr))
     # The first time, not the second, and again where the source is another.
     assert said == [('6.0\n', f'{COMPILING}\n'), ('6.0\n', ''), ('7.5\n', f'{COMPILING}\n')]
+
+
+@pytest.mark.skipif(not COMPILED, reason='Numba is not installed')
+def test_flex_compile_leaves_nothing_to_compile(repository: Path) -> None:
+    subprocess.run([sys.executable, '-m', 'flex_payload_estimator.tools.compile'], check=True)
+    found = {}
+    for package in ('flex_plant_sim', 'flex_payload_estimator'):
+        for path in (repository / package).rglob('*.py'):
+            if '\n@compiled\n' in path.read_text(encoding='utf-8'):
+                name = '.'.join(path.relative_to(repository).with_suffix('').parts)
+                found.update({f'{name}.{key}': value
+                              for key, value in vars(import_module(name)).items()
+                              if isinstance(value, Dispatcher)})
+    assert len(found) > 20
+    assert {name for name, function in found.items() if cold(function)} == set()

@@ -104,7 +104,8 @@ def laws(found: LatentForces) -> dict[str, Law]:
 def rubbing() -> Record:
     """Return the record of a finite-element arm whose elbow sticks and slips."""
     size = {'joint': 2, 'sliding': 0.25, 'extra': 0.35, 'speed': 0.15}
-    return true_record(TruthCase(11, (('stribeck_friction', size),), duration_s=SECONDS, tolerances=False))
+    return true_record(TruthCase(11, (('stribeck_friction', size),), duration_s=SECONDS,
+                                 tolerances=False))
 
 
 def test_law_carried_into_the_model_gains_where_it_was_not_fitted(rubbing: Record) -> None:

@@ -69,10 +69,10 @@ def test_the_printed_split_does_not_hold_under_noise() -> None:
 
 def test_the_interval_covers() -> None:
     covered = []
-    for seed in range(20):
-        record = experiment(noise=NOISE, seed=seed, seconds=5.0)
+    for seed in range(10):
+        record = experiment(noise=NOISE, seed=seed, seconds=3.0)
         covered += [abs(record.mass[k] - 0.1) < 1.96 * np.sqrt(record.variance[k])
-                    for k in (100, 300, 500)]
+                    for k in (100, 300)]
     assert np.mean(covered) >= 0.95
 
 

@@ -51,7 +51,7 @@ def smoothing() -> None:
     """Compile what predicts and smooths a record."""
     robot = load_robot('reference')
     rng = np.random.default_rng(0)
-    time = robot.sample_time * np.arange(SAMPLES)
+    time = robot.sample_time * np.arange(float(SAMPLES))
     record = Record('compiling', time, rng.normal(size=(SAMPLES, 2)),
                     1e-3 * rng.normal(size=(SAMPLES, 6)), robot.payload_mass)
     windows = Windows.cut(record, 10.0, robot.sample_time)[0]
