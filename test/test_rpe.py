@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from flex_payload_estimator.estimators.factory import make_estimator
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
-from flex_payload_estimator.estimators.rpe.filter import Filter, Sample
+from flex_payload_estimator.estimators.rpe.hypothesis import Filter, Sample
 from flex_payload_estimator.estimators.rpe.modes import ROUGH
 from flex_payload_estimator.estimators.rpe.prior import tabulated
 from flex_payload_estimator.estimators.rpe.sensors import Loads, start_spread
@@ -60,6 +60,7 @@ def anywhere(estimator: RecursivePredictionError) -> Filter:
     f.x = f.x + 0.1 * spread * random.standard_normal(n)
     f.x[1] = 0.9
     f.beta = f.beta + 0.3 * np.sqrt(np.diag(f.spread)) * random.standard_normal(size)
+    f.anchor = f.beta
     f.sens = np.outer(spread, 1.0 / np.sqrt(np.diag(f.spread))) \
         * random.standard_normal((n, size))
     return f

@@ -9,7 +9,7 @@ import math
 from flex_payload_estimator.estimators.base import Estimate, Event
 from flex_payload_estimator.estimators.rpe.events import EventLog
 from flex_payload_estimator.estimators.rpe.evidence import misfit_of
-from flex_payload_estimator.estimators.rpe.filter import Filter, Sample
+from flex_payload_estimator.estimators.rpe.hypothesis import Filter, Sample
 from flex_payload_estimator.estimators.rpe.modes import Modes, WAIT_S
 from flex_payload_estimator.estimators.rpe.motion import Motion
 from flex_payload_estimator.estimators.rpe.settings import RpeSettings, stepper_of
@@ -185,7 +185,7 @@ class RecursivePredictionError:
         if sample is None:
             return
         if self._incumbent is None:
-            left = self._start.decide()
+            left = self._start.decide(self._motion.excited)
             for f in left[1:]:
                 self._modes.keep(f, sample.time, WAIT_S)
             self._incumbent = left[0] if left else None

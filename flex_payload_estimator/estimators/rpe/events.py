@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from flex_payload_estimator.estimators.base import Event
-from flex_payload_estimator.estimators.rpe.filter import Filter
+from flex_payload_estimator.estimators.rpe.hypothesis import Filter
 from flex_payload_estimator.estimators.rpe.modes import Trial
 
 # A change counts from this many standard deviations, and this share of (m + soft mass).

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 from flex_payload_estimator.estimators.rpe.effects import EffectStep
 from flex_payload_estimator.estimators.rpe.evidence import misfit_of, new_record, weigh
+from flex_payload_estimator.estimators.rpe.hypothesis import Filter, Mode, Sample
 from flex_payload_estimator.estimators.rpe.kernel import (
     CORIOLIS,
     correct,
@@ -18,6 +19,7 @@ from flex_payload_estimator.estimators.rpe.kernel import (
     walk,
     without_bias,
 )
+from flex_payload_estimator.estimators.rpe.linearised import Lineariser
 from flex_payload_estimator.estimators.rpe.prior import Prior, SHARE_STD, SHARES
 from flex_payload_estimator.estimators.rpe.schedule import PayloadSchedule
 from flex_payload_estimator.estimators.rpe.sensors import Loads, speed_feedback
@@ -29,104 +31,12 @@ import numpy as np
 GATE = 44.0
 
 
-class Mode(NamedTuple):
-    """
-    What a hypothesis takes to be wrong with the model.
-
-    Attributes
-    ----------
-    name : str
-    parts : bool
-        Parts and gauge gains may be off within their tolerances.
-    gauge, drive : float
-        Model error of what a gauge sees and of a drive's net torque, as a share of its root mean
-        square of late; white, in ERROR_STEP_S.
-    walk : float
-        Random walk of the payload, kg per square root of a second.
-
-    """
-
-    name: str
-    parts: bool
-    gauge: float
-    drive: float
-    walk: float = 0.0
-
-
-# What a wrong model says of the parts is forgotten in this time, s: its error is no noise, and
-# more of it tells no more.
-MEMORY_S = 10.0
 # A model error of so many standard deviations of the noise tells between modes.
 TELLING = 3.0
 # The model error is white with the density of a share that is drawn afresh every 10 ms.
 ERROR_STEP_S = 0.01
 
 
-class Sample(NamedTuple):
-    """
-    A sample: time, s; outputs, rad and m/m, (m,), or None; command at the drives, (2,).
-
-    `doubt` is the variance of that command, (2,) or 0.
-    """
-
-    time: float
-    measured: Array | None
-    command: Array
-    doubt: Array | float = 0.0
-
-
-@dataclass(slots=True)
-class Filter:
-    """
-    One hypothesis; its arrays are replaced at every step, never changed.
-
-    Attributes
-    ----------
-    mode : Mode
-    x, cov, sens, beta, spread : Array
-        See kernel.py.
-    record : Array
-        What `evidence.weigh` remembers.
-    innovation, variances : Array
-        Of the last sample, rad and m/m, and squared, (m,).
-    log, recent, gained, stated : float
-        Log-likelihood since it began, of late, and of the last sample as judged and as stated, see
-        `evidence.weigh`.
-    square : float
-        Mean square of the last sample's whitened innovations.
-
-    """
-
-    mode: Mode
-    x: Array
-    cov: Array
-    sens: Array
-    beta: Array
-    spread: Array
-    record: Array
-    innovation: Array
-    variances: Array
-    log: float = 0.0
-    recent: float = 0.0
-    gained: float = 0.0
-    stated: float = 0.0
-    square: float = 1.0
-
-    @property
-    def mass(self) -> float:
-        """Return the payload, kg."""
-        return float(self.beta[MASS])
-
-    @property
-    def variance(self) -> float:
-        """Return the variance of the payload's error, kg^2."""
-        return float(self.spread[MASS, MASS])
-
-    def copy(self) -> Filter:
-        """Return an independent filter that knows the same."""
-        return Filter(self.mode, self.x, self.cov, self.sens, self.beta, self.spread,
-                      self.record, self.innovation, self.variances, self.log, self.recent,
-                      self.gained, self.stated, self.square)
 
 
 class FilterStep:
@@ -138,6 +48,7 @@ class FilterStep:
     schedule : PayloadSchedule
     turning : Array
         See schedule.turning_rows.
+    lineariser : Lineariser
     prior : Prior
     effects : EffectStep
     told : Array
@@ -151,9 +62,11 @@ class FilterStep:
 
     """
 
-    def __init__(self, schedule: PayloadSchedule, turning: Array, prior: Prior,
-                 effects: EffectStep, told: Array, torque: Array, heaviest: float, start: Array):
+    def __init__(self, schedule: PayloadSchedule, turning: Array, lineariser: Lineariser,
+                 prior: Prior, effects: EffectStep, told: Array, torque: Array, heaviest: float,
+                 start: Array):
         self.schedule, self.turning, self.prior, self.effects = schedule, turning, prior, effects
+        self.lineariser = lineariser
         self.exact, self.heaviest, self.start_cov = prior.exact(), heaviest, np.diag(start**2)
         free = prior.std[CORIOLIS] >= SHARE_STD
         self.shares = SHARES if free else (float(prior.mean[CORIOLIS]),)
@@ -161,8 +74,6 @@ class FilterStep:
         self.told_variance, self._torque = told**2, torque**2
         self.output = np.ascontiguousarray(effects.output_matrix())
         self.step_time = effects.arm.step_time
-        self._forgotten = min(1.0, self.step_time / MEMORY_S)
-        self._prior_spread = prior.spread(0.0)[1:, 1:]
         self._density = ERROR_STEP_S / self.step_time
         self._speed = speed_feedback(effects.arm)
         self._no_parts, self._no_offset = np.zeros((0, 1)), np.zeros(told.size)
@@ -182,49 +93,47 @@ class FilterStep:
         if share is not None:
             beta[CORIOLIS] = share
         return Filter(mode, x, self.start_cov, np.zeros((x.size, beta.size)), beta,
-                      prior.spread(std), new_record(channels), np.zeros(channels),
+                      prior.spread(std), beta, new_record(channels), np.zeros(channels),
                       np.full(channels, np.inf))
 
     def predict(self, f: Filter, sample: Sample, loads: Loads) -> None:
         """Advance one sample."""
-        before, payload = f.x, f.mass
-        self._fade(f)
+        before, payload = f.x, float(f.anchor[MASS])
         f.x, f.cov, f.sens = predict(*self._before(f, sample, loads))
-        variance = f.mode.walk**2 * self.step_time
-        if variance > 0.0:
-            f.cov, f.sens, f.spread = walk(f.cov, f.sens, f.spread, variance)
+        if f.mode.walk > 0.0:
+            self.drift(f, f.mode.walk**2 * self.step_time)
         if self.effects.moves:
             f.x = self.effects.push(self.schedule.cut(payload).payload, before, f.x,
                                     sample.command, sample.time - self.step_time)
 
     def drift(self, f: Filter, variance: float) -> None:
         """Let the payload walk at random, kg^2."""
+        state = f.state
         f.cov, f.sens, f.spread = walk(f.cov, f.sens, f.spread, variance)
+        f.x = f.x + (state - f.state)
 
     def payload(self, f: Filter) -> tuple[float, float]:
         """Return payload and variance, kg and kg^2; a misfit counts as that much variance."""
         mass, variance = without_bias(f.beta, f.spread, self.bias_std)
         variance = float(variance)
         if f.mode.parts:
-            variance = (variance + self.prior_of(f.mode).considered(f.spread)) \
-                * max(1.0, misfit_of(f.record))
+            if f.model is None:
+                variance += self.prior.considered(f.spread)
+            variance *= max(1.0, misfit_of(f.record))
         return float(mass), variance + self.prior_of(f.mode).scale_variance * float(mass)**2
 
-    def _fade(self, f: Filter) -> None:
-        """Let what a wrong model says of parts fade, towards their prior."""
-        if f.mode.parts:
-            spread = f.spread.copy()
-            spread[1:, 1:] += self._forgotten * (self._prior_spread - spread[1:, 1:])
-            f.spread = spread
-
     def _before(self, f: Filter, sample: Sample, loads: Loads) -> tuple[Any, ...]:
+        torque = np.sqrt(self._torque + sample.doubt
+                         + f.mode.drive**2 * self._density * loads.drive)
+        known, order = (f.x, f.cov, f.sens), self.schedule.order
+        if f.model is not None:
+            return (*known, f.model.anchor, order, f.model.value, f.model.slopes,
+                    f.model.parts_at(f.x[1]), 0.0, sample.command, f.model.turning, torque)
         piece, parts = self.schedule.cut(f.beta[MASS]), self._no_parts
         if f.mode.parts:
             parts = self.schedule.parts_at(f.beta[MASS], f.x[1])
-        torque = np.sqrt(self._torque + sample.doubt
-                         + f.mode.drive**2 * self._density * loads.drive)
-        return (f.x, f.cov, f.sens, f.beta, self.schedule.order, piece.value, piece.slopes,
-                parts, f.beta[MASS] - piece.payload, sample.command, self.turning, torque)
+        return (*known, f.beta, order, piece.value, piece.slopes, parts,
+                f.beta[MASS] - piece.payload, sample.command, self.turning, torque)
 
     def _after(self, f: Filter, sample: Sample, loads: Loads) -> tuple[Any, ...]:
         noise = self.told_variance * f.record[:self.told_variance.size] \
@@ -235,10 +144,9 @@ class FilterStep:
     def step(self, f: Filter, sample: Sample, loads: Loads) -> None:
         """Advance one sample, and learn from it."""
         if self.plain:
-            self._fade(f)
-            variance = f.mode.walk**2 * self.step_time
-            before = self._before(f, sample, loads)
-            arguments: tuple[Any, ...] = (*before[:4], f.spread, *before[4:], variance,
+            x, cov, sens, *model = self._before(f, sample, loads)
+            arguments: tuple[Any, ...] = (x, cov, sens, f.beta, f.spread, f.anchor, *model,
+                                          f.mode.walk**2 * self.step_time, f.model is not None,
                                           *self._after(f, sample, loads))
             self._take(f, sample, step(*arguments))
             return
@@ -247,8 +155,8 @@ class FilterStep:
 
     def correct(self, f: Filter, sample: Sample, loads: Loads) -> None:
         """Learn from a sample that was predicted."""
-        self._take(f, sample, correct(f.x, f.cov, f.sens, f.beta, f.spread,
-                                      *self._after(f, sample, loads)))
+        self._take(f, sample, correct(f.x, f.cov, f.sens, f.beta, f.spread, f.anchor,
+                                      f.model is not None, *self._after(f, sample, loads)))
 
     def _take(self, f: Filter, sample: Sample, found: tuple[Any, ...]) -> None:
         x, cov, sens, beta, spread, innovation, variances, scores, log_det = found
@@ -256,6 +164,8 @@ class FilterStep:
             self.relocate(f, sample.measured)
             return
         f.x, f.cov, f.sens, f.beta, f.spread = x, cov, sens, beta, spread
+        if f.model is None:
+            f.anchor = beta
         f.record, f.gained, f.stated = weigh(f.record, innovation, f.innovation, variances, scores,
                                              log_det, self.told_variance, GATE, self.step_time)
         f.innovation, f.variances = innovation, variances
@@ -270,7 +180,7 @@ class FilterStep:
 
     def net_command(self, f: Filter, command: Array) -> Array:
         """Return the drives' net torques in the command's unit, (2,)."""
-        return command - self._speed @ f.x
+        return command - self._speed @ f.state
 
     def renewed(self, f: Filter, mode: Mode, fresh: float, doubt: float) -> Filter:
         """
@@ -288,16 +198,53 @@ class FilterStep:
             Of the state, as a share of a start's, beyond all that f says.
 
         """
-        prior, new = self.prior_of(mode), f.copy()
+        prior, new = self.prior_of(mode), self.freed(f)
         std = max(3.0 * math.sqrt(f.variance), fresh * (f.mass + self.schedule.soft_mass))
         new.mode, new.beta, new.spread = mode, prior.mean.copy(), prior.spread(std)
         new.beta[MASS] = f.beta[MASS]
         if not mode.parts:
             new.beta[CORIOLIS] = self.nearest_share(f.beta[CORIOLIS])
+        new.anchor = new.beta
+        self._begin_again(new, f, doubt)
+        return new
+
+    def _begin_again(self, new: Filter, f: Filter, doubt: float) -> None:
+        """Take the state of a filter, and what it knows of the noise; forget the parameters."""
         new.cov = f.cov + f.sens @ f.spread @ f.sens.T + doubt**2 * self.start_cov
         new.sens = np.zeros((f.x.size, new.beta.size))
         new.record = new_record(self.told_variance.size)
         new.record[:-5] = f.record[:-5]
+        new.age = new.linearised = 0.0
+
+    def freed(self, f: Filter) -> Filter:
+        """Return the same filter, linearised about its estimate at every sample."""
+        return replace(f, x=f.state, anchor=f.beta, model=None, rounds=0)
+
+    def about(self, f: Filter) -> Filter:
+        """Return the same filter, linearised about its estimate from now on."""
+        anchor = self.prior.within(f.beta)
+        return replace(f, x=f.x + f.sens @ (anchor - f.anchor), anchor=anchor,
+                       model=self.lineariser.about(anchor), linearised=f.age)
+
+    def again(self, f: Filter, mode: Mode, fresh: float, doubt: float) -> Filter:
+        """
+        Return a filter of parts that begins again, linearised about what one has found.
+
+        Parameters
+        ----------
+        f : Filter
+            Whose state it takes over.
+        mode : Mode
+            Its own.
+        fresh, doubt : float
+            See `renewed`.
+
+        """
+        new = self.about(f)
+        new.mode, new.rounds, new.beta = mode, f.rounds + 1, self.prior.mean.copy()
+        new.beta[MASS] = new.anchor[MASS]
+        new.spread = self.prior.spread(fresh * (f.mass + self.schedule.soft_mass))
+        self._begin_again(new, f, doubt)
         return new
 
     def tells(self, f: Filter, loads: Loads, mode: Mode) -> bool:

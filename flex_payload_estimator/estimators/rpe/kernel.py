@@ -60,7 +60,44 @@ whitener = _whitener_by_loops if COMPILED else _whitener_by_lapack
 
 
 @compiled
-def predict(x: Array, cov: Array, sens: Array, beta: Array, order: Array, value: Array,
+def _off_nominal(parts: Array, deviations: Array, drive: Array, moved: Array, first: int
+                 ) -> tuple[Array, Array]:
+    """Write d(M d)/d(part) into `moved`; return what the parts' deviations add to M and M d."""
+    n, held, count = len(moved), len(moved) + 2, len(parts)
+    moved[:, first:first + count] = (parts.reshape(-1, held) @ drive[:held]).reshape(-1, n).T
+    off = (deviations @ parts).reshape(n, held)
+    return off[:, :n].copy(), off @ drive[:held]
+
+
+@compiled
+def _turn(x: Array, increment: Array, mass: float, share: float, turning: Array, matrix: Array,
+          drive: Array) -> tuple[Array, Array]:
+    """
+    Return what the Coriolis forces add to x at share 1, and their Jacobian at this share.
+
+    `drive` takes the two forces, at this share.
+    """
+    n, coordinates, held = x.size, turning.shape[1], x.size + 2
+    # From the middle of the step, so that the scheme is of second order.
+    middle = x + 0.5 * increment
+    rate = middle[coordinates:2 * coordinates].copy()
+    across = turning[1] + mass * turning[2]
+    elbow, sigma = turning[0] @ rate, across @ rate
+    root_1, root_2 = turning[3] @ rate, turning[4] @ rate
+    sine = np.sin(middle[1] + share * (turning[5] @ middle[:coordinates]))
+    drive[held], drive[held + 1] = sine * sigma * root_2, -sine * elbow * root_1
+    push = matrix[:, held] * drive[held] + matrix[:, held + 1] * drive[held + 1]
+    drive[held:] *= share
+    rows = np.zeros((2, n))
+    rows[0, coordinates:2 * coordinates] = share * sine * (
+        sigma * turning[4] + root_2 * across)
+    rows[1, coordinates:2 * coordinates] = -share * sine * (
+        elbow * turning[3] + root_1 * turning[0])
+    return push, np.outer(matrix[:, held], rows[0]) + np.outer(matrix[:, held + 1], rows[1])
+
+
+@compiled
+def predict(x: Array, cov: Array, sens: Array, anchor: Array, order: Array, value: Array,
             slopes: Array, parts: Array, away: float, command: Array, turning: Array,
             torque: Array) -> tuple[Array, Array, Array]:
     """
@@ -71,8 +108,8 @@ def predict(x: Array, cov: Array, sens: Array, beta: Array, order: Array, value:
 
     Parameters
     ----------
-    x, cov, sens, beta : Array
-        (n,), (n, n), (n, B) and (B,).
+    x, cov, sens, anchor : Array
+        (n,), (n, n), (n, B) and the parameters that the model is evaluated at, (B,).
     order : Array
         0, 1, ... of the cosine series, (K,).
     value, slopes : Array
@@ -89,13 +126,11 @@ def predict(x: Array, cov: Array, sens: Array, beta: Array, order: Array, value:
         Standard deviation of the command's disturbance, in its unit, (2,).
 
     """
-    n, coordinates, share = x.size, turning.shape[1], beta[CORIOLIS]
-    held, width = n + 2, n * (n + 4)
-    angle, lean = x[1], 0.0
-    if len(turning) > 0:
+    n, coordinates, share = x.size, turning.shape[1], anchor[CORIOLIS]
+    width, lean, turns = n * (n + 4), 0.0, len(turning) > 0
+    if turns:
         lean = turning[5] @ x[:coordinates]
-        angle += share * lean
-    angles = angle * order
+    angles = (x[1] + share * lean) * order
     wave = np.cos(angles)
     over = wave @ slopes
     bend = away * over[width:]
@@ -103,49 +138,28 @@ def predict(x: Array, cov: Array, sens: Array, beta: Array, order: Array, value:
     matrix = (wave @ value).reshape(n, n + 4) + away * (over_m - 0.5 * bend.reshape(n, n + 4))
     over_angle = ((-order * np.sin(angles)) @ value).reshape(n, n + 4)
     drive = np.zeros(n + 4)
-    drive[:n], drive[n:held] = x, command
-    moved = np.zeros((n, beta.size))
-    jacobian = matrix[:, :n].copy()
+    drive[:n], drive[n:n + 2] = x, command
+    moved, jacobian = np.zeros((n, anchor.size)), matrix[:, :n].copy()
+    increment = matrix @ drive
     if len(parts) > 0:
-        count = len(parts)
-        first = FIRST_BIAS + (beta.size - FIRST_BIAS - count) // 2
-        by_part = (parts.reshape(-1, held) @ drive[:held]).reshape(-1, n)
-        moved[:, first:first + count] = by_part.T
-        off = (beta[first:first + count].copy() @ parts).reshape(n, held)
-        jacobian += off[:, :n]
-        increment = matrix @ drive + off @ drive[:held]
-    else:
-        increment = matrix @ drive
-    if len(turning) > 0:
-        # From the middle of the step, so that the scheme is of second order.
-        middle = x + 0.5 * increment
-        rate = middle[coordinates:2 * coordinates].copy()
-        across = turning[1] + beta[MASS] * turning[2]
-        elbow, sigma = turning[0] @ rate, across @ rate
-        root_1, root_2 = turning[3] @ rate, turning[4] @ rate
-        sine = np.sin(middle[1] + share * (turning[5] @ middle[:coordinates]))
-        drive[held], drive[held + 1] = sine * sigma * root_2, -sine * elbow * root_1
-        push = matrix[:, held] * drive[held] + matrix[:, held + 1] * drive[held + 1]
-        increment = increment + share * push
-        drive[held:] *= share
-        turned = over_angle @ drive
-        moved[:, CORIOLIS] = push + lean * turned
-        rows = np.zeros((2, n))
-        rows[0, coordinates:2 * coordinates] = share * sine * (
-            sigma * turning[4] + root_2 * across)
-        rows[1, coordinates:2 * coordinates] = -share * sine * (
-            elbow * turning[3] + root_1 * turning[0])
-        jacobian += np.outer(matrix[:, held], rows[0]) + np.outer(matrix[:, held + 1], rows[1])
+        first = FIRST_BIAS + (anchor.size - FIRST_BIAS - len(parts)) // 2
+        off, more = _off_nominal(parts, anchor[first:first + len(parts)].copy(), drive, moved,
+                                 first)
+        jacobian, increment = jacobian + off, increment + more
+    if turns:
+        push, bent = _turn(x, increment, anchor[MASS], share, turning, matrix, drive)
+        increment, jacobian = increment + share * push, jacobian + bent
+        moved[:, CORIOLIS] = push
+    turned = over_angle @ drive
+    if turns:
+        moved[:, CORIOLIS] += lean * turned
         jacobian[:, :coordinates] += np.outer(turned, share * turning[5])
-    else:
-        turned = over_angle @ drive
     jacobian[:, 1] += turned
     moved[:, MASS] = over_m @ drive
     sens = sens + jacobian @ sens + moved
-    noise = matrix[:, n:held] * torque
+    noise = matrix[:, n:n + 2] * torque
     half = jacobian @ cov
-    cov = cov + half + half.T + half @ jacobian.T + noise @ noise.T
-    return x + increment, cov, sens
+    return x + increment, cov + half + half.T + half @ jacobian.T + noise @ noise.T, sens
 
 
 @compiled
@@ -170,9 +184,37 @@ def walk(cov: Array, sens: Array, spread: Array, variance: float
 
 
 @compiled
-def correct(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, measured: Array,
-            offset: Array, output: Array, noise: Array, gains: int, gate: float,
-            heaviest: float
+def _seen(x: Array, sens: Array, anchor: Array, offset: Array, output: Array, gains: int
+          ) -> tuple[Array, Array, Array]:
+    """Return what is expected of the outputs at the anchor, its slopes over x and over beta."""
+    size, gauges = anchor.size, len(output) - 2
+    base, factor = output @ x + offset, np.ones(len(output))
+    if gains > 0:
+        factor[2:] += anchor[size - gains:]
+    seen = output * factor.reshape(-1, 1)
+    expected, psi = base * factor, seen @ sens
+    expected[2:] += anchor[FIRST_BIAS:FIRST_BIAS + gauges]
+    for g in range(gauges):
+        psi[2 + g, FIRST_BIAS + g] += 1.0
+        if gains > 0:
+            psi[2 + g, size - gains + g] += base[2 + g]
+    return expected, seen, psi
+
+
+@compiled
+def _shorter(cov: Array, gain: Array, seen: Array, noise: Array) -> Array:
+    """Return P after a measurement, in Joseph's form."""
+    keep = np.eye(len(cov)) - gain @ seen
+    cov = keep @ cov @ keep.T + (gain * noise) @ gain.T
+    for i in range(len(cov)):
+        cov[i, i] *= 1.0 + JITTER
+    return 0.5 * (cov + cov.T)
+
+
+@compiled
+def correct(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor: Array,
+            held: bool, measured: Array, offset: Array, output: Array, noise: Array, gains: int,
+            gate: float, heaviest: float
             ) -> tuple[Array, Array, Array, Array, Array, Array, Array, Array, float]:
     """
     Return the posterior after a measurement, and what the measurement says of the model.
@@ -181,6 +223,9 @@ def correct(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, measu
     ----------
     x, cov, sens, beta, spread : Array
         (n,), (n, n), (n, B), (B,) and V (B, B).
+    anchor, held : Array, bool
+        Parameters that all is linearised about, (B,), for which x is the state; it is x + s (beta
+        - anchor) for beta. Where it is not held, the anchor follows beta, and x is taken there.
     measured, offset : Array
         y, and what y is beyond C x without gains and biases, (m,).
     output : Array
@@ -202,25 +247,12 @@ def correct(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, measu
         Sigma before the gate, (m,); ln |Sigma| as it was used, NaN where the state is lost.
 
     """
-    channels, size = measured.size, beta.size
-    gauges = channels - 2
-    base = output @ x + offset
-    factor = np.ones(channels)
-    if gains > 0:
-        factor[2:] += beta[size - gains:]
-    seen = output * factor.reshape(-1, 1)
-    innovation = measured - base * factor
-    innovation[2:] -= beta[FIRST_BIAS:FIRST_BIAS + gauges]
-    psi = seen @ sens
-    for g in range(gauges):
-        psi[2 + g, FIRST_BIAS + g] += 1.0
-        if gains > 0:
-            psi[2 + g, size - gains + g] += base[2 + g]
+    expected, seen, psi = _seen(x, sens, anchor, offset, output, gains)
+    alone = measured - expected
+    innovation = alone - psi @ (beta - anchor)
     projected, learnt = cov @ seen.T, spread @ psi.T
     known = seen @ projected
-    total = known + psi @ learnt
-    for i in range(channels):
-        total[i, i] += noise[i]
+    total = known + psi @ learnt + np.diag(noise)
     white = whitener(total)
     scores = white @ innovation
     misfit = scores @ scores
@@ -230,25 +262,19 @@ def correct(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, measu
     if misfit > gate:
         more = (misfit / gate - 1.0) * variances
         noise = noise + more
-        for i in range(channels):
-            total[i, i] += more[i]
-        white = whitener(total)
-    for i in range(channels):
-        known[i, i] += noise[i]
-    alone = whitener(known)
-    gain = projected @ (alone.T @ alone)
+        white = whitener(total + np.diag(more))
+    inverse = whitener(known + np.diag(noise))
+    gain = projected @ (inverse.T @ inverse)
     learnt = learnt @ white.T
-    moved = learnt @ (white @ innovation)
-    moved[MASS] = min(max(beta[MASS] + moved[MASS], 0.0), heaviest) - beta[MASS]
+    after = beta + learnt @ (white @ innovation)
+    after[MASS] = min(max(after[MASS], 0.0), heaviest)
     spread = spread - learnt @ learnt.T
-    keep = np.eye(len(cov)) - gain @ seen
-    cov = keep @ cov @ keep.T + (gain * noise) @ gain.T
-    for i in range(len(cov)):
-        cov[i, i] *= 1.0 + JITTER
     sens = sens - gain @ psi
-    return (x + gain @ innovation + sens @ moved, 0.5 * (cov + cov.T), sens, beta + moved,
-            0.5 * (spread + spread.T), innovation, variances, scores,
-            -2.0 * np.log(np.diag(white)).sum())
+    x = x + gain @ alone
+    if not held:
+        x = x + sens @ (after - anchor)
+    return (x, _shorter(cov, gain, seen, noise), sens, after, 0.5 * (spread + spread.T),
+            innovation, variances, scores, -2.0 * np.log(np.diag(white)).sum())
 
 
 @compiled
@@ -283,15 +309,16 @@ def without_bias(beta: Array, spread: Array, std: Array) -> tuple[float, float]:
 
 
 @compiled
-def step(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, order: Array,
-         value: Array, slopes: Array, parts: Array, away: float, command: Array,
-         turning: Array, torque: Array, variance: float, measured: Array, offset: Array,
-         output: Array, noise: Array, gains: int, gate: float, heaviest: float
+def step(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor: Array,
+         about: Array, order: Array, value: Array, slopes: Array, parts: Array, away: float,
+         command: Array, turning: Array, torque: Array, variance: float, held: bool,
+         measured: Array, offset: Array, output: Array, noise: Array, gains: int, gate: float,
+         heaviest: float
          ) -> tuple[Array, Array, Array, Array, Array, Array, Array, Array, float]:
     """Return what `correct` does after `predict` and `walk`: one call where one is enough."""
-    x, cov, sens = predict(x, cov, sens, beta, order, value, slopes, parts, away, command,
+    x, cov, sens = predict(x, cov, sens, about, order, value, slopes, parts, away, command,
                            turning, torque)
     if variance > 0.0:
         cov, sens, spread = walk(cov, sens, spread, variance)
-    return correct(x, cov, sens, beta, spread, measured, offset, output, noise, gains, gate,
-                   heaviest)
+    return correct(x, cov, sens, beta, spread, anchor, held, measured, offset, output, noise,
+                   gains, gate, heaviest)

@@ -9,6 +9,7 @@ take its place for what it gains in log-likelihood over it since it began:
   its beginning is the time of a change (Page's cumulative sum, Biometrika 41, 1954).
 * `still`: beside an incumbent whose payload walks, one whose payload stands still.
 * `other`: the other modes take turns, and come at once where the incumbent does not fit.
+* `again`: the incumbent's own mode from the prior, linearised about what the incumbent has found.
 * `former`: what was incumbent before stays a while; it comes back with all it knows.
 
 So no mode is left for good. The exact mode needs no gain, one with more freedom MODE_GAIN nats, a
@@ -21,7 +22,8 @@ from dataclasses import dataclass
 import math
 
 from flex_payload_estimator.estimators.rpe.evidence import belief, misfit_of
-from flex_payload_estimator.estimators.rpe.filter import Filter, FilterStep, Mode, Sample
+from flex_payload_estimator.estimators.rpe.filter import FilterStep
+from flex_payload_estimator.estimators.rpe.hypothesis import Filter, Mode, Sample
 from flex_payload_estimator.estimators.rpe.sensors import Loads
 
 # From the simplest to the one that allows most. On arms of other simulators any model error from
@@ -31,6 +33,9 @@ from flex_payload_estimator.estimators.rpe.sensors import Loads
 MODES = (Mode('exact', False, 0.0, 0.0), Mode('rough', True, 0.15, 0.15),
          Mode('coarse', True, 0.6, 0.6))
 EXACT, ROUGH = MODES[:2]
+# At the start, and on trial, with less: what it is to find is where to linearise, and whether
+# parts are off; a large model error hides that where the arm moves little.
+SEEK = ROUGH._replace(gauge=0.05, drive=0.05)
 NAMES = tuple(mode.name for mode in MODES)
 # Nats that more freedom, a change of the payload among it, must gain: once in e^12 / 12
 # independent trials by chance.
@@ -49,6 +54,11 @@ SIMPLER = 3.0
 FITS = 1.25
 # A walking payload may be anywhere after WALK_S.
 WALK_S = 1.0
+# A filter of parts that follows its estimate learns from what it linearises on the way there. So
+# after HOLD_S in motion one begins again that is linearised about what was found, and takes its
+# place after as long; ROUNDS times (Gauss and Newton's iteration). It is linearised afresh, and
+# forgets nothing, whenever it has learnt for twice as long.
+HOLD_S, ROUNDS = 1.0, 2
 # Trials of other modes: their length, s; how often one begins, and how often where the
 # incumbent's misfit is beyond MISFIT.
 TRIAL_S, PAUSE_S, HASTE_S, MISFIT = 1.0, 2.0, 0.25, 1.4
@@ -83,7 +93,7 @@ class Trial:
     Attributes
     ----------
     kind : str
-        'moved', 'still', 'other' or 'former'.
+        'moved', 'still', 'other', 'again' or 'former'.
     runner : Filter
     since : float
         When it began, s.
@@ -158,8 +168,11 @@ class Modes:
                 self.stepper.predict(trial.runner, sample, loads)
             return incumbent
         step = self.stepper.step_time if self.stepper.tells(incumbent, loads, ROUGH) else 0.0
+        lived = self.stepper.step_time if excited else 0.0
+        incumbent.age += lived
         for trial in self.trials:
             self.stepper.step(trial.runner, sample, loads)
+            trial.runner.age += lived
             took = step if trial.kind in ('other', 'former') else self.stepper.step_time
             trial.age, trial.time = trial.age + took, trial.time + self.stepper.step_time
             trial.square += took * trial.runner.square
@@ -179,6 +192,9 @@ class Modes:
                 self.trials.remove(trial)
         if excited:
             self._begin(incumbent, sample.time)
+            if incumbent.rounds == ROUNDS and incumbent.age >= 2.0 * max(
+                    incumbent.linearised, HOLD_S):
+                incumbent = self.stepper.about(incumbent)
         return incumbent
 
     def _gained(self, trial: Trial, incumbent: Filter) -> float:
@@ -187,6 +203,8 @@ class Modes:
         return trial.runner.gained - incumbent.gained
 
     def _wins(self, trial: Trial, incumbent: Filter) -> bool:
+        if trial.kind == 'again':
+            return trial.runner.age >= HOLD_S
         if trial.kind == 'still':
             return trial.age >= self._patience and trial.gain > -SIMPLER
         if trial.kind == 'moved':
@@ -202,6 +220,8 @@ class Modes:
 
     def _over(self, trial: Trial, incumbent: Filter) -> bool:
         """Tell whether a trial that has not won is at its end; a former one begins again."""
+        if trial.kind == 'again':
+            return False
         if trial.kind == 'moved':
             return trial.gain < -RESTART or (trial.age > RESTART_S and trial.gain < RESTART)
         if trial.kind == 'still':
@@ -232,7 +252,7 @@ class Modes:
             hasty = time - self._stood < LASTS_S
             self._patience = min(2.0 * self._patience, LASTS_S) if hasty else STILL_S
             self.moved, self._moved = trial, time
-        elif trial.runner.mode.walk == 0.0:
+        elif trial.runner.mode.walk == 0.0 and trial.kind != 'again':
             self.moved, self._stood = None, time
         if new:
             self.keep(incumbent, time)
@@ -251,6 +271,9 @@ class Modes:
             self._add('still', self._still(incumbent), incumbent, time)
         if not walking and 'moved' not in kinds and level(incumbent.mode) < 2:
             self._add('moved', self._as(incumbent, incumbent.mode, self.walk), incumbent, time)
+        if 'again' not in kinds and not walking and incumbent.mode.name == ROUGH.name \
+                and incumbent.rounds < ROUNDS and incumbent.age >= HOLD_S:
+            self._add('again', self.stepper.again(incumbent, ROUGH, FRESH, DOUBT), incumbent, time)
         hasty = misfit_of(incumbent.record) > MISFIT
         if 'other' not in kinds and time >= self._next:
             mode = self._candidate(incumbent, hasty)
@@ -274,7 +297,7 @@ class Modes:
         self.trials.append(Trial(kind, f, time, incumbent.mass))
 
     def _as(self, incumbent: Filter, mode: Mode, walk: float) -> Filter:
-        f = incumbent.copy()
+        f = self.stepper.freed(incumbent) if walk else incumbent.copy()
         f.mode = mode._replace(walk=walk)
         return f
 
@@ -292,4 +315,4 @@ class Modes:
         """Return a filter of another mode: with less model error all is kept, else fresh."""
         if mode.parts and incumbent.mode.parts and level(mode) < level(incumbent.mode):
             return self._as(incumbent, mode, 0.0)
-        return self._renewed(incumbent, mode)
+        return self._renewed(incumbent, SEEK if mode.name == ROUGH.name else mode)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from flex_payload_estimator.estimators.rpe.filter import Filter, FilterStep, Sample
+from flex_payload_estimator.estimators.rpe.filter import FilterStep
+from flex_payload_estimator.estimators.rpe.hypothesis import Filter, Sample
 from flex_payload_estimator.estimators.rpe.sensors import Loads
 from flex_plant_sim.arm.second_order import Array
 import numpy as np

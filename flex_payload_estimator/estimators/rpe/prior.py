@@ -15,6 +15,7 @@ from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.effects.structure.coriolis_centripetal import CoriolisCentripetal
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
+from scipy.stats import truncnorm
 
 # The share of the Coriolis forces: the paper's equations have none, nature has all.
 # An exact model has one of the two; with parts it may be between.
@@ -27,6 +28,9 @@ BIAS_STD = 2e-5
 REGULAR = 1e-6
 # A column whose value is certain.
 CERTAIN = 1e-9
+PAYLOAD_INERTIA = 'payload_inertia'
+# A model is nowhere linearised about parts further off than this many standard deviations.
+FARTHEST = 5.0
 
 
 @dataclass(frozen=True)
@@ -38,6 +42,8 @@ class Prior:
     ----------
     mean, std : Array
         (B,).
+    lowest : Array
+        What no column can be less than, (B,).
     parts, gains : int
         How many of the columns are parts, and gauges' gains.
     scale : Array
@@ -48,6 +54,7 @@ class Prior:
 
     mean: Array
     std: Array
+    lowest: Array
     parts: int
     gains: int
     scale: Array
@@ -63,7 +70,14 @@ class Prior:
         kept = self.mean.size - self.parts - self.gains
         std = self.std[:kept].copy()
         std[CORIOLIS] = CERTAIN
-        return Prior(self.mean[:kept], std, 0, 0, np.zeros(kept))
+        return Prior(self.mean[:kept], std, self.lowest[:kept], 0, 0, np.zeros(kept))
+
+    def within(self, beta: Array) -> Array:
+        """Return parameters that a robot can have, (B,)."""
+        far = FARTHEST * self.std
+        found = np.clip(beta, np.maximum(self.mean - far, self.lowest), self.mean + far)
+        found[MASS] = max(beta[MASS], 0.0)
+        return np.asarray(found)
 
     def spread(self, mass_std: float) -> Array:
         """
@@ -102,7 +116,19 @@ class Prior:
 def moving_parts(robot: Robot) -> tuple[Part, ...]:
     """Return the parts that act on the motion; what acts on gauges, their gains stand for."""
     return tuple(part for part in robot_parts(robot)
-                 if not (part.unit or part.name.startswith('length')))
+                 if not part.name.startswith(('length', 'position')))
+
+
+def positive(nominal: float, tolerance: float) -> tuple[float, float]:
+    """
+    Return mean and standard deviation of a normal deviation that leaves its part positive.
+
+    For what is as good as zero in the robot file, as the inertia of a payload that should be a
+    point, they are 0.8 and 0.6 tolerances.
+    """
+    low = -nominal / tolerance
+    mean, variance = truncnorm.stats(low, np.inf)
+    return tolerance * float(mean), tolerance * float(variance)**0.5
 
 
 def prior_of(robot: Robot, effects: Sequence[Effect], turns: bool) -> Prior:
@@ -123,18 +149,22 @@ def prior_of(robot: Robot, effects: Sequence[Effect], turns: bool) -> Prior:
     biases = [max(part.tolerance, BIAS_STD) for part in gauges if part.kind == 'bias']
     gains = [part.tolerance for part in gauges if part.kind == 'gain']
     std = np.array([0.0, 0.0, *biases, *(part.tolerance for part in parts), *gains])
-    mean = np.zeros(std.size)
+    mean, lowest = np.zeros(std.size), np.full(std.size, -np.inf)
+    for k, part in enumerate(parts, start=FIRST_BIAS + len(biases)):
+        if part.name == PAYLOAD_INERTIA:
+            mean[k], std[k] = positive(robot.payload_inertia, part.tolerance)
+            lowest[k] = -robot.payload_inertia
     told = [effect['share'] for effect in effects if isinstance(effect, CoriolisCentripetal)]
     if turns:
         mean[CORIOLIS] = sum(told) if told else SHARE
         std[CORIOLIS] = 0.0 if told else SHARE_STD
     scale = np.zeros(std.size)
     for k, part in enumerate(parts, start=FIRST_BIAS + len(biases)):
-        scale[k] = 0.0 if part.name.startswith(('damping', 'drive_gain')) else 1.0
+        scale[k] = 0.0 if part.unit or part.name.startswith(('damping', 'drive_gain')) else 1.0
         if part.name.startswith('drive_gain') and not robot.drives[int(part.name[-1]) - 1] \
                 .closed_loop:
             scale[k] = 1.0
-    return Prior(mean, np.maximum(std, CERTAIN), len(parts), len(gains), scale)
+    return Prior(mean, np.maximum(std, CERTAIN), lowest, len(parts), len(gains), scale)
 
 
 @lru_cache(maxsize=4)
@@ -143,15 +173,19 @@ def tabulated(robot: Robot, model: str, modes: int, effects: tuple[Effect, ...],
     """
     Return the schedule over the parts, and the rows of the Coriolis forces; some are kept.
 
-    Derivatives are central differences over the tolerances.
+    Derivatives are central differences over the tolerances; an inertia that is zero only grows.
     """
     arm = ExtendedArm(robot, model, modes, effects=effects)
 
-    def changed(part: Part, deviation: float) -> ExtendedArm:
-        return ExtendedArm(part.change(robot, deviation), model, modes, effects=effects,
-                           step=arm.step_time)
+    def changed(part: Part, deviation: float) -> tuple[ExtendedArm, float]:
+        return (ExtendedArm(part.change(robot, deviation), model, modes, effects=effects,
+                            step=arm.step_time), 1.0 / deviation)
 
-    variants: list[Mixture] = [
-        [(changed(part, sign * part.tolerance), 0.5 * sign / part.tolerance)
-         for sign in (1.0, -1.0)] for part in moving_parts(robot)]
-    return PayloadSchedule.of(arm, heaviest, variants), turning_rows(arm)
+    def slope(part: Part) -> Mixture:
+        if part.name == PAYLOAD_INERTIA:
+            return [changed(part, part.tolerance)]
+        return [(other, 0.5 * share) for other, share in (
+            changed(part, sign * part.tolerance) for sign in (1.0, -1.0))]
+
+    return (PayloadSchedule.of(arm, heaviest, [slope(part) for part in moving_parts(robot)]),
+            turning_rows(arm))

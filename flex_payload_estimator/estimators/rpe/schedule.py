@@ -144,16 +144,16 @@ class PayloadSchedule:
         soft = SOFT_SHARE * arm.robot.links[1].mass
         span = heaviest / (heaviest + soft)
         axis, coarse = chebyshev_nodes(PAYLOAD_NODES), chebyshev_nodes(COARSE_NODES)
-        table = _table(arm, ANGLE_TERMS, _payloads(axis, span, soft))
+        whole = coefficients(arm, ANGLE_TERMS, _payloads(axis, span, soft))
         masses, width = _payloads(coarse, span, soft), arm.states * (arm.states + 2)
-        base = _table(arm, COARSE_TERMS, masses, forces=False)
+        base = coefficients(arm, COARSE_TERMS, masses, forces=False)
         parts = np.zeros((COARSE_NODES, COARSE_TERMS, len(variants), width))
         for k, mixture in enumerate(variants):
             # Less the nominal table, which a derivative does not have, for the sake of digits.
-            found = sum(share * (_table(variant, COARSE_TERMS, masses, forces=False) - base)
+            found = sum(share * (coefficients(variant, COARSE_TERMS, masses, forces=False) - base)
                         for variant, share in mixture)
             parts[:, :, k] = np.reshape(found, (COARSE_NODES, COARSE_TERMS, width))
-        return cls(axis, coarse, table, parts.reshape(COARSE_NODES, -1),
+        return cls(axis, coarse, whole, parts.reshape(COARSE_NODES, -1),
                    differentiation_matrix(axis), arm.states, len(variants), soft, span,
                    np.arange(float(ANGLE_TERMS)))
 
@@ -188,8 +188,7 @@ class PayloadSchedule:
     def _cut_parts(self, index: int, turn: int) -> Array:
         """Return the derivatives at a slice and an angle, (p, W')."""
         layers: Array = self.part_layers.get(index, lambda: self._part_layers(index))
-        wave = np.cos(turn * PART_ANGLE * np.arange(COARSE_TERMS))
-        return np.asarray(wave @ layers).reshape(self.parameters, -1)
+        return at_angle(layers, turn, self.parameters)
 
     def _part_layers(self, index: int) -> Array:
         place = self._place(self.soft_mass * math.expm1(index * PART_STEP))
@@ -201,12 +200,18 @@ class PayloadSchedule:
         return 2.0 * payload / (payload + self.soft_mass) / self.span - 1.0
 
 
+def at_angle(layers: Array, turn: int, count: int) -> Array:
+    """Return what series (K', count W) are at an angle of so many PART_ANGLE, (count, W)."""
+    wave = np.cos(turn * PART_ANGLE * np.arange(COARSE_TERMS))
+    return np.asarray(wave @ layers).reshape(count, -1)
+
+
 def _payloads(axis: Array, span: float, soft: float) -> Array:
     xi = 0.5 * span * (axis + 1.0)
     return soft * xi / (1.0 - xi)
 
 
-def _table(arm: ExtendedArm, terms: int, payloads: Array, forces: bool = True) -> Array:
+def coefficients(arm: ExtendedArm, terms: int, payloads: Array, forces: bool = True) -> Array:
     """Return the series coefficients of int_0^T exp(A s) ds [A B D], (L, terms W)."""
     transform, cosines = cosine_transform(terms), chebyshev_nodes(terms)
     layers = []

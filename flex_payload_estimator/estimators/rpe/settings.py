@@ -7,7 +7,9 @@ from dataclasses import dataclass, replace
 
 from flex_payload_estimator.estimators.rpe.effects import EffectStep
 from flex_payload_estimator.estimators.rpe.filter import FilterStep
-from flex_payload_estimator.estimators.rpe.prior import prior_of, tabulated
+from flex_payload_estimator.estimators.rpe.kernel import FIRST_BIAS
+from flex_payload_estimator.estimators.rpe.linearised import Lineariser
+from flex_payload_estimator.estimators.rpe.prior import moving_parts, prior_of, tabulated
 from flex_payload_estimator.estimators.rpe.sensors import start_spread, told_noise
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.effects.base import Effect
@@ -55,6 +57,8 @@ def stepper_of(robot: Robot, model: str, modes: int, effects: Sequence[Effect],
     bare = replace(robot, effects=(), angle_noise=1.0, strain_noise=1.0)
     schedule, turning = tabulated(bare, model, modes, others, heaviest)
     gains = np.array([drive.torque_gain for drive in robot.drives])
-    return FilterStep(schedule, turning, prior_of(robot, effects, len(turning) > 0),
+    lineariser = Lineariser(bare, moving_parts(robot), FIRST_BIAS + len(robot.gauge_names), model,
+                            modes, others, schedule.soft_mass)
+    return FilterStep(schedule, turning, lineariser, prior_of(robot, effects, len(turning) > 0),
                       EffectStep(arm), told_noise(arm), np.asarray(settings.torque_noise) / gains,
                       heaviest, start_spread(arm))

@@ -3,9 +3,18 @@
 from __future__ import annotations
 
 from flex_payload_estimator.estimators.rpe.evidence import misfit_of
-from flex_payload_estimator.estimators.rpe.filter import Filter, FilterStep
+from flex_payload_estimator.estimators.rpe.filter import FilterStep
+from flex_payload_estimator.estimators.rpe.hypothesis import Filter
 from flex_payload_estimator.estimators.rpe.kernel import CORIOLIS
-from flex_payload_estimator.estimators.rpe.modes import CLOSE, DOUBT, EXACT, MISFIT, ROUGH
+from flex_payload_estimator.estimators.rpe.modes import (
+    CLOSE,
+    DOUBT,
+    EXACT,
+    FRESH,
+    HOLD_S,
+    MISFIT,
+    SEEK,
+)
 from flex_plant_sim.arm.second_order import Array
 import numpy as np
 
@@ -47,7 +56,7 @@ class Start:
         """Fill the bank: payloads from 0 to the heaviest, with and without Coriolis forces."""
         self.filters = []
         for mode, cells, shares in ((EXACT, EXACT_CELLS, self.stepper.shares),
-                                    (ROUGH, ROUGH_CELLS, (None,))):
+                                    (SEEK, ROUGH_CELLS, (None,))):
             for low, high in self._cells(cells):
                 for share in shares:
                     f = self.stepper.begin(mode, measured, 0.5 * (low + high),
@@ -64,26 +73,40 @@ class Start:
         """Return the likeliest filter."""
         return max(self.filters, key=lambda f: f.log)
 
-    def decide(self) -> list[Filter]:
+    def decide(self, excited: bool) -> list[Filter]:
         """
         Take the last sample's evidence and drop what is unlikely within its mode.
 
-        Returns one filter a mode, the likeliest first, once no mode has more; else none.
+        Of a mode that is behind another the likeliest is enough, and of each after HOLD_S in
+        motion: what is open then, such as Coriolis forces too small to show, another trial of the
+        mode settles when it shows. Returns one filter a mode, the likeliest first, once no mode
+        has more; else none.
         """
         for f in self.filters:
+            f.age += self.stepper.step_time if excited else 0.0
             f.log += f.gained
             f.recent += f.gained - self._share * f.recent
         kept: list[Filter] = []
+        top = self.best().log
         for f in sorted(self.filters, key=lambda f: -f.log):
             same = [other for other in kept if other.mode == f.mode]
-            if not same or (f.log > same[0].log - BEHIND
-                            and not any(self._agree(f, other) for other in same)):
+            enough = f.log < top - BEHIND or f.age >= HOLD_S
+            if not same or not (enough or f.log < same[0].log - BEHIND
+                                or any(self._agree(f, other) for other in same)):
                 kept.append(f)
         self.filters = kept
         if len(kept) > len({f.mode for f in kept}):
             return []
         kept.sort(key=lambda f: ROUGH_COST * f.mode.parts - f.recent)
-        return [f if f.mode.parts or self._learnt_well(f) else self._again(f) for f in kept]
+        return [self._sound(f, kept[0], top) for f in kept]
+
+    def _sound(self, f: Filter, first: Filter, top: float) -> Filter:
+        """Return a filter, or one that begins afresh where it cannot have learnt well."""
+        if not f.mode.parts:
+            return f if self._learnt_well(f) else self._again(f)
+        # With more freedom than another it can only be behind where it went astray.
+        return f if f is first or f.log > top - BEHIND else \
+            self.stepper.renewed(first, f.mode, FRESH, DOUBT)
 
     def _learnt_well(self, f: Filter) -> bool:
         """Tell whether the noise was about what it was taken for while it learnt."""

@@ -1,0 +1,115 @@
+"""A hypothesis about the arm, a sample, and what a filter of that hypothesis knows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+from flex_payload_estimator.estimators.rpe.kernel import MASS
+from flex_payload_estimator.estimators.rpe.linearised import Linearised
+from flex_plant_sim.arm.second_order import Array
+
+
+class Mode(NamedTuple):
+    """
+    What a hypothesis takes to be wrong with the model.
+
+    Attributes
+    ----------
+    name : str
+    parts : bool
+        Parts and gauge gains may be off within their tolerances.
+    gauge, drive : float
+        Model error of what a gauge sees and of a drive's net torque, as a share of its root mean
+        square of late; white, in ERROR_STEP_S.
+    walk : float
+        Random walk of the payload, kg per square root of a second.
+
+    """
+
+    name: str
+    parts: bool
+    gauge: float
+    drive: float
+    walk: float = 0.0
+
+
+class Sample(NamedTuple):
+    """
+    A sample: time, s; outputs, rad and m/m, (m,), or None; command at the drives, (2,).
+
+    `doubt` is the variance of that command, (2,) or 0.
+    """
+
+    time: float
+    measured: Array | None
+    command: Array
+    doubt: Array | float = 0.0
+
+
+@dataclass(slots=True)
+class Filter:
+    """
+    One hypothesis; its arrays are replaced at every step, never changed.
+
+    Attributes
+    ----------
+    mode : Mode
+    x, cov, sens, beta, spread, anchor : Array
+        See kernel.py.
+    record : Array
+        What `evidence.weigh` remembers.
+    innovation, variances : Array
+        Of the last sample, rad and m/m, and squared, (m,).
+    log, recent, gained, stated : float
+        Log-likelihood since it began, of late, and of the last sample as judged and as stated, see
+        `evidence.weigh`.
+    square : float
+        Mean square of the last sample's whitened innovations.
+    model : Linearised or None
+        What all is linearised about where that is held; None follows the estimate.
+    rounds : int
+        How often it has been linearised afresh, see `FilterStep.again`.
+    age, linearised : float
+        How long it has learnt in motion, s, and how long it had when it was linearised.
+
+    """
+
+    mode: Mode
+    x: Array
+    cov: Array
+    sens: Array
+    beta: Array
+    spread: Array
+    anchor: Array
+    record: Array
+    innovation: Array
+    variances: Array
+    log: float = 0.0
+    recent: float = 0.0
+    gained: float = 0.0
+    stated: float = 0.0
+    square: float = 1.0
+    model: Linearised | None = None
+    rounds: int = 0
+    age: float = 0.0
+    linearised: float = 0.0
+
+    @property
+    def state(self) -> Array:
+        """Return the state for the parameters believed, (n,)."""
+        return self.x if self.model is None else self.x + self.sens @ (self.beta - self.anchor)
+
+    @property
+    def mass(self) -> float:
+        """Return the payload, kg."""
+        return float(self.beta[MASS])
+
+    @property
+    def variance(self) -> float:
+        """Return the variance of the payload's error, kg^2."""
+        return float(self.spread[MASS, MASS])
+
+    def copy(self) -> Filter:
+        """Return an independent filter that knows the same."""
+        return replace(self)

@@ -1,0 +1,126 @@
+"""The sampled arm and its derivatives about parts that are not the robot file's."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from flex_payload_estimator.estimators.rpe.kernel import MASS
+from flex_payload_estimator.estimators.rpe.schedule import (
+    ANGLE_TERMS,
+    at_angle,
+    COARSE_TERMS,
+    coefficients,
+    Kept,
+    KEPT_PARTS,
+    PART_ANGLE,
+    turning_rows,
+)
+from flex_plant_sim.arm.parts import Part
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.effects.base import Effect
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+import numpy as np
+
+# Differences over the payload, a share of (m + soft mass), and over a part, of its tolerance:
+# their remainders are 1e-4 of a derivative, their rounding 1e-10.
+MASS_STEP, PART_SHARE = 0.01, 0.02
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """
+    The model about one payload and one set of parts.
+
+    Attributes
+    ----------
+    anchor : Array
+        Parameters about which, the parts' deviations zero: the tables have them; (B,).
+    value, slopes : Array
+        As of a PayloadSlice, with no second derivative: the payload is held.
+    parts : Array
+        Derivatives of T [A B], (K', p n (n + 2)).
+    count : int
+        p.
+    turning : Array
+        See schedule.turning_rows.
+
+    """
+
+    anchor: Array
+    value: Array
+    slopes: Array
+    parts: Array
+    count: int
+    turning: Array
+    angles: Kept = field(default_factory=lambda: Kept(KEPT_PARTS))
+
+    def parts_at(self, angle: float) -> Array:
+        """Return derivatives over the parts at an angle, rad: (p, n (n + 2))."""
+        turn = round(angle / PART_ANGLE)
+        found: Array = self.angles.get(turn, lambda: at_angle(self.parts, turn, self.count))
+        return found
+
+
+@dataclass(frozen=True)
+class Lineariser:
+    """
+    What makes the model about other parts.
+
+    Attributes
+    ----------
+    robot : Robot
+        The robot file's.
+    parts : tuple of Part
+        Columns of beta.
+    first : int
+        Where they begin.
+    model, modes, effects
+        As of ExtendedArm.
+    soft_mass : float
+        kg.
+
+    """
+
+    robot: Robot
+    parts: tuple[Part, ...]
+    first: int
+    model: str
+    modes: int
+    effects: tuple[Effect, ...]
+    soft_mass: float
+
+    def about(self, anchor: Array) -> Linearised:
+        """Return the model about parameters, (B,)."""
+        columns = slice(self.first, self.first + len(self.parts))
+        deviations, mass = anchor[columns], max(float(anchor[MASS]), 0.0)
+        arm, step = self._arm(deviations), MASS_STEP * (mass + self.soft_mass)
+        low = max(mass - step, 0.0)
+        value, above, below = coefficients(
+            arm, ANGLE_TERMS, np.array([mass, mass + step, low])).reshape(3, ANGLE_TERMS, -1)
+        slope = (above - below) / (mass + step - low)
+        base = coefficients(arm, COARSE_TERMS, np.array([mass]), forces=False)
+        rows = self._slopes(deviations, base, mass)
+        bare = anchor.copy()
+        bare[columns] = 0.0
+        return Linearised(bare, np.ascontiguousarray(value),
+                          np.concatenate([slope, np.zeros_like(slope)], axis=1), rows,
+                          len(self.parts), turning_rows(arm))
+
+    def _slopes(self, deviations: Array, base: Array, mass: float) -> Array:
+        """Return the derivatives over the parts, (K', p n (n + 2))."""
+        rows = []
+        for k, part in enumerate(self.parts):
+            step = PART_SHARE * part.tolerance
+            arm = self._arm(deviations + step * np.eye(len(self.parts))[k])
+            found = coefficients(arm, COARSE_TERMS, np.array([mass]), forces=False)
+            rows.append((found - base).reshape(COARSE_TERMS, -1) / step)
+        return np.stack(rows, axis=1).reshape(COARSE_TERMS, -1)
+
+    def _arm(self, deviations: Sequence[float] | Array) -> ExtendedArm:
+        robot = self.robot
+        for part, deviation in zip(self.parts, deviations):
+            robot = part.change(robot, float(deviation))
+        return ExtendedArm(robot, self.model, self.modes, effects=self.effects,
+                           step=self.robot.sample_time)
