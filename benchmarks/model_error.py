@@ -17,7 +17,8 @@ from pathlib import Path
 import sys
 
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
-from flex_payload_estimator.estimators.rpe.filter import Filter, FilterStep, Mode, Sample
+from flex_payload_estimator.estimators.rpe.filter import FilterStep
+from flex_payload_estimator.estimators.rpe.hypothesis import Filter, Mode, Sample
 from flex_payload_estimator.estimators.rpe.motion import Motion
 from flex_payload_estimator.estimators.rpe.start import Start
 from flex_plant_sim.arm.robot_file import load_robot

@@ -117,7 +117,7 @@ class FilterStep:
         mass, variance = without_bias(f.beta, f.spread, self.bias_std)
         variance = float(variance)
         if f.mode.parts:
-            if f.model is None:
+            if f.rounds == 0:
                 variance += self.prior.considered(f.spread)
             variance *= max(1.0, misfit_of(f.record))
         return float(mass), variance + self.prior_of(f.mode).scale_variance * float(mass)**2
@@ -204,7 +204,7 @@ class FilterStep:
         new.beta[MASS] = f.beta[MASS]
         if not mode.parts:
             new.beta[CORIOLIS] = self.nearest_share(f.beta[CORIOLIS])
-        new.anchor = new.beta
+        new.anchor, new.rounds = new.beta, 0
         self._begin_again(new, f, doubt)
         return new
 
@@ -218,7 +218,7 @@ class FilterStep:
 
     def freed(self, f: Filter) -> Filter:
         """Return the same filter, linearised about its estimate at every sample."""
-        return replace(f, x=f.state, anchor=f.beta, model=None, rounds=0)
+        return replace(f, x=f.state, anchor=f.beta, model=None)
 
     def about(self, f: Filter) -> Filter:
         """Return the same filter, linearised about its estimate from now on."""

@@ -177,14 +177,14 @@ class Modes:
             trial.age, trial.time = trial.age + took, trial.time + self.stepper.step_time
             trial.square += took * trial.runner.square
             trial.gain += self._gained(trial, incumbent)
-            if trial.kind == 'still' and trial.age < SETTLES_S:
-                trial.gain = 0.0
             if level(trial.runner.mode) > level(incumbent.mode):
                 # What it was behind before counts no longer: from now on the model may be wrong.
                 if trial.gain <= 0.0 or trial.age < 0.0:
                     trial.gain = 0.0
                 if trial.gain <= 0.0 < trial.age:
                     trial.gain, trial.age, trial.square = 0.0, 0.0, 0.0
+            elif trial.kind == 'still' and trial.age < SETTLES_S:
+                trial.gain = 0.0
         for trial in list(self.trials):
             if self._wins(trial, incumbent):
                 return self._promote(trial, incumbent, sample.time)
@@ -192,10 +192,15 @@ class Modes:
                 self.trials.remove(trial)
         if excited:
             self._begin(incumbent, sample.time)
-            if incumbent.rounds == ROUNDS and incumbent.age >= 2.0 * max(
-                    incumbent.linearised, HOLD_S):
+            if self._strays(incumbent):
                 incumbent = self.stepper.about(incumbent)
         return incumbent
+
+    def _strays(self, f: Filter) -> bool:
+        """Tell whether a filter that has begun again often enough is to be linearised afresh."""
+        if f.rounds < ROUNDS or f.mode.walk > 0.0:
+            return False
+        return f.model is None or f.age >= 2.0 * max(f.linearised, HOLD_S)
 
     def _gained(self, trial: Trial, incumbent: Filter) -> float:
         if trial.runner.mode.name == incumbent.mode.name:
@@ -287,7 +292,8 @@ class Modes:
         place = level(incumbent.mode)
         more = [mode for mode in MODES if level(mode) > place][:1]
         less = [mode for mode in MODES if level(mode) < place][::-1]
-        if incumbent.mode.parts and not hasty:
+        if incumbent.mode.parts and (incumbent.rounds == 0 or not hasty):
+            # One that still seeks its parts is not judged.
             more = []
         others = more if hasty and more else more + less
         self._turn += 1
