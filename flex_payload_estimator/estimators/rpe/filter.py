@@ -37,8 +37,6 @@ TELLING = 3.0
 ERROR_STEP_S = 0.01
 
 
-
-
 class FilterStep:
     """
     Steps filters.
