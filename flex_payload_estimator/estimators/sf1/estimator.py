@@ -92,8 +92,10 @@ class SF1Estimator:
     def _tune(self) -> None:
         """Turn the constants of (30) into those of this sampling interval."""
         given, share = self.settings, self.pace.share
-        density = given.r_1 * share / (self.pace.samples * self.step)
-        self._process = density * np.eye(self.model.states)
+        # R_1 enters where (30) has it, once a regression: noise that came in smaller parts would
+        # be turned from deflections into their rates on the way, and be another noise.
+        self._process = given.r_1 * share / self.step * np.eye(self.model.states)
+        self._no_process = 0.0 * self._process
         measurement = given.r_2 / share * np.eye(len(self.model.scale))
         self._measurement = self.step * measurement
         weights, pace = self.composite.weights, self.pace.samples * self.step
@@ -221,9 +223,10 @@ class SF1Estimator:
         heavier = mass + MEAN_DEVIATION * math.sqrt(self.known.variance)
         a, a_m, rates = self.model.rates(math.cos(self._angle), mass, heavier, track.state,
                                          self._command, self.settings.regression)
+        noisy = (self._since + 1) % self.pace.samples == 0
         try:
             return moved(track, self._since, a, a_m, rates, self._measured, self._columns,
-                         self._process, self._measurement, self._sensors, self._room, self.step)
+                         self._process if noisy else self._no_process, self._measurement, self._sensors, self._room, self.step)
         except FloatingPointError:
             # n' terms may not hold A T: the state then starts again at the sample.
             return track._replace(state=np.full(len(a), math.nan))
@@ -245,7 +248,7 @@ class SF1Estimator:
         self.rejected += 1
         lost = track is None or not is_finite(track.state)
         self.track, self._measured = None if lost else track, NO_SAMPLE
-        self._since = min(self._since + 1, self.pace.samples)
+        self._since += 1
         self._last = replace(self._last, time=time, status='input_rejected')
         return self._last
 

@@ -206,9 +206,12 @@ def _regressed(track: Track, joint: Array, slope: Array, scaled: Array, known: A
         # Of phi^2 so much is noise, of which the arm knows nothing: it tells nothing either.
         true = max(1.0 - 1.0 / ratio, 0.0) if shown else 0.0
         joint = with_slope(track.joint, true * slope)
-    mass, p, change[n] = sf1_step(known.mass, known.p, psi, phi, weight, law.alpha_0,
+    free, p, change[n] = sf1_step(known.mass, known.p, psi, phi, weight, law.alpha_0,
                                   law.alpha_1)
-    mass = min(max(mass, 0.0), law.largest)
+    mass = min(max(free, 0.0), law.largest)
+    if mass != free:
+        # A payload at its limit has moved by a part of the gain only, and so has its error.
+        change[n] *= (mass - known.mass) / (free - known.mass)
     if law.resolvent:
         change[:n] = change[n] * part
         state = state + (mass - known.mass) * part
