@@ -52,14 +52,13 @@ solve_positive = _solve_by_loops if COMPILED else _solve_by_lapack
 def riccati_step(a: Array, b: Array, q_1: Array, q_2: Array, s: Array,
                  step: float) -> tuple[Array, Array, Array]:
     """
-    Return the gain L, the next S and the weight W of one iteration.
+    Return the gain L, the next S and the closed loop N of one iteration.
 
     W = Q_2 + T B' S B,  L = W^-1 B' S (I + T A),  N = A - B L,
     S+ = S + T (S N + N' S + T N' S N + Q_1 + L' Q_2 L).
 
     This is Joseph's form: S+ stays symmetric and positive definite for any rounding of L.
-    The predictor is the dual: A', C', R_1 / T, T R_2, P gives K-bar' and T times the
-    covariance of the innovation.
+    The predictor is the dual: A', C', R_1 / T, T R_2, P gives K-bar', and (A - K-bar C)'.
 
     Parameters
     ----------
@@ -87,7 +86,7 @@ def riccati_step(a: Array, b: Array, q_1: Array, q_2: Array, s: Array,
     half = np.dot(s, closed)
     change = half + (0.5 * step) * np.dot(closed.T, half) \
         + 0.5 * (q_1 + np.dot(gain.T, np.dot(q_2, gain)))
-    return gain, s + step * (change + change.T), weight
+    return gain, s + step * (change + change.T), closed
 
 
 @compiled

@@ -104,7 +104,8 @@ class SF1Estimator:
         unseen = 1.0 if count == 1 else (count / (count - 1.0))**2
         self._law = Law(weights, np.append(self.composite.row, 0.0),
                         np.vstack([self._columns, np.zeros(len(weights))]), self._sensors,
-                        self.model.scale, given.r_2 / share * float(weights @ weights),
+                        self.model.scale, float(weights**2 @ self._sensors),
+                        given.r_2 / share * float(weights @ weights),
                         self._settled_noise(), given.sf1.alpha_0 * share, given.sf1.alpha_1,
                         given.mass_max, min(1.0, pace / MEMORY), unseen, self._resolvent)
 
@@ -127,6 +128,7 @@ class SF1Estimator:
         given = self.settings.sf1
         self.known = Adapted(given.mass_0, given.p_0, given.variance_0, 1.0)
         self.track: Track | None = None
+        self._tracks: tuple[Track, ...] = ()
         self._measured, self._command, self._angle = NO_SAMPLE, np.zeros(2), 0.0
         self._ahead: tuple[Array, Track] | None = None
         self._since, self._level = 0, 1.0
@@ -169,21 +171,26 @@ class SF1Estimator:
         if track is None:
             return self._begin(time, scaled)
         due = self._since + 1 >= self.pace.samples
-        after, known, reading, surprise = sampled(track, scaled, due, self.known, self._law)
+        reading = np.empty((2, len(scaled)))
+        surprise, known = sampled(track, scaled, due, self.known, self._law, reading)
         if not (math.isfinite(surprise + known.mass + known.p)
                 and 0.0 < known.variance < math.inf):
             return self._begin(time, scaled, 'model_suspect')
         self._level += min(1.0, self.step / MEMORY) * (surprise - self._level)
-        self.track, self.known, self._angle = after, known, float(scaled[1])
+        self.track, self.known, self._angle = track, known, float(scaled[1])
         self._measured, self._since = (scaled, 0) if due else (NO_SAMPLE, self._since + 1)
         return self._say(time, reading)
 
     def _begin(self, time: float, scaled: Array, status: str = 'not_excited') -> Estimate:
         """Start the state at a sample; the payload stays what it was."""
         start = INITIAL_VARIANCE * np.eye(self.model.states)
-        self.track = at_start(scaled, self._sensors, start, self.known.variance)
+        # One to read while the other is written.
+        self._tracks = tuple(at_start(scaled, self._sensors, start, self.known.variance)
+                             for _ in range(2))
+        self.track = self._tracks[0]
         self._angle, self._measured, self._since = float(scaled[1]), scaled, 0
-        reading = sampled(self.track, scaled, False, self.known, self._law)[2]
+        reading = np.empty((2, len(scaled)))
+        sampled(self.track, scaled, False, self.known, self._law, reading)
         self._last = self._estimate(time, reading, status)
         return self._last
 
@@ -224,9 +231,12 @@ class SF1Estimator:
         a, a_m, rates = self.model.rates(math.cos(self._angle), mass, heavier, track.state,
                                          self._command, self.settings.regression)
         noisy = (self._since + 1) % self.pace.samples == 0
+        after = self._tracks[track.joint is self._tracks[0].joint]
         try:
-            return moved(track, self._since, a, a_m, rates, self._measured, self._columns,
-                         self._process if noisy else self._no_process, self._measurement, self._sensors, self._room, self.step)
+            moved(track, after, self._since, a, a_m, rates, self._measured, self._columns,
+                  self._process if noisy else self._no_process, self._measurement,
+                  self._sensors, self._room, self.step)
+            return after
         except FloatingPointError:
             # n' terms may not hold A T: the state then starts again at the sample.
             return track._replace(state=np.full(len(a), math.nan))

@@ -26,7 +26,7 @@ import numpy as np
 
 class Track(NamedTuple):
     """
-    Between two samples.
+    Between two samples; its arrays are written in place.
 
     Attributes
     ----------
@@ -99,16 +99,16 @@ def at_known_payload(joint: Array, noisy: Array, noise: Array) -> Array:
 
 
 @compiled
-def moved(track: Track, since: int, a: Array, a_m: Array, rates: Array, measured: Array,
-          columns: Array, process: Array, measurement: Array, noise: Array,
-          room: tuple[Any, ...], step: float) -> Track:
+def moved(track: Track, after: Track, since: int, a: Array, a_m: Array, rates: Array,
+          measured: Array, columns: Array, process: Array, measurement: Array, noise: Array,
+          room: tuple[Any, ...], step: float) -> None:
     """
-    Return the track one sample on: Omega of (19), the gain of (23), (25), and what they do.
+    Write the track one sample on: Omega of (19), the gain of (23), (25), and what they do.
 
     Parameters
     ----------
-    track : Track
-        Before.
+    track, after : Track
+        Before, and where to write.
     since : int
         Samples since the last regression.
     a, a_m, rates : Array
@@ -129,35 +129,53 @@ def moved(track: Track, since: int, a: Array, a_m: Array, rates: Array, measured
     big = series(a, *room)
     a_bar = np.dot(big, a)
     found = step * np.dot(rates, big.T)
-    state, noisy = track.state + found[0], np.zeros(track.noisy.shape)
+    after.state[:] = track.state + found[0]
     if measured.size > 0:
-        gain, covariance, _ = riccati_step(a_bar.T, columns, process, measurement,
-                                           track.covariance, step)
-        state += step * np.dot(measured - np.dot(track.state, columns), gain)
-        onward = np.eye(n) + step * (a_bar - np.dot(gain.T, columns.T))
-        noisy[:n] = np.dot(onward, track.noisy[:n]) - step * gain.T
-        noisy[n] = track.noisy[n]
+        gain, covariance, closed = riccati_step(a_bar.T, columns, process, measurement,
+                                                track.covariance, step)
+        after.covariance[:] = covariance
+        onward = _onward(closed.T, step)
+        after.state[:] += step * np.dot(measured - np.dot(track.state, columns), gain)
+        whole = _whole(onward)
+        noisy = np.dot(whole, track.noisy)
+        noisy[:n] -= step * gain.T
+        after.joint[:] = np.dot(np.dot(whole, track.joint), whole.T)
+        after.joint[:] += np.dot(noisy * noise, noisy.T)
     else:
-        covariance = lyapunov_step(a_bar.T, process, track.covariance, step)
-        onward = np.eye(n) + step * a_bar
-    joint = track.joint.copy()
-    joint[:n, :n] = np.dot(np.dot(onward, np.ascontiguousarray(track.joint[:n, :n])),
-                           onward.T)
-    joint[:n, n] = np.dot(onward, np.ascontiguousarray(track.joint[:n, n]))
-    joint[n, :n] = joint[:n, n]
-    if measured.size > 0:
-        joint += np.dot(noisy * noise, noisy.T)
-        noisy[:] = 0.0
-    grown, sway, reach, start = found[1:], step * np.dot(big, a_m), onward, track.start
+        after.covariance[:] = lyapunov_step(a_bar.T, process, track.covariance, step)
+        onward = _onward(a_bar, step)
+        whole = _whole(onward)
+        after.joint[:] = np.dot(np.dot(whole, track.joint), whole.T)
+    after.noisy[:] = 0.0
+    after.part[:], after.sway[:] = found[1:], step * np.dot(big, a_m)
     if since > 0:
-        grown = grown + np.dot(track.part, onward.T)
-    if since == 1:
-        # The measurement has been taken in: what it leaves of the errors sways the rest.
-        start = at_known_payload(track.joint, track.noisy, noise)
-    elif since > 1:
-        sway = np.dot(onward, track.sway) + np.dot(sway, track.reach)
-        reach = np.dot(onward, track.reach)
-    return Track(state, grown, sway, reach, covariance, joint, noisy, start)
+        after.part[:] += np.dot(track.part, onward.T)
+    if since > 1:
+        after.sway[:] = np.dot(onward, track.sway) + np.dot(after.sway, track.reach)
+        onward = np.dot(onward, track.reach)
+    after.reach[:] = onward
+    # The measurement has been taken in: what it leaves of the errors sways the rest.
+    after.start[:] = at_known_payload(track.joint, track.noisy, noise) if since == 1 \
+        else track.start
+
+
+@compiled
+def _onward(rate: Array, step: float) -> Array:
+    """Return I + T A, (n, n)."""
+    onward = np.empty(rate.shape)
+    onward[:] = step * rate
+    for i in range(len(onward)):
+        onward[i, i] += 1.0
+    return onward
+
+
+@compiled
+def _whole(onward: Array) -> Array:
+    """Return the same for (xi, epsilon): the payload stays, (n + 1, n + 1)."""
+    n = len(onward)
+    whole = np.zeros((n + 1, n + 1))
+    whole[:n, :n], whole[n, n] = onward, 1.0
+    return whole
 
 
 @compiled

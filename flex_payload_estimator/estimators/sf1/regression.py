@@ -94,6 +94,8 @@ class Law(NamedTuple):
         Variances of v, (m,).
     scale : Array
         From (rad, rad, m/m…) to (rad, rad, V…), (m,).
+    noise : float
+        w' V w of the sensors' variances V, rad^2.
     tuned, reference : float
         w' R_2 w, and the variance to which the composite innovation settles, rad^2.
     alpha_0, alpha_1, largest : float
@@ -112,6 +114,7 @@ class Law(NamedTuple):
     columns: Array
     sensors: Array
     scale: Array
+    noise: float
     tuned: float
     reference: float
     alpha_0: float
@@ -142,15 +145,15 @@ class Adapted(NamedTuple):
 
 
 @compiled
-def sampled(track: Track, scaled: Array, due: bool, known: Adapted, law: Law
-            ) -> tuple[Track, Adapted, Array, float]:
+def sampled(track: Track, scaled: Array, due: bool, known: Adapted, law: Law, reading: Array
+            ) -> tuple[float, Adapted]:
     """
-    Return what (28), (29) make of a prediction and a sample.
+    Write what (28), (29) make of a prediction and a sample.
 
     Parameters
     ----------
     track : Track
-        Predicted.
+        Predicted; where due, regressed on return.
     scaled : Array
         The sample, rad and V, (m,).
     due : bool
@@ -159,36 +162,36 @@ def sampled(track: Track, scaled: Array, due: bool, known: Adapted, law: Law
         Before.
     law : Law
         What stays the same.
+    reading : Array
+        Becomes innovation and its standard deviation in rad and m/m, (2, m).
 
     Returns
     -------
     tuple
-        Track, what is known, innovation and its standard deviation in rad and m/m, (2, m), and
-        the mean of their ratio's square.
+        The mean of their ratio's square, and what is known.
 
     """
     n = len(track.state)
-    slope = np.zeros(n + 1)
-    slope[:n] = track.part[1]
-    joint = with_slope(track.joint, slope)
-    innovation = scaled - np.dot(track.state, law.columns[:n])
-    variances = np.sum(law.columns * np.dot(joint, law.columns), axis=0) + law.sensors
-    reading = np.empty((2, len(scaled)))
+    columns = law.columns[:n]
+    innovation = scaled - np.dot(track.state, columns)
+    # The payload's error also shows in what it has added to the state since: `with_slope`.
+    shown, beside = np.dot(track.part[1], columns), np.dot(track.joint[n], law.columns)
+    variances = np.sum(law.columns * np.dot(track.joint, law.columns), axis=0) + law.sensors \
+        + shown * (2.0 * beside + track.joint[n, n] * shown)
     reading[0], reading[1] = innovation / law.scale, np.sqrt(variances) / law.scale
     surprise = np.dot(innovation, innovation / variances) / len(scaled)
-    if np.min(variances) <= 0.0:
+    if variances.min() <= 0.0:
         # A model that explodes has left no digit of its covariance.
         surprise = np.nan
     if due:
-        track, known = _regressed(track, joint, slope, scaled, known, law)
-    return track, known, reading, surprise
+        known = _regressed(track, scaled, known, law)
+    return surprise, known
 
 
 @compiled
-def _regressed(track: Track, joint: Array, slope: Array, scaled: Array, known: Adapted, law: Law
-               ) -> tuple[Track, Adapted]:
-    """Return the track and what is known after a regression; joint holds the slope."""
-    n, part = len(track.state), np.ascontiguousarray(track.part[0])
+def _regressed(track: Track, scaled: Array, known: Adapted, law: Law) -> Adapted:
+    """Regress; return what is known then."""
+    n, part = len(track.state), track.part[0]
     row = law.row[:n]
     swayed = np.dot(row, track.sway)
     swaying = law.unseen * np.dot(np.dot(track.start, swayed), swayed)
@@ -198,25 +201,24 @@ def _regressed(track: Track, joint: Array, slope: Array, scaled: Array, known: A
                      math.e * SIGNIFICANT)
     shown = excitation > SIGNIFICANT or ratio > EVIDENT
     psi, phi = regression(row, np.dot(law.weights, scaled), track.state - known.mass * part, part)
-    weight, change, state = 1.0, np.zeros(n + 1), track.state
+    weight = 1.0
     if law.resolvent:
         weight = law.reference / (np.dot(row, np.dot(track.covariance, row)) + law.tuned)
         phi = phi if shown else 0.0
-    if phi != 0.0:
-        # Of phi^2 so much is noise, of which the arm knows nothing: it tells nothing either.
-        true = max(1.0 - 1.0 / ratio, 0.0) if shown else 0.0
-        joint = with_slope(track.joint, true * slope)
-    free, p, change[n] = sf1_step(known.mass, known.p, psi, phi, weight, law.alpha_0,
-                                  law.alpha_1)
+    # Of phi^2 so much is noise, of which the arm knows nothing: it tells nothing either.
+    true = 1.0 if phi == 0.0 else max(1.0 - 1.0 / ratio, 0.0) if shown else 0.0
+    free, p, gain = sf1_step(known.mass, known.p, psi, phi, weight, law.alpha_0, law.alpha_1)
     mass = min(max(free, 0.0), law.largest)
     if mass != free:
         # A payload at its limit has moved by a part of the gain only, and so has its error.
-        change[n] *= (mass - known.mass) / (free - known.mass)
+        gain *= (mass - known.mass) / (free - known.mass)
+    slope, change = np.zeros(n + 1), np.zeros(n + 1)
+    slope[:n], change[n] = true * track.part[1], gain
     if law.resolvent:
-        change[:n] = change[n] * part
-        state = state + (mass - known.mass) * part
-    joint, noisy = with_gain(joint, law.row, change), -np.outer(change, law.weights)
-    variance = joint[n, n] + np.sum(noisy[n] * law.sensors * noisy[n])
-    start = at_known_payload(joint, noisy, law.sensors)
-    return (Track(state, track.part, track.sway, track.reach, track.covariance, joint, noisy,
-                  start), Adapted(mass, p, variance, excitation))
+        change[:n] = gain * part
+        track.state[:] += (mass - known.mass) * part
+    track.joint[:] = with_gain(with_slope(track.joint, slope), law.row, change)
+    track.noisy[:] = -np.outer(change, law.weights)
+    track.start[:] = at_known_payload(track.joint, track.noisy, law.sensors)
+    variance = track.joint[n, n] + gain * gain * law.noise
+    return Adapted(mass, p, variance, excitation)

@@ -1,0 +1,151 @@
+"""
+Set the controller beside one that knows the true arm, on an arm that neither has as its model.
+
+`python benchmarks/controller_elements.py --arms 3` steps the finite elements of `test/truth`,
+their parts drawn from the robot's tolerances, in closed loop between set-points of +-0.5 rad on
+both joints. The adaptive design knows the nominal parts and takes the payload of `rpe`; the other is
+told the true parts and payload. Printed: mean settling time of the steps after the first (the tip
+stays within 2 % of its way), by payload; and the payload that the adaptive one believed at last.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+import sys
+
+from flex_payload_estimator.control.lqg import LQGController, LQGSettings
+from flex_payload_estimator.control.set_points import square
+from flex_payload_estimator.estimators.factory import make_estimator
+from flex_plant_sim.arm.parts import drawn
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.robot_file import load_robot
+from flex_plant_sim.arm.second_order import Array
+import numpy as np
+
+sys.path.insert(1, str(Path(__file__).parents[1] / 'test'))
+from truth.assembly import assemble  # noqa: E402
+from truth.configuration import Arm, Joint, Link, reference_arm, Structure  # noqa: E402
+from truth.integrator import Loop, run  # noqa: E402
+from truth.simulation import copy_terms, plant_of, stable_step  # noqa: E402
+
+MODEL, MODES, ESTIMATED_MODES, BAND = 'assumed_modes', 2, 3, 0.02
+PAYLOADS = (0.0, 0.1, 0.3)
+
+
+def elements_of(robot: Robot, payload: float) -> Arm:
+    """Return the true arm that has a robot's parts."""
+    arm = reference_arm(payload)
+    links = tuple(Link(link.length, link.thickness, link.height, link.youngs_modulus, link.density,
+                       link.damping_ratio, tuple(link.gauge_positions), link.hub_radius)
+                  for link in robot.links)
+    joints = tuple(Joint(drive.inertia, drive.torque_gain, drive.damping)
+                   for drive in robot.drives)
+    structure = Structure(robot.elbow_mass, robot.elbow_inertia)
+    return Arm(links, joints, structure, arm.payload, arm.sensors,  # type: ignore[arg-type]
+               robot.sample_time, arm.step, arm.shapes, arm.position_gain, arm.command_limit,
+               arm.excitation)
+
+
+class Elements:
+    """The finite-element arm, one sample at a time, with the robot's noise."""
+
+    def __init__(self, arm: Arm, robot: Robot, seed: int):
+        self.arm, self.system = arm, assemble(arm)
+        step = stable_step(arm, self.system)
+        steps, sensors = round(arm.sample_time / step), arm.sensors
+        angle = np.array([sensors.angle_gain, sensors.angle_offset, sensors.angle_step,
+                          [False, False]], dtype=float).T.copy()
+        # The second sample is there to be read.
+        self._loop = Loop(False, np.zeros((2, 2)), np.zeros((2, 2)), np.zeros((2, 2)),
+                          np.zeros((2, 2)), angle, np.full(2 * steps, arm.payload.mass),
+                          copy_terms(self.system.lower_empty),
+                          copy_terms(self.system.payload_unit), self.system.curvature, step,
+                          steps, 0.0)
+        self._plant, self.state = plant_of(arm, self.system), np.zeros((2, self.system.size))
+        self._noise = np.concatenate([np.full(2, robot.angle_noise), np.full(
+            len(self.system.curvature), robot.strain_noise)])
+        self._random = np.random.default_rng(seed)
+
+    def measure(self) -> Array:
+        """Return (theta_1, theta_2, strain…) with noise, (m,)."""
+        exact = np.concatenate([self.state[0, :2], self.system.curvature @ self.state[0]])
+        return np.asarray(exact + self._noise * self._random.standard_normal(exact.size))
+
+    def step(self, command: Array) -> None:
+        """Advance one sample."""
+        self._loop.command[:] = command
+        strain = np.zeros((2 * self._loop.steps_per_sample, len(self.system.curvature)))
+        states = np.zeros((2, *self.state.shape))
+        run(self._plant, self._loop, self.state[0].copy(), self.state[1].copy(),
+            np.zeros((2, 2)), strain, states)
+        self.state = states[1]
+
+    def tip(self) -> Array:
+        """Return the payload's place, m, (2,)."""
+        upper, lower, p = self.system.upper, self.system.lower_empty, self.state[0]
+        n = upper.tip.size
+        q_1, q_2 = p[2:2 + n], p[2 + n:2 + n + lower.tip.size]
+        return place(self.arm, p[:2], (upper.tip @ q_1, upper.tip_slope @ q_1, lower.tip @ q_2))
+
+
+def place(arm: Arm, joints: Array, bent: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Array:
+    """Return where the tip is, m, given the upper link's deflection and slope, the lower's."""
+    reach = [link.hub_radius + link.length for link in arm.links]
+    tip = np.exp(1j * joints[0]) * (reach[0] + 1j * bent[0])
+    tip += np.exp(1j * (joints.sum() + bent[1])) * (reach[1] + 1j * bent[2])
+    return np.array([tip.real, tip.imag])
+
+
+def settling(controller: LQGController, told: float | None, plant: Elements, robot: Robot,
+             hold: float, steps: int) -> tuple[Array, float]:
+    """Return each step's settling time, s, and the last payload; told: kg, None to estimate."""
+    estimator = None if told is not None else make_estimator('rpe', robot, MODEL, ESTIMATED_MODES)
+    target, period, mass = square(period=2.0 * hold), robot.sample_time, told or 0.0
+    sent, errors, goals = np.zeros(2), [], []
+    for k in range(round(hold * (steps + 1) / period)):
+        time, output = k * period, plant.measure()
+        goals.append(place(plant.arm, target(time)))
+        errors.append(np.linalg.norm(plant.tip() - goals[-1]))
+        if estimator is not None:
+            mass = estimator.update(time, output, sent).mass
+        sent = controller.command(time, output, sent, mass, target(time))
+        plant.step(sent)
+    length, found = round(hold / period), []
+    for first in range(length, len(errors), length):
+        way = np.linalg.norm(goals[first] - goals[first - 1])
+        outside = np.flatnonzero(np.array(errors[first:first + length]) > BAND * way)
+        found.append(period * (outside[-1] + 1 if outside.size else 0))
+    return np.array(found), mass
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--arms', type=int, default=3)
+    parser.add_argument('--hold', type=float, default=4.0, help='between two steps, s')
+    parser.add_argument('--steps', type=int, default=3, help='that count')
+    given = parser.parse_args()
+    nominal = load_robot('reference')
+    for payload in PAYLOADS:
+        rows = []
+        for seed in range(given.arms):
+            robot = drawn(nominal, np.random.default_rng([seed, 3]))
+            arm = elements_of(robot, payload)
+            adaptive = LQGController(nominal, MODEL, MODES, LQGSettings(mass_0=0.0))
+            knowing = LQGController(robot, MODEL, MODES, LQGSettings(adapt=False, mass_0=payload))
+            ours, mass = settling(adaptive, None, Elements(arm, nominal, seed), nominal,
+                                  given.hold, given.steps)
+            best, _ = settling(knowing, payload, Elements(arm, nominal, seed), nominal,
+                               given.hold, given.steps)
+            rows.append((ours.mean(), best.mean(), mass))
+        mean = np.mean(rows, axis=0)
+        print(f'{payload:.1f} kg: adaptive {mean[0]:.3f} s, knows the arm {mean[1]:.3f} s, '
+              f'ratio {mean[0] / mean[1]:.3f}; each arm',
+              ', '.join(f'{ours:.2f}/{best:.2f} (believes {mass:.4f} kg)'
+                        for ours, best, mass in rows), flush=True)
+
+
+if __name__ == '__main__':
+    main()
