@@ -3,9 +3,10 @@ Set the controller beside one that knows the true arm, on an arm that neither ha
 
 `python benchmarks/controller_elements.py --arms 3` steps the finite elements of `test/truth`,
 their parts drawn from the robot's tolerances, in closed loop between set-points of +-0.5 rad on
-both joints. The adaptive design knows the nominal parts and takes the payload of `rpe`; the other is
-told the true parts and payload. Printed: mean settling time of the steps after the first (the tip
-stays within 2 % of its way), by payload; and the payload that the adaptive one believed at last.
+both joints. The adaptive design knows the nominal parts and takes the payload of `rpe`; the other
+is told the true parts and payload. Printed, by payload: the mean settling time of the steps after
+the first (the tip stays within 2 % of its way), and the payload that the adaptive one believed at
+last.
 """
 
 from __future__ import annotations
