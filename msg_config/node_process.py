@@ -73,11 +73,14 @@ def run(make: Callable[[], ContractNode], arguments: Sequence[str] | None = None
         return 130
     except (ExternalShutdownException, ROSInterruptException):
         return 0
-    except Exception:  # noqa: B902
+    except Exception as error:  # noqa: B902
         # A signal before the node was whole.
-        if rclpy.ok():
-            raise
-        return 130
+        if not rclpy.ok():
+            return 130
+        if node is None and type(error).__name__ == 'RCLError':
+            # The middleware has no security, or no room for another node; rclpy exports no class.
+            return _refuse(error)
+        raise
     finally:
         end_at_once()
         if node is not None:

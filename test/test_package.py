@@ -68,6 +68,20 @@ def test_every_message_package_of_the_contract_is_a_dependency(
     assert {name.split('/')[0] for name in types} < dependencies
 
 
+def test_the_security_policy_names_the_contract(repository: Path) -> None:
+    from msg_config.contract import load_services, load_topics
+
+    policy = ElementTree.parse(repository / 'config' / 'sros2_policy.xml').getroot()
+    ros = {'/rosout', '/parameter_events', '~/transition_event'}
+    for way in ('publish', 'subscribe'):
+        named = {topic.text for topic in policy.findall(f'.//topics[@{way}="ALLOW"]/topic')}
+        unheard = {'reference'} if way == 'publish' else {
+            'payload', 'payload_stamped', 'innovation', '/diagnostics', 'arm_markers'}
+        assert named - ros == set(load_topics()) - unheard
+    named = {service.text for service in policy.findall('.//profile[@node="plant_sim"]//service')}
+    assert set(load_services()) < named
+
+
 def test_every_folder_of_code_is_a_package(repository: Path) -> None:
     for package in PACKAGES:
         for module in (repository / package).rglob('*.py'):

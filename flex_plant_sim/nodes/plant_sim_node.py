@@ -95,6 +95,7 @@ class PlantSim(ContractNode):
         self._sent, self._permits = np.zeros(2), 0
         self._latest, self._latest_stamp = np.zeros(2), -1
         self._answered = self._diverged = False
+        self._quiet = True
         self._origin, self._resend_at, self._late, self._worst = self.wall_time(), 0.0, 0, 0.0
         self.held = RecentCounts()
         self._next_marker = 0.0
@@ -190,8 +191,12 @@ class PlantSim(ContractNode):
     def _held_command(self) -> np.ndarray:
         if not self._answered and self._latest_stamp >= 0:
             self.held.add('held', self.wall_time())
-        age = seconds(self._stamp - self._latest_stamp)
-        return self._latest if age <= COMMAND_TIMEOUT else np.zeros(2)
+        quiet = seconds(self._stamp - self._latest_stamp) > COMMAND_TIMEOUT
+        if quiet != self._quiet:
+            # Told at once, and not when the diagnostics are due.
+            self._quiet = quiet
+            self._report()
+        return np.zeros(2) if quiet else self._latest
 
     def _follow_wall_clock(self) -> None:
         """Let the present sample be that of now: after a pause, or where the computer is slow."""

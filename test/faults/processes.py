@@ -162,10 +162,12 @@ def second_plant(arena: Arena) -> str:
     begin = time.monotonic()
     arena.loop.until(lambda: arena.loop.observer.count_publishers('strain') > 1, START)
     begin = time.monotonic()
-    told = arena.said('publishers of', begin)
-    arena.again_right()
-    second.kill()
-    second.wait()
+    try:
+        told = arena.said('publishers of', begin)
+        arena.again_right()
+    finally:
+        second.kill()
+        second.wait()
     return f'said after {told:.2f} s'
 
 
@@ -192,14 +194,15 @@ def run(names: list[str], context: Any, domain: int) -> dict[str, str]:
     arena, found = Arena(context, domain), {}
     try:
         arena.start_all()
-        for name in names:
+        for number, name in enumerate(names):
+            key = f'{number} {name}'
             try:
                 said = FAULTS[name](arena)
-                found[name] = f'{arena.check_bounds()}, {said}'
+                found[key] = f'{arena.check_bounds()}, {said}'
             except AssertionError as error:
-                found[name] = f'FAILED: {error}'
+                found[key] = f'FAILED: {error}'
                 arena.joints.clear()
-            print(f'{name}: {found[name]}', flush=True)
+            print(f'{key}: {found[key]}', flush=True)
     finally:
         arena.close()
     return found
@@ -218,11 +221,9 @@ def main() -> int:
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     context = Context()
     rclpy.init(context=context, domain_id=chosen.domain)
-    failed = 0
-    for _ in range(chosen.times):
-        found = run(chosen.faults or list(FAULTS), context, chosen.domain)
-        failed += sum(text.startswith('FAILED') for text in found.values())
-    print(f'{failed} failed')
+    found = run((chosen.faults or list(FAULTS)) * chosen.times, context, chosen.domain)
+    failed = sum(text.startswith('FAILED') for text in found.values())
+    print(f'{failed} of {len(found)} failed')
     return min(failed, 1)
 
 
