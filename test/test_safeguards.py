@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 import math
 
 from flex_payload_estimator.control.lqg import LOST, LQGController, LQGSettings
 from flex_payload_estimator.control.safeguards import BelievedPayload, CLOSING_TIME, CommandLimiter
-from flex_payload_estimator.nodes.node_setup import largest_payload
+from flex_payload_estimator.nodes.node_setup import check_square, largest_payload
 from flex_plant_sim.arm.robot_file import load_robot
+from msg_config.errors import InputError
 import numpy as np
 import pytest
 
@@ -43,6 +45,14 @@ def test_a_payload_is_believed_in_range_and_no_faster_than_a_gripper_closes() ->
 def test_the_largest_payload_is_the_parameter_s_or_follows_from_the_robot() -> None:
     assert largest_payload({'payload_max': 0.3}, ROBOT) == 0.3
     assert 0.2 < largest_payload({'payload_max': 0.0}, ROBOT) < 1.0
+
+
+def test_square_set_points_beyond_the_joints_are_refused() -> None:
+    robot = replace(ROBOT, angle_limits=((-2.0, 2.0), (-0.4, 1.0)))
+    check_square({'reference_amplitude': 0.4}, robot)
+    check_square({'reference_amplitude': 3.0}, ROBOT)
+    with pytest.raises(InputError, match='reference_amplitude: expected at most 0.4 rad, .*0.5'):
+        check_square({'reference_amplitude': 0.5}, robot)
 
 
 def test_a_predictor_that_is_lost_begins_again_at_the_measurement() -> None:

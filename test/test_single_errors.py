@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 from attack.run import good_log, ROBOT
@@ -15,10 +16,12 @@ from flex_plant_sim.simulation.simulator import simulate, Simulator
 import numpy as np
 import pytest
 
+good = cache(good_log)
+
 
 def spoilt(column: int, row: int, share: float) -> tuple[Array, Array, float]:
     """Return commands and outputs of a record in which one number is off, and by how much."""
-    log = good_log()
+    log = good()
     values = np.hstack([log.command, log.output])
     off = share * float(np.ptp(values[:, column]))
     values[row, column] += off

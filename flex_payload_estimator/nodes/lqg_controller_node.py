@@ -9,7 +9,7 @@ from typing import Any
 from flex_payload_estimator.control.safeguards import CommandLimiter
 from flex_payload_estimator.control.set_points import SetPoints
 from flex_payload_estimator.control.trajectory import Trajectory
-from flex_payload_estimator.nodes.node_setup import controller_of, set_points_of
+from flex_payload_estimator.nodes.node_setup import check_square, controller_of, set_points_of
 from flex_payload_estimator.nodes.sample_node import Sample, SampleNode
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.inputs.gate import COMMAND_MARGIN, Limits
@@ -77,7 +77,9 @@ class LQGControllerNode(SampleNode):
 
     def build(self, values: dict[str, Any]) -> Any:
         """Return the robot and the controller that parameters describe."""
-        return robot_of(values), controller_of(values)
+        robot = robot_of(values)
+        check_square(values, robot)
+        return robot, controller_of(values)
 
     def install(self, built: Any) -> None:
         """Take over what `build` gave."""
@@ -96,6 +98,7 @@ class LQGControllerNode(SampleNode):
             if self._referenced:
                 raise InputError('reference_amplitude, reference_period: the set-points come from '
                                  'topic reference')
+            check_square(values, self.robot)
             self.set_points = set_points_of(values)
         self.controller.limit_commands(values['command_limit'])
         self.gate.limits = replace(self.gate.limits, command=np.minimum(

@@ -13,6 +13,7 @@ from flex_payload_estimator.estimators.sf1.settings import SF1Settings
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.effects import effects_of
 from flex_plant_sim.simulation.plant_setup import robot_of
+from msg_config.errors import InputError
 
 
 def estimator_of(values: Mapping[str, Any]) -> PayloadEstimator:
@@ -75,6 +76,23 @@ def _as_built(robot: Robot) -> Robot:
     for effect in effects_of(robot):
         robot = effect.on_robot(robot)
     return robot
+
+
+def check_square(values: Mapping[str, Any], robot: Robot) -> None:
+    """
+    Check that both joints can reach the square set-points of a checked table lqg_controller.
+
+    Raises
+    ------
+    InputError
+        They lie beyond the angle limits of the robot's file.
+
+    """
+    amplitude = float(values['reference_amplitude'])
+    reach = min(min(-low, high) for low, high in robot.angle_limits)
+    if amplitude > reach:
+        raise InputError(f'reference_amplitude: expected at most {reach:g} rad, as the angle '
+                         f'limits of {robot.name} allow, got {amplitude:g}')
 
 
 def set_points_of(values: Mapping[str, Any]) -> SetPoints:
