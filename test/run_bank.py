@@ -129,7 +129,8 @@ def main() -> int:
     """Run what is still to run, print the figures and write docs/bank.md."""
     chosen = options()
     if chosen.limits:
-        write_limits({robot: limits_answer(robot) for robot in read_limits()})
+        extra = ('--search', chosen.search) if chosen.search else ()
+        write_limits({robot: limits_answer(robot, extra) for robot in read_limits()})
         return 0
     if chosen.fresh:
         chosen.results.unlink(missing_ok=True)

@@ -53,14 +53,14 @@ def run_case(case: BankCase, limits: Limits,
             **{key: answer[key] for key in KEPT if key in answer}}
 
 
-def limits_answer(robot: str) -> dict[str, Any]:
+def limits_answer(robot: str, options: tuple[str, ...] = ()) -> dict[str, Any]:
     """Return the tool's answer to a clean record of nominal parts, with detection limits."""
     case = BankCase('limits', (), robot, 1, size=0.0)
     truth = replace(case.truth(), tolerances=False)
     with TemporaryDirectory() as folder:
         path = Path(folder) / 'record.csv'
         write_record(case, truth, path)
-        code, answer, complaint = diagnose_file(path, case, truth)
+        code, answer, complaint = diagnose_file(path, case, truth, options)
     if code != 0:
         raise RuntimeError(complaint)
     return answer

@@ -15,7 +15,7 @@ from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude
 from flex_plant_sim.effects.base import Effect
 import numpy as np
 
-ITERATIONS = 8
+ITERATIONS, ROUGH = 8, 3
 BATCH = 8
 # A step that promises less is not worth a pass, nats.
 ENOUGH = 0.3
@@ -194,12 +194,12 @@ class Descent:
             raise np.linalg.LinAlgError('no finite prediction')
         return Point(values, residual, columns, cost)
 
-    def run(self, starts: Sequence[Array]) -> Point:
+    def run(self, starts: Sequence[Array], rough: bool = False) -> Point:
         """Return the minimum found from the best of some starts, linearised near it."""
         tried = [(start, *self.at(start)) for start in starts]
         point = self.linearise(*min(tried, key=lambda found: found[2]))
-        fresh, again = True, True
-        for _ in range(ITERATIONS if point.values.size else 0):
+        fresh, again = True, not rough
+        for _ in range((ROUGH if rough else ITERATIONS) if point.values.size else 0):
             better = self._next(point)
             if better is not None:
                 point, fresh = better, False
@@ -263,8 +263,8 @@ class Descent:
 
 
 def fitted(likelihood: Likelihood, causes: Causes, starts: Sequence[Array],
-           scale: Array | None = None) -> Fit:
+           scale: Array | None = None, rough: bool = False) -> Fit:
     """Return causes fitted around a likelihood's linearisation, from the best of some starts."""
     scale = np.ones(len(likelihood.present)) if scale is None else scale
     descent = Descent(likelihood, causes, scale)
-    return descent.fit(descent.run(starts))
+    return descent.fit(descent.run(starts, rough))

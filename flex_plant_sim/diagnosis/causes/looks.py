@@ -88,7 +88,7 @@ class Looker:
             values[k:k + BATCH] for k in range(0, len(values), BATCH)]
         around = self.likelihood.around
         return np.concatenate([
-            (self.likelihood.residual((*around, hypothesis.at(v)), keep=True)
+            (self.likelihood.residual((*around, hypothesis.at(v)))
              - self.likelihood.present).astype(np.float32) for v in batches])
 
     def _later(self, shapes: Array, asked: Array, event: int, white: Array

@@ -27,12 +27,21 @@ Progress = Callable[[str, float], None]
 # What `unknown` is: slow torques, gauge errors or both of 20 % of the loads and the strains.
 UNKNOWN_LEVELS: tuple[Level, ...] = (
     Amplitude(torque=0.2, gauge=0.2), Amplitude(torque=0.2), Amplitude(gauge=0.2))
-# A budget, no judgement: sets whose neighbours are fitted, sets linearised around themselves,
-# hypotheses fitted beside a set, rivals tried in each one's place, samples that looks are made of.
-EXPLORED, SETTLED, FITTED, RIVALS, SAMPLES = 5, 12, 6, 3, 1600
-# What promises less than this, nats with its price, or so much less than another, has no share
-# that is worth stating; nor has a set that is less probable.
-WORTH, BEHIND, SHARE = -5.0, 20.0, 0.05
+# A budget, no judgement: sets whose neighbours are fitted,
+# hypotheses tried beside a set and in each one's place, sets fitted to all windows, samples of those
+# windows that proposals come from.
+EXPLORED, ADDED, RIVALS, FITTED, SAMPLES = 5, 12, 5, 6, 1600
+# What promises less than this, nats with its price, has no share that is worth stating, but for the
+# few best; nor has what a fit to some windows leaves so far behind another, nor a set less probable.
+WORTH, LEAST, BEHIND, SHARE = -1.0, 2, 30.0, 0.05
+# Around another set, a fit knows its gain over that to such a share: parts go where they were not
+# linearised. So many of those that may lead are linearised around themselves at a time.
+KNOWN, LEADING = 0.3, 3
+# What promises less than this share of a cause cannot stand in its place; one that promises more
+# than this, nats, is not dropped.
+RIVAL, SURE = 0.3, 60.0
+# Parts further off than this, in tolerances, may stand for a cause.
+FAR = 3.0
 # Errors that exceed what is stated by less leave nothing for a larger discrepancy to explain.
 EXCESS = 1.05
 
@@ -122,12 +131,14 @@ class Search:
 class _Fitter:
     """Fits sets around the linearisation of one near them."""
 
-    centre: Settled
+    likelihood: Likelihood
+    scale: Array
     duration: float
+    rough: bool = False
 
     def __call__(self, trial: Trial) -> Fit:
-        return fitted(self.centre.likelihood, Causes(trial.hypotheses, self.duration),
-                      trial.starts, self.centre.fit.scale)
+        return fitted(self.likelihood, Causes(trial.hypotheses, self.duration), trial.starts,
+                      self.scale, self.rough)
 
 
 @dataclass(frozen=True)
@@ -168,8 +179,13 @@ class _Course:
         self.looks = each(Looker(self.thin, self.data.duration), self.catalogue, self.jobs,
                           lambda share: self.progress('looking at all causes', 0.4 * share))
 
-    def promises(self, centre: Settled, left_out: int | None = None) -> list[Promise]:
-        """Return what all others promise beside a set, or beside it without one cause."""
+    def promises(self, centre: Settled, left_out: int | None = None, held: bool = False
+                 ) -> list[Promise]:
+        """
+        Return what all others promise beside a set, or beside it without one cause.
+
+        With the parts held at their file, those lead as well that far-off parts stand for.
+        """
         fit, likelihood = centre.fit, centre.likelihood
         rest = np.ones(len(fit.values), dtype=bool)
         residual, ends = centre.point.residual, centre.causes.ends
@@ -179,13 +195,15 @@ class _Course:
             residual = likelihood.residual(effects[:left_out] + effects[left_out + 1:])[0]
         slab, columns = fit.moments.slab, centre.point.columns[rest]
         plain = residual - np.tensordot(fit.moments.away[rest], columns, 1)
-        rows = np.concatenate([plain[None], columns, likelihood.columns])[..., self.thin.kept]
+        parts = slice(0, 0) if held else slice(None)
+        rows = np.concatenate([plain[None], columns, likelihood.columns[parts]])[
+            ..., self.thin.kept]
         weight = np.repeat(1.0 / (fit.scale * np.sqrt(TEMPER)), rows.shape[-1])
         beside = Beside(
             np.sqrt(self.thin.weight) * rows.reshape(len(rows), -1) * weight,
-            np.concatenate([slab.width[rest], likelihood.tolerances]), weight,
+            np.concatenate([slab.width[rest], likelihood.tolerances[parts]]), weight,
             self.data.duration)
-        labels = Trial.of(fit).labels
+        labels = {h.label for k, h in enumerate(fit.hypotheses) if k != left_out}
         found = [beside.promise(h, looks) for h, looks in self.looks if h.label not in labels]
         return sorted(found, key=lambda p: -self.hope(p))
 
@@ -194,41 +212,60 @@ class _Course:
         return promise.gain + log_odds(promise.hypothesis.effect, self.nominal.robot)
 
     def trials(self, centre: Settled, promises: Sequence[Promise]) -> Iterator[Trial]:
-        """Return the sets near a set that are worth a fit."""
+        """Return a set and those near it that may be worth a fit."""
         now = Trial.of(centre.fit)
-        least = max(WORTH, self.hope(promises[0]) - BEHIND) if promises else 0.0
-        for promise in promises[:FITTED]:
-            if self.hope(promise) > least:
-                yield now.with_one(promise)
-        for place in range(len(now.hypotheses)):
-            rest = now.without(place)
-            yield rest
-            for promise in self.promises(centre, place)[:RIVALS]:
+        yield now
+        added = [p for k, p in enumerate(promises[:ADDED])
+                 if k < LEAST or self.hope(p) > WORTH]
+        off = np.abs(centre.fit.deviations / centre.likelihood.tolerances)
+        if np.max(off, initial=0.0) > FAR:
+            added += self.promises(centre, held=True)[:RIVALS]
+        for promise in {p.hypothesis.label: p for p in reversed(added)}.values():
+            yield now.with_one(promise)
+        for place, cause in enumerate(now.hypotheses):
+            rest, others = now.without(place), self.promises(centre, place)
+            own = max((self.hope(p) for p in others if p.hypothesis == cause), default=0.0)
+            if own < SURE:
+                yield rest
+            rivals = [p for p in others if p.hypothesis != cause and self.hope(p) > RIVAL * own]
+            for promise in rivals[:RIVALS]:
                 yield rest.with_one(promise)
 
     def around(self, centre: Settled) -> list[Promise]:
         """Fit the sets near a set; return what further causes promise beside it."""
-        promises = self.promises(centre)
-        fits = each(_Fitter(centre, self.data.duration), list(self.trials(centre, promises)),
-                    self.jobs, lambda share: self.progress(
-                        f'cause {len(centre.fit.hypotheses) + 1}', 0.4 + 0.5 * share))
-        self.known.update({Key.of(fit): fit for fit in fits
-                           if Key.of(fit) not in self.settled})
+        promises, step = self.promises(centre), f'cause {len(centre.fit.hypotheses) + 1}'
+        rough = each(_Fitter(centre.likelihood.thinned(SAMPLES), centre.fit.scale,
+                             self.data.duration, True), list(self.trials(centre, promises)), self.jobs,
+                     lambda share: self.progress(step, 0.4 + 0.3 * share))
+        rough.sort(key=lambda fit: -self.score(fit))
+        near = [Trial.of(fit) for fit in rough if Key.of(fit) not in self.settled
+                and self.score(fit) > self.score(rough[0]) - self.reach(rough[0], centre, BEHIND)]
+        fits = each(_Fitter(centre.likelihood, centre.fit.scale, self.data.duration),
+                    near[:FITTED], self.jobs,
+                    lambda share: self.progress(step, 0.7 + 0.2 * share))
+        self.known.update({Key.of(fit): fit for fit in fits})
         return promises
+
+    def reach(self, best: Fit, centre: Settled, least: float) -> float:
+        """Return by how much a set may be behind the best around another and yet lead, nats."""
+        return max(KNOWN * (self.score(best) - self.score(centre.fit)), least)
+
+    def score(self, fit: Fit) -> float:
+        """Return the logarithm of a set's posterior odds against others, nats."""
+        return fit.log_evidence + log_prior(fit, self.nominal)
 
     def ranked(self) -> Posterior:
         """Return all sets that are known with their probabilities."""
         return Posterior.of(list(self.known.values()), self.nominal)
 
-    def settle_leading(self) -> None:
-        """Linearise the leading sets around themselves, so that they compare."""
-        while len(self.settled) < SETTLED:
-            ranked = self.ranked()
-            rough = [fit for fit, p in zip(ranked.fits, ranked.probability)
-                     if p > SHARE and Key.of(fit) not in self.settled]
-            if not rough:
-                return
-            fit = rough[0]
+    def settle_leading(self, centre: Settled) -> None:
+        """Linearise the sets that may lead around themselves, so that they compare."""
+        ranked = self.ranked()
+        for fit in ranked.fits[:LEADING]:
+            reach = self.reach(ranked.best, centre, -np.log(SHARE))
+            if (Key.of(fit) in self.settled
+                    or self.score(fit) < self.score(ranked.best) - reach):
+                continue
             if attempt(lambda f: self.settle(Trial.of(f), f.discrepancy, f.scale), fit) is None:
                 del self.known[Key.of(fit)]
 
@@ -240,7 +277,7 @@ class _Course:
         fitter, both = _Leveller(self.nominal, self.data), UNKNOWN_LEVELS[0]
         found = each(fitter, [(trial, both) for trial in trials], self.jobs)
         if found:
-            best = Trial.of(max(found, key=lambda f: f.log_evidence + log_prior(f, self.nominal)))
+            best = Trial.of(max(found, key=self.score))
             found += each(fitter, [(best, level) for level in UNKNOWN_LEVELS[1:]], self.jobs)
         self.known.update({Key.of(fit): fit for fit in found})
 
@@ -272,18 +309,20 @@ def search(data: Data, nominal: Base, jobs: int, progress: Progress,
     nothing = course.settle(Trial((), (np.zeros(0),)), nominal.discrepancy)
     course.look(nothing)
     promises = {Key.of(nothing.fit): course.around(nothing)}
+    best = nothing
     while len(promises) < EXPLORED:
-        course.settle_leading()
-        best = course.settled[Key.of(course.ranked().best)]
+        course.settle_leading(best)
+        # What was fitted around another set and turns out worse around itself has fallen back.
+        best = max(course.settled.values(), key=lambda s: course.score(s.fit))
         if Key.of(best.fit) in promises:
             break
         promises[Key.of(best.fit)] = course.around(best)
     centres = [course.settled[key] for key in promises]
-    last = max(centres, key=lambda c: c.fit.log_evidence + log_prior(c.fit, nominal))
+    last = max(centres, key=lambda c: course.score(c.fit))
     centres = [c for c in centres if c is not last] + [last]
     progress('unknown', 0.9)
     course.try_unknown(centres)
-    course.settle_leading()
+    course.settle_leading(last)
     posterior = course.ranked()
     best = course.settled.get(Key.of(posterior.best), last)
     return Search(best, tuple(promises[Key.of(last.fit)]), posterior, nothing.fit,

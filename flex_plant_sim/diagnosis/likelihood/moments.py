@@ -9,7 +9,7 @@ from flex_plant_sim.diagnosis.likelihood.evidence import Marginal, Slab
 import numpy as np
 
 # So many samples count as one: calibrated, see benchmarks/temper.py.
-TEMPER = 4.0
+TEMPER = 16.0
 SETTLED, ROUNDS = 1e-3, 20
 
 
