@@ -3,7 +3,8 @@ Print what a diagnosis with the whole catalogue costs: a 40 s log, and one ten t
 
 `python benchmarks/diagnosis_time.py` makes two logs of the reference robot with dry friction in
 its elbow, gives each to `flex_diagnose` in two processes, and samples the memory of all of them
-(proportional set size, so that shared pages count once).
+(proportional set size, so that shared pages count once). Then it searches the short log in one
+process and prints passes through the record and CPU time up to each step.
 """
 
 from __future__ import annotations
@@ -14,11 +15,18 @@ import subprocess
 import sys
 from tempfile import TemporaryDirectory
 import time
+from typing import Any
 
 from flex_plant_sim.arm.robot_file import load_robot
+from flex_plant_sim.diagnosis.causes.search import search
+from flex_plant_sim.diagnosis.prediction.predictor import Predictor
+from flex_plant_sim.diagnosis.record.data import Data
+from flex_plant_sim.diagnosis.record.windows import Record
+from flex_plant_sim.diagnosis.verdict.verdict import nominal_base, slowest_frequency
 from flex_plant_sim.effects import build, parse
 from flex_plant_sim.logs.csv_log import write_csv
 from flex_plant_sim.logs.log import Log
+from flex_plant_sim.logs.read import read_log
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.simulator import Noise, simulate, Simulator
 import numpy as np
@@ -57,12 +65,12 @@ def memory(pid: int) -> float:
     return own / 1024.0 + sum(memory(int(child)) for child in children)
 
 
-def diagnose(path: Path, jobs: int) -> tuple[float, float, str]:
+def diagnose(path: Path, jobs: int, kind: str) -> tuple[float, float, str]:
     """Return time (s), highest memory (MB) and the answer's first line."""
     started, highest = time.perf_counter(), 0.0
     with subprocess.Popen(
             [sys.executable, '-m', 'flex_plant_sim.tools.diagnose', str(path), '--robot',
-             'reference', '--payload', '0.1', '--jobs', str(jobs)],
+             'reference', '--payload', '0.1', '--jobs', str(jobs), '--search', kind],
             stdout=subprocess.PIPE, text=True) as process:
         while process.poll() is None:
             highest = max(highest, memory(process.pid))
@@ -74,11 +82,35 @@ def diagnose(path: Path, jobs: int) -> tuple[float, float, str]:
     return time.perf_counter() - started, highest, text.splitlines()[0]
 
 
+def passes(path: Path) -> None:
+    """Print what each step of a search costs, in passes and in s of CPU."""
+    log, base = read_log(path, ROBOT), nominal_base(ROBOT, 'assumed_modes', 3)
+    record = Record(path.name, log.time, log.command, log.output, 0.1)
+    data = Data.of([record], slowest_frequency(base, 0.1), ROBOT.sample_time)
+    count, whitened, started = [0], Predictor.whitened, time.process_time()
+    seen: set[str] = set()
+
+    def counted(*arguments: Any, **named: Any) -> Any:
+        count[0] += 1
+        return whitened(*arguments, **named)
+
+    def told(step: str, share: float) -> None:
+        if step not in seen:
+            print(f'{count[0]:6d} passes {time.process_time() - started:6.1f} s before: {step}')
+        seen.add(step)
+
+    Predictor.whitened = counted  # type: ignore[method-assign]
+    with np.errstate(all='ignore'):
+        search(data, base, 1, told)
+    told('the end', 1.0)
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--jobs', type=int, default=2, help='processes (default: 2)')
+    parser.add_argument('--search', default='evidence', help='of flex_diagnose')
     parser.add_argument('--seed', type=int, default=0, help='of the records (default: 0)')
     chosen = parser.parse_args()
     found = []
@@ -87,11 +119,12 @@ def main() -> None:
         for duration in (40.0, 400.0):
             path = Path(folder) / f'record_{duration:.0f}.csv'
             write_record(path, duration, chosen.seed)
-            taken, highest, answer = diagnose(path, chosen.jobs)
+            taken, highest, answer = diagnose(path, chosen.jobs, chosen.search)
             found.append(taken)
             print(f'{duration:4.0f} s {taken:7.1f} s {taken / duration:8.2f} {highest:6.0f} MB  '
                   f'{answer[:60]}', flush=True)
-    print(f'ten times the log: {found[1] / found[0]:.1f} times the time')
+        print(f'ten times the log: {found[1] / found[0]:.1f} times the time')
+        passes(Path(folder) / 'record_40.csv')
 
 
 if __name__ == '__main__':

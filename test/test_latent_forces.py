@@ -11,7 +11,6 @@ from flex_plant_sim.diagnosis.prediction.latent_series import gauge_series, torq
 from flex_plant_sim.diagnosis.prediction.latent_view import latent_view
 from flex_plant_sim.diagnosis.prediction.law import Law, law_of
 from flex_plant_sim.diagnosis.prediction.predictor import Base, Predictor
-from flex_plant_sim.diagnosis.prediction.proposals import proposals
 from flex_plant_sim.diagnosis.prediction.smoother import LatentSystem, smooth
 from flex_plant_sim.diagnosis.record.sensor_noise import measurement_noise
 from flex_plant_sim.diagnosis.record.windows import Record, Windows
@@ -186,18 +185,3 @@ def test_gauge_that_reads_too_much_shows_in_its_own_strain() -> None:
     assert law.stated and law.variable == 'strain'
     slope = (law.values[-1] - law.values[0]) / (law.knots[-1] - law.knots[0])
     assert slope == pytest.approx(0.2, abs=0.02)
-
-
-@pytest.mark.parametrize(('hidden', 'label', 'index'), [
-    ('coulomb_friction:joint_2:level_n_m=0.4', 'coulomb_friction:joint_2', 0),
-    ('viscous_friction:joint_1:damping_n_m_s=4', 'viscous_friction:joint_1', 0),
-    ('actuator_bias:joint_2:bias=0.06', 'actuator_bias:joint_2', 0),
-    ('torque_ripple:joint_2:sine_n_m=0.3,cosine_n_m=-0.2,periods_per_turn=12',
-     'torque_ripple:joint_2', 2),
-    ('strain_gain:strain_2a:factor=1.25', 'strain_gain:strain_2a', 0)])
-def test_laws_propose_causes_with_sizes(hidden: str, label: str, index: int) -> None:
-    acting = effects(hidden)
-    view = latent_view([predictor(simulated(acting, SECONDS, seed=4))])
-    found = proposals(view, REFERENCE)
-    assert list(found).index(label) < 3
-    assert found[label][index] == pytest.approx(acting[0].values[index], rel=0.1)

@@ -142,7 +142,9 @@ def run(logs: Sequence[Log], robot: Robot, arguments: argparse.Namespace,
     def predictors(base: Base) -> list[Predictor]:
         return [Predictor(base, windows, noise) for windows, noise in zip(data.locked, data.noise)]
 
-    before, after = predictors(nominal), predictors(extended)
+    before = predictors(nominal)
+    # Where nothing was found nothing is measured twice.
+    after = before if extended == nominal else predictors(extended)
     latent, diagnosis = {'before': latent_view(before)}, with_experiment(diagnosis)
     added: tuple[Effect, ...] = ()
     if diagnosis.verdict in UNNAMED:
@@ -153,9 +155,11 @@ def run(logs: Sequence[Log], robot: Robot, arguments: argparse.Namespace,
         after = predictors(extended)
     progress('measuring the gain', MEASURING_SHARE)
     gains = measure_gain(before, after, seed=arguments.seed)
+    wrong = describe(before)
     found = Run(
         with_gain(diagnosis, gains, len(added)), extended, (before, after), gains,
-        describe(before), describe(after), () if arguments.true_payload is None else payload_gain(
+        wrong, wrong if after is before else describe(after),
+        () if arguments.true_payload is None else payload_gain(
             logs, arguments.true_payload, nominal, extended), latent)
     progress('done', 1.0)
     return found

@@ -64,12 +64,12 @@ class Looker:
 
         """
         found = [look for away in _amounts(hypothesis)
-                 for look in self._at(hypothesis, away) if np.all(np.isfinite(look.changes))]
+                 for look in self.at(hypothesis, away)]
         if not found:
             raise np.linalg.LinAlgError(f'{hypothesis.label}: no finite prediction')
         return hypothesis, tuple(found)
 
-    def _at(self, hypothesis: Hypothesis, away: Array) -> list[Look]:
+    def at(self, hypothesis: Hypothesis, away: Array) -> list[Look]:
         """Return a look at each shape with sizes `away` from null, (k,), one at a time."""
         sizes, event = np.flatnonzero(hypothesis.sizes), hypothesis.event
         shapes = hypothesis.shapes(self.duration)
@@ -80,7 +80,8 @@ class Looker:
         white = self._changes(hypothesis, values).reshape(len(asked), sizes.size, -1)
         if event is not None:
             asked, white = self._later(shapes, asked, event, white)
-        return [Look(*pair) for pair in zip(asked, [away] * len(asked), white)]
+        return [Look(shape, away, rows) for shape, rows in zip(asked, white)
+                if np.all(np.isfinite(rows))]
 
     def _changes(self, hypothesis: Hypothesis, values: Array) -> Array:
         """Return what values (B, k) add to the residual, (B, m, N)."""

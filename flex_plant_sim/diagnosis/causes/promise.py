@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.causes.hypothesis import Hypothesis
-from flex_plant_sim.diagnosis.causes.looks import Look
+from flex_plant_sim.diagnosis.causes.looks import Look, Looker
 from flex_plant_sim.diagnosis.likelihood.evidence import Marginal
 from flex_plant_sim.diagnosis.record.windows import Indices
 import numpy as np
@@ -38,6 +38,28 @@ class Promise:
     starts: tuple[Array, ...]
     magnitudes: Array
     information: Array
+
+
+@dataclass(frozen=True)
+class Closer:
+    """Looks at a hypothesis again at another size, beside the same causes."""
+
+    looker: Looker
+    beside: Beside
+
+    def __call__(self, item: tuple[Promise, float]) -> Promise:
+        """Return a promise that knows what the record holds of one more size."""
+        promise, size = item
+        first = int(np.argmax(promise.hypothesis.sizes))
+        away = promise.hypothesis.magnitudes()[0]
+        looks = self.looker.at(promise.hypothesis, away * size / abs(away[first]))
+        if not looks:
+            return promise
+        more = self.beside.promise(promise.hypothesis, looks)
+        sizes = np.concatenate([more.magnitudes, promise.magnitudes])
+        order = np.argsort(sizes)
+        return replace(promise, magnitudes=sizes[order], information=np.concatenate(
+            [more.information, promise.information])[order])
 
 
 @dataclass(frozen=True)

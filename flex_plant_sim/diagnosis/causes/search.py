@@ -12,7 +12,7 @@ from flex_plant_sim.diagnosis.causes.hypothesis import hypotheses, Hypothesis
 from flex_plant_sim.diagnosis.causes.looks import Look, Looker
 from flex_plant_sim.diagnosis.causes.pool import attempt, each
 from flex_plant_sim.diagnosis.causes.posterior import Key, log_prior, Posterior
-from flex_plant_sim.diagnosis.causes.promise import Beside, Promise
+from flex_plant_sim.diagnosis.causes.promise import Beside, Closer, Promise
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
 from flex_plant_sim.diagnosis.likelihood.moments import TEMPER
 from flex_plant_sim.diagnosis.likelihood.prior import log_odds
@@ -27,12 +27,11 @@ Progress = Callable[[str, float], None]
 # What `unknown` is: slow torques, gauge errors or both of 20 % of the loads and the strains.
 UNKNOWN_LEVELS: tuple[Level, ...] = (
     Amplitude(torque=0.2, gauge=0.2), Amplitude(torque=0.2), Amplitude(gauge=0.2))
-# A budget, no judgement: sets whose neighbours are fitted,
-# hypotheses tried beside a set and in each one's place, sets fitted to all windows, samples of those
-# windows that proposals come from.
+# A budget, no judgement: sets whose neighbours are fitted, hypotheses tried beside a set and in
+# each one's place, sets fitted to all windows, samples of those windows that proposals come from.
 EXPLORED, ADDED, RIVALS, FITTED, SAMPLES = 5, 12, 5, 6, 1600
-# What promises less than this, nats with its price, has no share that is worth stating, but for the
-# few best; nor has what a fit to some windows leaves so far behind another, nor a set less probable.
+# What promises less than this, nats with its price, has no share that is worth stating, but for
+# the few best; nor has what a fit to some windows leaves so far behind, nor a set less probable.
 WORTH, LEAST, BEHIND, SHARE = -1.0, 2, 30.0, 0.05
 # Around another set, a fit knows its gain over that to such a share: parts go where they were not
 # linearised. So many of those that may lead are linearised around themselves at a time.
@@ -111,6 +110,8 @@ class Search:
         The most probable set.
     promises : tuple of Promise
         What each further hypothesis promised beside it.
+    closer : Closer
+        Looks at any of them again.
     posterior : Posterior
         Over all sets that were fitted.
     nothing : Fit
@@ -122,6 +123,7 @@ class Search:
 
     best: Settled
     promises: tuple[Promise, ...]
+    closer: Closer
     posterior: Posterior
     nothing: Fit
     sizes: tuple[int, ...]
@@ -179,10 +181,9 @@ class _Course:
         self.looks = each(Looker(self.thin, self.data.duration), self.catalogue, self.jobs,
                           lambda share: self.progress('looking at all causes', 0.4 * share))
 
-    def promises(self, centre: Settled, left_out: int | None = None, held: bool = False
-                 ) -> list[Promise]:
+    def beside(self, centre: Settled, left_out: int | None = None, held: bool = False) -> Beside:
         """
-        Return what all others promise beside a set, or beside it without one cause.
+        Return what promises beside a set are measured against, or beside it without one cause.
 
         With the parts held at their file, those lead as well that far-off parts stand for.
         """
@@ -193,17 +194,21 @@ class _Course:
             rest[ends[left_out]:ends[left_out + 1]] = False
             effects = centre.causes.effects(fit.values)
             residual = likelihood.residual(effects[:left_out] + effects[left_out + 1:])[0]
-        slab, columns = fit.moments.slab, centre.point.columns[rest]
+        columns, parts = centre.point.columns[rest], slice(0, 0) if held else slice(None)
         plain = residual - np.tensordot(fit.moments.away[rest], columns, 1)
-        parts = slice(0, 0) if held else slice(None)
         rows = np.concatenate([plain[None], columns, likelihood.columns[parts]])[
             ..., self.thin.kept]
         weight = np.repeat(1.0 / (fit.scale * np.sqrt(TEMPER)), rows.shape[-1])
-        beside = Beside(
+        return Beside(
             np.sqrt(self.thin.weight) * rows.reshape(len(rows), -1) * weight,
-            np.concatenate([slab.width[rest], likelihood.tolerances[parts]]), weight,
+            np.concatenate([fit.moments.slab.width[rest], likelihood.tolerances[parts]]), weight,
             self.data.duration)
-        labels = {h.label for k, h in enumerate(fit.hypotheses) if k != left_out}
+
+    def promises(self, centre: Settled, left_out: int | None = None, held: bool = False
+                 ) -> list[Promise]:
+        """Return what all others promise beside a set, see `beside`, the best first."""
+        beside, on = self.beside(centre, left_out, held), centre.fit.hypotheses
+        labels = {h.label for k, h in enumerate(on) if k != left_out}
         found = [beside.promise(h, looks) for h, looks in self.looks if h.label not in labels]
         return sorted(found, key=lambda p: -self.hope(p))
 
@@ -235,7 +240,8 @@ class _Course:
         """Fit the sets near a set; return what further causes promise beside it."""
         promises, step = self.promises(centre), f'cause {len(centre.fit.hypotheses) + 1}'
         rough = each(_Fitter(centre.likelihood.thinned(SAMPLES), centre.fit.scale,
-                             self.data.duration, True), list(self.trials(centre, promises)), self.jobs,
+                             self.data.duration, True),
+                     list(self.trials(centre, promises)), self.jobs,
                      lambda share: self.progress(step, 0.4 + 0.3 * share))
         rough.sort(key=lambda fit: -self.score(fit))
         near = [Trial.of(fit) for fit in rough if Key.of(fit) not in self.settled
@@ -325,5 +331,6 @@ def search(data: Data, nominal: Base, jobs: int, progress: Progress,
     course.settle_leading(last)
     posterior = course.ranked()
     best = course.settled.get(Key.of(posterior.best), last)
-    return Search(best, tuple(promises[Key.of(last.fit)]), posterior, nothing.fit,
+    closer = Closer(Looker(course.thin, data.duration), course.beside(last))
+    return Search(best, tuple(promises[Key.of(last.fit)]), closer, posterior, nothing.fit,
                   tuple(len(key.labels) for key in promises))

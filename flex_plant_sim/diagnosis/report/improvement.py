@@ -116,7 +116,7 @@ def measure_gain(nominal: Sequence[Predictor], extended: Sequence[Predictor],
         raise InputError(f'records: expected the same number before and after, at least one, '
                          f'got {len(nominal)} and {len(extended)}')
     before = [horizon_errors(p, horizons) for p in nominal]
-    after = [horizon_errors(p, horizons) for p in extended]
+    after = before if extended is nominal else [horizon_errors(p, horizons) for p in extended]
     names, step = nominal[0].base.robot.output_names, nominal[0].base.robot.sample_time
     spacing = [start_spacing(p) * step for p in nominal]
     rng, gains = np.random.default_rng(seed), []

@@ -5,16 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from flex_plant_sim.arm.robot import Robot
-from flex_plant_sim.diagnosis.causes.promise import Promise
+from flex_plant_sim.diagnosis.causes.pool import each
+from flex_plant_sim.diagnosis.causes.promise import Closer, Promise
 from flex_plant_sim.diagnosis.likelihood.evidence import detectable
 from flex_plant_sim.diagnosis.likelihood.prior import log_odds
 import numpy as np
 
 ITERATIONS = 20
+# Looks nearer by, and what is far: information is interpolated between sizes.
+CLOSER, FAR = 2, 0.7
 
 
-def detection_limits(promises: Sequence[Promise], robot: Robot, duration: float
-                     ) -> dict[str, tuple[float, str]]:
+def detection_limits(promises: Sequence[Promise], robot: Robot, duration: float,
+                     closer: Closer, jobs: int = 1) -> dict[str, tuple[float, str]]:
     """
     Return 'identifier:site' to (smallest deviation from null, unit); inf where none shows.
 
@@ -28,10 +31,26 @@ def detection_limits(promises: Sequence[Promise], robot: Robot, duration: float
         Whose sites share an effect's odds.
     duration : float
         Of the longest record, s.
+    closer : Closer
+        Looks again where a limit is far below the sizes that were looked at: there, parts may
+        do what the effect does.
+    jobs : int
+        Processes.
 
     """
+    for _ in range(CLOSER):
+        items = [(p, _limit(p, robot, duration)) for p in promises]
+        far = [(p, size) for p, size in items if _below(p, size)]
+        again = {p.hypothesis: p for p in each(closer, far, jobs)}
+        promises = [again.get(p.hypothesis, p) for p in promises]
     return {p.hypothesis.label: (_limit(p, robot, duration),
                                  p.hypothesis.parameters[_size(p)].unit) for p in promises}
+
+
+def _below(promise: Promise, size: float) -> bool:
+    """Tell whether a size is far below all that were looked at, where that may matter."""
+    linear = promise.hypothesis.effect.linear
+    return not linear and bool(size < FAR * np.min(promise.magnitudes))
 
 
 def _size(promise: Promise) -> int:

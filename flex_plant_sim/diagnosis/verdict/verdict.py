@@ -68,7 +68,7 @@ def diagnose(records: Sequence[Record], nominal: Base, jobs: int = 1,
     if still:
         return _cannot_answer(still), data, nominal
     found = search(data, nominal, jobs, progress, exclude)
-    return _diagnosis(found, data, nominal), data, extended_base(found, nominal)
+    return _diagnosis(found, data, nominal, jobs), data, extended_base(found, nominal)
 
 
 def slowest_frequency(base: Base, payload: float) -> float:
@@ -108,8 +108,8 @@ def _cannot_answer(still: Sequence[str]) -> Diagnosis:
                'with pauses of about a second.')
 
 
-def _diagnosis(found: Search, data: Data, nominal: Base) -> Diagnosis:
-    limits = detection_limits(found.promises, nominal.robot, data.duration)
+def _diagnosis(found: Search, data: Data, nominal: Base, jobs: int) -> Diagnosis:
+    limits = detection_limits(found.promises, nominal.robot, data.duration, found.closer, jobs)
     causes = causes_of(found.posterior, found.best.fit)
     verdict, sentence, sets = _verdict(found, causes)
     channels = nominal.robot.output_names
