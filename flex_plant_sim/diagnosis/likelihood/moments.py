@@ -8,7 +8,8 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.likelihood.evidence import Marginal, Slab
 import numpy as np
 
-# So many samples count as one: calibrated, see benchmarks/temper.py.
+# So many samples count as one: on calibration cases more scores better up to 64, by less than its
+# error beyond this (benchmarks/temper.py; the table is in docs/bank.md).
 TEMPER = 16.0
 SETTLED, ROUNDS = 1e-3, 20
 
