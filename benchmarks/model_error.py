@@ -19,6 +19,7 @@ import sys
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
 from flex_payload_estimator.estimators.rpe.filter import FilterStep
 from flex_payload_estimator.estimators.rpe.hypothesis import Filter, Mode, Sample
+from flex_payload_estimator.estimators.rpe.modes import DOUBT, FRESH, HOLD_S, ROUNDS
 from flex_payload_estimator.estimators.rpe.motion import Motion
 from flex_payload_estimator.estimators.rpe.start import Start
 from flex_plant_sim.arm.robot_file import load_robot
@@ -36,7 +37,7 @@ WHOLE = 'whole estimator'
 
 class FixedMode:
     """
-    Filters of one mode only, over the range of payloads; the likeliest gives the estimate.
+    A filter of parts with a fixed model error, that begins again where it was linearised.
 
     Parameters
     ----------
@@ -50,24 +51,37 @@ class FixedMode:
 
     def __init__(self, stepper: FilterStep, amplitude: float, measured: Array):
         self.stepper, self.motion = stepper, Motion(stepper)
+        self.mode = Mode('fixed', True, amplitude, amplitude)
         start = Start(stepper)
         start.begin(measured)
         self.filters = [f for f in start.filters if f.mode.parts]
-        for f in self.filters:
-            f.mode = Mode('fixed', True, amplitude, amplitude)
         self.motion.begin(measured)
 
     @property
     def best(self) -> Filter:
-        """Return the likeliest."""
-        return max(self.filters, key=lambda f: f.log)
+        """Return the likeliest of the start, or the one before the one that begins again."""
+        return max(self.filters, key=lambda f: f.log) if self.filters[0].rounds == 0 \
+            else self.filters[0]
 
     def update(self, sample: Sample) -> None:
         """Advance one sample and learn from it."""
         for f in self.filters:
             self.stepper.step(f, sample, self.motion.loads)
             f.log += f.gained
+            f.age += self.stepper.step_time * self.motion.excited
         self.motion.follow(sample.measured, self.best, sample)
+        self._begin_again()
+
+    def _begin_again(self) -> None:
+        """Do what `modes.Modes` does with a mode of parts."""
+        best, last = self.best, self.filters[-1]
+        if last.rounds > best.rounds:
+            if last.age >= HOLD_S:
+                self.filters = [last]
+        elif best.age >= HOLD_S and best.rounds < ROUNDS:
+            self.filters = [best, self.stepper.again(best, self.mode, FRESH, DOUBT)]
+        elif best.rounds == ROUNDS and best.age >= 2.0 * max(best.linearised, HOLD_S):
+            self.filters = [self.stepper.about(best)]
 
 
 def rows_of(record: Record) -> list[tuple[float, Array, Array]]:

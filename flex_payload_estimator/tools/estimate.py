@@ -122,7 +122,7 @@ def estimate_file(path: str, robot: Robot, name: str, model: str, modes: int) ->
     """
     log = read_log_aloud(path, robot, model, modes, coriolis_of(name, robot, model))
     if name == 'rpe':
-        command_line.say_if_compiling(kernel.step)
+        command_line.say_if_compiling(kernel.correct)
     return estimate(log, make_estimator(
         name, replace(robot, sample_time=log.sample_time), model, modes))
 

@@ -15,7 +15,6 @@ from flex_payload_estimator.estimators.rpe.kernel import (
     FIRST_BIAS,
     MASS,
     predict,
-    step,
     walk,
     without_bias,
 )
@@ -75,8 +74,6 @@ class FilterStep:
         self._density = ERROR_STEP_S / self.step_time
         self._speed = speed_feedback(effects.arm)
         self._no_parts, self._no_offset = np.zeros((0, 1)), np.zeros(told.size)
-        # Where nothing comes between prediction and correction one call does both.
-        self.plain = not (effects.moves or effects.arm.acts_on_output)
 
     def prior_of(self, mode: Mode) -> Prior:
         """Return the prior of the columns that a mode has."""
@@ -141,13 +138,6 @@ class FilterStep:
 
     def step(self, f: Filter, sample: Sample, loads: Loads) -> None:
         """Advance one sample, and learn from it."""
-        if self.plain:
-            x, cov, sens, *model = self._before(f, sample, loads)
-            arguments: tuple[Any, ...] = (x, cov, sens, f.beta, f.spread, f.anchor, *model,
-                                          f.mode.walk**2 * self.step_time, f.model is not None,
-                                          *self._after(f, sample, loads))
-            self._take(f, sample, step(*arguments))
-            return
         self.predict(f, sample, loads)
         self.correct(f, sample, loads)
 
