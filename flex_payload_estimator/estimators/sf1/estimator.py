@@ -103,7 +103,7 @@ class SF1Estimator:
         # Their deviations add at most.
         unseen = 1.0 if count == 1 else (count / (count - 1.0))**2
         self._law = Law(weights, np.append(self.composite.row, 0.0),
-                        np.vstack([self._columns, np.zeros(len(weights))]), self._sensors,
+                        np.pad(self.model.output, ((0, 0), (0, 1))), self._sensors,
                         self.model.scale, float(weights**2 @ self._sensors),
                         given.r_2 / share * float(weights @ weights),
                         self._settled_noise(), given.sf1.alpha_0 * share, given.sf1.alpha_1,

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 from flex_payload_estimator.kalman.riccati import lyapunov_step, riccati_step
 from flex_payload_estimator.model.delta import series
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.compiled import compiled
+from flex_plant_sim.compiled import COMPILED, compiled
 import numpy as np
 
 
@@ -89,13 +89,56 @@ def at_start(scaled: Array, noise: Array, covariance: Array, variance: float) ->
 
 
 @compiled
-def at_known_payload(joint: Array, noisy: Array, noise: Array) -> Array:
-    """Return the covariance of xi were epsilon known, (n, n): the part that noise alone made."""
-    n = len(joint) - 1
-    whole = joint + np.dot(noisy * noise, noisy.T)
+def _put_by_loops(out: Array, value: Array) -> None:
+    for place, number in np.ndenumerate(value):
+        out[place] = number
+
+
+@compiled
+def _add_by_loops(out: Array, value: Array) -> None:
+    for place, number in np.ndenumerate(value):
+        out[place] += number
+
+
+def _add(out: Array, value: Array) -> None:
+    out += value
+
+
+# Loops are compiled in a second, what they stand for in many.
+put, add = (_put_by_loops, _add_by_loops) if COMPILED else (np.copyto, _add)
+
+
+@compiled
+def carried(onward: Array, covariance: Array) -> Array:
+    """Return F P F'."""
+    return np.dot(np.dot(onward, covariance), onward.T)
+
+
+@compiled
+def _symmetric_by_loops(matrix: Array, x: Array, y: Array) -> None:
+    for i in range(len(x)):
+        for j in range(len(y)):
+            matrix[i, j] += x[i] * y[j] + y[i] * x[j]
+
+
+def _symmetric_by_outer(matrix: Array, x: Array, y: Array) -> None:
+    product = np.outer(x, y)
+    matrix += product
+    matrix += product.T
+
+
+# matrix += x y' + y x'.
+add_symmetric = _symmetric_by_loops if COMPILED else _symmetric_by_outer
+
+
+@compiled
+def at_known_payload(whole: Array) -> Array:
+    """Return the covariance of xi were epsilon known, (n, n), of that of both, overwritten."""
+    n = len(whole) - 1
     if whole[n, n] > 0.0:
-        whole -= np.outer(whole[n], whole[n] / whole[n, n])
-    return np.ascontiguousarray(whole[:n, :n])
+        beside = whole[n].copy()
+        add_symmetric(whole, beside, beside * (-0.5 / beside[n]))
+    return whole[:n, :n]
 
 
 @compiled
@@ -125,45 +168,48 @@ def moved(track: Track, after: Track, since: int, a: Array, a_m: Array, rates: A
         T, s.
 
     """
-    n = len(a)
-    big = series(a, *room)
-    a_bar = np.dot(big, a)
-    found = step * np.dot(rates, big.T)
-    after.state[:] = track.state + found[0]
+    n, big = len(a), series(a, *room)
+    a_bar, found = np.dot(big, a), np.dot(rates, big.T) * step
+    put(after.state, track.state)
+    add(after.state, found[0])
+    noisy = track.noisy
     if measured.size > 0:
         gain, covariance, closed = riccati_step(a_bar.T, columns, process, measurement,
                                                 track.covariance, step)
-        after.covariance[:] = covariance
         onward = _onward(closed.T, step)
-        after.state[:] += step * np.dot(measured - np.dot(track.state, columns), gain)
+        innovation = measured - np.dot(track.state, columns)
+        add(after.state, np.dot(innovation, gain) * step)
         whole = _whole(onward)
-        noisy = np.dot(whole, track.noisy)
-        noisy[:n] -= step * gain.T
-        after.joint[:] = np.dot(np.dot(whole, track.joint), whole.T)
-        after.joint[:] += np.dot(noisy * noise, noisy.T)
+        noisy = np.dot(whole, noisy)
+        add(noisy[:n], gain.T * -step)
     else:
-        after.covariance[:] = lyapunov_step(a_bar.T, process, track.covariance, step)
+        covariance = lyapunov_step(a_bar.T, process, track.covariance, step)
         onward = _onward(a_bar, step)
         whole = _whole(onward)
-        after.joint[:] = np.dot(np.dot(whole, track.joint), whole.T)
+    put(after.covariance, covariance)
+    put(after.joint, carried(whole, track.joint))
+    add(after.joint, np.dot(noisy * noise, noisy.T))
     after.noisy[:] = 0.0
-    after.part[:], after.sway[:] = found[1:], step * np.dot(big, a_m)
+    put(after.part, found[1:])
+    put(after.sway, np.dot(big, a_m) * step)
+    put(after.start, track.start)
     if since > 0:
-        after.part[:] += np.dot(track.part, onward.T)
+        add(after.part, np.dot(track.part, onward.T))
+    if since == 1:
+        # The measurement has been taken in: what it leaves of the errors sways the rest.
+        put(after.start, at_known_payload(track.joint.copy()))
     if since > 1:
-        after.sway[:] = np.dot(onward, track.sway) + np.dot(after.sway, track.reach)
+        put(after.sway, np.dot(after.sway, track.reach))
+        add(after.sway, np.dot(onward, track.sway))
         onward = np.dot(onward, track.reach)
-    after.reach[:] = onward
-    # The measurement has been taken in: what it leaves of the errors sways the rest.
-    after.start[:] = at_known_payload(track.joint, track.noisy, noise) if since == 1 \
-        else track.start
+    put(after.reach, onward)
 
 
 @compiled
 def _onward(rate: Array, step: float) -> Array:
     """Return I + T A, (n, n)."""
     onward = np.empty(rate.shape)
-    onward[:] = step * rate
+    put(onward, rate * step)
     for i in range(len(onward)):
         onward[i, i] += 1.0
     return onward
@@ -179,16 +225,14 @@ def _whole(onward: Array) -> Array:
 
 
 @compiled
-def with_slope(joint: Array, slope: Array) -> Array:
-    """Return the joint covariance after xi += slope epsilon, slope (n + 1,) ending in 0."""
-    beside = joint[len(joint) - 1] + 0.5 * joint[len(joint) - 1, len(joint) - 1] * slope
-    product = np.outer(slope, beside)
-    return joint + product + product.T
+def take_slope(joint: Array, slope: Array) -> None:
+    """Change the joint covariance by xi += slope epsilon, slope (n + 1,) ending in 0."""
+    last = joint[len(joint) - 1]
+    add_symmetric(joint, slope, last + slope * (0.5 * last[len(last) - 1]))
 
 
 @compiled
-def with_gain(joint: Array, row: Array, change: Array) -> Array:
-    """Return the joint covariance after (xi, epsilon) -= change (row xi), both (n + 1,)."""
+def take_gain(joint: Array, row: Array, change: Array) -> None:
+    """Change the joint covariance by (xi, epsilon) -= change (row xi), both (n + 1,)."""
     beside = np.dot(joint, row)
-    product = np.outer(change, 0.5 * np.dot(beside, row) * change - beside)
-    return joint + product + product.T
+    add_symmetric(joint, change, change * (0.5 * np.dot(beside, row)) - beside)

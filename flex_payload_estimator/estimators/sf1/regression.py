@@ -8,10 +8,13 @@ from typing import NamedTuple
 
 from flex_payload_estimator.estimators.sf1.adaptation import sf1_step
 from flex_payload_estimator.estimators.sf1.joint import (
+    add,
+    add_symmetric,
     at_known_payload,
+    put,
+    take_gain,
+    take_slope,
     Track,
-    with_gain,
-    with_slope,
 )
 from flex_payload_estimator.model.payload_model import PayloadModel
 from flex_plant_sim.arm.second_order import Array
@@ -88,8 +91,8 @@ class Law(NamedTuple):
     ----------
     weights, row : Array
         See CompositeMeasurement; the row with a 0 for the payload at its end, (n + 1,).
-    columns : Array
-        C-bar' with such a row, (n + 1, m).
+    rows : Array
+        C-bar with such a column, (m, n + 1).
     sensors : Array
         Variances of v, (m,).
     scale : Array
@@ -111,7 +114,7 @@ class Law(NamedTuple):
 
     weights: Array
     row: Array
-    columns: Array
+    rows: Array
     sensors: Array
     scale: Array
     noise: float
@@ -171,21 +174,22 @@ def sampled(track: Track, scaled: Array, due: bool, known: Adapted, law: Law, re
         The mean of their ratio's square, and what is known.
 
     """
-    n = len(track.state)
-    columns = law.columns[:n]
-    innovation = scaled - np.dot(track.state, columns)
-    # The payload's error also shows in what it has added to the state since: `with_slope`.
-    shown, beside = np.dot(track.part[1], columns), np.dot(track.joint[n], law.columns)
-    variances = np.sum(law.columns * np.dot(track.joint, law.columns), axis=0) + law.sensors \
-        + shown * (2.0 * beside + track.joint[n, n] * shown)
-    reading[0], reading[1] = innovation / law.scale, np.sqrt(variances) / law.scale
-    surprise = np.dot(innovation, innovation / variances) / len(scaled)
-    if variances.min() <= 0.0:
+    n, surprise, joint = len(track.state), 0.0, track.joint
+    for k in range(len(scaled)):
+        row = law.rows[k]
+        image, shown = np.dot(joint, row), np.dot(row[:n], track.part[1])
+        innovation = scaled[k] - np.dot(row[:n], track.state)
+        # The payload's error also shows in what it has added to the state since: `take_slope`.
+        variance = (np.dot(row, image) + shown * (2.0 * image[n] + joint[n, n] * shown)
+                    + law.sensors[k])
         # A model that explodes has left no digit of its covariance.
-        surprise = np.nan
+        variance = variance if variance > 0.0 else np.nan
+        reading[0, k] = innovation / law.scale[k]
+        reading[1, k] = math.sqrt(variance) / law.scale[k]
+        surprise += innovation * innovation / variance
     if due:
         known = _regressed(track, scaled, known, law)
-    return surprise, known
+    return surprise / len(scaled), known
 
 
 @compiled
@@ -200,7 +204,8 @@ def _regressed(track: Track, scaled: Array, known: Adapted, law: Law) -> Adapted
     excitation = min((1.0 - law.fading) * known.excitation + law.fading * ratio,
                      math.e * SIGNIFICANT)
     shown = excitation > SIGNIFICANT or ratio > EVIDENT
-    psi, phi = regression(row, np.dot(law.weights, scaled), track.state - known.mass * part, part)
+    part_0 = track.state - part * known.mass
+    psi, phi = regression(row, np.dot(law.weights, scaled), part_0, part)
     weight = 1.0
     if law.resolvent:
         weight = law.reference / (np.dot(row, np.dot(track.covariance, row)) + law.tuned)
@@ -213,12 +218,16 @@ def _regressed(track: Track, scaled: Array, known: Adapted, law: Law) -> Adapted
         # A payload at its limit has moved by a part of the gain only, and so has its error.
         gain *= (mass - known.mass) / (free - known.mass)
     slope, change = np.zeros(n + 1), np.zeros(n + 1)
-    slope[:n], change[n] = true * track.part[1], gain
+    put(slope[:n], track.part[1] * true)
+    change[n] = gain
     if law.resolvent:
-        change[:n] = gain * part
-        track.state[:] += (mass - known.mass) * part
-    track.joint[:] = with_gain(with_slope(track.joint, slope), law.row, change)
-    track.noisy[:] = -np.outer(change, law.weights)
-    track.start[:] = at_known_payload(track.joint, track.noisy, law.sensors)
-    variance = track.joint[n, n] + gain * gain * law.noise
+        put(change[:n], part * gain)
+        add(track.state, part * (mass - known.mass))
+    take_slope(track.joint, slope)
+    take_gain(track.joint, law.row, change)
+    noisy = track.joint.copy()
+    add_symmetric(noisy, change, change * (0.5 * law.noise))
+    put(track.noisy, np.dot(change.reshape(n + 1, 1), law.weights.reshape(1, -1)) * -1.0)
+    variance = noisy[n, n]
+    put(track.start, at_known_payload(noisy))
     return Adapted(mass, p, variance, excitation)
