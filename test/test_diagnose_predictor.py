@@ -29,7 +29,7 @@ GAPS = ('backlash:joint_1:gap_rad=0.01,sensor_behind_gear=0,hub_share=0.1',
 
 def first_fit(base: Base, hidden: Sequence[Effect], label: str) -> tuple[Fit, Fit, Data]:
     """Return a hypothesis's first fit to a record with hidden effects, the base's, the data."""
-    data = Data.of([simulated(hidden, 40.0)], base)
+    data = Data.of([simulated(hidden, 28.0)], base)
     problem, fitted = settle(base, data.windows, data.noise)
     hypothesis, = (h for h in hypotheses(REFERENCE) if h.label == label)
     projector = Projector(problem, fitted.weighting)
@@ -111,7 +111,7 @@ def test_a_first_fit_reaches_a_brake_far_stronger_than_the_drive_s_damping() -> 
 
 def test_a_limit_is_what_base_parameters_cannot_undo() -> None:
     base = Base(REFERENCE, effects=(catalogue()['coriolis_centripetal']('arm', (1.0,)),))
-    data = Data.of([simulated(base.effects, 40.0)], base)
+    data = Data.of([simulated(base.effects, 28.0)], base)
     problem, fitted = settle(base, data.windows, data.noise)
     limits = detection_limits(problem, fitted, data.allowed, data.duration)
     # Three tolerances of stiffness belong to the base, less what their prior costs.
