@@ -34,6 +34,9 @@ GATE = 44.0
 TELLING = 3.0
 # The model error is white with the density of a share that is drawn afresh every 10 ms.
 ERROR_STEP_S = 0.01
+# And it is not white: on 51 arms of three other simulators with parts off, the mean square of
+# error over stated deviation at 10 s was 1.34 whatever its amplitude.
+COLOURED = 1.34
 
 
 class FilterStep:
@@ -112,6 +115,7 @@ class FilterStep:
         mass, variance = without_bias(f.beta, f.spread, self.bias_std)
         variance = float(variance)
         if f.mode.parts:
+            variance *= COLOURED
             if f.rounds == 0:
                 variance += self.prior.considered(f.spread)
             variance *= max(1.0, misfit_of(f.record))
