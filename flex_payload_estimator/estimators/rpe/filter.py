@@ -35,7 +35,7 @@ TELLING = 3.0
 # The model error is white with the density of a share that is drawn afresh every 10 ms.
 ERROR_STEP_S = 0.01
 # And it is not white: on 51 arms of three other simulators with parts off, the mean square of
-# error over stated deviation at 10 s was 1.34 whatever its amplitude.
+# error over stated deviation at 10 s was 1.34 without this.
 COLOURED = 1.34
 
 
