@@ -58,7 +58,9 @@ class Experiment:
         return cls(check_parameters('plant_sim', plant), check_parameters(
             'payload_estimator', {**arm, 'estimator': options.estimator}),
             check_parameters('lqg_controller', {
-                **arm, 'integrator': False, 'reference_amplitude': options.amplitude}),
+                **arm, 'integrator': False, 'reference_amplitude': options.amplitude,
+                # The plant waits for each command, however busy the machine is.
+                'watchdog': 0.0}),
             options.duration)
 
     @property
