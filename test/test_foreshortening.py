@@ -143,3 +143,16 @@ def test_it_brings_the_arm_to_the_finite_elements() -> None:
 
 def test_it_is_no_cause_to_be_named() -> None:
     assert effect(BOTH[1]).identifier in kinds() and 'foreshortening' not in catalogue()
+
+
+@pytest.mark.parametrize('payload', [0.1, 0.3])
+def test_an_arm_that_bends_beyond_the_order_stays_finite(payload: float) -> None:
+    """Square commands of 5 rad/s on both joints bend the links by half their length."""
+    bent = arm(*BOTH).at_payload(payload)
+    time = ROBOT.sample_time * np.arange(400.0)
+    command = 5.0 * np.where(time // 0.2 % 2 < 1, 1.0, -1.0)[:, None] * np.ones(2)
+    stepper = Stepper.of(bent)
+    assert stepper is not None
+    states = stepper.run(np.zeros(bent.states), command, np.zeros((400, bent.form.order)))
+    strain = states @ bent.output_matrix[2:].T
+    assert 4e-3 < np.abs(strain).max() < 0.1

@@ -210,6 +210,10 @@ class Effect(ABC):
         """Return the generalised force over a step, (…, N), from the motion at its middle."""
         return 0.0
 
+    def inertia(self, motion: Motion) -> Array | float:
+        """Return the mass matrix that an `inertial` force's part with p'' has, (…, N, N), or 0."""
+        return 0.0
+
     def dry_friction(self, motion: Motion) -> tuple[Array, Array] | None:
         """Return the largest torque against motion at each joint, N m: forward, backward."""
         return None

@@ -225,8 +225,22 @@ class ExtendedArm:
         motion, pushed = self.motion(state, command, time), after
         for _ in range(self.passes if self._torque else 0):
             middle = self.motion_between(state, pushed, command, time)
-            pushed = after + _apply(e, self.smooth_force(middle))
+            found = after + _apply(e, self.smooth_force(middle))
+            pushed = self._implicit(e, pushed, found, middle) if self.passes > 1 else found
         return self.apply_contact(e, state, pushed, motion)
+
+    def _implicit(self, e: Array, guess: Array, found: Array, middle: Motion) -> Array:
+        """
+        Return the state after a step whose forces gave `found` for `guess` (Newton's step).
+
+        Forces that go with the acceleration change with the velocity they bring about; a light
+        link with a heavy payload has more of such mass than of its own.
+        """
+        n, step, residual = self.form.order, self.step_time, found - guess
+        mass = np.zeros((n, n)) + sum(effect.inertia(middle) for effect in self._torque)
+        through = e[..., n:2 * n, :] @ mass / step
+        gained = np.linalg.solve(np.eye(n) + through, residual[..., n:2 * n, None])
+        return np.asarray(found - (e @ (mass @ gained / step))[..., 0])
 
     def smooth_force(self, motion: Motion) -> Array:
         """Return the sum of the force effects, (…, N)."""

@@ -142,7 +142,28 @@ def _run(series: Array, angle: Array, turning: Array, bending: BendingTerms, sha
             if share != 0.0:
                 gained = momentum(bending, states[k + 1]) - before
                 push[force:] += share * (slopes(bending, middle) - gained / step)
-            states[k + 1] = after + np.dot(matrices, push)
+            found = after + np.dot(matrices, push)
+            if share != 0.0 and np.isfinite(found).all():
+                found -= _held_back(bending, share / step, matrices[:, force:].copy(),
+                                    states[k + 1], found)
+            states[k + 1] = found
+
+
+@compiled
+def _held_back(bending: BendingTerms, share: float, push: Array, guess: Array, found: Array
+               ) -> Array:
+    """Return what ExtendedArm._implicit takes from `found`, (n,); share over the step, 1/s."""
+    order = push.shape[1]
+    mass, moving = np.zeros((order, order)), guess.copy()
+    for i in range(order):
+        moving[order:2 * order] = 0.0
+        moving[order + i] = share
+        mass[i] = momentum(bending, moving)
+    through = np.dot(push[order:2 * order], mass)
+    for i in range(order):
+        through[i, i] += 1.0
+    gained = np.linalg.solve(through, found[order:2 * order] - guess[order:2 * order])
+    return np.dot(push, np.dot(mass, gained))
 
 
 @compiled

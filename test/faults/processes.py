@@ -57,9 +57,7 @@ class Arena:
         """Start a node as a process."""
         own: dict[str, Any] = {**COMMON, **values}
         if node == 'plant_sim':
-            # A command held through a fault drives the arm faster than the forces of motion are
-            # checked for, and there their steps diverge.
-            own = {'mode': 'realtime', 'payload': self.mass, 'coriolis': 'false', **own}
+            own = {'mode': 'realtime', 'payload': self.mass, **own}
             self.arm = None if own['payload'] == self.mass else self.arm
         arguments = [word for name, value in own.items() for word in ('-p', f'{name}:={value}')]
         self.processes[node] = subprocess.Popen(

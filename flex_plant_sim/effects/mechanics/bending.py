@@ -16,6 +16,9 @@ motion along the lower link and along itself. Third order in (q, q') is left out
 Lagrange's forces of that energy, and what the linear equations' own M(eta) has beyond
 CoriolisCentripetal: sin(eta) (w_2 epsilon s - w_1 sigma e - epsilon sigma h), h the row of eta,
 nothing where the links are rigid.
+
+All this is of first order. A link that bends by a third of its length is beyond it, and beyond any
+elastic strain; there the forces fade, for left alone they grow without bound.
 """
 
 from __future__ import annotations
@@ -27,6 +30,11 @@ from flex_plant_sim.arm.robot import Link, Robot
 from flex_plant_sim.arm.second_order import Array, SecondOrderForm
 from flex_plant_sim.effects.mechanics.kinematics import link_columns, link_shapes, root_row
 import numpy as np
+
+# A tip beside its link's axis by 0.37 of the link's length is nearer by 0.08 of that length
+# (0.6 w^2 / L, Euler and Bernoulli's beam under a tip load). An energy of second order makes the
+# mass matrix of heavily loaded links indefinite from about there on.
+SHORTEST, STEEP = 0.08, 8
 
 
 class BendingTerms(NamedTuple):
@@ -44,6 +52,8 @@ class BendingTerms(NamedTuple):
         1 for the upper link's deflections, else 0, (N,).
     carried : float
         M_2, kg.
+    most : tuple of float
+        P and beta where the forces have faded to a half, m and kg m.
 
     """
 
@@ -51,12 +61,13 @@ class BendingTerms(NamedTuple):
     over_velocity: Array
     upper: Array
     carried: float
+    most: tuple[float, float]
 
     @classmethod
     def none(cls, form: SecondOrderForm) -> BendingTerms:
         """Return terms of no mass."""
         n = form.order
-        return cls(np.zeros((3 + 2 * n, n)), np.zeros((4 + n, n)), np.zeros(n), 0.0)
+        return cls(np.zeros((3 + 2 * n, n)), np.zeros((4 + n, n)), np.zeros(n), 0.0, (1.0, 1.0))
 
 
 class LinkTerms(NamedTuple):
@@ -131,7 +142,14 @@ def _terms(form: SecondOrderForm, links: tuple[Link, Link], elbow_mass: float, p
                         form.field[1, 0] + payload * form.field[1, 1]])
     return BendingTerms(np.vstack([bent, shortening, centrifugal]),
                         np.vstack([turning, shortening]), q_1.astype(np.float64),
-                        links[1].mass + payload)
+                        links[1].mass + payload,
+                        (SHORTEST * links[0].length,
+                         SHORTEST * links[1].length * (links[1].mass / 3.0 + payload)))
+
+
+def remaining(short: Any, most: tuple[float, float]) -> Any:
+    """Return how much of the forces is left of arms that bend beyond their order: 1 … 0."""
+    return 1.0 / (1.0 + (short[0] / most[0])**STEEP + (short[3] / most[1])**STEEP)
 
 
 def momentum_factors(rate: Any, bent: Any, short: Any, carried: float) -> tuple[Any, ...]:
@@ -203,6 +221,11 @@ def bending_force(terms: BendingTerms, position: Array, velocity: Array, change:
     return _slopes(terms, position, velocity) - gained / step
 
 
+def bending_mass(terms: BendingTerms, position: Array) -> Array:
+    """Return what that energy adds to the mass matrix, (…, N, N)."""
+    return _momentum(terms, position[..., None, :], np.eye(len(terms.upper)))
+
+
 def _scalars(terms: BendingTerms, position: Array, velocity: Array) -> tuple[Any, ...]:
     """Return rate, bent and short of momentum_factors; S p, C p and S p', S of P and beta."""
     n, upper = len(terms.upper), terms.upper
@@ -224,16 +247,18 @@ def _scalars(terms: BendingTerms, position: Array, velocity: Array) -> tuple[Any
 def _momentum(terms: BendingTerms, position: Array, velocity: Array) -> Array:
     rate, bent, short, shorter, *_ = _scalars(terms, position, velocity)
     *along, of_p, of_beta = momentum_factors(rate, bent, short, terms.carried)
-    return (sum(factor * row for factor, row in zip(along, terms.over_velocity))
-            + (of_p * terms.upper + of_beta * (1.0 - terms.upper)) * shorter)
+    return remaining(short, terms.most) * (
+        sum(factor * row for factor, row in zip(along, terms.over_velocity))
+        + (of_p * terms.upper + of_beta * (1.0 - terms.upper)) * shorter)
 
 
 def _slopes(terms: BendingTerms, position: Array, velocity: Array) -> Array:
     rate, bent, short, shorter, spun, turned = _scalars(terms, position, velocity)
     *along, of_p, of_beta, elbow, across = field_factors(rate, bent, short, terms.carried)
     upper, lower = terms.upper, 1.0 - terms.upper
-    return (sum(factor * row for factor, row in zip(along, terms.over_position))
-            + elbow * terms.over_velocity[2] + across * terms.over_velocity[3]
-            + (of_p * upper + of_beta * lower) * shorter
-            + bent[2] * (rate[3] * upper - rate[2] * lower) * turned
-            + (rate[0]**2 * upper + rate[1]**2 * lower) * spun)
+    return remaining(short, terms.most) * (
+        sum(factor * row for factor, row in zip(along, terms.over_position))
+        + elbow * terms.over_velocity[2] + across * terms.over_velocity[3]
+        + (of_p * upper + of_beta * lower) * shorter
+        + bent[2] * (rate[3] * upper - rate[2] * lower) * turned
+        + (rate[0]**2 * upper + rate[1]**2 * lower) * spun)

@@ -10,10 +10,12 @@ from flex_plant_sim.effects.mechanics.bending import (
     BendingTerms,
     field_factors,
     momentum_factors,
+    remaining,
 )
 import numpy as np
 
 _momentum_factors, _field_factors = compiled(momentum_factors), compiled(field_factors)
+_remaining = compiled(remaining)
 
 
 @compiled
@@ -43,12 +45,12 @@ def momentum(terms: BendingTerms, state: Array) -> Array:
     """Return dL/dp' of the energy of second order at a state, (N,)."""
     n, rows = len(terms.upper), terms.over_velocity
     rate, bent, short, over_p, _ = scalars(terms, state)
-    f = _momentum_factors(rate, bent, short, terms.carried)
+    f, left = _momentum_factors(rate, bent, short, terms.carried), _remaining(short, terms.most)
     found = np.empty(n)
     for i in range(n):
         by = f[4] if terms.upper[i] > 0.0 else f[5]
-        found[i] = (by * over_p[3 + i] + f[0] * rows[0, i] + f[1] * rows[1, i]
-                    + f[2] * rows[2, i] + f[3] * rows[3, i])
+        found[i] = left * (by * over_p[3 + i] + f[0] * rows[0, i] + f[1] * rows[1, i]
+                           + f[2] * rows[2, i] + f[3] * rows[3, i])
     return found
 
 
@@ -57,7 +59,7 @@ def slopes(terms: BendingTerms, state: Array) -> Array:
     """Return its dL/dp, and what M(eta) has beyond CoriolisCentripetal, (N,)."""
     n, rows, turning = len(terms.upper), terms.over_position, terms.over_velocity
     rate, bent, short, over_p, over_v = scalars(terms, state)
-    f = _field_factors(rate, bent, short, terms.carried)
+    f, left = _field_factors(rate, bent, short, terms.carried), _remaining(short, terms.most)
     found = np.empty(n)
     for i in range(n):
         found[i] = (f[0] * rows[0, i] + f[1] * rows[1, i] + f[2] * rows[2, i]
@@ -67,6 +69,7 @@ def slopes(terms: BendingTerms, state: Array) -> Array:
             found[i] += f[3] * shorter + rate[3] * turned + rate[0]**2 * spun
         else:
             found[i] += f[4] * shorter - rate[2] * turned + rate[1]**2 * spun
+        found[i] *= left
     return found
 
 

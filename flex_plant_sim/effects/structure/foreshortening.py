@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.effects.base import Effect, Motion, Parameter
-from flex_plant_sim.effects.mechanics.bending import bending_force, bending_terms
+from flex_plant_sim.effects.mechanics.bending import (
+    bending_force,
+    bending_mass,
+    bending_terms,
+)
 from flex_plant_sim.effects.mechanics.bending_step import step_force
 from flex_plant_sim.effects.mechanics.kinematics import is_energy_form
 import numpy as np
@@ -39,3 +43,12 @@ class Foreshortening(Effect):
             2 * motion.form.order,))
         return np.asarray(self['share'] * force(terms, motion.position, motion.velocity, change,
                                                 motion.step))
+
+    def inertia(self, motion: Motion) -> Array | float:
+        """Return what the force holds of the acceleration, at the end of the step, (…, N, N)."""
+        if not is_energy_form(motion.form):
+            return 0.0
+        n = motion.form.order
+        terms = bending_terms(motion.form, motion.robot, motion.payload)
+        end = motion.position + 0.5 * motion.change[..., :n]
+        return np.asarray(self['share'] * bending_mass(terms, end))
