@@ -48,7 +48,7 @@ def test_the_demo_estimates_the_payload_and_says_what_to_look_at(
     assert summary['at_s']['3'] == pytest.approx(0.1, rel=0.1)
     first = words.splitlines()[0]
     assert first.startswith('flex_demo: 4 s over ROS 2 topics; rpe tells the controller')
-    assert "no estimator's own model: n = 5 modes a link" in words
+    assert "no estimator's own model: n = 8 modes a link" in words
     assert words.count('payload = ') == 9, 'twice a second'
     for text in ('sf1_paper ', 'sf1 ', 'rpe ', 'figure_4.png', 'flex_estimate', 'flex_replay',
                  '4.5 % of its length'):

@@ -19,7 +19,7 @@ import numpy as np
 import yaml
 
 # The plant bends in more modes than any estimator, so that it is none's own model.
-PLANT_MODES = 5
+PLANT_MODES = 8
 # rad; the forearm's tip then bends by a few percent of its length.
 GENTLE = 0.05
 

@@ -51,7 +51,7 @@ def answers_on(record: LoopRecord, robot: Robot, chosen: Mapping[str, tuple[str,
     """
     Return what each estimator says of the samples that the topics carried.
 
-    `rpe` bends in three modes, SF1 in as many as it has gauges on a link; as printed it has the
+    `rpe` bends in five modes, SF1 in as many as it has gauges on a link; as printed it has the
     paper's reduced model.
 
     Parameters
@@ -66,7 +66,7 @@ def answers_on(record: LoopRecord, robot: Robot, chosen: Mapping[str, tuple[str,
     """
     gauges = min(len(link.gauge_positions) for link in robot.links)
     usual = {'sf1_paper': ('paper_reduced', gauges), 'sf1': ('assumed_modes', gauges),
-             'rpe': ('assumed_modes', 3)}
+             'rpe': ('assumed_modes', 5)}
     return [_answer(record, robot, name, *chosen.get(name, usual[name])) for name in WORDS]
 
 
