@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterable, Iterator
 import json
-from multiprocessing import get_context
+import os
 from pathlib import Path
 import subprocess
 import sys
@@ -16,6 +16,7 @@ from bank.cases import all_cases, BankCase, first, FIRST_SEED
 from bank.picture import write_picture
 from bank.run import limits_answer, run_case
 from bank.sizes import Limits, LIMITS_FILE, read_limits, write_limits
+from flex_payload_estimator.fleet.schedule import cluster, DEATHS
 from tqdm import tqdm
 from truth.records import HAVE_MUJOCO, MUJOCO, NO_MUJOCO
 
@@ -30,7 +31,9 @@ def options() -> argparse.Namespace:
     parser.add_argument('--use', choices=sorted(FIRST_SEED), default='scoring',
                         help='seeds and forms to take; what scores must never be tuned on')
     parser.add_argument('--rounds', type=int, default=9, help='cases of every identifier')
-    parser.add_argument('--jobs', type=int, default=2, help='processes')
+    parser.add_argument('--jobs', type=int, default=2, help='workers on this machine')
+    parser.add_argument('--scheduler', metavar='ADDRESS',
+                        help='a Dask scheduler, whose workers have this folder in PYTHONPATH')
     parser.add_argument('--only', default='', help='cases whose name contains this')
     parser.add_argument('--count', type=int, default=None, help='stop after so many cases')
     parser.add_argument('--search', default=None,
@@ -69,16 +72,20 @@ def read_results(path: Path) -> dict[str, dict[str, Any]]:
     return found
 
 
-def run_all(cases: list[BankCase], known: dict[str, dict[str, Any]], path: Path,
-            jobs: int, search: str | None) -> dict[str, dict[str, Any]]:
-    """Return all results, each kept as soon as it is there."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+def run_all(cases: list[BankCase], known: dict[str, dict[str, Any]],
+            chosen: argparse.Namespace) -> dict[str, dict[str, Any]]:
+    """Return all results, each kept as soon as it is there; a case survives its worker."""
+    chosen.results.parent.mkdir(parents=True, exist_ok=True)
     limits, commit = read_limits(), present_commit()
-    options = ('--search', search) if search else ()
+    options = ('--search', chosen.search) if chosen.search else ()
     work = [(case, limits[case.robot], options, commit) for case in cases if case.key not in known]
-    with open(path, 'a', encoding='utf-8') as file, get_context('spawn').Pool(
-            jobs, maxtasksperchild=20) as pool:
-        return known | _keep(pool.imap_unordered(_run, work), file, len(work))
+    # Workers of this machine look for the bank where this program does.
+    os.environ['PYTHONPATH'] = os.pathsep.join([str(Path(__file__).parent), str(REPOSITORY)])
+    with open(chosen.results, 'a', encoding='utf-8') as file, cluster(
+            chosen.scheduler, chosen.jobs) as client:
+        from distributed import as_completed
+        futures = as_completed(client.map(_run, work, pure=False, retries=DEATHS))
+        return known | _keep((future.result() for future in futures), file, len(work))
 
 
 def _keep(results: Iterable[dict[str, Any]], file: Any,
@@ -136,7 +143,7 @@ def main() -> int:
         chosen.results.unlink(missing_ok=True)
     known, cases = read_results(chosen.results), chosen_cases(chosen)
     if not chosen.so_far:
-        known = run_all(cases, known, chosen.results, chosen.jobs, chosen.search)
+        known = run_all(cases, known, chosen)
     report([known[case.key] for case in cases if case.key in known], chosen)
     return 0
 

@@ -17,8 +17,8 @@ import pytest
 
 EXECUTABLES = {
     'plant_sim', 'payload_estimator', 'lqg_controller',
-    'flex_demo', 'flex_diagnose', 'flex_estimate', 'flex_figures', 'flex_fleet', 'flex_replay',
-    'flex_robot',
+    'flex_compile', 'flex_demo', 'flex_diagnose', 'flex_estimate', 'flex_figures', 'flex_fleet',
+    'flex_replay', 'flex_robot',
 }
 PACKAGES = ('flex_plant_sim', 'flex_payload_estimator', 'msg_config')
 
@@ -127,6 +127,7 @@ def test_flake8_settings_are_those_of_ament(repository: Path) -> None:
     settings = dict(config['flake8'])
     settings.pop('exclude')
     assert settings == {
+        'docstring-convention': 'all',
         'extend-ignore': 'C816,D100,D101,D102,D103,D104,D105,D106,D107,D203,D212,D404,I202',
         'import-order-style': 'google',
         'max-line-length': '99',

@@ -16,12 +16,12 @@ from flex_payload_estimator.estimators.rpe.kernel import (
     MASS,
     predict,
     walk,
-    without_bias,
 )
 from flex_payload_estimator.estimators.rpe.linearised import Lineariser
 from flex_payload_estimator.estimators.rpe.prior import Prior, SHARE_STD, SHARES
 from flex_payload_estimator.estimators.rpe.schedule import PayloadSchedule
 from flex_payload_estimator.estimators.rpe.sensors import Loads, speed_feedback
+from flex_payload_estimator.estimators.rpe.without_bias import without_bias
 from flex_plant_sim.arm.second_order import Array
 import numpy as np
 
@@ -36,8 +36,8 @@ TELLING = 3.0
 ERROR_STEP_S = 0.01
 # And it is not white: what a model of few modes lacks lasts, and more of it tells no more. On arms
 # of eight modes in the demo's loop, told three (benchmarks/loop_band.py, seeds 11 to 15), the
-# error stays at this share of (m + soft mass) while the filter's own deviation goes on falling.
-LASTING = 0.02
+# error stays at this share of the payload, while the filter's own deviation goes on falling.
+LASTING = 0.03
 
 
 class FilterStep:
@@ -116,7 +116,7 @@ class FilterStep:
         mass, variance = without_bias(f.beta, f.spread, self.bias_std)
         variance = float(variance)
         if f.mode.parts:
-            variance += (LASTING * (float(mass) + self.schedule.soft_mass))**2
+            variance += (LASTING * float(mass))**2
             if f.rounds == 0:
                 variance += self.prior.considered(f.spread)
             variance *= max(1.0, misfit_of(f.record))

@@ -61,7 +61,7 @@ WALK_S = 1.0
 HOLD_S, ROUNDS = 1.0, 2
 # Trials of other modes: their length, s; how often one begins, and how often where the
 # incumbent's misfit is beyond MISFIT.
-TRIAL_S, PAUSE_S, HASTE_S, MISFIT = 1.0, 2.0, 0.25, 1.4
+TRIAL_S, PAUSE_S, HASTE_S, MISFIT = 2.0, 2.0, 0.25, 1.4
 # Between two modes that are both wrong a trial takes so many times as long, and even the simpler
 # must gain: else they would take turns.
 LONGER = 16.0
@@ -220,6 +220,9 @@ class Modes:
             return gain > MODE_GAIN and trial.age >= PERSISTS_S
         if trial.runner.mode.parts:
             return trial.age >= LONGER * TRIAL_S and gain > MODE_GAIN
+        # What the incumbent knows of the payload is evidence too.
+        apart = (trial.runner.mass - incumbent.mass)**2
+        gain -= 0.5 * apart / (trial.runner.variance + incumbent.variance)
         return (trial.age >= TRIAL_S and gain > -SIMPLER
                 and trial.square < FITS * trial.age)
 

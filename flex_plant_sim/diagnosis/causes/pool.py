@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+import gc
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import ForkContext, ForkProcess
 from typing import Any, TypeVar
@@ -92,6 +93,8 @@ def _served(pipes: Sequence[Connection[Any, Any]], count: int) -> Iterator[tuple
 def _work(task: Callable[[Any], Any], items: Sequence[Any], pipe: Connection[Any, Any],
           others: Sequence[Connection[Any, Any]]) -> None:
     """Serve one pipe until the parent is gone; its own copies of the others' ends are closed."""
+    # What the parent has left behind, handles of a middleware among it, is not to be freed here.
+    gc.freeze()
     for other in others:
         other.close()
     try:

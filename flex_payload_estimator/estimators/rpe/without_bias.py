@@ -1,0 +1,39 @@
+"""The payload where the gauges may as well have no bias."""
+
+from __future__ import annotations
+
+from flex_payload_estimator.estimators.rpe.kernel import applied, FIRST_BIAS, inner, MASS, whitener
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.compiled import compiled
+import numpy as np
+
+
+@compiled
+def without_bias(beta: Array, spread: Array, std: Array) -> tuple[float, float]:
+    """
+    Return payload, kg, and its variance where the gauges' biases may as well be none.
+
+    'No bias' is the posterior given that they vanish, and the evidence for it is the ratio of
+    posterior to prior density there (Savage and Dickey), exact as biases act linearly; both
+    hypotheses are equally likely before.
+
+    Parameters
+    ----------
+    beta, spread : Array
+        (B,) and V, (B, B).
+    std : Array
+        Prior standard deviation of the biases, m/m, (G,).
+
+    """
+    mass, variance = beta[MASS], spread[MASS, MASS]
+    last = FIRST_BIAS + std.size
+    white = whitener(spread[FIRST_BIAS:last, FIRST_BIAS:last].copy())
+    bias = applied(white, beta[FIRST_BIAS:last])
+    cross = applied(white, spread[FIRST_BIAS:last, MASS].copy())
+    evidence = np.log(np.diag(white)).sum() + np.log(std).sum() - 0.5 * inner(bias, bias)
+    if not np.isfinite(evidence):
+        return mass, variance
+    share = 1.0 / (1.0 + np.exp(-min(max(evidence, -30.0), 30.0)))
+    off = inner(cross, bias)
+    return (mass - share * off, max(variance - share * inner(cross, cross), 0.0)
+            + share * (1.0 - share) * off * off)
