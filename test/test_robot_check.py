@@ -11,7 +11,7 @@ from pathlib import Path
 from finite_elements import natural_frequencies
 from flex_payload_estimator.kalman.cramer_rao import linearise, payload_bound
 from flex_plant_sim.arm.robot import EffectSpec, Robot, Tolerances
-from flex_plant_sim.arm.robot_file import load_robot
+from flex_plant_sim.arm.robot_file import load_robot, robot_text
 from flex_plant_sim.commissioning.observability import observability
 from flex_plant_sim.commissioning.plausibility import hints
 from flex_plant_sim.commissioning.standard_move import standard_move
@@ -109,6 +109,7 @@ def test_the_tool_prints_draws_and_writes(tmp_path: Path,
     text = capsys.readouterr().out
     found = json.loads(figures.read_text())
     assert found['hints'] == [] and 'every number is one that an arm can have' in text
+    assert found['not_in_file'] == {} and 'not in the file' not in text
     assert f'± {1e3 * found["payload_std_kg"]["parts_within_tolerances"]:.2g} g' in text
     assert main(['show', str(arm), '--output', str(picture)]) == 0
     assert '<svg' in picture.read_text(encoding='utf-8')
@@ -117,3 +118,14 @@ def test_the_tool_prints_draws_and_writes(tmp_path: Path,
     assert any(row.startswith('strain_gain:strain_1') and row.endswith('10.00 %') for row in rows)
     assert main(['show', str(arm), '--output', str(tmp_path / 'a.txt')]) == 2
     assert 'expected an image suffix' in capsys.readouterr().err
+
+
+def test_what_a_cut_file_lost_is_listed_with_what_stands_in(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arm, text = tmp_path / 'a.yaml', robot_text('quanser_2dsfl')
+    arm.write_text(text[:text.index('  strain_gain:')])
+    assert main(['check', str(arm)]) == 0
+    assert 'strain_gain 0.01, payload 0.01' in capsys.readouterr().out
+    arm.write_text(text.replace('strain_gain: 0.1', 'strain_gain: 10'))
+    assert main(['check', str(arm)]) == 2
+    assert 'tolerances.strain_gain: expected 1e-09 to 3, got 10' in capsys.readouterr().err

@@ -82,6 +82,7 @@ def test_a_geared_motor_without_a_tacho_runs_at_its_back_emf() -> None:
 
 def test_no_key_of_the_parser_is_undocumented() -> None:
     described = {key.name for section in SECTIONS for key in section.keys}
+    described |= {f'tolerances.{name}' for name in TOLERANCES}
     assert set(PLAUSIBLE) <= described
     assert set(TOLERANCES) == {field.name for field in fields(Tolerances)}
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -10,9 +12,11 @@ from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.inputs.single_errors import single_errors
 from flex_plant_sim.logs.csv_log import read_csv, write_csv
+from flex_plant_sim.logs.log import Log
 from flex_plant_sim.logs.read import read_log
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.simulator import simulate, Simulator
+from flex_plant_sim.tools.log_input import hints
 import numpy as np
 import pytest
 
@@ -37,6 +41,29 @@ def test_one_wrong_number_is_found_where_it_is(column: int, row: int, share: flo
     assert found[0].error == pytest.approx(off, rel=0.3)
 
 
+@pytest.mark.parametrize('column', range(2, 8))
+def test_a_wrong_number_in_the_last_row_is_found(column: int) -> None:
+    """Nothing comes after it that could contradict it; what came before does."""
+    command, output, off = spoilt(column, 149, -0.3)
+    found = single_errors(command, output)
+    assert [(error.row, error.column) for error in found] == [(149, column)]
+    assert found[0].error == pytest.approx(off, rel=0.3)
+
+
+def exchange(log: Log) -> Log:
+    command, joint = log.command.copy(), log.joint.copy()
+    command[:, 1], joint[:, 0] = log.joint[:, 0], log.command[:, 1]
+    return replace(log, command=command, joint=joint)
+
+
+@pytest.mark.parametrize('spoil', [exchange, lambda log: replace(
+    log, command=log.command * [1.0, 1e-3])], ids=['columns exchanged', 'command in thousands'])
+def test_a_joint_that_does_not_follow_its_command_is_named(spoil: Callable[[Log], Log]) -> None:
+    assert not hints(good(), ROBOT)
+    said = hints(spoil(good()), ROBOT)
+    assert any(line.startswith('joint_2: hardly moves as the model expects') for line in said)
+
+
 @pytest.mark.parametrize('noise', [0.0, 1.0])
 @pytest.mark.parametrize('name', ['reference', 'quanser_2dsfl'])
 @pytest.mark.parametrize('kind', ['step', 'square', 'pulse', 'sines'])
@@ -57,9 +84,10 @@ def test_records_of_other_arms_have_none(shared_data: Path) -> None:
              shared_data / 'quanser_2dsfl' / 'square_10s.csv']
     assert len(files) == 9
     for file in files:
-        log = read_log(file, load_robot(
-            'reference' if file.parent.name == 'bench' else 'quanser_2dsfl'))
+        robot = load_robot('reference' if file.parent.name == 'bench' else 'quanser_2dsfl')
+        log = read_log(file, robot)
         assert not single_errors(log.command, log.output), file.name
+        assert not [line for line in hints(log, robot) if 'hardly' in line], file.name
 
 
 def test_a_log_says_where_and_what_would_fit(tmp_path: Path) -> None:

@@ -20,7 +20,13 @@ PLAUSIBLE = {
     'sample_time_s': (1e-5, 1.0), 'gauge_amplifier_v_per_strain': (1e-3, 1e9),
     'resistance_ohm': (1e-4, 1e5), 'gear_ratio': (1e-2, 1e5), 'rotor_inertia_kg_m2': (1e-12, 1e3),
     'friction_n_m_s': (1e-12, 1e3), 'amplifier_gain': (1e-4, 1e6), 'tacho_gain_v_s': (1e-7, 1e3),
-    'angle_noise_rad': (1e-12, 0.2), 'strain_noise': (1e-14, 1e-2)}
+    'angle_noise_rad': (1e-12, 0.2), 'strain_noise': (1e-14, 1e-2),
+    'tolerances.gauge_position_m': (1e-9, 1.0), 'tolerances.strain_bias': (1e-14, 1e-2),
+    'tolerances.payload_inertia_kg_m2': (1e-12, 1e3),
+    # Relative: beyond three times itself a number says nothing, and was meant as per cent.
+    **{f'tolerances.{key}': (1e-9, 3.0) for key in (
+        'stiffness', 'damping', 'link_mass', 'drive_inertia', 'drive_gain', 'drive_damping',
+        'elbow_mass', 'elbow_inertia', 'strain_gain', 'payload', 'length')}}
 PREFIXES = {1e-3: 'milli', 1e-6: 'micro', 1e3: 'kilo', 1e6: 'mega', 1e9: 'giga'}
 
 
@@ -36,13 +42,17 @@ class Section:
         Of the mapping in the file, with dots.
     data : dict
         What nobody took yet.
+    left_out : dict
+        Numbers that the file, this section or another, leaves to their defaults, by full key.
 
     """
 
-    def __init__(self, source: str, path: str, data: Any):
+    def __init__(self, source: str, path: str, data: Any,
+                 left_out: dict[str, float] | None = None):
         if not isinstance(data, dict):
             raise InputError(f'{source}: {path or "file"}: expected a mapping, got {shown(data)}')
         self.source, self.path, self.data = source, path, dict(data)
+        self.left_out: dict[str, float] = {} if left_out is None else left_out
         self._asked: list[str] = []
 
     def name(self, key: str) -> str:
@@ -68,7 +78,7 @@ class Section:
     def section(self, key: str, default: Any = None) -> Section:
         """Return the mapping below a key."""
         path = f'{self.path}.{key}' if self.path else key
-        return Section(self.source, path, self.take(key, default))
+        return Section(self.source, path, self.take(key, default), self.left_out)
 
     def text(self, key: str, default: str | None = None) -> str:
         """Return a word or a line."""
@@ -81,8 +91,11 @@ class Section:
     def number(self, key: str, low: float = 0.0, default: float | None = None,
                strict: bool = True) -> float:
         """Return a finite number > low (not strict: >= low), plausible for its key."""
+        if default is not None and key not in self.data:
+            self.left_out[f'{self.path}.{key}'] = default
         value = self._checked(key, self.take(key, default), low, strict)
-        least, most = PLAUSIBLE.get(key, (-math.inf, math.inf))
+        least, most = PLAUSIBLE.get(f'{self.path}.{key}', PLAUSIBLE.get(
+            key, (-math.inf, math.inf)))
         if value and not least <= abs(value) <= most:
             raise InputError(f'{self.name(key)}: expected {least:g} to {most:g}, got {value:g}'
                              f'{_prefix(value, least, most)}')

@@ -140,6 +140,8 @@ class Robot:
         Least and largest angle of the joints, rad.
     inputs : InputMapping
         Names and units of the measurements outside.
+    left_out : Mapping
+        Numbers that the file leaves to their defaults, by key; of no weight in a comparison.
 
     """
 
@@ -158,6 +160,7 @@ class Robot:
     tolerances: Tolerances = field(default_factory=Tolerances)
     angle_limits: tuple[tuple[float, float], tuple[float, float]] = (UNLIMITED, UNLIMITED)
     inputs: InputMapping = field(default_factory=InputMapping, hash=False)
+    left_out: Mapping[str, float] = field(default_factory=dict, compare=False)
 
     @cached_property
     def gauge_names(self) -> tuple[str, ...]:

@@ -146,7 +146,8 @@ def parse_robot(text: str, source: str) -> Robot:
         angle_noise=measurement.number('angle_noise_rad'),
         strain_noise=measurement.number('strain_noise'),
         effects=_effects(source, top.take('effects', [])),
-        tolerances=_tolerances(top.section('tolerances', {})), angle_limits=limits)
+        tolerances=_tolerances(top.section('tolerances', {})), angle_limits=limits,
+        left_out=top.left_out)
     inputs = inputs_of(top.section('inputs', {}), robot.gauge_names)
     for section in (links, drives, elbow, payload, measurement, top):
         section.close()

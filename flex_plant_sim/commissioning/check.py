@@ -63,6 +63,7 @@ class Check:
         """Return the figures for JSON."""
         return {
             'robot': self.robot.name, 'modes': self.modes, 'hints': list(self.hints),
+            'not_in_file': dict(self.robot.left_out),
             'payload_kg': self.robot.payload_mass,
             'locked_hz': {'no_payload': list(self.bare), 'payload': list(self.loaded)},
             'closed': [{'hz': mode.frequency, 'damping_ratio': mode.damping}
@@ -74,14 +75,23 @@ class Check:
 
     def text(self) -> str:
         """Return the figures for a reader."""
-        parts = [self._plausible(), self._frequencies(), self._gauges(), self._payload()]
-        return '\n\n'.join(parts)
+        parts = [self._plausible(), self._left_out(), self._frequencies(), self._gauges(),
+                 self._payload()]
+        return '\n\n'.join(filter(None, parts))
 
     def _plausible(self) -> str:
         if not self.hints:
             return f'{self.robot.name}: every number is one that an arm can have'
         lines = [f'{self.robot.name}: look again at', *(f'  {line}' for line in self.hints)]
         return '\n'.join(lines)
+
+    def _left_out(self) -> str:
+        sections: dict[str, list[str]] = {}
+        for key, value in self.robot.left_out.items():
+            section, _, name = key.rpartition('.')
+            sections.setdefault(section, []).append(f'{name} {value:g}')
+        lines = [f'  {section}: {", ".join(items)}' for section, items in sections.items()]
+        return '\n'.join(['not in the file, so taken as usual', *lines]) if lines else ''
 
     def _frequencies(self) -> str:
         names = ''.join(f'{f"mode {k + 1}":>10}' for k in range(len(self.bare)))

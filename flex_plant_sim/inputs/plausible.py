@@ -22,6 +22,9 @@ SIZE = 4.0
 FAR = 10.0
 # Of increments, which forget drift and offsets.
 ALIKE = 0.5
+# Of a joint that does not follow its command: the model has less than a sixteenth of its motion.
+# Simulated arms with a cause have 0.9 and more, a real arm of another make 0.6.
+UNLIKE = 0.25
 # Of the squared difference from the model that is left where two channels change places: two
 # gauges of a link differ by little more than their size. Simulated logs leave 0.3 to 0.7 of it
 # where they are exchanged, and more than all where they are not.
@@ -57,7 +60,7 @@ def unit_hint(refusal: Refusal) -> str:
 
 
 def channel_hints(measured: Array, expected: Array, names: Sequence[str],
-                  units: Sequence[str]) -> tuple[str, ...]:
+                  units: Sequence[str], noise: Array) -> tuple[str, ...]:
     """
     Return, for each channel unlike what its model expects, the unit or the sign that explains it.
 
@@ -69,11 +72,13 @@ def channel_hints(measured: Array, expected: Array, names: Sequence[str],
         (N, m).
     names, units : sequence of str
         Of the channels, m; units as in SI.
+    noise : Array
+        Standard deviations of the channels, (m,).
 
     """
     found = list(_exchanged(np.diff(measured, axis=0), np.diff(expected, axis=0), names, units))
-    for name, unit, own, model in zip(names, units, np.diff(measured, axis=0).T,
-                                      np.diff(expected, axis=0).T):
+    for name, unit, std, own, model in zip(names, units, noise, np.diff(measured, axis=0).T,
+                                           np.diff(expected, axis=0).T):
         size, wanted = float(np.linalg.norm(own)), float(np.linalg.norm(model))
         if not (size > 0.0 and wanted > 0.0):
             continue
@@ -87,6 +92,9 @@ def channel_hints(measured: Array, expected: Array, names: Sequence[str],
             found.append(f'{name}: {size / wanted:.3g} times what the model expects: '
                          + (f'is it in {fits[0]}?' if fits else 'is its scale right, or the '
                             "command's, and is it this column?"))
+        elif unit == 'rad' and abs(alike) < UNLIKE and size > 2.0 * std * math.sqrt(len(own)):
+            found.append(f'{name}: hardly moves as the model expects (correlation {alike:.2f}): '
+                         "is it this column, and the command's column and scale?")
         if alike < -ALIKE:
             found.append(f'{name}: moves against what the model expects (correlation '
                          f'{alike:.2f}): is its sign inverted?')

@@ -85,12 +85,16 @@ class _Fit(NamedTuple):
 def _scores(fit: _Fit, pattern: list[Array]) -> tuple[Array, Array]:
     """Return for each row how surely an error with a pattern is there, and its size, (N,)."""
     white = [fit.whiten @ row for row in pattern]
-    norm = float(np.sqrt(sum(float(row @ row) for row in white)))
-    if not norm > 0.0:
-        return np.zeros(len(fit.power)), np.zeros(len(fit.power))
     rows = len(fit.power)
-    score = np.sum([fit.white[k:k + rows] @ row for k, row in enumerate(white)], axis=0) / norm
-    return score, score / norm
+    # Near the end only the first rows of the pattern are there.
+    there = np.cumsum([row @ row for row in white])
+    norm = np.sqrt(there[np.minimum(np.arange(rows)[::-1], len(white) - 1)])
+    score = np.sum([fit.white[k:k + rows] @ row for k, row in enumerate(white)], axis=0)
+    return _ratio(score, norm), _ratio(score, norm**2)
+
+
+def _ratio(part: Array, whole: Array) -> Array:
+    return np.divide(part, whole, out=np.zeros(len(part)), where=whole > 0.0)
 
 
 def _fit(before: Array, after: Array) -> _Fit:

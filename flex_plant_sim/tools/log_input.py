@@ -64,4 +64,5 @@ def hints(log: Log, robot: Robot) -> tuple[str, ...]:
     if not np.isfinite(expected).all():
         return ()
     units = ('rad', 'rad', *('m/m' for _ in log.gauge_names))
-    return channel_hints(part.output, expected, log.output_names, units)
+    noise = np.where(np.array(units) == 'rad', robot.angle_noise, robot.strain_noise)
+    return channel_hints(part.output, expected, log.output_names, units, noise)

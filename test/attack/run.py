@@ -8,15 +8,18 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 import random
 import re
 import sys
 from tempfile import TemporaryDirectory
 import time
+from typing import Any
 
 from attack.mutations import BYTES, Mutation, TABLE, YAML
+from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import load_robot, parse_robot, robot_text
 from flex_plant_sim.logs.bag_log import write_bag
 from flex_plant_sim.logs.csv_log import write_csv
@@ -70,9 +73,30 @@ def misled(found: Log, good: Log) -> str:
 def _worst(a: Log, b: Log, scale: np.ndarray) -> tuple[float, str]:
     rows = min(len(a), len(b))
     off = np.abs(np.hstack([a.command, a.output])[:rows] - np.hstack([b.command, b.output])[:rows])
+    if rows == len(a):
+        off[-1, :2] = 0.0  # a command acts after its row: on nothing here
     share = off.max(axis=0) / scale
     names = ('command_1', 'command_2', *b.output_names)
     return float(share.max()), names[int(share.argmax())]
+
+
+def changed(found: Robot, good: Robot) -> str:
+    """Return what differs in a robot from the one it was, and `flex_robot check` does not list."""
+    listed = [value for key, value in found.left_out.items() if key not in good.left_out]
+    return '; '.join(
+        f'{key}: {a!r} for {b!r}' for (key, a), (_, b) in zip(_values(found), _values(good))
+        if a != b and a not in listed)
+
+
+def _values(item: Any, key: str = '') -> Iterator[tuple[str, Any]]:
+    if is_dataclass(item):
+        for name in (field.name for field in fields(item) if field.compare):
+            yield from _values(getattr(item, name), f'{key}.{name}')
+    elif isinstance(item, tuple) and item and is_dataclass(item[0]):
+        for k, part in enumerate(item):
+            yield from _values(part, f'{key}[{k}]')
+    elif key != '.name':  # a title; nothing is computed from it
+        yield key, item
 
 
 def line_fault(error: InputError) -> str:
@@ -136,9 +160,8 @@ class Attack:
 
     def _read(self, file: Path, rng: random.Random) -> Outcome:
         if self.kind == 'robot':
-            robot = parse_robot(file.read_bytes().decode(errors='replace'), str(file))
-            good = parse_robot(self.data[file].decode(), str(file))
-            return Outcome('read' if robot == good else 'read as another robot')
+            wrong = changed(load_robot(file), parse_robot(self.data[file].decode(), str(file)))
+            return Outcome('read as another robot', wrong) if wrong else Outcome('read')
         single = self.kind == 'csv' or (file.suffix != '.yaml' and rng.random() < 0.5)
         log = read_log(file if single else file.parent, ROBOT)
         wrong = misled(log, self.good)
