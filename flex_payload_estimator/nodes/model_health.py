@@ -9,7 +9,7 @@ import math
 from flex_plant_sim.arm.second_order import Array
 from msg_config.errors import InputError
 import numpy as np
-from scipy.stats import chi2, norm
+from scipy.special import chdtri, ndtri
 
 LAGS = 10
 # Beyond so many standard deviations all are alike; higher powers must not overflow.
@@ -104,9 +104,9 @@ class ModelHealth:
             raise InputError(f'model health: expected a window of more than {4 * LAGS} samples, '
                              f'got {window}')
         self.names, self.sample_time, self.window = tuple(names), sample_time, window
-        self.nis_limit = max(EXCESS, chi2.isf(FALSE_ALARM, window) / window)
-        self.whiteness_limit = max(EXCESS, chi2.isf(FALSE_ALARM, LAGS) / LAGS)
-        self.offset_limit = norm.isf(FALSE_ALARM) / np.sqrt(window)
+        self.nis_limit = max(EXCESS, chdtri(window, FALSE_ALARM) / window)
+        self.whiteness_limit = max(EXCESS, chdtri(LAGS, FALSE_ALARM) / LAGS)
+        self.offset_limit = -ndtri(FALSE_ALARM) / np.sqrt(window)
         self.reset()
 
     def reset(self) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+import math
 
 from flex_payload_estimator.estimators.rpe.kernel import CORIOLIS, FIRST_BIAS, MASS
 from flex_payload_estimator.estimators.rpe.schedule import Mixture, PayloadSchedule, turning_rows
@@ -15,7 +16,7 @@ from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.effects.structure.coriolis_centripetal import CoriolisCentripetal
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
-from scipy.stats import truncnorm
+from scipy.special import log_ndtr
 
 # The share of the Coriolis forces: the paper's equations have none, nature has all.
 # An exact model has one of the two; with parts it may be between.
@@ -127,8 +128,8 @@ def positive(nominal: float, tolerance: float) -> tuple[float, float]:
     point, they are 0.8 and 0.6 tolerances.
     """
     low = -nominal / tolerance
-    mean, variance = truncnorm.stats(low, np.inf)
-    return tolerance * float(mean), tolerance * float(variance)**0.5
+    mean = math.exp(-0.5 * low**2 - log_ndtr(-low)) / math.sqrt(2.0 * math.pi)
+    return tolerance * mean, tolerance * math.sqrt(1.0 + low * mean - mean**2)
 
 
 def prior_of(robot: Robot, effects: Sequence[Effect], turns: bool) -> Prior:

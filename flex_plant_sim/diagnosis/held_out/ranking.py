@@ -12,7 +12,7 @@ from flex_plant_sim.diagnosis.held_out.gain import held_out, spread
 from flex_plant_sim.diagnosis.held_out.hypothesis import Hypothesis
 from flex_plant_sim.diagnosis.verdict.results import Candidate, ParameterValue
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 TIE = 0.02
 TIE_NATS = 3.0
@@ -195,7 +195,7 @@ def parameter_values(fit: Fit) -> tuple[ParameterValue, ...]:
     windows = len(score)
     sandwich = curvature @ (score.T @ score) @ curvature * windows / max(windows - 1, 1)
     variance = np.maximum(np.diagonal(curvature), np.diagonal(sandwich))[:count]
-    reach = student.ppf(0.975, max(windows - 1, 2)) * np.sqrt(variance)
+    reach = stdtrit(max(windows - 1, 2), 0.975) * np.sqrt(variance)
     low, high = fit.hypothesis.low, fit.hypothesis.high
     return tuple(
         ParameterValue(p.name, float(v), float(max(v - r, a)), float(min(v + r, b)), p.unit)

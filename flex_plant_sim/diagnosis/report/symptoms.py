@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_toeplitz
 from scipy.signal import welch
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 HORIZONS = (0.2, 1.0, 5.0)
 LAGS = 20
@@ -103,7 +103,7 @@ def whiteness(parts: Sequence[Array], lags: int = LAGS) -> Whiteness:
     statistic = float(count * (count + 2) * np.sum(rho[1:]**2 / (count - np.arange(1, lags + 1))))
     explained = float(rho[1:] @ solve_toeplitz(rho[:-1], rho[1:]))
     adjusted = 1.0 - (1.0 - explained) * count / max(count - lags, 1)
-    return Whiteness(statistic, lags, float(chi2.sf(statistic, lags)), max(adjusted, 0.0))
+    return Whiteness(statistic, lags, float(chdtrc(lags, statistic)), max(adjusted, 0.0))
 
 
 def shapes(predictor: Predictor) -> dict[str, Array]:
