@@ -19,7 +19,7 @@ demo: .venv/.$(DISTRO)-run  ## the paper's experiment in closed loop over ROS 2 
 	$(BIN)/flex_demo
 
 test: .venv/.$(DISTRO)-test  ## all tests with coverage, style and types included
-	$(BIN)/python -m pytest -n 2 --dist loadfile $(COVERAGE)
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(COVERAGE)
 
 lint: .venv/.$(DISTRO)-test  ## style and types alone
 	$(BIN)/python -m pytest -q test/test_style.py

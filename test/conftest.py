@@ -17,12 +17,24 @@ if TYPE_CHECKING:
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 SHARED_DATA = REPOSITORY.parent / 'shared' / 'data'
+# Files of more than ten seconds.
+LONGEST = (
+    'test_documented_commands.py', 'test_style.py', 'test_fleet.py', 'test_bank_quick.py',
+    'test_rpe_robust.py', 'test_nodes_processes.py', 'test_nodes_faults.py', 'test_demo.py',
+    'test_rpe_pace.py', 'test_rpe.py', 'test_rpe_changes.py', 'test_outputs.py',
+    'test_colcon_build.py', 'test_truth.py', 'test_nodes_lockstep.py', 'test_nodes_bad_samples.py')
 
 # Read when a context starts, here and in the processes that a test starts.
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 os.environ.setdefault('ROS_LOG_DIR', os.path.join(tempfile.gettempdir(), 'flex_payload_log'))
 # A background job of a shell starts with Ctrl-C ignored, and so would the processes of its tests.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Let the longest files come first: a worker that gets one last would keep all waiting."""
+    items.sort(key=lambda item: LONGEST.index(item.path.name)
+               if item.path.name in LONGEST else len(LONGEST))
 
 
 @pytest.fixture(scope='session')

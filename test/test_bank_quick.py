@@ -33,7 +33,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     truth = FRICTION.truth()
     write_record(FRICTION, truth, folder / 'record.csv')
     others = [f'--exclude={name}' for name in catalogue() if name not in RIVALS]
-    code = main([str(folder / 'record.csv'), *others, '--jobs', '2',
+    code = main([str(folder / 'record.csv'), *others, '--jobs', '1',
                  '--payload', f'{truth.payload_told:.9g}',
                  '--json', str(folder / 'answer.json'), '--report', str(folder / 'report'),
                  '--extended', str(folder / 'robot.yaml')])
@@ -91,9 +91,3 @@ def test_clean_arm_with_tolerances_and_distractors_is_left_alone() -> None:
     line = run_case(BankCase('clean', (), 'reference', 1001), read_limits()['reference'])
     assert line['code'] == 0
     assert score.named(line) == []
-
-
-def test_noise_alone_gets_no_name() -> None:
-    line = run_case(BankCase('control', ('noise_only',), 'reference', 1002), {})
-    assert line['code'] == 0
-    assert (line['verdict'], score.named(line)) == ('data_cannot_answer', [])

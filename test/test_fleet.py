@@ -20,7 +20,7 @@ import psutil
 import pytest
 
 HEADER = 'time,command_1,command_2,joint_1,joint_2,strain_1a,strain_1b,strain_2a,strain_2b'
-SAMPLES = 3000
+SAMPLES = 2100  # the shortest that flex_diagnose takes has five windows of 4 s
 ANSWERS = ('arm', 'log', 'verdict', 'causes', 'payload_kg', 'since', 'error')
 
 
@@ -72,7 +72,10 @@ def test_a_bad_file_and_a_killed_worker_lose_nothing_else(tmp_path: Path) -> Non
     assert fleet.returncode == 0 and 'Traceback' not in errors, errors
     assert '3 logs of 2 arms, 1 with errors' in output
     rows = {Path(row['log']).name: row for row in _table(tmp_path)}
-    assert [rows[f'{k}.csv']['verdict'] for k in range(2)] == ['data_cannot_answer'] * 2
+    for k in range(2):
+        # Noise alone gets no name.
+        assert rows[f'{k}.csv']['verdict'] == 'data_cannot_answer'
+        assert rows[f'{k}.csv']['causes'] == ''
     assert 'expected 4 gauges' in rows['bad.csv']['error']
     assert 'night/arm_1' in (tmp_path / 'out' / 'fleet.html').read_text()
     # Nothing is left to do: the same table, without a cluster.
