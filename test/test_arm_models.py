@@ -47,8 +47,9 @@ def test_paper_model_converges_to_the_finite_elements(theta_2: float, payload: f
 @pytest.mark.parametrize('theta_2, payload', CASES)
 def test_assumed_modes_agree_with_the_finite_elements(theta_2: float, payload: float) -> None:
     exact = natural_frequencies(ROBOT, theta_2, payload)[:4]
-    three = locked_frequencies(assumed_modes(ROBOT, 3), theta_2, payload)[:2] / exact[:2] - 1.0
-    assert np.all(np.abs(three) < 0.002)
+    three = locked_frequencies(assumed_modes(ROBOT, 3), theta_2, payload)[:4] / exact - 1.0
+    assert np.all(np.abs(three[:2]) < 3e-4)
+    assert np.all(np.abs(three) < (0.002 if payload else 0.01))
     ten = locked_frequencies(assumed_modes(ROBOT, 10), theta_2, payload)[:4] / exact - 1.0
     assert np.all(np.abs(ten) < 1e-4)
 

@@ -200,11 +200,11 @@ def test_ritz_shapes_hold_the_static_deflections_exactly(n: int) -> None:
 
 def test_ritz_frequencies_bound_the_exact_ones_from_above() -> None:
     """Rayleigh: every Ritz frequency lies above the exact one, and falls as shapes are added."""
-    few, more = ritz(4), ritz(8)
+    few, more = ritz(4), ritz(12)
     exact = few.beam.frequencies
     assert np.all(few.frequencies >= exact * (1.0 - 1e-12))
     assert np.all(more.frequencies[:4] <= few.frequencies * (1.0 + 1e-12))
-    np.testing.assert_allclose(few.frequencies[:2], exact[:2], rtol=1e-5)
+    np.testing.assert_allclose(more.frequencies[:2], exact[:2], rtol=1e-5)
 
 
 def test_moments_exhaust_the_rigid_motions() -> None:
