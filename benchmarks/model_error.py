@@ -19,8 +19,9 @@ import sys
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
 from flex_payload_estimator.estimators.rpe.filter import FilterStep
 from flex_payload_estimator.estimators.rpe.hypothesis import Filter, Mode, Sample
-from flex_payload_estimator.estimators.rpe.modes import DOUBT, FRESH, HOLD_S, ROUNDS
+from flex_payload_estimator.estimators.rpe.modes import FRESH, HOLD_S, ROUNDS
 from flex_payload_estimator.estimators.rpe.motion import Motion
+from flex_payload_estimator.estimators.rpe.sensors import Loads
 from flex_payload_estimator.estimators.rpe.start import Start
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
@@ -56,32 +57,37 @@ class FixedMode:
         start.begin(measured)
         self.filters = [f for f in start.filters if f.mode.parts]
         self.motion.begin(measured)
+        self.past: list[tuple[Sample, Loads, float]] = []
 
     @property
     def best(self) -> Filter:
-        """Return the likeliest of the start, or the one before the one that begins again."""
-        return max(self.filters, key=lambda f: f.log) if self.filters[0].rounds == 0 \
-            else self.filters[0]
+        """Return the likeliest of the start, or what began again."""
+        return max(self.filters, key=lambda f: f.log)
 
     def update(self, sample: Sample) -> None:
         """Advance one sample and learn from it."""
+        loads, lived = self.motion.loads, self.stepper.step_time * self.motion.excited
+        self.past.append((sample, loads, lived))
         for f in self.filters:
-            self.stepper.step(f, sample, self.motion.loads)
-            f.log += f.gained
-            f.age += self.stepper.step_time * self.motion.excited
+            self._learn(f, sample, loads, lived)
         self.motion.follow(sample.measured, self.best, sample)
-        self._begin_again()
-
-    def _begin_again(self) -> None:
-        """Do what `modes.Modes` does with a mode of parts."""
-        best, last = self.best, self.filters[-1]
-        if last.rounds > best.rounds:
-            if last.age >= HOLD_S:
-                self.filters = [last]
-        elif best.age >= HOLD_S and best.rounds < ROUNDS:
-            self.filters = [best, self.stepper.again(best, self.mode, FRESH, DOUBT)]
+        best = self.best
+        if best.age >= HOLD_S and best.rounds < ROUNDS:
+            self.filters = [self._again(best)]
         elif best.rounds == ROUNDS and best.age >= 2.0 * max(best.linearised, HOLD_S):
             self.filters = [self.stepper.about(best)]
+
+    def _learn(self, f: Filter, sample: Sample, loads: Loads, lived: float) -> None:
+        self.stepper.step(f, sample, loads)
+        f.log, f.age = f.log + f.gained, f.age + lived
+
+    def _again(self, best: Filter) -> Filter:
+        """Do at once what `modes.Modes` does while samples come."""
+        (first, loads, _), *rest = self.past
+        new = self.stepper.again(best, self.mode, FRESH, first, loads)
+        for moment in rest:
+            self._learn(new, *moment)
+        return new
 
 
 def rows_of(record: Record) -> list[tuple[float, Array, Array]]:

@@ -51,7 +51,7 @@ def test_the_demo_estimates_the_payload_and_says_what_to_look_at(
     assert "no estimator's own model: n = 8 modes a link" in words
     assert words.count('payload = ') == 7, 'twice a second'
     for text in ('sf1_paper ', 'sf1 ', 'rpe ', 'figure_4.png', 'flex_estimate', 'flex_replay',
-                 '4.5 % of its length'):
+                 '4.4 % of its length'):
         assert text in words
     assert '± 0.0000' not in words
 

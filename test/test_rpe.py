@@ -95,6 +95,7 @@ def test_a_prediction_moves_the_joint_covariance_by_its_own_derivatives() -> Non
 def test_a_walk_and_a_measurement_are_those_of_the_augmented_kalman_filter() -> None:
     stepper = (estimator := estimator_of()).stepper
     f = anywhere(estimator)
+    f.mode = f.mode._replace(gauge=0.0)
     n, size, gauges = f.x.size, f.beta.size, 4
     expected = joint(f)
     expected[n, n] += 0.02**2

@@ -185,6 +185,9 @@ class RecursivePredictionError:
         if sample is None:
             return
         if self._incumbent is None:
+            if not self._motion.moved:
+                self._modes.clear()
+            self._modes.remember(sample, self._loads, self._motion.excited)
             left = self._start.decide(self._motion.excited)
             for f in left[1:]:
                 self._modes.keep(f, sample.time, WAIT_S)
@@ -225,8 +228,9 @@ class RecursivePredictionError:
             steps = 1
         for k in range(1, steps):
             sample = self._sample(start + k * step, None, self._command)._replace(doubt=doubt)
-            for f in [*self._filters(), *self._modes.filters()]:
+            for f in self._filters():
                 self.stepper.predict(f, sample, self._motion.loads)
+            self._modes.missed(sample, self._motion.loads, self._motion.excited)
         sample, before = ahead or (self._sample(self._time, output, self._command),
                                    [f.copy() for f in self._filters()])
         sample = sample._replace(measured=output)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from flex_payload_estimator.estimators.base import Event
 from flex_payload_estimator.estimators.rpe.hypothesis import Filter
-from flex_payload_estimator.estimators.rpe.modes import Trial
+from flex_payload_estimator.estimators.rpe.trial import Trial
 
 # A change counts from this many standard deviations, and this share of (m + soft mass).
 DEVIATIONS, SHARE = 4.0, 0.03

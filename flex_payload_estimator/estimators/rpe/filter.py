@@ -34,10 +34,6 @@ GATE = 44.0
 TELLING = 3.0
 # The model error is white with the density of a share that is drawn afresh every 10 ms.
 ERROR_STEP_S = 0.01
-# And it is not white: what a model of few modes lacks lasts, and more of it tells no more. On arms
-# of eight modes in the demo's loop, told three (benchmarks/loop_band.py, seeds 11 to 15), the
-# error stays at this share of the payload, while the filter's own deviation goes on falling.
-LASTING = 0.03
 
 
 class FilterStep:
@@ -116,15 +112,13 @@ class FilterStep:
         mass, variance = without_bias(f.beta, f.spread, self.bias_std)
         variance = float(variance)
         if f.mode.parts:
-            variance += (LASTING * float(mass))**2
             if f.rounds == 0:
                 variance += self.prior.considered(f.spread)
             variance *= max(1.0, misfit_of(f.record))
         return float(mass), variance + self.prior_of(f.mode).scale_variance * float(mass)**2
 
     def _before(self, f: Filter, sample: Sample, loads: Loads) -> tuple[Any, ...]:
-        torque = np.sqrt(self._torque + sample.doubt
-                         + f.mode.drive**2 * self._density * loads.drive)
+        torque = np.sqrt(self._torque + sample.doubt + self._drive_error(f, sample, loads))
         known, order = (f.x, f.cov, f.sens), self.schedule.order
         if f.model is not None:
             return (*known, f.model.anchor, order, f.model.value, f.model.slopes,
@@ -135,9 +129,21 @@ class FilterStep:
         return (*known, f.beta, order, piece.value, piece.slopes, parts,
                 f.beta[MASS] - piece.payload, sample.command, self.turning, torque)
 
+    def _drive_error(self, f: Filter, sample: Sample, loads: Loads) -> Array | float:
+        """Return the variance of the model error of the drives: of late, and no less than now."""
+        if not f.mode.drive:
+            return 0.0
+        net = self.net_command(f, sample.command)
+        return f.mode.drive**2 * self._density * np.maximum(loads.drive, net * net)
+
     def _after(self, f: Filter, sample: Sample, loads: Loads) -> tuple[Any, ...]:
-        noise = self.told_variance * f.record[:self.told_variance.size] \
-            + f.mode.gauge**2 * self._density * loads.strain
+        noise = self.told_variance * f.record[:self.told_variance.size]
+        if f.mode.parts:
+            # One that expects more than it sees cannot tell how much less the noise is.
+            noise = np.maximum(noise, self.told_variance)
+        if f.mode.gauge and sample.measured is not None:
+            strain = np.maximum(loads.strain, loads.carried(sample.measured))
+            noise = noise + f.mode.gauge**2 * self._density * strain
         return (sample.measured, self._offset(f.x, sample.time), self.output, noise,
                 self.prior.gains if f.mode.parts else 0, GATE, self.heaviest)
 
@@ -219,25 +225,30 @@ class FilterStep:
         return replace(f, x=f.x + f.sens @ (anchor - f.anchor), anchor=anchor,
                        model=self.lineariser.about(anchor), linearised=f.age)
 
-    def again(self, f: Filter, mode: Mode, fresh: float, doubt: float) -> Filter:
+    def again(self, f: Filter, mode: Mode, fresh: float, first: Sample, loads: Loads) -> Filter:
         """
-        Return a filter of parts that begins again, linearised about what one has found.
+        Return a filter of parts that begins at an earlier sample, linearised about what one found.
 
         Parameters
         ----------
         f : Filter
-            Whose state it takes over.
+            Whose payload and parts it is linearised about, and what it knows of the noise.
         mode : Mode
             Its own.
-        fresh, doubt : float
+        fresh : float
             See `renewed`.
+        first, loads : Sample, Loads
+            Where it begins.
 
         """
         new = self.about(f)
         new.mode, new.rounds, new.beta = mode, f.rounds + 1, self.prior.mean.copy()
         new.beta[MASS] = new.anchor[MASS]
         new.spread = self.prior.spread(fresh * (f.mass + self.schedule.soft_mass))
-        self._begin_again(new, f, doubt)
+        self._begin_again(new, f, 0.0)
+        self.relocate(new, first.measured)
+        if first.measured is not None:
+            self.correct(new, first, loads)
         return new
 
     def tells(self, f: Filter, loads: Loads, mode: Mode) -> bool:

@@ -73,10 +73,16 @@ class Loads:
         zero = np.zeros(output.size)
         return cls(min(1.0, step / LOAD_MEMORY_S), output, zero, zero, np.zeros(2))
 
+    @staticmethod
+    def carried(output: Array) -> Array:
+        """Return the squares of what the gauges see, m/m squared, zero for angles, (m,)."""
+        now = output * output
+        now[:2] = 0.0
+        return now
+
     def followed(self, output: Array, net: Array) -> Loads:
         """Return the loads after a sample's outputs, (m,), and the drives' net commands, (2,)."""
-        now, off = output * output, output - self.mean
-        now[:2] = 0.0
+        now, off = self.carried(output), output - self.mean
         return Loads(self.share, self.mean + self.share * off,
                      self.strain + self.share * (now - self.strain),
                      (1.0 - self.share) * (self.swing + self.share * off * off),

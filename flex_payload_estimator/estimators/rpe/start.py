@@ -11,7 +11,6 @@ from flex_payload_estimator.estimators.rpe.modes import (
     DOUBT,
     EXACT,
     FRESH,
-    HOLD_S,
     MISFIT,
     SEEK,
 )
@@ -27,6 +26,8 @@ NOISIER = 4.0
 BEHIND = 15.0
 # Which mode fits is told by the last so many seconds: the noise must be known first.
 RECENT_S = 0.25
+# Modes are told apart by this long in motion, s; payloads within a mode before that.
+OPEN_S = 1.0
 # What an arm with parts off must gain over an exact one.
 ROUGH_COST = 6.0
 
@@ -77,7 +78,7 @@ class Start:
         """
         Take the last sample's evidence and drop what is unlikely within its mode.
 
-        Of a mode that is behind another the likeliest is enough, and of each after HOLD_S in
+        Of a mode that is behind another the likeliest is enough, and of each after OPEN_S in
         motion: what is open then, such as Coriolis forces too small to show, another trial of the
         mode settles when it shows. Returns one filter a mode, the likeliest first, once no mode
         has more; else none.
@@ -90,7 +91,7 @@ class Start:
         top = self.best().log
         for f in sorted(self.filters, key=lambda f: -f.log):
             same = [other for other in kept if other.mode == f.mode]
-            enough = f.log < top - BEHIND or f.age >= HOLD_S
+            enough = f.log < top - BEHIND or f.age >= OPEN_S
             if not same or not (enough or f.log < same[0].log - BEHIND
                                 or any(self._agree(f, other) for other in same)):
                 kept.append(f)
@@ -122,8 +123,17 @@ class Start:
                 and abs(f.beta[CORIOLIS] - other.beta[CORIOLIS]) < 0.2)
 
     def moments(self) -> tuple[float, float]:
-        """Return mean and variance of the payload, kg and kg^2."""
+        """
+        Return mean and variance of the payload, kg and kg^2.
+
+        The filters count by their evidence. An exact model that needs more noise than it was told,
+        or does not fit, has none: its innovations are no noise. The modes then count alike.
+        """
         logs = np.array([f.log + f.gained for f in self.filters])
+        if not self._learnt_well(self.filters[int(logs.argmax())]):
+            parts = np.array([f.mode.parts for f in self.filters])
+            for mode in np.unique(parts):
+                logs[parts == mode] -= logs[parts == mode].max()
         weights = np.exp(logs - logs.max())
         weights /= weights.sum()
         found = np.array([self.stepper.payload(f) for f in self.filters])
