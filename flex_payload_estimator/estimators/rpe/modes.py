@@ -56,8 +56,8 @@ FITS = 1.25
 WALK_S = 1.0
 # A filter of parts that follows its estimate learns from what it linearises on the way there. So
 # after HOLD_S in motion one learns the same samples again, of PAST_S at most, linearised about
-# what was found, REPLAY of them while one comes; ROUNDS times (Gauss and Newton's iteration). It is
-# linearised afresh, and forgets nothing, whenever it has learnt for twice as long.
+# what was found, REPLAY of them while one comes; ROUNDS times (Gauss and Newton's iteration). It
+# is linearised afresh, and forgets nothing, whenever it has learnt for twice as long.
 HOLD_S, ROUNDS = 0.5, 3
 PAST_S, REPLAY = 10.0, 4
 # Trials of other modes: their length, s; how often one begins, and how often where the
