@@ -15,7 +15,8 @@ class PayloadChange(Effect):
     family = 'payload'
     explanation = 'The payload changes during the record.'
     parameters = (
-        Parameter('change_kg', 'kg', 0.0, -1.0, 2.0, (-0.08, 0.08), 0.005, 0.08),
+        Parameter('change_kg', 'kg', 0.0, -1.0, 2.0, (-0.16, -0.08, 0.08, 0.16),
+                  0.005, 0.08),
         Parameter('time_s', 's', 0.0, 0.0, 1e6, tuple(float(t) for t in range(2, 60, 2)),
                   np.inf, np.inf),
         Parameter('duration_s', 's', 0.0, 0.0, 1e6, (0.0, 3.0, 12.0), np.inf, 2.0))
