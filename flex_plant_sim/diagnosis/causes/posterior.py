@@ -97,7 +97,8 @@ class Posterior:
         """
         Return what may stand where the best set has a cause, with its probability.
 
-        Labels of causes ('unknown', 'nothing' too) in sets that are as the best without it.
+        Labels of causes ('unknown', 'nothing' too) in sets that are as the best without it; what
+        only stands beside it stands for nothing.
         """
         others = Key.of(self.best).labels - {label}
         found: dict[str, float] = {}
@@ -105,7 +106,7 @@ class Posterior:
             labels = Key.of(fit).labels
             if not others <= labels:
                 continue
-            for name in (labels - others) or {
+            for name in {label} & labels or labels - others or {
                     'unknown' if is_unknown(fit, self.nominal) else 'nothing'}:
                 found[name] = found.get(name, 0.0) + float(p)
         return dict(sorted(found.items(), key=lambda item: -item[1]))

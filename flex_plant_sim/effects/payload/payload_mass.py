@@ -15,7 +15,8 @@ class PayloadMass(Effect):
     family = 'payload'
     explanation = 'The payload is heavier or lighter than the arm was told.'
     parameters = (
-        Parameter('deviation_kg', 'kg', 0.0, -1.0, 2.0, (-0.1, -0.04, 0.04, 0.1), 0.005, 0.06),)
+        Parameter('deviation_kg', 'kg', 0.0, -1.0, 2.0,
+                  (-0.1, -0.04, -0.015, 0.015, 0.04, 0.1), 0.005, 0.06),)
     sites = 'arm'
     structural = True
 

@@ -12,7 +12,8 @@ class LinkStiffness(Effect):
     identifier = 'link_stiffness'
     family = 'links and structure'
     explanation = 'The bending stiffness of {site} differs from its data sheet.'
-    parameters = (Parameter('factor', '', 1.0, 0.1, 5.0, (0.5, 0.75, 1.3, 1.8), 0.06, 0.25),)
+    parameters = (Parameter('factor', '', 1.0, 0.1, 5.0,
+                            (0.5, 0.75, 0.88, 1.12, 1.3, 1.8), 0.06, 0.25),)
     sites = 'link'
     structural = True
 
