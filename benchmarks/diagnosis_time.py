@@ -65,12 +65,12 @@ def memory(pid: int) -> float:
     return own / 1024.0 + sum(memory(int(child)) for child in children)
 
 
-def diagnose(path: Path, jobs: int, kind: str) -> tuple[float, float, str]:
+def diagnose(path: Path, jobs: int) -> tuple[float, float, str]:
     """Return time (s), highest memory (MB) and the answer's first line."""
     started, highest = time.perf_counter(), 0.0
     with subprocess.Popen(
             [sys.executable, '-m', 'flex_plant_sim.tools.diagnose', str(path), '--robot',
-             'reference', '--payload', '0.1', '--jobs', str(jobs), '--search', kind],
+             'reference', '--payload', '0.1', '--jobs', str(jobs)],
             stdout=subprocess.PIPE, text=True) as process:
         while process.poll() is None:
             highest = max(highest, memory(process.pid))
@@ -110,7 +110,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--jobs', type=int, default=2, help='processes (default: 2)')
-    parser.add_argument('--search', default='evidence', help='of flex_diagnose')
     parser.add_argument('--seed', type=int, default=0, help='of the records (default: 0)')
     chosen = parser.parse_args()
     found = []
@@ -119,7 +118,7 @@ def main() -> None:
         for duration in (40.0, 400.0):
             path = Path(folder) / f'record_{duration:.0f}.csv'
             write_record(path, duration, chosen.seed)
-            taken, highest, answer = diagnose(path, chosen.jobs, chosen.search)
+            taken, highest, answer = diagnose(path, chosen.jobs)
             found.append(taken)
             print(f'{duration:4.0f} s {taken:7.1f} s {taken / duration:8.2f} {highest:6.0f} MB  '
                   f'{answer[:60]}', flush=True)

@@ -36,8 +36,6 @@ def options() -> argparse.Namespace:
                         help='a Dask scheduler, whose workers have this folder in PYTHONPATH')
     parser.add_argument('--only', default='', help='cases whose name contains this')
     parser.add_argument('--count', type=int, default=None, help='stop after so many cases')
-    parser.add_argument('--search', default=None,
-                        help="another way to judge causes than flex_diagnose's own")
     parser.add_argument('--results', type=Path, default=RESULTS, help='one JSON line a case')
     parser.add_argument('--fresh', action='store_true', help='forget earlier results')
     parser.add_argument('--so-far', action='store_true',
@@ -77,8 +75,7 @@ def run_all(cases: list[BankCase], known: dict[str, dict[str, Any]],
     """Return all results, each kept as soon as it is there; a case survives its worker."""
     chosen.results.parent.mkdir(parents=True, exist_ok=True)
     limits, commit = read_limits(), present_commit()
-    options = ('--search', chosen.search) if chosen.search else ()
-    work = [(case, limits[case.robot], options, commit) for case in cases if case.key not in known]
+    work = [(case, limits[case.robot], commit) for case in cases if case.key not in known]
     # Workers of this machine look for the bank where this program does.
     os.environ['PYTHONPATH'] = os.pathsep.join([str(Path(__file__).parent), str(REPOSITORY)])
     with open(chosen.results, 'a', encoding='utf-8') as file, cluster(
@@ -102,9 +99,9 @@ def _with_bar(results: Iterable[dict[str, Any]], total: int) -> Iterator[dict[st
     yield from tqdm(results, total=total, disable=None, unit='case')
 
 
-def _run(work: tuple[BankCase, Limits, tuple[str, ...], str]) -> dict[str, Any]:
-    case, limits, options, commit = work
-    return {**run_case(case, limits, options), 'commit': ' '.join([commit, *options[1:]])}
+def _run(work: tuple[BankCase, Limits, str]) -> dict[str, Any]:
+    case, limits, commit = work
+    return {**run_case(case, limits), 'commit': commit}
 
 
 def chosen_cases(chosen: argparse.Namespace) -> list[BankCase]:
@@ -136,8 +133,7 @@ def main() -> int:
     """Run what is still to run, print the figures and write docs/bank.md."""
     chosen = options()
     if chosen.limits:
-        extra = ('--search', chosen.search) if chosen.search else ()
-        write_limits({robot: limits_answer(robot, extra) for robot in read_limits()})
+        write_limits({robot: limits_answer(robot) for robot in read_limits()})
         return 0
     if chosen.fresh:
         chosen.results.unlink(missing_ok=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
@@ -13,7 +13,6 @@ from typing import Any, Protocol
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import load_robot
-from flex_plant_sim.diagnosis.held_out.verdict import diagnose as held_out_diagnose
 from flex_plant_sim.diagnosis.prediction.latent_view import latent_view, LatentView
 from flex_plant_sim.diagnosis.prediction.predictor import Base, Predictor
 from flex_plant_sim.diagnosis.record.windows import Record
@@ -41,8 +40,6 @@ import numpy as np
 
 SAMPLING_AGREES = 1e-3
 SEARCH_SHARE, MEASURING_SHARE = 0.85, 0.93
-SEARCHES: Mapping[str, Callable[..., tuple[Diagnosis, Any, Base]]] = {
-    'held_out': held_out_diagnose, 'evidence': diagnose}
 
 
 class Progress(Protocol):
@@ -85,9 +82,6 @@ def options() -> argparse.ArgumentParser:
     parser.add_argument('--exclude', default=[], action='append', metavar='EFFECT',
                         choices=sorted(catalogue()),
                         help='an effect that is not to be considered; may be given again')
-    parser.add_argument('--search', default='held_out', choices=sorted(SEARCHES),
-                        help='how causes are judged: by what they gain on windows held out, or '
-                             'by one likelihood and one prior (on trial)')
     parser.add_argument('--seed', default=0, type=int, metavar='N', help='of the bootstrap')
     return parser
 
@@ -134,7 +128,7 @@ def run(logs: Sequence[Log], robot: Robot, arguments: argparse.Namespace,
     nominal = nominal_base(robot, arguments.model, arguments.modes, not arguments.no_coriolis)
     # A hypothesis may diverge; its fit is dropped, and nobody wants to hear of it.
     with np.errstate(all='ignore'):
-        diagnosis, data, extended = SEARCHES[arguments.search](
+        diagnosis, data, extended = diagnose(
             records, nominal, arguments.jobs,
             lambda label, share: progress(label, SEARCH_SHARE * share), arguments.exclude)
     progress('latent forces', SEARCH_SHARE)

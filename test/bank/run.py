@@ -20,8 +20,7 @@ TRACEBACK = 1  # what Python exits with after one
 KEPT = ('verdict', 'sentence', 'causes', 'sets', 'cannot_tell', 'not_excited', 'remainder')
 
 
-def run_case(case: BankCase, limits: Limits,
-             options: tuple[str, ...] = ()) -> dict[str, Any]:
+def run_case(case: BankCase, limits: Limits) -> dict[str, Any]:
     """
     Return a case's line of results: its answer and what was hidden.
 
@@ -31,8 +30,6 @@ def run_case(case: BankCase, limits: Limits,
         What to hide.
     limits : Mapping
         'identifier:site' to the detection limit of a clean record of the same robot.
-    options : tuple of str
-        Of flex_diagnose, beside the case's own.
 
     """
     truth, terms = sized_truth(case, limits)
@@ -47,27 +44,26 @@ def run_case(case: BankCase, limits: Limits,
         path = Path(folder) / 'record.csv'
         write_record(case, truth, path)
         started = time.perf_counter()
-        code, answer, complaint = diagnose_file(path, case, truth, options)
+        code, answer, complaint = diagnose_file(path, case, truth)
     return {**line, 'code': code, 'complaint': complaint,
             'seconds': round(time.perf_counter() - started, 2),
             **{key: answer[key] for key in KEPT if key in answer}}
 
 
-def limits_answer(robot: str, options: tuple[str, ...] = ()) -> dict[str, Any]:
+def limits_answer(robot: str) -> dict[str, Any]:
     """Return the tool's answer to a clean record of nominal parts, with detection limits."""
     case = BankCase('limits', (), robot, 1, size=0.0)
     truth = replace(case.truth(), tolerances=False)
     with TemporaryDirectory() as folder:
         path = Path(folder) / 'record.csv'
         write_record(case, truth, path)
-        code, answer, complaint = diagnose_file(path, case, truth, options)
+        code, answer, complaint = diagnose_file(path, case, truth)
     if code != 0:
         raise RuntimeError(complaint)
     return answer
 
 
-def diagnose_file(path: Path, case: BankCase, truth: TruthCase,
-                  options: tuple[str, ...] = ()) -> tuple[int, dict[str, Any], str]:
+def diagnose_file(path: Path, case: BankCase, truth: TruthCase) -> tuple[int, dict[str, Any], str]:
     """
     Return the tool's exit code, its JSON and what it complained of.
 
@@ -76,7 +72,7 @@ def diagnose_file(path: Path, case: BankCase, truth: TruthCase,
     answer = path.with_suffix('.json')
     command = [sys.executable, '-m', 'flex_plant_sim.tools.diagnose', str(path), '--robot',
                case.robot, '--payload', f'{truth.payload_told:.9g}', '--json', str(answer),
-               '--jobs', '1', *case.options, *options]
+               '--jobs', '1', *case.options]
     done = subprocess.run(command, check=False, capture_output=True, text=True)
     found = json.loads(answer.read_text(encoding='utf-8')) if answer.is_file() else {}
     return done.returncode, found, done.stderr.strip()

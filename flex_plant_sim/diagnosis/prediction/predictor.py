@@ -44,8 +44,6 @@ class Base:
         Process noise as shares of the loads in a 10 ms step, see process_noise.
     discrepancy : Amplitude
         What every model lacks, where causes are judged.
-    deviations : tuple of float
-        Of the robot's parameters from its file, as the search by held-out gains has them.
 
     """
 
@@ -55,7 +53,6 @@ class Base:
     effects: tuple[Effect, ...] = ()
     level: tuple[float, float] = (0.01, 0.02)
     discrepancy: Amplitude = Amplitude()
-    deviations: tuple[float, ...] = ()
 
     def arm(self, payload: float, effects: Sequence[Effect] = (),
             robot: Robot | None = None, in_step: bool = False) -> ExtendedArm:
@@ -132,10 +129,6 @@ class Predictor:
         if key not in self._filters:
             self._filters[key] = steady_filter(arm, force, self.noise, own)
         return self._filters[key]
-
-    def gain_of(self, arm: ExtendedArm) -> Array:
-        """Return an arm's steady gain, (K, n, m)."""
-        return self.steady_of(arm).gain
 
     def innovations(self, effects: Sequence[Effect] = (), robot: Robot | None = None,
                     steady: Steady | None = None) -> Array:

@@ -187,8 +187,8 @@ def _ranking(candidates: Sequence[Candidate]) -> list[dict[str, Any]]:
     """Return the best candidates of a round, with the length of their bars in percent."""
     best = sorted(candidates, key=lambda c: -c.gain)[:RANKED]
     largest = max((c.gain for c in best), default=0.0)
-    return [{'title': name_text(c.name, c.site), 'gain': c.gain, 't': c.t,
-             'positive': c.positive, 'probability': c.probability, 'relevant': c.relevant,
+    return [{'title': name_text(c.name, c.site), 'gain': c.gain,
+             'probability': c.probability,
              'sizes': ', '.join(interval_text(p) for p in c.parameters),
              'width': 100.0 * max(c.gain, 0.0) / largest if largest > 0.0 else 0.0}
             for c in best]

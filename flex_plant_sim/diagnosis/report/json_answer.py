@@ -82,9 +82,8 @@ def _parameters(parameters: Sequence[ParameterValue]) -> dict[str, Any]:
 
 
 def _candidate(item: Candidate) -> dict[str, Any]:
-    return {'name': item.name, 'site': item.site, 'gain_nats': item.gain, 't': item.t,
-            'positive': item.positive, 'probability': item.probability,
-            'relevant': item.relevant, 'parameters': _parameters(item.parameters)}
+    return {'name': item.name, 'site': item.site, 'gain_nats': item.gain,
+            'probability': item.probability, 'parameters': _parameters(item.parameters)}
 
 
 def plain(value: Any) -> Any:

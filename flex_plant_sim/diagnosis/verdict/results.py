@@ -32,17 +32,9 @@ class Candidate:
     name, site : str
     parameters : tuple of ParameterValue
     gain : float
-        Over the model without it, nats: of the log-evidence, or of the held-out log-likelihood.
-    window_gain : tuple of float
-        The same per window, where it is held out.
-    t : float
-        mean / standard error over the windows.
-    positive : float
-        Share of windows with a gain.
+        Of the log-evidence over the model without it, nats.
     probability : float
         That this is the cause.
-    relevant : bool
-        Its size is beyond the smallest that matters, and off the bounds.
 
     """
 
@@ -50,11 +42,7 @@ class Candidate:
     site: str
     parameters: tuple[ParameterValue, ...]
     gain: float
-    window_gain: tuple[float, ...]
-    t: float
-    positive: float
     probability: float
-    relevant: bool
 
 
 @dataclass(frozen=True)

@@ -177,7 +177,7 @@ def _in_place(posterior: Posterior, hypothesis: Hypothesis) -> tuple[Candidate, 
         if len(fresh) == 1 and len(fit.hypotheses) == len(others) + 1:
             found.append(Candidate(
                 fresh[0].effect.identifier, fresh[0].site, parameter_values(fit, fresh[0]),
-                fit.log_evidence - without, (), 0.0, 1.0, float(p), True))
+                fit.log_evidence - without, float(p)))
     return tuple(found)
 
 
