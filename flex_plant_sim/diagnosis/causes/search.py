@@ -36,6 +36,8 @@ WORTH, LEAST, BEHIND, SHARE = -1.0, 2, 30.0, 0.05
 # Around another set, a fit knows its gain over that to such a share: parts go where they were not
 # linearised. So many of those that may lead are linearised around themselves at a time.
 KNOWN, LEADING = 0.3, 3
+# A set that gains more than this, nats, from another start is linearised around itself again.
+AGAIN = 1.0
 # What promises less than this share of a cause cannot stand in its place; one that promises more
 # than this, nats, is not dropped.
 RIVAL, SURE = 0.3, 60.0
@@ -171,8 +173,10 @@ class _Course:
     def settle(self, trial: Trial, level: Level, scale: Array | None = None) -> Settled:
         """Return a set fitted around itself, known from now on."""
         found = Settled.at(trial, replace(self.nominal, discrepancy=level), self.data, scale)
-        self.known[Key.of(found.fit)] = found.fit
-        self.settled[Key.of(found.fit)] = found
+        key = Key.of(found.fit)
+        # Where a descent ends hangs on where it began.
+        found = max(found, self.settled.get(key, found), key=lambda s: self.score(s.fit))
+        self.known[key], self.settled[key] = found.fit, found
         return found
 
     def look(self, nothing: Settled) -> None:
@@ -244,12 +248,15 @@ class _Course:
                      list(self.trials(centre, promises)), self.jobs,
                      lambda share: self.progress(step, 0.4 + 0.3 * share))
         rough.sort(key=lambda fit: -self.score(fit))
-        near = [Trial.of(fit) for fit in rough if Key.of(fit) not in self.settled
+        near = [Trial.of(fit) for fit in rough if Key.of(fit) != Key.of(centre.fit)
                 and self.score(fit) > self.score(rough[0]) - self.reach(rough[0], centre, BEHIND)]
         fits = each(_Fitter(centre.likelihood, centre.fit.scale, self.data.duration),
                     near[:FITTED], self.jobs,
                     lambda share: self.progress(step, 0.7 + 0.2 * share))
-        self.known.update({Key.of(fit): fit for fit in fits})
+        for fit in fits:
+            known = self.known.get(Key.of(fit), fit)
+            if Key.of(fit) not in self.settled or self.score(fit) > self.score(known) + AGAIN:
+                self.known[Key.of(fit)] = fit
         return promises
 
     def reach(self, best: Fit, centre: Settled, least: float) -> float:
@@ -269,11 +276,16 @@ class _Course:
         ranked = self.ranked()
         for fit in ranked.fits[:LEADING]:
             reach = self.reach(ranked.best, centre, -np.log(SHARE))
-            if (Key.of(fit) in self.settled
+            if (self._settled(fit)
                     or self.score(fit) < self.score(ranked.best) - reach):
                 continue
             if attempt(lambda f: self.settle(Trial.of(f), f.discrepancy, f.scale), fit) is None:
                 del self.known[Key.of(fit)]
+
+    def _settled(self, fit: Fit) -> bool:
+        """Tell whether a fit is one around itself."""
+        found = self.settled.get(Key.of(fit))
+        return found is not None and found.fit is fit
 
     def try_unknown(self, centres: Sequence[Settled]) -> None:
         """Fit sets with a larger discrepancy, where errors exceed what the known one states."""
