@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -39,7 +40,7 @@ REFUSED = (InputError, ArithmeticError, np.linalg.LinAlgError)
 SECOND = 'second publisher'
 
 
-class ContractNode(LifecycleNode):
+class ContractNode(LifecycleNode, ABC):
     """
     A node of the contract: it declares its table, and no message ends it.
 
@@ -120,13 +121,13 @@ class ContractNode(LifecycleNode):
     def cease(self) -> None:
         """Do what is due when the node becomes inactive."""
 
+    @abstractmethod
     def build(self, values: dict[str, Any]) -> Any:
         """Return what parameters describe, and touch nothing; InputError where they do not."""
-        raise NotImplementedError
 
+    @abstractmethod
     def install(self, built: Any) -> None:
         """Take over what `build` gave."""
-        raise NotImplementedError
 
     def on_live(self, changed: dict[str, Any]) -> None:
         """Let live parameters act; InputError refuses them."""

@@ -57,36 +57,50 @@ def run(make: Callable[[], ContractNode], arguments: Sequence[str] | None = None
                    signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # noqa: B902  rclpy's argument errors share no base class
         return _refuse(error)
-    node = None
     try:
-        node = make()
-        executor = make_executor()
+        _spin_one(make)
+    except InputError as error:
+        return _refuse(error)
+    except (ExternalShutdownException, ROSInterruptException):
+        return 0
+    except KeyboardInterrupt:
+        return 130
+    except Exception:  # noqa: B902
+        # A signal before the node was whole.
+        if rclpy.ok():
+            raise
+    finally:
+        end_at_once()
+        rclpy.try_shutdown()
+    return 130
+
+
+def _spin_one(make: Callable[[], ContractNode]) -> None:
+    """Make a node, run it until it is interrupted, and take it down."""
+    node = _made(make)
+    executor = make_executor()
+    try:
         executor.add_node(node)
         # What is there stays: the collector need not look at it again and again.
         gc.collect()
         gc.freeze()
         _take_signals()
         spin(executor, node.interrupted)
-    except InputError as error:
-        return _refuse(error)
-    except KeyboardInterrupt:
-        return 130
-    except (ExternalShutdownException, ROSInterruptException):
-        return 0
-    except Exception as error:  # noqa: B902
-        # A signal before the node was whole.
-        if not rclpy.ok():
-            return 130
-        if node is None and type(error).__name__ == 'RCLError':
-            # The middleware has no security, or no room for another node; rclpy exports no class.
-            return _refuse(error)
-        raise
     finally:
         end_at_once()
-        if node is not None:
-            node.destroy_node()
-        rclpy.try_shutdown()
-    return 130
+        # First: the executor has the middleware call it for what the node is about to destroy.
+        executor.shutdown()
+        node.destroy_node()
+
+
+def _made(make: Callable[[], ContractNode]) -> ContractNode:
+    try:
+        return make()
+    except Exception as error:  # noqa: B902
+        # The middleware has no security, or no room for another node; rclpy exports no class.
+        if rclpy.ok() and type(error).__name__ == 'RCLError':
+            raise InputError(str(error)) from None
+        raise
 
 
 def _take_signals() -> None:

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
 def test_the_loop_holds_and_the_payload_comes_back(ros_context: Context, domain_id: int) -> None:
     from faults.processes import run
 
-    found = run(['controller stopped', 'second plant'], ros_context, domain_id)
+    # On a busy machine a node speaks half a second later than the second that is asked of it.
+    found = run(['controller stopped', 'second plant'], ros_context, domain_id, said_within=1.5)
     assert not [text for text in found.values() if text.startswith('FAILED')], found
-    for text in found.values():
-        assert float(text.split('said after ')[1].split()[0]) < 1.5

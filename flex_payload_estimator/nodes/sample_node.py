@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass, replace
 import math
 from typing import Any
@@ -96,9 +97,9 @@ class SampleNode(ContractNode):
         self.offer('~/reset', self._on_reset)
         self.every(LOOK_INTERVAL, self._look)
 
+    @abstractmethod
     def report(self) -> None:
         """Publish the diagnostics."""
-        raise NotImplementedError
 
     def _look(self) -> None:
         """Tell at once where samples cease or come again."""
@@ -107,17 +108,17 @@ class SampleNode(ContractNode):
             self._silent = silent
             self.report()
 
+    @abstractmethod
     def take(self, sample: Sample) -> Any:
         """Compute, publish and return the answer to a new sample; None where it must wait."""
-        raise NotImplementedError
 
+    @abstractmethod
     def answer(self, answer: Any) -> None:
         """Publish an answer."""
-        raise NotImplementedError
 
+    @abstractmethod
     def restart(self) -> None:
         """Forget everything."""
-        raise NotImplementedError
 
     def _on_joint_states(self, message: JointState) -> None:
         self._came['joint_states'] = self.wall_time()

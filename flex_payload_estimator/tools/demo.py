@@ -117,10 +117,10 @@ def _spin(experiment: Experiment) -> LoopRecord:
         raise KeyboardInterrupt
     record = recorder.record(simulator_of(experiment.plant),
                              set_points_of(experiment.controller))
-    for node in nodes:
-        executor.remove_node(node)
-        node.destroy_node()
+    # First: the executor has the middleware call it for what the nodes are about to destroy.
     executor.shutdown()
+    for node in nodes:
+        node.destroy_node()
     return record
 
 

@@ -36,8 +36,8 @@ START = 60.0
 class Arena:
     """Three processes in real time, and an observer that watches the bounds all the time."""
 
-    def __init__(self, context: Any, domain: int):
-        self.loop, self.domain = RosLoop(context), domain
+    def __init__(self, context: Any, domain: int, said_within: float = SAID):
+        self.loop, self.domain, self.said_within = RosLoop(context), domain, said_within
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
         self.joints: list[Any] = []
         self.arm: bytes | None = None
@@ -98,14 +98,16 @@ class Arena:
         return MOTION
 
     def said(self, text: str, since: float) -> float:
-        """Return how long after a time, s, a text was on diagnostics."""
+        """Return how long after a time, s, a text was on diagnostics; assert that it was soon."""
         start = len(self.diagnostics)
 
         def found() -> bool:
             return any(text in status.message for message in self.diagnostics[start:]
                        for status in message.status)
         self.loop.until(found, 10.0)
-        return time.monotonic() - since
+        took = time.monotonic() - since
+        assert took <= self.said_within, f'{text!r} was said after {took:.2f} s'
+        return took
 
     def check_bounds(self) -> str:
         """Assert what must hold at every sample since the last check; return the figures."""
@@ -189,9 +191,10 @@ FAULTS: dict[str, Callable[[Arena], str]] = {
     'second plant': second_plant, 'clock back': clock_back}
 
 
-def run(names: list[str], context: Any, domain: int) -> dict[str, str]:
+def run(names: list[str], context: Any, domain: int, said_within: float = SAID
+        ) -> dict[str, str]:
     """Return what became of each fault, one after another in one running loop."""
-    arena, found = Arena(context, domain), {}
+    arena, found = Arena(context, domain, said_within), {}
     try:
         arena.start_all()
         for number, name in enumerate(names):
