@@ -162,10 +162,9 @@ def second_plant(arena: Arena) -> str:
     before = arena.processes['plant_sim']
     arena.start('plant_sim', payload=0.6)
     second, arena.processes['plant_sim'] = arena.processes['plant_sim'], before
-    begin = time.monotonic()
-    arena.loop.until(lambda: arena.loop.observer.count_publishers('strain') > 1, START)
-    begin = time.monotonic()
     try:
+        arena.loop.until(lambda: arena.loop.observer.count_publishers('strain') > 1, START)
+        begin = time.monotonic()
         told = arena.said('publishers of', begin)
         arena.again_right()
     finally:
