@@ -217,6 +217,10 @@ class LQGControllerNode(SampleNode):
                     f'{angles.tolist()} {time - times[0]:.4g} s after the first')
         return reference
 
+    def trouble(self) -> tuple[bool, ...]:
+        """Return what is told at once: that no sample comes, or no payload in time."""
+        return (*super().trouble(), self._late)
+
     def report(self) -> None:
         """Publish the diagnostics."""
         status = self.status('command', *self._state(), {

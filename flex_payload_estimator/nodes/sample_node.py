@@ -76,7 +76,8 @@ class SampleNode(ContractNode):
         self.commanded: Array | None = None
         self._lost: RecentCounts[str] = RecentCounts()
         self._last_applied = np.zeros(2)
-        self._restarts, self._whole, self._silent = 0, self.wall_time(), False
+        self._restarts, self._whole = 0, self.wall_time()
+        self._trouble: tuple[bool, ...] = ()
         self._came: dict[str, float] = dict.fromkeys(PARTS, -math.inf)
         self._taken: dict[str, float] = dict.fromkeys(PARTS, -math.inf)
 
@@ -101,11 +102,14 @@ class SampleNode(ContractNode):
     def report(self) -> None:
         """Publish the diagnostics."""
 
+    def trouble(self) -> tuple[bool, ...]:
+        """Return what is told at once where it begins or ends: that no sample comes."""
+        return (bool(self.silence()),)
+
     def _look(self) -> None:
-        """Tell at once where samples cease or come again."""
-        silent = bool(self.silence())
-        if silent != self._silent:
-            self._silent = silent
+        trouble = self.trouble()
+        if trouble != self._trouble:
+            self._trouble = trouble
             self.report()
 
     @abstractmethod
