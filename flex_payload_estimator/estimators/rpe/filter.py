@@ -114,6 +114,8 @@ class FilterStep:
         if f.mode.parts:
             if f.rounds == 0:
                 variance += self.prior.considered(f.spread)
+            # Gauss and Newton's last step: the next is smaller, if at all.
+            variance += float(mass - f.anchor[MASS])**2
             variance *= max(1.0, misfit_of(f.record))
         return float(mass), variance + self.prior_of(f.mode).scale_variance * float(mass)**2
 
