@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 import csv
 import json
 import os
@@ -51,9 +52,11 @@ def _kill_a_worker(fleet: subprocess.Popen[str]) -> None:
     deadline = time.monotonic() + 300
     while time.monotonic() < deadline:
         for process in psutil.Process(fleet.pid).children(recursive=True):
-            if any('tools.diagnose' in word for word in process.cmdline()):
+            # One that has ended since it was listed is not asked.
+            with suppress(psutil.Error):
                 parent = process.parent()
-                if parent is not None and parent.pid != fleet.pid:
+                if any('tools.diagnose' in word for word in process.cmdline()) \
+                        and parent is not None and parent.pid != fleet.pid:
                     parent.kill()
                     return
         time.sleep(0.02)
