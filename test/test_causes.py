@@ -52,7 +52,8 @@ def test_two_causes_are_found_together_in_few_passes(monkeypatch: pytest.MonkeyP
                      'strain_gain:strain_2a': pytest.approx(0.8, rel=0.05)}
     assert all(found.posterior.of_effect(name) > 0.9 for name in (
         'viscous_friction', 'strain_gain'))
-    assert found.posterior.probability.sum() == pytest.approx(1.0)
+    posterior = found.posterior
+    assert posterior.probability.sum() + sum(posterior.unfitted.values()) == pytest.approx(1.0)
     assert Key.of(found.best.fit) == Key.of(best)
     assert passes[0] < MOST_PASSES
 
@@ -67,7 +68,7 @@ def test_a_dropped_payload_is_found_and_nothing_beside_it() -> None:
     assert cause.label == 'payload_change:arm' and REFERENCE.payload_mass == 0.1
     change, start, duration = found.posterior.best.values
     assert change == pytest.approx(-0.095, abs=0.003)
-    assert start + 0.5 * duration == pytest.approx(12.3, abs=0.05) and duration < 0.3
+    assert start + 0.5 * duration == pytest.approx(12.3, abs=0.05) and duration < 0.5
 
 
 def test_nothing_is_found_where_nothing_is_hidden(clean: tuple[Search, Data]) -> None:

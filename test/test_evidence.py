@@ -146,6 +146,15 @@ def test_probabilities_follow_evidence_and_price() -> None:
     assert found.of_unknown == 0.0
 
 
+def test_what_was_not_fitted_counts_with_its_linear_evidence() -> None:
+    cause = replace(NOTHING, hypotheses=(hypothesis('payload_mass:arm'),), log_evidence=6.0)
+    promised = {frozenset({'payload_mass:arm'}): 99.0, frozenset({'air_drag:arm'}): -1.0}
+    found = Posterior.of([NOTHING, cause], Base(REFERENCE), promised)
+    assert found.of_effect('air_drag') == pytest.approx(np.exp(-1.0) * found.of_nothing)
+    assert found.of_nothing + found.of_effect('air_drag') + found.of_effect(
+        'payload_mass') == pytest.approx(1.0)
+
+
 def test_a_credible_set_holds_what_may_stand_in_a_cause_s_place() -> None:
     a, b, c = (hypothesis(f'{name}:joint_1') for name in (
         'coulomb_friction', 'stribeck_friction', 'viscous_friction'))

@@ -17,7 +17,8 @@ from bank.sizes import Limits, relative_size, sized_truth
 from truth.records import TruthCase
 
 TRACEBACK = 1  # what Python exits with after one
-KEPT = ('verdict', 'sentence', 'causes', 'sets', 'cannot_tell', 'not_excited', 'remainder')
+KEPT = ('verdict', 'sentence', 'causes', 'sets', 'cannot_tell', 'probabilities', 'not_excited',
+        'remainder')
 
 
 def run_case(case: BankCase, limits: Limits) -> dict[str, Any]:

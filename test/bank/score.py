@@ -146,9 +146,11 @@ def stated(line: Line) -> dict[str, float]:
     """
     Return the probability that the answer gives to each name of being a cause.
 
-    From its probabilities of sets of causes; an answer without them states those of its causes,
-    whose look-alikes share what they leave.
+    From its probabilities of all effects, or of sets of causes; an answer without them states
+    those of its causes, whose look-alikes share what they leave.
     """
+    if line.get('probabilities'):
+        return dict(line['probabilities'])
     found: dict[str, float] = {}
     for some in line.get('sets', []):
         for name in {_identifier(label) for label in some['causes']}:

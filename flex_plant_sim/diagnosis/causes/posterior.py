@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 import math
+from types import MappingProxyType
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.causes.fit import Fit
@@ -51,24 +52,43 @@ class Posterior:
     ----------
     fits : tuple of Fit
     probability : Array
-        Of each, (S,); they sum to one.
+        Of each, (S,); with those of the sets that were not fitted they sum to one.
     nominal : Base
+    unfitted : Mapping
+        Sets by their labels, with the probability that their linear evidence gives them.
 
     """
 
     fits: tuple[Fit, ...]
     probability: Array
     nominal: Base
+    unfitted: Mapping[frozenset[str], float] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, fits: Sequence[Fit], nominal: Base, others: Sequence[Fit] = ()) -> Posterior:
-        """Return the posterior over fits; of sets that occur again in `others`, those first."""
-        known = {Key.of(fit) for fit in fits}
-        fits = [*fits, *(fit for fit in others if Key.of(fit) not in known)]
+    def of(cls, fits: Sequence[Fit], nominal: Base,
+           promised: Mapping[frozenset[str], float] = MappingProxyType({})) -> Posterior:
+        """
+        Return the posterior over sets.
+
+        Parameters
+        ----------
+        fits : sequence of Fit
+            Of the sets that were fitted.
+        nominal : Base
+            The model in question.
+        promised : Mapping
+            Further sets by their labels, with their linear evidence and prior odds, nats.
+
+        """
         score = np.array([fit.log_evidence + log_prior(fit, nominal) for fit in fits])
-        order = np.argsort(-score)
-        weight = np.exp(score[order] - score[order[0]])
-        return cls(tuple(fits[k] for k in order), weight / weight.sum(), nominal)
+        order, known = np.argsort(-score), {Key.of(fit).labels for fit in fits}
+        top = score[order[0]]
+        weight = np.exp(score[order] - top)
+        others = {labels: math.exp(min(value - top, 0.0)) for labels, value in promised.items()
+                  if labels not in known}
+        total = weight.sum() + sum(others.values())
+        return cls(tuple(fits[k] for k in order), weight / total, nominal,
+                   {labels: value / total for labels, value in others.items()})
 
     @property
     def best(self) -> Fit:
@@ -78,7 +98,9 @@ class Posterior:
     def of_effect(self, identifier: str) -> float:
         """Return the probability that an effect is at work, at whatever site."""
         return self._sum(lambda fit: any(
-            h.effect.identifier == identifier for h in fit.hypotheses))
+            h.effect.identifier == identifier for h in fit.hypotheses)) + sum(
+            p for labels, p in self.unfitted.items()
+            if any(label.partition(':')[0] == identifier for label in labels))
 
     @property
     def of_nothing(self) -> float:

@@ -267,9 +267,13 @@ class _Course:
         """Return the logarithm of a set's posterior odds against others, nats."""
         return fit.log_evidence + log_prior(fit, self.nominal)
 
-    def ranked(self) -> Posterior:
-        """Return all sets that are known with their probabilities."""
-        return Posterior.of(list(self.known.values()), self.nominal)
+    def ranked(self, centre: Settled | None = None, promises: Sequence[Promise] = ()
+               ) -> Posterior:
+        """Return all sets with their probabilities, and what promised too little to be fitted."""
+        promised = {} if centre is None else {
+            Key.of(centre.fit).labels | {p.hypothesis.label}:
+            self.score(centre.fit) + self.hope(p) for p in promises}
+        return Posterior.of(list(self.known.values()), self.nominal, promised)
 
     def settle_leading(self, centre: Settled) -> None:
         """Linearise the sets that may lead around themselves, so that they compare."""
@@ -341,8 +345,9 @@ def search(data: Data, nominal: Base, jobs: int, progress: Progress,
     progress('unknown', 0.9)
     course.try_unknown(centres)
     course.settle_leading(last)
-    posterior = course.ranked()
+    beside = promises[Key.of(last.fit)]
+    posterior = course.ranked(last, beside)
     best = course.settled.get(Key.of(posterior.best), last)
     closer = Closer(Looker(course.thin, data.duration), course.beside(last))
-    return Search(best, tuple(promises[Key.of(last.fit)]), closer, posterior, nothing.fit,
+    return Search(best, tuple(beside), closer, posterior, nothing.fit,
                   tuple(len(key.labels) for key in promises))

@@ -63,6 +63,7 @@ def answer(diagnosis: Diagnosis, gains: Sequence[Gain], before: Sequence[Channel
         'parts': {part.name: {'unit': part.unit, 'prior_sd': part.prior, 'mean': part.mean,
                               'sd': part.deviation} for part in diagnosis.parts},
         'sets': [{'causes': list(labels), 'probability': p} for labels, p in diagnosis.sets],
+        'probabilities': diagnosis.effects,
         'candidates': [[_candidate(item) for item in ranking] for ranking in diagnosis.rounds],
         'latent': {stage: view.results() for stage, view in latent.items()},
         'settings': settings}

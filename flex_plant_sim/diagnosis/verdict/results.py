@@ -124,6 +124,8 @@ class Diagnosis:
         All parts of the robot, re-estimated beside the causes.
     sets : tuple of (tuple of str, float)
         Labels of the sets of causes (`unknown` is one), with their probabilities.
+    effects : Mapping
+        Identifier of every effect, `unknown` and `nothing` to the probability that it is so.
 
     """
 
@@ -138,3 +140,4 @@ class Diagnosis:
     remainder: Mapping[str, object] = field(default_factory=dict)
     parts: tuple[PartEstimate, ...] = ()
     sets: tuple[tuple[tuple[str, ...], float], ...] = ()
+    effects: Mapping[str, float] = field(default_factory=dict)

@@ -120,7 +120,7 @@ def _diagnosis(found: Search, data: Data, nominal: Base, jobs: int) -> Diagnosis
         tuple(_in_place(found.posterior, h) for h in found.best.fit.hypotheses),
         _advice(verdict, sets),
         {name: float(s) for name, s in zip(channels, found.best.fit.scale)},
-        part_estimates(found), _sets(found.posterior))
+        part_estimates(found), _sets(found.posterior), _effects(found.posterior))
 
 
 def part_estimates(found: Search) -> tuple[PartEstimate, ...]:
@@ -136,6 +136,11 @@ def _sets(posterior: Posterior) -> tuple[tuple[tuple[str, ...], float], ...]:
     return tuple(((*sorted(Key.of(fit).labels), *(
         ('unknown',) if is_unknown(fit, posterior.nominal) else ())), float(p))
         for fit, p in rows)
+
+
+def _effects(posterior: Posterior) -> dict[str, float]:
+    return {**{name: posterior.of_effect(name) for name in catalogue()},
+            'unknown': posterior.of_unknown, 'nothing': posterior.of_nothing}
 
 
 def causes_of(posterior: Posterior, best: Fit) -> tuple[Cause, ...]:
