@@ -32,6 +32,7 @@ from flex_plant_sim.arm.robot_file import load_robot  # noqa: E402
 from flex_plant_sim.diagnosis.causes.fit import Fit  # noqa: E402
 from flex_plant_sim.diagnosis.causes.posterior import is_unknown, Key, Posterior  # noqa: E402
 from flex_plant_sim.diagnosis.causes.search import search  # noqa: E402
+from flex_plant_sim.diagnosis.likelihood.moments import TEMPER  # noqa: E402
 from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude  # noqa: E402
 from flex_plant_sim.diagnosis.prediction.predictor import Base  # noqa: E402
 from flex_plant_sim.diagnosis.record.data import Data  # noqa: E402
@@ -136,7 +137,7 @@ def main() -> None:
             path.write_bytes(pickle.dumps(searched(
                 case, Amplitude(torque=chosen.torque, gauge=chosen.gauge))))
         kept.append(pickle.loads(path.read_bytes()))
-        line = line_at(kept[-1], 4.0)
+        line = line_at(kept[-1], TEMPER)
         print(f'{case.key:<70} {kept[-1]["cpu"]:5.1f} s  {line["verdict"]:<18} ' + ', '.join(
             f'{c["name"]} {c["probability"]:.2f}' for c in line['causes']), flush=True)
     print(f'CPU: median {np.median([item["cpu"] for item in kept]):.1f} s, '

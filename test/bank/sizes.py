@@ -23,8 +23,9 @@ DISTRACTED = ('one', 'clean', 'pair')
 LIMITS_FILE = Path(__file__).with_name('limits.json')
 # Not as distractors: what is in nature always, and what changes the payload that others count on.
 NO_DISTRACTORS = (*MODEL_OPTIONS, 'payload_mass')
-# A true joint has one travel: presliding beside these would give it to their friction as well.
-DRY = frozenset({'coulomb_friction', 'asymmetric_friction', 'stribeck_friction'})
+# Of one kind at most: two small ones in a joint add up to one that is found.
+DRY = frozenset({'coulomb_friction', 'asymmetric_friction', 'stribeck_friction',
+                 'presliding_friction'})
 
 Limits = Mapping[str, float]
 
@@ -116,7 +117,7 @@ def with_distractors(truth: TruthCase, limits: Limits) -> TruthCase:
               if name not in (*truth.names, *NO_DISTRACTORS)]
     chosen = np.random.default_rng([truth.seed, 17]).choice(others, DISTRACTORS, replace=False)
     for number, name in enumerate(map(str, chosen)):
-        if name == 'presliding_friction' and DRY & set(truth.names):
+        if name in DRY and DRY & set(truth.names):
             continue
         severity = DISTRACTOR_SEVERITY
         trial = _added(truth, name, number, severity)
