@@ -220,12 +220,15 @@ class _Course:
         """Return what a promise gains with its price, nats."""
         return promise.gain + log_odds(promise.hypothesis.effect, self.nominal.robot)
 
+    def worth(self, place: int, promise: Promise) -> bool:
+        """Tell whether a promise is worth a fit, by its place among the promises."""
+        return place < LEAST or (place < ADDED and self.hope(promise) > WORTH)
+
     def trials(self, centre: Settled, promises: Sequence[Promise]) -> Iterator[Trial]:
         """Return a set and those near it that may be worth a fit."""
         now = Trial.of(centre.fit)
         yield now
-        added = [p for k, p in enumerate(promises[:ADDED])
-                 if k < LEAST or self.hope(p) > WORTH]
+        added = [p for k, p in enumerate(promises) if self.worth(k, p)]
         off = np.abs(centre.fit.deviations / centre.likelihood.tolerances)
         if np.max(off, initial=0.0) > FAR:
             added += self.promises(centre, held=True)[:RIVALS]
@@ -272,7 +275,8 @@ class _Course:
         """Return all sets with their probabilities, and what promised too little to be fitted."""
         promised = {} if centre is None else {
             Key.of(centre.fit).labels | {p.hypothesis.label}:
-            self.score(centre.fit) + self.hope(p) for p in promises}
+            self.score(centre.fit) + self.hope(p) for k, p in enumerate(promises)
+            if not self.worth(k, p)}
         return Posterior.of(list(self.known.values()), self.nominal, promised)
 
     def settle_leading(self, centre: Settled) -> None:
@@ -295,12 +299,9 @@ class _Course:
         """Fit sets with a larger discrepancy, where errors exceed what the known one states."""
         if not np.any(centres[-1].fit.scale > EXCESS):
             return
-        trials = [Trial.of(centre.fit) for centre in centres]
-        fitter, both = _Leveller(self.nominal, self.data), UNKNOWN_LEVELS[0]
-        found = each(fitter, [(trial, both) for trial in trials], self.jobs)
-        if found:
-            best = Trial.of(max(found, key=self.score))
-            found += each(fitter, [(best, level) for level in UNKNOWN_LEVELS[1:]], self.jobs)
+        trials = {Key.of(centre.fit): Trial.of(centre.fit) for centre in centres}
+        found = each(_Leveller(self.nominal, self.data), [
+            (trial, level) for trial in trials.values() for level in UNKNOWN_LEVELS], self.jobs)
         self.known.update({Key.of(fit): fit for fit in found})
 
 
@@ -339,11 +340,9 @@ def search(data: Data, nominal: Base, jobs: int, progress: Progress,
         if Key.of(best.fit) in promises:
             break
         promises[Key.of(best.fit)] = course.around(best)
-    centres = [course.settled[key] for key in promises]
-    last = max(centres, key=lambda c: course.score(c.fit))
-    centres = [c for c in centres if c is not last] + [last]
+    last = max((course.settled[key] for key in promises), key=lambda c: course.score(c.fit))
     progress('unknown', 0.9)
-    course.try_unknown(centres)
+    course.try_unknown((nothing, last))
     course.settle_leading(last)
     beside = promises[Key.of(last.fit)]
     posterior = course.ranked(last, beside)
