@@ -8,8 +8,8 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.likelihood.evidence import Marginal, Slab
 import numpy as np
 
-# So many samples count as one: on calibration cases more scores better up to 64, by less than its
-# error beyond this (benchmarks/temper.py; the table is in docs/bank.md).
+# So many samples count as one: on calibration cases more scores better up to 32, by less than its
+# error beyond this (benchmarks/temper.py; the table is in docs/diagnosis.md).
 TEMPER = 16.0
 SETTLED, ROUNDS = 1e-3, 20
 
