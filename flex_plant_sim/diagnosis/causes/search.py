@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.causes.fit import Causes, Descent, Fit, fitted, Point
+from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.causes.hypothesis import hypotheses, Hypothesis
 from flex_plant_sim.diagnosis.causes.looks import Look, Looker
 from flex_plant_sim.diagnosis.causes.pool import attempt, each
 from flex_plant_sim.diagnosis.causes.posterior import Key, log_prior, Posterior
 from flex_plant_sim.diagnosis.causes.promise import Beside, Closer, Promise
+from flex_plant_sim.diagnosis.causes.sets import Fitter, Leveller, Settled, Trial
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
 from flex_plant_sim.diagnosis.likelihood.moments import TEMPER
 from flex_plant_sim.diagnosis.likelihood.prior import log_odds
@@ -48,60 +48,6 @@ EXCESS = 1.05
 
 
 @dataclass(frozen=True)
-class Trial:
-    """A set of causes to fit, and where to start, (k,) each."""
-
-    hypotheses: tuple[Hypothesis, ...]
-    starts: tuple[Array, ...]
-
-    @classmethod
-    def of(cls, fit: Fit) -> Trial:
-        """Return a fit as a trial."""
-        return cls(fit.hypotheses, (fit.values,))
-
-    @property
-    def labels(self) -> frozenset[str]:
-        """Return the labels of the causes."""
-        return frozenset(h.label for h in self.hypotheses)
-
-    def without(self, place: int) -> Trial:
-        """Return the set with one cause less."""
-        pieces = Causes(self.hypotheses, 1.0).split(self.starts[0])
-        rest = [piece for k, piece in enumerate(pieces) if k != place]
-        return Trial(self.hypotheses[:place] + self.hypotheses[place + 1:],
-                     (np.concatenate([np.zeros(0), *rest]),))
-
-    def with_one(self, promise: Promise) -> Trial:
-        """Return the set with one cause more."""
-        return Trial((*self.hypotheses, promise.hypothesis),
-                     tuple(np.concatenate([self.starts[0], start]) for start in promise.starts))
-
-
-@dataclass(frozen=True)
-class Settled:
-    """A set with the likelihood linearised around it, and its fit there."""
-
-    likelihood: Likelihood
-    point: Point
-    fit: Fit
-
-    @classmethod
-    def at(cls, trial: Trial, base: Base, data: Data, scale: Array | None = None) -> Settled:
-        """Return a set fitted around itself."""
-        causes = Causes(trial.hypotheses, data.duration)
-        likelihood = Likelihood(base, data.windows, data.noise, causes.effects(trial.starts[0]))
-        descent = Descent(likelihood, causes, np.ones(len(data.noise[0])) if scale is None
-                          else scale)
-        point = descent.run(trial.starts)
-        return cls(likelihood, point, descent.fit(point))
-
-    @cached_property
-    def causes(self) -> Causes:
-        """Return the causes that are on."""
-        return Causes(self.fit.hypotheses, 1.0)
-
-
-@dataclass(frozen=True)
 class Search:
     """
     Where a search ended.
@@ -129,32 +75,6 @@ class Search:
     posterior: Posterior
     nothing: Fit
     sizes: tuple[int, ...]
-
-
-@dataclass(frozen=True)
-class _Fitter:
-    """Fits sets around the linearisation of one near them."""
-
-    likelihood: Likelihood
-    scale: Array
-    duration: float
-    rough: bool = False
-
-    def __call__(self, trial: Trial) -> Fit:
-        return fitted(self.likelihood, Causes(trial.hypotheses, self.duration), trial.starts,
-                      self.scale, self.rough)
-
-
-@dataclass(frozen=True)
-class _Leveller:
-    """Fits sets around themselves, at another discrepancy."""
-
-    nominal: Base
-    data: Data
-
-    def __call__(self, item: tuple[Trial, Level]) -> Fit:
-        trial, level = item
-        return Settled.at(trial, replace(self.nominal, discrepancy=level), self.data).fit
 
 
 class _Course:
@@ -246,14 +166,14 @@ class _Course:
     def around(self, centre: Settled) -> list[Promise]:
         """Fit the sets near a set; return what further causes promise beside it."""
         promises, step = self.promises(centre), f'cause {len(centre.fit.hypotheses) + 1}'
-        rough = each(_Fitter(centre.likelihood.thinned(SAMPLES), centre.fit.scale,
-                             self.data.duration, True),
+        rough = each(Fitter(centre.likelihood.thinned(SAMPLES), centre.fit.scale,
+                            self.data.duration, True),
                      list(self.trials(centre, promises)), self.jobs,
                      lambda share: self.progress(step, 0.4 + 0.3 * share))
         rough.sort(key=lambda fit: -self.score(fit))
         near = [Trial.of(fit) for fit in rough if Key.of(fit) != Key.of(centre.fit)
                 and self.score(fit) > self.score(rough[0]) - self.reach(rough[0], centre, BEHIND)]
-        fits = each(_Fitter(centre.likelihood, centre.fit.scale, self.data.duration),
+        fits = each(Fitter(centre.likelihood, centre.fit.scale, self.data.duration),
                     near[:FITTED], self.jobs,
                     lambda share: self.progress(step, 0.7 + 0.2 * share))
         for fit in fits:
@@ -300,7 +220,7 @@ class _Course:
         if not np.any(centres[-1].fit.scale > EXCESS):
             return
         trials = {Key.of(centre.fit): Trial.of(centre.fit) for centre in centres}
-        found = each(_Leveller(self.nominal, self.data), [
+        found = each(Leveller(self.nominal, self.data), [
             (trial, level) for trial in trials.values() for level in UNKNOWN_LEVELS], self.jobs)
         self.known.update({Key.of(fit): fit for fit in found})
 

@@ -1,0 +1,96 @@
+"""Sets of causes: what to fit and where to start, and the fits, around others and themselves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.diagnosis.causes.fit import Causes, Descent, Fit, fitted, Point
+from flex_plant_sim.diagnosis.causes.hypothesis import Hypothesis
+from flex_plant_sim.diagnosis.causes.promise import Promise
+from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
+from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude
+from flex_plant_sim.diagnosis.prediction.predictor import Base
+from flex_plant_sim.diagnosis.record.data import Data
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A set of causes to fit, and where to start, (k,) each."""
+
+    hypotheses: tuple[Hypothesis, ...]
+    starts: tuple[Array, ...]
+
+    @classmethod
+    def of(cls, fit: Fit) -> Trial:
+        """Return a fit as a trial."""
+        return cls(fit.hypotheses, (fit.values,))
+
+    @property
+    def labels(self) -> frozenset[str]:
+        """Return the labels of the causes."""
+        return frozenset(h.label for h in self.hypotheses)
+
+    def without(self, place: int) -> Trial:
+        """Return the set with one cause less."""
+        pieces = Causes(self.hypotheses, 1.0).split(self.starts[0])
+        rest = [piece for k, piece in enumerate(pieces) if k != place]
+        return Trial(self.hypotheses[:place] + self.hypotheses[place + 1:],
+                     (np.concatenate([np.zeros(0), *rest]),))
+
+    def with_one(self, promise: Promise) -> Trial:
+        """Return the set with one cause more."""
+        return Trial((*self.hypotheses, promise.hypothesis),
+                     tuple(np.concatenate([self.starts[0], start]) for start in promise.starts))
+
+
+@dataclass(frozen=True)
+class Settled:
+    """A set with the likelihood linearised around it, and its fit there."""
+
+    likelihood: Likelihood
+    point: Point
+    fit: Fit
+
+    @classmethod
+    def at(cls, trial: Trial, base: Base, data: Data, scale: Array | None = None) -> Settled:
+        """Return a set fitted around itself."""
+        causes = Causes(trial.hypotheses, data.duration)
+        likelihood = Likelihood(base, data.windows, data.noise, causes.effects(trial.starts[0]))
+        descent = Descent(likelihood, causes, np.ones(len(data.noise[0])) if scale is None
+                          else scale)
+        point = descent.run(trial.starts)
+        return cls(likelihood, point, descent.fit(point))
+
+    @cached_property
+    def causes(self) -> Causes:
+        """Return the causes that are on."""
+        return Causes(self.fit.hypotheses, 1.0)
+
+
+@dataclass(frozen=True)
+class Fitter:
+    """Fits sets around the linearisation of one near them."""
+
+    likelihood: Likelihood
+    scale: Array
+    duration: float
+    rough: bool = False
+
+    def __call__(self, trial: Trial) -> Fit:
+        return fitted(self.likelihood, Causes(trial.hypotheses, self.duration), trial.starts,
+                      self.scale, self.rough)
+
+
+@dataclass(frozen=True)
+class Leveller:
+    """Fits sets around themselves, at another discrepancy."""
+
+    nominal: Base
+    data: Data
+
+    def __call__(self, item: tuple[Trial, Amplitude]) -> Fit:
+        trial, level = item
+        return Settled.at(trial, replace(self.nominal, discrepancy=level), self.data).fit
