@@ -124,6 +124,7 @@ def report(lines: list[dict[str, Any]], chosen: argparse.Namespace) -> None:
         print(summary.paired(lines, list(read_results(chosen.against).values())))
     if lines and not chosen.only:
         commit = ', '.join(sorted({line['commit'] for line in lines}))
+        chosen.docs.mkdir(parents=True, exist_ok=True)
         write_picture(chosen.docs / 'bank.png', lines)
         (chosen.docs / 'bank.md').write_text(summary.text(lines, commit, 'bank.png'),
                                              encoding='utf-8')
