@@ -29,7 +29,7 @@ UNKNOWN_LEVELS: tuple[Level, ...] = (
     Amplitude(torque=0.2, gauge=0.2), Amplitude(torque=0.2), Amplitude(gauge=0.2))
 # A budget, no judgement: sets whose neighbours are fitted, hypotheses tried beside a set and in
 # each one's place, sets fitted to all windows, samples of those windows that proposals come from.
-EXPLORED, ADDED, RIVALS, FITTED, SAMPLES = 5, 12, 5, 6, 1600
+EXPLORED, ADDED, RIVALS, FITTED, REFITTED, SAMPLES = 5, 12, 5, 6, 1, 1600
 # What promises less than this, nats with its price, has no share that is worth stating, but for
 # the few best; nor has what a fit to some windows leaves so far behind, nor a set less probable.
 WORTH, LEAST, BEHIND, SHARE = -1.0, 2, 30.0, 0.05
@@ -171,16 +171,21 @@ class _Course:
                      list(self.trials(centre, promises)), self.jobs,
                      lambda share: self.progress(step, 0.4 + 0.3 * share))
         rough.sort(key=lambda fit: -self.score(fit))
-        near = [Trial.of(fit) for fit in rough if Key.of(fit) != Key.of(centre.fit)
+        near = [fit for fit in rough if Key.of(fit) != Key.of(centre.fit)
                 and self.score(fit) > self.score(rough[0]) - self.reach(rough[0], centre, BEHIND)]
         fits = each(Fitter(centre.likelihood, centre.fit.scale, self.data.duration),
-                    near[:FITTED], self.jobs,
+                    [Trial.of(fit) for fit in self._chosen(near)], self.jobs,
                     lambda share: self.progress(step, 0.7 + 0.2 * share))
         for fit in fits:
             known = self.known.get(Key.of(fit), fit)
             if Key.of(fit) not in self.settled or self.score(fit) > self.score(known) + AGAIN:
                 self.known[Key.of(fit)] = fit
         return promises
+
+    def _chosen(self, near: Sequence[Fit]) -> list[Fit]:
+        """Return the first of what is not settled, and of what is, from where it came now."""
+        fresh = [fit for fit in near if Key.of(fit) not in self.settled]
+        return fresh[:FITTED] + [fit for fit in near if Key.of(fit) in self.settled][:REFITTED]
 
     def reach(self, best: Fit, centre: Settled, least: float) -> float:
         """Return by how much a set may be behind the best around another and yet lead, nats."""
@@ -219,9 +224,14 @@ class _Course:
         """Fit sets with a larger discrepancy, where errors exceed what the known one states."""
         if not np.any(centres[-1].fit.scale > EXCESS):
             return
-        trials = {Key.of(centre.fit): Trial.of(centre.fit) for centre in centres}
-        found = each(Leveller(self.nominal, self.data), [
-            (trial, level) for trial in trials.values() for level in UNKNOWN_LEVELS], self.jobs)
+        trials, both = [Trial.of(centre.fit) for centre in centres], UNKNOWN_LEVELS[0]
+        fitter = Leveller(self.nominal, self.data)
+        found = each(fitter, [(trial, both) for trial in trials], self.jobs)
+        if found:
+            best = Trial.of(max(found, key=self.score))
+            ends = {trial.labels: trial for trial in (trials[0], trials[-1], best)}
+            found += each(fitter, [(trial, level) for trial in ends.values()
+                                   for level in UNKNOWN_LEVELS[1:]], self.jobs)
         self.known.update({Key.of(fit): fit for fit in found})
 
 
@@ -262,7 +272,8 @@ def search(data: Data, nominal: Base, jobs: int, progress: Progress,
         promises[Key.of(best.fit)] = course.around(best)
     last = max((course.settled[key] for key in promises), key=lambda c: course.score(c.fit))
     progress('unknown', 0.9)
-    course.try_unknown((nothing, last))
+    others = [course.settled[key] for key in promises if key != Key.of(last.fit)]
+    course.try_unknown((*others, last))
     course.settle_leading(last)
     beside = promises[Key.of(last.fit)]
     posterior = course.ranked(last, beside)
