@@ -1,4 +1,4 @@
-"""The diagnosis' one-step predictor and what a record would have shown."""
+"""The diagnosis' one-step predictor."""
 
 from __future__ import annotations
 

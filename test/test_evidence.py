@@ -164,6 +164,14 @@ def test_a_credible_set_holds_what_may_stand_in_a_cause_s_place() -> None:
     assert found.credible(a.label) == (a.label, b.label)
 
 
+def test_what_stands_beside_a_cause_is_no_look_alike() -> None:
+    a, b = hypothesis('coulomb_friction:joint_1'), hypothesis('viscous_friction:joint_1')
+    fits = [replace(NOTHING, hypotheses=on, log_evidence=e) for on, e in (
+        ((a,), 50.0), ((a, b), 53.0), ((b,), 10.0))]
+    found = Posterior.of([NOTHING, *fits], Base(REFERENCE))
+    assert found.probability[1] > 0.1 and found.credible(a.label) == (a.label,)
+
+
 def test_steady_filter_solves_the_riccati_equation() -> None:
     arm = Base(REFERENCE).arm(REFERENCE.payload_mass)
     noise = np.array([1e-4, 1e-4, 5e-7, 5e-7, 5e-7, 5e-7])
