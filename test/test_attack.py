@@ -44,6 +44,7 @@ BAD_ROBOTS = [
         for k in range(8)), 'expected at most 10000 values'),
     (REFERENCE.replace('kind: velocity_loop', 'kind: [velocity_loop]'), 'drives.shoulder.kind: '),
     ('x' * 70_000, 'expected at most 64000 characters'),
+    (REFERENCE[:-4], "line 30: expected an end of line behind 'strain_noise: 5.0': the file may"),
 ]
 
 
@@ -58,6 +59,11 @@ def test_a_robot_file_that_surprises_is_one_line(text: str, message: str) -> Non
 def test_numbers_are_read_as_people_write_them(written: str) -> None:
     robot = parse_robot(REFERENCE.replace('70.0e+9', written), 'arm.yaml')
     assert robot.links[0].youngs_modulus == 70e9
+
+
+@pytest.mark.parametrize('end', ['  # per gauge, 1', '\ntolerances: {payload: 0.5}', '\r\n'])
+def test_a_last_line_without_its_end_is_read_where_no_number_can_be_cut(end: str) -> None:
+    assert parse_robot(REFERENCE.rstrip('\n') + end, 'arm.yaml').strain_noise == 5e-7
 
 
 def test_two_links_may_share_an_anchor() -> None:

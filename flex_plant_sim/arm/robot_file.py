@@ -7,6 +7,7 @@ from dataclasses import replace
 from importlib import resources
 import math
 from pathlib import Path
+import re
 from typing import Any
 
 from flex_plant_sim.arm.drive import DCMotor, Drive
@@ -20,6 +21,8 @@ from msg_config.errors import InputError
 MAX_EFFECTS = 500
 # Of a table: one every 10 ms of a stroke of ten seconds.
 MAX_KNOTS = 1000
+# A number up to the last character: of 5.0e-7 a cut file may hold 5.0, and still be a robot.
+UNENDED = re.compile(r'[^#]*[:\s][-+.]?\d[-+.\deE]*\Z')
 
 
 def _link(section: Section) -> Link:
@@ -117,6 +120,14 @@ def _tolerances(section: Section) -> Tolerances:
     return Tolerances(**values)
 
 
+def _check_end(text: str, source: str) -> None:
+    *before, last = text.split('\n')
+    if UNENDED.match(last):
+        raise InputError(f'{source}: line {len(before) + 1}: expected an end of line behind '
+                         f'{last[-40:].strip()!r}: the file may be cut in this number; end the '
+                         'line if it is whole')
+
+
 def parse_robot(text: str, source: str) -> Robot:
     """
     Return the robot that a YAML text describes.
@@ -128,6 +139,7 @@ def parse_robot(text: str, source: str) -> Robot:
 
     """
     top = Section(source, '', read_yaml(text, source))
+    _check_end(text, source)
     links, drives = top.section('links'), top.section('drives')
     elbow, payload = top.section('elbow'), top.section('payload')
     measurement = top.section('measurement')
