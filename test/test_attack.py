@@ -35,6 +35,7 @@ BAD_ROBOTS = [
      'links.upper.thickness_m: expected 1e-05 to 0.2, got 3 (is the unit milli'),
     (REFERENCE.replace('length_m: 0.6', 'length_m: 600'), 'is the unit milli'),
     (REFERENCE.replace('0.003', '0,003'), 'decimal comma? write a point'),
+    (REFERENCE.replace('0.003', '010'), "expected a number > 0, got '010'"),
     (REFERENCE.replace('0.003', '9' * 400), 'expected a number > 0, got'),
     (REFERENCE.replace('0.003', '!!python/name:os.system'), 'is not read'),
     (REFERENCE + 'effects: [' + '{name: x},' * 600 + ']', 'effects: expected at most 500'),

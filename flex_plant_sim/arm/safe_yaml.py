@@ -13,7 +13,8 @@ import yaml
 # thirty thousand characters a second.
 MAX_TEXT, MAX_DEPTH, MAX_VALUES = 64_000, 20, 10_000
 PREFIX = 'tag:yaml.org,2002:'
-NUMBER = re.compile(r'[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?')
+# 010 is eight to YAML 1.1 and ten to YAML 1.2: no number here.
+NUMBER = re.compile(r'[-+]?(?!0[0-9]+$)(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?')
 SPECIAL = re.compile(r'[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)')
 WORDS = {'true': True, 'false': False, 'null': None, '~': None, '': None}
 
@@ -83,7 +84,7 @@ def read_yaml(text: str, source: str) -> Any:
     """
     Return the plain data in a YAML text: mappings, lists, text, numbers, true, false, null.
 
-    2.05e11 is a number, as everywhere but in YAML 1.1; yes, 1:30 and 2020-01-01 are text.
+    2.05e11 is a number, as everywhere but in YAML 1.1; yes, 1:30, 010 and 2020-01-01 are text.
 
     Raises
     ------

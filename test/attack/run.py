@@ -36,6 +36,10 @@ LIMIT = {'csv': 5.0, 'robot': 5.0, 'bag': 20.0}
 MEMORY = 600e6
 # A sample changed by less than this share of its channel's range misleads nobody: a digit lost.
 SENSE = 0.05
+# Nor does a number of a robot that is off by less than the robot file itself says that it may be.
+TOLERANCE = {'youngs_modulus': 'stiffness', 'density': 'link_mass', 'damping_ratio': 'damping',
+             'length': 'length', 'elbow_mass': 'elbow_mass', 'elbow_inertia': 'elbow_inertia',
+             'payload_mass': 'payload'}
 
 
 @dataclass(frozen=True)
@@ -85,7 +89,12 @@ def changed(found: Robot, good: Robot) -> str:
     listed = [value for key, value in found.left_out.items() if key not in good.left_out]
     return '; '.join(
         f'{key}: {a!r} for {b!r}' for (key, a), (_, b) in zip(_values(found), _values(good))
-        if a != b and a not in listed)
+        if a != b and a not in listed and not _tolerated(key.split('.')[-1], a, b, good))
+
+
+def _tolerated(key: str, a: Any, b: Any, good: Robot) -> bool:
+    share: float = getattr(good.tolerances, TOLERANCE[key]) if key in TOLERANCE else 0.0
+    return bool(share and abs(a - b) <= share * abs(b))
 
 
 def _values(item: Any, key: str = '') -> Iterator[tuple[str, Any]]:
