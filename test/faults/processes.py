@@ -1,13 +1,14 @@
 """
 Faults between real processes, with bounds: joints, commands, payload, and what is said.
 
-`python test/faults/processes.py [FAULT ...] [--times N]` runs them; without names, all.
+`python test/faults/processes.py [FAULT ...] [--times N] [--page]` runs them; without names, all.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from dataclasses import dataclass
 import os
 import signal
 import subprocess
@@ -15,6 +16,7 @@ import sys
 import time
 from typing import Any
 
+from faults.page import record
 from msg_config.ros import create_sourced_subscription
 import numpy as np
 from ros_loop import RosLoop
@@ -31,6 +33,33 @@ LARGEST_ANGLE, COMMAND_LIMIT = 1.25, 5.0
 MOTION, SHARE = 3.0, 0.05
 SAID = 1.0
 START = 60.0
+
+
+@dataclass(frozen=True)
+class Figures:
+    """
+    What became of one fault.
+
+    Attributes
+    ----------
+    fault : str
+    angle, command : float
+        The largest, rad and the drives' own unit.
+    told : float
+        When it was on diagnostics, s; 0 where nothing has to be said.
+    error : float
+        Of the payload after MOTION, as a share of what is allowed.
+    broken : str
+        Which bound was; empty if none.
+
+    """
+
+    fault: str
+    angle: float = 0.0
+    command: float = 0.0
+    told: float = 0.0
+    error: float = 0.0
+    broken: str = ''
 
 
 class Arena:
@@ -108,19 +137,23 @@ class Arena:
         self.told = time.monotonic() - since
         return self.told
 
-    def check_bounds(self) -> str:
-        """Assert what must hold at every sample since the last check; return the figures."""
-        angle = max(np.abs(message.position).max() for message in self.joints)
-        command = max(np.abs(message.effort).max() for message in self.commands)
-        told, self.told = self.told, 0.0
+    def figures(self, fault: str) -> Figures:
+        """Return the figures since the last time, and the first bound that they break."""
+        angle = max(float(np.abs(message.position).max()) for message in self.joints)
+        command = max(float(np.abs(message.effort).max()) for message in self.commands)
+        finite = all(np.isfinite(message.position[0]) for message in self.payload)
+        bounds = {f'it was said after {self.told:.2f} s': self.told <= self.said_within,
+                  f'a joint went to {angle:.3g} rad': angle < LARGEST_ANGLE,
+                  f'a command of {command:.3g}': command <= COMMAND_LIMIT,
+                  'a payload that is no number': finite}
+        broken = next((text for text, holds in bounds.items() if not holds), '')
+        return Figures(fault, angle, command, self.told, self.error(), broken)
+
+    def forget(self) -> None:
+        """Begin the next fault."""
         self.joints.clear()
         self.commands.clear()
-        assert told <= self.said_within, f'it was said after {told:.2f} s'
-        assert angle < LARGEST_ANGLE, f'a joint went to {angle:.3g} rad'
-        assert command <= COMMAND_LIMIT, f'a command of {command:.3g}'
-        assert all(np.isfinite(message.position[0]) for message in self.payload)
-        return (f'joints within {angle:.3g} rad, commands within {command:.3g}, payload '
-                f'{self.payload[-1].position[0]:.4f} for {self.mass:g} kg')
+        self.told = 0.0
 
     def close(self) -> None:
         """End everything."""
@@ -131,33 +164,33 @@ class Arena:
         self.loop.close()
 
 
-def killed(node: str, text: str, **values: Any) -> Callable[[Arena], str]:
+def killed(node: str, text: str, **values: Any) -> Callable[[Arena], None]:
     """Return the fault of a node that is killed and started again."""
-    def fault(arena: Arena) -> str:
+    def fault(arena: Arena) -> None:
         begin = time.monotonic()
         arena.signal(node, signal.SIGKILL)
-        told = arena.said(text, begin) if text else 0.0
+        if text:
+            arena.said(text, begin)
         arena.mass = values.get('payload', arena.mass)
         arena.start(node, **values)
         arena.again_right()
-        return f'said after {told:.2f} s'
     return fault
 
 
-def stopped(node: str, text: str) -> Callable[[Arena], str]:
+def stopped(node: str, text: str) -> Callable[[Arena], None]:
     """Return the fault of a node that stands still for two seconds."""
-    def fault(arena: Arena) -> str:
+    def fault(arena: Arena) -> None:
         begin = time.monotonic()
         arena.signal(node, signal.SIGSTOP)
-        told = arena.said(text, begin) if text else 0.0
+        if text:
+            arena.said(text, begin)
         arena.loop.wait(max(0.0, 2.0 - (time.monotonic() - begin)))
         arena.signal(node, signal.SIGCONT)
         arena.again_right()
-        return f'said after {told:.2f} s'
     return fault
 
 
-def second_plant(arena: Arena) -> str:
+def second_plant(arena: Arena) -> None:
     """Let a second arm with another payload publish on the same topics."""
     before = arena.processes['plant_sim']
     arena.start('plant_sim', payload=0.6)
@@ -165,23 +198,21 @@ def second_plant(arena: Arena) -> str:
     try:
         arena.loop.until(lambda: arena.loop.observer.count_publishers('strain') > 1, START)
         begin = time.monotonic()
-        told = arena.said('publishers of', begin)
+        arena.said('publishers of', begin)
         arena.again_right()
     finally:
         second.kill()
         second.wait()
-    return f'said after {told:.2f} s'
 
 
-def clock_back(arena: Arena) -> str:
+def clock_back(arena: Arena) -> None:
     """Let the plant begin again: in real time a new stamp, and the arm back at rest."""
     assert arena.loop.call('plant_sim', 'reset').success
     arena.again_right()
-    return ''
 
 
 NO_SAMPLE, NO_PAYLOAD = 'no message on', 'payload/inertia is late or missing'
-FAULTS: dict[str, Callable[[Arena], str]] = {
+FAULTS: dict[str, Callable[[Arena], None]] = {
     'estimator killed': killed('payload_estimator', NO_PAYLOAD),
     'controller killed': killed('lqg_controller', 'no command for the sample'),
     'plant killed, another payload': killed('plant_sim', NO_SAMPLE, payload=0.25),
@@ -192,23 +223,37 @@ FAULTS: dict[str, Callable[[Arena], str]] = {
 
 
 def run(names: list[str], context: Any, domain: int, said_within: float = SAID
-        ) -> dict[str, str]:
+        ) -> list[Figures]:
     """Return what became of each fault, one after another in one running loop."""
-    arena, found = Arena(context, domain, said_within), {}
+    arena, found = Arena(context, domain, said_within), []
     try:
         arena.start_all()
-        for number, name in enumerate(names):
-            key = f'{number} {name}'
+        for name in names:
+            arena.forget()
             try:
-                said = FAULTS[name](arena)
-                found[key] = f'{arena.check_bounds()}, {said}'
+                FAULTS[name](arena)
+                found.append(arena.figures(name))
             except AssertionError as error:
-                found[key] = f'FAILED: {error}'
-                arena.joints.clear()
-            print(f'{key}: {found[key]}', flush=True)
+                found.append(Figures(name, told=arena.told, broken=str(error)))
+            print(found[-1], flush=True)
     finally:
         arena.close()
     return found
+
+
+def table(found: list[Figures]) -> list[str]:
+    """Return the worst figures of each fault as a table."""
+    lines = ['| fault | times | largest angle, rad | largest command | said after, s | '
+             'payload off / allowed | bounds broken |', '|---|---|---|---|---|---|---|']
+    for name in dict.fromkeys(item.fault for item in found):
+        own = [item for item in found if item.fault == name]
+        worst = [max(getattr(item, key) for item in own)
+                 for key in ('angle', 'command', 'told', 'error')]
+        broken = [item.broken for item in own if item.broken]
+        lines.append(f'| {name} | {len(own)} | {worst[0]:.2f} | {worst[1]:.2f} | '
+                     f'{worst[2] and format(worst[2], ".2f") or "–"} | {worst[3]:.2f} | '
+                     f'{len(broken)}{": " if broken else ""}{"; ".join(broken)} |')
+    return lines
 
 
 def main() -> int:
@@ -220,13 +265,15 @@ def main() -> int:
     options.add_argument('faults', nargs='*', metavar='FAULT', help=', '.join(FAULTS))
     options.add_argument('--times', type=int, default=1)
     options.add_argument('--domain', type=int, default=92)
+    options.add_argument('--page', action='store_true', help='write it into docs/faults.md')
     chosen = options.parse_args()
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     context = Context()
     rclpy.init(context=context, domain_id=chosen.domain)
     found = run((chosen.faults or list(FAULTS)) * chosen.times, context, chosen.domain)
-    failed = sum(text.startswith('FAILED') for text in found.values())
-    print(f'{failed} of {len(found)} failed')
+    failed = sum(bool(item.broken) for item in found)
+    record('processes', [*table(found), '', f'{failed} of {len(found)} broke a bound.'],
+           chosen.page)
     return min(failed, 1)
 
 

@@ -1,26 +1,40 @@
 """
-Signals during the start of a node: no traceback, and the exit codes that were promised.
+Signals during the start of a node or a tool: no traceback, the exit codes that were promised.
 
-`python test/faults/start_signals.py [--count N] [--seed S]` sends N signals at random moments.
+`python test/faults/start_signals.py [--count N] [--seed S] [--only NAME ...] [--page]` sends N
+signals at random moments, and looks that nothing goes on running or stays half-written.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass
 import os
+from pathlib import Path
 import random
 import signal
 import subprocess
 import sys
+from tempfile import TemporaryDirectory
 import time
 
-PROGRAMS = {
+NODES = {
     'plant_sim': ('flex_plant_sim.nodes.start',),
     'payload_estimator': ('flex_payload_estimator.nodes.start', 'payload_estimator'),
     'lqg_controller': ('flex_payload_estimator.nodes.start', 'lqg_controller')}
-CODES = {signal.SIGINT: (0, 130), signal.SIGTERM: (0,)}
+OUT = ('--out', '{out}/folder')
+TOOLS: dict[str, tuple[str, ...]] = {
+    'flex_compile': (), 'flex_demo': ('--duration', '1', *OUT), 'flex_figures': OUT,
+    'flex_diagnose': ('{log}', '--jobs', '1', '--report', '{out}/folder'),
+    'flex_estimate': ('{log}', '--json', '{out}/a.json'),
+    'flex_fleet': ('{night}', '--workers', '1', *OUT),
+    'flex_replay': ('{log}', '--json', '{out}/a.json', '--plot', '{out}/a.png'),
+    'flex_robot': ('show', 'reference', '--output', '{out}/a.png')}
+# A tool may have done its work before the signal came.
+NODE_CODES = {signal.SIGINT: (0, 130), signal.SIGTERM: (0,)}
+TOOL_CODES = {signal.SIGINT: (0, 130), signal.SIGTERM: (0, 130)}
 LATEST = 4.0
 # What Python says where a signal comes while it imports `site`: no line of this package has run.
 SITE = 'Failed to import the site module'
@@ -28,9 +42,9 @@ SITE = 'Failed to import the site module'
 
 @dataclass(frozen=True)
 class Attack:
-    """One signal: to which node, which, how late (s), and what came of it."""
+    """One signal: to which program, which, how late (s), and what came of it."""
 
-    node: str
+    program: str
     number: signal.Signals
     delay: float
     code: int
@@ -39,7 +53,8 @@ class Attack:
     @property
     def clean(self) -> bool:
         """Return whether it ended as promised."""
-        return self.code in CODES[self.number] and 'Traceback' not in self.error
+        codes = NODE_CODES if self.program in NODES else TOOL_CODES
+        return self.code in codes[self.number] and 'Traceback' not in self.error
 
     @property
     def too_early(self) -> bool:
@@ -48,46 +63,78 @@ class Attack:
         return silent or SITE in self.error
 
 
-def attack(node: str, number: signal.Signals, delay: float, domain: int) -> Attack:
-    """Start a node, send a signal after a delay, s, and return how it ended."""
+def attack(program: str, number: signal.Signals, delay: float, domain: int,
+           folder: Path = Path()) -> Attack:
+    """Start a node, or a tool on the logs of a folder; send a signal after a delay, s."""
     process = subprocess.Popen(
-        [sys.executable, '-m', *PROGRAMS[node]], text=True, stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE, env={**os.environ, 'ROS_DOMAIN_ID': str(domain),
+        command(program, folder), text=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+        start_new_session=True, env={**os.environ, 'ROS_DOMAIN_ID': str(domain),
                                      'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'})
     time.sleep(delay)
     process.send_signal(number)
     try:
+        # The pipe stays open as long as a child of the program lives.
         error = process.communicate(timeout=30.0)[1]
     except subprocess.TimeoutExpired:
-        process.kill()
-        error = 'hangs'
-    return Attack(node, number, delay, process.returncode, error)
+        error = 'Traceback: it, or a child, goes on'
+    with suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    left = [path.name for path in folder.glob('out/**/.*')] if program in TOOLS else []
+    return Attack(program, number, delay, process.returncode,
+                  f'{error}Traceback: it left {left}' if left else error)
 
 
-def attacks(count: int, seed: int, domain: int) -> list[Attack]:
+def command(program: str, folder: Path) -> list[str]:
+    """Return what starts a node or a tool, with its outputs in a new folder out."""
+    if program in NODES:
+        return [sys.executable, '-m', *NODES[program]]
+    (folder / 'out').mkdir()
+    names = {'log': folder / 'night' / '0.csv', 'night': folder / 'night', 'out': folder / 'out'}
+    return [str(Path(sys.executable).with_name(program)),
+            *(word.format(**names) for word in TOOLS[program])]
+
+
+def attacks(count: int, seed: int, domain: int, programs: list[str]) -> list[Attack]:
     """Return what came of signals at random moments of the start."""
-    chance = random.Random(seed)
-    return [attack(chance.choice(sorted(PROGRAMS)), chance.choice(sorted(CODES)),
-                   chance.uniform(0.0, LATEST), domain) for _ in range(count)]
+    from faults.fleet_run import write_log
+
+    chance, found = random.Random(seed), []
+    for _ in range(count):
+        with TemporaryDirectory() as name:
+            write_log(Path(name) / 'night' / '0.csv', 1, 21.0)
+            found.append(attack(chance.choice(programs), chance.choice(sorted(NODE_CODES)),
+                                chance.uniform(0.0, LATEST), domain, Path(name)))
+    return found
 
 
 def main() -> int:
     """Print what was not clean; return how many."""
+    from faults.page import record
+
     options = argparse.ArgumentParser(description=__doc__)
-    options.add_argument('--count', type=int, default=100)
+    options.add_argument('--count', type=int, default=200)
     options.add_argument('--seed', type=int, default=0)
     options.add_argument('--domain', type=int, default=90)
+    options.add_argument('--only', nargs='+', choices=[*NODES, *TOOLS], default=[*NODES, *TOOLS])
+    options.add_argument('--page', action='store_true', help='write it into docs/faults.md')
     chosen = options.parse_args()
-    found = attacks(chosen.count, chosen.seed, chosen.domain)
+    found = attacks(chosen.count, chosen.seed, chosen.domain, chosen.only)
     early = [item for item in found if item.too_early]
     bad = [item for item in found if not (item.clean or item.too_early)]
     for item in bad:
-        print(f'{item.node} {item.number.name} after {item.delay:.3f} s: {item.code}\n'
+        print(f'{item.program} {item.number.name} after {item.delay:.3f} s: {item.code}\n'
               f'{item.error}')
-    print(Counter((item.number.name, item.code) for item in found))
-    print(f'{len(bad)} of {len(found)} not clean; {len(early)} more ended while Python itself '
-          f'started, up to {max((item.delay for item in early), default=0.0):.2f} s, '
-          f'{sum(SITE in item.error for item in early)} of them with its own traceback')
+    codes = Counter((item.number.name, item.code) for item in found)
+    record('signals', [
+        f'{len(found)} signals to {len(chosen.only)} programs in their first {LATEST:g} s: '
+        f'{sum("Traceback" in item.error for item in bad)} tracebacks, files left half-written '
+        f'or processes left running, {len(bad)} not as promised. '
+        + ', '.join(f'{name} → {code}: {count}' for (name, code), count in sorted(codes.items()))
+        + f'. {len(early)} came while Python itself started, up to '
+        f'{max((item.delay for item in early), default=0.0):.2f} s; to '
+        f'{sum(SITE in item.error for item in early)} of them it answered with a traceback of its '
+        'own, before a line of this package had run.'], chosen.page)
     return min(len(bad), 1)
 
 
