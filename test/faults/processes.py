@@ -95,9 +95,10 @@ class Arena:
             env={**os.environ, 'ROS_DOMAIN_ID': str(self.domain)})
 
     def start_all(self) -> None:
-        """Start the loop and wait until the payload is right."""
+        """Start the loop and wait until it is closed and the payload is right."""
         for node in PROGRAMS:
             self.start(node)
+        self.loop.until(lambda: len(self.commands) > 50, START)
         self.right_within(START)
 
     def signal(self, node: str, number: signal.Signals) -> None:
@@ -169,10 +170,11 @@ def killed(node: str, text: str, **values: Any) -> Callable[[Arena], None]:
     def fault(arena: Arena) -> None:
         begin = time.monotonic()
         arena.signal(node, signal.SIGKILL)
-        if text:
+        try:
             arena.said(text, begin)
-        arena.mass = values.get('payload', arena.mass)
-        arena.start(node, **values)
+        finally:
+            arena.mass = values.get('payload', arena.mass)
+            arena.start(node, **values)
         arena.again_right()
     return fault
 
@@ -182,10 +184,11 @@ def stopped(node: str, text: str) -> Callable[[Arena], None]:
     def fault(arena: Arena) -> None:
         begin = time.monotonic()
         arena.signal(node, signal.SIGSTOP)
-        if text:
+        try:
             arena.said(text, begin)
-        arena.loop.wait(max(0.0, 2.0 - (time.monotonic() - begin)))
-        arena.signal(node, signal.SIGCONT)
+            arena.loop.wait(max(0.0, 2.0 - (time.monotonic() - begin)))
+        finally:
+            arena.signal(node, signal.SIGCONT)
         arena.again_right()
     return fault
 
