@@ -9,7 +9,7 @@ export OPENBLAS_NUM_THREADS := 1
 # The ROS wheels re-execute Python once; the guard of another environment would stop that.
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-.PHONY: help demo test lint bank attack bench figures docs lock sbom faults soak clean
+.PHONY: help demo test lint bank attack bench figures docs lock sbom faults fleet soak clean
 .DEFAULT_GOAL := help
 
 help:  ## list the targets
@@ -49,14 +49,20 @@ lock: .venv/.$(DISTRO)-test  ## pin every dependency anew, with hashes
 sbom: .venv/.$(DISTRO)-test  ## software bill of materials of what make demo installs, as sbom.json
 	$(BIN)/cyclonedx-py requirements -o sbom.json requirements/run.txt
 
+FAULTS := PYTHONPATH=.:test $(BIN)/python test/faults
+
 faults: .venv/.$(DISTRO)-test  ## faults between processes, bad samples, mutated messages, signals
-	PYTHONPATH=.:test $(BIN)/python test/faults/processes.py --times 10
-	PYTHONPATH=.:test $(BIN)/python test/faults/bad_sample_run.py
-	PYTHONPATH=. $(BIN)/python test/faults/mutated_messages.py
-	$(BIN)/python test/faults/start_signals.py
+	$(FAULTS)/processes.py --times 10 --page
+	$(FAULTS)/bad_sample_run.py --page
+	$(FAULTS)/mutated_messages.py --page
+	$(FAULTS)/start_signals.py --page
+	$(FAULTS)/outputs_run.py --page
+
+fleet: .venv/.$(DISTRO)-test  ## 64 logs on one worker, on two, and with one killed
+	$(FAULTS)/fleet_run.py --page
 
 soak: .venv/.$(DISTRO)-test  ## an hour in real time at 1 kHz, one in lock-step: memory, latency, loss
-	$(BIN)/python test/faults/soak.py --minutes 120
+	$(FAULTS)/soak.py --minutes 120 --page
 
 clean:  ## remove the virtual environment and everything built
 	rm -rf .venv build install log *.egg-info .coverage .mypy_cache .pytest_cache .ruff_cache

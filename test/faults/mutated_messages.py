@@ -1,8 +1,8 @@
 """
 Mutated messages into the callbacks of the running nodes: none dies, and no NaN comes out.
 
-`python test/faults/mutated_messages.py [--count N] [--seed S]`; the messages go straight into the
-subscriptions' callbacks, each between two good samples.
+`python test/faults/mutated_messages.py [--count N] [--seed S] [--page]`; the messages go
+straight into the subscriptions' callbacks, each between two good samples.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import random
 import sys
 from typing import Any
 
+from faults.page import record
 from msg_config.contract import load_topics
 from msg_config.ros import interface_class
 import numpy as np
@@ -152,13 +153,15 @@ def main() -> int:
     options.add_argument('--count', type=int, default=20_000)
     options.add_argument('--seed', type=int, default=0)
     options.add_argument('--domain', type=int, default=91)
+    options.add_argument('--page', action='store_true', help='write it into docs/faults.md')
     chosen = options.parse_args()
     victims, deaths = attack(chosen.count, chosen.seed, chosen.domain, modes=2)
     for line in [*deaths[:20], *victims.bad[:20]]:
         print(line)
     refused = sum(node.rejected.total() for node in victims.nodes.values())
-    print(f'{chosen.count} messages: {len(deaths)} deaths, {len(victims.bad)} bad numbers out, '
-          f'{refused} refused, {victims.samples} samples in between')
+    record('messages', [
+        f'{chosen.count} messages (seed {chosen.seed}): {len(deaths)} deaths, {len(victims.bad)} '
+        f'bad numbers out, {refused} refused, {victims.samples} samples in between.'], chosen.page)
     victims.close()
     return int(bool(deaths or victims.bad))
 

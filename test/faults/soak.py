@@ -1,9 +1,10 @@
 """
 The loop for hours: memory, latency and loss over time, in real time and in lock-step.
 
-`python test/faults/soak.py [--minutes 60] [--rate 1000] [--picture FILE]` runs the three nodes as
-processes, half of the time in real time at the rate, half in lock-step, and prints for each node
-the slope of its resident memory after the warm-up; the observer counts what was lost.
+`python test/faults/soak.py [--minutes 60] [--rate 1000] [--modes realtime lockstep]
+[--picture FILE] [--page]` runs the three nodes as processes, in each mode for an equal part of the
+time, and prints for each node the slope of its resident memory after the warm-up; the observer
+counts what was lost.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import sys
 import time
 from typing import Any
 
+from faults.page import record
 from matplotlib.figure import Figure
 from msg_config.messages import stamp_of
 from msg_config.node_process import make_executor
@@ -33,11 +35,15 @@ PROGRAMS = {
     'payload_estimator': ('flex_payload_estimator.nodes.start', 'payload_estimator'),
     'lqg_controller': ('flex_payload_estimator.nodes.start', 'lqg_controller')}
 TOPICS = ('joint_states', 'payload/inertia', 'command')
+MODES = ('realtime', 'lockstep')
+HEADER = ('| mode | min | samples due | came | without a payload | without a command | '
+          'p50, ms | p99, ms | memory of ' + ', '.join(PROGRAMS) + ', MB/h |',
+          '|---|---|---|---|---|---|---|---|---|')
 INTERVAL = 5.0
 # A slope needs some rows.
 FEWEST = 3
-# Share of a run that is warm-up: caches of payloads and of messages fill.
-WARM_UP = 0.25
+# Warm-up: the estimator keeps 10 to 20 s of samples, and caches of payloads and messages fill.
+WARM_UP_SHARE, WARM_UP_DATA = 0.25, 30.0
 PAGE = os.sysconf('SC_PAGE_SIZE')
 
 
@@ -108,7 +114,7 @@ def run(mode: str, options: argparse.Namespace) -> list[dict[str, float]]:
         while not heard.counts['command']:
             executor.spin_until_future_complete(Future(), timeout_sec=0.5)
         heard.counts.update(dict.fromkeys(TOPICS, 0))
-        return watch(executor, heard, processes, 0.5 * options.minutes)
+        return watch(executor, heard, processes, options.minutes / len(options.modes))
     finally:
         for process in processes.values():
             process.send_signal(signal.SIGTERM)
@@ -117,20 +123,25 @@ def run(mode: str, options: argparse.Namespace) -> list[dict[str, float]]:
         node.destroy_node()
 
 
+def warm(rows: list[dict[str, float]], rate: float) -> list[dict[str, float]]:
+    """Return the rows after the warm-up."""
+    first = next((k for k, row in enumerate(rows)
+                  if row['joint_states'] > WARM_UP_DATA * rate), len(rows))
+    return rows[max(int(WARM_UP_SHARE * len(rows)), min(first, len(rows) - FEWEST)):]
+
+
 def verdict(mode: str, rows: list[dict[str, float]], rate: float) -> str:
-    """Return one line a mode, after the warm-up: what was lost, latency, memory's slope."""
-    late = rows[int(WARM_UP * len(rows)):]
+    """Return a row of the table, after the warm-up: what was lost, latency, memory's slope."""
+    late = warm(rows, rate)
     hours = np.array([row['time'] for row in late]) / 60.0
-    slopes = {name: np.polyfit(hours, [row[name] for row in late], 1)[0] for name in PROGRAMS}
+    slopes = [np.polyfit(hours, [row[name] for row in late], 1)[0] for name in PROGRAMS]
     counts = {topic: rows[-1][topic] - late[0][topic] for topic in TOPICS}
     minutes = rows[-1]['time'] - late[0]['time']
-    memory = ', '.join(f'{name} {slope:+.2f}' for name, slope in slopes.items())
-    asked = f' of {rate * 60.0 * minutes:.0f} due' if mode == 'realtime' else ''
-    return (f'{mode}: {counts["joint_states"]:.0f} samples{asked}, '
-            f'{counts["joint_states"] - counts["payload/inertia"]:.0f} without an estimate, '
-            f'{counts["joint_states"] - counts["command"]:.0f} without a command; latency p50 '
-            f'{np.nanmedian([row["p50"] for row in late]):.2f}, p99 '
-            f'{np.nanmedian([row["p99"] for row in late]):.2f} ms; memory MB/h: {memory}')
+    due = f'{rate * 60.0 * minutes:.0f}' if mode == 'realtime' else '–'
+    lost = [f'{counts["joint_states"] - counts[topic]:.0f}' for topic in TOPICS[1:]]
+    delays = [f'{np.nanmedian([row[name] for row in late]):.2f}' for name in ('p50', 'p99')]
+    return ' | '.join([f'| {mode}', f'{minutes:.1f}', due, f'{counts["joint_states"]:.0f}',
+                       *lost, *delays, ', '.join(f'{slope:+.2f}' for slope in slopes) + ' |'])
 
 
 def draw(found: dict[str, list[dict[str, float]]], path: Path) -> None:
@@ -162,20 +173,24 @@ def main() -> int:
     options.add_argument('--minutes', type=float, default=60.0)
     options.add_argument('--rate', type=float, default=1000.0)
     options.add_argument('--domain', type=int, default=94)
+    options.add_argument('--modes', nargs='+', choices=MODES, default=list(MODES))
     options.add_argument('--picture', type=Path, default=Path('docs/figures/soak.png'))
+    options.add_argument('--block', choices=('soak', 'busy'), default='soak')
+    options.add_argument('--page', action='store_true', help='write it into docs/faults.md')
     chosen = options.parse_args()
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     rclpy.init(domain_id=chosen.domain)
     found: dict[str, list[dict[str, float]]] = {}
-    for mode in ('realtime', 'lockstep'):
+    for mode in chosen.modes:
         try:
             rows = run(mode, chosen)
         except (KeyboardInterrupt, ExternalShutdownException):
             break
         if len(rows) > FEWEST:
             found[mode] = rows
-            print(verdict(mode, rows, chosen.rate), flush=True)
             draw(found, chosen.picture)
+            record(chosen.block, [f'At {chosen.rate:g} Hz:', '', *HEADER, *(
+                verdict(name, each, chosen.rate) for name, each in found.items())], chosen.page)
     rclpy.try_shutdown()
     return 0
 

@@ -119,6 +119,8 @@ def main() -> int:
     options.add_argument('--only', nargs='+', choices=[*NODES, *TOOLS], default=[*NODES, *TOOLS])
     options.add_argument('--page', action='store_true', help='write it into docs/faults.md')
     chosen = options.parse_args()
+    # A shell lets what runs in the background ignore Ctrl-C, and children inherit that.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     found = attacks(chosen.count, chosen.seed, chosen.domain, chosen.only)
     early = [item for item in found if item.too_early]
     bad = [item for item in found if not (item.clean or item.too_early)]
