@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 import gc
+import os
 import signal
 import sys
 from typing import Any
@@ -26,6 +27,16 @@ def make_executor(context: Context | None = None) -> Executor:
     except ImportError:
         return SingleThreadedExecutor(context=context)
     return EventsExecutor(context=context)
+
+
+def avoid_shared_memory() -> None:
+    """
+    Keep this process's topics on UDP, unless FASTDDS_BUILTIN_TRANSPORTS says otherwise.
+
+    After a kill -9 of any process, Fast DDS (3.2.2, its issue 5469) may delete shared memory on
+    which another still listens: that one hears nothing more until it is started again.
+    """
+    os.environ.setdefault('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
 
 
 def spin(executor: Executor, stop: Future[Any]) -> None:
@@ -52,6 +63,7 @@ def run(make: Callable[[], ContractNode], arguments: Sequence[str] | None = None
         sees the signal), 2 for a bad parameter, which is named in one line.
 
     """
+    avoid_shared_memory()
     try:
         rclpy.init(args=list(sys.argv if arguments is None else arguments),
                    signal_handler_options=SignalHandlerOptions.NO)

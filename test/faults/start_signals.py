@@ -24,14 +24,17 @@ NODES = {
     'plant_sim': ('flex_plant_sim.nodes.start',),
     'payload_estimator': ('flex_payload_estimator.nodes.start', 'payload_estimator'),
     'lqg_controller': ('flex_payload_estimator.nodes.start', 'lqg_controller')}
+TOOLS = ('compile', 'demo', 'diagnose', 'estimate', 'figures', 'fleet', 'replay', 'robot')
+MODULES = {**dict.fromkeys(TOOLS, 'flex_payload_estimator.tools'),
+           **dict.fromkeys(('diagnose', 'replay', 'robot'), 'flex_plant_sim.tools')}
 OUT = ('--out', '{out}/folder')
-TOOLS: dict[str, tuple[str, ...]] = {
-    'flex_compile': (), 'flex_demo': ('--duration', '1', *OUT), 'flex_figures': OUT,
-    'flex_diagnose': ('{log}', '--jobs', '1', '--report', '{out}/folder'),
-    'flex_estimate': ('{log}', '--json', '{out}/a.json'),
-    'flex_fleet': ('{night}', '--workers', '1', *OUT),
-    'flex_replay': ('{log}', '--json', '{out}/a.json', '--plot', '{out}/a.png'),
-    'flex_robot': ('show', 'reference', '--output', '{out}/a.png')}
+OPTIONS: dict[str, tuple[str, ...]] = {
+    'demo': ('--duration', '1', *OUT), 'figures': OUT,
+    'diagnose': ('{log}', '--jobs', '1', '--report', '{out}/folder'),
+    'estimate': ('{log}', '--json', '{out}/a.json'),
+    'fleet': ('{night}', '--workers', '1', *OUT),
+    'replay': ('{log}', '--json', '{out}/a.json', '--plot', '{out}/a.png'),
+    'robot': ('show', 'reference', '--output', '{out}/a.png')}
 # A tool may have done its work before the signal came.
 NODE_CODES = {signal.SIGINT: (0, 130), signal.SIGTERM: (0,)}
 TOOL_CODES = {signal.SIGINT: (0, 130), signal.SIGTERM: (0, 130)}
@@ -91,8 +94,8 @@ def command(program: str, folder: Path) -> list[str]:
         return [sys.executable, '-m', *NODES[program]]
     (folder / 'out').mkdir()
     names = {'log': folder / 'night' / '0.csv', 'night': folder / 'night', 'out': folder / 'out'}
-    return [str(Path(sys.executable).with_name(program)),
-            *(word.format(**names) for word in TOOLS[program])]
+    return [sys.executable, '-m', f'{MODULES[program]}.{program}',
+            *(word.format(**names) for word in OPTIONS.get(program, ()))]
 
 
 def attacks(count: int, seed: int, domain: int, programs: list[str]) -> list[Attack]:
