@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from flex_plant_sim.diagnosis.prediction.free_run import free_run
+from flex_plant_sim.diagnosis.prediction.spectrum import power_density
 from flex_plant_sim.diagnosis.report.symptoms import (
     bands,
     describe,
@@ -14,6 +15,7 @@ from flex_plant_sim.diagnosis.report.symptoms import (
 )
 import numpy as np
 import pytest
+from scipy.signal import welch
 from simulated_records import effects, predictor, REFERENCE, simulated
 
 
@@ -23,6 +25,17 @@ def test_ljung_box_by_its_definition() -> None:
     rho = [centred[k:] @ centred[:8 - k] / (centred @ centred) for k in (1, 2)]
     expected = 8 * 10 * (rho[0]**2 / 7 + rho[1]**2 / 6)
     assert whiteness([x], 2).statistic == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize('level', [False, True])
+@pytest.mark.parametrize('length', [64, 75])
+def test_power_density_is_welch_s(length: int, level: bool) -> None:
+    values = 2.0 + np.random.default_rng(3).standard_normal((300, 2))
+    frequency, power = power_density(values, 0.01, length, level)
+    expected = welch(values, 100.0, nperseg=length, axis=0,
+                     detrend='constant' if level else False)
+    np.testing.assert_allclose(frequency, expected[0], rtol=1e-12)
+    np.testing.assert_allclose(power, expected[1], rtol=1e-9)
 
 
 def test_white_noise_passes_and_is_not_predictable() -> None:

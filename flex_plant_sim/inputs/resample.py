@@ -9,7 +9,7 @@ from flex_plant_sim.arm.second_order import Array
 from msg_config.errors import InputError
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
+from scipy.linalg import solve_banded
 
 Rows = NDArray[np.int64]
 # A stamp nearer to another sample's place than to its own says nothing.
@@ -149,8 +149,32 @@ def filled(grid: Grid, values: Array) -> Array:
     found[grid.place] = values
     missing = np.setdiff1d(np.arange(grid.samples), grid.place)
     if missing.size:
-        found[missing] = CubicSpline(grid.place, values)(missing)
+        found[missing] = _spline(grid.place, values, missing)
     return found
+
+
+def _spline(x: Rows, y: Array, at: Rows) -> Array:
+    """
+    Return the cubic spline through y at x, (N, n), N >= 4, at other places.
+
+    de Boor, A Practical Guide to Splines (1978), ch. IV, not-a-knot ends; scipy.interpolate has
+    it, too, but its import takes longer than all that is read.
+    """
+    h, bands = np.diff(x).astype(float), np.zeros((3, len(x) - 2))
+    slope = np.diff(y, axis=0) / h[:, None]
+    bands[0, 1:], bands[1], bands[2, :-1] = h[1:-1], 2.0 * (h[:-1] + h[1:]), h[1:-1]
+    # At either end the second derivative goes on along its line.
+    first, last = h[0] / h[1], h[-1] / h[-2]
+    bands[1, [0, -1]] += [h[0] * (1.0 + first), h[-1] * (1.0 + last)]
+    bands[0, 1] -= h[0] * first
+    bands[2, -2] -= h[-1] * last
+    inner = solve_banded((1, 1), bands, 6.0 * np.diff(slope, axis=0))
+    bend = np.vstack([inner[0] + first * (inner[0] - inner[1]), inner,
+                      inner[-1] + last * (inner[-1] - inner[-2])])
+    k = np.searchsorted(x, at) - 1
+    t, width = (at - x[k])[:, None], h[k][:, None]
+    tangent = slope[k] - width * (2.0 * bend[k] + bend[k + 1]) / 6.0
+    return y[k] + t * (tangent + t * (0.5 * bend[k] + t * (bend[k + 1] - bend[k]) / (6.0 * width)))
 
 
 def bridged(grid: Grid, values: Array) -> Array:

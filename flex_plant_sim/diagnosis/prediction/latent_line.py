@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from flex_plant_sim.diagnosis.prediction.law import Series
+from flex_plant_sim.diagnosis.prediction.spectrum import power_density
 import numpy as np
-from scipy.signal import welch
 
 SEGMENTS = 8
 # Bins on either side of a Hann window's peak, and of the background beside it.
@@ -40,7 +40,7 @@ def line_of(series: Series, sample_time: float) -> Line | None:
     value = series.value - series.value.mean()
     if series.size < series.relevant:
         return None
-    frequency, power = welch(value, 1.0 / sample_time, nperseg=len(value) // SEGMENTS)
+    frequency, power = power_density(value, sample_time, len(value) // SEGMENTS, level=True)
     at = int(np.argmax(power[BESIDE:])) + BESIDE
     beside = np.concatenate([power[at - BESIDE:at - PEAK], power[at + PEAK + 1:at + BESIDE + 1]])
     share = float(power[at - PEAK:at + PEAK + 1].sum() / power.sum())

@@ -50,8 +50,8 @@ def gain_pictures(gains: Sequence[Gain]) -> list[Picture]:
             axis.loglog(at, [scale * g.after for g in rows], 's-', color=AFTER, label='after')
             axis.fill_between(at, [scale * g.low for g in rows], [scale * g.high for g in rows],
                               color=AFTER, alpha=0.2, linewidth=0)
+            _plain_ticks(axis)
             axis.set_xticks(at, [f'{h:g}' for h in at])
-            axis.minorticks_off()
             axis.set_xlabel('simulated ahead, s')
             axis.set_ylabel(f'rms error, {unit}')
             axis.legend(frameon=False)
@@ -168,6 +168,7 @@ def spectrum_pictures(nominal: Sequence[Predictor],
             for (frequency, power), colour, label in zip(
                     both, (BEFORE, AFTER), ('before', 'after')):
                 axis.loglog(frequency[1:], scale**2 * power[1:, k], color=colour, label=label)
+            _plain_ticks(axis)
             axis.axhline(white, color=MEASURED, linewidth=0.8, linestyle='--',
                          label='sensor noise')
             axis.set_xlabel('frequency, Hz')
@@ -178,6 +179,13 @@ def spectrum_pictures(nominal: Sequence[Predictor],
             f'{name}: power density of the one-step error before and after, beside that of '
             'the sensor noise')))
     return pictures
+
+
+def _plain_ticks(axis: Any) -> None:
+    """Mark decades alone, in plain figures: powers set as formulas take half of the drawing."""
+    axis.minorticks_off()
+    for scale in (axis.xaxis, axis.yaxis):
+        scale.set_major_formatter('{x:g}')
 
 
 def picture(draw: Callable[[Any], None], title: str, text: str,

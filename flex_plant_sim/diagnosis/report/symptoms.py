@@ -9,10 +9,10 @@ from typing import Any
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.prediction.free_run import errors, horizon_samples, start_instants
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
+from flex_plant_sim.diagnosis.prediction.spectrum import power_density
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_toeplitz
-from scipy.signal import welch
 from scipy.special import chdtrc
 
 HORIZONS = (0.2, 1.0, 5.0)
@@ -176,7 +176,7 @@ def natural_frequencies(predictor: Predictor) -> Array:
 def spectrum(parts: Sequence[Array], sample_time: float) -> tuple[Array, Array]:
     """Return frequencies, Hz, (F,), and the power density of stretches (N_k, m), (F, m)."""
     length = min(512, *(len(part) for part in parts))
-    spectra = [welch(p, 1.0 / sample_time, nperseg=length, detrend=False, axis=0) for p in parts]
+    spectra = [power_density(part, sample_time, length) for part in parts]
     weight = np.array([len(part) for part in parts], dtype=float)
     power = np.tensordot(weight / weight.sum(), [density for _, density in spectra], axes=1)
     return spectra[0][0], power

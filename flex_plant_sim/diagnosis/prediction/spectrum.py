@@ -1,0 +1,38 @@
+"""Power densities of stretches; importing scipy.signal would double every tool's start."""
+
+from __future__ import annotations
+
+from flex_plant_sim.arm.second_order import Array
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+
+def power_density(values: Array, sample_time: float, length: int,
+                  level: bool = False) -> tuple[Array, Array]:
+    """
+    Return frequencies, Hz, (F,), and the one-sided power density over them, (F, ...).
+
+    Welch, IEEE Trans. Audio Electroacoust. 15 (1967): the mean over Hann windows that overlap
+    by half.
+
+    Parameters
+    ----------
+    values : Array
+        (N, ...), N >= `length`.
+    sample_time : float
+        s.
+    length : int
+        Samples of a window.
+    level : bool
+        Whether each window's own mean is taken off.
+
+    """
+    parts = sliding_window_view(values, length, axis=0)[::length - length // 2]
+    if level:
+        parts = parts - parts.mean(axis=-1, keepdims=True)
+    window = np.hanning(length + 1)[:-1]
+    power = np.mean(np.abs(np.fft.rfft(window * parts))**2, axis=0)
+    density = power * sample_time / (window @ window)
+    # Negative frequencies count with the positive ones; zero and Nyquist's have none.
+    density[..., 1:(length + 1) // 2] *= 2.0
+    return np.fft.rfftfreq(length, sample_time), np.moveaxis(density, -1, 0)
