@@ -14,7 +14,7 @@ TRUE = REFERENCE.payload_mass
 @pytest.fixture(scope='module')
 def log() -> Log:
     """Return the log of an arm whose lower gauge reads a fifth too much."""
-    record = simulated(effects('strain_gain:strain_2a:factor=1.2'), 15.0)
+    record = simulated(effects('strain_gain:strain_2a:factor=1.2'), 8.0)
     return Log('made.csv', record.time, record.command, record.output[:, :2],
                record.output[:, 2:], REFERENCE.gauge_names)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
-from typing import Any, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -18,6 +18,9 @@ PROGRAMS = {
     'plant_sim': ('flex_plant_sim.nodes.start',),
     'payload_estimator': ('flex_payload_estimator.nodes.start', 'payload_estimator'),
     'lqg_controller': ('flex_payload_estimator.nodes.start', 'lqg_controller')}
+# How each is asked to end, and what it may answer.
+ENDS = {'plant_sim': (signal.SIGTERM, (0,)), 'payload_estimator': (signal.SIGINT, (0, 130)),
+        'lqg_controller': (signal.SIGTERM, (0,))}
 
 pytestmark = pytest.mark.ros
 
@@ -30,29 +33,6 @@ def start(domain_id: int, node: str, *arguments: str) -> subprocess.Popen[str]:
         env={**os.environ, 'ROS_DOMAIN_ID': str(domain_id),
              'PYTHONPATH': str(Path(__file__).resolve().parents[1])},
         text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-
-
-@pytest.mark.parametrize(('node', 'number', 'codes'), [
-    ('plant_sim', signal.SIGTERM, (0,)), ('payload_estimator', signal.SIGINT, (0, 130)),
-    ('lqg_controller', signal.SIGTERM, (0,))], ids=PROGRAMS)
-def test_a_node_ends_cleanly(
-    ros_context: Context, domain_id: int, node: str, number: signal.Signals,
-    codes: tuple[int, ...],
-) -> None:
-    from ros_loop import RosLoop
-
-    loop = RosLoop(ros_context)
-    diagnostics = loop.record('/diagnostics')
-    process = start(domain_id, node)
-    try:
-        loop.until(lambda: len(diagnostics) > 0)
-        process.send_signal(number)
-        _, error = process.communicate(timeout=20.0)
-    finally:
-        process.kill()
-        loop.close()
-    assert process.returncode in codes, error
-    assert 'Traceback' not in error
 
 
 @pytest.mark.parametrize(('node', 'parameter', 'text'), [
@@ -84,7 +64,7 @@ def test_a_signal_during_the_start_ends_quietly(
     assert found.clean, found
 
 
-def test_three_processes_in_lock_step_take_any_start_order(
+def test_three_processes_in_lock_step_take_any_start_order_and_end_cleanly(
     ros_context: Context, domain_id: int,
 ) -> None:
     from ros_loop import RosLoop
@@ -92,18 +72,20 @@ def test_three_processes_in_lock_step_take_any_start_order(
     loop = RosLoop(ros_context)
     inertia = loop.record('payload/inertia')
     common = ('model:=paper_reduced', 'modes:=2')
-    processes: list[subprocess.Popen[Any]] = [
-        start(domain_id, 'lqg_controller', *common),
-        start(domain_id, 'plant_sim', *common),
-        start(domain_id, 'payload_estimator', *common, 'estimator:=sf1')]
+    processes = {node: start(domain_id, node, *common, *own) for node, own in (
+        ('lqg_controller', ()), ('plant_sim', ()), ('payload_estimator', ('estimator:=sf1',)))}
     try:
         loop.until(lambda: len(inertia.stamps) >= 350)
         assert inertia[-1].inertia.m == pytest.approx(0.1, rel=0.05)
         stamps = sorted(inertia.stamps)
         assert {b - a for a, b in zip(stamps, stamps[1:])} == {10_000_000}
+        for node, (number, codes) in ENDS.items():
+            processes[node].send_signal(number)
+            _, error = processes[node].communicate(timeout=20.0)
+            assert processes[node].returncode in codes, f'{node}: {error}'
+            assert 'Traceback' not in error, f'{node}: {error}'
     finally:
-        for process in processes:
-            process.send_signal(signal.SIGINT)
-        for process in processes:
-            process.communicate(timeout=20.0)
+        for process in processes.values():
+            process.kill()
+            process.communicate()
         loop.close()

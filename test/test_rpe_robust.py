@@ -164,7 +164,7 @@ def test_on_the_record_with_a_drop(shared_data: Path) -> None:
 
 def test_a_hidden_strain_filter_does_not_look_like_a_change(shared_data: Path) -> None:
     # No mode has it: the payload is wrong, and moves by more than is stated.
-    estimator, _, _ = bench_run(shared_data / 'bench', 'case_51e0e063', 40.0)
+    estimator, _, _ = bench_run(shared_data / 'bench', 'case_51e0e063', 24.0)
     assert not estimator.events
 
 
@@ -172,7 +172,7 @@ def test_a_hidden_strain_filter_does_not_look_like_a_change(shared_data: Path) -
 def test_under_a_hidden_effect_the_payload_stays_within_its_interval(
         shared_data: Path, name: str) -> None:
     # A delay and a soft link, not told.
-    estimator, estimates, _ = bench_run(shared_data / 'bench', name, 40.0)
+    estimator, estimates, _ = bench_run(shared_data / 'bench', name, 24.0)
     assert not estimator.events
     mass = np.array([estimate.mass for estimate in estimates[500:]])
     std = np.array([estimate.variance for estimate in estimates[500:]])**0.5

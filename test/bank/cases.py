@@ -109,6 +109,8 @@ class BankCase:
     realisation : Realisation
     size : float
         Of what is hidden, in detection limits; 0 where it is not sized.
+    seconds : float
+        Length of the record.
 
     """
 
@@ -118,6 +120,7 @@ class BankCase:
     seed: int
     realisation: Realisation = ELEMENTS
     size: float = SIZES[0]
+    seconds: float = 40.0
 
     @property
     def key(self) -> str:
@@ -132,7 +135,8 @@ class BankCase:
         excitation = 'rich'
         if self.kind == 'poor':
             excitation = 'rest' if self.seed % 2 else 'one_joint'
-        case = draw_case(hidden, self.seed, self.robot, severity, 0, excitation=excitation)
+        case = draw_case(hidden, self.seed, self.robot, severity, 0, self.seconds,
+                         excitation)
         form = self.realisation.form
         return replace(case, simulator=self.realisation.simulator, forms=(form,) if form else ())
 

@@ -35,4 +35,4 @@ def power_density(values: Array, sample_time: float, length: int,
     density = power * sample_time / (window @ window)
     # Negative frequencies count with the positive ones; zero and Nyquist's have none.
     density[..., 1:(length + 1) // 2] *= 2.0
-    return np.fft.rfftfreq(length, sample_time), np.moveaxis(density, -1, 0)
+    return np.arange(length // 2 + 1) / (length * sample_time), np.moveaxis(density, -1, 0)
