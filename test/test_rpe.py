@@ -111,7 +111,7 @@ def test_a_walk_and_a_measurement_are_those_of_the_augmented_kalman_filter() -> 
     total = output @ expected @ output.T + np.diag(stepper.told_variance)
     gain = expected @ output.T @ np.linalg.inv(total)
     measured = expect + 0.1 * np.sqrt(np.diag(total))
-    x, beta = f.x, f.beta
+    x, beta = f.x.copy(), f.beta.copy()
     stepper.correct(f, Sample(0.0, measured, np.zeros(2)), Loads.none(np.zeros(6), 0.01))
     moved = np.r_[f.x - x, f.beta - beta]
     np.testing.assert_allclose(moved / scale, gain @ (measured - expect) / scale, atol=1e-7)

@@ -26,6 +26,7 @@ import numpy as np
 LONGEST_GAP_S = 1.0
 LARGEST_ANGLE, LARGEST_STRAIN, LARGEST_COMMAND = 1e6, 1.0, 1e6
 SUSPECT_MISFIT = 3.0
+_CERTAIN = np.zeros(2)
 
 
 def _within(values: Array, limit: float) -> bool:
@@ -232,7 +233,7 @@ class RecursivePredictionError:
                 self.stepper.predict(f, sample, self._motion.loads)
             self._modes.missed(sample, self._motion.loads, self._motion.excited)
         sample, before = ahead or (self._sample(self._time, output, self._command),
-                                   [f.copy() for f in self._filters()])
+                                   [self._incumbent.copy()] if self._incumbent else [])
         sample = sample._replace(measured=output)
         self._loads = self._motion.loads
         for f in self._filters():
@@ -260,6 +261,8 @@ class RecursivePredictionError:
 
         It lasts for the gap: as white noise of each sample it counts so many times as much.
         """
+        if steps == 1:
+            return _CERTAIN
         change = self._command - self._before
         return steps * (change * change + self._loads.drive)
 
@@ -278,7 +281,8 @@ class RecursivePredictionError:
             return sample, saved
         self.stepper.effects.history = history
         for f, before in zip(self._filters(), saved):
-            f.x, f.cov, f.sens, f.spread = before.x, before.cov, before.sens, before.spread
+            f.x[:], f.cov[:], f.sens[:] = before.x, before.cov, before.sens
+            f.spread[:] = before.spread
         return None
 
     def _drift(self) -> None:
@@ -299,8 +303,8 @@ class RecursivePredictionError:
         suspect = misfit_of(best.record) > SUSPECT_MISFIT
         status = 'model_suspect' if suspect else 'ok' if self._motion.excited \
             and self._incumbent is not None else 'not_excited'
-        self._last = Estimate(time, mass, variance, best.variance, best.innovation,
-                              np.sqrt(best.variances), status)
+        self._last = Estimate(time, mass, variance, best.variance, best.reading[0].copy(),
+                              np.sqrt(best.reading[1]), status)
         return self._last
 
     def _reject(self, time: float) -> Estimate:

@@ -61,47 +61,54 @@ def weigh(record: Array, innovation: Array, before: Array, variances: Array, sco
 
     """
     channels = innovation.size
-    found = record.copy()
-    most = max(MEMORY_S / step, FEWEST)
-    misfit = float(scores @ scores)
+    found, most = record.copy(), max(MEMORY_S / step, FEWEST)
+    steps = record[channels + 4]
+    misfit = 0.0
+    for score in scores:
+        misfit += score * score
     cut = min(1.0, gate / max(misfit, 1e-300))
     log = stated = log_det
-    steps = found[channels + 4]
     for kind in range(2):
         first, last = (0, 2) if kind == 0 else (2, channels)
-        count = last - first
         square = 0.0
         for i in range(first, last):
             square += scores[i] * scores[i]
-        square *= cut / count
-        fit = min(max(found[channels + 2 + kind], SMALLEST_MISFIT), 1.0)
-        log += count * (square / fit + np.log(fit))
-        stated += count * square
-        share = max(1.0 / (steps + 10.0), 1.0 / most)
-        found[channels + 2 + kind] += share * (square - found[channels + 2 + kind])
-        scale, weight, total = found[first], found[channels + kind], 0.0
-        told_by, excess = 0.0, found[channels + 2 + kind] - 1.0
-        if steps > 0.0:
-            for i in range(first, last):
-                expected = scale * told[i]
-                other = max(variances[i] - expected, 0.0)
-                change = innovation[i] - before[i]
-                reading = (0.5 * change * change - other) / told[i]
-                trust = (expected / variances[i])**2
-                told_by += trust
-                total += trust * min(reading, LARGEST * scale)
-                if excess > 0.0:
-                    # More than all that is expected is noise as well.
-                    trust = min(excess, 1.0)
-                    told_by += trust
-                    total += trust * scale * min(0.5 * change * change / variances[i], LARGEST)
-        kept = min(weight, most * count)
-        scale = (kept * scale + total) / (kept + told_by)
-        found[channels + kind] = kept + told_by
-        for i in range(first, last):
-            found[i] = max(scale, SMALLEST_SCALE)
+        square *= cut / (last - first)
+        place = channels + 2 + kind
+        fit = min(max(found[place], SMALLEST_MISFIT), 1.0)
+        log += (last - first) * (square / fit + np.log(fit))
+        stated += (last - first) * square
+        found[place] += max(1.0 / (steps + 10.0), 1.0 / most) * (square - found[place])
+        _read_noise(found, channels + kind, first, last, innovation, before, variances, told,
+                    found[place] - 1.0, most)
     found[channels + 4] = steps + 1.0
     return found, -0.5 * log, -0.5 * stated
+
+
+@compiled
+def _read_noise(found: Array, place: int, first: int, last: int, innovation: Array,
+                before: Array, variances: Array, told: Array, excess: float, most: float
+                ) -> None:
+    """Bring the scale of one kind of channels up to date, and at `place` what told it."""
+    scale, kept = found[first], min(found[place], most * (last - first))
+    total = told_by = 0.0
+    for i in range(first, last if found[-1] > 0.0 else first):
+        expected = scale * told[i]
+        change = innovation[i] - before[i]
+        change *= 0.5 * change
+        trust = (expected / variances[i])**2
+        told_by += trust
+        reading = (change - max(variances[i] - expected, 0.0)) / told[i]
+        total += trust * min(reading, LARGEST * scale)
+        if excess > 0.0:
+            # More than all that is expected is noise as well.
+            trust = min(excess, 1.0)
+            told_by += trust
+            total += trust * scale * min(change / variances[i], LARGEST)
+    found[place] = kept + told_by
+    scale = max((kept * scale + total) / found[place], SMALLEST_SCALE)
+    for i in range(first, last):
+        found[i] = scale
 
 
 def misfit_of(record: Array) -> float:

@@ -2,33 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 import math
 from typing import Any
 
 from flex_payload_estimator.estimators.rpe.effects import EffectStep
-from flex_payload_estimator.estimators.rpe.evidence import misfit_of, new_record, weigh
+from flex_payload_estimator.estimators.rpe.evidence import misfit_of, new_record
 from flex_payload_estimator.estimators.rpe.hypothesis import Filter, Mode, Sample
-from flex_payload_estimator.estimators.rpe.kernel import (
-    CORIOLIS,
-    correct,
-    FIRST_BIAS,
-    MASS,
-    predict,
-    walk,
-)
+from flex_payload_estimator.estimators.rpe.kernel import CORIOLIS, FIRST_BIAS, MASS, walk
 from flex_payload_estimator.estimators.rpe.linearised import Lineariser
+from flex_payload_estimator.estimators.rpe.onward import ahead, followed, learnt, stepped
 from flex_payload_estimator.estimators.rpe.prior import Prior, SHARE_STD, SHARES
 from flex_payload_estimator.estimators.rpe.schedule import PayloadSchedule
 from flex_payload_estimator.estimators.rpe.sensors import Loads, speed_feedback
 from flex_payload_estimator.estimators.rpe.without_bias import without_bias
 from flex_plant_sim.arm.second_order import Array
 import numpy as np
-
-# e' Sigma^-1 e beyond which a sample's noise counts as larger: six normal draws squared sum to
-# more once in 10^7 samples.
-GATE = 44.0
-
 
 # A model error of so many standard deviations of the noise tells between modes.
 TELLING = 3.0
@@ -91,25 +79,41 @@ class FilterStep:
         x[:2], beta[MASS] = measured[:2], mass
         if share is not None:
             beta[CORIOLIS] = share
-        return Filter(mode, x, self.start_cov, np.zeros((x.size, beta.size)), beta,
-                      prior.spread(std), beta, new_record(channels), np.zeros(channels),
-                      np.full(channels, np.inf))
+        return Filter(mode, x, self.start_cov.copy(), np.zeros((x.size, beta.size)), beta,
+                      prior.spread(std), beta, new_record(channels),
+                      np.stack([np.zeros(channels), np.full(channels, np.inf)]))
+
+    def _model(self, f: Filter) -> tuple[Any, ...]:
+        """Return what kernel.predict takes of the model, from its anchor to its turning rows."""
+        if f.model is not None:
+            return (f.model.anchor, self.schedule.order, f.model.value, f.model.slopes,
+                    f.model.parts_at(f.x[1]), 0.0, f.model.turning)
+        piece, parts = self.schedule.cut(f.beta[MASS]), self._no_parts
+        if f.mode.parts:
+            parts = self.schedule.parts_at(f.beta[MASS], f.x[1])
+        return (f.beta, self.schedule.order, piece.value, piece.slopes, parts,
+                f.beta[MASS] - piece.payload, self.turning)
+
+    def _pushed(self, f: Filter, sample: Sample, loads: Loads) -> tuple[Any, ...]:
+        return (sample.command, self._torque + sample.doubt, self._speed,
+                f.mode.drive**2 * self._density, loads.table, f.mode.walk**2 * self.step_time)
 
     def predict(self, f: Filter, sample: Sample, loads: Loads) -> None:
         """Advance one sample."""
-        before, payload = f.x, float(f.anchor[MASS])
-        f.x, f.cov, f.sens = predict(*self._before(f, sample, loads))
-        if f.mode.walk > 0.0:
-            self.drift(f, f.mode.walk**2 * self.step_time)
+        before, payload = f.x, float(f.beta[MASS] if f.model is None else f.anchor[MASS])
         if self.effects.moves:
-            f.x = self.effects.push(self.schedule.cut(payload).payload, before, f.x,
-                                    sample.command, sample.time - self.step_time)
+            before = before.copy()
+        ahead(f.x, f.cov, f.sens, f.beta, f.spread, f.anchor, f.model is not None,
+              *self._model(f), *self._pushed(f, sample, loads))
+        if self.effects.moves:
+            f.x[:] = self.effects.push(self.schedule.cut(payload).payload, before, f.x,
+                                       sample.command, sample.time - self.step_time)
 
     def drift(self, f: Filter, variance: float) -> None:
         """Let the payload walk at random, kg^2."""
         state = f.state
-        f.cov, f.sens, f.spread = walk(f.cov, f.sens, f.spread, variance)
-        f.x = f.x + (state - f.state)
+        f.cov[:], f.sens[:], f.spread[:] = walk(f.cov, f.sens, f.spread, variance)
+        f.x += state - f.state
 
     def payload(self, f: Filter) -> tuple[float, float]:
         """Return payload and variance, kg and kg^2; a misfit counts as that much variance."""
@@ -124,58 +128,40 @@ class FilterStep:
             variance *= max(1.0, misfit_of(f.record))
         return float(mass), variance + self.prior_of(f.mode).scale_variance * float(mass)**2
 
-    def _before(self, f: Filter, sample: Sample, loads: Loads) -> tuple[Any, ...]:
-        torque = np.sqrt(self._torque + sample.doubt + self._drive_error(f, sample, loads))
-        known, order = (f.x, f.cov, f.sens), self.schedule.order
-        if f.model is not None:
-            return (*known, f.model.anchor, order, f.model.value, f.model.slopes,
-                    f.model.parts_at(f.x[1]), 0.0, sample.command, f.model.turning, torque)
-        piece, parts = self.schedule.cut(f.beta[MASS]), self._no_parts
-        if f.mode.parts:
-            parts = self.schedule.parts_at(f.beta[MASS], f.x[1])
-        return (*known, f.beta, order, piece.value, piece.slopes, parts,
-                f.beta[MASS] - piece.payload, sample.command, self.turning, torque)
-
-    def _drive_error(self, f: Filter, sample: Sample, loads: Loads) -> Array | float:
-        """Return the variance of the model error of the drives: of late, and no less than now."""
-        if not f.mode.drive:
-            return 0.0
-        net = self.net_command(f, sample.command)
-        return f.mode.drive**2 * self._density * np.maximum(loads.drive, net * net)
-
-    def _after(self, f: Filter, sample: Sample, loads: Loads) -> tuple[Any, ...]:
-        noise = self.told_variance * f.record[:self.told_variance.size]
-        if f.mode.parts:
-            # One that expects more than it sees cannot tell how much less the noise is.
-            noise = np.maximum(noise, self.told_variance)
-        if f.mode.gauge and sample.measured is not None:
-            strain = np.maximum(loads.strain, loads.carried(sample.measured))
-            noise = noise + f.mode.gauge**2 * self._density * strain
-        return (sample.measured, self._offset(f.x, sample.time), self.output, noise,
-                self.prior.gains if f.mode.parts else 0, GATE, self.heaviest)
-
     def step(self, f: Filter, sample: Sample, loads: Loads) -> None:
         """Advance one sample, and learn from it."""
-        self.predict(f, sample, loads)
-        self.correct(f, sample, loads)
+        if self.effects.moves or self.effects.arm.acts_on_output or sample.measured is None:
+            self.predict(f, sample, loads)
+            self.correct(f, sample, loads)
+            return
+        error, *rest = self._sensed(f)
+        self._weighed(f, sample, stepped(
+            f.x, f.cov, f.sens, f.beta, f.spread, f.anchor, f.model is not None, *self._model(f),
+            *self._pushed(f, sample, loads), f.record, f.reading, sample.measured,
+            self._no_offset, self.output, self.told_variance, error, *rest))
 
     def correct(self, f: Filter, sample: Sample, loads: Loads) -> None:
         """Learn from a sample that was predicted."""
-        self._take(f, sample, correct(f.x, f.cov, f.sens, f.beta, f.spread, f.anchor,
-                                      f.model is not None, *self._after(f, sample, loads)))
-
-    def _take(self, f: Filter, sample: Sample, found: tuple[Any, ...]) -> None:
-        x, cov, sens, beta, spread, innovation, variances, scores, log_det = found
-        if not math.isfinite(log_det + x.sum() + spread[MASS, MASS]):
-            self.relocate(f, sample.measured)
+        if sample.measured is None:
             return
-        f.x, f.cov, f.sens, f.beta, f.spread = x, cov, sens, beta, spread
-        if f.model is None:
-            f.anchor = beta
-        f.record, f.gained, f.stated = weigh(f.record, innovation, f.innovation, variances, scores,
-                                             log_det, self.told_variance, GATE, self.step_time)
-        f.innovation, f.variances = innovation, variances
-        f.square = min(scores @ scores, GATE) / scores.size
+        error, *rest = self._sensed(f)
+        self._weighed(f, sample, learnt(
+            f.x, f.cov, f.sens, f.beta, f.spread, f.anchor, f.model is not None, f.record,
+            f.reading, sample.measured, self._offset(f.x, sample.time), self.output,
+            self.told_variance, error, loads.table, *rest))
+
+    def _sensed(self, f: Filter) -> tuple[float, float, int, float, float]:
+        """Return error, least, gains, heaviest and step of `onward.learnt`."""
+        # One that expects more than it sees cannot tell how much less the noise is.
+        least, gains = (1.0, self.prior.gains) if f.mode.parts else (0.0, 0)
+        return f.mode.gauge**2 * self._density, least, gains, self.heaviest, self.step_time
+
+    def _weighed(self, f: Filter, sample: Sample, found: tuple[float, float, float]) -> None:
+        gained, stated, square = found
+        if math.isnan(square):
+            self.relocate(f, sample.measured)
+        else:
+            f.gained, f.stated, f.square = gained, stated, square
 
     def _offset(self, x: Array, time: float) -> Array:
         """Return what the sensors' effects add to C x, (m,)."""
@@ -184,9 +170,13 @@ class FilterStep:
             return self._no_offset
         return np.asarray(arm.output(x, time) - self.output @ x)
 
-    def net_command(self, f: Filter, command: Array) -> Array:
-        """Return the drives' net torques in the command's unit, (2,)."""
-        return command - self._speed @ f.state
+    def followed(self, f: Filter, command: Array, output: Array, loads: Loads, swing: float
+                 ) -> tuple[Loads, bool]:
+        """Return the loads after a sample, and whether it swings; see onward.followed."""
+        table, swings = followed(loads.table, loads.share, output, command, self._speed, f.x,
+                                 f.sens, f.beta, f.anchor, f.model is not None,
+                                 self.told_variance, f.record, swing)
+        return Loads(loads.share, table), swings
 
     def renewed(self, f: Filter, mode: Mode, fresh: float, doubt: float) -> Filter:
         """
@@ -224,13 +214,16 @@ class FilterStep:
 
     def freed(self, f: Filter) -> Filter:
         """Return the same filter, linearised about its estimate at every sample."""
-        return replace(f, x=f.state, anchor=f.beta, model=None)
+        new, new.x = f.copy(), f.state.copy()
+        new.anchor, new.model = new.beta, None
+        return new
 
     def about(self, f: Filter) -> Filter:
         """Return the same filter, linearised about its estimate from now on."""
-        anchor = self.prior.within(f.beta)
-        return replace(f, x=f.x + f.sens @ (anchor - f.anchor), anchor=anchor,
-                       model=self.lineariser.about(anchor), linearised=f.age)
+        anchor, new = self.prior.within(f.beta), f.copy()
+        new.x += f.sens @ (anchor - f.anchor)
+        new.anchor, new.model, new.linearised = anchor, self.lineariser.about(anchor), f.age
+        return new
 
     def again(self, f: Filter, mode: Mode, fresh: float, first: Sample, loads: Loads) -> Filter:
         """
@@ -260,9 +253,9 @@ class FilterStep:
 
     def tells(self, f: Filter, loads: Loads, mode: Mode) -> bool:
         """Tell whether a mode's model error is beyond the noise now, so that modes differ."""
-        error = mode.gauge**2 * self._density * loads.strain[2:]
-        noise = self.told_variance[2:] * f.record[2:self.told_variance.size]
-        return bool((error > TELLING**2 * noise).any())
+        # All gauges have one scale of noise.
+        noise = TELLING**2 / (mode.gauge**2 * self._density) * f.record[2] * self.told_variance
+        return bool((loads.strain > noise).any())
 
     def nearest_share(self, share: float) -> float:
         """Return the share of Coriolis forces that an exact model may have."""
@@ -273,4 +266,4 @@ class FilterStep:
         x = np.zeros_like(f.x)
         if measured is not None:
             x[:2] = measured[:2]
-        f.x, f.cov, f.sens = x, self.start_cov, np.zeros_like(f.sens)
+        f.x, f.cov, f.sens = x, self.start_cov.copy(), np.zeros_like(f.sens)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from flex_payload_estimator.estimators.rpe.kernel import MASS
@@ -50,17 +50,17 @@ class Sample(NamedTuple):
 @dataclass(slots=True)
 class Filter:
     """
-    One hypothesis; its arrays are replaced at every step, never changed.
+    One hypothesis; a step writes its arrays in place, so that no two filters may share one.
 
     Attributes
     ----------
     mode : Mode
     x, cov, sens, beta, spread, anchor : Array
-        See kernel.py.
+        See kernel.py; the anchor is beta itself where it follows the estimate.
     record : Array
         What `evidence.weigh` remembers.
-    innovation, variances : Array
-        Of the last sample, rad and m/m, and squared, (m,).
+    reading : Array
+        Innovation of the last sample, rad and m/m, and its expected variances, (2, m).
     log, recent, gained, stated : float
         Log-likelihood since it began, of late, and of the last sample as judged and as stated, see
         `evidence.weigh`.
@@ -83,8 +83,7 @@ class Filter:
     spread: Array
     anchor: Array
     record: Array
-    innovation: Array
-    variances: Array
+    reading: Array
     log: float = 0.0
     recent: float = 0.0
     gained: float = 0.0
@@ -112,4 +111,9 @@ class Filter:
 
     def copy(self) -> Filter:
         """Return an independent filter that knows the same."""
-        return replace(self)
+        beta = self.beta.copy()
+        return Filter(
+            self.mode, self.x.copy(), self.cov.copy(), self.sens.copy(), beta,
+            self.spread.copy(), beta if self.model is None else self.anchor, self.record.copy(),
+            self.reading.copy(), self.log, self.recent, self.gained, self.stated, self.square,
+            self.model, self.rounds, self.age, self.linearised)

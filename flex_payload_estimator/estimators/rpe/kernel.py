@@ -5,15 +5,23 @@ Friedland's factored form of the augmented Kalman filter (IEEE Trans. Autom. Con
 P is the state's covariance for known parameters beta, s = dx/dbeta, V the covariance of beta; the
 joint covariance is [P + s V s', s V; V s', V]. Columns of s: payload, share of the Coriolis
 forces, bias of each gauge; then, where parts count, each part and the gain of each gauge.
-The same code runs with and without Numba; only two-dimensional products.
+The same code runs with and without Numba.
 """
 
 from __future__ import annotations
 
+from flex_payload_estimator.estimators.rpe.products import (
+    applied,
+    combined,
+    inner,
+    inverse_column,
+    product,
+    squared,
+    whitener,
+)
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.compiled import COMPILED, compiled
+from flex_plant_sim.compiled import compiled
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dtrtri
 
 # Columns of s before the gauges' biases.
 MASS, CORIOLIS, FIRST_BIAS = 0, 1, 2
@@ -21,111 +29,20 @@ MASS, CORIOLIS, FIRST_BIAS = 0, 1, 2
 JITTER = 1e-12
 
 
-def _whitener_by_lapack(matrix: Array) -> Array:
-    factor, wrong = dpotrf(matrix, lower=True)
-    if wrong:
-        return np.full_like(matrix, np.nan)
-    inverse, wrong = dtrtri(np.tril(factor), lower=True)
-    return np.ascontiguousarray(inverse)
-
-
 @compiled
-def _whitener_by_loops(matrix: Array) -> Array:
-    """Return L^-1 of matrix = L L'; NaN where it is not positive definite."""
-    size = len(matrix)
-    lower, inverse = np.zeros_like(matrix), np.zeros_like(matrix)
-    for i in range(size):
-        for j in range(i + 1):
-            rest = matrix[i, j]
-            for k in range(j):
-                rest -= lower[i, k] * lower[j, k]
-            if j < i:
-                lower[i, j] = rest / lower[j, j]
-            elif rest > 0.0:
-                lower[i, i] = np.sqrt(rest)
-            else:
-                return np.full_like(matrix, np.nan)
-    for c in range(size):
-        inverse[c, c] = 1.0 / lower[c, c]
-        for i in range(c + 1, size):
-            total = 0.0
-            for k in range(c, i):
-                total -= lower[i, k] * inverse[k, c]
-            inverse[i, c] = total / lower[i, i]
-    return inverse
-
-
-# LAPACK's calls are quicker only beside plain Python.
-whitener = _whitener_by_loops if COMPILED else _whitener_by_lapack
-
-
-@compiled
-def _inner_by_loops(a: Array, b: Array) -> float:
-    total = 0.0
-    for k in range(len(a)):
-        total += a[k] * b[k]
-    return total
-
-
-@compiled
-def _applied_by_loops(matrix: Array, vector: Array) -> Array:
-    found = np.zeros(len(matrix))
-    for i in range(len(matrix)):
-        total = 0.0
-        for k in range(len(vector)):
-            total += matrix[i, k] * vector[k]
-        found[i] = total
-    return found
-
-
-@compiled
-def _combined_by_loops(weights: Array, rows: Array) -> Array:
-    found = np.zeros(rows.shape[1])
-    for k in range(len(weights)):
-        for j in range(rows.shape[1]):
-            found[j] += weights[k] * rows[k, j]
-    return found
-
-
-@compiled
-def _product_by_loops(a: Array, b: Array) -> Array:
-    found = np.zeros((len(a), b.shape[1]))
-    for i in range(len(a)):
-        for k in range(len(b)):
-            for j in range(b.shape[1]):
-                found[i, j] += a[i, k] * b[k, j]
-    return found
-
-
-@compiled
-def _squared_by_loops(a: Array, b: Array) -> Array:
-    found = np.zeros((len(a), len(b)))
-    for i in range(len(a)):
-        for j in range(len(b)):
-            total = 0.0
-            for k in range(a.shape[1]):
-                total += a[i, k] * b[j, k]
-            found[i, j] = total
-    return found
-
-
-# a'b, A x, x'A, A B and A B'. Numba compiles loops in a tenth of the time of calls of BLAS, and
-# for ten to thirty rows they are as quick; beside plain Python those are quicker.
-inner = _inner_by_loops if COMPILED else np.dot
-applied = _applied_by_loops if COMPILED else np.dot
-combined = _combined_by_loops if COMPILED else np.dot
-product = _product_by_loops if COMPILED else np.dot
-squared = _squared_by_loops if COMPILED else lambda a, b: a @ b.T
-
-
-@compiled
-def _off_nominal(parts: Array, deviations: Array, drive: Array, moved: Array, first: int
-                 ) -> tuple[Array, Array]:
-    """Write d(M d)/d(part) into `moved`; return what the parts' deviations add to M and M d."""
+def _off_nominal(parts: Array, anchor: Array, drive: Array, moved: Array, jacobian: Array
+                 ) -> Array:
+    """Write d(M d)/d(part); add what the parts' deviations add to M, and return that to M d."""
     n, held, count = len(moved), len(moved) + 2, len(parts)
-    moved[:, first:first + count] = applied(parts.reshape(-1, held), drive[:held]).reshape(-1, n).T
+    first = FIRST_BIAS + (anchor.size - FIRST_BIAS - count) // 2
+    over = applied(parts.reshape(-1, held), drive[:held]).reshape(-1, n).T
+    moved[:, first:first + count] = over
+    deviations = anchor[first:first + count].copy()
+    if not deviations.any():
+        return np.zeros(n)
     off = combined(deviations, parts).reshape(n, held)
-    return off[:, :n].copy(), applied(off, drive[:held])
+    jacobian += off[:, :n]
+    return applied(off, drive[:held])
 
 
 @compiled
@@ -153,6 +70,19 @@ def _turn(x: Array, increment: Array, mass: float, share: float, turning: Array,
     rows[1, coordinates:2 * coordinates] = -share * sine * (
         elbow * turning[3] + root_1 * turning[0])
     return push, product(matrix[:, held:], rows)
+
+
+@compiled
+def _at(angles: Array, order: Array, value: Array, slopes: Array, away: float
+        ) -> tuple[Array, Array, Array]:
+    """Return M and its derivatives over the angle and over the payload, all flat."""
+    wave = np.cos(angles)
+    matrix, over_m = combined(wave, value), combined(wave, slopes[0])
+    if away != 0.0:
+        bend = away * combined(wave, slopes[1])
+        matrix += away * (over_m + 0.5 * bend)
+        over_m = over_m + bend
+    return matrix, combined(-order * np.sin(angles), value), over_m
 
 
 @compiled
@@ -185,42 +115,31 @@ def predict(x: Array, cov: Array, sens: Array, anchor: Array, order: Array, valu
         Standard deviation of the command's disturbance, in its unit, (2,).
 
     """
-    n, coordinates, share = x.size, turning.shape[1], anchor[CORIOLIS]
-    width, lean, turns = n * (n + 4), 0.0, len(turning) > 0
+    n, turns, lean = x.size, len(turning) > 0, 0.0
     if turns:
-        lean = inner(turning[5], x[:coordinates])
-    angles = (x[1] + share * lean) * order
-    wave = np.cos(angles)
-    over = combined(wave, slopes)
-    bend = away * over[width:]
-    over_m = (over[:width] + bend).reshape(n, n + 4)
-    matrix = combined(wave, value).reshape(n, n + 4) \
-        + away * (over_m - 0.5 * bend.reshape(n, n + 4))
-    over_angle = combined(-order * np.sin(angles), value).reshape(n, n + 4)
-    drive = np.zeros(n + 4)
+        lean = inner(turning[5], x[:turning.shape[1]])
+    flat, flat_angle, flat_m = _at((x[1] + anchor[CORIOLIS] * lean) * order, order, value, slopes,
+                                   away)
+    matrix, drive = flat.reshape(n, n + 4), np.zeros(n + 4)
     drive[:n], drive[n:n + 2] = x, command
     moved, jacobian = np.zeros((n, anchor.size)), matrix[:, :n].copy()
     increment = applied(matrix, drive)
     if len(parts) > 0:
-        first = FIRST_BIAS + (anchor.size - FIRST_BIAS - len(parts)) // 2
-        off, more = _off_nominal(parts, anchor[first:first + len(parts)].copy(), drive, moved,
-                                 first)
-        jacobian, increment = jacobian + off, increment + more
+        increment = increment + _off_nominal(parts, anchor, drive, moved, jacobian)
     if turns:
-        push, bent = _turn(x, increment, anchor[MASS], share, turning, matrix, drive)
-        increment, jacobian = increment + share * push, jacobian + bent
+        push, bent = _turn(x, increment, anchor[MASS], anchor[CORIOLIS], turning, matrix, drive)
+        increment, jacobian = increment + anchor[CORIOLIS] * push, jacobian + bent
         moved[:, CORIOLIS] = push
-    turned = applied(over_angle, drive)
+    moved[:, MASS] = applied(flat_m.reshape(n, n + 4), drive)
+    turned = applied(flat_angle.reshape(n, n + 4), drive)
     if turns:
         moved[:, CORIOLIS] += lean * turned
-        jacobian[:, :coordinates] += product(turned.reshape(-1, 1), share * turning[5:])
+        jacobian[:, :turning.shape[1]] += product(turned.reshape(-1, 1),
+                                                  anchor[CORIOLIS] * turning[5:])
     jacobian[:, 1] += turned
-    moved[:, MASS] = applied(over_m, drive)
-    sens = sens + product(jacobian, sens) + moved
-    noise = matrix[:, n:n + 2] * torque
-    half = product(jacobian, cov)
+    noise, half = matrix[:, n:n + 2] * torque, product(jacobian, cov)
     cov = cov + half + half.T + squared(half, jacobian) + squared(noise, noise)
-    return x + increment, cov, sens
+    return x + increment, cov, sens + product(jacobian, sens) + moved
 
 
 @compiled
@@ -232,8 +151,7 @@ def walk(cov: Array, sens: Array, spread: Array, variance: float
     Exact for the joint covariance: of what x was thought to owe to the payload, the part that
     the walk makes doubtful goes to P.
     """
-    white = whitener(spread)
-    row = combined(white[:, MASS].copy(), white)
+    row = inverse_column(spread)
     share = variance / (1.0 + variance * row[MASS])
     column = sens[:, MASS].copy()
     cov = cov + share * squared(column.reshape(-1, 1), column.reshape(-1, 1))
@@ -259,6 +177,13 @@ def _seen(x: Array, sens: Array, anchor: Array, offset: Array, output: Array, ga
         if gains > 0:
             psi[2 + g, size - gains + g] += base[2 + g]
     return expected, seen, psi
+
+
+@compiled
+def _gain(projected: Array, known: Array, noise: Array) -> Array:
+    """Return the gain for known parameters, (n, m), of P C', C P C' and the noise's variances."""
+    inverse = whitener(known + np.diag(noise))
+    return product(squared(projected, inverse), inverse)
 
 
 @compiled
@@ -313,23 +238,20 @@ def correct(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, ancho
     projected, learnt = squared(cov, seen), squared(spread, psi)
     known = product(seen, projected)
     total = known + product(psi, learnt) + np.diag(noise)
-    white = whitener(total)
+    white, variances = whitener(total), np.diag(total).copy()
     scores = applied(white, innovation)
     misfit = inner(scores, scores)
-    variances = np.diag(total).copy()
     if not misfit >= 0.0:
         return x, cov, sens, beta, spread, innovation, variances, scores, np.nan
     if misfit > gate:
         more = (misfit / gate - 1.0) * variances
         noise = noise + more
         white = whitener(total + np.diag(more))
-    inverse = whitener(known + np.diag(noise))
-    gain = product(squared(projected, inverse), inverse)
+    gain = _gain(projected, known, noise)
     learnt = squared(learnt, white)
     after = beta + applied(learnt, applied(white, innovation))
     after[MASS] = min(max(after[MASS], 0.0), heaviest)
-    spread = spread - squared(learnt, learnt)
-    sens = sens - product(gain, psi)
+    spread, sens = spread - squared(learnt, learnt), sens - product(gain, psi)
     x = x + applied(gain, alone)
     if not held:
         x = x + applied(sens, after - anchor)

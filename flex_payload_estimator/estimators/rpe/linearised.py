@@ -38,7 +38,7 @@ class Linearised:
     anchor : Array
         Parameters about which, the parts' deviations zero: the tables have them; (B,).
     value, slopes : Array
-        As of a PayloadSlice, with no second derivative: the payload is held.
+        As of a PayloadSlice; no second derivative, (1, K, W), for the payload is held.
     parts : Array
         Derivatives of T [A B], (K', p n (n + 2)).
     count : int
@@ -105,8 +105,7 @@ class Lineariser:
         bare = anchor.copy()
         bare[columns] = 0.0
         return Linearised(bare, np.ascontiguousarray(value),
-                          np.concatenate([slope, np.zeros_like(slope)], axis=1), rows,
-                          len(self.parts), turning_rows(arm))
+                          slope[None], rows, len(self.parts), turning_rows(arm))
 
     def _slopes(self, deviations: Array, base: Array, mass: float) -> Array:
         """Return the derivatives over the parts, (K', p n (n + 2))."""

@@ -36,7 +36,7 @@ EXACT, ROUGH = MODES[:2]
 # At the start, and on trial, with less: what it is to find is where to linearise, and whether
 # parts are off; a large model error hides that where the arm moves little.
 SEEK = ROUGH._replace(gauge=0.05, drive=0.05)
-NAMES = tuple(mode.name for mode in MODES)
+LEVELS = {mode.name: place for place, mode in enumerate(MODES)}
 # Nats that more freedom, a change of the payload among it, must gain: once in e^12 / 12
 # independent trials by chance.
 GAIN = 12.0
@@ -88,7 +88,7 @@ DOUBT = 0.01
 
 def level(mode: Mode) -> int:
     """Return how much freedom a mode has: its place among MODES."""
-    return NAMES.index(mode.name)
+    return LEVELS[mode.name]
 
 
 class Modes:
@@ -204,16 +204,22 @@ class Modes:
             fits = not incumbent.mode.parts or (
                 incumbent.rounds == ROUNDS and misfit_of(incumbent.record) < UNFIT)
             return fits and trial.gain > GAIN * WRONG[level(incumbent.mode)]
+        if trial.age < self._shortest(trial, incumbent):
+            return False
         gain = trial.gain + belief(trial.runner.record) - belief(incumbent.record)
-        if level(trial.runner.mode) > level(incumbent.mode):
-            return gain > MODE_GAIN and trial.age >= PERSISTS_S
         if trial.runner.mode.parts:
-            return trial.age >= LONGER * TRIAL_S and gain > MODE_GAIN
+            return gain > MODE_GAIN
         # What the incumbent knows of the payload is evidence too.
         apart = (trial.runner.mass - incumbent.mass)**2
         gain -= 0.5 * apart / (trial.runner.variance + incumbent.variance)
-        return (trial.age >= TRIAL_S and gain > -SIMPLER
-                and trial.square < FITS * trial.age)
+        return gain > -SIMPLER and trial.square < FITS * trial.age
+
+    @staticmethod
+    def _shortest(trial: Trial, incumbent: Filter) -> float:
+        """Return how long a trial of another mode must have run to win, s."""
+        if level(trial.runner.mode) > level(incumbent.mode):
+            return PERSISTS_S
+        return TRIAL_S * (LONGER if trial.runner.mode.parts else 1.0)
 
     def _over(self, trial: Trial, incumbent: Filter) -> bool:
         """Tell whether a trial that has not won is at its end; a former one begins again."""

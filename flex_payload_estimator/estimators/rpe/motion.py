@@ -31,6 +31,7 @@ class Motion:
         self._stepper = stepper
         self.loads = Loads.none(np.zeros(stepper.told_variance.size), stepper.step_time)
         self.excited, self.moved, self._still = False, False, EXCITED_S
+        self._swings = False
 
     def begin(self, output: Array) -> None:
         """Take the first sample."""
@@ -39,10 +40,8 @@ class Motion:
     def follow(self, output: Array | None, incumbent: Filter, sample: Sample) -> None:
         """Take a sample."""
         if output is not None:
-            net = self._stepper.net_command(incumbent, sample.command)
-            self.loads = self.loads.followed(output, net)
-        noise = self._stepper.told_variance * incumbent.record[:-5]
-        swings = bool(np.any(self.loads.swing[2:] > SWING**2 * noise[2:]))
-        self._still = 0.0 if swings else self._still + self._stepper.step_time
+            self.loads, self._swings = self._stepper.followed(incumbent, sample.command, output,
+                                                              self.loads, SWING**2)
+        self._still = 0.0 if self._swings else self._still + self._stepper.step_time
         self.excited = self._still < EXCITED_S
         self.moved = self.moved or self.excited

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 import math
 
 from flex_payload_estimator.estimators.rpe.kernel import CORIOLIS, FIRST_BIAS, MASS
@@ -60,7 +60,7 @@ class Prior:
     gains: int
     scale: Array
 
-    @property
+    @cached_property
     def scale_variance(self) -> float:
         """Return the variance of the arm's scale, relative: what no record can make smaller."""
         information = float(((self.scale / self.std)**2).sum())

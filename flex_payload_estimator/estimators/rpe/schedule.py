@@ -59,7 +59,7 @@ class PayloadSlice:
     value : Array
         T [A B D], (K, W), W = n (n + 4).
     slopes : Array
-        d/dm and d^2/dm^2, (K, 2 W).
+        d/dm and d^2/dm^2, (2, K, W).
 
     """
 
@@ -175,8 +175,7 @@ class PayloadSchedule:
         second = slope**2 * first @ self.slope - 2.0 * slope / total * first
         cuts = (np.stack([weights, slope * first, second]) @ self.table).reshape(
             3, ANGLE_TERMS, -1)
-        return PayloadSlice(index, payload, np.ascontiguousarray(cuts[0]),
-                            np.concatenate([cuts[1], cuts[2]], axis=1))
+        return PayloadSlice(index, payload, cuts[0].copy(), cuts[1:].copy())
 
     def parts_at(self, payload: float, angle: float) -> Array:
         """Return derivatives over the part parameters near a payload, kg, and angle: (p, W')."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from flex_payload_estimator.estimators.rpe.onward import DRIVE, MEAN, STRAIN
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
@@ -50,40 +51,28 @@ class Loads:
     ----------
     share : float
         What a sample counts.
-    mean : Array
-        Of each channel, rad and m/m, (m,).
-    strain : Array
-        Mean square of each channel, m/m squared, zero for angles, (m,).
-    swing : Array
-        Of each channel about its mean, rad and m/m squared, (m,).
-    drive : Array
-        Net torque in the command's unit squared, (2,).
+    table : Array
+        Rows, (4, m): mean of each channel, rad and m/m; mean square, zero for angles; variance
+        about the mean; of the first two columns, net torques in the command's unit, squared.
 
     """
 
     share: float
-    mean: Array
-    strain: Array
-    swing: Array
-    drive: Array
+    table: Array
 
     @classmethod
     def none(cls, output: Array, step: float) -> Loads:
         """Return those of an arm at rest whose channels read what they read, (m,)."""
-        zero = np.zeros(output.size)
-        return cls(min(1.0, step / LOAD_MEMORY_S), output, zero, zero, np.zeros(2))
+        table = np.zeros((4, output.size))
+        table[MEAN] = output
+        return cls(min(1.0, step / LOAD_MEMORY_S), table)
 
-    @staticmethod
-    def carried(output: Array) -> Array:
-        """Return the squares of what the gauges see, m/m squared, zero for angles, (m,)."""
-        now = output * output
-        now[:2] = 0.0
-        return now
+    @property
+    def strain(self) -> Array:
+        """Return the mean square of each channel, m/m squared, zero for angles, (m,)."""
+        return self.table[STRAIN]
 
-    def followed(self, output: Array, net: Array) -> Loads:
-        """Return the loads after a sample's outputs, (m,), and the drives' net commands, (2,)."""
-        now, off = self.carried(output), output - self.mean
-        return Loads(self.share, self.mean + self.share * off,
-                     self.strain + self.share * (now - self.strain),
-                     (1.0 - self.share) * (self.swing + self.share * off * off),
-                     self.drive + self.share * (net * net - self.drive))
+    @property
+    def drive(self) -> Array:
+        """Return the mean square of the net torques in the command's unit, (2,)."""
+        return self.table[DRIVE, :2]

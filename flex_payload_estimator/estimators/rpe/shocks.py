@@ -6,8 +6,10 @@ from dataclasses import dataclass
 import math
 
 from flex_payload_estimator.estimators.rpe.evidence import MEMORY_S
-from flex_payload_estimator.estimators.rpe.filter import Filter, FilterStep, GATE, Sample
+from flex_payload_estimator.estimators.rpe.filter import FilterStep
+from flex_payload_estimator.estimators.rpe.hypothesis import Filter, Sample
 from flex_payload_estimator.estimators.rpe.modes import GAIN
+from flex_payload_estimator.estimators.rpe.onward import GATE
 from flex_payload_estimator.estimators.rpe.sensors import Loads
 from flex_plant_sim.arm.second_order import Array
 import numpy as np

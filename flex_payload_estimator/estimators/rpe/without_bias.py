@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from flex_payload_estimator.estimators.rpe.kernel import applied, FIRST_BIAS, inner, MASS, whitener
+from flex_payload_estimator.estimators.rpe.kernel import FIRST_BIAS, MASS
+from flex_payload_estimator.estimators.rpe.products import applied, inner, whitener
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import compiled
 import numpy as np

@@ -1,0 +1,159 @@
+"""
+One step of a filter in one compiled call, or in two: ahead to the next sample, and what it tells.
+
+A call from Python, and each array that it returns, costs as much as the arithmetic of a few small
+arrays. So all that a step needs is worked out inside, and what a filter knows is written in place.
+"""
+
+from __future__ import annotations
+
+from flex_payload_estimator.estimators.rpe.evidence import weigh
+from flex_payload_estimator.estimators.rpe.kernel import correct, predict, walk
+from flex_payload_estimator.estimators.rpe.products import applied, inner
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.compiled import compiled
+import numpy as np
+
+# Rows of Loads' table.
+MEAN, STRAIN, SWING, DRIVE = range(4)
+# e' Sigma^-1 e beyond which a sample's noise counts as larger: six normal draws squared sum to
+# more once in 10^7 samples.
+GATE = 44.0
+
+
+@compiled
+def state_of(x: Array, sens: Array, beta: Array, anchor: Array, held: bool) -> Array:
+    """Return the state for the parameters believed, (n,)."""
+    return x + applied(sens, beta - anchor) if held else x
+
+
+@compiled
+def followed(table: Array, share: float, output: Array, command: Array, speed: Array, x: Array,
+             sens: Array, beta: Array, anchor: Array, held: bool, told: Array, record: Array,
+             swing: float) -> tuple[Array, bool]:
+    """
+    Return the loads after a sample, and whether a gauge swings beyond its noise.
+
+    Parameters
+    ----------
+    table, share : Array, float
+        See sensors.Loads.
+    output, command : Array
+        (m,) and (2,).
+    speed : Array
+        See sensors.speed_feedback.
+    x, sens, beta, anchor, held, told, record
+        Of the incumbent, see `learnt`.
+    swing : float
+        Variance of a gauge over that of its noise that is a swing.
+
+    """
+    found = (1.0 - share) * table
+    net = command - applied(speed, state_of(x, sens, beta, anchor, held))
+    found[DRIVE, :2] += share * net * net
+    swings = False
+    for i in range(output.size):
+        off = output[i] - table[MEAN, i]
+        found[MEAN, i] = table[MEAN, i] + share * off
+        if i > 1:
+            found[STRAIN, i] += share * output[i] * output[i]
+        found[SWING, i] += (1.0 - share) * share * off * off
+        swings |= i > 1 and found[SWING, i] > swing * told[i] * record[i]
+    return found, swings
+
+
+@compiled
+def ahead(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor: Array,
+          held: bool, about: Array, order: Array, value: Array, slopes: Array, parts: Array,
+          away: float, turning: Array, command: Array, doubt: Array, speed: Array, error: float,
+          loads: Array, walked: float) -> None:
+    """
+    Bring a filter one sample on: x, P, s and V.
+
+    Parameters
+    ----------
+    x, cov, sens, beta, spread, anchor, held
+        See kernel.correct.
+    about, order, value, slopes, parts, away, turning
+        The model; see kernel.predict, whose anchor `about` is.
+    command, doubt : Array
+        u, (2,), and the variance of its disturbance, (2,).
+    speed : Array
+        See sensors.speed_feedback.
+    error : float
+        Variance of the model error of a drive over the square of its net command.
+    loads : Array
+        See sensors.Loads: the error is of what was carried of late, and no less than of now.
+    walked : float
+        Variance by which the payload walks, kg^2.
+
+    """
+    if error > 0.0:
+        net = command - applied(speed, state_of(x, sens, beta, anchor, held))
+        doubt = doubt + error * np.maximum(loads[DRIVE, :2], net * net)
+    x[:], cov[:], sens[:] = predict(x, cov, sens, about, order, value, slopes, parts, away,
+                                    command, turning, np.sqrt(doubt))
+    if walked > 0.0:
+        cov[:], sens[:], spread[:] = walk(cov, sens, spread, walked)
+
+
+@compiled
+def learnt(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor: Array,
+           held: bool, record: Array, reading: Array, measured: Array, offset: Array,
+           output: Array, told: Array, error: float, loads: Array, least: float, gains: int,
+           heaviest: float, step: float) -> tuple[float, float, float]:
+    """
+    Let a filter learn from a measurement: x, P, s, beta, V, record and reading.
+
+    Parameters
+    ----------
+    x, cov, sens, beta, spread, anchor, held, measured, offset, output, gains, heaviest
+        See kernel.correct.
+    record, told, step
+        See evidence.weigh.
+    reading : Array
+        Innovation and its variances, (2, m).
+    error : float
+        Variance of the model error of a gauge over the square of what it sees.
+    loads : Array
+        See `ahead`.
+    least : float
+        Noise variance over the told one, at least.
+
+    Returns
+    -------
+    tuple
+        The log-likelihoods, see evidence.weigh; mean square of the whitened innovation, NaN where
+        the state is lost: then nothing is learnt.
+
+    """
+    channels = measured.size
+    noise = told * np.maximum(record[:channels], least)
+    if error > 0.0:
+        seen = measured * measured
+        seen[:2] = 0.0
+        noise = noise + error * np.maximum(loads[STRAIN], seen)
+    after, shorter, slope, learned, left, innovation, variances, scores, log_det = correct(
+        x, cov, sens, beta, spread, anchor, held, measured, offset, output, noise, gains, GATE,
+        heaviest)
+    if not np.isfinite(log_det + after.sum() + left[0, 0]):
+        return 0.0, 0.0, np.nan
+    x[:], cov[:], sens[:], beta[:], spread[:] = after, shorter, slope, learned, left
+    record[:], gained, stated = weigh(record, innovation, reading[0], variances, scores, log_det,
+                                      told, GATE, step)
+    reading[0], reading[1] = innovation, variances
+    return gained, stated, min(inner(scores, scores), GATE) / channels
+
+
+@compiled
+def stepped(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor: Array,
+            held: bool, about: Array, order: Array, value: Array, slopes: Array, parts: Array,
+            away: float, turning: Array, command: Array, doubt: Array, speed: Array, push: float,
+            loads: Array, walked: float, record: Array, reading: Array, measured: Array,
+            offset: Array, output: Array, told: Array, error: float, least: float, gains: int,
+            heaviest: float, step: float) -> tuple[float, float, float]:
+    """Do both: `push` is the error of `ahead`, `error` that of `learnt`."""
+    ahead(x, cov, sens, beta, spread, anchor, held, about, order, value, slopes, parts, away,
+          turning, command, doubt, speed, push, loads, walked)
+    return learnt(x, cov, sens, beta, spread, anchor, held, record, reading, measured, offset,
+                  output, told, error, loads, least, gains, heaviest, step)
