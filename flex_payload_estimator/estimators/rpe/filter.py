@@ -96,7 +96,8 @@ class FilterStep:
 
     def _pushed(self, f: Filter, sample: Sample, loads: Loads) -> tuple[Any, ...]:
         return (sample.command, self._torque + sample.doubt, self._speed,
-                f.mode.drive**2 * self._density, loads.table, f.mode.walk**2 * self.step_time)
+                f.mode.drive**2 * self._density, f.mode.walk**2 * self.step_time,
+                loads.table)
 
     def predict(self, f: Filter, sample: Sample, loads: Loads) -> None:
         """Advance one sample."""
@@ -134,27 +135,25 @@ class FilterStep:
             self.predict(f, sample, loads)
             self.correct(f, sample, loads)
             return
-        error, *rest = self._sensed(f)
         self._weighed(f, sample, stepped(
             f.x, f.cov, f.sens, f.beta, f.spread, f.anchor, f.model is not None, *self._model(f),
-            *self._pushed(f, sample, loads), f.record, f.reading, sample.measured,
-            self._no_offset, self.output, self.told_variance, error, *rest))
+            *self._pushed(f, sample, loads), *self._sensed(f, sample)))
 
     def correct(self, f: Filter, sample: Sample, loads: Loads) -> None:
         """Learn from a sample that was predicted."""
         if sample.measured is None:
             return
-        error, *rest = self._sensed(f)
         self._weighed(f, sample, learnt(
-            f.x, f.cov, f.sens, f.beta, f.spread, f.anchor, f.model is not None, f.record,
-            f.reading, sample.measured, self._offset(f.x, sample.time), self.output,
-            self.told_variance, error, loads.table, *rest))
+            f.x, f.cov, f.sens, f.beta, f.spread, f.anchor, f.model is not None, loads.table,
+            *self._sensed(f, sample)))
 
-    def _sensed(self, f: Filter) -> tuple[float, float, int, float, float]:
-        """Return error, least, gains, heaviest and step of `onward.learnt`."""
+    def _sensed(self, f: Filter, sample: Sample) -> tuple[Any, ...]:
+        """Return what `onward.learnt` takes, from record to step."""
         # One that expects more than it sees cannot tell how much less the noise is.
         least, gains = (1.0, self.prior.gains) if f.mode.parts else (0.0, 0)
-        return f.mode.gauge**2 * self._density, least, gains, self.heaviest, self.step_time
+        return (f.record, f.reading, sample.measured, self._offset(f.x, sample.time), self.output,
+                self.told_variance, f.mode.gauge**2 * self._density, least, gains, self.heaviest,
+                self.step_time)
 
     def _weighed(self, f: Filter, sample: Sample, found: tuple[float, float, float]) -> None:
         gained, stated, square = found

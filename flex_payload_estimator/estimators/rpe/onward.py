@@ -66,7 +66,7 @@ def followed(table: Array, share: float, output: Array, command: Array, speed: A
 def ahead(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor: Array,
           held: bool, about: Array, order: Array, value: Array, slopes: Array, parts: Array,
           away: float, turning: Array, command: Array, doubt: Array, speed: Array, error: float,
-          loads: Array, walked: float) -> None:
+          walked: float, loads: Array) -> None:
     """
     Bring a filter one sample on: x, P, s and V.
 
@@ -82,10 +82,10 @@ def ahead(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor:
         See sensors.speed_feedback.
     error : float
         Variance of the model error of a drive over the square of its net command.
-    loads : Array
-        See sensors.Loads: the error is of what was carried of late, and no less than of now.
     walked : float
         Variance by which the payload walks, kg^2.
+    loads : Array
+        See sensors.Loads: the error is of what was carried of late, and no less than of now.
 
     """
     if error > 0.0:
@@ -99,8 +99,8 @@ def ahead(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor:
 
 @compiled
 def learnt(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor: Array,
-           held: bool, record: Array, reading: Array, measured: Array, offset: Array,
-           output: Array, told: Array, error: float, loads: Array, least: float, gains: int,
+           held: bool, loads: Array, record: Array, reading: Array, measured: Array,
+           offset: Array, output: Array, told: Array, error: float, least: float, gains: int,
            heaviest: float, step: float) -> tuple[float, float, float]:
     """
     Let a filter learn from a measurement: x, P, s, beta, V, record and reading.
@@ -109,14 +109,14 @@ def learnt(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor
     ----------
     x, cov, sens, beta, spread, anchor, held, measured, offset, output, gains, heaviest
         See kernel.correct.
+    loads
+        See `ahead`.
     record, told, step
         See evidence.weigh.
     reading : Array
         Innovation and its variances, (2, m).
     error : float
         Variance of the model error of a gauge over the square of what it sees.
-    loads : Array
-        See `ahead`.
     least : float
         Noise variance over the told one, at least.
 
@@ -149,11 +149,11 @@ def learnt(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor
 def stepped(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor: Array,
             held: bool, about: Array, order: Array, value: Array, slopes: Array, parts: Array,
             away: float, turning: Array, command: Array, doubt: Array, speed: Array, push: float,
-            loads: Array, walked: float, record: Array, reading: Array, measured: Array,
+            walked: float, loads: Array, record: Array, reading: Array, measured: Array,
             offset: Array, output: Array, told: Array, error: float, least: float, gains: int,
             heaviest: float, step: float) -> tuple[float, float, float]:
     """Do both: `push` is the error of `ahead`, `error` that of `learnt`."""
     ahead(x, cov, sens, beta, spread, anchor, held, about, order, value, slopes, parts, away,
-          turning, command, doubt, speed, push, loads, walked)
-    return learnt(x, cov, sens, beta, spread, anchor, held, record, reading, measured, offset,
-                  output, told, error, loads, least, gains, heaviest, step)
+          turning, command, doubt, speed, push, walked, loads)
+    return learnt(x, cov, sens, beta, spread, anchor, held, loads, record, reading, measured,
+                  offset, output, told, error, least, gains, heaviest, step)
