@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from flex_payload_estimator.estimators.rpe.kernel import MASS
@@ -95,31 +94,35 @@ class Lineariser:
         """Return the model about parameters, (B,)."""
         columns = slice(self.first, self.first + len(self.parts))
         deviations, mass = anchor[columns], max(float(anchor[MASS]), 0.0)
-        arm, step = self._arm(deviations), MASS_STEP * (mass + self.soft_mass)
+        robot, step = self._robot(deviations), MASS_STEP * (mass + self.soft_mass)
+        arm = self._arm(robot)
         low = max(mass - step, 0.0)
         value, above, below = coefficients(
             arm, ANGLE_TERMS, np.array([mass, mass + step, low])).reshape(3, ANGLE_TERMS, -1)
         slope = (above - below) / (mass + step - low)
         base = coefficients(arm, COARSE_TERMS, np.array([mass]), forces=False)
-        rows = self._slopes(deviations, base, mass)
+        rows = self._slopes(robot, base, mass)
         bare = anchor.copy()
         bare[columns] = 0.0
         return Linearised(bare, np.ascontiguousarray(value),
                           slope[None], rows, len(self.parts), turning_rows(arm))
 
-    def _slopes(self, deviations: Array, base: Array, mass: float) -> Array:
+    def _slopes(self, robot: Robot, base: Array, mass: float) -> Array:
         """Return the derivatives over the parts, (K', p n (n + 2))."""
         rows = []
-        for k, part in enumerate(self.parts):
+        for part in self.parts:
             step = PART_SHARE * part.tolerance
-            arm = self._arm(deviations + step * np.eye(len(self.parts))[k])
+            arm = self._arm(part.change(robot, step))
             found = coefficients(arm, COARSE_TERMS, np.array([mass]), forces=False)
             rows.append((found - base).reshape(COARSE_TERMS, -1) / step)
         return np.stack(rows, axis=1).reshape(COARSE_TERMS, -1)
 
-    def _arm(self, deviations: Sequence[float] | Array) -> ExtendedArm:
+    def _robot(self, deviations: Array) -> Robot:
         robot = self.robot
-        for part, deviation in zip(self.parts, deviations):
-            robot = part.change(robot, float(deviation))
+        for part, deviation in zip(self.parts, deviations.tolist()):
+            robot = part.change(robot, deviation)
+        return robot
+
+    def _arm(self, robot: Robot) -> ExtendedArm:
         return ExtendedArm(robot, self.model, self.modes, effects=self.effects,
                            step=self.robot.sample_time)
