@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from contextlib import contextmanager
 import os
 import signal
 import sys
-from types import FrameType
-from typing import NoReturn
+
+# Not typing's: a signal that comes while that is read would end in a traceback.
+MYPY = False
+
+if MYPY:
+    from collections.abc import Iterator
+    from types import FrameType
+    from typing import NoReturn
 
 INTERRUPTED = 130
 SIGNALS = (signal.SIGINT, signal.SIGTERM)

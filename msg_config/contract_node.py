@@ -240,10 +240,14 @@ class ContractNode(LifecycleNode, ABC):
                 f'last: {self.last_rejection}')
         return self.status('input', 'warn', text, values)
 
+    def second_heard(self) -> set[str]:
+        """Return the topics on which a second publisher spoke lately."""
+        return {topic for topic, kind in self._refusals.recent(time.monotonic())
+                if kind == SECOND}
+
     def publisher_status(self) -> DiagnosticStatus:
         """Return whether each topic has one publisher."""
-        heard = {topic for topic, kind in self._refusals.recent(time.monotonic())
-                 if kind == SECOND}
+        heard = self.second_heard()
         counts = {topic: self.count_publishers(subscription.topic_name)
                   for topic, subscription in self._subscribed.items()
                   if load_topics()[topic].exclusive}

@@ -54,12 +54,16 @@ class Journal:
 
     def add(self, task: LogTask, row: Row) -> None:
         """Append a row, on the disk when this returns."""
-        with self.file.open('a', encoding='utf-8') as file:
-            # A line that a kill cut short must not swallow this one.
-            file.write('\n' if file.tell() and not self._ends_well() else '')
-            file.write(json.dumps([task.key, asdict(row)]) + '\n')
-            file.flush()
-            os.fsync(file.fileno())
+        try:
+            with self.file.open('a', encoding='utf-8') as file:
+                # A line that a kill cut short must not swallow this one.
+                file.write('\n' if file.tell() and not self._ends_well() else '')
+                file.write(json.dumps([task.key, asdict(row)]) + '\n')
+                file.flush()
+                os.fsync(file.fileno())
+        except OSError as error:
+            raise InputError(f'{self.file}: expected room for a row, got: '
+                             f'{error.strerror or error}') from None
 
     def _ends_well(self) -> bool:
         with self.file.open('rb') as file:

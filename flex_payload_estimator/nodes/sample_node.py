@@ -103,8 +103,8 @@ class SampleNode(ContractNode):
         """Publish the diagnostics."""
 
     def trouble(self) -> tuple[bool, ...]:
-        """Return what is told at once where it begins or ends: that no sample comes."""
-        return (bool(self.silence()),)
+        """Return what is told at once where it begins or ends: no sample, a second publisher."""
+        return (bool(self.silence()), bool(self.second_heard()))
 
     def _look(self) -> None:
         trouble = self.trouble()

@@ -17,6 +17,7 @@ from flex_payload_estimator.fleet.schedule import answers, cluster
 from flex_payload_estimator.fleet.table import write_csv, write_page, write_parquet
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.tools import command_line
+from flex_plant_sim.tools.outputs import check_folder
 from msg_config.errors import InputError
 
 
@@ -92,6 +93,7 @@ class _Silent:
 
 def _main(arguments: argparse.Namespace) -> None:
     out = Path(arguments.out)
+    check_folder('--out', out, (), nested=True)
     tasks = tasks_of(arguments, out)
     rows = run(tasks, Journal(out), arguments.scheduler, arguments.workers)
     write_csv(out / 'fleet.csv', rows)

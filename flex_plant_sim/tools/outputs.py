@@ -70,6 +70,7 @@ def check_folder(option: str, folder: str | Path, names: Sequence[str],
     if not standing.is_dir():
         raise InputError(f'{option}: {folder}: expected a folder, got a file {standing}')
     if folder.is_dir():
+        _check_room(folder / 'any')
         check_outputs({option if k == 0 else f'{option} ({name})': folder / name
                        for k, name in enumerate(names)}, inputs)
     elif nested:

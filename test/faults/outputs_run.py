@@ -55,6 +55,9 @@ INPUTS = ('night/log.csv', 'arm.yaml', 'hard.csv', 'soft.csv', 'bag', 'bag/metad
 FOREIGN = ('own.json', 'soft.json', 'own', 'absent/new', '/dev/full', '/dev/stdout')
 # What the tools write into a folder, here the user's.
 NAMES = ('summary.json', 'thesis.txt', 'report.html', 'figure_13.png', 'fleet.csv', 'robot.yaml')
+# Folders that are made, or that get another file, as their owner asks.
+HARMLESS = {'flex_figures --out': ('absent/new', 'bag', 'night'),
+            'flex_fleet --out': ('absent/new',), 'flex_diagnose --report': ('bag', 'night')}
 MARGIN = 8  # kB beyond what a tool tries first
 CLONE_NEWNS = 0x20000
 
@@ -125,9 +128,7 @@ def cases(place: Path, there: list[str]) -> Iterator[tuple[str, str]]:
     for name, (_, _, _, suffix) in OUTPUTS.items():
         targets = [*INPUTS, *FOREIGN, *there, *(['fills/new'] if there else [])]
         for target in targets:
-            # A folder of that name is made: no harm is done.
-            if not (name == 'flex_figures --out' and target in ('absent/new', 'bag', 'night')
-                    or name == 'flex_fleet --out' and target == 'absent/new'):
+            if target not in HARMLESS.get(name, ()):
                 new = target.endswith('/new')
                 yield name, str(place / target) + (suffix if new else '')
 
@@ -173,7 +174,7 @@ def main() -> int:
         f'{len(every)} runs, {len(OUTPUTS)} outputs of the tools pointed at an input, a foreign '
         'file or folder, a device' + (', a full disk, one that fills, a read-only place' if there
                                       else ' (no disks: that needs the right to mount)')
-        + f': {bad["lost"]} of the user\'s files changed (0 bytes lost where 0), {bad["half"]} '
+        + f': {bad["lost"]} of the user\'s files lost or changed, {bad["half"]} '
         f'half-written, {bad["traceback"]} tracebacks, {bad["other"]} not refused in one line.'],
            chosen.page)
     return min(bad.total(), 1)

@@ -33,6 +33,8 @@ LARGEST_ANGLE, COMMAND_LIMIT = 1.25, 5.0
 # Motion, s, after which the payload must be right, to three standard deviations and 5 %.
 MOTION, SHARE = 3.0, 0.05
 SAID = 1.0
+# Diagnostics of three nodes, one a second each.
+CALM = 4
 START = 60.0
 
 
@@ -139,6 +141,14 @@ class Arena:
         self.told = time.monotonic() - since
         return self.told
 
+    def calm(self, text: str) -> None:
+        """Wait until nothing says a text any more, as a busy machine may let a node do."""
+        def silent() -> bool:
+            return not any(text in status.message for message in self.diagnostics[-CALM:]
+                           for status in message.status)
+        self.loop.wait(CALM * 0.5)
+        self.loop.until(silent, START)
+
     def figures(self, fault: str) -> Figures:
         """Return the figures since the last time, and the first bound that they break."""
         angle = max(float(np.abs(message.position).max()) for message in self.joints)
@@ -169,6 +179,7 @@ class Arena:
 def killed(node: str, text: str, **values: Any) -> Callable[[Arena], None]:
     """Return the fault of a node that is killed and started again."""
     def fault(arena: Arena) -> None:
+        arena.calm(text)
         begin = time.monotonic()
         arena.signal(node, signal.SIGKILL)
         try:
@@ -183,6 +194,7 @@ def killed(node: str, text: str, **values: Any) -> Callable[[Arena], None]:
 def stopped(node: str, text: str) -> Callable[[Arena], None]:
     """Return the fault of a node that stands still for two seconds."""
     def fault(arena: Arena) -> None:
+        arena.calm(text)
         begin = time.monotonic()
         arena.signal(node, signal.SIGSTOP)
         try:

@@ -40,7 +40,7 @@ NODE_CODES = {signal.SIGINT: (0, 130), signal.SIGTERM: (0,)}
 TOOL_CODES = {signal.SIGINT: (0, 130), signal.SIGTERM: (0, 130)}
 LATEST = 4.0
 # What Python says where a signal comes while it imports `site`: no line of this package has run.
-SITE = 'Failed to import the site module'
+SITE = ('Failed to import the site module', 'Fatal Python error: init_')
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Attack:
     def too_early(self) -> bool:
         """Return whether Python itself took it, before a line of this package had run."""
         silent = self.code == -self.number and not self.error
-        return silent or SITE in self.error
+        return silent or any(text in self.error for text in SITE)
 
 
 def attack(program: str, number: signal.Signals, delay: float, domain: int,
@@ -138,8 +138,8 @@ def main() -> int:
         + ', '.join(f'{name} → {code}: {count}' for (name, code), count in sorted(codes.items()))
         + f'. {len(early)} came while Python itself started, up to '
         f'{max((item.delay for item in early), default=0.0):.2f} s; to '
-        f'{sum(SITE in item.error for item in early)} of them it answered with a traceback of its '
-        'own, before a line of this package had run.'], chosen.page)
+        f'{sum("Traceback" in item.error for item in early)} of them it answered with a traceback '
+        'of its own, before a line of this package had run.'], chosen.page)
     return min(len(bad), 1)
 
 
