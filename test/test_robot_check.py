@@ -19,6 +19,7 @@ from flex_plant_sim.commissioning.summary import locked_modes, tip_force
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.simulator import Simulator
 from flex_plant_sim.tools.robot import main
+from msg_config.errors import InputError
 import numpy as np
 import pytest
 
@@ -80,6 +81,11 @@ def test_the_bound_never_beats_the_scale_that_tolerances_leave_open() -> None:
     found = observability(REFERENCE, 2)
     assert floor < found.within_tolerances < 10.0 * floor
     assert found.exact < 1e-2 * found.within_tolerances
+
+
+def test_a_payload_that_the_model_cannot_carry_is_one_line() -> None:
+    with pytest.raises(InputError, match='got 303 kg: with 2 modes it is unstable'):
+        observability(replace(REFERENCE, payload_mass=300.0), 2)
 
 
 @pytest.mark.parametrize('change, words', [

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 import multiprocessing
 import sys
 
@@ -18,6 +17,7 @@ from flex_plant_sim.diagnosis.record.windows import Record, Windows
 from flex_plant_sim.simulation.nominal import nominal_effects
 from flex_plant_sim.simulation.plant_setup import simulator_of
 from flex_plant_sim.tools import command_line
+from msg_config.errors import InputError
 from msg_config.parameters import check_parameters
 import numpy as np
 
@@ -69,9 +69,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not COMPILED:
         print('flex_compile: nothing to compile: Numba is not installed or switched off')
         return 0
-    with ProcessPoolExecutor(len(PARTS), multiprocessing.get_context('spawn')) as pool:
-        for job in [pool.submit(part) for part in PARTS]:
-            job.result()
+    context = multiprocessing.get_context('spawn')
+    workers = [context.Process(target=part, daemon=True) for part in PARTS]
+    try:
+        for worker in workers:
+            worker.start()
+        for worker in workers:
+            worker.join()
+    finally:
+        # After SIGTERM, which they do not hear of: nothing goes on.
+        for worker in workers:
+            if worker.is_alive():
+                worker.kill()
+    failed = [part.__name__ for part, worker in zip(PARTS, workers) if worker.exitcode]
+    if failed:
+        raise InputError(f'flex_compile: expected compiled loops, failed: {", ".join(failed)}')
     return 0
 
 

@@ -12,10 +12,13 @@ from flex_plant_sim.commissioning.standard_move import Move, standard_move
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.nominal import nominal_effects
 from flex_plant_sim.simulation.simulator import simulate, Simulator
+from msg_config.errors import InputError
 import numpy as np
 
 # Of a tolerance, or of the payload: far above rounding, far below what bends the sensitivity.
 STEP = 1e-2
+# rad or m/m: no arm comes so far, and squares of it are still numbers.
+DIVERGED = 1e6
 
 
 @dataclass(frozen=True)
@@ -63,7 +66,12 @@ def _with_payload(robot: Robot, step: float) -> Robot:
 
 def _output(robot: Robot, modes: int, move: Move) -> Array:
     arm = ExtendedArm(robot, 'assumed_modes', modes, robot.payload_mass, nominal_effects(robot))
-    return simulate(Simulator(arm), move.commands)[0]
+    with np.errstate(all='ignore'):
+        output = simulate(Simulator(arm), move.commands)[0]
+    if not np.abs(output).max() < DIVERGED:
+        raise InputError(f'{robot.name}: payload: expected a mass that the model moves, got '
+                         f'{robot.payload_mass:.4g} kg: with {modes} modes it is unstable')
+    return output
 
 
 def _bound(payload: Array, others: Array) -> float:

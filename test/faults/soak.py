@@ -39,6 +39,7 @@ MODES = ('realtime', 'lockstep')
 HEADER = ('| mode | min | samples due | came | without a payload | without a command | '
           'p50, ms | p99, ms | memory of ' + ', '.join(PROGRAMS) + ', MB/h |',
           '|---|---|---|---|---|---|---|---|---|')
+PICTURE = ('', '![Memory, latency and loss over time](figures/soak.png)')
 INTERVAL = 5.0
 # A slope needs some rows.
 FEWEST = 3
@@ -191,7 +192,8 @@ def main() -> int:
             found[mode] = rows
             draw(found, chosen.picture)
             record(chosen.block, [f'At {chosen.rate:g} Hz:', '', *HEADER, *(
-                verdict(name, each, chosen.rate) for name, each in found.items())], chosen.page)
+                verdict(name, each, chosen.rate) for name, each in found.items()),
+                *([] if chosen.block == 'busy' else PICTURE)], chosen.page)
     rclpy.try_shutdown()
     return 0
 
