@@ -2,9 +2,9 @@
 The loop for hours: memory, latency and loss over time, in real time and in lock-step.
 
 `python test/faults/soak.py [--minutes 60] [--rate 1000] [--modes realtime lockstep]
-[--picture FILE] [--page]` runs the three nodes as processes, in each mode for an equal part of the
-time, and prints for each node the slope of its resident memory after the warm-up; the observer
-counts what was lost.
+[--spinners N] [--picture FILE] [--page]` runs the three nodes as processes, in each mode for an
+equal part of the time, and prints for each node the slope of its resident memory after the
+warm-up; the observer counts what was lost.
 """
 
 from __future__ import annotations
@@ -111,12 +111,17 @@ def run(mode: str, options: argparse.Namespace) -> list[dict[str, float]]:
     for topic in TOPICS:
         create_subscription(node, topic, lambda message, name=topic: heard.take(name, message))
     processes = start(mode, options.rate, options.domain)
+    spinners = [subprocess.Popen([sys.executable, '-c', 'while True: pass'])
+                for _ in range(options.spinners)]
     try:
         while not heard.counts['command']:
             executor.spin_until_future_complete(Future(), timeout_sec=0.5)
         heard.counts.update(dict.fromkeys(TOPICS, 0))
         return watch(executor, heard, processes, options.minutes / len(options.modes))
     finally:
+        for spinner in spinners:
+            spinner.kill()
+            spinner.wait()
         for process in processes.values():
             process.send_signal(signal.SIGTERM)
             process.wait()
@@ -176,6 +181,7 @@ def main() -> int:
     options.add_argument('--domain', type=int, default=94)
     options.add_argument('--modes', nargs='+', choices=MODES, default=list(MODES))
     options.add_argument('--picture', type=Path, default=Path('docs/figures/soak.png'))
+    options.add_argument('--spinners', type=int, default=0, help='processes that do nothing else')
     options.add_argument('--block', choices=('soak', 'busy'), default='soak')
     options.add_argument('--page', action='store_true', help='write it into docs/faults.md')
     chosen = options.parse_args()
