@@ -71,6 +71,15 @@ def test_a_dropped_payload_is_found_and_nothing_beside_it() -> None:
     assert start + 0.5 * duration == pytest.approx(12.3, abs=0.05) and duration < 0.5
 
 
+def test_a_brake_far_stronger_than_the_drive_s_damping_is_found() -> None:
+    found, _ = searched(('viscous_friction:joint_1:damping_n_m_s=10',))
+    cause, = found.posterior.best.hypotheses
+    assert cause.label == 'viscous_friction:joint_1'
+    best = found.posterior.best
+    assert best.values == pytest.approx([10.0], abs=2.0 * np.sqrt(best.covariance[0, 0]), rel=0)
+    assert best.values == pytest.approx([10.0], rel=0.1)
+
+
 def test_nothing_is_found_where_nothing_is_hidden(clean: tuple[Search, Data]) -> None:
     found, _ = clean
     assert found.posterior.of_nothing > 0.9

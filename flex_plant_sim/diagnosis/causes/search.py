@@ -6,13 +6,13 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.causes.fit import Fit
+from flex_plant_sim.diagnosis.causes.fit import EXCESS, Fit
 from flex_plant_sim.diagnosis.causes.hypothesis import hypotheses, Hypothesis
 from flex_plant_sim.diagnosis.causes.looks import Look, Looker
 from flex_plant_sim.diagnosis.causes.pool import attempt, each
 from flex_plant_sim.diagnosis.causes.posterior import Key, log_prior, Posterior
 from flex_plant_sim.diagnosis.causes.promise import Beside, Closer, Promise
-from flex_plant_sim.diagnosis.causes.sets import Fitter, Leveller, Settled, Trial
+from flex_plant_sim.diagnosis.causes.sets import AGAIN, Fitter, Leveller, Settled, Trial
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
 from flex_plant_sim.diagnosis.likelihood.moments import TEMPER
 from flex_plant_sim.diagnosis.likelihood.prior import log_odds
@@ -36,15 +36,11 @@ WORTH, LEAST, BEHIND, SHARE = -1.0, 2, 30.0, 0.05
 # Around another set, a fit knows its gain over that to such a share: parts go where they were not
 # linearised. So many of those that may lead are linearised around themselves at a time.
 KNOWN, LEADING = 0.3, 3
-# A set that gains more than this, nats, from another start is linearised around itself again.
-AGAIN = 1.0
 # What promises less than this share of a cause cannot stand in its place; one that promises more
 # than this, nats, is not dropped.
 RIVAL, SURE = 0.3, 60.0
 # Parts further off than this, in tolerances, may stand for a cause.
 FAR = 3.0
-# Errors that exceed what is stated by less leave nothing for a larger discrepancy to explain.
-EXCESS = 1.05
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,8 @@ from flex_plant_sim.diagnosis.prediction.predictor import Base
 from flex_plant_sim.diagnosis.record.data import Data
 import numpy as np
 
+# A fit that gains more than this, nats, around where it came is fitted around that again.
+AGAIN, AROUND = 1.0, 4
 
 @dataclass(frozen=True)
 class Trial:
@@ -56,13 +58,22 @@ class Settled:
 
     @classmethod
     def at(cls, trial: Trial, base: Base, data: Data, scale: Array | None = None) -> Settled:
-        """Return a set fitted around itself."""
-        causes = Causes(trial.hypotheses, data.duration)
-        likelihood = Likelihood(base, data.windows, data.noise, causes.effects(trial.starts[0]))
-        descent = Descent(likelihood, causes, np.ones(len(data.noise[0])) if scale is None
-                          else scale)
-        point = descent.run(trial.starts)
-        return cls(likelihood, point, descent.fit(point))
+        """Return a set fitted around itself, anew where that leads on."""
+        causes, starts = Causes(trial.hypotheses, data.duration), trial.starts
+        found: Settled | None = None
+        known = np.ones(len(data.noise[0])) if scale is None else scale
+        for _ in range(AROUND):
+            likelihood = Likelihood(base, data.windows, data.noise, causes.effects(starts[0]))
+            descent = Descent(likelihood, causes, known)
+            point, before = descent.run(starts), found
+            found = cls(likelihood, point, descent.fit(point))
+            if before is not None and found.fit.log_evidence < before.fit.log_evidence:
+                return before
+            if point.cost > descent.at(starts[0])[1] - AGAIN:
+                break
+            starts = (point.values,)
+        assert found is not None
+        return found
 
     @cached_property
     def causes(self) -> Causes:

@@ -46,6 +46,7 @@ class Likelihood:
         # Samples that each stands for, and which they are, where only some windows are asked.
         self.weight = 1.0
         self.kept: slice | Indices = slice(None)
+        self.alike = True
 
     def residual(self, effects: Sequence[Effect], deviations: Array | None = None,
                  keep: bool = False) -> Array:
@@ -64,7 +65,7 @@ class Likelihood:
         """
         values = np.zeros(len(self.parts)) if deviations is None else deviations
         robot, sensors = deviated(self.base.robot, self.parts, values)
-        found = [_channels(p.whitened((*effects, *sensors), robot, keep))
+        found = [_channels(p.whitened((*effects, *sensors), robot, keep, self.alike))
                  for p in self.predictors]
         return np.sqrt(self.weight) * np.concatenate(found, axis=-1)
 
@@ -95,6 +96,18 @@ class Likelihood:
                  for p in self.predictors]
         return -self.weight * np.sum(found, axis=0)
 
+    @cached_property
+    def smooth(self) -> Likelihood:
+        """Return what each arm's own filter errs: no likelihood, but without its side valleys."""
+        other = self._copied('present', 'columns', 'products', 'smooth')
+        other.alike = False
+        return other
+
+    def _copied(self, *less: str) -> Likelihood:
+        other = object.__new__(Likelihood)
+        other.__dict__.update({k: v for k, v in self.__dict__.items() if k not in less})
+        return other
+
     @property
     def times(self) -> Array:
         """Return when each sample was taken, in its own record, s, (N,)."""
@@ -111,9 +124,8 @@ class Likelihood:
             np.cumsum([0, *sizes]), sizes)])
         weight = sum(sizes) / chosen.size
         kept = np.arange(self.present.shape[-1]).reshape(sum(sizes), -1)[chosen].ravel()
-        other = object.__new__(Likelihood)
-        own = {k: v for k, v in self.__dict__.items() if k not in ('products', 'surprise')}
-        other.__dict__.update(own | {
+        other = self._copied('products', 'surprise', 'smooth')
+        other.__dict__.update({
             'predictors': [p.thinned(every) for p in self.predictors], 'kept': kept,
             'weight': self.weight * weight, 'present': np.sqrt(weight) * self.present[:, kept],
             'columns': np.sqrt(weight) * self.columns[..., kept]})

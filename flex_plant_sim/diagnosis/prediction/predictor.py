@@ -10,6 +10,7 @@ from hashlib import blake2b
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.schedule import barycentric_weights
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.diagnosis.prediction.common import as_late, Common, missed
 from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude, Discrepancy
 from flex_plant_sim.diagnosis.prediction.noise import (
     load_levels,
@@ -18,7 +19,7 @@ from flex_plant_sim.diagnosis.prediction.noise import (
     steady_filter,
 )
 from flex_plant_sim.diagnosis.prediction.passage import Matrices, Run, sensor_gain, undo_sensors
-from flex_plant_sim.diagnosis.record.windows import Record, Windows
+from flex_plant_sim.diagnosis.record.windows import Indices, Record, Windows
 from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
@@ -147,43 +148,67 @@ class Predictor:
         """
         if self._reshaped(effects):
             return self._with_other_shapes(effects, robot).innovations(effects, robot, steady)
-        return self._innovations(self.arm_with(effects, robot), effects, robot, steady)
+        arm = self.arm_with(effects, robot)
+        errors, _ = self._passed(arm, effects, robot, steady)
+        return np.ascontiguousarray(errors[self.windows.warm_up:].transpose(2, 1, 0, 3))
 
-    def _innovations(self, arm: ExtendedArm, effects: Sequence[Effect], robot: Robot | None,
-                     steady: Steady | None) -> Array:
-        used = np.unique(self.windows.indices)
+    def _passed(self, arm: ExtendedArm, effects: Sequence[Effect], robot: Robot | None,
+                steady: Steady | None) -> tuple[Array, Matrices]:
+        """Return one-step errors before the sensors' effects, warm-up first, (S, W, B, m)."""
         if (steady is None or steady is self.steady) and self._same_plant(effects, robot):
             matrices = self.matrices
         else:
-            matrices = Matrices.of(self, arm, (steady or self.steady_of(arm)).gain, used)
-        run = Run(self, arm, matrices, used, _batch(effects))
-        rows = np.searchsorted(used, self.windows.indices.T)
+            matrices = Matrices.of(self, arm, (steady or self.steady_of(arm)).gain, self.used)
+        run = Run(self, arm, matrices, self.used, _batch(effects))
+        rows = self.rows
         states = run.states(rows, run.trajectory[rows[0], 0])
-        scored, rows = states[self.windows.warm_up:], rows[self.windows.warm_up:]
-        errors = run.measured[rows] - scored @ arm.output_matrix.T
-        return np.ascontiguousarray(errors.transpose(2, 1, 0, 3))
+        return run.measured[rows] - states @ arm.output_matrix.T, matrices
+
+    @cached_property
+    def used(self) -> Indices:
+        """Return the samples that windows use, (N,)."""
+        return np.unique(self.windows.indices)
+
+    @cached_property
+    def rows(self) -> Indices:
+        """Return the places of the windows' samples among those used, warm-up first, (S, W)."""
+        return np.searchsorted(self.used, self.windows.indices.T)
 
     def whitened(self, effects: Sequence[Effect] = (), robot: Robot | None = None,
-                 keep: bool = False) -> Array:
+                 keep: bool = False, alike: bool = True) -> Array:
         """
-        Return L^-1 (y - y_predicted), (B, W, length, m), as the sensors show it.
+        Return L^-1 (y - y_h), (B, W, length, m), y_h what a hypothesis says of the record.
 
-        L L' is the innovation covariance of the base alone, the same for all effects: one that
-        only makes a record look more certain than it is must not be paid for that. With `keep`,
-        the trajectory's own gain serves an arm with the same states, for small changes. Other
-        parameters are those of `innovations`.
+        L L' is the covariance of the record that the base alone states, the same for all, see
+        Common. With `keep`, the trajectory's own gain serves an arm with the same states, for
+        small changes. Unless `alike`, each arm's own filter follows the record: what that errs
+        compares no causes, but tells a fit from afar where to go. Other parameters are those of
+        `innovations`.
         """
         if self._reshaped(effects):
-            return self._with_other_shapes(effects, robot).whitened(effects, robot)
+            return self._with_other_shapes(effects, robot).whitened(effects, robot, alike=alike)
         arm = self.arm_with(effects, robot)
         kept = keep and self.gain.shape[1] == arm.states
-        errors = self._innovations(arm, effects, robot, self.steady if kept else None)
-        whitener = self.whitener
-        if arm.acts_on_output:
-            # Errors were those before the sensors' effects, which are affine.
-            gain = sensor_gain(arm, self.record)[0]
-            whitener = whitener @ gain[:, None, None]
-        return np.asarray((whitener @ errors[..., None])[..., 0], dtype=float)
+        errors, matrices = self._passed(arm, effects, robot, self.steady if kept else None)
+        errors, rows = errors[self.windows.warm_up:], self.rows[self.windows.warm_up:]
+        if not alike and arm.acts_on_output:
+            errors = np.matmul(sensor_gain(arm, self.record), errors[..., None])[..., 0]
+        elif alike and (matrices is not self.common.matrices or arm.acts_on_output or arm.late):
+            left = missed(matrices, arm.output_matrix, errors, rows)
+            if arm.acts_on_output:
+                left = np.matmul(sensor_gain(arm, self.record), left[..., None])[..., 0]
+            errors = self.common.whitened(as_late(left, arm.late), rows)
+        errors = errors.transpose(2, 1, 0, 3)
+        return np.asarray((self.whitener @ errors[..., None])[..., 0], dtype=float)
+
+    @cached_property
+    def common(self) -> Common:
+        """Return the covariance in which all are judged."""
+        plain = self.arm_with()
+        if self._same_plant((), self.base.robot):
+            return Common(self.matrices, plain.output_matrix)
+        return Common(Matrices.of(self, plain, self.steady_of(plain).gain, self.used),
+                      plain.output_matrix)
 
     @cached_property
     def whitener(self) -> Array:
@@ -210,13 +235,13 @@ class Predictor:
     @cached_property
     def matrices(self) -> Matrices:
         """Return the trajectory's matrices, which serve all effects that leave the plant alone."""
-        return Matrices.of(self, self.arm, self.gain, np.unique(self.windows.indices))
+        return Matrices.of(self, self.arm, self.gain, self.used)
 
     def thinned(self, every: int) -> Predictor:
         """Return the same predictor, asked about every so-manieth window alone."""
         other = object.__new__(Predictor)
         other.__dict__.update({k: v for k, v in self.__dict__.items()
-                               if k not in ('matrices', 'whitener')})
+                               if k not in ('matrices', 'whitener', 'common', 'used', 'rows')})
         other.windows = self.windows.thinned(every)
         return other
 

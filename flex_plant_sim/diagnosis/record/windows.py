@@ -77,7 +77,8 @@ class Windows:
 
         """
         period = 2.0 * np.pi / slowest / sample_time
-        length, warm_up = int(np.ceil(PERIODS * period)), int(np.ceil(WARM_UP_PERIODS * period))
+        warm_up = int(np.ceil(WARM_UP_PERIODS * period))
+        length = PERIODS * warm_up
         count = (len(record.time) - warm_up) // length
         if count < FEWEST + 1:
             raise InputError(f'{record.name}: expected at least {FEWEST + 1} windows of '
