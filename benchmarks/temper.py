@@ -78,7 +78,8 @@ def searched(case: BankCase, amplitude: Amplitude) -> dict[str, Any]:
     return {'line': {'key': case.key, 'kind': case.kind, 'names': list(case.names),
                      'form': case.realisation.form, 'distractors': [
                          name for name in truth.names if name not in case.names]},
-            'terms': terms, 'fits': found.posterior.fits, 'base': base,
+            'terms': terms, 'fits': found.posterior.fits,
+            'nominal': found.posterior.nominal,
             'cpu': time.process_time() - started}
 
 
@@ -91,7 +92,7 @@ def at_temper(fit: Fit, temper: float) -> Fit:
 
 def line_at(kept: dict[str, Any], temper: float) -> dict[str, Any]:
     """Return a case's answer at a temper as the bank scores it."""
-    base = kept['base']
+    base = kept['nominal']
     posterior = Posterior.of([at_temper(fit, temper) for fit in kept['fits']], base)
     causes = [{'name': c.name, 'probability': c.probability, 'look_alikes': c.look_alikes}
               for c in causes_of(posterior, posterior.best)]

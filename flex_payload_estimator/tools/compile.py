@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 import multiprocessing
 import sys
 
@@ -56,7 +57,9 @@ def smoothing() -> None:
                     1e-3 * rng.normal(size=(SAMPLES, 6)), robot.payload_mass)
     windows = Windows.cut(record, 10.0, robot.sample_time)[0]
     base = Base(robot, effects=nominal_effects(robot, 'assumed_modes'))
+    predictor = Predictor(base, windows, np.full(6, 1e-4), judging=True)
     latent_forces(Predictor(base, windows, np.full(6, 1e-4)))
+    predictor.whitened(robot=replace(robot, payload_mass=0.5 * robot.payload_mass))
 
 
 PARTS: tuple[Callable[[], None], ...] = (estimators, regressions, smoothing)

@@ -19,8 +19,6 @@ ITERATIONS, ROUGH = 8, 3
 BATCH = 8
 # A step that promises less is not worth a pass, nats.
 ENOUGH = 0.3
-# Errors that exceed what is stated by less leave nothing to explain.
-EXCESS = 1.05
 DAMPINGS = (1e-4, 0.1, 10.0)
 
 
@@ -197,19 +195,7 @@ class Descent:
         return Point(values, residual, columns, cost)
 
     def run(self, starts: Sequence[Array], rough: bool = False) -> Point:
-        """
-        Return the minimum found from the best of some starts, linearised near it.
-
-        Where much is left, from where each arm's own filter would err least as well.
-        """
-        point = self._down(starts, rough)
-        if point.values.size and np.any(self.moments(point).scaled() > EXCESS):
-            smooth = Descent(self.likelihood.smooth, self.causes, self.scale)
-            from_afar = smooth._down(starts, rough).values
-            point = min(point, self._down([from_afar], rough), key=lambda p: p.cost)
-        return point
-
-    def _down(self, starts: Sequence[Array], rough: bool) -> Point:
+        """Return the minimum found from the best of some starts, linearised near it."""
         tried = [(start, *self.at(start)) for start in starts]
         point = self.linearise(*min(tried, key=lambda found: found[2]))
         fresh, again = True, not rough

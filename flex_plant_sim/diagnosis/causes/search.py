@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.causes.fit import EXCESS, Fit
+from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.causes.hypothesis import hypotheses, Hypothesis
 from flex_plant_sim.diagnosis.causes.looks import Look, Looker
 from flex_plant_sim.diagnosis.causes.pool import attempt, each
-from flex_plant_sim.diagnosis.causes.posterior import Key, log_prior, Posterior
+from flex_plant_sim.diagnosis.causes.posterior import is_unknown, Key, log_prior, Posterior
 from flex_plant_sim.diagnosis.causes.promise import Beside, Closer, Promise
 from flex_plant_sim.diagnosis.causes.sets import AGAIN, Fitter, Leveller, Settled, Trial
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
@@ -25,8 +25,8 @@ Level = Amplitude
 Progress = Callable[[str, float], None]
 
 # What `unknown` is: slow torques, gauge errors or both of 20 % of the loads and the strains.
-UNKNOWN_LEVELS: tuple[Level, ...] = (
-    Amplitude(torque=0.2, gauge=0.2), Amplitude(torque=0.2), Amplitude(gauge=0.2))
+UNKNOWN_LEVELS: tuple[Mapping[str, float], ...] = (
+    {'torque': 0.2, 'gauge': 0.2}, {'torque': 0.2}, {'gauge': 0.2})
 # A budget, no judgement: sets whose neighbours are fitted, hypotheses tried beside a set and in
 # each one's place, sets fitted to all windows, samples of those windows that proposals come from.
 EXPLORED, ADDED, RIVALS, FITTED, REFITTED, SAMPLES = 5, 12, 5, 6, 1, 1600
@@ -41,6 +41,8 @@ KNOWN, LEADING = 0.3, 3
 RIVAL, SURE = 0.3, 60.0
 # Parts further off than this, in tolerances, may stand for a cause.
 FAR = 3.0
+# Errors that exceed what is stated by less leave nothing for a larger discrepancy to explain.
+EXCESS = 1.05
 
 
 @dataclass(frozen=True)
@@ -97,7 +99,7 @@ class _Course:
 
     def look(self, nothing: Settled) -> None:
         """Look at all hypotheses."""
-        self.thin = nothing.likelihood.thinned(SAMPLES)
+        self.thin = nothing.from_afar.likelihood.thinned(SAMPLES)
         self.looks = each(Looker(self.thin, self.data.duration), self.catalogue, self.jobs,
                           lambda share: self.progress('looking at all causes', 0.4 * share))
 
@@ -106,7 +108,10 @@ class _Course:
         Return what promises beside a set are measured against, or beside it without one cause.
 
         With the parts held at their file, those lead as well that far-off parts stand for.
+        Proposals and rough fits go by the arms' own filters: what those err has fewer side
+        valleys, and no error of one channel drowns it. Evidence does not.
         """
+        centre = centre.from_afar
         fit, likelihood = centre.fit, centre.likelihood
         rest = np.ones(len(fit.values), dtype=bool)
         residual, ends = centre.point.residual, centre.causes.ends
@@ -162,7 +167,8 @@ class _Course:
     def around(self, centre: Settled) -> list[Promise]:
         """Fit the sets near a set; return what further causes promise beside it."""
         promises, step = self.promises(centre), f'cause {len(centre.fit.hypotheses) + 1}'
-        rough = each(Fitter(centre.likelihood.thinned(SAMPLES), centre.fit.scale,
+        afar = centre.from_afar
+        rough = each(Fitter(afar.likelihood.thinned(SAMPLES), afar.fit.scale,
                             self.data.duration, True),
                      list(self.trials(centre, promises)), self.jobs,
                      lambda share: self.progress(step, 0.4 + 0.3 * share))
@@ -220,14 +226,15 @@ class _Course:
         """Fit sets with a larger discrepancy, where errors exceed what the known one states."""
         if not np.any(centres[-1].fit.scale > EXCESS):
             return
-        trials, both = [Trial.of(centre.fit) for centre in centres], UNKNOWN_LEVELS[0]
+        trials = [Trial.of(centre.fit) for centre in centres]
+        both, *others = (replace(self.nominal.discrepancy, **more) for more in UNKNOWN_LEVELS)
         fitter = Leveller(self.nominal, self.data)
         found = each(fitter, [(trial, both) for trial in trials], self.jobs)
         if found:
             best = Trial.of(max(found, key=self.score))
             ends = {trial.labels: trial for trial in (trials[0], trials[-1], best)}
             found += each(fitter, [(trial, level) for trial in ends.values()
-                                   for level in UNKNOWN_LEVELS[1:]], self.jobs)
+                                   for level in others], self.jobs)
         self.known.update({Key.of(fit): fit for fit in found})
 
 
@@ -236,8 +243,8 @@ def search(data: Data, nominal: Base, jobs: int, progress: Progress,
     """
     Return where a search among sets of causes ends.
 
-    The most probable set is linearised around itself and its neighbours are fitted, until the
-    most probable set is one whose neighbours are known.
+    Where errors exceed what every model may lack, what is unmodelled is no small part of the
+    strain, and a hypothesis's sensors see it like the rest: then it is searched again so.
 
     Parameters
     ----------
@@ -253,7 +260,22 @@ def search(data: Data, nominal: Base, jobs: int, progress: Progress,
         Identifiers to leave out of the catalogue.
 
     """
-    course = _Course(data, nominal, jobs, exclude, progress)
+    found = _searched(_Course(data, nominal, jobs, exclude, progress))
+    if not np.any(found.posterior.best.scale > EXCESS) and not is_unknown(
+            found.posterior.best, nominal):
+        return found
+    sensed = replace(nominal, discrepancy=replace(nominal.discrepancy, sensed=True))
+    return _searched(_Course(data, sensed, jobs, exclude, progress))
+
+
+def _searched(course: _Course) -> Search:
+    """
+    Return where one search ends.
+
+    The most probable set is linearised around itself and its neighbours are fitted, until the
+    most probable set is one whose neighbours are known.
+    """
+    nominal, progress = course.nominal, course.progress
     progress('nothing', 0.0)
     nothing = course.settle(Trial((), (np.zeros(0),)), nominal.discrepancy)
     course.look(nothing)
@@ -274,6 +296,6 @@ def search(data: Data, nominal: Base, jobs: int, progress: Progress,
     beside = promises[Key.of(last.fit)]
     posterior = course.ranked(last, beside)
     best = course.settled.get(Key.of(posterior.best), last)
-    closer = Closer(Looker(course.thin, data.duration), course.beside(last))
+    closer = Closer(Looker(course.thin, course.data.duration), course.beside(last))
     return Search(best, tuple(beside), closer, posterior, nothing.fit,
                   tuple(len(key.labels) for key in promises))

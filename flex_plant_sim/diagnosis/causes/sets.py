@@ -76,6 +76,14 @@ class Settled:
         return found
 
     @cached_property
+    def from_afar(self) -> Settled:
+        """Return the same set as each arm's own filter sees it, for what starts far off."""
+        descent = Descent(self.likelihood.smooth, self.causes, self.fit.scale)
+        values = self.fit.values
+        point = descent.linearise(values, *descent.at(values))
+        return Settled(self.likelihood.smooth, point, descent.fit(point))
+
+    @cached_property
     def causes(self) -> Causes:
         """Return the causes that are on."""
         return Causes(self.fit.hypotheses, 1.0)

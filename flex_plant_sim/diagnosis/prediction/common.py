@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.compiled import COMPILED, compiled
 from flex_plant_sim.diagnosis.prediction.passage import Matrices
-from flex_plant_sim.diagnosis.prediction.scan import scan
 from flex_plant_sim.diagnosis.record.windows import Indices
 import numpy as np
 
@@ -35,8 +35,7 @@ class Common:
 
     def whitened(self, missed: Array, rows: Indices) -> Array:
         """Return y - y_h, (S, W, B, m), less what the nominal filter foresees of it."""
-        gain = self.matrices.drive[..., -len(self.output):]
-        return missed - driven(self.matrices.closed, gain, missed, rows) @ self.output.T
+        return _turned(self.matrices, self.output, missed, rows, False)
 
 
 def missed(matrices: Matrices, output: Array, errors: Array, rows: Indices) -> Array:
@@ -55,19 +54,10 @@ def missed(matrices: Matrices, output: Array, errors: Array, rows: Indices) -> A
     errors : Array
         (S, W, B, m).
     rows : Indices
-        Sample of each, (S, W); none twice.
+        Sample of each, (S, W).
 
     """
-    gain = matrices.drive[..., -len(output):]
-    return errors + driven(matrices.closed + gain @ output, gain, errors, rows) @ output.T
-
-
-def driven(matrices: Array, gain: Array, errors: Array, rows: Indices) -> Array:
-    """Return states (S, W, B, n) that errors alone drive from zero on."""
-    n, batch = matrices.shape[-1], errors.shape[2]
-    inputs = np.zeros((len(matrices), batch, n))
-    inputs[rows] = np.matmul(errors, np.swapaxes(gain[rows], 2, 3))
-    return scan(matrices, inputs, np.zeros((rows.shape[1], n)), rows)
+    return _turned(matrices, output, errors, rows, True)
 
 
 def as_late(missed: Array, late: int) -> Array:
@@ -76,3 +66,47 @@ def as_late(missed: Array, late: int) -> Array:
         return missed
     rows = np.maximum(np.arange(len(missed)) - late, 0)
     return np.concatenate([missed[..., :2], missed[rows][..., 2:]], axis=-1)
+
+
+def _turned(matrices: Matrices, output: Array, given: Array, rows: Indices, back: bool) -> Array:
+    """Return errors from outputs, or (back) outputs from errors, both from zero on."""
+    gain = np.ascontiguousarray(matrices.drive[..., -len(output):])
+    if COMPILED:
+        return np.asarray(_loop(matrices.closed, gain, np.ascontiguousarray(output),
+                                np.ascontiguousarray(given), np.ascontiguousarray(rows),
+                                back))
+    found, state = np.empty_like(given), np.zeros((*given.shape[1:3], output.shape[1]))
+    for k, row in enumerate(rows):
+        foreseen = state @ output.T
+        found[k] = given[k] + foreseen if back else given[k] - foreseen
+        state = np.matmul(state, np.swapaxes(matrices.closed[row], 1, 2)) + np.matmul(
+            found[k] if back else given[k], np.swapaxes(gain[row], 1, 2))
+    return found
+
+
+@compiled
+def _loop(closed: Array, gain: Array, output: Array, given: Array, rows: Indices, back: bool
+          ) -> Array:
+    steps, windows, batch, m = given.shape
+    n = closed.shape[1]
+    found, state, after = np.empty(given.shape), np.empty(n), np.empty(n)
+    for w in range(windows):
+        for b in range(batch):
+            state[:] = 0.0
+            for k in range(steps):
+                row, seen, shown = rows[k, w], given[k, w, b], found[k, w, b]
+                for i in range(m):
+                    foreseen = 0.0
+                    for j in range(n):
+                        foreseen += output[i, j] * state[j]
+                    shown[i] = seen[i] + foreseen if back else seen[i] - foreseen
+                drive = shown if back else seen
+                for i in range(n):
+                    total = 0.0
+                    for j in range(n):
+                        total += closed[row, i, j] * state[j]
+                    for j in range(m):
+                        total += gain[row, i, j] * drive[j]
+                    after[i] = total
+                state[:] = after
+    return found

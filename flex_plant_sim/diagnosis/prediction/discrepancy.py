@@ -25,6 +25,9 @@ class Amplitude:
         Shares of the drive's root-mean-square torque and of what the gauge shows.
     torque_periods, gauge_periods : float
         Correlation times in periods of the slowest mode.
+    sensed : bool
+        Whether it passes the sensors' effects of a hypothesis. A small part of the strain may
+        come as it likes; what is no small part of it comes as late as the rest.
 
     """
 
@@ -35,6 +38,7 @@ class Amplitude:
     gauge: float = 0.05
     torque_periods: float = 1.0
     gauge_periods: float = 0.3
+    sensed: bool = False
 
 
 class Discrepancy(Effect):

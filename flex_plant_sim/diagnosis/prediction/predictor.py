@@ -191,19 +191,42 @@ class Predictor:
         kept = keep and self.gain.shape[1] == arm.states
         errors, matrices = self._passed(arm, effects, robot, self.steady if kept else None)
         errors, rows = errors[self.windows.warm_up:], self.rows[self.windows.warm_up:]
-        if not alike and arm.acts_on_output:
-            errors = np.matmul(sensor_gain(arm, self.record), errors[..., None])[..., 0]
-        elif alike and (matrices is not self.common.matrices or arm.acts_on_output or arm.late):
+        common = self._common(arm, effects, robot) if alike else None
+        if common is not None:
             left = missed(matrices, arm.output_matrix, errors, rows)
             if arm.acts_on_output:
                 left = np.matmul(sensor_gain(arm, self.record), left[..., None])[..., 0]
-            errors = self.common.whitened(as_late(left, arm.late), rows)
+            late = 0 if self.base.discrepancy.sensed else arm.late
+            errors = common.whitened(as_late(left, late), rows)
+        elif arm.acts_on_output:
+            errors = np.matmul(sensor_gain(arm, self.record), errors[..., None])[..., 0]
         errors = errors.transpose(2, 1, 0, 3)
         return np.asarray((self.whitener @ errors[..., None])[..., 0], dtype=float)
 
+    def _common(self, arm: ExtendedArm, effects: Sequence[Effect], robot: Robot | None
+                ) -> Common | None:
+        """Return the covariance to judge effects in; None where their own filter states it."""
+        moved = robot is not None and robot != self.base.robot
+        plant = _structural(effects)
+        if self.base.discrepancy.sensed:
+            sensors = tuple(e for e in plant if e.family == 'sensors')
+            return self._stated_by(sensors) if moved or sensors != plant else None
+        acts = moved or bool(plant) or arm.acts_on_output
+        return self.common if acts else None
+
+    def _stated_by(self, effects: Sequence[Effect]) -> Common:
+        """Return the covariance that the base with some effects states."""
+        if effects and self._same_plant(effects, self.base.robot):
+            return Common(self.matrices, self.arm.output_matrix)
+        if not effects:
+            return self.common
+        arm = self.arm_with(effects)
+        return Common(Matrices.of(self, arm, self.steady_of(arm).gain, self.used),
+                      arm.output_matrix)
+
     @cached_property
     def common(self) -> Common:
-        """Return the covariance in which all are judged."""
+        """Return the covariance that the base alone states."""
         plain = self.arm_with()
         if self._same_plant((), self.base.robot):
             return Common(self.matrices, plain.output_matrix)
