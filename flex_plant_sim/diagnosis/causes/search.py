@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from flex_plant_sim.arm.second_order import Array
@@ -25,8 +25,7 @@ Level = Amplitude
 Progress = Callable[[str, float], None]
 
 # What `unknown` is: slow torques, gauge errors or both of 20 % of the loads and the strains.
-UNKNOWN_LEVELS: tuple[Mapping[str, float], ...] = (
-    {'torque': 0.2, 'gauge': 0.2}, {'torque': 0.2}, {'gauge': 0.2})
+LARGE = 0.2
 # A budget, no judgement: sets whose neighbours are fitted, hypotheses tried beside a set and in
 # each one's place, sets fitted to all windows, samples of those windows that proposals come from.
 EXPLORED, ADDED, RIVALS, FITTED, REFITTED, SAMPLES = 5, 12, 5, 6, 1, 1600
@@ -227,7 +226,9 @@ class _Course:
         if not np.any(centres[-1].fit.scale > EXCESS):
             return
         trials = [Trial.of(centre.fit) for centre in centres]
-        both, *others = (replace(self.nominal.discrepancy, **more) for more in UNKNOWN_LEVELS)
+        small = self.nominal.discrepancy
+        both = replace(small, torque=LARGE, gauge=LARGE)
+        others = (replace(small, torque=LARGE), replace(small, gauge=LARGE))
         fitter = Leveller(self.nominal, self.data)
         found = each(fitter, [(trial, both) for trial in trials], self.jobs)
         if found:
