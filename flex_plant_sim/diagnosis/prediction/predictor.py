@@ -92,6 +92,7 @@ class Predictor:
         self.base, self.windows, self.noise, self.judging = base, windows, noise, judging
         self.around, self.robot = tuple(around), robot or base.robot
         self._filters: dict[bytes, Steady] = {}
+        self._stated: tuple[tuple[Effect, ...], Common] | None = None
         self.record: Record = windows.record
         period = windows.warm_up * base.robot.sample_time
         self.discrepancy = Discrepancy.of(base.discrepancy, period)
@@ -220,9 +221,12 @@ class Predictor:
             return Common(self.matrices, self.arm.output_matrix)
         if not effects:
             return self.common
-        arm = self.arm_with(effects)
-        return Common(Matrices.of(self, arm, self.steady_of(arm).gain, self.used),
-                      arm.output_matrix)
+        # The parts of an arm are asked one after another, with the same sensors.
+        if self._stated is None or self._stated[0] != effects:
+            arm = self.arm_with(effects)
+            self._stated = effects, Common(
+                Matrices.of(self, arm, self.steady_of(arm).gain, self.used), arm.output_matrix)
+        return self._stated[1]
 
     @cached_property
     def common(self) -> Common:
@@ -265,7 +269,7 @@ class Predictor:
         other = object.__new__(Predictor)
         other.__dict__.update({k: v for k, v in self.__dict__.items()
                                if k not in ('matrices', 'whitener', 'common', 'used', 'rows')})
-        other.windows = self.windows.thinned(every)
+        other.windows, other._stated = self.windows.thinned(every), None
         return other
 
     def _filter(self, arm: ExtendedArm) -> Array:
