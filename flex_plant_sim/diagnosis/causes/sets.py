@@ -18,6 +18,7 @@ import numpy as np
 # A fit that gains more than this, nats, around where it came is fitted around that again.
 AGAIN, AROUND = 1.0, 4
 
+
 @dataclass(frozen=True)
 class Trial:
     """A set of causes to fit, and where to start, (k,) each."""
