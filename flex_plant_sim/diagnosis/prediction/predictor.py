@@ -215,18 +215,19 @@ class Predictor:
         acts = moved or bool(plant) or arm.acts_on_output
         return self.common if acts else None
 
-    def _stated_by(self, effects: Sequence[Effect]) -> Common:
+    def _stated_by(self, effects: tuple[Effect, ...]) -> Common:
         """Return the covariance that the base with some effects states."""
         if effects and self._same_plant(effects, self.base.robot):
             return Common(self.matrices, self.arm.output_matrix)
         if not effects:
             return self.common
         # The parts of an arm are asked one after another, with the same sensors.
-        if self._stated is None or self._stated[0] != effects:
+        kept = self._stated
+        if kept is None or kept[0] != effects:
             arm = self.arm_with(effects)
-            self._stated = effects, Common(
+            kept = self._stated = effects, Common(
                 Matrices.of(self, arm, self.steady_of(arm).gain, self.used), arm.output_matrix)
-        return self._stated[1]
+        return kept[1]
 
     @cached_property
     def common(self) -> Common:

@@ -140,8 +140,10 @@ def scan_with_gaps(closed: Array, inputs: Array, start: Array, rows: Indices,
     """Return the states as scan does, (S, W, B, n), backlashes opening and closing; in loops."""
     n = start.shape[1]
     f = friction or Friction.none(n, gaps.velocity)
-    return _loops(closed, inputs, start, rows, f.columns, f.reach, f.limits, f.velocity,
-                  f.yielding, f.bends, f.step, gaps.opened, gaps.pushed, gaps.impulse,
+    # One layout: any other would be compiled once more, some seconds each.
+    return _loops(closed, inputs, start, rows, f.columns, f.reach,
+                  np.ascontiguousarray(f.limits), f.velocity, f.yielding.copy(), f.bends, f.step,
+                  gaps.opened, gaps.pushed, gaps.impulse,
                   gaps.motor, gaps.rotor, gaps.places)
 
 
