@@ -19,6 +19,8 @@ ITERATIONS, ROUGH = 8, 3
 BATCH = 8
 # A step that promises less is not worth a pass, nats.
 ENOUGH = 0.3
+# Errors that exceed what is stated by less leave nothing to explain.
+EXCESS = 1.05
 DAMPINGS = (1e-4, 0.1, 10.0)
 
 
@@ -195,7 +197,19 @@ class Descent:
         return Point(values, residual, columns, cost)
 
     def run(self, starts: Sequence[Array], rough: bool = False) -> Point:
-        """Return the minimum found from the best of some starts, linearised near it."""
+        """
+        Return the minimum found from the best of some starts, linearised near it.
+
+        Where much is left, also from where each arm's own filter errs least.
+        """
+        point = self._down(starts, rough)
+        if (self.likelihood.alike and point.values.size
+                and np.any(self.moments(point).scaled() > EXCESS)):
+            afar = Descent(self.likelihood.smooth, self.causes, self.scale)._down(starts, rough)
+            point = min(point, self._down([afar.values], rough), key=lambda p: p.cost)
+        return point
+
+    def _down(self, starts: Sequence[Array], rough: bool) -> Point:
         tried = [(start, *self.at(start)) for start in starts]
         point = self.linearise(*min(tried, key=lambda found: found[2]))
         fresh, again = True, not rough

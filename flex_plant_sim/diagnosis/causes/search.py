@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.causes.fit import Fit
+from flex_plant_sim.diagnosis.causes.fit import EXCESS, Fit
 from flex_plant_sim.diagnosis.causes.hypothesis import hypotheses, Hypothesis
 from flex_plant_sim.diagnosis.causes.looks import Look, Looker
 from flex_plant_sim.diagnosis.causes.pool import attempt, each
@@ -40,8 +40,6 @@ KNOWN, LEADING = 0.3, 3
 RIVAL, SURE = 0.3, 60.0
 # Parts further off than this, in tolerances, may stand for a cause.
 FAR = 3.0
-# Errors that exceed what is stated by less leave nothing for a larger discrepancy to explain.
-EXCESS = 1.05
 
 
 @dataclass(frozen=True)
