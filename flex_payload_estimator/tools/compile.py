@@ -59,6 +59,7 @@ def smoothing() -> None:
     base = Base(robot, effects=nominal_effects(robot, 'assumed_modes'))
     predictor = Predictor(base, windows, np.full(6, 1e-4), judging=True)
     latent_forces(Predictor(base, windows, np.full(6, 1e-4)))
+    # Any robot but the base's, so that what it leaves is whitened anew.
     predictor.whitened(robot=replace(robot, payload_mass=0.5 * robot.payload_mass))
 
 
