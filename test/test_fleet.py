@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 import csv
 import json
 import os
@@ -11,13 +10,13 @@ import subprocess
 import sys
 import time
 
+from faults.fleet_run import killed_at_work
 from flex_payload_estimator.fleet.folders import arm_of, logs_below, robot_of
 from flex_payload_estimator.fleet.journal import Journal
 from flex_payload_estimator.fleet.log_task import answer, LogTask, Row
 from flex_payload_estimator.fleet.table import since, write_csv
 from msg_config.errors import InputError
 import numpy as np
-import psutil
 import pytest
 
 HEADER = 'time,command_1,command_2,joint_1,joint_2,strain_1a,strain_1b,strain_2a,strain_2b'
@@ -51,14 +50,8 @@ def _kill_a_worker(fleet: subprocess.Popen[str]) -> None:
     """Kill a worker while it waits for a tool."""
     deadline = time.monotonic() + 300
     while time.monotonic() < deadline:
-        for process in psutil.Process(fleet.pid).children(recursive=True):
-            # One that has ended since it was listed is not asked.
-            with suppress(psutil.Error):
-                parent = process.parent()
-                if any('tools.diagnose' in word for word in process.cmdline()) \
-                        and parent is not None and parent.pid != fleet.pid:
-                    parent.kill()
-                    return
+        if killed_at_work(fleet.pid):
+            return
         time.sleep(0.02)
     raise AssertionError('no worker was seen at work')
 

@@ -78,19 +78,26 @@ def fleet(folder: Path, out: str, workers: int, kill_after: int | None = None) -
                  float(np.median(each[True])), float(np.median(each[False])))
 
 
+def killed_at_work(fleet: int) -> bool:
+    """Kill -9 a worker of a process while it waits for flex_diagnose; tell whether one did."""
+    for process in psutil.Process(fleet).children(recursive=True):
+        # One that has ended since it was listed is not asked.
+        with suppress(psutil.Error):
+            parent = process.parent()
+            if any('tools.diagnose' in word for word in process.cmdline()) \
+                    and parent is not None and parent.pid != fleet:
+                parent.kill()
+                return True
+    return False
+
+
 def kill_a_worker(fleet: subprocess.Popen[bytes], journal: Path, rows: int) -> None:
     """Kill -9 a worker that waits for flex_diagnose, in the middle of the night."""
     while fleet.poll() is None:
         time.sleep(0.02)
-        if not journal.exists() or len(journal.read_bytes().splitlines()) < rows:
-            continue
-        for process in psutil.Process(fleet.pid).children(recursive=True):
-            with suppress(psutil.Error):
-                parent = process.parent()
-                if any('tools.diagnose' in word for word in process.cmdline()) \
-                        and parent is not None and parent.pid != fleet.pid:
-                    parent.kill()
-                    return
+        done = journal.exists() and len(journal.read_bytes().splitlines()) >= rows
+        if done and killed_at_work(fleet.pid):
+            return
     raise AssertionError('flex_fleet ended before a worker was killed')
 
 
