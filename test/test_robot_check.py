@@ -83,6 +83,19 @@ def test_the_bound_never_beats_the_scale_that_tolerances_leave_open() -> None:
     assert found.exact < 1e-2 * found.within_tolerances
 
 
+def test_faster_sampling_with_as_much_noise_a_second_tells_as_much(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # Of 100 kHz five hundred samples are taken as one.
+    monkeypatch.setattr('flex_plant_sim.commissioning.observability.MOST_SAMPLES', 2000)
+    faster = replace(REFERENCE, sample_time=1e-5, angle_noise=REFERENCE.angle_noise * 10.0**1.5,
+                     strain_noise=REFERENCE.strain_noise * 10.0**1.5)
+    found, slow = observability(faster, 2), observability(REFERENCE, 2)
+    assert REFERENCE.sample_time == 0.01
+    assert found.exact == pytest.approx(slow.exact, rel=0.02)
+    assert found.within_tolerances == pytest.approx(slow.within_tolerances, rel=0.02)
+
+
 def test_a_payload_that_the_model_cannot_carry_is_one_line() -> None:
     with pytest.raises(InputError, match='got 303 kg: with 2 modes it is unstable'):
         observability(replace(REFERENCE, payload_mass=300.0), 2)

@@ -4,11 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+import math
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.commissioning.items import items_of
-from flex_plant_sim.commissioning.standard_move import Move, standard_move
+from flex_plant_sim.commissioning.standard_move import (
+    Move,
+    standard_move,
+    STROKE,
+    STROKES,
+)
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.nominal import nominal_effects
 from flex_plant_sim.simulation.simulator import simulate, Simulator
@@ -17,6 +23,9 @@ import numpy as np
 
 # Of a tolerance, or of the payload: far above rounding, far below what bends the sensitivity.
 STEP = 1e-2
+# Samples of a move, beyond which some are taken together: white noise of k samples taken as one
+# is smaller by the root of k, and 10 000 resolve the modes that tell a payload.
+MOST_SAMPLES = 10_000
 # rad or m/m: no arm comes so far, and squares of it are still numbers.
 DIVERGED = 1e6
 
@@ -46,6 +55,8 @@ def observability(robot: Robot, modes: int) -> Observability:
     # Away from zero, so that there is something to both sides.
     robot = replace(robot, payload_mass=max(robot.payload_mass, 1e-3), payload_inertia=max(
         robot.payload_inertia, STEP * robot.tolerances.payload_inertia_kg_m2))
+    quick = standard_move(_taken_together(robot, STROKES * STROKE))
+    robot = _taken_together(robot, quick.strokes * quick.stroke)
     move, items = standard_move(robot), items_of(robot)
     noise = np.array([robot.angle_noise] * 2 + [robot.strain_noise] * len(robot.gauge_names))
 
@@ -58,6 +69,14 @@ def observability(robot: Robot, modes: int) -> Observability:
     others = np.stack([item.tolerance * slope(item.change, STEP * item.tolerance)
                        for item in items], axis=-1)
     return Observability(move, float(1.0 / np.linalg.norm(payload)), _bound(payload, others))
+
+
+def _taken_together(robot: Robot, duration: float) -> Robot:
+    """Return the robot with as many samples taken as one as leave few in a move of so many s."""
+    count = max(1, math.ceil(duration / robot.sample_time / MOST_SAMPLES))
+    return replace(robot, sample_time=count * robot.sample_time,
+                   angle_noise=robot.angle_noise / math.sqrt(count),
+                   strain_noise=robot.strain_noise / math.sqrt(count))
 
 
 def _with_payload(robot: Robot, step: float) -> Robot:
