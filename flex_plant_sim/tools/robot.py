@@ -129,13 +129,16 @@ def _prefix(text: str) -> str:
     return text
 
 
+Run = Callable[[argparse.Namespace], None]
+Add = Callable[[str, Run, str], argparse.ArgumentParser]
+
+
 def options() -> argparse.ArgumentParser:
     """Return the options of flex_robot."""
     parser = command_line.parser('Make, check and calibrate a robot file of your own arm.')
     commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
 
-    def add(name: str, run: Callable[[argparse.Namespace], None],
-            words: str) -> argparse.ArgumentParser:
+    def add(name: str, run: Run, words: str) -> argparse.ArgumentParser:
         found: argparse.ArgumentParser = commands.add_parser(
             name, help=words, description=words,
             formatter_class=argparse.ArgumentDefaultsHelpFormatter)
@@ -144,15 +147,31 @@ def options() -> argparse.ArgumentParser:
 
     _add_output(add('template', _template, 'a robot file with a comment for every key'))
     _add_output(add('reference', _reference, 'the docs page of the robot file'))
+    _add_check(add)
+    _add_show(add)
+    _add_move(add)
+    _add_calibrate(add)
+    _add_urdf(add)
+    _add_file(add('prior', _prior, 'every part and how far it may be from the file'))
+    return parser
+
+
+def _add_check(add: Add) -> None:
     check = add('check', _check, 'plausibility, frequencies, gauges, what a log could tell')
     _add_file(check)
     _add_modes(check)
     _add_payload(check)
     command_line.add_json_argument(check)
+
+
+def _add_show(add: Add) -> None:
     show = add('show', _show, 'a drawing of the arm with its first mode shapes')
     _add_file(show)
     _add_modes(show)
     show.add_argument('--output', required=True, metavar='FILE', help='PNG, SVG or PDF')
+
+
+def _add_move(add: Add) -> None:
     move = add('move', _move, 'a log of the standard move: commands to play on the arm, and what '
                'it should measure')
     _add_file(move)
@@ -163,19 +182,23 @@ def options() -> argparse.ArgumentParser:
     move.add_argument('--seed', default=1, type=command_line.count, metavar='N',
                       help='of the noise')
     move.add_argument('--output', required=True, metavar='FILE', help='CSV')
+
+
+def _add_calibrate(add: Add) -> None:
     fit = add('calibrate', _calibrate, 'the parts of an arm from a log with a known payload')
     command_line.add_log_argument(fit, '+')
     fit.add_argument('--robot', required=True, metavar='FILE', help='robot file to start from')
     fit.add_argument('--payload', required=True, type=command_line.mass, metavar='KG',
                      help='what the arm carried, weighed')
     fit.add_argument('--output', required=True, metavar='NEW', help='the robot file to write')
+
+
+def _add_urdf(add: Add) -> None:
     skeleton = add('urdf', _urdf, 'the rigid skeleton for robot_state_publisher')
     _add_file(skeleton)
     _add_output(skeleton)
     skeleton.add_argument('--prefix', default='', type=_prefix, metavar='P',
                           help='before the name of every link and frame')
-    _add_file(add('prior', _prior, 'every part and how far it may be from the file'))
-    return parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:
