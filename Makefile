@@ -3,13 +3,13 @@ PYTHON ?= python3
 BIN := .venv/bin
 DISTRO := $(or $(ROS_DISTRO),wheels)
 LOCKED := bags fleet report speed ros
-COVERAGE := --cov --cov-report=term:skip-covered
+PYTEST := $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 export OPENBLAS_NUM_THREADS := 1
 # The ROS wheels re-execute Python once; the guard of another environment would stop that.
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-.PHONY: help demo test lint bank attack bench figures docs lock sbom faults fleet soak clean
+.PHONY: help demo test coverage lint bank attack bench figures docs lock sbom faults fleet soak clean
 .DEFAULT_GOAL := help
 
 help:  ## list the targets
@@ -18,8 +18,11 @@ help:  ## list the targets
 demo: .venv/.$(DISTRO)-run  ## the paper's experiment in closed loop over ROS 2 topics
 	$(BIN)/flex_demo
 
-test: .venv/.$(DISTRO)-test  ## all tests with coverage, style and types included
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(COVERAGE)
+test: .venv/.$(DISTRO)-test  ## all tests, style and types included
+	$(PYTEST)
+
+coverage: .venv/.$(DISTRO)-test  ## which lines the tests run; a fifth slower
+	$(PYTEST) --cov --cov-report=term:skip-covered
 
 lint: .venv/.$(DISTRO)-test  ## style and types alone
 	$(BIN)/python -m pytest -q test/test_style.py
