@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 import math
 
 from msg_config.errors import InputError
@@ -16,6 +17,8 @@ JOINTS = ('joint_1', 'joint_2')
 JOINT_ALIASES = {'joint_1': ('shoulder',), 'joint_2': ('elbow',)}
 ANGLE_UNITS = {'rad': 1.0, 'deg': math.pi / 180.0}
 STRAIN_UNITS = {'m/m': 1.0, 'mm/m': 1e-3, 'um/m': 1e-6, 'µm/m': 1e-6, 'ustrain': 1e-6}
+# Orders of names that are remembered: more than any sender of a topic changes between.
+ARRANGEMENTS = 8
 TIME_UNITS = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
 
 
@@ -105,8 +108,28 @@ class Channels:
         if len(values) != len(given):
             raise InputError(f'{where}: expected {len(given)} values, one for each name, '
                              f'got {len(values)}')
-        rows = self.index(given, where)
-        return self.si(np.array([values[k] for k in rows], dtype=float))
+        names = tuple(given)
+        rows = self._found.get(names)
+        if rows is None:
+            rows = self.index(given, where)
+            if len(self._found) >= ARRANGEMENTS:
+                self._found.clear()
+            self._found[names] = rows
+        found = np.array([values[k] for k in rows], dtype=float)
+        return found if self._in_si else self.si(found)
+
+    @cached_property
+    def _found(self) -> dict[tuple[str, ...], list[int]]:
+        """Where the channels stood in messages of late: names come in the same order again."""
+        return {}
+
+    @cached_property
+    def _in_si(self) -> bool:
+        return set(self.factor) <= {1.0} and set(self.offset) <= {0.0}
+
+    @cached_property
+    def _scale(self) -> tuple[Array, Array]:
+        return np.array(self.factor), np.array(self.offset)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -115,19 +138,19 @@ class Channels:
 
     def outside(self, values: Array) -> Array:
         """Return SI numbers, (…, n), as they are told outside: the inverse of `si`."""
-        return (values - np.array(self.offset)) / np.array(self.factor)
+        return values if self._in_si else (values - self._scale[1]) / self._scale[0]
 
     def rate_outside(self, values: Array) -> Array:
         """Return rates of change in SI, (…, n), as they are told outside."""
-        return values / np.array(self.factor)
+        return values if self._in_si else values / self._scale[0]
 
     def si(self, values: Array) -> Array:
         """Return numbers as they came, (…, n), in SI."""
-        return values * np.array(self.factor) + np.array(self.offset)
+        return values * self._scale[0] + self._scale[1]
 
     def rate(self, values: Array) -> Array:
         """Return rates of change as they came, (…, n), in SI: an offset does not move."""
-        return values * np.array(self.factor)
+        return values * self._scale[0]
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -6,13 +6,13 @@ from collections.abc import Callable
 from difflib import get_close_matches
 from importlib import import_module
 import inspect
-from struct import Struct
 from typing import Any
 
 from msg_config.contract import load_services, load_topics, Qos
 from msg_config.errors import InputError
 from msg_config.messages import inertia_message, joint_state, NANOSECONDS
 from msg_config.parameters import APPLIES, load_parameters, Parameter, Value
+from msg_config.wire import MessageWriter
 from rcl_interfaces.msg import (
     FloatingPointRange,
     IntegerRange,
@@ -24,10 +24,8 @@ from rclpy.parameter import Parameter as RosParameter
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
-from rclpy.serialization import serialize_message
 from rclpy.service import Service
 from rclpy.subscription import Subscription
-from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 _MESSAGE_AND_INFO = inspect.signature(lambda message, info: None)
@@ -58,6 +56,7 @@ def create_publisher(node: Node, name: str) -> Publisher:
 
 def create_subscription(
     node: Node, name: str, callback: Callable[..., None], *, reliable: bool = False,
+    raw: bool = False,
 ) -> Subscription:
     """
     Return a subscription to the topic; its QoS can be overridden by parameters.
@@ -73,20 +72,22 @@ def create_subscription(
     reliable : bool
         Ask for the publisher's own QoS, as lock-step must: there one lost message stops the
         loop. By default any publisher is accepted, a best-effort one included.
+    raw : bool
+        The callback takes the message's bytes, for a `wire.MessageReader`.
 
     """
     topic = load_topics()[name]
     return node.create_subscription(
         interface_class(topic.type), topic.name, callback,
-        qos_profile(topic.qos if reliable else topic.subscribe),
+        qos_profile(topic.qos if reliable else topic.subscribe), raw=raw,
         qos_overriding_options=QoSOverridingOptions.with_default_policies())
 
 
 def create_sourced_subscription(
-    node: Node, name: str, callback: Callable[[Any, bytes | None], None],
+    node: Node, name: str, callback: Callable[[Any, bytes | None], None], *, raw: bool = False,
 ) -> Subscription:
     """
-    Return a subscription whose callback takes the message and its publisher's gid.
+    Return a subscription whose callback takes the message, or its bytes, and its publisher's gid.
 
     The gid is None where the middleware tells none. An EventsExecutor gives both as one tuple,
     the others as two arguments; by its signature rclpy knows that the callback takes two.
@@ -96,7 +97,7 @@ def create_sourced_subscription(
         gid = info.get('publisher_gid')
         callback(message, gid and gid['data'])
     taken.__signature__ = _MESSAGE_AND_INFO  # type: ignore[attr-defined]
-    return create_subscription(node, name, taken)
+    return create_subscription(node, name, taken, raw=raw)
 
 
 def create_service(node: Node, name: str, callback: Callable[[Any, Any], Any]) -> Service:
@@ -118,9 +119,7 @@ class PayloadPublisher:
     """
     Publishes payload, payload/inertia and payload_stamped of the same stamp.
 
-    Somebody waits for the first two: what never changes is serialised once, and at every sample
-    only the numbers are written into it, which halves the time. The third goes out after them,
-    where anybody listens.
+    Somebody waits for the first two. The third goes out after them, where anybody listens.
 
     Parameters
     ----------
@@ -131,22 +130,19 @@ class PayloadPublisher:
     def __init__(self, node: Node):
         self._publishers = [create_publisher(node, name)
                             for name in ('payload', 'payload/inertia', 'payload_stamped')]
-        # The numbers stand last; stamp and mass stand before and after the frame's name.
-        self._numbers = Struct('=3d').pack
-        self._labels = bytes(serialize_message(payload_message(0.0, 0.0, 0.0)))[:-24]
-        whole = bytes(serialize_message(inertia_message(0, 0.0)))
-        self._head, self._frame, self._rest = whole[:4], whole[12:20], whole[28:]
-        self._stamp, self._mass = Struct('=iI').pack, Struct('=d').pack
+        self._payload = MessageWriter(payload_message(0.0, 0.0, 0.0), 'data')
+        self._inertia = MessageWriter(inertia_message(0, 0.0), 'header', 'inertia.m')
+        self._stamped = MessageWriter(joint_state(0, ('payload',), (0.0,), effort=(0.0,)),
+                                      'header', 'position', 'effort')
 
     def serialised(self, stamp: int, mass: float, variance: float, p: float
-                   ) -> tuple[bytes, bytes, JointState]:
+                   ) -> tuple[bytes, bytes, bytes]:
         """Return the messages of a stamp, ns: kg, kg^2 and SF1's P."""
-        return (self._labels + self._numbers(mass, variance, p),
-                self._head + self._stamp(*divmod(stamp, NANOSECONDS)) + self._frame
-                + self._mass(mass) + self._rest,
-                joint_state(stamp, ('payload',), (mass,), effort=(variance,)))
+        time = divmod(stamp, NANOSECONDS)
+        return (self._payload(mass, variance, p), self._inertia(*time, mass),
+                self._stamped(*time, mass, variance))
 
-    def publish(self, messages: tuple[bytes, bytes, JointState]) -> None:
+    def publish(self, messages: tuple[bytes, bytes, bytes]) -> None:
         """Publish what `serialised` gave."""
         payload, inertia, stamped = self._publishers
         payload.publish(messages[0])

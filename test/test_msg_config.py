@@ -79,6 +79,7 @@ def test_what_is_written_into_serialised_messages_is_what_comes_out() -> None:
     from msg_config.ros import payload_message, PayloadPublisher
     import rclpy
     from rclpy.serialization import deserialize_message
+    from sensor_msgs.msg import JointState
     from std_msgs.msg import Float64MultiArray
 
     context = rclpy.Context()
@@ -86,7 +87,8 @@ def test_what_is_written_into_serialised_messages_is_what_comes_out() -> None:
     node = rclpy.create_node('payload_estimator', context=context)
     stamp = 7_000_000_123
     payload, inertia, stamped = PayloadPublisher(node).serialised(stamp, 0.1, 4e-6, 2.0)
-    assert stamped == joint_state(stamp, ['payload'], [0.1], effort=[4e-6])
+    assert deserialize_message(stamped, JointState) == joint_state(
+        stamp, ['payload'], [0.1], effort=[4e-6])
     assert deserialize_message(payload, Float64MultiArray) == payload_message(0.1, 4e-6, 2.0)
     assert deserialize_message(inertia, InertiaStamped) == inertia_message(stamp, 0.1)
     node.destroy_node()

@@ -14,7 +14,7 @@ SOURCES = ('flex_plant_sim', 'flex_payload_estimator', 'msg_config', 'test', 'be
 PACKAGES = SOURCES[:3]
 # Beside the nodes, only these use ROS.
 ROS_MODULES = ('msg_config.changes', 'msg_config.node_process', 'msg_config.ros',
-               'flex_payload_estimator.tools.demo',
+               'msg_config.wire', 'flex_payload_estimator.tools.demo',
                'flex_payload_estimator.nodes.topic_recorder')
 
 

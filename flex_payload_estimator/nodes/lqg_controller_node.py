@@ -20,12 +20,12 @@ from msg_config.contract_node import DIAGNOSTICS_INTERVAL
 from msg_config.errors import InputError
 from msg_config.messages import (
     checked_stamp,
-    doubles,
     joint_state,
+    NANOSECONDS,
     payload_mass,
     seconds,
-    set_stamp,
 )
+from msg_config.wire import MessageWriter
 import numpy as np
 from trajectory_msgs.msg import JointTrajectory
 
@@ -57,7 +57,8 @@ class LQGControllerNode(SampleNode):
         self.limiter, self._referenced = CommandLimiter(), False
         super().__init__('lqg_controller', **options)
         self._command = self.publisher('command')
-        self._message = joint_state(0, self._efforts.names, effort=self.limiter.sent)
+        self._writer = MessageWriter(
+            joint_state(0, self._efforts.names, effort=self.limiter.sent), 'header', 'effort')
         self._blind, self._answered, self._stopped = 0, self.wall_time(), False
         self.subscribe('reference', self._on_reference)
         self.every(WATCH_INTERVAL, self._watch)
@@ -159,9 +160,9 @@ class LQGControllerNode(SampleNode):
                                    'before is kept', 'not finite')
         elif self._blind:
             command = self.limiter.sent if self._blind == 1 else np.zeros(2)
-        self._send(command, sample.stamp, self.robot.sample_time)
+        answer = self._send(command, sample.stamp, self.robot.sample_time)
         self._answered, self._stopped = self.wall_time(), False
-        return self._message
+        return answer
 
     def _begin_again_if_lost(self, sample: Sample) -> None:
         """Count samples that say nothing; after the watchdog's time the prediction is lost."""
@@ -174,12 +175,12 @@ class LQGControllerNode(SampleNode):
             self.controller.reset()
         self._blind = 0
 
-    def _send(self, command: Array, stamp: int, time: float) -> None:
+    def _send(self, command: Array, stamp: int, time: float) -> bytes:
         """Publish a command, as near as the limits allow, a time, s, after the last one."""
         self.commanded = sent = self.limiter(command, time)
-        set_stamp(self._message, stamp)
-        self._message.effort = doubles(self._efforts.outside(sent))
-        self.answer(self._message)
+        message = self._writer(*divmod(stamp, NANOSECONDS), *self._efforts.outside(sent).tolist())
+        self.answer(message)
+        return message
 
     def answer(self, answer: Any) -> None:
         """Publish a command."""

@@ -20,12 +20,12 @@ from msg_config.contract_node import DIAGNOSTICS_INTERVAL
 from msg_config.messages import (
     check_finite,
     checked_stamp,
-    doubles,
     joint_state,
     JOINTS,
-    set_stamp,
+    NANOSECONDS,
 )
 from msg_config.ros import PayloadPublisher
+from msg_config.wire import MessageWriter
 import numpy as np
 from sensor_msgs.msg import JointState
 
@@ -53,9 +53,9 @@ class PayloadEstimatorNode(SampleNode):
         self._payload = PayloadPublisher(self)
         self._innovation = self.publisher('innovation')
         self._markers, self._next_marker = self.publisher('arm_markers'), 0
-        # Made once and filled at every sample: making it takes longer than sending it.
         empty = np.zeros(len(self.channels))
-        self._message = joint_state(0, self.channels, empty, effort=empty)
+        self._writer = MessageWriter(joint_state(0, self.channels, empty, effort=empty),
+                                     'header', 'position', 'effort')
         self._estimate: Estimate | None = None
         self._events = 0
         self._prepared: int | None = None
@@ -138,16 +138,14 @@ class PayloadEstimatorNode(SampleNode):
         if innovation is not None:
             self._innovation.publish(innovation)
 
-    def _answer_innovation(self, stamp: int, estimate: Estimate) -> JointState | None:
+    def _answer_innovation(self, stamp: int, estimate: Estimate) -> bytes | None:
         """Publish the innovation, if there is one and anybody listens."""
-        if estimate.status in NO_INNOVATION or not self._innovation.get_subscription_count() \
-                or not (np.isfinite(estimate.innovation).all()
-                        and np.isfinite(estimate.innovation_std).all()):
+        if estimate.status in NO_INNOVATION or not self._innovation.get_subscription_count():
             return None
-        innovation = self._message
-        set_stamp(innovation, stamp)
-        innovation.position = doubles(estimate.innovation)
-        innovation.effort = doubles(estimate.innovation_std)
+        numbers = (*estimate.innovation.tolist(), *estimate.innovation_std.tolist())
+        if not all(map(math.isfinite, numbers)):
+            return None
+        innovation = self._writer(*divmod(stamp, NANOSECONDS), *numbers)
         self._innovation.publish(innovation)
         return innovation
 

@@ -174,14 +174,14 @@ class SampleNode(ContractNode):
         applied = self._plausible_command(sample)
         refusal = self.gate.judge(sample.time, sample.output, applied)
         if refusal is None:
-            return replace(sample, command=applied)
+            return sample if applied is sample.command else replace(sample, command=applied)
         self.reject('joint_states', f'joint_states, strain: {refusal.text}', refusal.kind)
         return replace(sample, output=np.full(len(sample.output), np.nan), command=applied)
 
     def _plausible_command(self, sample: Sample) -> Array:
         """Return the command that was applied, or the last that could be where this cannot."""
         command = sample.command
-        if (np.abs(command) <= self.gate.limits.command).all() and np.isfinite(command).all():
+        if self.gate.takes(command):
             self._last_applied = command
             return command
         self.reject('joint_states', 'joint_states: effort: expected at most '

@@ -43,7 +43,20 @@ class Together:
 class _Waiting:
     queue: deque[tuple[int, Any]] = field(default_factory=deque)
     count: int = 0
-    last: int | None = None
+
+    def put(self, stamp: int, value: Any) -> None:
+        """Let a value wait, in place of one of the same stamp."""
+        for k, (at, _) in enumerate(self.queue):
+            if at == stamp:
+                self.queue[k] = (stamp, value)
+                return
+        self.queue.append((stamp, value))
+
+    def nearest(self, stamp: int) -> tuple[int, Any] | None:
+        """Return what waits with the stamp nearest to one."""
+        if self.queue and self.queue[0][0] == stamp:
+            return self.queue[0]
+        return min(self.queue, key=lambda item: abs(item[0] - stamp), default=None)
 
 
 class Synchroniser:
@@ -81,12 +94,8 @@ class Synchroniser:
     def add(self, part: str, stamp: int, value: Any) -> Together | None:
         """Return the whole sample if this was its last part, whose stamp is in ns."""
         own = self._waiting[part]
-        own.count, own.last = own.count + 1, stamp
-        replaced = next((k for k, (at, _) in enumerate(own.queue) if at == stamp), None)
-        if replaced is None:
-            own.queue.append((stamp, value))
-        else:
-            own.queue[replaced] = (stamp, value)
+        own.count += 1
+        own.put(stamp, value)
         reference = self._reference(part, stamp)
         found = None if reference is None else self._complete(reference)
         if found is None and len(own.queue) > PENDING:
@@ -98,16 +107,16 @@ class Synchroniser:
         """Return the first part's stamp that a stamp belongs to."""
         if part == self._parts[0]:
             return stamp
-        queue = self._waiting[self._parts[0]].queue
-        nearest = min((at for at, _ in queue), key=lambda at: abs(at - stamp), default=None)
-        if nearest is not None:
-            self._offsets[part].append(stamp - nearest)
-        return nearest
+        nearest = self._waiting[self._parts[0]].nearest(stamp)
+        if nearest is None:
+            return None
+        self._offsets[part].append(stamp - nearest[0])
+        return nearest[0]
 
     def _complete(self, reference: int) -> Together | None:
         chosen = {}
         for part, waiting in self._waiting.items():
-            near = min(waiting.queue, key=lambda item: abs(item[0] - reference), default=None)
+            near = waiting.nearest(reference)
             if near is None or abs(near[0] - reference) > self._slop:
                 return None
             chosen[part] = near

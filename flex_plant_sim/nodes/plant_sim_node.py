@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from typing import Any
 
@@ -16,14 +17,14 @@ from msg_config.messages import (
     check_finite,
     checked_stamp,
     clock_message,
-    doubles,
     joint_state,
     JOINTS,
+    NANOSECONDS,
     nanoseconds,
     seconds,
-    set_stamp,
 )
 from msg_config.recent_counts import RecentCounts
+from msg_config.wire import MessageWriter
 import numpy as np
 from sensor_msgs.msg import JointState
 
@@ -33,6 +34,8 @@ MARKER_INTERVAL = 0.04
 # watchdog does.
 COMMAND_TIMEOUT = 0.1
 MOST_STEPS_BEHIND = 100
+# Fields of joint_states and strain that hold numbers.
+NUMBERS = ('header', 'position', 'velocity', 'effort')
 
 
 class PlantSim(ContractNode):
@@ -56,9 +59,11 @@ class PlantSim(ContractNode):
         inputs = self.simulator.arm.robot.inputs
         self._joints, self._gauges = inputs.joint_channels(), inputs.gauge_channels(gauges)
         self._efforts = inputs.command_channels()
-        self._largest = Limits.of(self.simulator.arm.robot).command
-        self._messages = (joint_state(0, self._joints.names),
-                          joint_state(0, self._gauges.names))
+        self._largest = Limits.of(self.simulator.arm.robot).command.tolist()
+        zeros = np.zeros(2)
+        self._writers = (
+            MessageWriter(joint_state(0, self._joints.names, zeros, zeros, zeros), *NUMBERS),
+            MessageWriter(joint_state(0, self._gauges.names, np.zeros(len(gauges))), *NUMBERS))
         self.subscribe('command', self._on_command)
         self.offer('~/reset', self._on_reset)
         self.offer('~/pause', self._on_pause)
@@ -104,17 +109,16 @@ class PlantSim(ContractNode):
     def _sample(self) -> None:
         """Measure and publish."""
         sample = self.simulator.measure()
-        if not np.all(np.isfinite([*sample.output, *sample.velocity])):
+        motion = [*self._joints.outside(sample.angle).tolist(),
+                  *self._joints.rate_outside(sample.velocity).tolist()]
+        strain = self._gauges.outside(sample.strain).tolist()
+        if not all(map(math.isfinite, (*motion, *strain))):
             self._diverge()
             return
         self._stamp = self._epoch + nanoseconds(sample.time)
-        joint_states, strain = self._messages
-        set_stamp(joint_states, self._stamp)
-        set_stamp(strain, self._stamp)
-        joint_states.position = doubles(self._joints.outside(sample.angle))
-        joint_states.velocity = doubles(self._joints.rate_outside(sample.velocity))
-        joint_states.effort = doubles(self._efforts.outside(self._sent))
-        strain.position = doubles(self._gauges.outside(sample.strain))
+        time, effort = divmod(self._stamp, NANOSECONDS), self._efforts.outside(self._sent)
+        self._messages = (self._writers[0](*time, *motion, *effort.tolist()),
+                          self._writers[1](*time, *strain))
         self._answered = False
         self._resend_at = self.wall_time() + RESEND_INTERVAL
         self._publish()
@@ -144,8 +148,8 @@ class PlantSim(ContractNode):
         stamp = checked_stamp(message, 'command')
         command = self._efforts.pick(message.name, message.effort, 'command: effort')
         check_finite(command, JOINTS, 'command: effort')
-        if (np.abs(command) > self._largest).any():
-            raise InputError(f'command: effort: expected at most {self._largest.min():.4g}, '
+        if any(abs(own) > most for own, most in zip(command.tolist(), self._largest)):
+            raise InputError(f'command: effort: expected at most {min(self._largest):.4g}, '
                              f'got {command.tolist()}')
         if stamp > self._stamp:
             raise InputError(f'command: header.stamp: expected at most {seconds(self._stamp):.12g}'

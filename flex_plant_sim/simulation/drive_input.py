@@ -36,7 +36,7 @@ class DriveInput:
 
     def __call__(self, command: Array, time: float) -> Array:
         """Return what of a command (2,), sent at a time, s, reaches the drives, (2,)."""
-        applied = np.clip(command, -self.limits, self.limits)
+        applied: Array = np.minimum(np.maximum(command, -self.limits), self.limits)
         for k, effect in enumerate(self.effects):
             sent, past = applied, self._past[k]
             applied = effect.on_command(sent, past, time, self.step)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+import math
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.simulation.drive_input import DriveInput
@@ -92,6 +93,8 @@ class Simulator:
             raise InputError(f'step: expected the sample time {arm.robot.sample_time:g} s '
                              f'divided by a whole number, got {arm.step_time:g} s')
         self._drive_input = DriveInput(arm)
+        self._sensor_noise = np.array(
+            [noise.angle] * 2 + [noise.strain] * (len(arm.output_matrix) - 2))
         self._angle = schedule_row(arm)
         # Made now, so that no sample waits for compilation.
         self._arms = {arm.payload: (arm, Stepper.of(arm))}
@@ -120,19 +123,38 @@ class Simulator:
         """Return what the sensors say now, with noise."""
         output = self.arm.output(self.state, self.time)
         velocity = self.arm.joint_velocity(self.state, self._applied)
-        angle = output[:2] + self.noise.angle * self._random.standard_normal(2)
-        strain = output[2:] + self.noise.strain * self._random.standard_normal(output.size - 2)
-        return Measurement(self.time, angle, velocity.copy(), strain, self._applied.copy())
+        output = output + self._sensor_noise * self._random.standard_normal(output.size)
+        return Measurement(self.time, output[:2], velocity.copy(), output[2:],
+                           self._applied.copy())
 
     def draws(self, count: int) -> Array:
         """Return the standard normal numbers of samples: outputs', then torques', (N, m + 2)."""
         return self._random.standard_normal((count, len(self.arm.output_matrix) + 2))
 
     def step(self, command: Array) -> None:
-        """Advance one sample with a command (2,), in the drives' own unit."""
-        commands = np.asarray(command, dtype=float)[None]
-        check_finite(commands)
-        self.advance(commands, self._random.standard_normal((1, 2)))
+        """
+        Advance one sample with a command (2,), in the drives' own unit.
+
+        As `advance` does; what many samples share costs more than one step.
+        """
+        command = np.asarray(command, dtype=float)
+        if not all(map(math.isfinite, command.tolist())):
+            check_finite(command[None])
+        start = self.samples * self.arm.robot.sample_time
+        self._applied, force = self._drive_input(command, start), np.zeros((1, self._pushes))
+        draws = self._random.standard_normal(2)
+        if self.noise.torque:
+            force[0, :2] = self.noise.torque * draws
+        for k in range(self.substeps):
+            self._substep(start + self.arm.step_time * k, self._applied[None], force)
+        self.samples += 1
+        self.time = self.samples * self.arm.robot.sample_time
+
+    def _substep(self, time: float, command: Array, force: Array) -> None:
+        mass = self.mass(time)
+        arm, stepper = self._carrying(mass, mass != self.mass(time + self.arm.step_time))
+        run = stepper.run if stepper else partial(self._one_by_one, arm, np.array([time]))
+        self.state = run(self.state, command, force)[1]
 
     def advance(self, commands: Array, draws: Array) -> tuple[Array, Array]:
         """

@@ -8,17 +8,18 @@ straight into the subscriptions' callbacks, each between two good samples.
 from __future__ import annotations
 
 import argparse
-from copy import deepcopy
 import random
 import sys
 from typing import Any
 
 from faults.page import record
 from msg_config.contract import load_topics
+from msg_config.messages import inertia_message, NANOSECONDS
 from msg_config.ros import interface_class
 import numpy as np
 import rclpy
 from rclpy.context import Context
+from rclpy.serialization import deserialize_message
 
 NUMBERS = (0.0, -0.0, 1.0, -1.0, 1e-308, 5e-324, 1e4, 1e9, 1e30, -1e30, 1.7e308, -1.7e308,
            float('nan'), float('inf'), float('-inf'))
@@ -92,10 +93,15 @@ class Victims:
     def good(self, topic: str) -> Any:
         """Return a copy of a good message of a topic, to be mutated; empty where none is kept."""
         joint_states, strain = self.by_name['plant_sim']._messages
-        kept = {'joint_states': joint_states, 'strain': strain,
-                'command': self.by_name['lqg_controller']._message}
-        return deepcopy(kept[topic]) if topic in kept else interface_class(
-            load_topics()[topic].type)()
+        kept = {'joint_states': joint_states, 'strain': strain, 'command': self._command()}
+        kind = interface_class(load_topics()[topic].type)
+        return deserialize_message(kept[topic], kind) if topic in kept else kind()
+
+    def _command(self) -> bytes:
+        """Return the controller's command, as it is sent."""
+        controller = self.by_name['lqg_controller']
+        return bytes(controller._writer(*divmod(controller.order.last or 0, NANOSECONDS),
+                                        *controller.limiter.sent))
 
     def good_sample(self) -> Any:
         """Let the plant make a sample, hand it on, and close the loop as far as it answers."""
@@ -106,15 +112,14 @@ class Victims:
         estimate = self.by_name['payload_estimator']._estimate
         if estimate is not None:
             self._check('mass', [estimate.mass, estimate.variance])
-            inertia = interface_class('geometry_msgs/msg/InertiaStamped')()
-            inertia.header, inertia.inertia.m = plant._messages[0].header, estimate.mass
-            self.hand('lqg_controller', 'payload/inertia', inertia)
+            self.hand('lqg_controller', 'payload/inertia',
+                      inertia_message(plant._stamp, estimate.mass))
         sent = controller.limiter.sent
         self._check('command', sent)
         if np.abs(sent).max() > controller.values['command_limit']:
             self.bad.append(f'command beyond its limit: {sent}')
         before = plant.simulator.samples
-        self.hand('plant_sim', 'command', controller._message)
+        self.hand('plant_sim', 'command', self._command())
         self.samples += plant.simulator.samples - before
         return plant
 

@@ -1,0 +1,236 @@
+"""
+Messages as the bytes that the middleware carries, of which only the numbers are read and written.
+
+On a topic's messages names, frame and lengths stay as they are. To make Python objects of them at
+every message takes longer than what is done with the numbers. So one message tells where its
+numbers stand (plain CDR: DDS-XTypes 1.3, 7.4.1), and with those that are alike but for the numbers
+nothing else is touched.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Sequence
+from importlib import import_module
+from struct import calcsize, Struct
+import sys
+from typing import Any, NamedTuple
+
+from msg_config.errors import InputError
+from rclpy.serialization import deserialize_message, serialize_message
+from rosidl_parser.definition import (
+    AbstractNestedType,
+    AbstractString,
+    BasicType,
+    NamespacedType,
+)
+
+# What precedes plain CDR in this machine's byte order; other encodings are not learnt.
+PLAIN, HEAD = (b'\0\1' if sys.byteorder == 'little' else b'\0\0'), 4
+CODES = {'double': 'd', 'int32': 'i', 'uint32': 'I'}
+LENGTH = Struct('=I')
+# Bytes of a message that is learnt, at most: the names of any arm are shorter.
+LARGEST = 4096
+
+
+class Number(NamedTuple):
+    """A number, or a sequence of some, of a message: its field, format and first byte."""
+
+    field: str
+    form: str
+    start: int
+
+    @property
+    def end(self) -> int:
+        """Return the byte after the last."""
+        return self.start + calcsize(self.form)
+
+
+class Layout:
+    """
+    Where the numbers of a message stand.
+
+    Numbers in a sequence of messages count as what stays, like names and lengths.
+
+    Parameters
+    ----------
+    kind : type
+        Class of the message, of doubles, (u)int32, strings, messages and sequences.
+    data : bytes
+        One that rclpy reads.
+
+    Attributes
+    ----------
+    numbers : list of Number
+        In their order.
+    mask : bytes
+        Ones where something stands that stays; zeros at numbers, and where nothing stands.
+
+    """
+
+    def __init__(self, kind: Any, data: bytes):
+        self.numbers: list[Number] = []
+        self._data, self._at = data, HEAD
+        self._mask = bytearray(len(data))
+        self._mask[:HEAD] = bytes([255] * HEAD)
+        self._message(kind, '', True)
+        self.mask = bytes(self._mask)
+
+    def _message(self, kind: Any, field: str, free: bool) -> None:
+        for name, slot in zip(kind.get_fields_and_field_types(), kind.SLOT_TYPES):
+            self._value(slot, f'{field}.{name}' if field else name, free)
+
+    def _value(self, slot: Any, field: str, free: bool) -> None:
+        if isinstance(slot, NamespacedType):
+            module = import_module('.'.join(slot.namespaces))
+            self._message(getattr(module, slot.name), field, free)
+        elif isinstance(slot, BasicType):
+            self._number(CODES[slot.typename], 1, field, free)
+        elif isinstance(slot, AbstractString):
+            self._stays(self._length())
+        else:
+            assert isinstance(slot, AbstractNestedType), slot
+            self._sequence(slot.value_type, field, free)
+
+    def _sequence(self, slot: Any, field: str, free: bool) -> None:
+        length = self._length()
+        if isinstance(slot, BasicType):
+            if length:
+                self._number(CODES[slot.typename], length, field, free)
+            return
+        for _ in range(length):
+            self._value(slot, field, False)
+
+    def _number(self, code: str, count: int, field: str, free: bool) -> None:
+        size = calcsize(code)
+        self._at += (HEAD - self._at) % size
+        if not free:
+            self._stays(size * count)
+            return
+        self.numbers.append(Number(field, f'={count}{code}', self._at))
+        self._at += size * count
+
+    def _length(self) -> int:
+        self._at += (HEAD - self._at) % LENGTH.size
+        length: int = LENGTH.unpack_from(self._data, self._at)[0]
+        self._stays(LENGTH.size)
+        return length
+
+    def _stays(self, count: int) -> None:
+        self._mask[self._at:self._at + count] = bytes([255] * count)
+        self._at += count
+
+
+class MessageReader:
+    """
+    Reads the messages of a topic.
+
+    A message is the last one with other numbers wherever all else in it is the same; any other is
+    read by rclpy, and learnt. Keep no message beyond the next: it is the same object.
+
+    Parameters
+    ----------
+    kind : type
+        Class of the messages.
+    topic : str
+        Named in errors.
+
+    """
+
+    def __init__(self, kind: Any, topic: str):
+        self._kind, self._topic = kind, topic
+        self._size = self._mask = self._kept = -1
+
+    def __call__(self, data: bytes) -> Any:
+        """
+        Return the message.
+
+        Raises
+        ------
+        InputError
+            It is no message of this class.
+
+        """
+        if len(data) != self._size or \
+                int.from_bytes(data, sys.byteorder) & self._mask != self._kept:
+            return self._learnt(data)
+        for (owner, name), number in zip(self._single, self._unpack(data)):
+            setattr(owner, name, number)
+        for owner, name, start, end in self._sequences:
+            setattr(owner, name, array('d', data[start:end]))
+        return self._message
+
+    def _learnt(self, data: bytes) -> Any:
+        try:
+            message = deserialize_message(data, self._kind)
+        except Exception as error:  # noqa: B902  rclpy's own class of it is not exported
+            raise InputError(f'{self._topic}: expected a {self._kind.__name__}, got '
+                             f'{len(data)} bytes that are none ({type(error).__name__})') from None
+        self._size = -1
+        if data[:2] == PLAIN and len(data) <= LARGEST:
+            self._learn(data, message)
+        return message
+
+    def _learn(self, data: bytes, message: Any) -> None:
+        layout = Layout(self._kind, data)
+        single = [number for number in layout.numbers if _is_one(message, number)]
+        self._message, self._size = message, len(data)
+        self._mask = int.from_bytes(layout.mask, sys.byteorder)
+        self._kept = int.from_bytes(data, sys.byteorder) & self._mask
+        self._single = [_owner(message, number.field) for number in single]
+        self._unpack = Struct(_with_gaps(single, len(data))).unpack
+        self._sequences = [(*_owner(message, number.field), number.start, number.end)
+                           for number in layout.numbers if number not in single]
+
+
+def _owner(message: Any, field: str) -> tuple[Any, str]:
+    """Return the message that holds a field, and the field's own name."""
+    *outer, name = field.split('.')
+    for part in outer:
+        message = getattr(message, part)
+    return message, name
+
+
+def _is_one(message: Any, number: Number) -> bool:
+    return not isinstance(getattr(*_owner(message, number.field)), array)
+
+
+def _with_gaps(numbers: Sequence[Number], size: int) -> str:
+    """Return the format of numbers with gaps between them."""
+    form, at = '=', 0
+    for number in numbers:
+        form += f'{number.start - at}x{number.form[1:]}'
+        at = number.end
+    return f'{form}{size - at}x'
+
+
+class MessageWriter:
+    """
+    Writes messages that are alike but for some of their numbers.
+
+    Parameters
+    ----------
+    message : message
+        One of them.
+    fields : str
+        Whose numbers change, for example 'header' and 'position'.
+
+    """
+
+    def __init__(self, message: Any, *fields: str):
+        self._data = bytearray(serialize_message(message))
+        layout = Layout(type(message), bytes(self._data))
+        self._parts: list[tuple[Any, int, slice]] = []
+        place = 0
+        for number in layout.numbers:
+            if number.field.startswith(fields):
+                packing = Struct(number.form)
+                count = len(packing.unpack_from(self._data, number.start))
+                self._parts.append((packing.pack_into, number.start, slice(place, place + count)))
+                place += count
+
+    def __call__(self, *numbers: float) -> bytes:
+        """Return the message with the numbers of the fields, in the message's order."""
+        for pack, start, those in self._parts:
+            pack(self._data, start, *numbers[those])
+        return bytes(self._data)
