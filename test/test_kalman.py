@@ -25,6 +25,12 @@ def delta(step: float = STEP, cosine: float = math.cos(0.5)) -> tuple[Array, Arr
     return delta_model(*MODEL.matrices(cosine, 0.1), step, halvings=MODEL.halvings)
 
 
+def update(predictor: KalmanPredictor, a_bar: Array) -> Array:
+    """Move P one sample on; return K-bar."""
+    predictor.advance(np.zeros(10), a_bar, np.zeros((10, 2)), np.zeros(2), np.zeros(6))
+    return predictor.gain
+
+
 def test_one_update_is_the_shift_form_s() -> None:
     a_bar, _ = delta()
     predictor = KalmanPredictor(MODEL.output, R_1, R_2, STEP)
@@ -37,7 +43,7 @@ def test_one_update_is_the_shift_form_s() -> None:
         gain = f @ p @ c.T @ np.linalg.inv(s)
         # Joseph's form: the difference of two large matrices would lose five digits.
         p = (f - gain @ c) @ p @ (f - gain @ c).T + R_1 + gain @ R_2 @ gain.T
-        np.testing.assert_allclose(STEP * predictor.update(a_bar), gain, rtol=0,
+        np.testing.assert_allclose(STEP * update(predictor, a_bar), gain, rtol=0,
                                    atol=1e-10 * np.abs(gain).max())
         np.testing.assert_allclose(predictor.covariance, p, rtol=0, atol=1e-12 * np.abs(p).max())
 
@@ -46,7 +52,7 @@ def test_the_iteration_settles_at_scipy_s_solution() -> None:
     a_bar, _ = delta()
     predictor = KalmanPredictor(MODEL.output, R_1, R_2, STEP)
     for _ in range(3000):
-        predictor.update(a_bar)
+        update(predictor, a_bar)
     f = np.eye(10) + STEP * a_bar
     expected = solve_discrete_are(f.T, MODEL.output.T, R_1, R_2)
     np.testing.assert_allclose(predictor.covariance, expected, rtol=0,
@@ -84,7 +90,7 @@ def test_the_covariance_is_that_of_simulated_errors() -> None:
     errors = 0.1 * random.standard_normal((4000, 10))
     for _ in range(60):
         seen = errors @ MODEL.output.T + 1e-2 * random.standard_normal((4000, 6))
-        gain = predictor.update(a_bar)
+        gain = update(predictor, a_bar)
         errors = errors + STEP * (errors @ a_bar.T - seen @ gain.T) \
             + 1e-2 * random.standard_normal((4000, 10))
     ratio = errors.var(axis=0) / predictor.covariance.diagonal()
@@ -96,20 +102,22 @@ def test_the_covariance_stays_symmetric_and_definite_while_the_arm_turns() -> No
     models = [delta(step, math.cos(angle))[0] for angle in np.linspace(0.0, 3.0, 50)]
     predictor = KalmanPredictor(MODEL.output, 1e-10 * np.eye(10), 1e-8 * np.eye(6), step)
     for k in range(20000):
-        predictor.update(models[k % 50])
+        update(predictor, models[k % 50])
     p = predictor.covariance
     assert np.abs(p - p.T).max() <= 1e-15 * np.abs(p).max()
     assert np.linalg.eigvalsh(p).min() > 0.0
 
 
 def test_without_a_measurement_the_covariance_only_grows() -> None:
-    a_bar, _ = delta()
+    a_bar, b_bar = delta()
     predictor = KalmanPredictor(MODEL.output, R_1, R_2, STEP)
     for _ in range(50):
-        predictor.update(a_bar)
-    before = predictor.covariance
-    predictor.skip(a_bar)
+        update(predictor, a_bar)
+    before, state = predictor.covariance, np.linspace(-1.0, 1.0, 10)
+    command = np.array([1.0, -2.0])
+    after = predictor.advance(state, a_bar, b_bar, command, None)
     f = np.eye(10) + STEP * a_bar
+    np.testing.assert_allclose(after, f @ state + STEP * b_bar @ command, rtol=1e-12)
     expected = f @ before @ f.T + R_1
     np.testing.assert_allclose(predictor.covariance, expected, rtol=0,
                                atol=1e-12 * np.abs(expected).max())

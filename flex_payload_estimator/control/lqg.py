@@ -8,10 +8,11 @@ import math
 from flex_payload_estimator.control.safeguards import BelievedPayload
 from flex_payload_estimator.kalman.predictor import KalmanPredictor
 from flex_payload_estimator.kalman.riccati import riccati_step, settled
-from flex_payload_estimator.model.delta import DeltaOperator
+from flex_payload_estimator.model.delta import DeltaOperator, series
 from flex_payload_estimator.model.payload_model import payload_model
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.compiled import compiled
 from msg_config.errors import InputError
 import numpy as np
 
@@ -163,30 +164,29 @@ class LQGController:
         if np.shape(output) != self.model.scale.shape:
             raise InputError(f'output: expected {len(self.model.scale)} numbers, '
                              f'got shape {np.shape(output)}')
-        if not np.isfinite(set_point).all():
+        # Another layout in memory would be compiled for while the sample waits.
+        set_point = np.array(set_point, dtype=float)
+        previous_command = np.array(previous_command, dtype=float)
+        if not _finite(set_point):
             raise InputError(f'set_point: expected finite numbers, got {set_point}')
-        if np.isfinite(previous_command).all():
-            self._previous = np.asarray(previous_command, dtype=float)
+        if _finite(previous_command):
+            self._previous = previous_command
         self._predict(self.model.scale * output)
         if self.settings.adapt:
             self._mass = self._believed(float(mass), time)
-        self._model = self._delta(np.cos(self._angle), self._mass)
-        self.gain, self.cost, _ = riccati_step(
-            *self._model, self.q_1, self.q_2, self.cost, self.step)
-        return self._feedback(set_point)
+        a, b = self.model.matrices(math.cos(self._angle), self._mass)
+        *model, self.gain, self.cost, command = controlled(
+            a, b, *self._omega.room, self.q_1, self.q_2, self.cost, self.step, self.state,
+            set_point, self._limit)
+        self._model = model[0], model[1]
+        return command
 
     def _predict(self, scaled: Array) -> None:
         """Move the state to this sample by (23)."""
         if self._model is not None:
-            x, (a_bar, b_bar) = self.state, self._augmented(*self._model)
-            change = a_bar.dot(x) + b_bar.dot(self._previous)
-            if self._output is None:
-                self.kalman.skip(a_bar)
-            else:
-                gain = self.kalman.update(a_bar)
-                change = change + gain.dot(self._output - self._output_rows.dot(x))
-            self.state = x + self.step * change
-        good = bool(np.isfinite(scaled).all()) and not self._doubtful(scaled)
+            self.state = self.kalman.advance(self.state, *self._model, self._previous,
+                                             self._output)
+        good = _finite(scaled) and not self._doubtful(scaled)
         if good and self._output is None and self._model is None:
             self.state[:2] = scaled[:2]
         self._output = scaled if good else None
@@ -196,9 +196,7 @@ class LQGController:
         """Return whether a measurement is too far from its prediction to be used."""
         if self._model is None:
             return False
-        innovation = scaled - self._output_rows.dot(self.state)
-        variance = np.maximum(np.diag(self.kalman.innovation_covariance()), SMALLEST_VARIANCE)
-        if (innovation * innovation <= GATE**2 * variance).all():
+        if self.kalman.explains(self.state, scaled, GATE, SMALLEST_VARIANCE):
             self.doubted = 0
             return False
         self.doubted += 1
@@ -209,26 +207,51 @@ class LQGController:
         self.state[:2], self.doubted = scaled[:2], 0
         return False
 
-    def _feedback(self, set_point: Array) -> Array:
-        n = self.model.states
-        error = self.state[:n].copy()
-        error[:2] -= set_point
-        command = -self.gain.dot(error)
-        if self.settings.integrator:
-            command = command - self.state[n:]
-        limited: Array = np.minimum(np.maximum(command, -self._limit), self._limit)
-        return limited
-
     def _delta(self, cosine: float, mass: float) -> tuple[Array, Array]:
         a, b = self.model.matrices(cosine, mass)
         big = self._omega(a)
         return big.dot(a), big.dot(b)
 
-    def _augmented(self, a_bar: Array, b_bar: Array) -> tuple[Array, Array]:
-        """Add the disturbance of the commands, constant over a sample, to the state."""
-        if not self.settings.integrator:
-            return a_bar, b_bar
-        n = len(a_bar)
-        a, b = np.zeros((n + 2, n + 2)), np.zeros((n + 2, 2))
-        a[:n, :n], a[:n, n:], b[:n] = a_bar, b_bar, b_bar
-        return a, b
+
+def _finite(values: Array) -> bool:
+    # For a few numbers quicker than by NumPy.
+    return all(map(math.isfinite, values.tolist()))
+
+
+@compiled
+def controlled(a: Array, b: Array, first: float, coefficients: Array, powers: Array,
+               fourth: Array, halvings: int, q_1: Array, q_2: Array, cost: Array, step: float,
+               state: Array, set_point: Array, limit: Array
+               ) -> tuple[Array, Array, Array, Array, Array]:
+    """
+    Return A-bar, B-bar, the gain L and the cost S of one iteration, and u inside the limits.
+
+    Where the disturbances of the commands are estimated, A-bar and B-bar have them too: they are
+    constant over a sample.
+
+    Parameters
+    ----------
+    a, b : Array
+        A (n, n) and B (n, 2).
+    first, coefficients, powers, fourth, halvings
+        See `delta.series`.
+    q_1, q_2, cost, step
+        See `riccati_step`.
+    state : Array
+        (n,), then the disturbances of the commands, if they are estimated.
+    set_point, limit : Array
+        (2,).
+
+    """
+    big, n = series(a, first, coefficients, powers, fourth, halvings), len(a)
+    a_bar, b_bar = np.dot(big, a), np.dot(big, b)
+    gain, cost, _ = riccati_step(a_bar, b_bar, q_1, q_2, cost, step)
+    error = state[:n].copy()
+    error[:2] -= set_point
+    command = -np.dot(gain, error)
+    if state.size > n:
+        command -= state[n:]
+        whole, entry = np.zeros((n + 2, n + 2)), np.zeros((n + 2, 2))
+        whole[:n, :n], whole[:n, n:], entry[:n] = a_bar, b_bar, b_bar
+        a_bar, b_bar = whole, entry
+    return a_bar, b_bar, gain, cost, np.minimum(np.maximum(command, -limit), limit)

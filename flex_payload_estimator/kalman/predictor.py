@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from flex_payload_estimator.kalman.riccati import lyapunov_step, riccati_step
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.compiled import compiled
 import numpy as np
 
 INITIAL_VARIANCE = 1e-2
@@ -32,31 +33,75 @@ class KalmanPredictor:
         self.r_1, self.r_2 = r_1, r_2
         self._columns = np.ascontiguousarray(output.T)
         self._process, self._measurement = r_1 / step, r_2 * step
+        self._nothing, self._noise = np.zeros(len(output)), np.diag(r_2).copy()
         self.reset()
 
     def reset(self) -> None:
         """Go back to P_0."""
         self.covariance = self._initial * np.eye(self.output.shape[1])
+        self.gain = np.zeros_like(self._columns)
 
     def innovation_covariance(self) -> Array:
         """Return C P C' + R_2 of the output to come, (m, m)."""
         covariance: Array = self.output.dot(self.covariance).dot(self._columns) + self.r_2
         return covariance
 
-    def update(self, a_bar: Array) -> Array:
+    def advance(self, state: Array, a_bar: Array, b_bar: Array, command: Array,
+                measured: Array | None) -> Array:
         """
-        Return K-bar (n, m) of (23) and move P one sample on.
+        Return the state one sample on by (23), (n,), and move P on; K-bar (n, m) is in `gain`.
 
         Parameters
         ----------
-        a_bar : Array
-            A-bar, (n, n).
+        state : Array
+            (n,).
+        a_bar, b_bar : Array
+            A-bar (n, n) and B-bar (n, 2).
+        command : Array
+            u, (2,).
+        measured : Array or None
+            Outputs at the state's time, (m,); none where there was no measurement.
 
         """
-        gain, self.covariance, _ = riccati_step(
-            a_bar.T, self._columns, self._process, self._measurement, self.covariance, self.step)
-        return gain.T
+        state, self.covariance, self.gain = predicted(
+            state, self.covariance, a_bar, b_bar, command, self.output, self._columns,
+            self._nothing if measured is None else measured, measured is not None,
+            self._process, self._measurement, self.step)
+        return state
 
-    def skip(self, a_bar: Array) -> None:
-        """Move P one sample on without a measurement."""
-        self.covariance = lyapunov_step(a_bar.T, self._process, self.covariance, self.step)
+    def explains(self, state: Array, measured: Array, gate: float, least: float) -> bool:
+        """
+        Return whether outputs (m,) are within `gate` standard deviations of what is expected.
+
+        A variance below `least` counts as that.
+        """
+        return explained(state, self.covariance, self.output, measured, self._noise, gate, least)
+
+
+@compiled
+def predicted(state: Array, covariance: Array, a_bar: Array, b_bar: Array, command: Array,
+              output: Array, columns: Array, measured: Array, heard: bool, process: Array,
+              measurement: Array, step: float) -> tuple[Array, Array, Array]:
+    """Return x, P and K-bar one sample on, see KalmanPredictor; `columns` is C', contiguous."""
+    change = np.dot(a_bar, state) + np.dot(b_bar, command)
+    gain = np.zeros_like(output)
+    if heard:
+        gain, covariance, _ = riccati_step(a_bar.T, columns, process, measurement, covariance,
+                                           step)
+        change += np.dot(measured - np.dot(output, state), gain)
+    else:
+        covariance = lyapunov_step(a_bar.T, process, covariance, step)
+    return state + step * change, covariance, gain.T
+
+
+@compiled
+def explained(state: Array, covariance: Array, output: Array, measured: Array, noise: Array,
+              gate: float, least: float) -> bool:
+    """Return whether e_i^2 <= gate^2 (C P C' + R_2)_ii for all i; `noise` is R_2's diagonal."""
+    innovation, projected = measured - np.dot(output, state), np.dot(output, covariance)
+    for i in range(len(innovation)):
+        variance = max(np.dot(projected[i], output[i]) + noise[i], least)
+        # A comparison with NaN is false.
+        if not innovation[i]**2 <= gate**2 * variance:
+            return False
+    return True

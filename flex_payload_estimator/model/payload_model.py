@@ -168,8 +168,7 @@ class SecondOrderModel:
 
     def matrices(self, cosine: float, mass: float) -> tuple[Array, Array]:
         """Return A and B at cos(theta_2) and m_p, kg."""
-        mass_0, mass_m, right = self._terms(cosine)
-        return second_order_state(mass_0 + mass * mass_m, right)
+        return second_order_state(self._table, self._order, float(cosine), float(mass))
 
     def split(self, cosine: float, mass: float, kind: SplitKind) -> Split:
         """Return A, B and the split at cos(theta_2) and m_p, kg."""

@@ -215,10 +215,28 @@ def _slope(f: int, stiffness_m: Array, rate_m: Array, jump_m: Array, rate: Array
     return a, b
 
 
-def second_order_state(mass: Array, right: Array) -> tuple[Array, Array]:
-    """Return A and B of x = (p, p') from M (N, N) and [-K, -D, B] (N, 2N + 2)."""
-    n = len(mass)
-    return _stacked(dgesv(mass, right)[2], np.eye(n))
+@compiled
+def second_order_state(table: Array, order: int, cosine: float, mass: float
+                       ) -> tuple[Array, Array]:
+    """
+    Return A and B of x = (p, p') at cos(theta_2) and m_p, kg.
+
+    Parameters
+    ----------
+    table : Array
+        Over the powers 0, 1 and 2 of cos(theta_2): [M_0, M^m, -K, -D, B], (3, N (4N + 2)).
+    order : int
+        N.
+
+    """
+    n = order
+    row = np.dot(np.array([1.0, cosine, cosine * cosine]), table).reshape(n, 4 * n + 2)
+    bottom = np.linalg.solve(row[:, :n] + mass * row[:, n:2 * n], row[:, 2 * n:].copy())
+    a, b = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, 2))
+    for i in range(n):
+        a[i, n + i] = 1.0
+    a[n:], b[n:] = bottom[:, :2 * n], bottom[:, 2 * n:]
+    return a, b
 
 
 def split_second_order(mass_0: Array, mass_m: Array, right: Array, mass: float,
