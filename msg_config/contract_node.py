@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Sequence
 from inspect import signature
+import math
 from pathlib import Path
 import time
 from typing import Any, TypeVar
@@ -64,6 +65,8 @@ class ContractNode(LifecycleNode, ABC):
         Messages refused, by topic.
     last_rejection : str
         The last reason.
+    waited : float
+        How long the present message has waited here to be taken, s.
     interrupted : Future
         Done after a Ctrl-C inside a callback: raised there, an EventsExecutor would print it.
 
@@ -81,7 +84,8 @@ class ContractNode(LifecycleNode, ABC):
         self.rejected: Counter[str] = Counter()
         self.last_rejection = ''
         self._refusals: RecentCounts[tuple[str, str]] = RecentCounts()
-        self._heard = FirstPublisher()
+        self._warned: dict[str, float] = {}
+        self._heard, self.waited = FirstPublisher(), 0.0
         self._parameter_changes = Changes(name, self.values)
         self._subscribed: dict[str, Subscription[Any]] = {}
         self.interrupted: Future[None] = Future()
@@ -176,9 +180,10 @@ class ContractNode(LifecycleNode, ABC):
         # What one publisher sends comes at every sample, with the same names each time.
         exclusive, read = own.exclusive, MessageReader(interface_class(own.type), topic)
 
-        def guarded(message: Any, gid: bytes | None) -> None:
+        def guarded(message: Any, gid: bytes | None, waited: float) -> None:
             if not self.active:
                 return
+            self.waited = waited
             if exclusive and not self._heard.hears(topic, gid, time.monotonic()):
                 self.reject(topic, f'{topic}: expected one publisher, got a message of a second '
                                    'one; the first is kept', SECOND)
@@ -225,9 +230,19 @@ class ContractNode(LifecycleNode, ABC):
         self._refusals.add((topic, kind), time.monotonic())
         self.rejected[topic] += 1
         self.last_rejection = reason
-        self.get_logger().warning(
-            f'refused {self.rejected[topic]}: {reason}',
-            throttle_duration_sec=WARNING_INTERVAL)
+        self.warn_seldom('refused', f'refused {self.rejected[topic]}: {reason}')
+
+    def warn_seldom(self, about: str, text: str, interval: float = WARNING_INTERVAL) -> None:
+        """
+        Warn about something, but not twice in an interval, s.
+
+        rclpy's own throttle looks up the file that calls before it counts: in trouble, where a
+        warning is due at every sample, that takes longer than the sample.
+        """
+        now = time.monotonic()
+        if now - self._warned.get(about, -math.inf) >= interval:
+            self._warned[about] = now
+            self.get_logger().warning(text)
 
     def task(self, name: str) -> str:
         """Return a task's name as diagnostic tools expect it, with the namespace if there is."""

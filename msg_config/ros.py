@@ -6,6 +6,7 @@ from collections.abc import Callable
 from difflib import get_close_matches
 from importlib import import_module
 import inspect
+from time import time_ns
 from typing import Any
 
 from msg_config.contract import load_services, load_topics, Qos
@@ -84,18 +85,21 @@ def create_subscription(
 
 
 def create_sourced_subscription(
-    node: Node, name: str, callback: Callable[[Any, bytes | None], None], *, raw: bool = False,
+    node: Node, name: str, callback: Callable[[Any, bytes | None, float], None], *,
+    raw: bool = False,
 ) -> Subscription:
     """
-    Return a subscription whose callback takes the message, or its bytes, and its publisher's gid.
+    Return a subscription whose callback takes the message, or its bytes, and whence it comes.
 
-    The gid is None where the middleware tells none. An EventsExecutor gives both as one tuple,
-    the others as two arguments; by its signature rclpy knows that the callback takes two.
+    That is its publisher's gid, None where the middleware tells none, and how long it has waited
+    here to be taken, s. An EventsExecutor gives message and info as one tuple, the others as two
+    arguments; by its signature rclpy knows that the callback takes two.
     """
     def taken(*arguments: Any) -> None:
         message, info = arguments if len(arguments) == 2 else arguments[0]
-        gid = info.get('publisher_gid')
-        callback(message, gid and gid['data'])
+        gid, now = info.get('publisher_gid'), time_ns()
+        waited = max(now - info.get('received_timestamp', now), 0)
+        callback(message, gid and gid['data'], waited / NANOSECONDS)
     taken.__signature__ = _MESSAGE_AND_INFO  # type: ignore[attr-defined]
     return create_subscription(node, name, taken, raw=raw)
 

@@ -227,6 +227,8 @@ def second_order_state(table: Array, order: int, cosine: float, mass: float
         Over the powers 0, 1 and 2 of cos(theta_2): [M_0, M^m, -K, -D, B], (3, N (4N + 2)).
     order : int
         N.
+    cosine, mass : float
+        cos(theta_2) and m_p, kg.
 
     """
     n = order

@@ -8,14 +8,16 @@ import math
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from flex_payload_estimator.nodes.backlog import Backlog
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.inputs.gate import Gate
 from flex_plant_sim.inputs.stamps import LEAP, Order, StampOrder
 from flex_plant_sim.inputs.synchroniser import slop_of, Synchroniser
+from msg_config.contract import load_topics
 from msg_config.contract_node import ContractNode
 from msg_config.messages import checked_stamp, nanoseconds, seconds
-from msg_config.recent_counts import RecentCounts
+from msg_config.recent_counts import RecentCounts, WINDOW
 import numpy as np
 from sensor_msgs.msg import JointState
 
@@ -24,6 +26,8 @@ UNEVEN = 0.5
 # Without a sample for so long, s, the diagnostics say why.
 QUIET = 0.5
 LOOK_INTERVAL = 0.1
+# Between two warnings that none comes, s.
+SILENCE_INTERVAL = 5.0
 PARTS = ('joint_states', 'strain')
 
 
@@ -89,6 +93,8 @@ class SampleNode(ContractNode):
         self._gauges = robot.inputs.gauge_channels(robot.gauge_names)
         self.gate = Gate(robot)
         self._pairing = Synchroniser(PARTS, slop_of(robot.sample_time))
+        depth = load_topics()['strain'].subscribe.depth
+        self._backlog = Backlog(depth * robot.sample_time, robot.sample_time)
         self.order.interval = nanoseconds(robot.sample_time)
 
     def listen(self) -> None:
@@ -151,8 +157,8 @@ class SampleNode(ContractNode):
                 [angle, together.parts['strain']]), command))
 
     def _on_sample(self, sample: Sample) -> None:
-        last = self.order.last
-        order = self.order.judge(sample.stamp)
+        last, waited = self.order.last, self.waited
+        order = self.order.judge(sample.stamp, self._backlog.held_up(waited))
         if order in (Order.STALE, Order.AHEAD):
             self.reject('joint_states', f'joint_states, strain: header.stamp: expected one after '
                         f'{seconds(last or 0):.12g} s, got {sample.time:.12g} s',
@@ -165,6 +171,9 @@ class SampleNode(ContractNode):
         if order is Order.RESTARTED:
             self._begin_afresh(last or 0, sample)
         elif order is Order.NEW and last is not None:
+            if self._backlog.passes(waited, self._whole):
+                self._pass_over(sample.stamp - last)
+                return
             self._watch_interval(sample.stamp - last)
         self._answer = None
         self._answer = self.take(self._gated(sample))
@@ -196,14 +205,22 @@ class SampleNode(ContractNode):
         self.gate.restart()
         self.restart()
 
+    def _pass_over(self, interval: int) -> None:
+        """Count a sample that is not answered, with those that were lost before it."""
+        self._answer = None
+        count = max(round(seconds(interval) / self.robot.sample_time), 1)
+        self._lost.add('passed over', self.wall_time(), count)
+        self.warn_seldom('slow', f'too slow for a sample every {self.robot.sample_time:.9g} s: '
+                         f'{self._lost.total["passed over"]} passed over so far')
+
     def _watch_interval(self, interval: int) -> None:
         count = seconds(interval) / self.robot.sample_time
         if abs(count - 1.0) <= UNEVEN:
             return
         self._lost.add('lost', self.wall_time(), max(round(count) - 1, 1))
-        self.get_logger().warning(
-            f'joint_states, strain: expected a sample every {self.robot.sample_time:.9g} s, '
-            f'got one after {seconds(interval):.9g} s', throttle_duration_sec=1.0)
+        self.warn_seldom(
+            'interval', f'joint_states, strain: expected a sample every '
+            f'{self.robot.sample_time:.9g} s, got one after {seconds(interval):.9g} s')
 
     def _on_reset(self, _: Any, response: Any) -> Any:
         self.begin_again()
@@ -235,13 +252,17 @@ class SampleNode(ContractNode):
 
     def sample_status(self) -> DiagnosticStatus:
         """Return how the samples come, and where none comes, why."""
-        lost = self._lost.recent(self.wall_time()).total()
+        recent = self._lost.recent(self.wall_time())
+        lost, slow = recent.total(), recent['passed over']
         values: dict[str, object] = {
             'lost or uneven': self._lost.total.total(), 'restarts': self._restarts}
         silence = self.silence()
         if silence:
-            self.get_logger().warning(f'no sample: {silence}', throttle_duration_sec=5.0)
+            self.warn_seldom('silence', f'no sample: {silence}', SILENCE_INTERVAL)
             return self.status('samples', 'stale' if self.order.last is None else 'error',
                                f'no sample: {silence}', values)
         text = f'{lost} samples lost or not at the sampling time lately' if lost else 'ok'
+        if slow:
+            due = WINDOW / self.robot.sample_time
+            text = f'too slow: {slow} of {due:.0f} samples passed over in the last {WINDOW:g} s'
         return self.status('samples', 'warn' if lost else 'ok', text, values)

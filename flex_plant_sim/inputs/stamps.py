@@ -54,11 +54,16 @@ class StampOrder:
         self.last: int | None = None
         self._suspect: int | None = None
 
-    def judge(self, stamp: int) -> Order:
-        """Return what a stamp is, ns; new and restarted ones become the last."""
+    def judge(self, stamp: int, held_up: bool = False) -> Order:
+        """
+        Return what a stamp is, ns; new and restarted ones become the last.
+
+        Where this side was held up, it may have lost the samples itself for less than LEAP.
+        """
         if stamp == self.last:
             return Order.REPEATED
-        if self.last is None or 0 < stamp - self.last <= (LOST + 1) * self.interval:
+        gap = LEAP if held_up else (LOST + 1) * self.interval
+        if self.last is None or 0 < stamp - self.last <= gap:
             order = Order.NEW
         elif self._confirmed(stamp, self.last):
             order = Order.NEW if self.last < stamp <= self.last + LEAP else Order.RESTARTED

@@ -80,7 +80,7 @@ class Arena:
         self.diagnostics = self.loop.record('/diagnostics')
         self.mass, self.told = 0.1, 0.0
 
-    def _watch(self, message: Any, gid: bytes | None) -> None:
+    def _watch(self, message: Any, gid: bytes | None, _: float) -> None:
         """Keep what the arm of this loop does, and not what a second one does."""
         self.arm = self.arm or gid
         if gid == self.arm:
