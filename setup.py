@@ -45,7 +45,7 @@ setup(
     package_data={
         'flex_plant_sim': ['robots/*.yaml', 'diagnosis/report/*.html'],
         'flex_payload_estimator': ['fleet/*.html'],
-        'msg_config': ['*.yaml'],
+        'msg_config': ['*.yaml', '*.xml'],
     },
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),

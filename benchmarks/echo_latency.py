@@ -33,6 +33,7 @@ from msg_config.messages import (
 )
 from msg_config.parameters import check_parameters
 from msg_config.ros import create_publisher
+from msg_config.transport import avoid_shared_memory
 import numpy as np
 import rclpy
 from rclpy.clock import Clock, ClockType
@@ -282,6 +283,7 @@ def main() -> int:
         echo()
         return 0
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    avoid_shared_memory()
     rclpy.init(args=[])
     result = measure(options)
     rclpy.try_shutdown()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 import gc
-import os
 import signal
 import sys
 from typing import Any
@@ -12,6 +11,7 @@ from typing import Any
 from msg_config.contract_node import ContractNode
 from msg_config.errors import InputError
 from msg_config.quiet_start import end_at_once
+from msg_config.transport import avoid_shared_memory
 import rclpy
 from rclpy.context import Context
 from rclpy.exceptions import ROSInterruptException
@@ -27,16 +27,6 @@ def make_executor(context: Context | None = None) -> Executor:
     except ImportError:
         return SingleThreadedExecutor(context=context)
     return EventsExecutor(context=context)
-
-
-def avoid_shared_memory() -> None:
-    """
-    Keep this process's topics on UDP, unless FASTDDS_BUILTIN_TRANSPORTS says otherwise.
-
-    After a kill -9 of any process, Fast DDS (3.2.2, its issue 5469) may delete shared memory on
-    which another still listens: that one hears nothing more until it is started again.
-    """
-    os.environ.setdefault('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
 
 
 def spin(executor: Executor, stop: Future[Any]) -> None:

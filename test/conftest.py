@@ -70,9 +70,11 @@ def domain_id() -> Iterator[int]:
 @pytest.fixture
 def ros_context(domain_id: int) -> Iterator[Context]:
     """Return an initialised rclpy context in a domain of its own; nodes must name it."""
+    from msg_config.transport import avoid_shared_memory
     import rclpy
     from rclpy.context import Context
 
+    avoid_shared_memory()
     context = Context()
     rclpy.init(context=context, domain_id=domain_id)
     yield context

@@ -41,6 +41,7 @@ from flex_plant_sim.tools import command_line
 from flex_plant_sim.tools.outputs import check_outputs
 from msg_config.errors import InputError
 from msg_config.parameters import load_parameters
+from msg_config.transport import avoid_shared_memory
 import numpy as np
 
 LOG, BAG, ARM, PICTURE = 'run.csv', 'run_mcap', 'arm.yaml', 'payload.png'
@@ -67,6 +68,7 @@ def run_over_topics(experiment: Experiment) -> LoopRecord:
     except ImportError:
         raise InputError('rclpy is missing: run `make demo`, which installs it, or source '
                          'a ROS 2 installation') from None
+    avoid_shared_memory()
     rclpy.init(args=[])
     try:
         return _spin(experiment)

@@ -13,7 +13,7 @@ import sys
 from typing import Any
 
 from faults.page import record
-from msg_config.node_process import avoid_shared_memory
+from msg_config.transport import avoid_shared_memory
 import numpy as np
 import rclpy
 from rclpy.context import Context
@@ -38,8 +38,8 @@ def main() -> int:
     options.add_argument('--page', action='store_true', help='write it into docs/faults.md')
     chosen = options.parse_args()
     kinds = chosen.kinds or list(BAD_SAMPLES)
-    avoid_shared_memory()
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    avoid_shared_memory()
     context = Context()
     rclpy.init(context=context, domain_id=chosen.domain)
     loop = RosLoop(context)

@@ -17,8 +17,8 @@ import time
 from typing import Any
 
 from faults.page import record
-from msg_config.node_process import avoid_shared_memory
 from msg_config.ros import create_sourced_subscription
+from msg_config.transport import avoid_shared_memory
 import numpy as np
 from ros_loop import RosLoop
 
@@ -287,8 +287,8 @@ def main() -> int:
     options.add_argument('--domain', type=int, default=92)
     options.add_argument('--page', action='store_true', help='write it into docs/faults.md')
     chosen = options.parse_args()
-    avoid_shared_memory()
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    avoid_shared_memory()
     context = Context()
     rclpy.init(context=context, domain_id=chosen.domain)
     found = run((chosen.faults or list(FAULTS)) * chosen.times, context, chosen.domain)

@@ -22,8 +22,9 @@ from typing import Any
 from faults.page import record
 from matplotlib.figure import Figure
 from msg_config.messages import stamp_of
-from msg_config.node_process import avoid_shared_memory, make_executor
+from msg_config.node_process import make_executor
 from msg_config.ros import create_subscription
+from msg_config.transport import avoid_shared_memory
 import numpy as np
 import rclpy
 from rclpy.executors import Executor, ExternalShutdownException
@@ -185,8 +186,8 @@ def main() -> int:
     options.add_argument('--block', choices=('soak', 'busy'), default='soak')
     options.add_argument('--page', action='store_true', help='write it into docs/faults.md')
     chosen = options.parse_args()
-    avoid_shared_memory()
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    avoid_shared_memory()
     rclpy.init(domain_id=chosen.domain)
     found: dict[str, list[dict[str, float]]] = {}
     for mode in chosen.modes:
