@@ -18,9 +18,13 @@ from flex_plant_sim.diagnosis.likelihood.moments import Moments
 from flex_plant_sim.diagnosis.likelihood.prior import (
     ANY_CAUSE,
     deviated,
+    far_parts,
+    imitation_odds,
     log_odds,
     part_priors,
     prior_table,
+    UNKNOWN,
+    unknown_odds,
 )
 from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude
 from flex_plant_sim.diagnosis.prediction.noise import steady_filter
@@ -141,18 +145,34 @@ def test_probabilities_follow_evidence_and_price() -> None:
     cause = replace(NOTHING, hypotheses=(h,), log_evidence=6.0)
     found = Posterior.of([NOTHING, cause], base)
     odds = np.exp(6.0 + log_odds(h.effect, REFERENCE))
-    assert found.of_effect('payload_mass') == pytest.approx(odds / (1.0 + odds))
+    like_it, real = odds / (1.0 + odds), 1.0 / (1.0 + imitation_odds())
+    assert found.of_effect('payload_mass') == pytest.approx(like_it * real)
     assert found.of_nothing == pytest.approx(1.0 / (1.0 + odds))
-    assert found.of_unknown == 0.0
+    assert found.of_unknown == pytest.approx(like_it * (1.0 - real))
+    # What is unknown is as likely as stated, whether it looks like a cause or not.
+    some = sum(len(sites(effect, REFERENCE)) * np.exp(log_odds(effect, REFERENCE))
+               for effect in catalogue().values())
+    assert some * imitation_odds() + unknown_odds() == pytest.approx(UNKNOWN / (1.0 - UNKNOWN))
+
+
+def test_errors_larger_than_every_model_s_are_not_those_of_a_cause_alone() -> None:
+    base, h = Base(REFERENCE), hypothesis('payload_mass:arm')
+    cause = replace(NOTHING, hypotheses=(h,), log_evidence=50.0)
+    loud = replace(cause, scale=np.array([1.1]), moments=replace(EMPTY, samples=3000.0))
+    found = Posterior.of([NOTHING, loud], base)
+    assert found.best.discrepancy.more and found.of_effect('payload_mass') > 0.8
+    quiet = replace(loud, moments=replace(EMPTY, samples=3.0))
+    assert not Posterior.of([NOTHING, quiet], base).best.discrepancy.more
 
 
 def test_what_was_not_fitted_counts_with_its_linear_evidence() -> None:
     cause = replace(NOTHING, hypotheses=(hypothesis('payload_mass:arm'),), log_evidence=6.0)
     promised = {frozenset({'payload_mass:arm'}): 99.0, frozenset({'air_drag:arm'}): -1.0}
     found = Posterior.of([NOTHING, cause], Base(REFERENCE), promised)
-    assert found.of_effect('air_drag') == pytest.approx(np.exp(-1.0) * found.of_nothing)
+    assert found.of_effect('air_drag') * (1.0 + imitation_odds()) == pytest.approx(
+        np.exp(-1.0) * found.of_nothing)
     assert found.of_nothing + found.of_effect('air_drag') + found.of_effect(
-        'payload_mass') == pytest.approx(1.0)
+        'payload_mass') + found.of_unknown == pytest.approx(1.0)
 
 
 def test_a_credible_set_holds_what_may_stand_in_a_cause_s_place() -> None:
@@ -200,6 +220,17 @@ def test_parts_are_changed_by_their_deviation() -> None:
     assert [(s.identifier, s.site, s.values) for s in sensors] == [
         ('strain_bias', 'strain_1b', (2e-6,))]
     assert all(name in prior_table(REFERENCE) for name in [*names, *catalogue()])
+
+
+def test_a_part_is_far_off_where_no_effect_asked_says_so() -> None:
+    parts = part_priors(REFERENCE, 0.1)
+    far = far_parts(REFERENCE, parts, tuple(catalogue()))
+    assert {'link_mass_1', 'length_2', 'elbow_mass', 'position_strain_1a'} <= set(far)
+    assert not {'stiffness_1', 'drive_damping_2', 'strain_gain:strain_1a', 'payload_mass:arm',
+                'elbow_inertia', 'payload_inertia'} & set(far)
+    others = [name for name in catalogue() if name not in ('drive_bandwidth', 'link_stiffness')]
+    assert set(far_parts(REFERENCE, parts, others)) - set(far) == {
+        'stiffness_1', 'stiffness_2', 'drive_damping_1', 'drive_damping_2'}
 
 
 def test_a_cause_is_fitted_with_the_evidence_that_its_slab_leaves() -> None:

@@ -102,9 +102,10 @@ def _asymmetric(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], 
     return _joint(p), values, max(values.values())
 
 
+# Near rest, where joints reverse and dry friction shows, all of it acts.
 def _stribeck(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], float]:
     return _joint(p), {'level_n_m': p['sliding'], 'extra_n_m': p['extra'],
-                       'speed_rad_per_s': p['speed']}, p['sliding']
+                       'speed_rad_per_s': p['speed']}, p['sliding'] + p['extra']
 
 
 def _presliding(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from flex_plant_sim.arm.second_order import Array
@@ -11,6 +11,7 @@ from flex_plant_sim.diagnosis.causes.hypothesis import Hypothesis
 from flex_plant_sim.diagnosis.likelihood.evidence import channel_products, Marginal, Slab
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
 from flex_plant_sim.diagnosis.likelihood.moments import Moments, TEMPER
+from flex_plant_sim.diagnosis.likelihood.prior import FAR_OFF
 from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude
 from flex_plant_sim.effects.base import Effect
 import numpy as np
@@ -125,6 +126,18 @@ class Point:
     residual: Array
     columns: Array
     cost: float
+
+
+def with_far_part(fit: Fit, name: str, place: int) -> Fit:
+    """Return a fit as it is judged with one part that is not as its file says."""
+    tolerances = fit.moments.tolerances.copy()
+    tolerances[place] *= FAR_OFF
+    moments = replace(fit.moments, tolerances=tolerances)
+    scale = moments.scaled()
+    return replace(fit, discrepancy=replace(fit.discrepancy, far=name), scale=scale,
+                   deviations=moments.parts(scale).mean, moments=moments,
+                   covariance=moments.joined(scale).covariance,
+                   log_evidence=moments.log_evidence(scale))
 
 
 class Descent:

@@ -6,16 +6,16 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.causes.fit import EXCESS, Fit
+from flex_plant_sim.diagnosis.causes.fit import Fit, with_far_part
 from flex_plant_sim.diagnosis.causes.hypothesis import hypotheses, Hypothesis
 from flex_plant_sim.diagnosis.causes.looks import Look, Looker
 from flex_plant_sim.diagnosis.causes.pool import attempt, each
-from flex_plant_sim.diagnosis.causes.posterior import is_unknown, Key, log_prior, Posterior
+from flex_plant_sim.diagnosis.causes.posterior import judged, Key, log_prior, Posterior
 from flex_plant_sim.diagnosis.causes.promise import Beside, Closer, Promise
-from flex_plant_sim.diagnosis.causes.sets import AGAIN, Fitter, Leveller, Settled, Trial
+from flex_plant_sim.diagnosis.causes.sets import AGAIN, Fitter, Settled, Trial
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
 from flex_plant_sim.diagnosis.likelihood.moments import TEMPER
-from flex_plant_sim.diagnosis.likelihood.prior import log_odds
+from flex_plant_sim.diagnosis.likelihood.prior import far_parts, log_odds
 from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude
 from flex_plant_sim.diagnosis.prediction.predictor import Base
 from flex_plant_sim.diagnosis.record.data import Data
@@ -24,8 +24,6 @@ import numpy as np
 Level = Amplitude
 Progress = Callable[[str, float], None]
 
-# What `unknown` is: slow torques, gauge errors or both of 20 % of the loads and the strains.
-LARGE = 0.2
 # A budget, no judgement: sets whose neighbours are fitted, hypotheses tried beside a set and in
 # each one's place, sets fitted to all windows, samples of those windows that proposals come from.
 EXPLORED, ADDED, RIVALS, FITTED, REFITTED, SAMPLES = 5, 12, 5, 6, 1, 1600
@@ -88,6 +86,8 @@ class _Course:
     def settle(self, trial: Trial, level: Level, scale: Array | None = None) -> Settled:
         """Return a set fitted around itself, known from now on."""
         found = Settled.at(trial, replace(self.nominal, discrepancy=level), self.data, scale)
+        for predictor in found.likelihood.predictors:
+            predictor.forget()
         key = Key.of(found.fit)
         # Where a descent ends hangs on where it began.
         found = max(found, self.settled.get(key, found), key=lambda s: self.score(s.fit))
@@ -199,17 +199,18 @@ class _Course:
         """Return all sets with their probabilities, and what promised too little to be fitted."""
         promised = {} if centre is None else {
             Key.of(centre.fit).labels | {p.hypothesis.label}:
-            self.score(centre.fit) + self.hope(p) for k, p in enumerate(promises)
-            if not self.worth(k, p)}
+            max(map(self.score, judged(centre.fit))) + self.hope(p)
+            for k, p in enumerate(promises) if not self.worth(k, p)}
         return Posterior.of(list(self.known.values()), self.nominal, promised)
 
     def settle_leading(self, centre: Settled) -> None:
         """Linearise the sets that may lead around themselves, so that they compare."""
         ranked = self.ranked()
-        for fit in ranked.fits[:LEADING]:
-            reach = self.reach(ranked.best, centre, -np.log(SHARE))
-            if (self._settled(fit)
-                    or self.score(fit) < self.score(ranked.best) - reach):
+        reach = self.reach(ranked.best, centre, -np.log(SHARE))
+        for leading in ranked.fits[:LEADING]:
+            fit = self.known.get(Key.of(leading).plain)
+            if (fit is None or self._settled(fit)
+                    or self.score(leading) < self.score(ranked.best) - reach):
                 continue
             if attempt(lambda f: self.settle(Trial.of(f), f.discrepancy, f.scale), fit) is None:
                 del self.known[Key.of(fit)]
@@ -219,22 +220,21 @@ class _Course:
         found = self.settled.get(Key.of(fit))
         return found is not None and found.fit is fit
 
-    def try_unknown(self, centres: Sequence[Settled]) -> None:
-        """Fit sets with a larger discrepancy, where errors exceed what the known one states."""
-        if not np.any(centres[-1].fit.scale > EXCESS):
-            return
-        trials = [Trial.of(centre.fit) for centre in centres]
-        small = self.nominal.discrepancy
-        both = replace(small, torque=LARGE, gauge=LARGE)
-        others = (replace(small, torque=LARGE), replace(small, gauge=LARGE))
-        fitter = Leveller(self.nominal, self.data)
-        found = each(fitter, [(trial, both) for trial in trials], self.jobs)
-        if found:
-            best = Trial.of(max(found, key=self.score))
-            ends = {trial.labels: trial for trial in (trials[0], trials[-1], best)}
-            found += each(fitter, [(trial, level) for trial in ends.values()
-                                   for level in others], self.jobs)
-        self.known.update({Key.of(fit): fit for fit in found})
+    def try_far_parts(self) -> None:
+        """
+        Judge the settled sets with each part not as its file says; that costs no pass.
+
+        What a part far off gains is known to a share only: what may lead is fitted around it.
+        """
+        asked = {h.effect.identifier for h in self.catalogue}
+        best = max(map(self.score, self.known.values()))
+        for centre in tuple(self.settled.values()):
+            parts = centre.likelihood.parts
+            names = far_parts(self.nominal.robot, parts, asked)
+            found = max((with_far_part(centre.fit, part.name, k) for k, part in enumerate(parts)
+                         if part.name in names), key=self.score)
+            if self.score(found) > best - self.reach(found, centre, -np.log(SHARE)):
+                attempt(lambda f: self.settle(Trial.of(f), f.discrepancy, f.scale), found)
 
 
 def search(data: Data, nominal: Base, jobs: int, progress: Progress,
@@ -260,8 +260,7 @@ def search(data: Data, nominal: Base, jobs: int, progress: Progress,
 
     """
     found = _searched(_Course(data, nominal, jobs, exclude, progress))
-    if not np.any(found.posterior.best.scale > EXCESS) and not is_unknown(
-            found.posterior.best, nominal):
+    if not found.posterior.best.discrepancy.more:
         return found
     sensed = replace(nominal, discrepancy=replace(nominal.discrepancy, sensed=True))
     return _searched(_Course(data, sensed, jobs, exclude, progress))
@@ -289,12 +288,11 @@ def _searched(course: _Course) -> Search:
         promises[Key.of(best.fit)] = course.around(best)
     last = max((course.settled[key] for key in promises), key=lambda c: course.score(c.fit))
     progress('unknown', 0.9)
-    others = [course.settled[key] for key in promises if key != Key.of(last.fit)]
-    course.try_unknown((*others, last))
+    course.try_far_parts()
     course.settle_leading(last)
     beside = promises[Key.of(last.fit)]
     posterior = course.ranked(last, beside)
-    best = course.settled.get(Key.of(posterior.best), last)
+    best = course.settled.get(Key.of(posterior.best).plain, last)
     closer = Closer(Looker(course.thin, course.data.duration), course.beside(last))
-    return Search(best, tuple(beside), closer, posterior, nothing.fit,
+    return Search(replace(best, fit=posterior.best), tuple(beside), closer, posterior, nothing.fit,
                   tuple(len(key.labels) for key in promises))

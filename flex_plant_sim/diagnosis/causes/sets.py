@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 from flex_plant_sim.arm.second_order import Array
@@ -10,13 +10,14 @@ from flex_plant_sim.diagnosis.causes.fit import Causes, Descent, Fit, fitted, Po
 from flex_plant_sim.diagnosis.causes.hypothesis import Hypothesis
 from flex_plant_sim.diagnosis.causes.promise import Promise
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
-from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude
 from flex_plant_sim.diagnosis.prediction.predictor import Base
 from flex_plant_sim.diagnosis.record.data import Data
 import numpy as np
 
 # A fit that gains more than this, nats, around where it came is fitted around that again.
 AGAIN, AROUND = 1.0, 4
+# So much of its width may a part that is far off be from where its differences reach.
+NEAR = 0.03
 
 
 @dataclass(frozen=True)
@@ -63,11 +64,20 @@ class Settled:
         causes, starts = Causes(trial.hypotheses, data.duration), trial.starts
         found: Settled | None = None
         known = np.ones(len(data.noise[0])) if scale is None else scale
+        far = 0.0
         for _ in range(AROUND):
-            likelihood = Likelihood(base, data.windows, data.noise, causes.effects(starts[0]))
+            likelihood = Likelihood(base, data.windows, data.noise, causes.effects(starts[0]),
+                                    far)
             descent = Descent(likelihood, causes, known)
             point, before = descent.run(starts), found
             found = cls(likelihood, point, descent.fit(point))
+            if base.discrepancy.far:
+                # Differences that reach as far as the part does are right where it is.
+                moved = far - found.fit.deviations[likelihood.far_part]
+                if abs(moved) < NEAR * likelihood.tolerances[likelihood.far_part]:
+                    break
+                far, starts, before = far - moved, (point.values,), None
+                continue
             if before is not None and found.fit.log_evidence < before.fit.log_evidence:
                 return before
             if point.cost > descent.at(starts[0])[1] - AGAIN:
@@ -102,15 +112,3 @@ class Fitter:
     def __call__(self, trial: Trial) -> Fit:
         return fitted(self.likelihood, Causes(trial.hypotheses, self.duration), trial.starts,
                       self.scale, self.rough)
-
-
-@dataclass(frozen=True)
-class Leveller:
-    """Fits sets around themselves, at another discrepancy."""
-
-    nominal: Base
-    data: Data
-
-    def __call__(self, item: tuple[Trial, Amplitude]) -> Fit:
-        trial, level = item
-        return Settled.at(trial, replace(self.nominal, discrepancy=level), self.data).fit

@@ -7,7 +7,7 @@ from functools import cached_property
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.likelihood.evidence import channel_products
-from flex_plant_sim.diagnosis.likelihood.prior import deviated, part_priors, PartPrior
+from flex_plant_sim.diagnosis.likelihood.prior import deviated, FAR_OFF, part_priors, PartPrior
 from flex_plant_sim.diagnosis.prediction.predictor import Base, Predictor
 from flex_plant_sim.diagnosis.record.windows import Indices, Windows
 from flex_plant_sim.effects.base import Effect
@@ -33,14 +33,18 @@ class Likelihood:
         Sensor noise per record, (m,).
     around : sequence of Effect
         On while sensitivities are taken; smooth forces follow the trajectory that they give.
+    far : float
+        About where the part is that is not as its file says, see Amplitude; 0 if not known.
 
     """
 
     def __init__(self, base: Base, windows: Sequence[Windows], noise: Sequence[Array],
-                 around: Sequence[Effect] = ()):
-        self.base, self.around = base, tuple(around)
+                 around: Sequence[Effect] = (), far: float = 0.0):
+        self.base, self.around, self.far = base, tuple(around), far
         self.parts: tuple[PartPrior, ...] = part_priors(base.robot, windows[0].record.payload)
-        self.tolerances = np.array([part.tolerance for part in self.parts])
+        self.tolerances = np.array([
+            part.tolerance * (FAR_OFF if part.name == base.discrepancy.far else 1.0)
+            for part in self.parts])
         self.predictors = [Predictor(base, w, s, True, self.around)
                            for w, s in zip(windows, noise)]
         # Samples that each stands for, and which they are, where only some windows are asked.
@@ -78,11 +82,19 @@ class Likelihood:
     def columns(self) -> Array:
         """Return d white / d deviations, (p, m, N), by differences."""
         found = np.empty((len(self.parts), *self.present.shape))
-        for k, step in enumerate(STEP * self.tolerances):
+        steps = STEP * self.tolerances
+        if self.far:
+            steps[self.far_part] = self.far
+        for k, step in enumerate(steps):
             moved = np.zeros(len(self.parts))
             moved[k] = step
             found[k] = (self.residual(self.around, moved, keep=True)[0] - self.present) / step
         return found
+
+    @property
+    def far_part(self) -> int:
+        """Return the place of the part that is not as its file says."""
+        return [part.name for part in self.parts].index(self.base.discrepancy.far)
 
     @cached_property
     def products(self) -> Array:

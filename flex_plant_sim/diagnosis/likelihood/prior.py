@@ -6,7 +6,7 @@ The prior: parts of the arm, sizes of effects, and how likely a cause is before 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 import math
 import sys
@@ -21,6 +21,15 @@ from flex_plant_sim.effects.base import Effect
 # As likely as not, something of the catalogue is wrong with a simulation; one time in ten
 # something is that no catalogue knows.
 ANY_CAUSE, UNKNOWN = 0.5, 0.1
+# Of effects taken out of the catalogue such a share was explained by others as well as anything
+# could be (benchmarks/imitated.py, 22 calibration cases): what is unknown may look like a cause.
+IMITATED = 0.55
+# Such a thing may be a part that is not as its file says: off by an order of magnitude more than
+# its tolerance (twice that costs 0.7 nats). Effects say so of these parts, where they are asked.
+FAR_OFF = 10.0
+SAID_BY = {'stiffness': 'link_stiffness', 'damping': 'modal_damping',
+           'drive_inertia': 'hub_inertia', 'elbow_inertia': 'hub_inertia',
+           'drive_gain': 'actuator_gain'}
 
 
 @dataclass(frozen=True)
@@ -65,6 +74,21 @@ def part_priors(robot: Robot, payload: float) -> tuple[PartPrior, ...]:
     return tuple(part for part in found if part.tolerance > 0.0)
 
 
+def far_parts(robot: Robot, parts: Sequence[PartPrior], asked: Collection[str]
+              ) -> tuple[str, ...]:
+    """Return the parts of which no effect asked says that they are far off, by name."""
+    return tuple(part.name for part in parts if _said_by(robot, part.name) not in asked)
+
+
+def _said_by(robot: Robot, part: str) -> str:
+    kind, _, number = part.partition(':')[0].rpartition('_')
+    if kind == 'drive_damping':
+        loop = robot.drives[int(number) - 1].closed_loop
+        return 'drive_bandwidth' if loop else 'viscous_friction'
+    whole = part.partition(':')[0]
+    return SAID_BY.get(kind if number.isdigit() else whole, whole)
+
+
 def deviated(robot: Robot, parts: Sequence[PartPrior], deviations: Array
              ) -> tuple[Robot, tuple[Effect, ...]]:
     """Return a robot with deviations (p,), and the effects that stand for the others of them."""
@@ -92,6 +116,22 @@ def log_odds(effect: type[Effect], robot: Robot) -> float:
     """
     each = 1.0 - (1.0 - ANY_CAUSE)**(1.0 / len(catalogue()))
     return math.log(each / (1.0 - each) / len(sites(effect, robot)))
+
+
+def unknown_odds() -> float:
+    """Return the prior odds of something unknown that looks like nothing in the catalogue."""
+    return (1.0 - IMITATED) * UNKNOWN / (1.0 - UNKNOWN)
+
+
+def imitation_odds() -> float:
+    """
+    Return the odds that what looks like a cause is something unknown that looks like it.
+
+    By definition no record parts the two: these are prior odds, the same for all causes.
+    """
+    count = len(catalogue())
+    some = count * ((1.0 - ANY_CAUSE)**(-1.0 / count) - 1.0)
+    return IMITATED * UNKNOWN / (1.0 - UNKNOWN) / some
 
 
 def prior_table(robot: Robot) -> str:

@@ -28,6 +28,10 @@ class Amplitude:
     sensed : bool
         Whether it passes the sensors' effects of a hypothesis. A small part of the strain may
         come as it likes; what is no small part of it comes as late as the rest.
+    more : bool
+        Whether it lacks more than that, to which errors of any size are due.
+    far : str
+        Name of the part that is not as its file says, within tolerances or not; none if empty.
 
     """
 
@@ -39,6 +43,8 @@ class Amplitude:
     torque_periods: float = 1.0
     gauge_periods: float = 0.3
     sensed: bool = False
+    more: bool = False
+    far: str = ''
 
 
 class Discrepancy(Effect):

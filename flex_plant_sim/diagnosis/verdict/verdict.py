@@ -202,15 +202,23 @@ def _verdict(found: Search, causes: Sequence[Cause]
                 f'errors stay within noise and part tolerances.{_moved(found)}', ())
     if not causes:
         return ('not_in_catalogue', 'The simulation is wrong in a way that nothing in the '
-                'catalogue explains.', ())
+                f'catalogue explains.{_far(found)}', ())
     sentence = ' '.join(cause.sentence for cause in causes)
     sets = tuple((c.name, *c.look_alikes) for c in causes if c.look_alikes)
     if unknown:
-        return 'cause_and_remainder', f'{sentence} Something unnamed is left.', sets
+        return 'cause_and_remainder', f'{sentence} Something unnamed is left.{_far(found)}', sets
     if sets:
         return 'cannot_tell', (f'One of {", ".join(sets[0])}: this record cannot tell them '
                                f'apart. Best guess: {sentence}'), sets
     return 'cause', f'{sentence} Nothing else in the catalogue explains the record as well.', ()
+
+
+def _far(found: Search) -> str:
+    """Return which part is not as its file says, where that is what has no name."""
+    far = found.best.fit.discrepancy.far
+    return ''.join(f' A part is not as the robot file says: {p.name}, by {p.mean:+.2g} '
+                   f'{p.unit or "(of its logarithm)"}.' for p in part_estimates(found)
+                   if p.name == far)
 
 
 def _moved(found: Search) -> str:
