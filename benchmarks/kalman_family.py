@@ -41,7 +41,7 @@ class Arm:
     def __init__(self, robot: Robot, modes: int):
         self.arm = ExtendedArm(robot, 'assumed_modes', modes)
         self.schedule: PayloadSchedule = tabulated(robot, 'assumed_modes', modes, (),
-                                                   HEAVIEST_KG)[0]
+                                                   HEAVIEST_KG)
         self.told = told_noise(self.arm)
         self.output = self.arm.output_matrix / self.told[:, None]
         self.gains = np.array([drive.torque_gain for drive in robot.drives])
@@ -59,10 +59,10 @@ class Arm:
         jacobian = np.eye(n + 1)
         jacobian[:n, n] = sens[:, 0]
         wave = np.cos(state[1] * self.schedule.order)
-        increment = (wave @ piece.value).reshape(n, n + 4)
+        increment = (wave @ piece.value).reshape(n, -1)
         slope = -self.schedule.order * np.sin(state[1] * self.schedule.order)
         jacobian[:n, :n] += increment[:, :n]
-        jacobian[:n, 1] += (slope @ piece.value).reshape(n, n + 4)[:, :n + 2] \
+        jacobian[:n, 1] += (slope @ piece.value).reshape(n, -1)[:, :n + 2] \
             @ np.r_[state[:n], command]
         return np.r_[x, mass], jacobian, increment[:, n:n + 2]
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from extended_arms import arm, effect, ROBOT, stiff
+from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
+from flex_payload_estimator.estimators.rpe.forces import forces_of_motion, motion_rows
 from flex_plant_sim.arm.ritz import RitzShapes
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
@@ -50,6 +52,43 @@ def drawn_energy_and_momentum(robot: Robot, modes: int, p: Array, v: Array) -> t
                     + robot.elbow_inertia * hub**2)
     spin = place[:, 0] * speed[:, 1] - place[:, 1] * speed[:, 0]
     return float(energy), float(mass @ spin + rotors[0] * v[0] + robot.elbow_inertia * hub)
+
+
+def lagrange_force(robot: Robot, modes: int, p: Array, v: Array, rate: Array) -> Array:
+    """Return d/dt dT/dv - dT/dp of the drawn arm by differences, rate = v', N m and N, (N,)."""
+    h, unit = 1e-3, np.eye(p.size)
+
+    def energy(p: Array, v: Array) -> float:
+        return drawn_energy_and_momentum(robot, modes, p, v)[0]
+
+    def momentum(time: float) -> Array:
+        return np.array([energy(p + time * v, v + time * rate + e)
+                         - energy(p + time * v, v + time * rate - e) for e in unit]) / 2.0
+
+    slope = np.array([energy(p + h * e, v) - energy(p - h * e, v) for e in unit]) / (2.0 * h)
+    return np.asarray((momentum(h) - momentum(-h)) / (2.0 * h) - slope)
+
+
+@pytest.mark.parametrize('bent', [True, False])
+def test_the_estimator_s_forces_of_motion_are_lagrange_s_to_first_order(bent: bool) -> None:
+    """At speeds of the standard moves; rigid links' alone are off by what grows with the bend."""
+    modes, step = 2, 1e-5
+    extended = arm(modes=modes, step=step)
+    form, n = extended.form, extended.form.order
+    misses = []
+    for bend in (0.01, 0.005):
+        p = np.r_[0.3, 0.8, bend * np.array([1.0, 0.2, 0.7, -0.3])]
+        v = np.r_[1.2, -1.5, 5.0 * p[2:]]
+        rate = np.r_[3.0, -4.0, -60.0 * p[2:]]
+        eta = float(form.elbow_angle @ p)
+        true = form.mass_at(np.cos(eta), PAYLOAD) @ rate - lagrange_force(ROBOT, modes, p, v, rate)
+        half = 0.5 * step * np.r_[v, rate]
+        found = forces_of_motion(motion_rows(extended, bent), PAYLOAD, 1.0, np.r_[p, v] - half,
+                                 np.r_[p, v] + half, np.zeros((2 * n, n)))[0]
+        misses.append(np.linalg.norm(found - true) / np.linalg.norm(true))
+    # Second order in the deflections, or first.
+    assert misses[0] / misses[1] == pytest.approx(4.0 if bent else 2.0, rel=0.3)
+    assert misses[1] < 1e-3 if bent else misses[1] > 1e-2
 
 
 def coasting(*texts: str, step: float) -> Array:
@@ -139,6 +178,22 @@ def test_it_brings_the_arm_to_the_finite_elements() -> None:
                       / np.linalg.norm(true - true.mean(axis=0), axis=0))
     assert np.all(misses[0][:2] < 1e-4) and np.all(misses[0][2:] < 8e-3)
     assert np.all(misses[0] < 0.25 * misses[1])
+
+
+def test_the_estimator_finds_nature_s_share_of_the_forces_of_motion() -> None:
+    """On the finite elements, with noise; without what bent links add it finds 1.25."""
+    time, random = 0.01 * np.arange(400.0), np.random.default_rng(2)
+    held = 0.8 * np.column_stack([np.sin(2 * time) + 0.4 * np.sign(np.sin(1.3 * time)),
+                                  np.sin(3 * time) + 0.4 * np.sign(np.sin(1.7 * time))])
+    motion = truth.simulate(reference_arm(PAYLOAD), command=held)
+    true = np.hstack([motion.joint, motion.fine_strain[::motion.steps_per_sample]])
+    noise = np.array([ROBOT.angle_noise] * 2 + [ROBOT.strain_noise] * 4)
+    estimator = RecursivePredictionError(ROBOT, 'assumed_modes', 3)
+    before = np.vstack([np.zeros((1, 2)), held[:-1]])
+    for sample in zip(time.tolist(), true + noise * random.standard_normal(true.shape), before):
+        found = estimator.update(*sample)
+    assert estimator.incumbent.beta[1] == pytest.approx(1.0, abs=0.06)
+    assert found.mass == pytest.approx(PAYLOAD, rel=0.02)
 
 
 def test_it_is_no_cause_to_be_named() -> None:

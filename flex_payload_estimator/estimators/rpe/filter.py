@@ -35,8 +35,8 @@ class FilterStep:
     Parameters
     ----------
     schedule : PayloadSchedule
-    turning : Array
-        See schedule.turning_rows.
+    motion : tuple of Array
+        Of exact parts and of others, see forces.motion_rows.
     lineariser : Lineariser
     prior : Prior
     effects : EffectStep
@@ -51,10 +51,10 @@ class FilterStep:
 
     """
 
-    def __init__(self, schedule: PayloadSchedule, turning: Array, lineariser: Lineariser,
-                 prior: Prior, effects: EffectStep, told: Array, torque: Array, heaviest: float,
-                 start: Array):
-        self.schedule, self.turning, self.prior, self.effects = schedule, turning, prior, effects
+    def __init__(self, schedule: PayloadSchedule, motion: tuple[Array, Array],
+                 lineariser: Lineariser, prior: Prior, effects: EffectStep, told: Array,
+                 torque: Array, heaviest: float, start: Array):
+        self.schedule, self.motion, self.prior, self.effects = schedule, motion, prior, effects
         self.lineariser = lineariser
         self.exact, self.heaviest, self.start_cov = prior.exact(), heaviest, np.diag(start**2)
         free = prior.std[CORIOLIS] >= SHARE_STD
@@ -84,15 +84,15 @@ class FilterStep:
                       np.stack([np.zeros(channels), np.full(channels, np.inf)]))
 
     def _model(self, f: Filter) -> tuple[Any, ...]:
-        """Return what kernel.predict takes of the model, from its anchor to its turning rows."""
+        """Return what kernel.predict takes of the model, from its anchor to its motion rows."""
         if f.model is not None:
             return (f.model.anchor, self.schedule.order, f.model.value, f.model.slopes,
-                    f.model.parts_at(f.x[1]), 0.0, f.model.turning)
+                    f.model.parts_at(f.x[1]), 0.0, f.model.motion)
         piece, parts = self.schedule.cut(f.beta[MASS]), self._no_parts
         if f.mode.parts:
             parts = self.schedule.parts_at(f.beta[MASS], f.x[1])
         return (f.beta, self.schedule.order, piece.value, piece.slopes, parts,
-                f.beta[MASS] - piece.payload, self.turning)
+                f.beta[MASS] - piece.payload, self.motion[f.mode.parts])
 
     def _pushed(self, f: Filter, sample: Sample, loads: Loads) -> tuple[Any, ...]:
         return (sample.command, self._torque + sample.doubt, self._speed,

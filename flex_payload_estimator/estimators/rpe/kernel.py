@@ -3,13 +3,20 @@ The arithmetic of one step of the joint posterior of state, payload and parts, o
 
 Friedland's factored form of the augmented Kalman filter (IEEE Trans. Autom. Control 14, 1969):
 P is the state's covariance for known parameters beta, s = dx/dbeta, V the covariance of beta; the
-joint covariance is [P + s V s', s V; V s', V]. Columns of s: payload, share of the Coriolis
-forces, bias of each gauge; then, where parts count, each part and the gain of each gauge.
+joint covariance is [P + s V s', s V; V s', V]. Columns of s: payload, share of the forces of
+motion, bias of each gauge; then, where parts count, each part and the gain of each gauge.
 The same code runs with and without Numba.
 """
 
 from __future__ import annotations
 
+from flex_payload_estimator.estimators.rpe.forces import (
+    ACROSS,
+    ELBOW,
+    forces_of_motion,
+    PER_KG,
+    scheduling_row,
+)
 from flex_payload_estimator.estimators.rpe.products import (
     applied,
     combined,
@@ -46,33 +53,6 @@ def _off_nominal(parts: Array, anchor: Array, drive: Array, moved: Array, jacobi
 
 
 @compiled
-def _turn(x: Array, increment: Array, mass: float, share: float, turning: Array, matrix: Array,
-          drive: Array) -> tuple[Array, Array]:
-    """
-    Return what the Coriolis forces add to x at share 1, and their Jacobian at this share.
-
-    `drive` takes the two forces, at this share.
-    """
-    n, coordinates, held = x.size, turning.shape[1], x.size + 2
-    # From the middle of the step, so that the scheme is of second order.
-    middle = x + 0.5 * increment
-    rate = middle[coordinates:2 * coordinates].copy()
-    across = turning[1] + mass * turning[2]
-    elbow, sigma = inner(turning[0], rate), inner(across, rate)
-    root_1, root_2 = inner(turning[3], rate), inner(turning[4], rate)
-    sine = np.sin(middle[1] + share * inner(turning[5], middle[:coordinates]))
-    drive[held], drive[held + 1] = sine * sigma * root_2, -sine * elbow * root_1
-    push = matrix[:, held] * drive[held] + matrix[:, held + 1] * drive[held + 1]
-    drive[held:] *= share
-    rows = np.zeros((2, n))
-    rows[0, coordinates:2 * coordinates] = share * sine * (
-        sigma * turning[4] + root_2 * across)
-    rows[1, coordinates:2 * coordinates] = -share * sine * (
-        elbow * turning[3] + root_1 * turning[0])
-    return push, product(matrix[:, held:], rows)
-
-
-@compiled
 def _at(angles: Array, order: Array, value: Array, slopes: Array, away: float
         ) -> tuple[Array, Array, Array]:
     """Return M and its derivatives over the angle and over the payload, all flat."""
@@ -87,12 +67,12 @@ def _at(angles: Array, order: Array, value: Array, slopes: Array, away: float
 
 @compiled
 def predict(x: Array, cov: Array, sens: Array, anchor: Array, order: Array, value: Array,
-            slopes: Array, parts: Array, away: float, command: Array, turning: Array,
+            slopes: Array, parts: Array, away: float, command: Array, motion: Array,
             torque: Array) -> tuple[Array, Array, Array]:
     """
     Return state, covariance and sensitivity one sample later, delta form.
 
-    x+ = x + M d with d = (x, u, Coriolis forces) and M = sum_k cos(k angle) M_k(m) + parts' dM,
+    x+ = x + M d with d = (x, u, forces of motion) and M = sum_k cos(k angle) M_k(m) + parts' dM,
     s+ = s + J s + dM/dbeta d, P+ = (I + J) P (I + J)' + Q, J = d(M d)/dx.
 
     Parameters
@@ -109,34 +89,41 @@ def predict(x: Array, cov: Array, sens: Array, anchor: Array, order: Array, valu
         m - slice payload, kg.
     command : Array
         u held over the sample, (2,).
-    turning : Array
-        See ExtendedModel; (0, N) without Coriolis forces.
+    motion : Array
+        See forces.motion_rows; (0, N) without forces of motion.
     torque : Array
         Standard deviation of the command's disturbance, in its unit, (2,).
 
     """
-    n, turns, lean = x.size, len(turning) > 0, 0.0
-    if turns:
-        lean = inner(turning[5], x[:turning.shape[1]])
-    flat, flat_angle, flat_m = _at((x[1] + anchor[CORIOLIS] * lean) * order, order, value, slopes,
+    n, moves, share = x.size, len(motion) > 0, anchor[CORIOLIS]
+    lean = scheduling_row(motion, n) if moves else np.zeros(n)
+    beyond = inner(lean, x)
+    flat, flat_angle, flat_m = _at((x[1] + share * beyond) * order, order, value, slopes,
                                    away)
-    matrix, drive = flat.reshape(n, n + 4), np.zeros(n + 4)
+    held = flat.size // n
+    matrix, drive = flat.reshape(n, held), np.zeros(held)
     drive[:n], drive[n:n + 2] = x, command
     moved, jacobian = np.zeros((n, anchor.size)), matrix[:, :n].copy()
     increment = applied(matrix, drive)
     if len(parts) > 0:
         increment = increment + _off_nominal(parts, anchor, drive, moved, jacobian)
-    if turns:
-        push, bent = _turn(x, increment, anchor[MASS], anchor[CORIOLIS], turning, matrix, drive)
-        increment, jacobian = increment + anchor[CORIOLIS] * push, jacobian + bent
-        moved[:, CORIOLIS] = push
-    moved[:, MASS] = applied(flat_m.reshape(n, n + 4), drive)
-    turned = applied(flat_angle.reshape(n, n + 4), drive)
-    if turns:
-        moved[:, CORIOLIS] += lean * turned
-        jacobian[:, :turning.shape[1]] += product(turned.reshape(-1, 1),
-                                                  anchor[CORIOLIS] * turning[5:])
-    jacobian[:, 1] += turned
+    if moves:
+        push = matrix[:, n + 2:].copy()
+        force, slope, over_m = forces_of_motion(motion, anchor[MASS], share, x, x + increment,
+                                                push)
+        drive[n + 2:] = share * force
+        increment = increment + applied(push, drive[n + 2:])
+        across = motion[ACROSS] + anchor[MASS] * motion[PER_KG]
+        jacobian += product(share * applied(push, motion[ELBOW]).reshape(-1, 1), slope[:1])
+        jacobian += product(share * applied(push, across).reshape(-1, 1), slope[1:])
+        moved[:, CORIOLIS] = applied(push, force)
+        moved[:, MASS] = share * applied(push, over_m)
+    moved[:, MASS] += applied(flat_m.reshape(n, held), drive)
+    turned = applied(flat_angle.reshape(n, held), drive)
+    moved[:, CORIOLIS] += beyond * turned
+    lean *= share
+    lean[1] += 1.0
+    jacobian += product(turned.reshape(-1, 1), lean.reshape(1, -1))
     noise, half = matrix[:, n:n + 2] * torque, product(jacobian, cov)
     cov = cov + half + half.T + squared(half, jacobian) + squared(noise, noise)
     return x + increment, cov, sens + product(jacobian, sens) + moved

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from flex_payload_estimator.estimators.rpe.forces import motion_rows
 from flex_payload_estimator.estimators.rpe.kernel import MASS
 from flex_payload_estimator.estimators.rpe.schedule import (
     ANGLE_TERMS,
@@ -13,7 +14,6 @@ from flex_payload_estimator.estimators.rpe.schedule import (
     Kept,
     KEPT_PARTS,
     PART_ANGLE,
-    turning_rows,
 )
 from flex_plant_sim.arm.parts import Part
 from flex_plant_sim.arm.robot import Robot
@@ -42,8 +42,8 @@ class Linearised:
         Derivatives of T [A B], (K', p n (n + 2)).
     count : int
         p.
-    turning : Array
-        See schedule.turning_rows.
+    motion : Array
+        See forces.motion_rows.
 
     """
 
@@ -52,7 +52,7 @@ class Linearised:
     slopes: Array
     parts: Array
     count: int
-    turning: Array
+    motion: Array
     angles: Kept = field(default_factory=lambda: Kept(KEPT_PARTS))
 
     def parts_at(self, angle: float) -> Array:
@@ -105,7 +105,7 @@ class Lineariser:
         bare = anchor.copy()
         bare[columns] = 0.0
         return Linearised(bare, np.ascontiguousarray(value),
-                          slope[None], rows, len(self.parts), turning_rows(arm))
+                          slope[None], rows, len(self.parts), motion_rows(arm))
 
     def _slopes(self, robot: Robot, base: Array, mass: float) -> Array:
         """Return the derivatives over the parts, (K', p n (n + 2))."""

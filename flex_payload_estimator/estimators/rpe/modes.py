@@ -5,8 +5,8 @@ A hypothesis is a mode: how far model and payload may be from what they are told
 incumbent gives the estimate; trials run beside it from the incumbent's knowledge, and each may
 take its place for what it gains in log-likelihood over it since it began:
 
-* `moved`: the payload walks at random. Always one runs; where it loses it begins again, so that
-  its beginning is the time of a change (Page's cumulative sum, Biometrika 41, 1954).
+* `moved`: the payload walks at random. Always one runs; where it loses it begins again. Where its
+  gain was least is the time of a change (Page's cumulative sum, Biometrika 41, 1954).
 * `still`: beside an incumbent whose payload walks, one whose payload stands still.
 * `other`: the other modes take turns, and come at once where the incumbent does not fit.
 * `again`: the incumbent's own mode from the prior, linearised about what the incumbent has found;
@@ -152,6 +152,8 @@ class Modes:
             trial.age, trial.time = trial.age + took, trial.time + self.stepper.step_time
             trial.square += took * trial.runner.square
             trial.gain += self._gained(trial, incumbent)
+            if trial.kind == 'moved' and trial.gain < trial.lowest:
+                trial.lowest, trial.since = trial.gain, sample.time
             if level(trial.runner.mode) > level(incumbent.mode):
                 # What it was behind before counts no longer: from now on the model may be wrong.
                 if trial.gain <= 0.0 or trial.age < 0.0:

@@ -65,7 +65,7 @@ def followed(table: Array, share: float, output: Array, command: Array, speed: A
 @compiled
 def ahead(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor: Array,
           held: bool, about: Array, order: Array, value: Array, slopes: Array, parts: Array,
-          away: float, turning: Array, command: Array, doubt: Array, speed: Array, error: float,
+          away: float, motion: Array, command: Array, doubt: Array, speed: Array, error: float,
           walked: float, loads: Array) -> None:
     """
     Bring a filter one sample on: x, P, s and V.
@@ -74,7 +74,7 @@ def ahead(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor:
     ----------
     x, cov, sens, beta, spread, anchor, held
         See kernel.correct.
-    about, order, value, slopes, parts, away, turning
+    about, order, value, slopes, parts, away, motion
         The model; see kernel.predict, whose anchor `about` is.
     command, doubt : Array
         u, (2,), and the variance of its disturbance, (2,).
@@ -92,7 +92,7 @@ def ahead(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor:
         net = command - applied(speed, state_of(x, sens, beta, anchor, held))
         doubt = doubt + error * np.maximum(loads[DRIVE, :2], net * net)
     x[:], cov[:], sens[:] = predict(x, cov, sens, about, order, value, slopes, parts, away,
-                                    command, turning, np.sqrt(doubt))
+                                    command, motion, np.sqrt(doubt))
     if walked > 0.0:
         cov[:], sens[:], spread[:] = walk(cov, sens, spread, walked)
 
@@ -148,12 +148,12 @@ def learnt(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor
 @compiled
 def stepped(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor: Array,
             held: bool, about: Array, order: Array, value: Array, slopes: Array, parts: Array,
-            away: float, turning: Array, command: Array, doubt: Array, speed: Array, push: float,
+            away: float, motion: Array, command: Array, doubt: Array, speed: Array, push: float,
             walked: float, loads: Array, record: Array, reading: Array, measured: Array,
             offset: Array, output: Array, told: Array, error: float, least: float, gains: int,
             heaviest: float, step: float) -> tuple[float, float, float]:
     """Do both: `push` is the error of `ahead`, `error` that of `learnt`."""
     ahead(x, cov, sens, beta, spread, anchor, held, about, order, value, slopes, parts, away,
-          turning, command, doubt, speed, push, walked, loads)
+          motion, command, doubt, speed, push, walked, loads)
     return learnt(x, cov, sens, beta, spread, anchor, held, loads, record, reading, measured,
                   offset, output, told, error, least, gains, heaviest, step)

@@ -8,7 +8,7 @@ from functools import cached_property, lru_cache
 import math
 
 from flex_payload_estimator.estimators.rpe.kernel import CORIOLIS, FIRST_BIAS, MASS
-from flex_payload_estimator.estimators.rpe.schedule import Mixture, PayloadSchedule, turning_rows
+from flex_payload_estimator.estimators.rpe.schedule import Mixture, PayloadSchedule
 from flex_plant_sim.arm.parts import gauge_parts, Part, robot_parts
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
@@ -170,9 +170,9 @@ def prior_of(robot: Robot, effects: Sequence[Effect], turns: bool) -> Prior:
 
 @lru_cache(maxsize=4)
 def tabulated(robot: Robot, model: str, modes: int, effects: tuple[Effect, ...],
-              heaviest: float) -> tuple[PayloadSchedule, Array]:
+              heaviest: float) -> PayloadSchedule:
     """
-    Return the schedule over the parts, and the rows of the Coriolis forces; some are kept.
+    Return the schedule over the parts; some are kept.
 
     Derivatives are central differences over the tolerances; an inertia that is zero only grows.
     """
@@ -188,5 +188,4 @@ def tabulated(robot: Robot, model: str, modes: int, effects: tuple[Effect, ...],
         return [(other, 0.5 * share) for other, share in (
             changed(part, sign * part.tolerance) for sign in (1.0, -1.0))]
 
-    return (PayloadSchedule.of(arm, heaviest, [slope(part) for part in moving_parts(robot)]),
-            turning_rows(arm))
+    return PayloadSchedule.of(arm, heaviest, [slope(part) for part in moving_parts(robot)])

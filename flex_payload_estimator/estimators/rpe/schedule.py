@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 import math
 from typing import Any
 
+from flex_payload_estimator.estimators.rpe.forces import moves
 from flex_plant_sim.arm.schedule import barycentric_weights, chebyshev_nodes
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.arm.state_space import zero_order_hold
-from flex_plant_sim.effects.mechanics.kinematics import is_energy_form, root_row
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 
@@ -57,7 +57,7 @@ class PayloadSlice:
     payload : float
         kg.
     value : Array
-        T [A B D], (K, W), W = n (n + 4).
+        T [A B E], (K, W), W = n (n + 2 + N), N = 0 without forces of motion.
     slopes : Array
         d/dm and d^2/dm^2, (2, K, W).
 
@@ -87,16 +87,16 @@ class Kept:
 @dataclass(frozen=True)
 class PayloadSchedule:
     """
-    T [A B D] of the delta model x+ = x + T (A x + B u + D c), over theta_2 and m.
+    T [A B E] of the delta model x+ = x + T (A x + B u + E f), over theta_2 and m.
 
-    D c are the Coriolis forces: c = sin(eta) (sigma w_2, -epsilon w_1), see CoriolisCentripetal.
+    f are the forces of motion, see forces.py.
 
     Attributes
     ----------
     axis, coarse_axis : Array
         Chebyshev nodes of the payload axis, on [-1, 1].
     table : Array
-        (L, K W), W = n (n + 4).
+        (L, K W), W as of a PayloadSlice.
     parts : Array
         Derivatives of T [A B] over part parameters, (L', K' p n (n + 2)).
     slope : Array
@@ -211,7 +211,7 @@ def _payloads(axis: Array, span: float, soft: float) -> Array:
 
 
 def coefficients(arm: ExtendedArm, terms: int, payloads: Array, forces: bool = True) -> Array:
-    """Return the series coefficients of int_0^T exp(A s) ds [A B D], (L, terms W)."""
+    """Return the series coefficients of int_0^T exp(A s) ds [A B E], (L, terms W)."""
     transform, cosines = cosine_transform(terms), chebyshev_nodes(terms)
     layers = []
     for payload in payloads:
@@ -219,33 +219,8 @@ def coefficients(arm: ExtendedArm, terms: int, payloads: Array, forces: bool = T
         loaded.nodes = cosines
         plant = loaded.plant
         inputs = [plant.a, plant.b]
-        if forces:
-            inputs.append(_coriolis_columns(arm, float(payload), plant.e))
+        if forces and moves(arm):
+            inputs.append(plant.e)
         _, increments = zero_order_hold(plant.a, np.concatenate(inputs, axis=-1), arm.step_time)
         layers.append((transform @ increments.reshape(terms, -1)).ravel())
     return np.stack(layers)
-
-
-def turning_rows(arm: ExtendedArm) -> Array:
-    """
-    Return what the Coriolis forces are made of, over the coordinates, (6, N).
-
-    Rows: the elbow's velocity e, the static moment s of lower link and payload as s_0 + m s_1,
-    the rotation rates w_1 and w_2 of the links' roots, and the angle between the links less
-    theta_2. (0, N) for the paper's forms, which are not made from an energy.
-    """
-    form = arm.form
-    if arm.compact is not None or not is_energy_form(form):
-        return np.zeros((0, form.order))
-    lean = form.elbow_angle.copy()
-    lean[1] -= 1.0
-    return np.array([form.field[0, 1], form.field[1, 0], form.field[1, 1], root_row(form, 0),
-                     root_row(form, 1), lean])
-
-
-def _coriolis_columns(arm: ExtendedArm, payload: float, push: Array) -> Array:
-    """Return the columns D of the two Coriolis forces in the state's rate, (terms, n, 2)."""
-    rows = turning_rows(arm)
-    if not len(rows):
-        return np.zeros((*push.shape[:2], 2))
-    return push @ np.column_stack([rows[0], rows[1] + payload * rows[2]])

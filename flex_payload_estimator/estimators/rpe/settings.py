@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from flex_payload_estimator.estimators.rpe.effects import EffectStep
 from flex_payload_estimator.estimators.rpe.filter import FilterStep
+from flex_payload_estimator.estimators.rpe.forces import motion_rows, moves
 from flex_payload_estimator.estimators.rpe.kernel import FIRST_BIAS
 from flex_payload_estimator.estimators.rpe.linearised import Lineariser
 from flex_payload_estimator.estimators.rpe.prior import moving_parts, prior_of, tabulated
@@ -14,6 +15,7 @@ from flex_payload_estimator.estimators.rpe.sensors import start_spread, told_noi
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.effects.structure.coriolis_centripetal import CoriolisCentripetal
+from flex_plant_sim.effects.structure.foreshortening import Foreshortening
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from msg_config.errors import InputError
 import numpy as np
@@ -50,15 +52,22 @@ class RpeSettings:
 
 def stepper_of(robot: Robot, model: str, modes: int, effects: Sequence[Effect],
                settings: RpeSettings) -> FilterStep:
-    """Return what steps the filters of a robot; its Coriolis forces are a parameter."""
-    others = tuple(e for e in effects if not isinstance(e, CoriolisCentripetal))
+    """
+    Return what steps the filters of a robot; its forces of motion are a parameter.
+
+    An exact arm is what the simulator makes of the robot file; nature bends its links as well.
+    """
+    others = tuple(e for e in effects
+                   if not isinstance(e, (CoriolisCentripetal, Foreshortening)))
+    bent = any(isinstance(e, Foreshortening) for e in effects)
     arm = ExtendedArm(robot, model, modes, effects=others)
     heaviest = settings.payload_max or 4.0 * robot.links[1].mass + 2.0 * robot.payload_mass
     bare = replace(robot, effects=(), angle_noise=1.0, strain_noise=1.0)
-    schedule, turning = tabulated(bare, model, modes, others, heaviest)
+    schedule = tabulated(bare, model, modes, others, heaviest)
+    motion = motion_rows(arm, bent), motion_rows(arm)
     gains = np.array([drive.torque_gain for drive in robot.drives])
     lineariser = Lineariser(bare, moving_parts(robot), FIRST_BIAS + len(robot.gauge_names), model,
                             modes, others, schedule.soft_mass)
-    return FilterStep(schedule, turning, lineariser, prior_of(robot, effects, len(turning) > 0),
+    return FilterStep(schedule, motion, lineariser, prior_of(robot, effects, moves(arm)),
                       EffectStep(arm), told_noise(arm), np.asarray(settings.torque_noise) / gains,
                       heaviest, start_spread(arm))

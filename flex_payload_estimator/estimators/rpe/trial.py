@@ -18,11 +18,11 @@ class Trial:
         'moved', 'still', 'other', 'again' or 'former'.
     runner : Filter
     since : float
-        When it began, s.
+        When it began, s; of a walking payload, when it was furthest behind: the time of a change.
     mass : float
         The incumbent's payload then, kg.
-    gain : float
-        Log-likelihood over the incumbent's since then.
+    gain, lowest : float
+        Log-likelihood over the incumbent's since it began, and the least that it was.
     age : float
         How long it has run, s; a trial of another mode, while the modes differ.
     time : float
@@ -41,6 +41,7 @@ class Trial:
     since: float
     mass: float
     gain: float = 0.0
+    lowest: float = 0.0
     age: float = 0.0
     time: float = 0.0
     square: float = 0.0

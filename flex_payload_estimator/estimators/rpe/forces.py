@@ -1,0 +1,158 @@
+"""
+The forces of motion: Coriolis and centripetal ones, and what bent links add to first order.
+
+They are those of the effects CoriolisCentripetal and Foreshortening, which follow from one energy;
+here for one step of a filter, with the payload that it believes.
+"""
+
+from __future__ import annotations
+
+from flex_payload_estimator.estimators.rpe.products import applied, inner
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.compiled import compiled
+from flex_plant_sim.effects.mechanics.bending import bending_terms, BendingTerms
+from flex_plant_sim.effects.mechanics.bending_step import momentum, slopes
+from flex_plant_sim.effects.mechanics.kinematics import is_energy_form, root_row
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+import numpy as np
+
+# Rows of `motion_rows`: the elbow's velocity e, the static moment s_0 and s_1 of lower link and
+# payload, the rates w_1 and w_2 of the links' roots, the angle between the links; then what is a
+# deflection of the upper link; BendingTerms' numbers and the step, without payload and per kg of
+# it; its over_position likewise.
+ELBOW, ACROSS, PER_KG, ROOT_1, ROOT_2, ANGLE, UPPER, NUMBERS, FIRST = *range(8), 9
+# Bent links' forces go with the acceleration, and so with themselves: the second evaluation leaves
+# 2e-4 of them under square commands of 0.5 rad/s and 1e-2 at 1.5 rad/s, set beside the simulator's
+# step of Newton's (reference arm, 0.1 kg).
+PASSES = 2
+
+
+def moves(arm: ExtendedArm) -> bool:
+    """Tell whether an arm has forces of motion: the paper's equations, of no energy, have none."""
+    return arm.compact is None and is_energy_form(arm.form)
+
+
+def motion_rows(arm: ExtendedArm, bent: bool = True) -> Array:
+    """
+    Return what the forces of motion are made of, over the coordinates.
+
+    Parameters
+    ----------
+    arm : ExtendedArm
+        The model.
+    bent : bool
+        With what bent links add.
+
+    Returns
+    -------
+    Array
+        (15 + 4 N, N), or (6, N) of rigid links' alone; (0, N) for an arm without.
+
+    """
+    form = arm.form
+    if not moves(arm):
+        return np.zeros((0, form.order))
+    rigid = np.vstack([form.field[0, 1], form.field[1], root_row(form, 0), root_row(form, 1),
+                       form.elbow_angle])
+    if not bent:
+        return rigid
+    empty, loaded = (bending_terms(form, arm.robot, payload) for payload in (0.0, 1.0))
+    numbers = np.zeros((2, form.order))
+    for row, terms in zip(numbers, (empty, loaded)):
+        row[:4] = terms.carried, *terms.most, arm.step_time
+    numbers[1] -= numbers[0]
+    return np.vstack([rigid, empty.upper, numbers, empty.over_position,
+                      loaded.over_position - empty.over_position])
+
+
+@compiled
+def terms_at(rows: Array, mass: float) -> BendingTerms:
+    """Return the terms of an arm with a payload, kg; see bending.bending_terms."""
+    size = (len(rows) - FIRST) // 2
+    over_position = rows[FIRST:FIRST + size] + mass * rows[FIRST + size:]
+    n = rows.shape[1]
+    over_velocity = np.empty((4 + n, n))
+    over_velocity[0], over_velocity[1] = rows[ROOT_1], rows[ROOT_2]
+    over_velocity[2] = rows[ELBOW]
+    over_velocity[3] = rows[ACROSS] + mass * rows[PER_KG]
+    over_velocity[4:] = over_position[3:3 + n]
+    numbers = rows[NUMBERS] + mass * rows[NUMBERS + 1]
+    return BendingTerms(over_position, over_velocity, rows[UPPER], numbers[0],
+                        (numbers[1], numbers[2]))
+
+
+@compiled
+def rigid_force(rows: Array, mass: float, middle: Array) -> tuple[Array, Array, Array]:
+    """
+    Return sin(eta) (sigma w_2 e - epsilon w_1 s), (N,), at the middle of a step.
+
+    Then its derivatives: what e and what s are multiplied with over the state, (2, n), and the
+    force over the payload, (N,).
+    """
+    n = rows.shape[1]
+    rate = middle[n:2 * n].copy()
+    across = rows[ACROSS] + mass * rows[PER_KG]
+    epsilon, sigma = inner(rows[ELBOW], rate), inner(across, rate)
+    w_1, w_2 = inner(rows[ROOT_1], rate), inner(rows[ROOT_2], rate)
+    angle = inner(rows[ANGLE], middle[:n].copy())
+    sine, cosine = np.sin(angle), np.cos(angle)
+    along, beside = sigma * w_2, -epsilon * w_1
+    slope = np.zeros((2, middle.size))
+    slope[0, :n], slope[1, :n] = cosine * along * rows[ANGLE], cosine * beside * rows[ANGLE]
+    slope[0, n:2 * n] = sine * (sigma * rows[ROOT_2] + w_2 * across)
+    slope[1, n:2 * n] = -sine * (epsilon * rows[ROOT_1] + w_1 * rows[ELBOW])
+    over_mass = sine * (inner(rows[PER_KG], rate) * w_2 * rows[ELBOW] + beside * rows[PER_KG])
+    return sine * (along * rows[ELBOW] + beside * across), slope, over_mass
+
+
+@compiled
+def bent_force(terms: BendingTerms, before: Array, start: Array, after: Array, step: float
+               ) -> Array:
+    """Return Foreshortening's mean force over a step from `start`, of momentum `before`, (N,)."""
+    return slopes(terms, 0.5 * (start + after)) - (momentum(terms, after) - before) / step
+
+
+@compiled
+def forces_of_motion(rows: Array, mass: float, share: float, x: Array, after: Array, push: Array
+                     ) -> tuple[Array, Array, Array]:
+    """
+    Return the forces of motion over a step at share 1, (N,), and the rigid links' derivatives.
+
+    Parameters
+    ----------
+    rows : Array
+        See motion_rows.
+    mass, share : float
+        Payload, kg, and what share of the forces acts.
+    x, after : Array
+        State before the step and, without these forces, after it, (n,).
+    push : Array
+        What a unit of each force does to the state, (n, N).
+
+    """
+    # From the middle of the step, so that the scheme is of second order.
+    force, slope, over_mass = rigid_force(rows, mass, 0.5 * (x + after))
+    if len(rows) > NUMBERS:
+        terms, step = terms_at(rows, mass), rows[NUMBERS, 3]
+        before = momentum(terms, x)
+        for _ in range(PASSES):
+            guess = after + share * applied(push, force)
+            force, slope, over_mass = rigid_force(rows, mass, 0.5 * (x + guess))
+            force = force + bent_force(terms, before, x, guess, step)
+    return force, slope, over_mass
+
+
+@compiled
+def scheduling_row(rows: Array, states: int) -> Array:
+    """
+    Return by what the angle of the schedule is beyond theta_2 at share 1, over the state, (n,).
+
+    See stepping.schedule_row: the angle between the links, with bent links' forces that in the
+    middle of the step.
+    """
+    row, order = np.zeros(states), rows.shape[1]
+    row[:order] = rows[ANGLE]
+    row[1] -= 1.0
+    if len(rows) > NUMBERS:
+        row[order:2 * order] = 0.5 * rows[NUMBERS, 3] * rows[ANGLE]
+    return row
