@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from functools import partial
 from importlib import resources
+import operator
 from pathlib import Path
 import time
 from typing import Any, TYPE_CHECKING
@@ -178,3 +179,28 @@ def test_without_an_estimator_every_sample_is_answered_with_the_last_payload(
     bench.sample(8)
     loop.until(lambda: 8 * STEP in bench.answers.stamps)
     assert bench.node.controller._mass < 0.3, 'no faster than a gripper closes'
+
+
+@pytest.mark.parametrize('ahead', [True, False])
+def test_payloads_in_time_are_waited_for_again_whichever_comes_first(
+    loop: RosLoop, ahead: bool,
+) -> None:
+    from msg_config.messages import inertia_message
+
+    bench = Bench(loop, 'controller', adapt=True, watchdog=0.0)
+    inertia = loop.publisher('payload/inertia')
+    for k in range(3):
+        bench.sample(k)
+    loop.until(lambda: STEP in bench.answers.stamps)
+    assert bench.node._late
+    for k in range(3, 16):
+        stamp = k * STEP
+        if ahead:
+            inertia.publish(inertia_message(stamp, 0.2))
+            loop.until(partial(operator.contains, bench.node._masses, stamp))
+        bench.sample(k)
+        loop.until(partial(lambda at: at in bench.answers.stamps or not bench.node._late, stamp))
+        if not ahead:
+            inertia.publish(inertia_message(stamp, 0.2))
+            loop.wait(0.02)
+    assert not bench.node._late

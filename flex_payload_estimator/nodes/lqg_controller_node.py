@@ -126,6 +126,8 @@ class LQGControllerNode(SampleNode):
             self._waiting = sample
             return None
         self._waiting = None
+        if sample.stamp in self._masses:
+            self._count_in_time(True)
         return self._control(sample, self._masses.pop(sample.stamp, self._last_mass))
 
     def _on_inertia(self, message: InertiaStamped) -> None:
@@ -139,11 +141,11 @@ class LQGControllerNode(SampleNode):
             if len(self._masses) > EARLY:
                 del self._masses[min(self._masses)]
         else:
-            self._count_in_time(stamp)
+            self._count_in_time(stamp == self.order.last)
 
-    def _count_in_time(self, stamp: int) -> None:
+    def _count_in_time(self, in_time: bool) -> None:
         """Wait for payloads again once a number of them came before the next sample."""
-        self._in_time = self._in_time + 1 if stamp == self.order.last else 0
+        self._in_time = self._in_time + 1 if in_time else 0
         self._late = self._late and self._in_time < IN_TIME
 
     def _control(self, sample: Sample, mass: float) -> Any:
