@@ -58,10 +58,11 @@ def checked_stamp(message: Any, topic: str) -> int:
 
     """
     stamp = message.header.stamp
-    if stamp.sec < 0 or stamp.nanosec >= NANOSECONDS:
+    whole, rest = stamp.sec, stamp.nanosec
+    if whole < 0 or rest >= NANOSECONDS:
         raise InputError(f'{topic}: header.stamp: expected sec >= 0 and nanosec < 1e9, '
-                         f'got {stamp.sec} and {stamp.nanosec}')
-    return stamp_of(message)
+                         f'got {whole} and {rest}')
+    return int(whole) * NANOSECONDS + int(rest)
 
 
 def set_stamp(message: Any, stamp: int) -> None:

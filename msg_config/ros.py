@@ -6,7 +6,7 @@ from collections.abc import Callable
 from difflib import get_close_matches
 from importlib import import_module
 import inspect
-from time import time_ns
+from time import monotonic, time_ns
 from typing import Any
 
 from msg_config.contract import load_services, load_topics, Qos
@@ -29,6 +29,8 @@ from rclpy.service import Service
 from rclpy.subscription import Subscription
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
+# s; discovery takes longer.
+LOOK_INTERVAL = 0.01
 _MESSAGE_AND_INFO = inspect.signature(lambda message, info: None)
 
 
@@ -119,6 +121,29 @@ def payload_message(mass: float, variance: float, p: float) -> Float64MultiArray
     return message
 
 
+class Audience:
+    """
+    Whether anybody listens to a publisher, looked up every LOOK_INTERVAL at most.
+
+    To ask the middleware at every sample takes as long as to send a message.
+
+    Parameters
+    ----------
+    publisher : Publisher
+
+    """
+
+    def __init__(self, publisher: Publisher):
+        self._publisher, self._looked, self._there = publisher, -LOOK_INTERVAL, False
+
+    def __bool__(self) -> bool:
+        """Return whether somebody listens."""
+        now = monotonic()
+        if now - self._looked >= LOOK_INTERVAL:
+            self._looked, self._there = now, self._publisher.get_subscription_count() > 0
+        return self._there
+
+
 class PayloadPublisher:
     """
     Publishes payload, payload/inertia and payload_stamped of the same stamp.
@@ -134,6 +159,7 @@ class PayloadPublisher:
     def __init__(self, node: Node):
         self._publishers = [create_publisher(node, name)
                             for name in ('payload', 'payload/inertia', 'payload_stamped')]
+        self._audience = Audience(self._publishers[2])
         self._payload = MessageWriter(payload_message(0.0, 0.0, 0.0), 'data')
         self._inertia = MessageWriter(inertia_message(0, 0.0), 'header', 'inertia.m')
         self._stamped = MessageWriter(joint_state(0, ('payload',), (0.0,), effort=(0.0,)),
@@ -151,7 +177,7 @@ class PayloadPublisher:
         payload, inertia, stamped = self._publishers
         payload.publish(messages[0])
         inertia.publish(messages[1])
-        if stamped.get_subscription_count():
+        if self._audience:
             stamped.publish(messages[2])
 
 

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from struct import calcsize, Struct
 import sys
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 from msg_config.errors import InputError
@@ -126,7 +127,8 @@ class MessageReader:
     Reads the messages of a topic.
 
     A message is the last one with other numbers wherever all else in it is the same; any other is
-    read by rclpy, and learnt. Keep no message beyond the next: it is the same object.
+    read by rclpy, and learnt. It has the message's fields, and none of its class's checks, which
+    are calls of Python. Keep no message beyond the next: it is the same object.
 
     Parameters
     ----------
@@ -162,7 +164,7 @@ class MessageReader:
 
     def _learnt(self, data: bytes) -> Any:
         try:
-            message = deserialize_message(data, self._kind)
+            message = _plain(deserialize_message(data, self._kind))
         except Exception as error:  # noqa: B902  rclpy's own class of it is not exported
             raise InputError(f'{self._topic}: expected a {self._kind.__name__}, got '
                              f'{len(data)} bytes that are none ({type(error).__name__})') from None
@@ -181,6 +183,15 @@ class MessageReader:
         self._unpack = Struct(_with_gaps(single, len(data))).unpack
         self._sequences = [(*_owner(message, number.field), number.start, number.end)
                            for number in layout.numbers if number not in single]
+
+
+def _plain(message: Any) -> Any:
+    """Return a message's fields as plain attributes."""
+    fields = {}
+    for name, slot in zip(message.get_fields_and_field_types(), message.SLOT_TYPES):
+        value = getattr(message, name)
+        fields[name] = _plain(value) if isinstance(slot, NamespacedType) else value
+    return SimpleNamespace(**fields)
 
 
 def _owner(message: Any, field: str) -> tuple[Any, str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 from struct import pack
+from types import SimpleNamespace
 from typing import Any
 
 from geometry_msgs.msg import InertiaStamped
@@ -34,6 +35,14 @@ def inertia(chance: random.Random) -> InertiaStamped:
     return InertiaStamped(header=Header(frame_id=chance.choice(NAMES)))
 
 
+def same(found: Any, message: Any) -> bool:
+    """Return whether a message and those in it have the same fields."""
+    if not isinstance(found, SimpleNamespace):
+        return bool(found == message)
+    return all(same(getattr(found, name), getattr(message, name))
+               for name in message.get_fields_and_field_types())
+
+
 def renumber(message: Any, chance: random.Random) -> None:
     """Give a message other numbers."""
     message.header.stamp.sec = chance.randrange(-2**31, 2**31)
@@ -59,7 +68,8 @@ def test_what_is_read_is_what_rclpy_reads(make: Any) -> None:
             renumber(message, chance)
             data = bytearray(serialize_message(message))
             last, found = read._message if read._size > 0 else None, read(bytes(data))
-            assert found == message == deserialize_message(bytes(data), type(message))
+            assert same(found, message)
+            assert message == deserialize_message(bytes(data), type(message))
             known += found is last
     # All but the first of each are read without rclpy.
     assert known == 3 * 60
@@ -71,13 +81,13 @@ def test_other_names_lengths_or_frames_are_noticed() -> None:
     for _ in range(300):
         message = joint_state(chance)
         renumber(message, chance)
-        assert read(serialize_message(message)) == message
+        assert same(read(serialize_message(message)), message)
     one = JointState(name=['a', 'b'], position=[1.0, 2.0])
     for other in (JointState(name=['a', 'c'], position=[1.0, 2.0]),
                   JointState(name=['a', 'b'], velocity=[1.0, 2.0]),
                   JointState(header=Header(frame_id='m'), name=['a', 'b'], position=[1.0, 2.0])):
         read(serialize_message(one))
-        assert read(serialize_message(other)) == other
+        assert same(read(serialize_message(other)), other)
 
 
 def test_the_other_byte_order_and_what_stands_in_gaps() -> None:
@@ -89,7 +99,7 @@ def test_the_other_byte_order_and_what_stands_in_gaps() -> None:
     start = data.index(b'a\0')
     data[start + 2:start + 4] = b'?!'
     assert read(bytes(data)) is read._message
-    assert read._message == message
+    assert same(read._message, message)
     big = b'\0\0\0\0' + pack('>iI', 7, 8) + pack('>I4x', 1) + pack('>I', 0) \
         + pack('>I', 1) + pack('>d', 0.5) + pack('>II', 0, 0)
     found = read(big)
@@ -124,4 +134,4 @@ def test_every_topic_of_one_publisher_can_be_read() -> None:
             kind = interface_class(topic.type)
             read = MessageReader(kind, name)
             for _ in range(2):
-                assert read(serialize_message(kind())) == kind()
+                assert same(read(serialize_message(kind())), kind())

@@ -33,11 +33,12 @@ class CommandLimiter:
 
     def __call__(self, wanted: Array, time: float) -> Array:
         """Return the command to send a time, s, after the last one; it holds what is no number."""
-        command = np.where(np.isfinite(wanted), wanted, self.sent)
-        if self.slew:
-            step = self.slew * time
-            command = np.clip(command, self.sent - step, self.sent + step)
-        self.sent = np.clip(command, -self.limit, self.limit)
+        step = self.slew * time if self.slew else math.inf
+        sent = []
+        for new, last in zip(wanted.tolist(), self.sent.tolist()):
+            near = min(max(new, last - step), last + step) if math.isfinite(new) else last
+            sent.append(min(max(near, -self.limit), self.limit))
+        self.sent = np.array(sent)
         return self.sent
 
 

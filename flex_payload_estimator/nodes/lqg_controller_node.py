@@ -157,7 +157,7 @@ class LQGControllerNode(SampleNode):
             self.reject(
                 'joint_states', f'joint_states, strain: at {sample.time:.12g} s too far from the '
                 'prediction', 'outlier')
-        if not np.all(np.isfinite(command)):
+        if not all(map(math.isfinite, command.tolist())):
             self.reject('command', f'the command at {sample.time:.9g} s is not finite; the one '
                                    'before is kept', 'not finite')
         elif self._blind:
@@ -168,7 +168,7 @@ class LQGControllerNode(SampleNode):
 
     def _begin_again_if_lost(self, sample: Sample) -> None:
         """Count samples that say nothing; after the watchdog's time the prediction is lost."""
-        if not np.isfinite(sample.output).all():
+        if not all(map(math.isfinite, sample.output.tolist())):
             self._blind += 1
             return
         if self._blind * self.robot.sample_time > self.values['watchdog'] > 0.0:

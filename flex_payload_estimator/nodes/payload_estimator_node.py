@@ -24,7 +24,7 @@ from msg_config.messages import (
     JOINTS,
     NANOSECONDS,
 )
-from msg_config.ros import PayloadPublisher
+from msg_config.ros import Audience, PayloadPublisher
 from msg_config.wire import MessageWriter
 import numpy as np
 from sensor_msgs.msg import JointState
@@ -53,6 +53,7 @@ class PayloadEstimatorNode(SampleNode):
         self._payload = PayloadPublisher(self)
         self._innovation = self.publisher('innovation')
         self._markers, self._next_marker = self.publisher('arm_markers'), 0
+        self._heard_innovation, self._seen = Audience(self._innovation), Audience(self._markers)
         empty = np.zeros(len(self.channels))
         self._writer = MessageWriter(joint_state(0, self.channels, empty, effort=empty),
                                      'header', 'position', 'effort')
@@ -101,7 +102,7 @@ class PayloadEstimatorNode(SampleNode):
 
     def _publish_markers(self, sample: Sample, estimate: Estimate) -> None:
         """Draw the arm as it is measured, where anybody looks."""
-        if not self._markers.get_subscription_count() or not np.isfinite(sample.output).all() \
+        if not self._seen or not np.isfinite(sample.output).all() \
                 or 0 <= self._next_marker - sample.stamp < MARKER_INTERVAL:
             return
         self._next_marker = sample.stamp + MARKER_INTERVAL
@@ -140,7 +141,7 @@ class PayloadEstimatorNode(SampleNode):
 
     def _answer_innovation(self, stamp: int, estimate: Estimate) -> bytes | None:
         """Publish the innovation, if there is one and anybody listens."""
-        if estimate.status in NO_INNOVATION or not self._innovation.get_subscription_count():
+        if estimate.status in NO_INNOVATION or not self._heard_innovation:
             return None
         numbers = (*estimate.innovation.tolist(), *estimate.innovation_std.tolist())
         if not all(map(math.isfinite, numbers)):

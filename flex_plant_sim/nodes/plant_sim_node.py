@@ -24,6 +24,7 @@ from msg_config.messages import (
     seconds,
 )
 from msg_config.recent_counts import RecentCounts
+from msg_config.ros import Audience
 from msg_config.wire import MessageWriter
 import numpy as np
 from sensor_msgs.msg import JointState
@@ -54,6 +55,7 @@ class PlantSim(ContractNode):
         self._joint_states = self.publisher('joint_states')
         self._strain = self.publisher('strain')
         self._markers = self.publisher('arm_markers')
+        self._seen = Audience(self._markers)
         self._clock_out = self.publisher('/clock') if (
             self._lockstep and self.values['publish_clock']) else None
         inputs = self.simulator.arm.robot.inputs
@@ -138,7 +140,7 @@ class PlantSim(ContractNode):
 
     def _publish_markers(self) -> None:
         now = self.simulator.time
-        if now < self._next_marker or not self._markers.get_subscription_count():
+        if now < self._next_marker or not self._seen:
             return
         self._next_marker = now + MARKER_INTERVAL
         lines = self.shape.lines(self.simulator.state)

@@ -21,10 +21,12 @@ from typing import Any
 
 from faults.page import record
 from matplotlib.figure import Figure
+from msg_config.contract import load_topics
 from msg_config.messages import stamp_of
 from msg_config.node_process import make_executor
-from msg_config.ros import create_subscription
+from msg_config.ros import create_subscription, interface_class
 from msg_config.transport import avoid_shared_memory
+from msg_config.wire import MessageReader
 import numpy as np
 import rclpy
 from rclpy.executors import Executor, ExternalShutdownException
@@ -110,7 +112,10 @@ def run(mode: str, options: argparse.Namespace) -> list[dict[str, float]]:
     node, executor, heard = Node('soak'), make_executor(), Heard()
     executor.add_node(node)
     for topic in TOPICS:
-        create_subscription(node, topic, lambda message, name=topic: heard.take(name, message))
+        # Read as the nodes read them, so that this process takes little of what they need.
+        read = MessageReader(interface_class(load_topics()[topic].type), topic)
+        create_subscription(node, topic, lambda data, name=topic, read=read: heard.take(
+            name, read(data)), raw=True)
     processes = start(mode, options.rate, options.domain)
     spinners = [subprocess.Popen([sys.executable, '-c', 'while True: pass'])
                 for _ in range(options.spinners)]

@@ -72,7 +72,9 @@ class Shocks:
             Of late.
 
         """
-        self._largest = np.maximum(self._largest, np.abs(sample.command))
+        for k, command in enumerate(sample.command.tolist()):
+            if abs(command) > self._largest[k]:
+                self._largest[k] = abs(command)
         if sample.measured is None:
             self._relocated = None
             return after, sample, False
