@@ -1,149 +1,154 @@
 """
-How many samples count as one: the temper at which stated probabilities are most honest.
+How many samples count as one: the temper at which clean arms' parts are known as well as stated.
 
-Calibration cases of the bank (both simulators, forms that may be tuned on, seeds that never score)
-are searched once; every set of causes that was fitted is kept as its moments, from which evidence
-follows at any temper without another pass. Printed per temper: the mean log-score of a case, its
-paired gain over the first one's, the calibration error, and cases answered surely and wrongly.
+Arms of both simulators and both robots, their parts drawn within tolerances, with two effects of
+half a detection limit each, on seeds that never score: the parts are known, so that the posterior
+that a record leaves of them can be asked how likely they are. Printed for each temper: chi^2 of
+the true parts over their number (1: as far off as stated, 2: too sure) and the logarithm of their
+posterior over their prior density, nats. Then how large and how long correlated the errors are
+that the parts leave: what a channel errs, over what is stated, and the samples that count as one
+for that alone.
 
-    python benchmarks/temper.py --count 40 --keep build/temper
+    python benchmarks/temper.py --arms 3
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-import pickle
 import sys
 from tempfile import TemporaryDirectory
-import time
-from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
 
-from bank import score  # noqa: E402
-from bank.cases import all_cases, BankCase  # noqa: E402
+from bank.cases import BankCase, CHAIN, ELEMENTS, Realisation  # noqa: E402
 from bank.records import write_record  # noqa: E402
 from bank.sizes import read_limits, sized_truth  # noqa: E402
-from bank.summary import JUDGED  # noqa: E402
+from flex_plant_sim.arm.robot import Robot  # noqa: E402
 from flex_plant_sim.arm.robot_file import load_robot  # noqa: E402
-from flex_plant_sim.diagnosis.causes.fit import Fit  # noqa: E402
-from flex_plant_sim.diagnosis.causes.posterior import is_unknown, Key, Posterior  # noqa: E402
-from flex_plant_sim.diagnosis.causes.search import search  # noqa: E402
-from flex_plant_sim.diagnosis.likelihood.moments import TEMPER  # noqa: E402
+from flex_plant_sim.diagnosis.causes.sets import Settled, Trial  # noqa: E402
 from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude  # noqa: E402
-from flex_plant_sim.diagnosis.prediction.predictor import Base  # noqa: E402
 from flex_plant_sim.diagnosis.record.data import Data  # noqa: E402
 from flex_plant_sim.diagnosis.record.windows import Record  # noqa: E402
 from flex_plant_sim.diagnosis.verdict.verdict import (  # noqa: E402
-    causes_of,
     nominal_base,
     slowest_frequency,
 )
 from flex_plant_sim.logs.read import read_log  # noqa: E402
 import numpy as np  # noqa: E402
+from truth.configuration import ROBOTS  # noqa: E402
+from truth.records import random_stream, TruthCase  # noqa: E402
+from truth.tolerances import with_tolerances  # noqa: E402
 
 TEMPERS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
-ROBOT = load_robot('reference')
+# Rounds of the calibration bank end below this.
+FIRST_SEED = 1900
+NEGLIGIBLE = 0.02
 
 
-def chosen_cases(count: int) -> list[BankCase]:
-    """Return the first calibration cases that a search answers and the score judges."""
-    return [case for case in all_cases('calibration', 9)
-            if case.kind in JUDGED and case.robot == 'reference'][:count]
-
-
-def base_of(case: BankCase) -> Base:
-    """Return the nominal model that a case is asked about."""
-    model, modes = ('paper', 1) if '--model' in case.options else ('assumed_modes', 3)
-    return nominal_base(ROBOT, model, modes, '--no-coriolis' not in case.options)
-
-
-def searched(case: BankCase, amplitude: Amplitude) -> dict[str, Any]:
-    """Return what a search of a case went through, and what is hidden."""
-    truth, terms = sized_truth(case, read_limits()['reference'])
+def data_of(case: BankCase) -> tuple[Data, Robot, TruthCase]:
+    """Return a case's record as the tool reads it, its robot and what is true."""
+    robot = load_robot(case.robot)
+    truth, _ = sized_truth(case, read_limits()[case.robot])
     with TemporaryDirectory() as folder:
         path = Path(folder) / 'record.csv'
         write_record(case, truth, path)
-        log = read_log(path, ROBOT)
-    base = replace(base_of(case), discrepancy=amplitude)
+        log = read_log(path, robot)
     record = Record('record', log.time - log.time[0], log.command, log.output, truth.payload_told)
-    data = Data.of([record], slowest_frequency(base, record.payload), ROBOT.sample_time)
-    started = time.process_time()
-    with np.errstate(all='ignore'):
-        found = search(data, base, 1, lambda step, share: None, [
-            option.partition('=')[2] for option in case.options if '--exclude' in option])
-    return {'line': {'key': case.key, 'kind': case.kind, 'names': list(case.names),
-                     'form': case.realisation.form, 'distractors': [
-                         name for name in truth.names if name not in case.names]},
-            'terms': terms, 'fits': found.posterior.fits,
-            'nominal': found.posterior.nominal,
-            'cpu': time.process_time() - started}
+    slowest = slowest_frequency(nominal_base(robot, 'assumed_modes', 3), record.payload)
+    return Data.of([record], slowest, robot.sample_time), robot, truth
 
 
-def at_temper(fit: Fit, temper: float) -> Fit:
-    """Return a fit as it would have been weighed at a temper."""
-    scale = fit.moments.scaled(temper)
-    return replace(fit, scale=scale, covariance=fit.moments.joined(scale, temper).covariance,
-                   log_evidence=fit.moments.log_evidence(scale, temper))
+def true_parts(truth: TruthCase, robot: Robot) -> dict[str, float]:
+    """Return how far each part is from its file, as the prior counts it; others are not drawn."""
+    file = ROBOTS[truth.robot](truth.payload_true)
+    arm = with_tolerances(file, random_stream(truth, 'tolerances'))
+    found: dict[str, float] = {}
+    for j, (old, new) in enumerate(zip(file.links, arm.links), start=1):
+        found |= {f'stiffness_{j}': np.log(new.youngs_modulus / old.youngs_modulus),
+                  f'link_mass_{j}': np.log(new.density / old.density),
+                  f'damping_{j}': np.log(new.damping_ratio / old.damping_ratio)}
+    moved = np.concatenate([np.subtract(new.gauges, old.gauges)
+                            for old, new in zip(file.links, arm.links)])
+    gains = np.divide(arm.sensors.strain_gain, file.sensors.strain_gain) - 1.0
+    for name, shift, gain in zip(robot.gauge_names, moved, gains):
+        found |= {f'position_{name}': shift, f'strain_gain:{name}': gain}
+    for j, (was, now) in enumerate(zip(file.joints, arm.joints), start=1):
+        damping = np.log(now.damping / was.damping)
+        loop = damping if robot.drives[j - 1].closed_loop else 0.0
+        found |= {f'drive_inertia_{j}': np.log(now.inertia / was.inertia),
+                  f'drive_damping_{j}': damping,
+                  f'drive_gain_{j}': np.log(now.torque_gain / was.torque_gain) - loop}
+    for name in ('elbow_mass', 'elbow_inertia'):
+        found[name] = np.log(getattr(arm.structure, name) / getattr(file.structure, name))
+    return found
 
 
-def line_at(kept: dict[str, Any], temper: float) -> dict[str, Any]:
-    """Return a case's answer at a temper as the bank scores it."""
-    base = kept['nominal']
-    posterior = Posterior.of([at_temper(fit, temper) for fit in kept['fits']], base)
-    causes = [{'name': c.name, 'probability': c.probability, 'look_alikes': c.look_alikes}
-              for c in causes_of(posterior, posterior.best)]
-    unknown = is_unknown(posterior.best, base)
-    verdict = ('cause_and_remainder' if causes else 'not_in_catalogue') if unknown else (
-        'nothing_wrong' if not causes else
-        'cannot_tell' if any(c['look_alikes'] for c in causes) else 'cause')
-    return {**kept['line'], 'verdict': verdict, 'causes': causes, 'sets': [
-        {'causes': sorted(Key.of(fit).labels), 'probability': float(p)}
-        for fit, p in zip(posterior.fits, posterior.probability)]}
+class CleanArm:
+    """A clean arm's parts, re-estimated, beside what they are."""
+
+    def __init__(self, case: BankCase, amplitude: Amplitude):
+        data, robot, truth = data_of(case)
+        base = replace(nominal_base(robot, 'assumed_modes', 3), discrepancy=amplitude)
+        settled = Settled.at(Trial((), (np.zeros(0),)), base, data)
+        self.likelihood, self.fit = settled.likelihood, settled.fit
+        true = true_parts(truth, robot)
+        self.true = np.array([true.get(p.name, 0.0) for p in self.likelihood.parts])
+
+    def at(self, temper: float) -> tuple[float, float]:
+        """Return chi^2 of the true parts over their number, and nats over their prior."""
+        moments = self.fit.moments
+        found = moments.parts(moments.scaled(temper), temper)
+        root = np.linalg.cholesky(found.covariance)
+        away = np.linalg.solve(root, self.true - found.mean)
+        prior = self.true / moments.tolerances
+        nats = 0.5 * (prior @ prior - away @ away) - float(np.sum(
+            np.log(np.diagonal(root) / moments.tolerances)))
+        return float(away @ away) / away.size, nats
+
+    def errors(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return what each channel errs over what is stated, and its correlation, samples."""
+        windows = sum(p.windows.starts.size for p in self.likelihood.predictors)
+        left = self.likelihood.present + np.tensordot(
+            self.fit.deviations, self.likelihood.columns, 1)
+        left = left.reshape(len(left), windows, -1)
+        power = np.abs(np.fft.rfft(left, 2 * left.shape[-1]))**2
+        like = np.fft.irfft(power).sum(axis=1)[:, :left.shape[-1]]
+        like /= like[:, :1]
+        first = np.argmax(like < NEGLIGIBLE, axis=1)
+        return np.sqrt(np.mean(left**2, axis=(1, 2))), np.array(
+            [1.0 + 2.0 * row[1:n].sum() for row, n in zip(like, first)])
 
 
-def table(kept: Sequence[dict[str, Any]]) -> None:
-    """Print one row a temper."""
-    print('temper  log-score (+- of the mean)   gain on the first   calibration  surely wrong')
-    first: list[float] = []
-    for temper in TEMPERS:
-        lines = [line_at(item, temper) for item in kept]
-        scores = [score.log_score(line) for line in lines]
-        first = first or scores
-        gains, root = np.subtract(scores, first), np.sqrt(len(scores))
-        wrong = sum(map(score.surely_wrong, lines))
-        error = score.calibration(score.stated_probabilities(lines))[0]
-        print(f'{temper:6.0f}  {np.mean(scores):9.2f} +- {np.std(scores) / root:5.2f}   '
-              f'{np.mean(gains):+9.2f} +- {np.std(gains) / root:5.2f}   {error:11.3f}  {wrong:4d}',
-              flush=True)
+def print_group(robot: str, form: Realisation, arms: list[CleanArm]) -> None:
+    """Print one robot's arms of one simulator."""
+    print(f'{robot}, {form.simulator}, {len(arms)} arms')
+    rows = np.mean([[arm.at(t) for t in TEMPERS] for arm in arms], axis=0)
+    print('  chi^2 of a part ' + ' '.join(f'{row[0]:8.2f}' for row in rows))
+    print('  nats            ' + ' '.join(f'{row[1]:8.1f}' for row in rows))
+    for what, values in zip(('error over stated', 'samples as one'),
+                            np.mean([arm.errors() for arm in arms], axis=0)):
+        print(f'  {what:<18}' + ' '.join(f'{value:6.2f}' for value in values), flush=True)
 
 
 def main() -> None:
-    """Search what is not kept yet; print the table."""
+    """Print a table for each robot and simulator."""
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--count', type=int, default=40, help='cases (default: 40)')
-    parser.add_argument('--keep', type=Path, default=Path('build/temper'), help='folder')
+    parser.add_argument('--arms', type=int, default=3, help='of each kind (default: 3)')
     parser.add_argument('--torque', type=float, default=Amplitude().torque)
     parser.add_argument('--gauge', type=float, default=Amplitude().gauge)
     chosen = parser.parse_args()
-    chosen.keep.mkdir(parents=True, exist_ok=True)
-    kept = []
-    for case in chosen_cases(chosen.count):
-        path = chosen.keep / f'{case.seed}.pickle'
-        if not path.exists():
-            path.write_bytes(pickle.dumps(searched(
-                case, Amplitude(torque=chosen.torque, gauge=chosen.gauge))))
-        kept.append(pickle.loads(path.read_bytes()))
-        line = line_at(kept[-1], TEMPER)
-        print(f'{case.key:<70} {kept[-1]["cpu"]:5.1f} s  {line["verdict"]:<18} ' + ', '.join(
-            f'{c["name"]} {c["probability"]:.2f}' for c in line['causes']), flush=True)
-    print(f'CPU: median {np.median([item["cpu"] for item in kept]):.1f} s, '
-          f'longest {max(item["cpu"] for item in kept):.1f} s')
-    table(kept)
+    amplitude = Amplitude(torque=chosen.torque, gauge=chosen.gauge)
+    print('temper            ' + ' '.join(f'{t:8.0f}' for t in TEMPERS))
+    seed = FIRST_SEED
+    for robot in ('reference', 'quanser_2dsfl'):
+        for form in (ELEMENTS, CHAIN):
+            print_group(robot, form, [
+                CleanArm(BankCase('clean', (), robot, seed + k, form, 0.0), amplitude)
+                for k in range(chosen.arms)])
+            seed += chosen.arms
 
 
 if __name__ == '__main__':

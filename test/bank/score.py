@@ -142,6 +142,11 @@ def doubt_stated(line: Line) -> bool:
     return line.get('verdict') != 'nothing_wrong' and doubtful(line)
 
 
+def imitated(line: Line) -> bool:
+    """Tell whether names of the catalogue are all that the answer says."""
+    return line.get('verdict') in ('cause', 'cannot_tell')
+
+
 def stated(line: Line) -> dict[str, float]:
     """
     Return the probability that the answer gives to each name of being a cause.

@@ -32,6 +32,8 @@ def figures(lines: Sequence[Line]) -> list[tuple[str, str, str, bool | None]]:
                   score.share(missing, score.doubt_stated)),
         _at_most('effect missing from the catalogue: surely wrong', 0.03,
                  score.share(missing, score.surely_wrong)),
+        _told('effect missing from the catalogue: others explain it whole',
+              score.share(missing, score.imitated)),
         _at_least('pairs: both named', 0.80, score.share(pair, score.both_named)),
         _at_most('pairs: a wrong third', 0.05, score.share(pair, lambda line: any(
             not score.is_hidden(line, name) for name in score.named(line)))),

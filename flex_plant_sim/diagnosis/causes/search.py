@@ -262,6 +262,7 @@ def search(data: Data, nominal: Base, jobs: int, progress: Progress,
     found = _searched(_Course(data, nominal, jobs, exclude, progress))
     if not found.posterior.best.discrepancy.more:
         return found
+    del found  # With it goes what the second search has no use for.
     sensed = replace(nominal, discrepancy=replace(nominal.discrepancy, sensed=True))
     return _searched(_Course(data, sensed, jobs, exclude, progress))
 

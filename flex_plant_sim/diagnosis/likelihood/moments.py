@@ -8,8 +8,8 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.likelihood.evidence import Marginal, Slab
 import numpy as np
 
-# So many samples count as one: on calibration cases more scores better up to 32, by less than its
-# error beyond this (benchmarks/temper.py; the table is in docs/diagnosis.md).
+# So many samples count as one: then the parts of clean arms, which are known, are as far off as
+# stated where that is worst, and likeliest on all (benchmarks/temper.py, docs/diagnosis.md).
 TEMPER = 16.0
 SETTLED, ROUNDS = 1e-3, 20
 

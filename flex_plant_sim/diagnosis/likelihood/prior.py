@@ -21,8 +21,8 @@ from flex_plant_sim.effects.base import Effect
 # As likely as not, something of the catalogue is wrong with a simulation; one time in ten
 # something is that no catalogue knows.
 ANY_CAUSE, UNKNOWN = 0.5, 0.1
-# Of effects taken out of the catalogue such a share was explained by others as well as anything
-# could be (benchmarks/imitated.py, 22 calibration cases): what is unknown may look like a cause.
+# Of effects taken out of the catalogue others explained such a share so that nothing unnamed was
+# left (test/run_bank.py --use calibration --only missing): what is unknown may look like a cause.
 IMITATED = 0.55
 # Such a thing may be a part that is not as its file says: off by an order of magnitude more than
 # its tolerance (twice that costs 0.7 nats). Effects say so of these parts, where they are asked.
