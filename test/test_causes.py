@@ -80,6 +80,16 @@ def test_a_brake_far_stronger_than_the_drive_s_damping_is_found() -> None:
     assert best.values == pytest.approx([10.0], rel=0.1)
 
 
+def test_a_part_that_no_effect_asked_speaks_of_is_told_where_it_is() -> None:
+    # Half as fast a velocity loop is a damping ln 2 below its file, at the same steady gain.
+    found, _ = searched(('drive_bandwidth:joint_2:time_constant_factor=2',), None,
+                        ('strain_gain',))
+    best = found.best
+    assert best.fit.hypotheses == () and best.fit.discrepancy.far == 'drive_damping_2'
+    assert best.fit.deviations[best.likelihood.far_part] == pytest.approx(-np.log(2.0), abs=0.1)
+    assert found.posterior.of_unknown > 0.9
+
+
 def test_nothing_is_found_where_nothing_is_hidden(clean: tuple[Search, Data]) -> None:
     found, _ = clean
     assert found.posterior.of_nothing > 0.9
