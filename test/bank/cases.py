@@ -70,7 +70,9 @@ FORMS_OF: dict[str, tuple[Realisation, ...]] = {
 # What an effect in a certain form may be called as well, because it is that, too.
 ALSO_RIGHT: dict[tuple[str, str], str] = {
     ('coulomb_friction', 'bristles'): 'presliding_friction',
-    ('coulomb_friction', 'springs'): 'presliding_friction'}
+    ('coulomb_friction', 'springs'): 'presliding_friction',
+    # The paper's model leaves out both.
+    ('modal_truncation', ''): 'coriolis_centripetal'}
 # What a robot cannot have: no velocity loop where drives take a current.
 IMPOSSIBLE: dict[str, tuple[str, ...]] = {'quanser_2dsfl': ('drive_bandwidth',)}
 SIZES = (4.0, 2.0, 1.0)
