@@ -171,9 +171,9 @@ def test_without_an_estimator_every_sample_is_answered_with_the_last_payload(
     for k in range(1, 8):
         bench.sample(k)
     loop.until(lambda: bench.answers.stamps == {k * STEP for k in range(8)})
-    level, text = bench.node._state()
-    assert level == 'warn'
-    assert text.startswith('payload/inertia is late or missing')
+    loop.until(lambda: bench.status('command').message.startswith(
+        'payload/inertia is late or missing'))
+    assert bench.node._state()[0] == 'warn'
     assert bench.node.controller._mass == 0.2
     inertia.publish(inertia_message(7 * STEP, 1e9))
     bench.sample(8)

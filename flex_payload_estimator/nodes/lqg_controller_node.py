@@ -34,6 +34,8 @@ WATCH_INTERVAL = 0.05
 EARLY = 10
 # So many payloads in time, one after another, end the time without them.
 IN_TIME = 10
+# Without a payload in time for so long, s, it is said: a single one that is late troubles nobody.
+UNHEARD = 0.1
 # Looks at each piece of a reference, whether its spline stays where the joints can go.
 LOOKS = 20
 SQUARE = ('reference_amplitude', 'reference_period')
@@ -65,6 +67,7 @@ class LQGControllerNode(SampleNode):
         self._waiting: Sample | None = None
         self._masses: dict[int, float] = {}
         self._late, self._in_time, self._last_mass = False, 0, math.nan
+        self._heard_at = -math.inf
         self.subscribe('payload/inertia', self._on_inertia)
         self.listen()
         self.every(DIAGNOSTICS_INTERVAL, self.report, always=True)
@@ -135,6 +138,7 @@ class LQGControllerNode(SampleNode):
         self._last_mass = mass
         if self._waiting is not None and stamp == self._waiting.stamp:
             sample, self._waiting = self._waiting, None
+            self._count_in_time(True)
             self.remember(self._control(sample, mass))
         elif self.order.last is None or stamp > self.order.last:
             self._masses[stamp] = mass
@@ -146,6 +150,7 @@ class LQGControllerNode(SampleNode):
     def _count_in_time(self, in_time: bool) -> None:
         """Wait for payloads again once a number of them came before the next sample."""
         self._in_time = self._in_time + 1 if in_time else 0
+        self._heard_at = self.wall_time() if in_time else self._heard_at
         self._late = self._late and self._in_time < IN_TIME
 
     def _control(self, sample: Sample, mass: float) -> Any:
@@ -222,7 +227,10 @@ class LQGControllerNode(SampleNode):
 
     def trouble(self) -> tuple[bool, ...]:
         """Return what is told at once: that no sample comes, or no payload in time."""
-        return (*super().trouble(), self._late)
+        return (*super().trouble(), self._unheard())
+
+    def _unheard(self) -> bool:
+        return self._late and self.wall_time() - self._heard_at > UNHEARD
 
     def report(self) -> None:
         """Publish the diagnostics."""
@@ -238,7 +246,7 @@ class LQGControllerNode(SampleNode):
         age = self.wall_time() - self._answered
         if self.values['watchdog'] and age > self.values['watchdog']:
             return 'error', f'no sample for {age:.3g} s: the command is zero'
-        if self._late:
+        if self._unheard():
             return 'warn', 'payload/inertia is late or missing: the last payload serves'
         if self._blind > 1:
             return 'error', f'{self._blind} samples said nothing: the command is zero'
