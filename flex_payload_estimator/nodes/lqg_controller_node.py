@@ -34,7 +34,8 @@ WATCH_INTERVAL = 0.05
 EARLY = 10
 # So many payloads in time, one after another, end the time without them.
 IN_TIME = 10
-# Without a payload in time for so long, s, it is said: a single one that is late troubles nobody.
+# Without a payload in time for so long, s, it is said, as drives wait for a command
+# (COMMAND_TIMEOUT of the plant): a single one that is late troubles nobody.
 UNHEARD = 0.1
 # Looks at each piece of a reference, whether its spline stays where the joints can go.
 LOOKS = 20

@@ -24,7 +24,7 @@ import numpy as np
 # Of a tolerance, or of the payload: far above rounding, far below what bends the sensitivity.
 STEP = 1e-2
 # Samples of a move, beyond which some are taken together: white noise of k samples taken as one
-# is smaller by the root of k, and 10 000 resolve the modes that tell a payload.
+# is smaller by the root of k. On the reference arm 10 000 and 50 000 give the same to 1e-4.
 MOST_SAMPLES = 10_000
 # rad or m/m: no arm comes so far, and squares of it are still numbers.
 DIVERGED = 1e6

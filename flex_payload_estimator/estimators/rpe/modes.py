@@ -49,7 +49,7 @@ MODE_GAIN = 8.0
 # A model is wrong for longer than a moment, s: a change of the payload shows at once.
 PERSISTS_S = 0.1
 # Nor is it judged while a payload that has just begun to walk is sought, s: of 16 drawn changes on
-# a matched arm 12 were found without that time, 16 with it.
+# a matched arm 12 were found without that time, 16 with it (benchmarks/payload_changes.py).
 SEEKS_S = 0.2
 # A simpler mode may be behind by this when its trial ends.
 SIMPLER = 3.0
