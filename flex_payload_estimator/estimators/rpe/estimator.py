@@ -213,7 +213,7 @@ class RecursivePredictionError:
         sample = Sample(time, output, np.zeros(2))
         for f in self._start.filters:
             self.stepper.correct(f, sample, self._motion.loads)
-        self._open, self._prior = sample, self._start.moments()
+        self._open = sample
         return self._estimate(time)
 
     def _advance(self, time: float, output: Array | None) -> None:
@@ -233,7 +233,7 @@ class RecursivePredictionError:
                 self.stepper.predict(f, sample, self._motion.loads)
             self._modes.missed(sample, self._motion.loads, self._motion.excited)
         sample, before = ahead or (self._sample(self._time, output, self._command),
-                                   [self._incumbent.copy()] if self._incumbent else [])
+                                   [f.copy() for f in self._filters()])
         sample = sample._replace(measured=output)
         self._loads = self._motion.loads
         for f in self._filters():
@@ -251,6 +251,8 @@ class RecursivePredictionError:
                 self._modes.clear()
         # Loads count from the next sample on, so that a prediction ahead knows them too.
         self._motion.follow(output, self.incumbent, sample)
+        if self._start.at_rest and self._motion.excited:
+            self._start.leave_rest(before[0], sample, self._loads)
         if not self._motion.excited:
             self._drift()
         self._open = sample
@@ -295,7 +297,7 @@ class RecursivePredictionError:
         best = self.incumbent
         if not self._motion.moved:
             # Noise alone tells which payload explains less, not which it is.
-            mass, variance = self._prior
+            mass, variance = self._start.moments_before
         elif self._incumbent is None:
             mass, variance = self._start.moments()
         else:

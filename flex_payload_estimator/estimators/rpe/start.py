@@ -1,11 +1,13 @@
-"""The start: filters over the range of payloads, until one is left."""
+"""The start: one filter at rest, then filters over the range of payloads, until one is left."""
 
 from __future__ import annotations
 
+import math
+
 from flex_payload_estimator.estimators.rpe.evidence import misfit_of
 from flex_payload_estimator.estimators.rpe.filter import FilterStep
-from flex_payload_estimator.estimators.rpe.hypothesis import Filter
-from flex_payload_estimator.estimators.rpe.kernel import CORIOLIS
+from flex_payload_estimator.estimators.rpe.hypothesis import Filter, Sample
+from flex_payload_estimator.estimators.rpe.kernel import CORIOLIS, FIRST_BIAS
 from flex_payload_estimator.estimators.rpe.modes import (
     CLOSE,
     DOUBT,
@@ -14,6 +16,7 @@ from flex_payload_estimator.estimators.rpe.modes import (
     MISFIT,
     SEEK,
 )
+from flex_payload_estimator.estimators.rpe.sensors import Loads
 from flex_plant_sim.arm.second_order import Array
 import numpy as np
 
@@ -37,11 +40,20 @@ class Start:
     A bank of filters that starts over the whole range of payloads.
 
     A filter is linearised about its payload, so one alone, started at 0.1 kg, is tens of standard
-    deviations off at 0.3 kg.
+    deviations off at 0.3 kg. Until the arm first moves one is enough: all would know the same of
+    state, gauges and noise, and nothing of the payload.
 
     Parameters
     ----------
     stepper : FilterStep
+
+    Attributes
+    ----------
+    filters : list of Filter
+    at_rest : bool
+        Whether the arm has not moved yet.
+    moments_before : tuple of float
+        Mean and variance of the payload before any sample, kg and kg^2.
 
     """
 
@@ -52,10 +64,19 @@ class Start:
     def clear(self) -> None:
         """Forget everything."""
         self.filters: list[Filter] = []
+        self.at_rest = True
 
     def begin(self, measured: Array) -> None:
-        """Fill the bank: payloads from 0 to the heaviest, with and without Coriolis forces."""
-        self.filters = []
+        """Begin at rest, anywhere on the range of payloads."""
+        self.at_rest = True
+        self.filters = self._bank(measured)
+        self.moments_before = mass, variance = self.moments()
+        self.filters = [self.stepper.begin(EXACT, measured, mass, math.sqrt(variance),
+                                           self.stepper.shares[0])]
+
+    def _bank(self, measured: Array) -> list[Filter]:
+        """Return filters of payloads from 0 to the heaviest, with and without Coriolis forces."""
+        bank = []
         for mode, cells, shares in ((EXACT, EXACT_CELLS, self.stepper.shares),
                                     (SEEK, ROUGH_CELLS, (None,))):
             for low, high in self._cells(cells):
@@ -63,7 +84,35 @@ class Start:
                     f = self.stepper.begin(mode, measured, 0.5 * (low + high),
                                            0.5 * (high - low), share)
                     f.log = -ROUGH_COST if mode.parts else 0.0
-                    self.filters.append(f)
+                    bank.append(f)
+        return bank
+
+    def leave_rest(self, rested: Filter, sample: Sample, loads: Loads) -> None:
+        """
+        Go on with the whole bank, which knows of state, gauges and noise what one has learnt.
+
+        Parameters
+        ----------
+        rested : Filter
+            As it was before the sample: what it makes of a motion holds for its payload alone.
+        sample, loads : Sample, Loads
+            The first that shows a motion.
+
+        """
+        self.at_rest = False
+        gauges = slice(FIRST_BIAS, None)
+        known = rested.spread[gauges, gauges]
+        # Its payload is forgotten exactly: what of the state owes to it is doubt of the state.
+        owed = (rested.sens @ rested.spread)[:, gauges]
+        slope = owed @ np.linalg.pinv(known, hermitian=True)
+        cov = rested.cov + rested.sens @ rested.spread @ rested.sens.T - owed @ slope.T
+        self.filters = self._bank(rested.reading[0])
+        for f in self.filters:
+            learnt = slice(FIRST_BIAS, FIRST_BIAS + len(known))
+            f.x[:], f.cov[:], f.sens[:, learnt] = rested.x, cov, slope
+            f.beta[learnt], f.spread[learnt, learnt] = rested.beta[gauges], known
+            f.record[:], f.reading[:] = rested.record, rested.reading
+            self.stepper.step(f, sample, loads)
 
     def _cells(self, count: int) -> list[tuple[float, float]]:
         soft, heaviest = self.stepper.schedule.soft_mass, self.stepper.heaviest
@@ -83,6 +132,8 @@ class Start:
         mode settles when it shows. Returns one filter a mode, the likeliest first, once no mode
         has more; else none.
         """
+        if self.at_rest:
+            return []
         for f in self.filters:
             f.age += self.stepper.step_time if excited else 0.0
             f.log += f.gained

@@ -1,0 +1,67 @@
+"""What the default estimator knows when an arm that was at rest first moves."""
+
+from __future__ import annotations
+
+from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
+from flex_payload_estimator.estimators.rpe.hypothesis import Filter
+from flex_payload_estimator.estimators.rpe.kernel import FIRST_BIAS
+from flex_plant_sim.arm.second_order import Array
+import numpy as np
+from rpe_runs import estimator_of, robot_with
+
+BIAS = np.array([3e-5, -2e-5, 1e-5, 0.0])
+SIGMA = 1e-5
+
+
+def rested(samples: int) -> tuple[RecursivePredictionError, Filter]:
+    """Return an estimator beside an arm at rest, and what it knew before its last sample."""
+    robot = robot_with(SIGMA)
+    estimator, random = estimator_of(robot), np.random.default_rng(4)
+    told = np.sqrt(estimator.stepper.told_variance)
+    for k in range(samples + 1):
+        estimator.conclude()
+        before = estimator.incumbent.copy() if k else None
+        offset = np.concatenate([[0.1, -0.2], BIAS])
+        estimator.update(0.01 * k, offset + told * random.standard_normal(6), np.zeros(2))
+    assert before is not None
+    return estimator, before
+
+
+def joint(f: Filter) -> tuple[Array, Array]:
+    """Return mean and covariance of state and gauge biases, all else summed out."""
+    size, gauges = f.x.size, slice(FIRST_BIAS, FIRST_BIAS + len(BIAS))
+    whole = np.block([[f.cov + f.sens @ f.spread @ f.sens.T, f.sens @ f.spread],
+                      [f.spread @ f.sens.T, f.spread]])
+    kept = np.r_[0:size, size + gauges.start:size + gauges.stop]
+    return np.concatenate([f.state, f.beta[gauges]]), whole[np.ix_(kept, kept)]
+
+
+def test_one_filter_serves_at_rest_and_learns_the_gauges() -> None:
+    estimator, _ = rested(300)
+    f, = estimator._start.filters
+    mean, cov = joint(f)
+    error, std = mean[-len(BIAS):] - BIAS, np.sqrt(np.diag(cov))[-len(BIAS):]
+    assert (np.abs(error) < 4.0 * std).all() and (std < 2.0 * SIGMA).all()
+
+
+def test_where_it_moves_the_bank_knows_what_the_one_knew_but_the_payload() -> None:
+    estimator, before = rested(50)
+    start = estimator._start
+    # A sample that was no measurement teaches nothing: what it predicts is compared.
+    start.leave_rest(before, estimator._sample(0.51, None, np.zeros(2)), estimator._loads)
+    assert not start.at_rest and len({f.mode.name for f in start.filters}) == 2
+    estimator.stepper.predict(before, estimator._sample(0.51, None, np.zeros(2)),
+                              estimator._loads)
+    # An arm at rest goes on the same whatever it carries, but for what is not known of its speed.
+    for f in start.filters:
+        mean, cov = joint(f)
+        assert np.allclose(mean, joint(before)[0], atol=0.1 * SIGMA)
+        assert np.allclose(cov[-len(BIAS):, -len(BIAS):], joint(before)[1][-4:, -4:], rtol=1e-9,
+                           atol=0.0)
+
+
+def test_the_estimate_before_any_motion_is_the_prior() -> None:
+    estimator, _ = rested(5)
+    first = estimator._start.moments_before
+    last = estimator.update(0.06, np.concatenate([[0.1, -0.2], BIAS]), np.zeros(2))
+    assert (last.mass, last.variance, last.status) == (*first, 'not_excited')
