@@ -215,6 +215,13 @@ def test_every_form_shows_in_the_record(name: str, form: Realisation) -> None:
     assert np.abs(formed - clean).max() > 1e-7
 
 
+def test_the_paper_s_model_hides_all_that_it_leaves_out() -> None:
+    both = BankCase('one', ('modal_truncation',), 'reference', 1000).hidden
+    assert both == ('modal_truncation', 'coriolis_centripetal')
+    assert score.exact(line(list(both), dict.fromkeys(both, 0.9)))
+    assert not score.exact(line(list(both), {'coriolis_centripetal': 0.9}))
+
+
 @pytest.mark.parametrize('size', SIZES)
 def test_sizes_are_so_many_detection_limits(size: float) -> None:
     case = BankCase('missing', ('coulomb_friction',), 'reference', 1000, size=size)

@@ -70,9 +70,7 @@ FORMS_OF: dict[str, tuple[Realisation, ...]] = {
 # What an effect in a certain form may be called as well, because it is that, too.
 ALSO_RIGHT: dict[tuple[str, str], str] = {
     ('coulomb_friction', 'bristles'): 'presliding_friction',
-    ('coulomb_friction', 'springs'): 'presliding_friction',
-    # The paper's model leaves out both.
-    ('modal_truncation', ''): 'coriolis_centripetal'}
+    ('coulomb_friction', 'springs'): 'presliding_friction'}
 # What a robot cannot have: no velocity loop where drives take a current.
 IMPOSSIBLE: dict[str, tuple[str, ...]] = {'quanser_2dsfl': ('drive_bandwidth',)}
 SIZES = (4.0, 2.0, 1.0)
@@ -80,6 +78,8 @@ SIZES = (4.0, 2.0, 1.0)
 MODEL_OPTIONS: dict[str, tuple[str, ...]] = {
     'coriolis_centripetal': ('--no-coriolis',),
     'modal_truncation': ('--model', 'paper', '--modes', '1')}
+# What such a model leaves out besides.
+LEFT_OUT_TOO: dict[str, tuple[str, ...]] = {'modal_truncation': ('coriolis_centripetal',)}
 PAIRS = (
     ('coulomb_friction', 'strain_filter'), ('input_delay', 'link_stiffness'),
     ('viscous_friction', 'strain_gain'), ('payload_mass', 'coulomb_friction'),
@@ -141,6 +141,12 @@ class BankCase:
                          excitation)
         form = self.realisation.form
         return replace(case, simulator=self.realisation.simulator, forms=(form,) if form else ())
+
+    @property
+    def hidden(self) -> tuple[str, ...]:
+        """Return all that is to be found: what the told model leaves out besides as well."""
+        besides = [other for name in self.names for other in LEFT_OUT_TOO.get(name, ())]
+        return (*self.names, *besides)
 
     @property
     def options(self) -> tuple[str, ...]:

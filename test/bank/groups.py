@@ -61,7 +61,7 @@ def by_name(lines: Sequence[Line]) -> list[str]:
             '|---|---|---|---|---|---|']
     one = of_kind(lines, 'one')
     for name, robot in sorted({(line['names'][0], line['robot']) for line in one}):
-        own = [line for line in one if line['names'] == [name] and line['robot'] == robot]
+        own = [line for line in one if line['names'][0] == name and line['robot'] == robot]
         right, small = (score.share(own, test) for test in (score.exact, score.in_small_set))
         held, _ = score.coverage(own)
         instead = [f'{"+".join(score.named(line)) or line.get("verdict", "failed")} '

@@ -34,11 +34,11 @@ def run_case(case: BankCase, limits: Limits) -> dict[str, Any]:
 
     """
     truth, terms = sized_truth(case, limits)
-    line = {'key': case.key, 'kind': case.kind, 'names': list(case.names),
+    line = {'key': case.key, 'kind': case.kind, 'names': list(case.hidden),
             'robot': case.robot, 'seed': case.seed, 'size': case.size,
             'simulator': case.realisation.simulator, 'form': case.realisation.form,
             'calibration': case.realisation.calibration,
-            'distractors': [name for name in truth.names if name not in case.names],
+            'distractors': [name for name in truth.names if name not in case.hidden],
             'truth': [{'name': term.name, 'site': term.site, 'values': term.values,
                        'times_limit': relative_size(term, limits)} for term in terms]}
     with TemporaryDirectory() as folder:

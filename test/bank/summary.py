@@ -117,7 +117,11 @@ def text(lines: Sequence[Line], commit: str, picture: str | None = None) -> str:
              'in one of its forms (`FORMS_OF` in `test/bank/cases.py`). `flex_diagnose` gets the '
              'file and the payload that the operator believes in. Sizes are in detection limits '
              'of a clean record (`test/bank/limits.json`): 1, 2 and 4, as far as a size can be '
-             f"reached. Intervals are Wilson's, 95 %. Seeds: {_seeds(lines)}.", '',
+             'reached; Stribeck friction is as large as all of it near rest, by the limit of dry '
+             'friction: what parts the two, its extra, may be much less. Where '
+             '`modal_truncation` is hidden the model is that of the paper, which leaves out '
+             "Coriolis forces too: both are to be named. Intervals are Wilson's, 95 %. Seeds: "
+             f'{_seeds(lines)}.', '',
              f'{len(lines)} cases.', '',
              '| | demanded | measured | |', '|---|---|---|---|']
     parts += [f'| {what} | {demand} | {found} | {_mark(met)} |'
