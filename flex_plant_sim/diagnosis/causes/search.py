@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 
 from flex_plant_sim.arm.second_order import Array
@@ -82,6 +83,24 @@ class _Course:
         self.settled: dict[Key, Settled] = {}
         self.thin: Likelihood
         self.looks: list[tuple[Hypothesis, tuple[Look, ...]]] = []
+        self.rough: dict[Key, list[Fit]] = {}
+
+    def sensed(self) -> _Course:
+        """
+        Return the course as it begins anew where sensors see what is unmodelled.
+
+        What the arms' own filters err is the same: all looks, and the rough fits beside nothing.
+        """
+        def moved(fit: Fit) -> Fit:
+            return replace(fit, discrepancy=replace(fit.discrepancy, sensed=True))
+
+        other = copy(self)
+        level = replace(self.nominal.discrepancy, sensed=True)
+        other.nominal, other.known, other.settled = replace(
+            self.nominal, discrepancy=level), {}, {}
+        nothing = Key(frozenset(), self.nominal.discrepancy)
+        other.rough = {replace(nothing, level=level): [moved(f) for f in self.rough[nothing]]}
+        return other
 
     def settle(self, trial: Trial, level: Level, scale: Array | None = None) -> Settled:
         """Return a set fitted around itself, known from now on."""
@@ -164,12 +183,9 @@ class _Course:
     def around(self, centre: Settled) -> list[Promise]:
         """Fit the sets near a set; return what further causes promise beside it."""
         promises, step = self.promises(centre), f'cause {len(centre.fit.hypotheses) + 1}'
-        afar = centre.from_afar
-        rough = each(Fitter(afar.likelihood.thinned(SAMPLES), afar.fit.scale,
-                            self.data.duration, True),
-                     list(self.trials(centre, promises)), self.jobs,
-                     lambda share: self.progress(step, 0.4 + 0.3 * share))
-        rough.sort(key=lambda fit: -self.score(fit))
+        if Key.of(centre.fit) not in self.rough:
+            self.rough[Key.of(centre.fit)] = self._rough(centre, promises, step)
+        rough = sorted(self.rough[Key.of(centre.fit)], key=lambda fit: -self.score(fit))
         near = [fit for fit in rough if Key.of(fit) != Key.of(centre.fit)
                 and self.score(fit) > self.score(rough[0]) - self.reach(rough[0], centre, BEHIND)]
         fits = each(Fitter(centre.likelihood, centre.fit.scale, self.data.duration),
@@ -180,6 +196,14 @@ class _Course:
             if Key.of(fit) not in self.settled or self.score(fit) > self.score(known) + AGAIN:
                 self.known[Key.of(fit)] = fit
         return promises
+
+    def _rough(self, centre: Settled, promises: Sequence[Promise], step: str) -> list[Fit]:
+        """Return the sets near a set as some windows and the arms' own filters see them."""
+        afar = centre.from_afar
+        return each(Fitter(afar.likelihood.thinned(SAMPLES), afar.fit.scale,
+                           self.data.duration, True),
+                    list(self.trials(centre, promises)), self.jobs,
+                    lambda share: self.progress(step, 0.4 + 0.3 * share))
 
     def _chosen(self, near: Sequence[Fit]) -> list[Fit]:
         """Return the first of what is not settled, and of what is, from where it came now."""
@@ -273,12 +297,13 @@ def search(data: Data, nominal: Base, jobs: int, progress: Progress,
         Identifiers to leave out of the catalogue.
 
     """
-    found = _searched(_Course(data, nominal, jobs, exclude, progress))
+    course = _Course(data, nominal, jobs, exclude, progress)
+    found = _searched(course)
     if not found.posterior.best.discrepancy.more:
         return found
+    course = course.sensed()
     del found  # With it goes what the second search has no use for.
-    sensed = replace(nominal, discrepancy=replace(nominal.discrepancy, sensed=True))
-    return _searched(_Course(data, sensed, jobs, exclude, progress))
+    return _searched(course)
 
 
 def _searched(course: _Course) -> Search:
@@ -291,7 +316,8 @@ def _searched(course: _Course) -> Search:
     nominal, progress = course.nominal, course.progress
     progress('nothing', 0.0)
     nothing = course.settle(Trial((), (np.zeros(0),)), nominal.discrepancy)
-    course.look(nothing)
+    if not course.looks:
+        course.look(nothing)
     promises = {Key.of(nothing.fit): course.around(nothing)}
     best = nothing
     while len(promises) < EXPLORED:

@@ -50,6 +50,7 @@ class Likelihood:
         # Samples that each stands for, and which they are, where only some windows are asked.
         self.weight = 1.0
         self.kept: slice | Indices = slice(None)
+        # Whether errors are judged in one covariance or in each arm's own.
         self.alike = True
 
     def residual(self, effects: Sequence[Effect], deviations: Array | None = None,
@@ -111,13 +112,11 @@ class Likelihood:
     @cached_property
     def smooth(self) -> Likelihood:
         """Return what each arm's own filter errs: no likelihood, but without its side valleys."""
-        other = self._copied('present', 'columns', 'products', 'smooth')
-        other.alike = False
-        return other
+        return self._copied('present', 'columns', 'products', 'smooth', alike=False)
 
-    def _copied(self, *less: str) -> Likelihood:
+    def _copied(self, *less: str, **changed: object) -> Likelihood:
         other = object.__new__(Likelihood)
-        other.__dict__.update({k: v for k, v in self.__dict__.items() if k not in less})
+        other.__dict__.update({k: v for k, v in self.__dict__.items() if k not in less}, **changed)
         return other
 
     @property
@@ -136,12 +135,11 @@ class Likelihood:
             np.cumsum([0, *sizes]), sizes)])
         weight = sum(sizes) / chosen.size
         kept = np.arange(self.present.shape[-1]).reshape(sum(sizes), -1)[chosen].ravel()
-        other = self._copied('products', 'surprise', 'smooth')
-        other.__dict__.update({
-            'predictors': [p.thinned(every) for p in self.predictors], 'kept': kept,
-            'weight': self.weight * weight, 'present': np.sqrt(weight) * self.present[:, kept],
-            'columns': np.sqrt(weight) * self.columns[..., kept]})
-        return other
+        return self._copied(
+            'products', 'surprise', 'smooth',
+            predictors=[p.thinned(every) for p in self.predictors], kept=kept,
+            weight=self.weight * weight, present=np.sqrt(weight) * self.present[:, kept],
+            columns=np.sqrt(weight) * self.columns[..., kept])
 
 
 def _channels(errors: Array) -> Array:
