@@ -10,7 +10,7 @@ from flex_payload_estimator.estimators.base import Estimate, Event
 from flex_payload_estimator.estimators.rpe.events import EventLog
 from flex_payload_estimator.estimators.rpe.evidence import misfit_of
 from flex_payload_estimator.estimators.rpe.hypothesis import Filter, Sample
-from flex_payload_estimator.estimators.rpe.modes import Modes, WAIT_S
+from flex_payload_estimator.estimators.rpe.modes import Modes
 from flex_payload_estimator.estimators.rpe.motion import Motion
 from flex_payload_estimator.estimators.rpe.settings import RpeSettings, stepper_of
 from flex_payload_estimator.estimators.rpe.shocks import Shocks
@@ -191,12 +191,12 @@ class RecursivePredictionError:
             self._modes.remember(sample, self._loads, self._motion.excited)
             left = self._start.decide(self._motion.excited)
             for f in left[1:]:
-                self._modes.keep(f, sample.time, WAIT_S)
+                self._modes.keep(f, sample.time)
             self._incumbent = left[0] if left else None
             return
         self._incumbent = self._modes.advance(self._incumbent, sample, self._loads,
                                               self._motion.excited)
-        self._log.follow(self._modes.moved, self._incumbent, sample.time,
+        self._log.follow(self._modes.change, self._modes.moved, self._incumbent, sample.time,
                          self.stepper.schedule.soft_mass)
 
     def _filters(self) -> list[Filter]:

@@ -17,28 +17,28 @@ class EventLog:
 
     def __init__(self) -> None:
         self.events: list[Event] = []
-        self._open: Trial | None = None
+        self._told: Trial | None = None
 
-    def follow(self, moved: Trial | None, incumbent: Filter, time: float, soft: float) -> None:
+    def follow(self, change: Trial | None, moved: Trial | None, incumbent: Filter, time: float,
+               soft: float) -> None:
         """
         Take what is known after a sample.
 
         Parameters
         ----------
-        moved : Trial or None
-            The trial of a walking payload that has won, and is not over.
+        change, moved : Trial or None
+            Of a walking payload, see Modes.
         incumbent : Filter
             Of this sample.
         time, soft : float
             s, and soft mass, kg.
 
         """
-        if self._open is not None:
+        if self._told is not None and moved in (None, self._told):
             self.events[-1] = replace(self.events[-1], after=incumbent.mass)
-        if moved is None or moved is self._open:
-            self._open = moved
+        if change is None or change is self._told:
             return
-        change = abs(incumbent.mass - moved.mass)
-        if change > max(DEVIATIONS * incumbent.variance**0.5, SHARE * (moved.mass + soft)):
-            self.events.append(Event(moved.since, time, moved.mass, incumbent.mass))
-            self._open = moved
+        apart = abs(incumbent.mass - change.mass)
+        if apart > max(DEVIATIONS * incumbent.variance**0.5, SHARE * (change.mass + soft)):
+            self.events.append(Event(change.since, time, change.mass, incumbent.mass))
+            self._told = change

@@ -10,7 +10,7 @@ from flex_payload_estimator.estimators.rpe.evidence import misfit_of, new_record
 from flex_payload_estimator.estimators.rpe.hypothesis import Filter, Mode, Sample
 from flex_payload_estimator.estimators.rpe.kernel import CORIOLIS, FIRST_BIAS, MASS, walk
 from flex_payload_estimator.estimators.rpe.linearised import Lineariser
-from flex_payload_estimator.estimators.rpe.onward import ahead, followed, learnt, stepped
+from flex_payload_estimator.estimators.rpe.onward import ahead, followed, GATE, learnt, stepped
 from flex_payload_estimator.estimators.rpe.prior import Prior, SHARE_STD, SHARES
 from flex_payload_estimator.estimators.rpe.schedule import PayloadSchedule
 from flex_payload_estimator.estimators.rpe.sensors import Loads, speed_feedback
@@ -26,6 +26,8 @@ ERROR_STEP_S = 0.01
 # at this share of the payload from 10 to 30 s, while the filter's own deviation goes on falling
 # (benchmarks/loop_band.py, seeds 10, 13, 16 and 22).
 LASTING = 0.01
+# Filters linearised about payloads this many cells apart agree.
+JUMP_CELLS = 8
 
 
 class FilterStep:
@@ -139,6 +141,35 @@ class FilterStep:
         self._weighed(f, sample, stepped(
             f.x, f.cov, f.sens, f.beta, f.spread, f.anchor, f.model is not None, *self._model(f),
             *self._pushed(f, sample, loads), *self._sensed(f, sample)))
+
+    def walk(self, f: Filter, sample: Sample, loads: Loads) -> Filter:
+        """
+        Return a filter of a walking payload after a sample that it has not predicted yet.
+
+        Where that is past the gate the payload has jumped, or may have: the likeliest of jumps to
+        anywhere, each linearised there, if that is likelier.
+        """
+        before = f.copy()
+        self.step(f, sample, loads)
+        if f.square * self.told_variance.size < GATE:
+            return f
+        return max([f, *(self._jumped(before, *cell, sample, loads)
+                         for cell in self.cells(JUMP_CELLS))], key=lambda f: f.stated)
+
+    def _jumped(self, f: Filter, low: float, high: float, sample: Sample, loads: Loads) -> Filter:
+        """Return what a filter knows after a sample before which its payload jumped, kg."""
+        new = f.copy()
+        self.drift(new, self.heaviest**2)
+        new.beta[MASS], new.spread[MASS], new.spread[:, MASS] = 0.5 * (low + high), 0.0, 0.0
+        new.spread[MASS, MASS] = 0.25 * (high - low)**2
+        self.step(new, sample, loads)
+        return new
+
+    def cells(self, count: int) -> list[tuple[float, float]]:
+        """Return the range of payloads in parts over which an arm changes alike, kg."""
+        soft = self.schedule.soft_mass
+        edges = soft * (1.0 + self.heaviest / soft)**(np.arange(count + 1) / count) - soft
+        return list(zip(edges[:-1].tolist(), edges[1:].tolist()))
 
     def correct(self, f: Filter, sample: Sample, loads: Loads) -> None:
         """Learn from a sample that was predicted."""

@@ -3,18 +3,17 @@ What may be wrong with the model, and every way from one such hypothesis to anot
 
 A hypothesis is a mode: how far model and payload may be from what they are told to be. The
 incumbent gives the estimate; trials run beside it from the incumbent's knowledge, and each may
-take its place for what it gains in log-likelihood over it since it began:
+take its place for what it gains in log-likelihood over it:
 
-* `moved`: the payload walks at random. Always one runs; where it loses it begins again. Where its
-  gain was least is the time of a change (Page's cumulative sum, Biometrika 41, 1954).
+* `moved`: the payload walks at random.
 * `still`: beside an incumbent whose payload walks, one whose payload stands still.
-* `other`: the other modes take turns, and come at once where the incumbent does not fit.
+* `other`: a mode with more or with less freedom about the model.
 * `again`: the incumbent's own mode from the prior, linearised about what the incumbent has found;
   it learns the samples of late once more and takes its place when it has caught up.
-* `former`: what was incumbent before stays a while; it comes back with all it knows.
 
-So no mode is left for good. The exact mode needs no gain, one with more freedom MODE_GAIN nats, a
-change of the payload GAIN nats.
+What may have begun at any time, a walk or a wronger model, counts from when it was best to begin
+(Page's cumulative sum, Biometrika 41, 1954). The two explain the same misfit: of both the one that
+gains more on the same samples wins. So no mode is left for good.
 """
 
 from __future__ import annotations
@@ -47,10 +46,9 @@ UNFIT = 2.0
 # And what more freedom about the model must.
 MODE_GAIN = 8.0
 # A model is wrong for longer than a moment, s: a change of the payload shows at once.
-PERSISTS_S = 0.1
-# Nor is it judged while a payload that has just begun to walk is sought, s: of 16 drawn changes on
-# a matched arm 12 were found without that time, 16 with it (benchmarks/payload_changes.py).
-SEEKS_S = 0.2
+PERSISTS_S = 0.2
+# Modes are told apart by this long in motion, s; before that no change is told.
+OPEN_S = 1.0
 # A simpler mode may be behind by this when its trial ends.
 SIMPLER = 3.0
 # And its whitened innovations' mean square is at most this: where it is more they are coloured.
@@ -63,25 +61,17 @@ WALK_S = 1.0
 # is linearised afresh, and forgets nothing, whenever it has learnt for twice as long.
 HOLD_S, ROUNDS = 0.5, 3
 PAST_S, REPLAY = 10.0, 4
-# Trials of other modes: their length, s; how often one begins, and how often where the
-# incumbent's misfit is beyond MISFIT.
-TRIAL_S, PAUSE_S, HASTE_S, MISFIT = 2.0, 2.0, 0.25, 1.4
+# Trials of other modes: their length, s, and how often one begins; a wronger one only where the
+# misfit of an incumbent with parts is beyond MISFIT.
+TRIAL_S, MISFIT = 2.0, 1.4
 # Between two modes that are both wrong a trial takes so many times as long, and even the simpler
 # must gain: else they would take turns.
 LONGER = 16.0
-# No trial is longer than this, s.
-LONGEST_S = 40.0
 # A payload stands still when it has for STILL_S; where that lasts less than LASTS_S, for twice as
 # long the next time.
-STILL_S, LASTS_S = 0.3, 2.0
-# After the start the simplest mode is not judged for this long, s.
-WAIT_S = 0.4
+STILL_S, LASTS_S = 0.1, 2.0
 # A filter that begins afresh settles in this time, s.
 SETTLES_S = 0.1
-# The trial of a walking payload begins again where it is behind by this, or after this long.
-RESTART, RESTART_S = 2.0, 1.0
-# A former incumbent stays for so many trials.
-FORMER_TRIALS = 3
 # The payload of a fresh start is known to this share of (m + soft mass): closely where it is
 # linearised about what a wrong model knows, widely where that knew nothing of its errors.
 CLOSE, FRESH = 0.05, 0.3
@@ -107,6 +97,9 @@ class Modes:
     trials : list of Trial
     moved : Trial or None
         The one that told of the change that goes on.
+    change : Trial or None
+        The same where it may be told of now, for a model that is wrong has had the time to say so:
+        after PERSISTS_S, or when the payload stands still.
 
     """
 
@@ -120,8 +113,9 @@ class Modes:
         """Forget everything."""
         self.trials: list[Trial] = []
         self._past.clear()
-        self._turn, self._next = 0, 0.0
+        self._next, self._lived = -math.inf, 0.0
         self.moved: Trial | None = None
+        self.change: Trial | None = None
         self._stood, self._moved, self._patience = -math.inf, -math.inf, STILL_S
 
     def remember(self, sample: Sample, loads: Loads, excited: bool) -> None:
@@ -142,31 +136,17 @@ class Modes:
             self.missed(sample, loads, excited)
             return incumbent
         self.remember(sample, loads, excited)
-        step = self.stepper.step_time if self.stepper.tells(incumbent, loads, ROUGH) else 0.0
+        self.change = self.moved if sample.time - self._moved >= PERSISTS_S else None
         lived = self.stepper.step_time if excited else 0.0
-        incumbent.age += lived
+        incumbent.age, self._lived = incumbent.age + lived, self._lived + lived
+        if not excited:
+            # Nothing tells a payload, or a model, from another.
+            self.trials = [trial for trial in self.trials if trial.kind in ('still', 'again')]
         for trial in self.trials:
             if trial.kind == 'again':
                 self._replay(trial)
-                continue
-            self.stepper.step(trial.runner, sample, loads)
-            trial.runner.age += lived
-            took = step if trial.kind in ('other', 'former') else self.stepper.step_time
-            trial.age, trial.time = trial.age + took, trial.time + self.stepper.step_time
-            trial.square += took * trial.runner.square
-            trial.gain += self._gained(trial, incumbent)
-            if trial.kind == 'moved' and trial.gain < trial.lowest:
-                trial.lowest, trial.since = trial.gain, sample.time
-            if level(trial.runner.mode) > level(incumbent.mode):
-                if sample.time - self._moved < SEEKS_S:
-                    trial.gain = trial.age = 0.0
-                # What it was behind before counts no longer: from now on the model may be wrong.
-                if trial.gain <= 0.0 or trial.age < 0.0:
-                    trial.gain = 0.0
-                if trial.gain <= 0.0 < trial.age:
-                    trial.gain, trial.age, trial.square = 0.0, 0.0, 0.0
-            elif trial.kind == 'still' and trial.age < SETTLES_S:
-                trial.gain = 0.0
+            else:
+                self._step(trial, incumbent, sample, loads, excited)
         for trial in list(self.trials):
             if self._wins(trial, incumbent):
                 return self._promote(trial, incumbent, sample.time)
@@ -177,6 +157,27 @@ class Modes:
             if self._strays(incumbent):
                 incumbent = self.stepper.about(incumbent)
         return incumbent
+
+    def _step(self, trial: Trial, incumbent: Filter, sample: Sample, loads: Loads,
+              excited: bool) -> None:
+        """Let a trial learn a sample, and count what it gains."""
+        step = self.stepper.step_time
+        if trial.kind == 'moved':
+            trial.runner = self.stepper.walk(trial.runner, sample, loads)
+        else:
+            self.stepper.step(trial.runner, sample, loads)
+        trial.runner.age += step if excited else 0.0
+        tells = trial.kind != 'other' or self.stepper.tells(incumbent, loads, ROUGH)
+        trial.count(step if tells else 0.0, self._gained(trial, incumbent))
+        if self._any_time(trial, incumbent) and trial.gain <= 0.0:
+            trial.begin(sample.time)
+        elif trial.kind == 'still' and trial.age < SETTLES_S:
+            trial.gain = 0.0
+
+    @staticmethod
+    def _any_time(trial: Trial, incumbent: Filter) -> bool:
+        """Tell whether what a trial takes to be may have begun at any time."""
+        return trial.kind == 'moved' or level(trial.runner.mode) > level(incumbent.mode)
 
     def _replay(self, trial: Trial) -> None:
         """Let one that begins again learn the next few samples of the past."""
@@ -194,7 +195,7 @@ class Modes:
         """Tell whether a filter that has begun again often enough is to be linearised afresh."""
         if f.rounds < ROUNDS or f.mode.walk > 0.0:
             return False
-        return f.model is None or f.age >= 2.0 * max(f.linearised, HOLD_S)
+        return f.age >= (HOLD_S if f.model is None else 2.0 * max(f.linearised, HOLD_S))
 
     def _gained(self, trial: Trial, incumbent: Filter) -> float:
         if trial.runner.mode.name == incumbent.mode.name:
@@ -204,11 +205,15 @@ class Modes:
     def _wins(self, trial: Trial, incumbent: Filter) -> bool:
         if trial.kind == 'again':
             return trial.place == self._past.end
+        rivals = [other.gain for other in self.trials
+                  if other is not trial and self._any_time(other, incumbent)]
+        if trial.gain < max(rivals, default=-math.inf):
+            return False
         if trial.kind == 'still':
             return trial.age >= self._patience and trial.gain > -SIMPLER
         if trial.kind == 'moved':
-            # Nor does one that still seeks where to linearise: its errors look like a change.
-            fits = not incumbent.mode.parts or (
+            # One that still seeks where to linearise does not: its errors look like a change.
+            fits = self._lived >= OPEN_S if not incumbent.mode.parts else (
                 incumbent.rounds == ROUNDS and misfit_of(incumbent.record) < UNFIT)
             return fits and trial.gain > GAIN * WRONG[level(incumbent.mode)]
         if trial.age < self._shortest(trial, incumbent):
@@ -221,42 +226,30 @@ class Modes:
         gain -= 0.5 * apart / (trial.runner.variance + incumbent.variance)
         return gain > -SIMPLER and trial.square < FITS * trial.age
 
-    @staticmethod
-    def _shortest(trial: Trial, incumbent: Filter) -> float:
+    def _shortest(self, trial: Trial, incumbent: Filter) -> float:
         """Return how long a trial of another mode must have run to win, s."""
-        if level(trial.runner.mode) > level(incumbent.mode):
+        if self._any_time(trial, incumbent):
             return PERSISTS_S
         return TRIAL_S * (LONGER if trial.runner.mode.parts else 1.0)
 
     def _over(self, trial: Trial, incumbent: Filter) -> bool:
-        """Tell whether a trial that has not won is at its end; a former one begins again."""
-        if trial.kind == 'again':
+        """Tell whether a trial that has not won is at its end."""
+        if trial.kind in ('again', 'moved'):
             return False
-        if trial.kind == 'moved':
-            return trial.gain < -RESTART or (trial.age > RESTART_S and trial.gain < RESTART)
         if trial.kind == 'still':
             return trial.gain < -GAIN
-        long = TRIAL_S * (LONGER if trial.runner.mode.parts else 1.0)
-        if trial.age >= long and trial.left > 0:
-            if trial.gain < -GAIN and not trial.runner.mode.parts \
-                    and trial.left < FORMER_TRIALS:
-                # It may have learnt under a wrong noise: it begins afresh, knowing the noise.
-                noise = trial.runner.record
-                trial.runner = self._renewed(incumbent, trial.runner.mode)
-                trial.runner.record[:-5] = noise[:-5]
-            trial.left, trial.age, trial.gain, trial.square = trial.left - 1, 0.0, 0.0, 0.0
-            return False
-        lost = trial.gain < -GAIN and trial.left == 0
-        return trial.age >= long or lost or trial.time >= LONGEST_S
+        if self._any_time(trial, incumbent):
+            return trial.time >= TRIAL_S and trial.gain == 0.0
+        return trial.gain < -GAIN or trial.age >= self._shortest(trial, incumbent)
 
     def _promote(self, trial: Trial, incumbent: Filter, time: float) -> Filter:
         """Return the new incumbent; one of another mode that it follows stays beside it."""
         new = trial.runner.mode.name != incumbent.mode.name
-        kinds = ('other', 'former') if not new else ('other',)
-        self.trials = [other for other in self.trials
-                       if other is not trial and other.kind in kinds]
+        self.trials = [other for other in self.trials if other.kind == 'other'
+                       and other is not trial and not new and trial.kind != 'still']
         for other in self.trials:
-            other.gain -= trial.gain
+            other.gain = max(other.gain - trial.gain, 0.0) if self._any_time(
+                other, trial.runner) else other.gain - trial.gain
         if trial.kind == 'moved':
             # A payload that stood still for a moment only goes on changing.
             hasty = time - self._stood < LASTS_S
@@ -264,47 +257,50 @@ class Modes:
             self.moved, self._moved = trial, time
             self._past.clear()
         elif trial.runner.mode.walk == 0.0 and trial.kind != 'again':
+            if trial.kind == 'still':
+                self.change = self.moved
+                # What it has learnt of this payload it is linearised by.
+                trial.runner.age = trial.runner.linearised = 0.0
+            else:
+                self.change = None
             self.moved, self._stood = None, time
             self._past.clear()
         if new:
             self.keep(incumbent, time)
+        self._next = time + TRIAL_S
         return trial.runner
 
-    def keep(self, former: Filter, time: float, wait: float = 0.0) -> None:
-        """Let one that is not the incumbent go on for a while, with no say for `wait`, s."""
-        self.trials.append(Trial('former', former, time, former.mass, age=-wait,
-                                 left=FORMER_TRIALS))
+    def keep(self, former: Filter, time: float) -> None:
+        """Let one that is not the incumbent go on for a while."""
+        self._add('other', former, former, time)
 
     def _begin(self, incumbent: Filter, time: float) -> None:
         """Begin the trials that should run and do not."""
         kinds = {trial.kind for trial in self.trials}
         walking = incumbent.mode.walk > 0.0
-        if walking and 'still' not in kinds and time - self._moved > SETTLES_S:
+        if walking and 'still' not in kinds:
             self._add('still', self._still(incumbent), incumbent, time)
         if not walking and 'moved' not in kinds and level(incumbent.mode) < 2:
             self._add('moved', self._as(incumbent, incumbent.mode, self.walk), incumbent, time)
         if 'again' not in kinds and not walking and incumbent.mode.name == ROUGH.name \
                 and incumbent.rounds < ROUNDS and incumbent.age >= HOLD_S:
             self._again(incumbent, time)
-        hasty = misfit_of(incumbent.record) > MISFIT
-        if 'other' not in kinds and time >= self._next:
-            mode = self._candidate(incumbent, hasty)
-            self._next = time + (HASTE_S if hasty else PAUSE_S)
-            known = [trial.runner.mode.name for trial in self.trials if trial.kind == 'former']
-            if mode and mode.name not in known:
+        known = {level(trial.runner.mode) for trial in self.trials if trial.kind == 'other'}
+        for mode in self._others(incumbent, time):
+            if level(mode) not in known:
+                self._next = time + TRIAL_S
                 self._add('other', self._converted(incumbent, mode), incumbent, time)
 
-    def _candidate(self, incumbent: Filter, hasty: bool) -> Mode | None:
-        """Return the mode whose turn it is; where the incumbent does not fit, a wronger one."""
-        place = level(incumbent.mode)
-        more = [mode for mode in MODES if level(mode) > place][:1]
-        less = [mode for mode in MODES if level(mode) < place][::-1]
-        if incumbent.mode.parts and (incumbent.rounds == 0 or not hasty):
-            # One that still seeks its parts is not judged.
-            more = []
-        others = more if hasty and more else more + less
-        self._turn += 1
-        return others[self._turn % len(others)] if others else None
+    def _others(self, incumbent: Filter, time: float) -> list[Mode]:
+        """Return the modes that should be on trial: where the incumbent does not fit, wronger."""
+        place, others = level(incumbent.mode), []
+        if place > 0 and time >= self._next:
+            others.append(MODES[place - 1])
+        # One that still seeks its parts is not judged.
+        if not incumbent.mode.parts or (
+                incumbent.rounds > 0 and misfit_of(incumbent.record) > MISFIT):
+            others += MODES[place + 1:place + 2]
+        return others
 
     def _add(self, kind: str, f: Filter, incumbent: Filter, time: float) -> None:
         self.trials.append(Trial(kind, f, time, incumbent.mass))

@@ -14,6 +14,7 @@ from flex_payload_estimator.estimators.rpe.modes import (
     EXACT,
     FRESH,
     MISFIT,
+    OPEN_S,
     SEEK,
 )
 from flex_payload_estimator.estimators.rpe.sensors import Loads
@@ -29,8 +30,6 @@ NOISIER = 4.0
 BEHIND = 15.0
 # Which mode fits is told by the last so many seconds: the noise must be known first.
 RECENT_S = 0.25
-# Modes are told apart by this long in motion, s; payloads within a mode before that.
-OPEN_S = 1.0
 # What an arm with parts off must gain over an exact one.
 ROUGH_COST = 6.0
 
@@ -79,7 +78,7 @@ class Start:
         bank = []
         for mode, cells, shares in ((EXACT, EXACT_CELLS, self.stepper.shares),
                                     (SEEK, ROUGH_CELLS, (None,))):
-            for low, high in self._cells(cells):
+            for low, high in self.stepper.cells(cells):
                 for share in shares:
                     f = self.stepper.begin(mode, measured, 0.5 * (low + high),
                                            0.5 * (high - low), share)
@@ -114,11 +113,6 @@ class Start:
             f.record[:], f.reading[:] = rested.record, rested.reading
             self.stepper.step(f, sample, loads)
 
-    def _cells(self, count: int) -> list[tuple[float, float]]:
-        soft, heaviest = self.stepper.schedule.soft_mass, self.stepper.heaviest
-        edges = soft * (1.0 + heaviest / soft)**(np.arange(count + 1) / count) - soft
-        return list(zip(edges[:-1].tolist(), edges[1:].tolist()))
-
     def best(self) -> Filter:
         """Return the likeliest filter."""
         return max(self.filters, key=lambda f: f.log)
@@ -128,7 +122,7 @@ class Start:
         Take the last sample's evidence and drop what is unlikely within its mode.
 
         Of a mode that is behind another the likeliest is enough, and of each after OPEN_S in
-        motion: what is open then, such as Coriolis forces too small to show, another trial of the
+        motion, for payloads are told apart before modes: what is open then, such as Coriolis forces too small to show, another trial of the
         mode settles when it shows. Returns one filter a mode, the likeliest first, once no mode
         has more; else none.
         """

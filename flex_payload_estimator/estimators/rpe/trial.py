@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from flex_payload_estimator.estimators.rpe.hypothesis import Filter
 
 
-@dataclass
+@dataclass(eq=False)
 class Trial:
     """
     A filter beside the incumbent.
@@ -15,22 +15,20 @@ class Trial:
     Attributes
     ----------
     kind : str
-        'moved', 'still', 'other', 'again' or 'former'.
+        'moved', 'still', 'other' or 'again'.
     runner : Filter
     since : float
-        When it began, s; of a walking payload, when it was furthest behind: the time of a change.
+        When it began, or was best to begin, s: the time of a change.
     mass : float
         The incumbent's payload then, kg.
-    gain, lowest : float
-        Log-likelihood over the incumbent's since it began, and the least that it was.
+    gain : float
+        Log-likelihood over the incumbent's: since it began, or since when it was best to begin.
     age : float
-        How long it has run, s; a trial of another mode, while the modes differ.
+        For how long that is, s; of a trial of another mode, while the modes differ.
     time : float
-        How long it has run, s.
+        For how long it has run, s, counted alike.
     square : float
         Its whitened innovations' mean square summed over that time, s.
-    left : int
-        Trials that it may begin again.
     place : int
         Number of the next sample that one which begins again is to learn.
 
@@ -41,9 +39,17 @@ class Trial:
     since: float
     mass: float
     gain: float = 0.0
-    lowest: float = 0.0
     age: float = 0.0
     time: float = 0.0
     square: float = 0.0
-    left: int = 0
     place: int = 0
+
+    def count(self, took: float, gain: float) -> None:
+        """Count a sample that took so long, s, and gained so much."""
+        self.time, self.age, self.gain = self.time + took, self.age + took, self.gain + gain
+        self.square += took * self.runner.square
+
+    def begin(self, time: float) -> None:
+        """Count from now on."""
+        self.gain = self.age = self.square = 0.0
+        self.since = time
