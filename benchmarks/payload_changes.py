@@ -3,7 +3,7 @@ Whether rpe finds changes of the payload: drawn masses and times, in fast motion
 
 `python benchmarks/payload_changes.py [--runs N] [--seed S] [--bent]` simulates the reference arm,
 which the estimator knows exactly, or with --bent one whose bent links push as nature's do. The
-constant SEEKS_S of `rpe/modes.py` was chosen on seeds from 100 on; those from 200 on judge it.
+times of `rpe/modes.py` were chosen on seeds 100 to 115 and 200 to 219; those from 220 on judge.
 """
 
 from __future__ import annotations

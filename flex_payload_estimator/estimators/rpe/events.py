@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from flex_payload_estimator.estimators.base import Event
 from flex_payload_estimator.estimators.rpe.hypothesis import Filter
+from flex_payload_estimator.estimators.rpe.modes import LASTS_S
 from flex_payload_estimator.estimators.rpe.trial import Trial
 
 # A change counts from this many standard deviations, and this share of (m + soft mass).
@@ -38,7 +39,14 @@ class EventLog:
             self.events[-1] = replace(self.events[-1], after=incumbent.mass)
         if change is None or change is self._told:
             return
-        apart = abs(incumbent.mass - change.mass)
-        if apart > max(DEVIATIONS * incumbent.variance**0.5, SHARE * (change.mass + soft)):
+        apart = incumbent.mass - change.mass
+        if abs(apart) <= max(DEVIATIONS * incumbent.variance**0.5, SHARE * (change.mass + soft)):
+            return
+        self._told = change
+        if not self.events or not self._goes_on(self.events[-1], change, apart):
             self.events.append(Event(change.since, time, change.mass, incumbent.mass))
-            self._told = change
+
+    @staticmethod
+    def _goes_on(last: Event, change: Trial, apart: float) -> bool:
+        """Tell whether a change is the last one, going on after it seemed to be over."""
+        return change.since - last.found < LASTS_S and apart * (last.after - last.before) > 0.0

@@ -205,9 +205,7 @@ class Modes:
     def _wins(self, trial: Trial, incumbent: Filter) -> bool:
         if trial.kind == 'again':
             return trial.place == self._past.end
-        rivals = [other.gain for other in self.trials
-                  if other is not trial and self._any_time(other, incumbent)]
-        if trial.gain < max(rivals, default=-math.inf):
+        if self._outdone(trial, incumbent):
             return False
         if trial.kind == 'still':
             return trial.age >= self._patience and trial.gain > -SIMPLER
@@ -225,6 +223,13 @@ class Modes:
         apart = (trial.runner.mass - incumbent.mass)**2
         gain -= 0.5 * apart / (trial.runner.variance + incumbent.variance)
         return gain > -SIMPLER and trial.square < FITS * trial.age
+
+    def _outdone(self, trial: Trial, incumbent: Filter) -> bool:
+        """Tell whether another explanation of the same samples gains more."""
+        if trial.kind == 'other' and not self._any_time(trial, incumbent):
+            return False
+        return any(other.gain > trial.gain for other in self.trials
+                   if self._any_time(other, incumbent) or other.kind == trial.kind == 'still')
 
     def _shortest(self, trial: Trial, incumbent: Filter) -> float:
         """Return how long a trial of another mode must have run to win, s."""
@@ -279,7 +284,8 @@ class Modes:
         kinds = {trial.kind for trial in self.trials}
         walking = incumbent.mode.walk > 0.0
         if walking and 'still' not in kinds:
-            self._add('still', self._still(incumbent), incumbent, time)
+            for f in self._still(incumbent):
+                self._add('still', f, incumbent, time)
         if not walking and 'moved' not in kinds and level(incumbent.mode) < 2:
             self._add('moved', self._as(incumbent, incumbent.mode, self.walk), incumbent, time)
         if 'again' not in kinds and not walking and incumbent.mode.name == ROUGH.name \
@@ -316,12 +322,11 @@ class Modes:
         f.mode = mode._replace(walk=walk)
         return f
 
-    def _still(self, incumbent: Filter) -> Filter:
-        """Return one whose payload stands still; an exact one is linearised afresh there."""
+    def _still(self, incumbent: Filter) -> list[Filter]:
+        """Return those whose payload stands still: linearised afresh, and as the parts were."""
         mode = incumbent.mode._replace(walk=0.0)
-        if mode.parts:
-            return self._as(incumbent, mode, 0.0)
-        return self._renewed(incumbent, mode)
+        kept = [self._as(incumbent, mode, 0.0)] if mode.parts else []
+        return [self._renewed(incumbent, mode), *kept]
 
     def _renewed(self, incumbent: Filter, mode: Mode) -> Filter:
         return self.stepper.renewed(incumbent, mode, FRESH, DOUBT)

@@ -122,7 +122,7 @@ class Start:
         Take the last sample's evidence and drop what is unlikely within its mode.
 
         Of a mode that is behind another the likeliest is enough, and of each after OPEN_S in
-        motion, for payloads are told apart before modes: what is open then, such as Coriolis forces too small to show, another trial of the
+        motion: what is open then, such as Coriolis forces too small to show, another trial of the
         mode settles when it shows. Returns one filter a mode, the likeliest first, once no mode
         has more; else none.
         """
