@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import dataclass, replace
 from pathlib import Path
+import sys
 from tempfile import TemporaryDirectory
 import time
 
@@ -19,11 +20,14 @@ from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.commissioning.calibration import calibrate
 from flex_plant_sim.logs.read import read_log
 from flex_plant_sim.tools.replay import replay
-from mujoco_chain import Arm, build, run
-from mujoco_effects import GAUGES
-from mujoco_records import ANGLE_NOISE, COLUMNS, Loop, PERIOD_S, set_points, STRAIN_NOISE
-from mujoco_scenario import logged_strain, Scenario, Sensors
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / 'test'))
+from truth.configuration import Arm, Joint, Link, reference_arm  # noqa: E402
+from truth.excitation import set_points  # noqa: E402
+from truth.mujoco.simulation import simulate  # noqa: E402
+from truth.records import COLUMNS, sample_times  # noqa: E402
+from truth.sensors import amplifier_output  # noqa: E402
 
 TOLERANCE = 0.1
 WIDE = ('stiffness', 'link_mass', 'drive_inertia', 'drive_gain', 'drive_damping', 'elbow_mass',
@@ -35,52 +39,62 @@ class Truth:
     """An arm, and the logarithm of what its parts are over the reference robot's, by name."""
 
     arm: Arm
-    sensors: Sensors
     off: dict[str, float]
+
+
+class Factors:
+    """Draws what each part is multiplied with, and remembers it by name."""
+
+    def __init__(self, rng: np.random.Generator):
+        self._rng = rng
+        self.off: dict[str, float] = {}
+
+    def __call__(self, name: str) -> float:
+        """Return the factor of a part: 5 to 10 % more or less."""
+        value = float(self._rng.choice([-1.0, 1.0]) * self._rng.uniform(0.05, 0.10))
+        self.off[name] = value
+        return float(np.exp(value))
+
+
+def _link(link: Link, j: int, factor: Factors) -> Link:
+    return replace(link, youngs_modulus=link.youngs_modulus * factor(f'stiffness_{j}'),
+                   density=link.density * factor(f'link_mass_{j}'),
+                   damping_ratio=link.damping_ratio * factor(f'damping_{j}'))
+
+
+def _joint(joint: Joint, j: int, factor: Factors) -> Joint:
+    damping = factor(f'drive_damping_{j}')
+    # A velocity loop that damps more pulls as much harder.
+    return replace(joint, inertia=joint.inertia * factor(f'drive_inertia_{j}'),
+                   torque_gain=joint.torque_gain * damping * factor(f'drive_gain_{j}'),
+                   damping=joint.damping * damping)
 
 
 def draw(rng: np.random.Generator) -> Truth:
     """Return an arm whose every part is 5 to 10 % too large or too small."""
-    off: dict[str, float] = {}
-
-    def factor(*names: str) -> float:
-        value = float(rng.choice([-1.0, 1.0]) * rng.uniform(0.05, 0.10))
-        off.update(dict.fromkeys(names, value))
-        return float(np.exp(value))
-
-    links = [replace(link, youngs_modulus=link.youngs_modulus * factor(f'stiffness_{j}'),
-                     density=link.density * factor(f'link_mass_{j}'),
-                     damping_ratio=link.damping_ratio * factor(f'damping_{j}'))
-             for j, link in enumerate(Arm().links, start=1)]
-    inertia = [value * factor(f'drive_inertia_{j}')
-               for j, value in enumerate(Arm().rotor_inertia, start=1)]
-    gain = [factor(f'drive_gain_{j}') for j in (1, 2)]
-    damping = [factor(f'drive_damping_{j}') for j in (1, 2)]
+    factor, arm = Factors(rng), reference_arm(float(rng.uniform(0.05, 0.2)))
+    gauges = COLUMNS['reference'][5:]
     arm = replace(
-        Arm(), links=(links[0], links[1]), rotor_inertia=(inertia[0], inertia[1]),
-        gain=(gain[0], gain[1]), elbow_mass=Arm().elbow_mass * factor('elbow_mass'),
-        time_constant=(_time_constant(0, inertia, damping), _time_constant(1, inertia, damping)),
-        payload_mass=float(rng.uniform(0.05, 0.2)))
-    scale = [factor(f'strain_gain:{name}') for name in GAUGES]
-    sensors = Sensors(strain_mix=np.diag(scale), strain_bias=1e-5 * rng.standard_normal(4))
-    return Truth(arm, sensors, off)
-
-
-def _time_constant(j: int, inertia: list[float], damping: list[float]) -> float:
-    nominal = Arm().rotor_inertia[j] / Arm().time_constant[j]
-    return inertia[j] / (nominal * damping[j])
+        arm, links=(_link(arm.links[0], 1, factor), _link(arm.links[1], 2, factor)),
+        joints=(_joint(arm.joints[0], 1, factor), _joint(arm.joints[1], 2, factor)),
+        structure=replace(arm.structure,
+                          elbow_mass=arm.structure.elbow_mass * factor('elbow_mass')),
+        sensors=replace(
+            arm.sensors,
+            strain_gain=tuple(factor(f'strain_gain:{name}') for name in gauges),
+            strain_bias=tuple((1e-5 * rng.standard_normal(len(gauges))).tolist())))
+    return Truth(arm, factor.off)
 
 
 def record(truth: Truth, seed: int, duration: float) -> np.ndarray:
     """Return what a closed loop around the arm logs, (N, 9), in the order of COLUMNS."""
-    rng, count = np.random.default_rng([seed, 7]), round(duration / PERIOD_S)
-    chain = build(truth.arm, 20, PERIOD_S / 20)
-    loop = Loop(chain, Scenario(truth.arm, truth.arm.payload_mass, sensors=truth.sensors),
-                set_points(rng, count), ANGLE_NOISE * rng.standard_normal((count, 2)))
-    _, strain = run(chain, loop.command, count, PERIOD_S)
-    strain = logged_strain(strain, truth.sensors, PERIOD_S, PERIOD_S)
-    strain += STRAIN_NOISE * rng.standard_normal(strain.shape)
-    return np.column_stack([np.arange(count) * PERIOD_S, loop.commands, loop.angles, strain])
+    rng, arm = np.random.default_rng([seed, 7]), truth.arm
+    time_s = sample_times(arm, round(duration / arm.sample_time))
+    noise = arm.sensors.angle_noise * rng.standard_normal((len(time_s), 2))
+    motion = simulate(arm, set_points(rng, time_s, arm.excitation), noise=noise)
+    strain = amplifier_output(motion, arm.sensors, arm.sample_time)
+    strain += arm.sensors.strain_noise * rng.standard_normal(strain.shape)
+    return np.column_stack([time_s, motion.command, motion.joint, strain])
 
 
 def told_robot() -> Robot:
@@ -97,9 +111,9 @@ def one(seed: int, duration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     with TemporaryDirectory() as folder:
         path = Path(folder) / 'record.csv'
         np.savetxt(path, record(truth, seed, duration), delimiter=',', fmt='%.9g',
-                   header=','.join(COLUMNS), comments='')
+                   header=','.join(COLUMNS['reference']), comments='')
         log = read_log(path, robot)
-    payload, begin = truth.arm.payload_mass, time.perf_counter()
+    payload, begin = truth.arm.payload.mass, time.perf_counter()
     found = calibrate([log], robot, payload)
     took = time.perf_counter() - begin
     fits = [replay(log, item, payload=payload).fit_percent for item in (robot, found.robot)]

@@ -11,6 +11,8 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
+from pathlib import Path
+import sys
 
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.diagnosis.causes.fit import Causes, fitted
@@ -19,8 +21,10 @@ from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.diagnosis.verdict.verdict import nominal_base, slowest_frequency
-from mujoco_records import make_record
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / 'test'))
+from truth.records import draw_case, make_record  # noqa: E402
 
 FIRST_SEED, BLOCKS = 700, 48
 AMPLITUDES = (Amplitude(0.03, 0.01), Amplitude(0.03, 0.02), Amplitude(0.03, 0.05))
@@ -28,10 +32,12 @@ AMPLITUDES = (Amplitude(0.03, 0.01), Amplitude(0.03, 0.02), Amplitude(0.03, 0.05
 
 def whitened(seed: int, amplitude: Amplitude) -> tuple[np.ndarray, np.ndarray]:
     """Return untempered innovations (N, m) of a clean arm and their columns (N, m, p)."""
-    table, truth = make_record('nothing', seed)
+    case = replace(draw_case(None, seed), simulator='mujoco')
+    truth = make_record(case)
     robot = load_robot('reference')
     base = replace(nominal_base(robot, 'assumed_modes', 3), discrepancy=amplitude)
-    record = Record('clean', table[:, 0], table[:, 1:3], table[:, 3:], truth['payload_told'])
+    record = Record('clean', truth.time, truth.command, np.hstack([truth.joint, truth.strain]),
+                    case.payload_told)
     data = Data.of([record], slowest_frequency(base, record.payload), robot.sample_time)
     likelihood = Likelihood(base, data.windows, data.noise)
     fit = fitted(likelihood, Causes((), data.duration), (np.zeros(0),))

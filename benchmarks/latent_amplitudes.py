@@ -2,8 +2,8 @@
 Calibrate the amplitudes of latent forces on arms of another simulator (MuJoCo).
 
 `python benchmarks/latent_amplitudes.py --runs 2` hides torques that are known (dry and viscous
-friction, a bias of the drive, none) in arms whose parts are within tolerances, smooths them with
-each triple of amplitudes, and prints how many samples of the moving joints lie within the 95 %
+friction, a bias of the drive, none) in arms whose parts are the model's, smooths them with each
+triple of amplitudes, and prints how many samples of the moving joints lie within the 95 %
 band of the smoothed torque, and the rms error in posterior standard deviations. Amplitudes are
 right where that is 95 % and 1. Seeds from 7000 on; nothing is scored on them.
 """
@@ -12,7 +12,10 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import product
+from pathlib import Path
+import sys
 
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.diagnosis.prediction.latent_forces import (
@@ -24,42 +27,41 @@ from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.record.sensor_noise import measurement_noise
 from flex_plant_sim.diagnosis.record.windows import Record, Windows
 from flex_plant_sim.diagnosis.verdict.verdict import nominal_base
-from mujoco_records import make_record
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / 'test'))
+from truth.records import build_arm, draw_case, make_record, TruthCase  # noqa: E402
 
 ROBOT = load_robot('reference')
 FIRST_SEED = 7000
-KINDS = ('nothing', 'coulomb_friction', 'viscous_friction', 'actuator_bias')
+KINDS = (None, 'coulomb_friction', 'viscous_friction', 'actuator_bias')
 TORQUE, GAUGE, GAUGE_TIME = (0.02, 0.03, 0.05), (0.01, 0.05), (0.1, 0.3)
 MOVING, START_S, SLOWEST = 0.1, 2.0, 10.0
 
 
-def hidden_torque(kind: str, truth: dict, speed: np.ndarray) -> np.ndarray:
-    """Return the torque that a MuJoCo record hides at joint speeds (N, 2), N m."""
-    torque = np.zeros_like(speed)
-    if kind == 'nothing':
-        return torque
-    joint, size = int(truth['site'][-1]) - 1, truth['effect'][next(iter(truth['effect']))]
-    torque[:, joint] = {
-        'coulomb_friction': -size * np.sign(speed[:, joint]),
-        'viscous_friction': -size * speed[:, joint],
-        'actuator_bias': size * ROBOT.drives[joint].torque_gain}[kind]
-    return torque
+def hidden_torque(case: TruthCase, speed: np.ndarray) -> np.ndarray:
+    """Return the torque that a record hides at joint speeds (N, 2), N m."""
+    return np.column_stack([
+        joint.torque_gain * joint.bias - joint.viscous * speed[:, j]
+        - np.where(speed[:, j] > 0.0, joint.coulomb_forward, -joint.coulomb_backward)
+        for j, joint in enumerate(build_arm(case).joints)])
 
 
-def predictors(runs: int) -> Iterator[tuple[str, dict, Predictor]]:
-    """Yield the kind, the truth and the nominal predictor of every record."""
+def predictors(runs: int) -> Iterator[tuple[TruthCase, Predictor]]:
+    """Yield the case and the nominal predictor of every record."""
     for kind, seed in product(KINDS, range(FIRST_SEED, FIRST_SEED + runs)):
-        table, truth = make_record(kind, seed)
-        record = Record(kind, table[:, 0], table[:, 1:3], table[:, 3:], truth['payload_told'])
+        case = replace(draw_case(kind, seed), simulator='mujoco', tolerances=False)
+        truth = make_record(case)
+        record = Record(str(kind), truth.time, truth.command,
+                        np.hstack([truth.joint, truth.strain]), case.payload_told)
         windows = Windows.cut(record, SLOWEST, ROBOT.sample_time)[0]
         base = nominal_base(ROBOT, 'assumed_modes', 3)
-        yield kind, truth, Predictor(base, windows, measurement_noise(record.output))
+        yield case, Predictor(base, windows, measurement_noise(record.output))
 
 
-def standard_errors(kind: str, truth: dict, found: LatentForces) -> list[np.ndarray]:
+def standard_errors(case: TruthCase, found: LatentForces) -> list[np.ndarray]:
     """Return the errors of the smoothed torques in standard deviations, one array a joint."""
-    error = found.torque - hidden_torque(kind, truth, found.speed)
+    error = found.torque - hidden_torque(case, found.speed)
     moving = np.abs(found.speed) > MOVING * np.sqrt(np.mean(found.speed**2, axis=0))
     moving[:round(START_S / ROBOT.sample_time)] = False
     return [(error[:, j] / found.torque_deviation[:, j])[moving[:, j]] for j in (0, 1)]
@@ -73,8 +75,8 @@ def main() -> None:
     print('torque gauge time   within 95 %: joint 1, joint 2   rms in sigma: joint 1, joint 2')
     for torque, gauge, time in product(TORQUE, GAUGE, GAUGE_TIME):
         amplitudes = Amplitudes(torque, gauge, time)
-        errors = [standard_errors(kind, truth, latent_forces(predictor, amplitudes))
-                  for kind, truth, predictor in records]
+        errors = [standard_errors(case, latent_forces(predictor, amplitudes))
+                  for case, predictor in records]
         joints = [np.concatenate(e) for e in zip(*errors)]
         within = [100.0 * np.mean(np.abs(z) < 1.96) for z in joints]
         spread = [np.sqrt(np.mean(z**2)) for z in joints]

@@ -2,7 +2,8 @@
 Set the simulator beside a MuJoCo chain of the same arm: time and truth, in one run.
 
 Both run open loop from the same commands, each on one thread. The truth is the finite-element
-arm of `test/truth`, which shares no code with either. MuJoCo takes the largest step at which its
+arm of `test/truth`; the chain is its other simulator, without what acts within a sample. MuJoCo
+takes the largest step at which its
 chain is stable; its time leaves out building the model, ours leaves out building the schedule,
 which is printed beside it. Errors are 100 |e| / |y - mean y| in per cent.
 """
@@ -11,7 +12,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 import sys
 import time
@@ -23,10 +24,16 @@ from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.simulator import simulate as step_arm
 from flex_plant_sim.simulation.simulator import Simulator
 import mujoco
-from mujoco_chain import Arm, build, fit_percent, run, simulate
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
+
+sys.path.insert(1, str(Path(__file__).parents[1] / 'test'))
+from finite_elements import natural_frequencies  # noqa: E402, I100
+from truth.configuration import reference_arm  # noqa: E402
+from truth.mujoco.chain import build, Chain  # noqa: E402
+from truth.mujoco.simulation import BROKEN_STRAIN  # noqa: E402
+from truth.simulation import simulate as move  # noqa: E402
 
 Array = NDArray[np.float64]
 PAYLOAD, PERIOD, COUNT, MODES, SEGMENTS = 0.1, 0.01, 1000, 5, 20
@@ -46,25 +53,43 @@ class Contender:
     outputs: Callable[[Array], Array]
 
 
-def finite_elements() -> tuple[Callable[[Array], Array], Callable[[float, float], Array]]:
-    """Return the truth: outputs from commands, and locked frequencies, rad/s."""
-    sys.path.insert(1, str(Path(__file__).parents[1] / 'test'))
-    from finite_elements import natural_frequencies
-    from truth.configuration import reference_arm
-    from truth.simulation import simulate as move
+def true_outputs(commands: Array) -> Array:
+    """Return what the finite elements say, (N, 6)."""
+    motion = move(reference_arm(PAYLOAD), command=commands)
+    return np.hstack([motion.joint, motion.fine_strain[::motion.steps_per_sample]])
 
-    def outputs(commands: Array) -> Array:
-        motion = move(reference_arm(PAYLOAD), command=commands)
-        return np.hstack([motion.joint, motion.fine_strain[::motion.steps_per_sample]])
 
-    robot = load_robot('reference')
-    return outputs, lambda payload, angle: np.asarray(
-        natural_frequencies(robot, angle, payload)[:4])
+def true_frequencies(payload: float, angle: float) -> Array:
+    """Return the first natural frequencies of the finite elements, joints locked, rad/s."""
+    return np.asarray(natural_frequencies(load_robot('reference'), angle, payload)[:4])
+
+
+def run(chain: Chain, commands: Array, substeps: int) -> Array:
+    """
+    Return the chain's outputs (N, 6) from rest.
+
+    Raises
+    ------
+    FloatingPointError
+        The step is too long.
+
+    """
+    data, joints = mujoco.MjData(chain.model), list(chain.joint)
+    gains = np.array([joint.torque_gain for joint in reference_arm(PAYLOAD).joints])
+    found = np.empty((len(commands), 2 + len(chain.strain_map)))
+    for k, command in enumerate(commands):
+        found[k, :2] = data.qpos[joints]
+        found[k, 2:] = chain.strain_map @ data.qpos[chain.hinges]
+        if not np.abs(found[k, 2:]).max() < BROKEN_STRAIN:
+            raise FloatingPointError(f'unstable at {k * PERIOD:.2f} s: take more sub-steps')
+        data.qfrc_applied[joints] = gains * command
+        mujoco.mj_step(chain.model, data, substeps)
+    return found
 
 
 def chain_frequencies(payload: float, theta_2: float) -> Array:
     """Return the chain's first natural frequencies with both joints locked, rad/s."""
-    chain = build(replace(Arm(), payload_mass=payload), SEGMENTS)
+    chain = build(reference_arm(payload), PERIOD / 20, SEGMENTS)
     data = mujoco.MjData(chain.model)
     data.qpos[chain.joint[1]] = theta_2
     mujoco.mj_forward(chain.model, data)
@@ -88,7 +113,7 @@ def largest_stable_substeps(commands: Array) -> int:
     """Return the fewest sub-steps a sample at which the chain stays finite and bounded."""
     for substeps in range(1, 200):
         try:
-            simulate(Arm(), commands, PERIOD, PAYLOAD, SEGMENTS, substeps)
+            run(build(reference_arm(PAYLOAD), PERIOD / substeps, SEGMENTS), commands, substeps)
             return substeps
         except FloatingPointError:
             continue
@@ -98,13 +123,10 @@ def largest_stable_substeps(commands: Array) -> int:
 def chain(substeps: int) -> Contender:
     """Return MuJoCo's chain at a number of sub-steps a sample."""
     start = time.process_time()
-    built = build(replace(Arm(), payload_mass=PAYLOAD), SEGMENTS, PERIOD / substeps)
+    built = build(reference_arm(PAYLOAD), PERIOD / substeps, SEGMENTS)
     building = 1e3 * (time.process_time() - start)
-
-    def outputs(commands: Array) -> Array:
-        return np.hstack(run(built, lambda k, *_: commands[k], len(commands), PERIOD))
-
-    return Contender(f'MuJoCo chain, step {1e3 * PERIOD / substeps:.2f} ms', building, outputs)
+    return Contender(f'MuJoCo chain, step {1e3 * PERIOD / substeps:.2f} ms', building,
+                     lambda commands: run(built, commands, substeps))
 
 
 def ours(modes: int, forces: str) -> Contender:
@@ -139,11 +161,17 @@ def moves(amplitude: float) -> Array:
                                         np.sin(3.0 * t) + 0.4 * np.sign(np.sin(1.7 * t))])
 
 
-def print_frequencies(truth: Callable[[float, float], Array]) -> None:
+def errors_percent(truth: Array, found: Array) -> Array:
+    """Return 100 |e| / |y - mean y| per column."""
+    spread = np.linalg.norm(truth - truth.mean(axis=0), axis=0)
+    return np.asarray(100.0 * np.linalg.norm(truth - found, axis=0) / spread)
+
+
+def print_frequencies() -> None:
     """Print both models' frequency errors against the finite elements."""
     print('natural frequencies, joints locked, error of the first four in %')
     for payload, angle in POINTS:
-        exact = truth(payload, angle)
+        exact = true_frequencies(payload, angle)
         print(f'  m_p {payload:.1f} kg, theta_2 {angle:.2f} rad: finite elements '
               f'{np.round(exact, 2)} rad/s')
         for name, of in (('MuJoCo chain', chain_frequencies),
@@ -161,8 +189,7 @@ def main() -> None:
     parser.add_argument('--repeats', type=int, default=5)
     arguments = parser.parse_args()
     mujoco.set_mju_user_warning(lambda _: None)  # a refused step is expected: no log file for it
-    true_outputs, true_frequencies = finite_elements()
-    print_frequencies(true_frequencies)
+    print_frequencies()
     substeps = largest_stable_substeps(moves(max(arguments.amplitudes))[:200])
     baseline, *rest = [chain(substeps), chain(2 * substeps), ours(MODES, 'linear'),
                        ours(MODES, 'Coriolis'), ours(MODES, 'foreshortening'),
@@ -173,9 +200,9 @@ def main() -> None:
         print(f'\ncommands of {amplitude:g} rad/s: errors in % of joint 1, joint 2, four gauges; '
               'ms a simulated second')
         reference = milliseconds(baseline, commands, arguments.repeats)
-        base_errors = 100.0 - fit_percent(truth, baseline.outputs(commands))
+        base_errors = errors_percent(truth, baseline.outputs(commands))
         for contender in (baseline, *rest):
-            errors = 100.0 - fit_percent(truth, contender.outputs(commands))
+            errors = errors_percent(truth, contender.outputs(commands))
             spent = milliseconds(contender, commands, arguments.repeats)
             print(f'  {contender.name:28}', ' '.join(f'{error:6.3f}' for error in errors),
                   f'| {spent:6.2f} ms (+ {contender.building:4.1f} ms once), '

@@ -1,10 +1,11 @@
 """
-The loop for hours: memory, latency and loss over time, in real time and in lock-step.
+The loop for hours: processor, memory, latency and loss over time, in real time and in lock-step.
 
-`python test/faults/soak.py [--minutes 60] [--rate 1000] [--modes realtime lockstep]
+`python test/faults/soak.py [--minutes 60] [--rate 1000] [--modes realtime lockstep bare]
 [--spinners N] [--picture FILE] [--page]` runs the three nodes as processes, in each mode for an
 equal part of the time, and prints for each node the slope of its resident memory after the
-warm-up; the observer counts what was lost.
+warm-up; the observer counts what was lost. In mode `bare` they are nodes on the same topics that
+compute nothing, so that what rclpy and DDS take of the processor is known.
 """
 
 from __future__ import annotations
@@ -38,17 +39,19 @@ PROGRAMS = {
     'payload_estimator': ('flex_payload_estimator.nodes.start', 'payload_estimator'),
     'lqg_controller': ('flex_payload_estimator.nodes.start', 'lqg_controller')}
 TOPICS = ('joint_states', 'payload/inertia', 'command')
-MODES = ('realtime', 'lockstep')
+MODES = ('realtime', 'lockstep', 'bare')
 HEADER = ('| mode | min | samples due | came | without a payload | without a command | '
-          'p50, ms | p99, ms | memory of ' + ', '.join(PROGRAMS) + ', MB/h |',
-          '|---|---|---|---|---|---|---|---|---|')
+          'p50, ms | p99, ms | memory of ' + ', '.join(PROGRAMS)
+          + ', MB/h | processor of these and the observer, µs a sample |',
+          '|---|---|---|---|---|---|---|---|---|---|')
 PICTURE = ('', '![Memory, latency and loss over time](figures/soak.png)')
 INTERVAL = 5.0
 # A slope needs some rows.
 FEWEST = 3
 # Warm-up: the estimator keeps 10 to 20 s of samples, and caches of payloads and messages fill.
 WARM_UP_SHARE, WARM_UP_DATA = 0.25, 30.0
-PAGE = os.sysconf('SC_PAGE_SIZE')
+PAGE, TICKS = os.sysconf('SC_PAGE_SIZE'), os.sysconf('SC_CLK_TCK')
+OBSERVER = 'observer'
 
 
 @dataclass
@@ -76,15 +79,32 @@ def resident(pid: int) -> float:
     return int(Path(f'/proc/{pid}/statm').read_text().split()[1]) * PAGE / 1e6
 
 
+def processor(pid: int) -> float:
+    """Return the processor time that a process has taken, s."""
+    own = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
+    return (int(own[11]) + int(own[12])) / TICKS
+
+
 def start(mode: str, rate: float, domain: int) -> dict[str, subprocess.Popen[bytes]]:
     """Start the three nodes."""
-    own = {'plant_sim': (f'mode:={mode}',), 'payload_estimator': (), 'lqg_controller': ()}
     return {node: subprocess.Popen(
-        [sys.executable, '-m', *program, '--ros-args', '-p', f'sample_time:={1.0 / rate}',
-         '-p', 'modes:=2', *(word for text in own[node] for word in ('-p', text))],
+        [sys.executable, '-m', *(bare_words(node, rate) if mode == 'bare'
+                                 else words(node, mode, rate))],
         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-        env={**os.environ, 'ROS_DOMAIN_ID': str(domain)})
-        for node, program in PROGRAMS.items()}
+        env={**os.environ, 'ROS_DOMAIN_ID': str(domain)}) for node in PROGRAMS}
+
+
+def words(node: str, mode: str, rate: float) -> list[str]:
+    """Return the command line of a node."""
+    own = [f'sample_time:={1.0 / rate}', 'modes:=2']
+    if node == 'plant_sim':
+        own.append(f'mode:={mode}')
+    return [*PROGRAMS[node], '--ros-args', *(word for text in own for word in ('-p', text))]
+
+
+def bare_words(node: str, rate: float) -> list[str]:
+    """Return the command line of one that computes nothing."""
+    return ['faults.bare_nodes', node, '--rate', str(rate)]
 
 
 def watch(executor: Executor, heard: Heard, processes: dict[str, subprocess.Popen[bytes]],
@@ -103,6 +123,9 @@ def watch(executor: Executor, heard: Heard, processes: dict[str, subprocess.Pope
                'p99': 1e3 * float(np.quantile(delays, 0.99))}
         row |= {name: resident(process.pid) for name, process in processes.items()}
         row |= {topic: float(count) for topic, count in heard.counts.items()}
+        row |= {f'processor of {name}': processor(pid) for name, pid in (
+            *((name, process.pid) for name, process in processes.items()),
+            (OBSERVER, os.getpid()))}
         rows.append(row)
     return rows
 
@@ -149,11 +172,14 @@ def verdict(mode: str, rows: list[dict[str, float]], rate: float) -> str:
     slopes = [np.polyfit(hours, [row[name] for row in late], 1)[0] for name in PROGRAMS]
     counts = {topic: rows[-1][topic] - late[0][topic] for topic in TOPICS}
     minutes = rows[-1]['time'] - late[0]['time']
-    due = f'{rate * 60.0 * minutes:.0f}' if mode == 'realtime' else '–'
+    due = '–' if mode == 'lockstep' else f'{rate * 60.0 * minutes:.0f}'
+    spent = [1e6 * (rows[-1][f'processor of {name}'] - late[0][f'processor of {name}'])
+             / counts['joint_states'] for name in (*PROGRAMS, OBSERVER)]
     lost = [f'{counts["joint_states"] - counts[topic]:.0f}' for topic in TOPICS[1:]]
     delays = [f'{np.nanmedian([row[name] for row in late]):.2f}' for name in ('p50', 'p99')]
     return ' | '.join([f'| {mode}', f'{minutes:.1f}', due, f'{counts["joint_states"]:.0f}',
-                       *lost, *delays, ', '.join(f'{slope:+.2f}' for slope in slopes) + ' |'])
+                       *lost, *delays, ', '.join(f'{slope:+.2f}' for slope in slopes),
+                       ' + '.join(f'{each:.0f}' for each in spent) + f' = {sum(spent):.0f} |'])
 
 
 def draw(found: dict[str, list[dict[str, float]]], path: Path) -> None:

@@ -30,8 +30,8 @@ class Amplitudes:
     """
     How large latent forces are before a record is seen.
 
-    Calibrated by benchmarks/latent_amplitudes.py: with a torque of 0.03 the 95 % bands hold 97 and
-    93 % of the samples of joints 1 and 2, with 0.02 94 and 89 %; the gauges' hardly matter there.
+    Calibrated by benchmarks/latent_amplitudes.py: with a torque of 0.03 the 95 % bands hold 96 and
+    98 % of the samples of joints 1 and 2, with 0.02 95 and 97 %; the gauges' hardly matter there.
     Theirs is what the payload's posterior asks of good models, 5 %.
 
     Attributes
