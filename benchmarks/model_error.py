@@ -56,9 +56,7 @@ class FixedMode:
     def __init__(self, stepper: FilterStep, amplitude: float, measured: Array):
         self.stepper, self.motion = stepper, Motion(stepper)
         self.mode = Mode('fixed', True, amplitude, amplitude)
-        start = Start(stepper)
-        start.begin(measured)
-        self.filters = [f for f in start.filters if f.mode.parts]
+        self.filters = [f for f in Start(stepper).bank(measured) if f.mode.parts]
         self.motion.begin(measured)
         self.past: list[tuple[Sample, Loads, float]] = []
 

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from flex_payload_estimator.model.split import check_kind, inverse, SplitKind, terms_at
+from flex_payload_estimator.model.split import (
+    inverse,
+    solved_second_order,
+    SplitKind,
+    terms_at,
+)
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import COMPILED, compiled
-from msg_config.errors import InputError
 import numpy as np
 from scipy.linalg.lapack import dgesv
 
@@ -35,11 +39,10 @@ def rates_at(cosine: float, table: Array, m_6: Array, m_7: Array, frame: Array, 
     r' = Lambda' (M_3^m r + M_2^m v + M_2' j'); where both payloads are one, it is the tangent.
     """
     terms = terms_at(cosine, table, m_6, m_7, frame)
-    f = len(terms.m_1)
-    lam = inverse(terms.mass_0 - mass * terms.mass_m)
+    f, lam = len(terms.m_1), inverse(terms.mass_0 - mass * terms.mass_m)
     q, z = np.ascontiguousarray(state[2:2 + f]), np.ascontiguousarray(state[2 + f:])
-    stiffness = np.dot(lam, terms.m_1)
-    rate = np.dot(lam, terms.m_20 + mass * terms.m_2m)
+    m_2 = terms.m_20 + mass * terms.m_2m
+    stiffness, rate = np.dot(lam, terms.m_1), np.dot(lam, m_2)
     fixed, linear = times(terms.m_50, command), times(terms.m_5m, command)
     jump = times(lam, fixed + mass * linear)
     velocity = z + jump
@@ -60,8 +63,7 @@ def rates_at(cosine: float, table: Array, m_6: Array, m_7: Array, frame: Array, 
         before, beside = z + times(lam, fixed), times(terms.m_20, part)
         columns[1, 2 + f:] = times(lam, times(terms.m_2m, before) + beside)
     else:
-        base, m_2 = (inverse(terms.mass_0), terms.m_20) if resolvent else (
-            lam, terms.m_20 + mass * terms.m_2m)
+        base, m_2 = (inverse(terms.mass_0), terms.m_20) if resolvent else (lam, m_2)
         start = times(base, fixed if resolvent else fixed + mass * linear)
         through = np.dot(terms.mass_m, base)
         of_q, of_z = np.dot(through, terms.m_1), np.dot(through, m_2) + terms.m_2m
@@ -88,16 +90,9 @@ def second_order_rates(mass_0: Array, mass_m: Array, right: Array, mass: float, 
         kind is 'paper'.
 
     """
-    check_kind(kind)
-    if kind == 'paper':
-        raise InputError('split: expected resolvent or tangent for a second-order model, got '
-                         "'paper', which needs model paper_reduced")
-    n = len(mass_0)
-    solved = dgesv(mass_0 + mass * mass_m, np.hstack([right, mass_m]))[2]
-    through, joined = -solved[:, 2 * n + 2:], np.concatenate([state, command])
-    change = solved[:, :2 * n + 2].dot(joined)
-    base = dgesv(mass_0, right)[2] if kind == 'resolvent' else solved[:, :2 * n + 2]
-    share = through.dot(base)
+    n, joined = len(mass_0), np.concatenate([state, command])
+    solved, through, share = solved_second_order(mass_0, mass_m, right, mass, kind)
+    change = solved.dot(joined)
     columns = np.zeros((3, 2 * n))
     columns[0, :n], columns[0, n:] = state[n:], change
     columns[1, n:] = share.dot(joined)

@@ -267,16 +267,33 @@ def split_second_order(mass_0: Array, mass_m: Array, right: Array, mass: float,
         kind is 'paper'.
 
     """
+    n = len(mass_0)
+    solved, through, share = solved_second_order(mass_0, mass_m, right, mass, kind)
+    secant, slope = (_stacked(bottom, np.zeros((n, n))) for bottom in (
+        share, through.dot(solved)))
+    return Split(*_stacked(solved, np.eye(n)), *secant, *slope, mass)
+
+
+def solved_second_order(mass_0: Array, mass_m: Array, right: Array, mass: float, kind: SplitKind
+                        ) -> tuple[Array, Array, Array]:
+    """
+    Return Lambda [-K, -D, B], -Lambda M^m, and the split's slope of the first, see above.
+
+    Raises
+    ------
+    InputError
+        kind is 'paper'.
+
+    """
     check_kind(kind)
     if kind == 'paper':
         raise InputError('split: expected resolvent or tangent for a second-order model, got '
                          "'paper', which needs model paper_reduced")
     n = len(mass_0)
-    solved = dgesv(mass_0 + mass * mass_m, np.hstack([right, mass_m]))[2]
-    through, zero = -solved[:, 2 * n + 2:], np.zeros((n, n))
-    slope = _stacked(through.dot(solved[:, :2 * n + 2]), zero)
-    secant = slope if kind == 'tangent' else _stacked(through.dot(dgesv(mass_0, right)[2]), zero)
-    return Split(*_stacked(solved[:, :2 * n + 2], np.eye(n)), *secant, *slope, mass)
+    whole = dgesv(mass_0 + mass * mass_m, np.hstack([right, mass_m]))[2]
+    solved, through = whole[:, :2 * n + 2], -whole[:, 2 * n + 2:]
+    base = dgesv(mass_0, right)[2] if kind == 'resolvent' else solved
+    return solved, through, through.dot(base)
 
 
 def _stacked(bottom: Array, identity: Array) -> tuple[Array, Array]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from flex_payload_estimator.estimators.rpe.products import inner
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import compiled
 import numpy as np
@@ -46,12 +47,8 @@ def weigh(record: Array, innovation: Array, before: Array, variances: Array, sco
         See new_record.
     innovation, before : Array
         Of this sample and the last, rad and m/m, (m,).
-    variances : Array
-        Expected of the innovation, (m,).
-    scores : Array
-        Whitened innovation, (m,).
-    log_det : float
-        ln |Sigma|.
+    variances, scores, log_det : Array, Array, float
+        Expected of the innovation, and the same whitened, (m,); ln |Sigma|.
     told : Array
         Variances of the noise as the robot file has them, (m,).
     gate : float
@@ -63,21 +60,15 @@ def weigh(record: Array, innovation: Array, before: Array, variances: Array, sco
     channels = innovation.size
     found, most = record.copy(), max(MEMORY_S / step, FEWEST)
     steps = record[channels + 4]
-    misfit = 0.0
-    for score in scores:
-        misfit += score * score
-    cut = min(1.0, gate / max(misfit, 1e-300))
+    cut = min(1.0, gate / max(inner(scores, scores), 1e-300))
     log = stated = log_det
     for kind in range(2):
         first, last = (0, 2) if kind == 0 else (2, channels)
-        square = 0.0
-        for i in range(first, last):
-            square += scores[i] * scores[i]
-        square *= cut / (last - first)
-        place = channels + 2 + kind
+        count, place = last - first, channels + 2 + kind
+        square = cut / count * inner(scores[first:last], scores[first:last])
         fit = min(max(found[place], SMALLEST_MISFIT), 1.0)
-        log += (last - first) * (square / fit + np.log(fit))
-        stated += (last - first) * square
+        log += count * (square / fit + np.log(fit))
+        stated += count * square
         found[place] += max(1.0 / (steps + 10.0), 1.0 / most) * (square - found[place])
         _read_noise(found, channels + kind, first, last, innovation, before, variances, told,
                     found[place] - 1.0, most)

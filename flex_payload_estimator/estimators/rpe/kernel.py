@@ -66,6 +66,48 @@ def _at(angles: Array, order: Array, value: Array, slopes: Array, away: float
 
 
 @compiled
+def _push(x: Array, increment: Array, anchor: Array, motion: Array, push: Array, drive: Array,
+          moved: Array, jacobian: Array) -> Array:
+    """Write the forces of motion to M d's d, what they do to its derivatives; return M's share."""
+    share, n = anchor[CORIOLIS], x.size
+    force, slope, over_m = forces_of_motion(motion, anchor[MASS], share, x, x + increment, push)
+    drive[n + 2:] = share * force
+    across = motion[ACROSS] + anchor[MASS] * motion[PER_KG]
+    jacobian += product(share * applied(push, motion[ELBOW]).reshape(-1, 1), slope[:1])
+    jacobian += product(share * applied(push, across).reshape(-1, 1), slope[1:])
+    moved[:, CORIOLIS] = applied(push, force)
+    moved[:, MASS] = share * applied(push, over_m)
+    return applied(push, drive[n + 2:])
+
+
+@compiled
+def _stepped(x: Array, anchor: Array, order: Array, value: Array, slopes: Array, parts: Array,
+             away: float, command: Array, motion: Array) -> tuple[Array, Array, Array, Array]:
+    """Return M d, its derivatives over state and parameters, and what of M commands meet."""
+    n, moves, share = x.size, len(motion) > 0, anchor[CORIOLIS]
+    lean = scheduling_row(motion, n) if moves else np.zeros(n)
+    beyond = inner(lean, x)
+    flat, flat_angle, flat_m = _at((x[1] + share * beyond) * order, order, value, slopes, away)
+    held = flat.size // n
+    matrix, drive = flat.reshape(n, held), np.zeros(held)
+    drive[:n], drive[n:n + 2] = x, command
+    moved, jacobian = np.zeros((n, anchor.size)), matrix[:, :n].copy()
+    increment = applied(matrix, drive)
+    if len(parts) > 0:
+        increment = increment + _off_nominal(parts, anchor, drive, moved, jacobian)
+    if moves:
+        increment = increment + _push(x, increment, anchor, motion, matrix[:, n + 2:].copy(),
+                                      drive, moved, jacobian)
+    moved[:, MASS] += applied(flat_m.reshape(n, held), drive)
+    turned = applied(flat_angle.reshape(n, held), drive)
+    moved[:, CORIOLIS] += beyond * turned
+    lean *= share
+    lean[1] += 1.0
+    jacobian += product(turned.reshape(-1, 1), lean.reshape(1, -1))
+    return increment, jacobian, moved, matrix[:, n:n + 2]
+
+
+@compiled
 def predict(x: Array, cov: Array, sens: Array, anchor: Array, order: Array, value: Array,
             slopes: Array, parts: Array, away: float, command: Array, motion: Array,
             torque: Array) -> tuple[Array, Array, Array]:
@@ -95,36 +137,9 @@ def predict(x: Array, cov: Array, sens: Array, anchor: Array, order: Array, valu
         Standard deviation of the command's disturbance, in its unit, (2,).
 
     """
-    n, moves, share = x.size, len(motion) > 0, anchor[CORIOLIS]
-    lean = scheduling_row(motion, n) if moves else np.zeros(n)
-    beyond = inner(lean, x)
-    flat, flat_angle, flat_m = _at((x[1] + share * beyond) * order, order, value, slopes,
-                                   away)
-    held = flat.size // n
-    matrix, drive = flat.reshape(n, held), np.zeros(held)
-    drive[:n], drive[n:n + 2] = x, command
-    moved, jacobian = np.zeros((n, anchor.size)), matrix[:, :n].copy()
-    increment = applied(matrix, drive)
-    if len(parts) > 0:
-        increment = increment + _off_nominal(parts, anchor, drive, moved, jacobian)
-    if moves:
-        push = matrix[:, n + 2:].copy()
-        force, slope, over_m = forces_of_motion(motion, anchor[MASS], share, x, x + increment,
-                                                push)
-        drive[n + 2:] = share * force
-        increment = increment + applied(push, drive[n + 2:])
-        across = motion[ACROSS] + anchor[MASS] * motion[PER_KG]
-        jacobian += product(share * applied(push, motion[ELBOW]).reshape(-1, 1), slope[:1])
-        jacobian += product(share * applied(push, across).reshape(-1, 1), slope[1:])
-        moved[:, CORIOLIS] = applied(push, force)
-        moved[:, MASS] = share * applied(push, over_m)
-    moved[:, MASS] += applied(flat_m.reshape(n, held), drive)
-    turned = applied(flat_angle.reshape(n, held), drive)
-    moved[:, CORIOLIS] += beyond * turned
-    lean *= share
-    lean[1] += 1.0
-    jacobian += product(turned.reshape(-1, 1), lean.reshape(1, -1))
-    noise, half = matrix[:, n:n + 2] * torque, product(jacobian, cov)
+    increment, jacobian, moved, given = _stepped(x, anchor, order, value, slopes, parts, away,
+                                                 command, motion)
+    noise, half = given * torque, product(jacobian, cov)
     cov = cov + half + half.T + squared(half, jacobian) + squared(noise, noise)
     return x + increment, cov, sens + product(jacobian, sens) + moved
 
@@ -184,12 +199,32 @@ def _shorter(cov: Array, gain: Array, seen: Array, noise: Array) -> Array:
 
 
 @compiled
+def _learn(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor: Array,
+           held: bool, expected: Array, seen: Array, psi: Array, projected: Array, known: Array,
+           learnt: Array, white: Array, noise: Array, measured: Array, heaviest: float
+           ) -> tuple[Array, Array, Array, Array, Array]:
+    """Return x, P, s, beta and V after a measurement; L^-1 of Sigma is `white`."""
+    gain, learnt = _gain(projected, known, noise), squared(learnt, white)
+    alone = measured - expected
+    after = beta + applied(learnt, applied(white, alone - applied(psi, beta - anchor)))
+    after[MASS] = min(max(after[MASS], 0.0), heaviest)
+    spread, sens = spread - squared(learnt, learnt), sens - product(gain, psi)
+    x = x + applied(gain, alone)
+    if not held:
+        x = x + applied(sens, after - anchor)
+    return x, _shorter(cov, gain, seen, noise), sens, after, 0.5 * (spread + spread.T)
+
+
+@compiled
 def correct(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor: Array,
             held: bool, measured: Array, offset: Array, output: Array, noise: Array, gains: int,
             gate: float, heaviest: float
-            ) -> tuple[Array, Array, Array, Array, Array, Array, Array, Array, float]:
+            ) -> tuple[tuple[Array, Array, Array, Array, Array], Array, Array, Array, float]:
     """
     Return the posterior after a measurement, and what the measurement says of the model.
+
+    That is x, P, s, beta, V; the innovation e; the variances of its channels; L^-1 e with L L' =
+    Sigma before the gate, (m,); ln |Sigma| as it was used, NaN where the state is lost.
 
     Parameters
     ----------
@@ -198,30 +233,19 @@ def correct(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, ancho
     anchor, held : Array, bool
         Parameters that all is linearised about, (B,), for which x is the state; it is x + s (beta
         - anchor) for beta. Where it is not held, the anchor follows beta, and x is taken there.
-    measured, offset : Array
-        y, and what y is beyond C x without gains and biases, (m,).
-    output : Array
-        C, (m, n).
-    noise : Array
-        Variance of each channel, (m,).
-    gains : int
-        Gauges whose gain is among beta: the last of its columns.
+    measured, offset, output : Array
+        y, and what y is beyond C x without gains and biases, (m,); C, (m, n).
+    noise, gains : Array, int
+        Variance of each channel, (m,); gauges whose gain is among beta: the last of its columns.
     gate : float
         Where e' Sigma^-1 e is beyond, the noise counts as large as makes it the gate: one
         absurd sample moves nothing, and many in a row are believed (Huber's influence).
     heaviest : float
         The payload stays in [0, heaviest], kg.
 
-    Returns
-    -------
-    tuple
-        x, P, s, beta, V; the innovation e; the variances of its channels; L^-1 e with L L' =
-        Sigma before the gate, (m,); ln |Sigma| as it was used, NaN where the state is lost.
-
     """
     expected, seen, psi = _seen(x, sens, anchor, offset, output, gains)
-    alone = measured - expected
-    innovation = alone - applied(psi, beta - anchor)
+    innovation = measured - expected - applied(psi, beta - anchor)
     projected, learnt = squared(cov, seen), squared(spread, psi)
     known = product(seen, projected)
     total = known + product(psi, learnt) + np.diag(noise)
@@ -229,18 +253,11 @@ def correct(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, ancho
     scores = applied(white, innovation)
     misfit = inner(scores, scores)
     if not misfit >= 0.0:
-        return x, cov, sens, beta, spread, innovation, variances, scores, np.nan
+        return (x, cov, sens, beta, spread), innovation, variances, scores, np.nan
     if misfit > gate:
         more = (misfit / gate - 1.0) * variances
         noise = noise + more
         white = whitener(total + np.diag(more))
-    gain = _gain(projected, known, noise)
-    learnt = squared(learnt, white)
-    after = beta + applied(learnt, applied(white, innovation))
-    after[MASS] = min(max(after[MASS], 0.0), heaviest)
-    spread, sens = spread - squared(learnt, learnt), sens - product(gain, psi)
-    x = x + applied(gain, alone)
-    if not held:
-        x = x + applied(sens, after - anchor)
-    return (x, _shorter(cov, gain, seen, noise), sens, after, 0.5 * (spread + spread.T),
-            innovation, variances, scores, -2.0 * np.log(np.diag(white)).sum())
+    found = _learn(x, cov, sens, beta, spread, anchor, held, expected, seen, psi, projected,
+                   known, learnt, white, noise, measured, heaviest)
+    return found, innovation, variances, scores, -2.0 * np.log(np.diag(white)).sum()

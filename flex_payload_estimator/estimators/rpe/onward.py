@@ -133,7 +133,7 @@ def learnt(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor
         seen = measured * measured
         seen[:2] = 0.0
         noise = noise + error * np.maximum(loads[STRAIN], seen)
-    after, shorter, slope, learned, left, innovation, variances, scores, log_det = correct(
+    (after, shorter, slope, learned, left), innovation, variances, scores, log_det = correct(
         x, cov, sens, beta, spread, anchor, held, measured, offset, output, noise, gains, GATE,
         heaviest)
     if not np.isfinite(log_det + after.sum() + left[0, 0]):

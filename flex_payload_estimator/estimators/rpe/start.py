@@ -68,12 +68,12 @@ class Start:
     def begin(self, measured: Array) -> None:
         """Begin at rest, anywhere on the range of payloads."""
         self.at_rest = True
-        self.filters = self._bank(measured)
+        self.filters = self.bank(measured)
         self.moments_before = mass, variance = self.moments()
         self.filters = [self.stepper.begin(EXACT, measured, mass, math.sqrt(variance),
                                            self.stepper.shares[0])]
 
-    def _bank(self, measured: Array) -> list[Filter]:
+    def bank(self, measured: Array) -> list[Filter]:
         """Return filters of payloads from 0 to the heaviest, with and without Coriolis forces."""
         bank = []
         for mode, cells, shares in ((EXACT, EXACT_CELLS, self.stepper.shares),
@@ -105,7 +105,7 @@ class Start:
         owed = (rested.sens @ rested.spread)[:, gauges]
         slope = owed @ np.linalg.pinv(known, hermitian=True)
         cov = rested.cov + rested.sens @ rested.spread @ rested.sens.T - owed @ slope.T
-        self.filters = self._bank(rested.reading[0])
+        self.filters = self.bank(rested.reading[0])
         for f in self.filters:
             learnt = slice(FIRST_BIAS, FIRST_BIAS + len(known))
             f.x[:], f.cov[:], f.sens[:, learnt] = rested.x, cov, slope

@@ -168,28 +168,12 @@ def moved(track: Track, after: Track, since: int, a: Array, a_m: Array, rates: A
         T, s.
 
     """
-    n, big = len(a), series(a, *room)
-    a_bar, found = np.dot(big, a), np.dot(rates, big.T) * step
+    big = series(a, *room)
+    found = np.dot(rates, big.T) * step
     put(after.state, track.state)
     add(after.state, found[0])
-    noisy = track.noisy
-    if measured.size > 0:
-        gain, covariance, closed = riccati_step(a_bar.T, columns, process, measurement,
-                                                track.covariance, step)
-        onward = _onward(closed.T, step)
-        innovation = measured - np.dot(track.state, columns)
-        add(after.state, np.dot(innovation, gain) * step)
-        whole = _whole(onward)
-        noisy = np.dot(whole, noisy)
-        add(noisy[:n], gain.T * -step)
-    else:
-        covariance = lyapunov_step(a_bar.T, process, track.covariance, step)
-        onward = _onward(a_bar, step)
-        whole = _whole(onward)
-    put(after.covariance, covariance)
-    put(after.joint, carried(whole, track.joint))
-    add(after.joint, np.dot(noisy * noise, noisy.T))
-    after.noisy[:] = 0.0
+    onward = _corrected(track, after, np.dot(big, a), measured, columns, process, measurement,
+                        noise, step)
     put(after.part, found[1:])
     put(after.sway, np.dot(big, a_m) * step)
     put(after.start, track.start)
@@ -203,6 +187,31 @@ def moved(track: Track, after: Track, since: int, a: Array, a_m: Array, rates: A
         add(after.sway, np.dot(onward, track.sway))
         onward = np.dot(onward, track.reach)
     put(after.reach, onward)
+
+
+@compiled
+def _corrected(track: Track, after: Track, a_bar: Array, measured: Array, columns: Array,
+               process: Array, measurement: Array, noise: Array, step: float) -> Array:
+    """Correct the state by a measurement, if there is one; write both P; return F - T K C."""
+    noisy = track.noisy
+    if measured.size > 0:
+        gain, covariance, closed = riccati_step(a_bar.T, columns, process, measurement,
+                                                track.covariance, step)
+        onward = _onward(closed.T, step)
+        innovation = measured - np.dot(track.state, columns)
+        add(after.state, np.dot(innovation, gain) * step)
+        whole = _whole(onward)
+        noisy = np.dot(whole, noisy)
+        add(noisy[:len(a_bar)], gain.T * -step)
+    else:
+        covariance = lyapunov_step(a_bar.T, process, track.covariance, step)
+        onward = _onward(a_bar, step)
+        whole = _whole(onward)
+    put(after.covariance, covariance)
+    put(after.joint, carried(whole, track.joint))
+    add(after.joint, np.dot(noisy * noise, noisy.T))
+    after.noisy[:] = 0.0
+    return onward
 
 
 @compiled
