@@ -142,19 +142,25 @@ class FilterStep:
             f.x, f.cov, f.sens, f.beta, f.spread, f.anchor, f.model is not None, *self._model(f),
             *self._pushed(f, sample, loads), *self._sensed(f, sample)))
 
-    def walk(self, f: Filter, sample: Sample, loads: Loads) -> Filter:
+    def jumped(self, before: Filter, after: Filter, sample: Sample, loads: Loads) -> Filter:
         """
-        Return a filter of a walking payload after a sample that it has not predicted yet.
+        Return a filter of a walking payload after a sample.
 
-        Where that is past the gate the payload has jumped, or may have: the likeliest of jumps to
+        Where that is past the gate the payload may have jumped: the likeliest of jumps to
         anywhere, each linearised there, if that is likelier.
+
+        Parameters
+        ----------
+        before, after : Filter
+            One that has not predicted the sample yet, and the same after it.
+        sample, loads : Sample, Loads
+            What it learnt from, and the loads then.
+
         """
-        before = f.copy()
-        self.step(f, sample, loads)
-        if f.square * self.told_variance.size < GATE:
-            return f
-        return max([f, *(self._jumped(before, *cell, sample, loads)
-                         for cell in self.cells(JUMP_CELLS))], key=lambda f: f.stated)
+        if after.square * self.told_variance.size < GATE:
+            return after
+        return max([after, *(self._jumped(before, *cell, sample, loads)
+                             for cell in self.cells(JUMP_CELLS))], key=lambda f: f.stated)
 
     def _jumped(self, f: Filter, low: float, high: float, sample: Sample, loads: Loads) -> Filter:
         """Return what a filter knows after a sample before which its payload jumped, kg."""

@@ -12,8 +12,8 @@ take its place for what it gains in log-likelihood over it:
   it learns the samples of late once more and takes its place when it has caught up.
 
 What may have begun at any time, a walk or a wronger model, counts from when it was best to begin
-(Page's cumulative sum, Biometrika 41, 1954). The two explain the same misfit: of both the one that
-gains more on the same samples wins. So no mode is left for good.
+(Page's cumulative sum, Biometrika 41, 1954). The two explain the same misfit: a walk must gain
+more on the same samples, and a model must be wrong for a while. So no mode is left for good.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ WALK_S = 1.0
 HOLD_S, ROUNDS = 0.5, 3
 PAST_S, REPLAY = 10.0, 4
 # Trials of other modes: their length, s, and how often one begins; a wronger one only where the
-# misfit of an incumbent with parts is beyond MISFIT.
+# incumbent's misfit is beyond MISFIT: where it is less the larger error costs more than it gains.
 TRIAL_S, MISFIT = 2.0, 1.4
 # Between two modes that are both wrong a trial takes so many times as long, and even the simpler
 # must gain: else they would take turns.
@@ -162,10 +162,10 @@ class Modes:
               excited: bool) -> None:
         """Let a trial learn a sample, and count what it gains."""
         step = self.stepper.step_time
+        before = trial.runner.copy() if trial.kind == 'moved' else trial.runner
+        self.stepper.step(trial.runner, sample, loads)
         if trial.kind == 'moved':
-            trial.runner = self.stepper.walk(trial.runner, sample, loads)
-        else:
-            self.stepper.step(trial.runner, sample, loads)
+            trial.runner = self.stepper.jumped(before, trial.runner, sample, loads)
         trial.runner.age += step if excited else 0.0
         tells = trial.kind != 'other' or self.stepper.tells(incumbent, loads, ROUGH)
         trial.count(step if tells else 0.0, self._gained(trial, incumbent))
@@ -225,11 +225,10 @@ class Modes:
         return gain > -SIMPLER and trial.square < FITS * trial.age
 
     def _outdone(self, trial: Trial, incumbent: Filter) -> bool:
-        """Tell whether another explanation of the same samples gains more."""
-        if trial.kind == 'other' and not self._any_time(trial, incumbent):
-            return False
-        return any(other.gain > trial.gain for other in self.trials
-                   if self._any_time(other, incumbent) or other.kind == trial.kind == 'still')
+        """Tell whether another explanation of what a payload did gains more on the same samples."""
+        return trial.kind != 'other' and any(
+            other.gain > trial.gain for other in self.trials
+            if self._any_time(other, incumbent) or other.kind == trial.kind)
 
     def _shortest(self, trial: Trial, incumbent: Filter) -> float:
         """Return how long a trial of another mode must have run to win, s."""
@@ -303,8 +302,8 @@ class Modes:
         if place > 0 and time >= self._next:
             others.append(MODES[place - 1])
         # One that still seeks its parts is not judged.
-        if not incumbent.mode.parts or (
-                incumbent.rounds > 0 and misfit_of(incumbent.record) > MISFIT):
+        sought = incumbent.mode.parts and incumbent.rounds == 0
+        if not sought and misfit_of(incumbent.record) > MISFIT:
             others += MODES[place + 1:place + 2]
         return others
 

@@ -78,6 +78,8 @@ class Shocks:
         if sample.measured is None:
             self._relocated = None
             return after, sample, False
+        if after.mode.walk > 0.0:
+            after = self._stepper.jumped(before, after, sample, loads)
         if self._relocated is not None:
             found = self._judged(self._relocated, after, sample, loads)
             return found or after, sample, found is not None
