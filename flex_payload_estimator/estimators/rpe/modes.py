@@ -225,7 +225,7 @@ class Modes:
         return gain > -SIMPLER and trial.square < FITS * trial.age
 
     def _outdone(self, trial: Trial, incumbent: Filter) -> bool:
-        """Tell whether another explanation of what a payload did gains more on the same samples."""
+        """Tell whether others explain what a payload is said to do better."""
         return trial.kind != 'other' and any(
             other.gain > trial.gain for other in self.trials
             if self._any_time(other, incumbent) or other.kind == trial.kind)
