@@ -15,9 +15,9 @@ from flex_plant_sim.diagnosis.prediction.predictor import Base
 import numpy as np
 
 CREDIBLE = 0.95
-# Of its amplitude, what an effect's form in nature may differ by from the catalogue's: chosen by
-# log-score on seeds that never score (benchmarks/forms.py, docs/diagnosis.md).
-FORM = 0.1
+# Of its amplitude, what an effect's form in nature may differ by from the catalogue's: it is known
+# no better than the strain of a clean arm (log-scores of other shares: benchmarks/forms.py).
+FORM = Amplitude().gauge
 
 
 @dataclass(frozen=True)
