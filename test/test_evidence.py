@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from flex_plant_sim.diagnosis.causes.fit import Causes, Fit, fitted
 from flex_plant_sim.diagnosis.causes.hypothesis import hypotheses, Hypothesis
-from flex_plant_sim.diagnosis.causes.posterior import FORM, Posterior
+from flex_plant_sim.diagnosis.causes.posterior import Posterior
 from flex_plant_sim.diagnosis.likelihood.evidence import (
     channel_products,
     detectable,
@@ -165,31 +165,6 @@ def test_errors_larger_than_every_model_s_are_not_those_of_a_cause_alone() -> No
     assert not Posterior.of([NOTHING, quiet], base).best.discrepancy.more
 
 
-def test_rivals_are_as_probable_as_often_right_where_forms_are_unsure() -> None:
-    """Drawn: either rival's form, and nature's error of it; how often the better fit is so."""
-    gain, apart, count = 400.0, 6.0, 1_000_000
-    first, difference = RNG.random(count) < 0.5, 5.0
-    error = FORM * np.sqrt(2.0 * gain) * RNG.standard_normal(count)
-    seen = np.where(first, 0.0, difference) + error + RNG.standard_normal(count)
-    told = 0.5 * ((seen - difference)**2 - seen**2)
-    right = np.mean(first[np.abs(told - apart) < 0.2])
-    a, b = hypothesis('clamp_compliance:link_1'), hypothesis('gear_compliance:joint_1')
-    found = Posterior.of([NOTHING, *(replace(NOTHING, hypotheses=(h,), log_evidence=e)
-                                     for h, e in ((a, gain), (b, gain - apart)))], Base(REFERENCE))
-    assert found.best.hypotheses == (a,)
-    assert found.probability[0] == pytest.approx(right, abs=0.02)
-
-
-def test_a_form_s_error_leaves_alone_what_rivals_share() -> None:
-    a, b = hypothesis('clamp_compliance:link_1'), hypothesis('coulomb_friction:joint_2')
-    fits = [replace(NOTHING, hypotheses=on, log_evidence=e)
-            for on, e in (((), 0.0), ((a,), 400.0), ((a, b), 404.0))]
-    found = Posterior.of(fits, Base(REFERENCE))
-    odds = np.exp(4.0 + log_odds(b.effect, REFERENCE))
-    assert found.best.hypotheses == (a,)
-    assert found.probability[1] / found.probability[0] == pytest.approx(odds)
-
-
 def test_what_was_not_fitted_counts_with_its_linear_evidence() -> None:
     cause = replace(NOTHING, hypotheses=(hypothesis('payload_mass:arm'),), log_evidence=6.0)
     promised = {frozenset({'payload_mass:arm'}): 99.0, frozenset({'air_drag:arm'}): -1.0}
@@ -271,3 +246,14 @@ def test_a_cause_is_fitted_with_the_evidence_that_its_slab_leaves() -> None:
     sure = 1.96 * np.sqrt(found.covariance[0, 0])
     assert abs(found.values[0] - 1.2) < max(sure, 0.01)
     assert found.log_evidence > nothing.log_evidence + 20.0
+
+
+def test_what_sensors_see_of_the_unmodelled_is_no_matter_from_afar() -> None:
+    nature, hidden = effects('coriolis_centripetal:arm:share=1'), effects(
+        'strain_delay:arm:delay_s=0.02')
+    base, record = Base(REFERENCE, effects=nature), simulated(nature, 12.0)
+    data = Data.of([record], 25.0, REFERENCE.sample_time)
+    sensed = replace(base, discrepancy=replace(base.discrepancy, sensed=True))
+    one, other = (Likelihood(b, data.windows, data.noise) for b in (base, sensed))
+    assert np.abs(one.residual(hidden) - other.residual(hidden)).max() > 1.0
+    np.testing.assert_array_equal(one.smooth.residual(hidden), other.smooth.residual(hidden))

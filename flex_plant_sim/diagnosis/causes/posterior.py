@@ -15,9 +15,6 @@ from flex_plant_sim.diagnosis.prediction.predictor import Base
 import numpy as np
 
 CREDIBLE = 0.95
-# Of its amplitude, what an effect's form in nature may differ by from the catalogue's: it is known
-# no better than the strain of a clean arm (log-scores of other shares: benchmarks/forms.py).
-FORM = Amplitude().gauge
 
 
 @dataclass(frozen=True)
@@ -43,15 +40,7 @@ def is_unknown(fit: Fit, nominal: Base) -> bool:
     return fit.discrepancy != nominal.discrepancy
 
 
-@dataclass(frozen=True)
-class Judged:
-    """A set as one of the two that a fit stands for, and what it pays for large errors, nats."""
-
-    fit: Fit
-    cost: float = 0.0
-
-
-def judged(fit: Fit) -> tuple[Judged, ...]:
+def judged(fit: Fit) -> tuple[Fit, ...]:
     """
     Return what a fit stands for.
 
@@ -63,10 +52,10 @@ def judged(fit: Fit) -> tuple[Judged, ...]:
     """
     excess = np.maximum(fit.scale, 1.0)**2 - 1.0
     if not np.any(excess):
-        return (Judged(fit),)
+        return (fit,)
     cost = 0.5 * fit.moments.samples * float(np.sum(excess - np.log1p(excess)))
-    return (Judged(fit, cost),
-            Judged(replace(fit, discrepancy=replace(fit.discrepancy, more=True))))
+    return (replace(fit, log_evidence=fit.log_evidence - cost),
+            replace(fit, discrepancy=replace(fit.discrepancy, more=True)))
 
 
 def log_prior(fit: Fit, nominal: Base) -> float:
@@ -80,31 +69,6 @@ def log_prior(fit: Fit, nominal: Base) -> float:
         kinds = fit.moments.tolerances.size if fit.discrepancy.far else 1
         price += math.log(0.5 * unknown_odds() / kinds)
     return price
-
-
-def log_odds_of(sets: Sequence[Judged], nominal: Base, form: float = FORM) -> Array:
-    """
-    Return the logarithms of the posterior odds of sets, nats, up to a constant, (S,).
-
-    No form of an effect in the catalogue is quite that which it has in nature. Rivals agree in
-    the causes that they share; what the leading set does beyond those has power 2 G in whitened
-    residuals, G its gain in log-evidence, and is known to `form` of its amplitude. Where that
-    error goes nobody knows: at worst along the one direction that parts the rivals, where the
-    variance is then 1 + 2 form^2 G instead of one, and so much less a difference of their
-    log-evidence tells. A set that only lacks some of the leading causes has no form to err in.
-    """
-    evidence = np.array([one.fit.log_evidence for one in sets])
-    pays = np.array([log_prior(one.fit, nominal) - one.cost for one in sets])
-    labels = [Key.of(one.fit).labels for one in sets]
-    first = int(np.argmax(evidence + pays))
-    whole, lead = labels[first], evidence[first]
-    behind = evidence - lead
-    for k, (own, one) in enumerate(zip(labels, sets)):
-        if not own <= whole or is_unknown(one.fit, nominal):
-            shared = max((e for e, some in zip(evidence, labels) if some <= own & whole),
-                         default=0.0)
-            behind[k] /= 1.0 + 2.0 * form**2 * max(lead - shared, 0.0)
-    return np.asarray(lead + behind + pays, dtype=float)
 
 
 @dataclass(frozen=True)
@@ -130,8 +94,7 @@ class Posterior:
 
     @classmethod
     def of(cls, fits: Sequence[Fit], nominal: Base,
-           promised: Mapping[frozenset[str], float] = MappingProxyType({}),
-           form: float = FORM) -> Posterior:
+           promised: Mapping[frozenset[str], float] = MappingProxyType({})) -> Posterior:
         """
         Return the posterior over sets.
 
@@ -143,19 +106,17 @@ class Posterior:
             The model in question.
         promised : Mapping
             Further sets by their labels, with their linear evidence and prior odds, nats.
-        form : float
-            See `log_odds_of`.
 
         """
-        sets = [each for fit in fits for each in judged(fit)]
-        score = log_odds_of(sets, nominal, form)
-        order, known = np.argsort(-score), {Key.of(one.fit).labels for one in sets}
+        fits = [each for fit in fits for each in judged(fit)]
+        score = np.array([fit.log_evidence + log_prior(fit, nominal) for fit in fits])
+        order, known = np.argsort(-score), {Key.of(fit).labels for fit in fits}
         top = score[order[0]]
         weight = np.exp(score[order] - top)
         others = {labels: math.exp(min(value - top, 0.0)) for labels, value in promised.items()
                   if labels not in known}
         total = weight.sum() + sum(others.values())
-        return cls(tuple(sets[k].fit for k in order), weight / total, nominal,
+        return cls(tuple(fits[k] for k in order), weight / total, nominal,
                    {labels: value / total for labels, value in others.items()})
 
     @property

@@ -223,7 +223,7 @@ class _Course:
         """Return all sets with their probabilities, and what promised too little to be fitted."""
         promised = {} if centre is None else {
             Key.of(centre.fit).labels | {p.hypothesis.label}:
-            max(self.score(one.fit) - one.cost for one in judged(centre.fit)) + self.hope(p)
+            max(map(self.score, judged(centre.fit))) + self.hope(p)
             for k, p in enumerate(promises) if not self.worth(k, p)}
         return Posterior.of(list(self.known.values()), self.nominal, promised)
 
@@ -236,22 +236,8 @@ class _Course:
             if (fit is None or self._settled(fit)
                     or self.score(leading) < self.score(ranked.best) - reach):
                 continue
-            self._settle(fit)
-
-    def _settle(self, fit: Fit) -> None:
-        """Linearise a set around itself, or forget it where that cannot be."""
-        if attempt(lambda f: self.settle(Trial.of(f), f.discrepancy, f.scale), fit) is None:
-            del self.known[Key.of(fit)]
-
-    def concluded(self, last: Settled, promises: Sequence[Promise]) -> Posterior:
-        """Return the posterior in which what leads is linearised around itself."""
-        for _ in range(LEADING):
-            posterior = self.ranked(last, promises)
-            leading = self.known[Key.of(posterior.best).plain]
-            if self._settled(leading):
-                break
-            self._settle(leading)
-        return self.ranked(last, promises)
+            if attempt(lambda f: self.settle(Trial.of(f), f.discrepancy, f.scale), fit) is None:
+                del self.known[Key.of(fit)]
 
     def _settled(self, fit: Fit) -> bool:
         """Tell whether a fit is one around itself."""
@@ -332,7 +318,7 @@ def _searched(course: _Course) -> Search:
     course.try_far_parts()
     course.settle_leading(last)
     beside = promises[Key.of(last.fit)]
-    posterior = course.concluded(last, beside)
+    posterior = course.ranked(last, beside)
     best = course.settled.get(Key.of(posterior.best).plain, last)
     closer = Closer(Looker(course.thin, course.data.duration), course.beside(last))
     return Search(replace(best, fit=posterior.best), tuple(beside), closer, posterior, nothing.fit,
