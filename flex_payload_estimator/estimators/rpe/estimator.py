@@ -10,7 +10,7 @@ from flex_payload_estimator.estimators.base import Estimate, Event
 from flex_payload_estimator.estimators.rpe.events import EventLog
 from flex_payload_estimator.estimators.rpe.evidence import misfit_of
 from flex_payload_estimator.estimators.rpe.hypothesis import Filter, Sample
-from flex_payload_estimator.estimators.rpe.modes import Modes
+from flex_payload_estimator.estimators.rpe.modes import MISFIT, Modes
 from flex_payload_estimator.estimators.rpe.motion import Motion
 from flex_payload_estimator.estimators.rpe.settings import RpeSettings, stepper_of
 from flex_payload_estimator.estimators.rpe.shocks import Shocks
@@ -251,7 +251,9 @@ class RecursivePredictionError:
                 self._modes.clear()
         # Loads count from the next sample on, so that a prediction ahead knows them too.
         self._motion.follow(output, self.incumbent, sample)
-        if self._start.at_rest and self._motion.excited:
+        # Where one filter does not fit, its noise may hide a motion.
+        if self._start.at_rest and (self._motion.excited
+                                    or misfit_of(self.incumbent.record) > MISFIT):
             self._start.leave_rest(before[0], sample, self._loads)
         if not self._motion.excited:
             self._drift()
