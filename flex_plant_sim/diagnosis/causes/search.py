@@ -309,10 +309,9 @@ def _searched(course: _Course) -> Search:
     while len(promises) < EXPLORED:
         course.settle_leading(best)
         # What was fitted around another set and turns out worse around itself has fallen back.
-        centre, best = best, max(course.settled.values(), key=lambda s: course.score(s.fit))
+        best = max(course.settled.values(), key=lambda s: course.score(s.fit))
         if Key.of(best.fit) in promises:
             break
-        centre.forget_afar()
         promises[Key.of(best.fit)] = course.around(best)
     last = max((course.settled[key] for key in promises), key=lambda c: course.score(c.fit))
     progress('unknown', 0.9)

@@ -94,11 +94,6 @@ class Settled:
         point = descent.linearise(values, *descent.at(values))
         return Settled(self.likelihood.smooth, point, descent.fit(point))
 
-    def forget_afar(self) -> None:
-        """Drop what is seen from afar, half of the memory: what is asked again makes it again."""
-        self.__dict__.pop('from_afar', None)
-        self.likelihood.__dict__.pop('smooth', None)
-
     @cached_property
     def causes(self) -> Causes:
         """Return the causes that are on."""
