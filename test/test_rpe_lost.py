@@ -6,6 +6,8 @@ from dataclasses import replace
 from functools import lru_cache
 
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
+from flex_payload_estimator.estimators.rpe.hypothesis import Mode
+from flex_payload_estimator.estimators.rpe.modes import MODES
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.payload_profile import PayloadProfile
@@ -59,3 +61,21 @@ def test_a_filter_that_diverged_begins_again_with_its_payload(spoilt: float) -> 
     assert found.mass == pytest.approx(last.mass, rel=1e-3)
     assert found.variance >= 0.5 * last.variance
     assert np.linalg.eigvalsh(estimator.incumbent.cov)[0] > 0.0
+
+
+@pytest.mark.parametrize('mode', MODES)
+@pytest.mark.parametrize('spoilt', [np.inf, np.nan])
+def test_a_state_that_is_lost_in_a_gap_is_told_by_the_next_measurement(
+        mode: Mode, spoilt: float) -> None:
+    estimator, rows = moving()
+    estimator.reset()
+    for k in range(50):
+        estimator.update(k * STEP, *rows[k])
+    estimator.conclude()
+    stepper, loads = estimator.stepper, estimator._motion.loads
+    f = stepper.begin(mode, rows[49][0], 0.1, 0.05)
+    f.x[:] = spoilt
+    for k in (50, 51):
+        stepper.predict(f, estimator._sample(k * STEP, None, rows[k][1]), loads)
+    stepper.step(f, estimator._sample(52 * STEP, rows[52][0], rows[52][1]), loads)
+    assert np.array_equal(f.x[:2], rows[52][0][:2]) and np.isfinite(f.cov).all()

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 import math
 from typing import Any
 
@@ -17,12 +19,14 @@ from flex_plant_sim.nodes.arm_markers import arm_markers
 from flex_plant_sim.simulation.nominal import model_words
 from flex_plant_sim.simulation.plant_setup import robot_of
 from msg_config.contract_node import DIAGNOSTICS_INTERVAL
+from msg_config.errors import InputError
 from msg_config.messages import (
     check_finite,
     checked_stamp,
     joint_state,
     JOINTS,
     NANOSECONDS,
+    seconds,
 )
 from msg_config.ros import Audience, PayloadPublisher
 from msg_config.wire import MessageWriter
@@ -95,7 +99,7 @@ class PayloadEstimatorNode(SampleNode):
                                            estimate.p)
         self._payload.publish(payload)
         innovation = self._answer_innovation(sample.stamp, estimate)
-        self.estimator.conclude()
+        self._computed(sample.time, self.estimator.conclude)
         self._watch(estimate)
         self._publish_markers(sample, estimate)
         return payload, innovation
@@ -111,16 +115,26 @@ class PayloadEstimatorNode(SampleNode):
 
     def _estimate_of(self, sample: Sample) -> Estimate | None:
         """Return the estimate, or the last good one where this is no number."""
+        estimate = self._computed(sample.time, partial(
+            self.estimator.update, sample.time, sample.output, sample.command))
+        return estimate or (
+            self._estimate and replace(self._estimate, time=sample.time, status='restarted'))
+
+    def _computed(self, time: float, compute: Callable[[], Estimate | None]) -> Estimate | None:
+        """Return what the estimator computes; where that is no number, it begins again."""
         try:
-            estimate = self.estimator.update(sample.time, sample.output, sample.command)
-            if all(map(math.isfinite, (estimate.mass, estimate.variance, estimate.p))):
-                return estimate
-        except (ArithmeticError, np.linalg.LinAlgError):
+            found = compute()
+            if not found or all(map(math.isfinite, (found.mass, found.variance, found.p))):
+                return found
+        except InputError:
+            raise
+        except (ArithmeticError, ValueError):
+            # Whatever a NaN became on its way.
             pass
-        self.reject('payload', f'the estimate at {sample.time:.9g} s is not finite: the '
-                               'estimator begins again')
+        self.reject('payload', f'the estimate at {time:.9g} s is not finite: the estimator '
+                               'begins again')
         self.estimator.reset()
-        return self._estimate and replace(self._estimate, time=sample.time, status='restarted')
+        return None
 
     def _on_command(self, message: JointState) -> None:
         """Predict while nobody waits, with the command that will have been applied."""
@@ -130,7 +144,7 @@ class PayloadEstimatorNode(SampleNode):
         self.commanded = command
         if self._prepared != stamp == self.order.last:
             self._prepared = stamp
-            self.estimator.prepare(command)
+            self._computed(seconds(stamp), partial(self.estimator.prepare, command))
 
     def answer(self, answer: tuple[Any, ...]) -> None:
         """Publish an answer again."""

@@ -17,6 +17,7 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
+from tempfile import TemporaryDirectory
 import time
 from typing import Any
 
@@ -52,6 +53,12 @@ FEWEST = 3
 WARM_UP_SHARE, WARM_UP_DATA = 0.25, 30.0
 PAGE, TICKS = os.sysconf('SC_PAGE_SIZE'), os.sysconf('SC_CLK_TCK')
 OBSERVER = 'observer'
+# Of what a node said before it ended, characters.
+MOST_SAID = 4000
+
+
+class Ended(Exception):
+    """A node that nobody stopped has ended; its name."""
 
 
 @dataclass
@@ -85,12 +92,13 @@ def processor(pid: int) -> float:
     return (int(own[11]) + int(own[12])) / TICKS
 
 
-def start(mode: str, rate: float, domain: int) -> dict[str, subprocess.Popen[bytes]]:
-    """Start the three nodes."""
+def start(mode: str, rate: float, domain: int, folder: Path
+          ) -> dict[str, subprocess.Popen[bytes]]:
+    """Start the three nodes; what they say goes to files of their names."""
     return {node: subprocess.Popen(
         [sys.executable, '-m', *(bare_words(node, rate) if mode == 'bare'
                                  else words(node, mode, rate))],
-        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL, stderr=(folder / node).open('wb'),
         env={**os.environ, 'ROS_DOMAIN_ID': str(domain)}) for node in PROGRAMS}
 
 
@@ -117,6 +125,9 @@ def watch(executor: Executor, heard: Heard, processes: dict[str, subprocess.Pope
             executor.spin_until_future_complete(Future(), timeout_sec=INTERVAL)
         except (KeyboardInterrupt, ExternalShutdownException):
             break
+        ended = [name for name, process in processes.items() if process.poll() is not None]
+        if ended:
+            raise Ended(ended[0])
         delays, heard.delays = heard.delays or [float('nan')], []
         row = {'time': (time.monotonic() - begin) / 60.0,
                'p50': 1e3 * float(np.quantile(delays, 0.5)),
@@ -139,7 +150,8 @@ def run(mode: str, options: argparse.Namespace) -> list[dict[str, float]]:
         read = MessageReader(interface_class(load_topics()[topic].type), topic)
         create_subscription(node, topic, lambda data, name=topic, read=read: heard.take(
             name, read(data)), raw=True)
-    processes = start(mode, options.rate, options.domain)
+    said = TemporaryDirectory()
+    processes = start(mode, options.rate, options.domain, Path(said.name))
     spinners = [subprocess.Popen([sys.executable, '-c', 'while True: pass'])
                 for _ in range(options.spinners)]
     try:
@@ -147,6 +159,10 @@ def run(mode: str, options: argparse.Namespace) -> list[dict[str, float]]:
             executor.spin_until_future_complete(Future(), timeout_sec=0.5)
         heard.counts.update(dict.fromkeys(TOPICS, 0))
         return watch(executor, heard, processes, options.minutes / len(options.modes))
+    except Ended as error:
+        name = str(error)
+        last = (Path(said.name) / name).read_text(errors='replace')[-MOST_SAID:]
+        raise SystemExit(f'{mode}: {name} ended with {processes[name].poll()}:\n{last}') from None
     finally:
         for spinner in spinners:
             spinner.kill()
@@ -156,6 +172,7 @@ def run(mode: str, options: argparse.Namespace) -> list[dict[str, float]]:
             process.wait()
         executor.remove_node(node)
         node.destroy_node()
+        said.cleanup()
 
 
 def warm(rows: list[dict[str, float]], rate: float) -> list[dict[str, float]]:

@@ -103,7 +103,9 @@ class FilterStep:
                 loads.table)
 
     def predict(self, f: Filter, sample: Sample, loads: Loads) -> None:
-        """Advance one sample."""
+        """Advance one sample; a state that is lost stays so until a measurement tells it."""
+        if not math.isfinite(f.x[1]):
+            return
         before, payload = f.x, float(f.beta[MASS] if f.model is None else f.anchor[MASS])
         if self.effects.moves:
             before = before.copy()
@@ -134,7 +136,8 @@ class FilterStep:
 
     def step(self, f: Filter, sample: Sample, loads: Loads) -> None:
         """Advance one sample, and learn from it."""
-        if self.effects.moves or self.effects.arm.acts_on_output or sample.measured is None:
+        if self.effects.moves or self.effects.arm.acts_on_output or sample.measured is None \
+                or not math.isfinite(f.x[1]):
             self.predict(f, sample, loads)
             self.correct(f, sample, loads)
             return
