@@ -5,6 +5,7 @@ from __future__ import annotations
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
 from flex_payload_estimator.estimators.rpe.hypothesis import Filter
 from flex_payload_estimator.estimators.rpe.kernel import FIRST_BIAS
+from flex_payload_estimator.estimators.rpe.start import hand_over
 from flex_plant_sim.arm.second_order import Array
 import numpy as np
 from rpe_runs import estimator_of, robot_with
@@ -46,18 +47,24 @@ def test_one_filter_serves_at_rest_and_learns_the_gauges() -> None:
 
 def test_where_it_moves_the_bank_knows_what_the_one_knew_but_the_payload() -> None:
     estimator, before = rested(50)
+    start, random = estimator._start, np.random.default_rng(5)
+    # As if much of the state owed to the payload and to the gauges.
+    before.sens[:] = random.standard_normal(before.sens.shape)
+    before.spread[:] += 1e-10 * np.cov(random.standard_normal((before.beta.size, 20)))
+    mean, cov = joint(before)
+    for f in start.bank(np.zeros(6)):
+        mass, variance = f.mass, f.variance
+        hand_over(before, f)
+        assert np.allclose(joint(f)[0], mean, rtol=1e-12, atol=0.0)
+        assert np.allclose(joint(f)[1], cov, rtol=1e-9, atol=1e-12 * np.abs(cov).max())
+        assert (f.mass, f.variance) == (mass, variance)
+
+
+def test_the_first_motion_fills_the_bank() -> None:
+    estimator, _ = rested(50)
+    estimator.update(0.51, np.concatenate([[0.11, -0.2], BIAS + 100.0 * SIGMA]), np.zeros(2))
     start = estimator._start
-    # A sample that was no measurement teaches nothing: what it predicts is compared.
-    start.leave_rest(before, estimator._sample(0.51, None, np.zeros(2)), estimator._loads)
-    assert not start.at_rest and len({f.mode.name for f in start.filters}) == 2
-    estimator.stepper.predict(before, estimator._sample(0.51, None, np.zeros(2)),
-                              estimator._loads)
-    # An arm at rest goes on the same whatever it carries, but for what is not known of its speed.
-    for f in start.filters:
-        mean, cov = joint(f)
-        assert np.allclose(mean, joint(before)[0], atol=0.1 * SIGMA)
-        assert np.allclose(cov[-len(BIAS):, -len(BIAS):], joint(before)[1][-4:, -4:], rtol=1e-9,
-                           atol=0.0)
+    assert not start.at_rest and {f.mode.name for f in start.filters} == {'exact', 'rough'}
 
 
 def test_the_estimate_before_any_motion_is_the_prior() -> None:

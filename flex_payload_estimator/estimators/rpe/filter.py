@@ -26,8 +26,9 @@ ERROR_STEP_S = 0.01
 # at this share of the payload from 10 to 30 s, while the filter's own deviation goes on falling
 # (benchmarks/loop_band.py, seeds 10, 13, 16 and 22).
 LASTING = 0.01
-# Filters linearised about payloads this many cells apart agree.
-JUMP_CELLS = 8
+# Parts of the range of payloads: a filter linearised in the middle of one, where nothing else is
+# wrong, finds any payload of it.
+CELLS = 8
 
 
 class FilterStep:
@@ -163,7 +164,7 @@ class FilterStep:
         if after.square * self.told_variance.size < GATE:
             return after
         return max([after, *(self._jumped(before, *cell, sample, loads)
-                             for cell in self.cells(JUMP_CELLS))], key=lambda f: f.stated)
+                             for cell in self.cells(CELLS))], key=lambda f: f.stated)
 
     def _jumped(self, f: Filter, low: float, high: float, sample: Sample, loads: Loads) -> Filter:
         """Return what a filter knows after a sample before which its payload jumped, kg."""

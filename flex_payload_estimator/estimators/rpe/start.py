@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from flex_payload_estimator.estimators.rpe.evidence import misfit_of
-from flex_payload_estimator.estimators.rpe.filter import FilterStep
+from flex_payload_estimator.estimators.rpe.filter import CELLS, FilterStep
 from flex_payload_estimator.estimators.rpe.hypothesis import Filter, Sample
 from flex_payload_estimator.estimators.rpe.kernel import CORIOLIS, FIRST_BIAS
 from flex_payload_estimator.estimators.rpe.modes import (
@@ -21,8 +21,9 @@ from flex_payload_estimator.estimators.rpe.sensors import Loads
 from flex_plant_sim.arm.second_order import Array
 import numpy as np
 
+# Parts of the range of payloads where parts are off, which make up for where it is linearised.
+ROUGH_CELLS = 3
 # Filters linearised about payloads this close agree: a share of (m + soft mass).
-EXACT_CELLS, ROUGH_CELLS = 8, 3
 FINE = 0.05
 # Noise whose variance is so many times the robot file's has misled a filter that did not know.
 NOISIER = 4.0
@@ -76,7 +77,7 @@ class Start:
     def bank(self, measured: Array) -> list[Filter]:
         """Return filters of payloads from 0 to the heaviest, with and without Coriolis forces."""
         bank = []
-        for mode, cells, shares in ((EXACT, EXACT_CELLS, self.stepper.shares),
+        for mode, cells, shares in ((EXACT, CELLS, self.stepper.shares),
                                     (SEEK, ROUGH_CELLS, (None,))):
             for low, high in self.stepper.cells(cells):
                 for share in shares:
@@ -99,18 +100,9 @@ class Start:
 
         """
         self.at_rest = False
-        gauges = slice(FIRST_BIAS, None)
-        known = rested.spread[gauges, gauges]
-        # Its payload is forgotten exactly: what of the state owes to it is doubt of the state.
-        owed = (rested.sens @ rested.spread)[:, gauges]
-        slope = owed @ np.linalg.pinv(known, hermitian=True)
-        cov = rested.cov + rested.sens @ rested.spread @ rested.sens.T - owed @ slope.T
         self.filters = self.bank(rested.reading[0])
         for f in self.filters:
-            learnt = slice(FIRST_BIAS, FIRST_BIAS + len(known))
-            f.x[:], f.cov[:], f.sens[:, learnt] = rested.x, cov, slope
-            f.beta[learnt], f.spread[learnt, learnt] = rested.beta[gauges], known
-            f.record[:], f.reading[:] = rested.record, rested.reading
+            hand_over(rested, f)
             self.stepper.step(f, sample, loads)
 
     def best(self) -> Filter:
@@ -184,3 +176,19 @@ class Start:
         found = np.array([self.stepper.payload(f) for f in self.filters])
         mean = float(weights @ found[:, 0])
         return mean, float(weights @ (found[:, 1] + (found[:, 0] - mean)**2))
+
+
+def hand_over(rested: Filter, f: Filter) -> None:
+    """
+    Let a filter know of state, gauges and noise what one at rest knows, and keep its own payload.
+
+    The payload of the one at rest is summed out of its joint posterior: what its state owes to it
+    is doubt of the state.
+    """
+    gauges = slice(FIRST_BIAS, rested.beta.size)
+    known, owed = rested.spread[gauges, gauges], (rested.sens @ rested.spread)[:, gauges]
+    slope = owed @ np.linalg.pinv(known, hermitian=True)
+    whole = rested.cov + rested.sens @ rested.spread @ rested.sens.T
+    f.x[:], f.cov[:], f.sens[:, gauges] = rested.x, whole - owed @ slope.T, slope
+    f.beta[gauges], f.spread[gauges, gauges] = rested.beta[gauges], known
+    f.record[:], f.reading[:] = rested.record, rested.reading
