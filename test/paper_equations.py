@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from flex_plant_sim.arm.beam import Beam
 from flex_plant_sim.arm.paper_model import Sign
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
@@ -29,36 +30,44 @@ def paper_residual(robot: Robot, modes: int, theta_2: float, payload: float, sta
         Sign of M_e in (43).
 
     """
-    (upper, lower), n = robot.links, modes
-    beam_1, beam_2 = upper.beam(n), lower.beam(n)
-    tip_1, slope_1 = beam_1.shape(upper.length), beam_1.shape(upper.length, 1)
-    tip_2 = beam_2.shape(lower.length)
-    mu_1, mu_2 = beam_1.modal_mass, beam_2.modal_mass
-    q_1, q_2 = state[:, 2:2 + n], state[:, 2 + n:]
-    turn_1, turn_2 = state[2, 0], state[2, 1]
-    elbow = upper.length * turn_1 + sum(tip_1[j] * q_1[2, j] for j in range(n))
-    elbow_turn = turn_1 + sum(slope_1[j] * q_1[2, j] for j in range(n))
-    moment = lower.bending_stiffness * sum(beam_2.shape(0.0, 2)[j] * q_2[0, j] for j in range(n))
-    shear = lower.bending_stiffness * sum(beam_2.shape(0.0, 3)[j] * q_2[0, j] for j in range(n))
+    upper, lower = (link.beam(modes) for link in robot.links)
+    q_1, q_2 = state[:, 2:2 + modes], state[:, 2 + modes:]
+    length = robot.links[0].length
+    elbow = length * state[2, 0] + upper.shape(length) @ q_1[2]
+    elbow_turn = state[2, 0] + upper.shape(length, 1) @ q_1[2]
+    stiffness = robot.links[1].bending_stiffness
+    moment, shear = (stiffness * lower.shape(0.0, order) @ q_2[0] for order in (2, 3))
     reaction = (shear * np.cos(theta_2)
-                + (lower.mass + payload) * np.sin(theta_2)**2 * elbow)
+                + (robot.links[1].mass + payload) * np.sin(theta_2)**2 * elbow)
     flip = 1.0 if sign == 'corrected' else -1.0
     torque = flip * (-robot.elbow_inertia * elbow_turn + moment)
-    rows = []
-    for i in range(n):
-        zeta = upper.damping_ratio * beam_1.frequencies[i] / beam_1.frequencies[0]
-        left = (beam_1.frequencies[i]**2 * q_1[0, i]
-                + 2.0 * zeta * beam_1.frequencies[i] * q_1[1, i] + q_1[2, i])
-        hub = -robot.elbow_mass / mu_1 * tip_1[i] * elbow
-        rows.append(left - (beam_1.alpha[i] * turn_1 + hub - reaction / mu_1 * tip_1[i]
-                            + slope_1[i] / mu_1 * torque))
-    for i in range(n):
-        zeta = lower.damping_ratio * beam_2.frequencies[i] / beam_2.frequencies[0]
-        left = (beam_2.frequencies[i]**2 * q_2[0, i]
-                + 2.0 * zeta * beam_2.frequencies[i] * q_2[1, i] + q_2[2, i])
-        alpha = beam_2.alpha[i] - payload / mu_2 * lower.length * tip_2[i]
-        beta = beam_2.beta[i] - payload / mu_2 * tip_2[i]
-        kappa = [-payload / mu_2 * tip_2[i] * tip_2[j] for j in range(n)]
-        rows.append(left - (sum(kappa[j] * q_2[2, j] for j in range(n))
-                            + alpha * (turn_2 + elbow_turn) + beta * elbow * np.cos(theta_2)))
-    return np.array(rows)
+    return np.concatenate([
+        _upper(robot, modes, q_1, state[2, 0], elbow, reaction, torque),
+        _lower(robot, modes, q_2, payload, state[2, 1] + elbow_turn, elbow * np.cos(theta_2))])
+
+
+def _left(beam: Beam, damping_ratio: float, q: Array) -> Array:
+    """Return the left side of both, from rows q, q', q'': (n,)."""
+    omega = beam.frequencies
+    return omega**2 * q[0] + 2.0 * damping_ratio * omega / omega[0] * omega * q[1] + q[2]
+
+
+def _upper(robot: Robot, modes: int, q: Array, turn: float, elbow: float, reaction: float,
+           torque: float) -> Array:
+    """Return left minus right side of (6), (n,)."""
+    link = robot.links[0]
+    beam = link.beam(modes)
+    tip, slope, mass = beam.shape(link.length), beam.shape(link.length, 1), beam.modal_mass
+    right = (beam.alpha * turn - robot.elbow_mass / mass * tip * elbow - reaction / mass * tip
+             + slope / mass * torque)
+    return _left(beam, link.damping_ratio, q) - right
+
+
+def _lower(robot: Robot, modes: int, q: Array, payload: float, turn: float, push: float) -> Array:
+    """Return left minus right side of (4), (n,): `turn` and `push` are accelerations."""
+    link = robot.links[1]
+    beam = link.beam(modes)
+    tip, share = beam.shape(link.length), payload / beam.modal_mass
+    right = (-share * tip * (tip @ q[2]) + (beam.alpha - share * link.length * tip) * turn
+             + (beam.beta - share * tip) * push)
+    return _left(beam, link.damping_ratio, q) - right
