@@ -18,6 +18,7 @@ from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.nominal import nominal_effects
 from flex_plant_sim.simulation.payload_profile import PayloadProfile
 from flex_plant_sim.simulation.simulator import Noise, Simulator
+from msg_config.errors import InputError
 import numpy as np
 
 ROBOT, MODEL, MODES = load_robot('reference'), 'assumed_modes', 2
@@ -82,7 +83,11 @@ def main() -> None:
     print('before, after, told, deviation, kg; found after, s; false before; mode')
     changes = []
     for seed in range(chosen.seed, chosen.seed + chosen.runs):
-        changes.append(change := run(seed, chosen.bent))
+        try:
+            changes.append(change := run(seed, chosen.bent))
+        except InputError:
+            print(f'seed {seed}: the simulated arm diverges, left out', flush=True)
+            continue
         print(f'{change.before:.3f} {change.after:.3f} {change.told:.4f} {change.std:.4f}  '
               f'{change.found:5.2f}  {change.false}  {change.mode}', flush=True)
     right, inside, false = (sum(getattr(change, name) for change in changes)
