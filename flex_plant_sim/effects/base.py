@@ -42,6 +42,8 @@ class Parameter:
         left. inf for a time, which may be anywhere in the record.
     optional : bool
         Whether a robot file may leave it out: it is then at null.
+    discrete : bool
+        Whether nature has it at one of `starts`, each as likely, and nowhere between.
 
     """
 
@@ -54,6 +56,7 @@ class Parameter:
     smallest: float
     typical: float
     optional: bool = False
+    discrete: bool = False
 
 
 @dataclass(frozen=True)

@@ -17,11 +17,18 @@ import numpy as np
 DIFFERENCE = 0.05
 GRID = 5
 TIMES = 30
+# Of its unit: the slab of a parameter that is held is as good as a point.
+POINT = 1e-9
 
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """An effect at a site with free parameters; bounds are what each can be on the robot."""
+    """
+    An effect at a site; bounds are what each parameter can be on the robot.
+
+    One of few values (`Parameter.discrete`) is held: its bounds coincide, and each value is a
+    hypothesis of its own, under the same label.
+    """
 
     effect: type[Effect]
     site: str
@@ -53,6 +60,11 @@ class Hypothesis:
         return np.array([high for _, high in self.bounds])
 
     @property
+    def held(self) -> tuple[float, ...]:
+        """Return the values of the parameters that are held."""
+        return tuple(low for low, high in self.bounds if low == high)
+
+    @property
     def scale(self) -> Array:
         """Return the size of a typical deviation from null, (k,)."""
         sizes = []
@@ -75,12 +87,14 @@ class Hypothesis:
     def slab(self, duration: float) -> Slab:
         """Return the prior of the parameters in a record of a duration, s."""
         anywhere = [not math.isfinite(p.typical) for p in self.parameters]
-        centre = np.where(anywhere, 0.5 * duration, self.null)
+        held = self.low == self.high
+        centre = np.where(held, self.low, np.where(anywhere, 0.5 * duration, self.null))
         # A time is uniform over the record: mean and deviation of that.
         width = np.where(anywhere, duration / math.sqrt(12.0),
                          [p.typical for p in self.parameters])
+        width = np.where(held, POINT, width)
         above, below = self.low >= self.null, self.high <= self.null
-        sided = np.where(anywhere, 0.0, 1.0 * above - 1.0 * below)
+        sided = np.where(held | anywhere, 0.0, 1.0 * above - 1.0 * below)
         return Slab(centre, width, sided)
 
     def steps(self, values: Array) -> Array:
@@ -98,8 +112,8 @@ class Hypothesis:
 
     def shapes(self, duration: float) -> Array:
         """Return the grid over the parameters that are no size, sizes at null, (S, k)."""
-        grids = [(p.null,) if size else self._grid(p, duration)
-                 for p, size in zip(self.parameters, self.sizes)]
+        grids = [(p.null,) if size else (low,) if low == high else self._grid(p, duration)
+                 for p, size, (low, high) in zip(self.parameters, self.sizes, self.bounds)]
         return np.array(list(product(*grids)))
 
     def magnitudes(self) -> list[Array]:
@@ -125,7 +139,9 @@ class Hypothesis:
 
 
 def hypotheses(robot: Robot, exclude: Sequence[str] = ()) -> tuple[Hypothesis, ...]:
-    """Return every effect of the catalogue at every site of a robot."""
-    return tuple(Hypothesis(effect, site, effect.bounds(site, robot))
+    """Return every effect of the catalogue at every site of a robot, each value of those held."""
+    return tuple(Hypothesis(effect, site, bounds)
                  for name, effect in catalogue().items() if name not in exclude
-                 for site in sites(effect, robot))
+                 for site in sites(effect, robot) for bounds in product(*(
+                     [(value, value) for value in p.starts] if p.discrete else [allowed]
+                     for p, allowed in zip(effect.parameters, effect.bounds(site, robot)))))

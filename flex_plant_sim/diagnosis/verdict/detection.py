@@ -43,8 +43,11 @@ def detection_limits(promises: Sequence[Promise], robot: Robot, duration: float,
         far = [(p, size) for p, size in items if _below(p, size)]
         again = {p.hypothesis: p for p in each(closer, far, jobs)}
         promises = [again.get(p.hypothesis, p) for p in promises]
-    return {p.hypothesis.label: (_limit(p, robot, duration),
-                                 p.hypothesis.parameters[_size(p)].unit) for p in promises}
+    found: dict[str, tuple[float, str]] = {}
+    for p in promises:
+        limit = (_limit(p, robot, duration), p.hypothesis.parameters[_size(p)].unit)
+        found[p.hypothesis.label] = min(limit, found.get(p.hypothesis.label, limit))
+    return found
 
 
 def _below(promise: Promise, size: float) -> bool:

@@ -39,7 +39,7 @@ class GearCompliance(Effect):
         # The reference links' own L / (3 E I) is 0.025 and 0.09 rad/(N m).
         Parameter('compliance_rad_per_n_m', 'rad/(N m)', 0.0, 0.0, 1.0,
                   (0.003, 0.01, 0.03, 0.08), 0.001, 0.04),
-        Parameter('sensor_behind_gear', '', 1.0, -0.5, 1.5, (1.0, 0.0), np.inf, 0.5),
+        Parameter('sensor_behind_gear', '', 1.0, 0.0, 1.0, (1.0, 0.0), np.inf, 0.5, discrete=True),
         Parameter('hub_share', '', 0.0, 0.0, 0.9, (0.0,), np.inf, 0.1, optional=True))
     sites = 'joint'
     structural = True
