@@ -222,8 +222,10 @@ def _others(number: int, use: str) -> Iterator[BankCase]:
     plain = _plain(use)
     # 7 and 5 share no factor with the lists' lengths (34 and 12), so that all have their turn.
     for k in range(number * MISSING, (number + 1) * MISSING):
-        yield BankCase('missing', (TAKEN_OUT[7 * k % len(TAKEN_OUT)],), 'reference', 0,
-                       plain[k % len(plain)])
+        turn, place = divmod(k, len(TAKEN_OUT))
+        # The next turn takes the other simulator.
+        yield BankCase('missing', (TAKEN_OUT[7 * place % len(TAKEN_OUT)],), 'reference', 0,
+                       plain[(place + turn) % len(plain)])
     for k in range(number * PAIRED, (number + 1) * PAIRED):
         yield BankCase('pair', PAIRS[5 * k % len(PAIRS)], 'reference', 0, plain[k % len(plain)])
     yield BankCase('poor', (POOR[number % len(POOR)],), 'reference', 0, size=0.0)

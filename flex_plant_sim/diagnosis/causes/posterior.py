@@ -15,19 +15,23 @@ from flex_plant_sim.diagnosis.prediction.predictor import Base
 import numpy as np
 
 CREDIBLE = 0.95
+# So many faults at once are nothing out of the ordinary.
+ORDINARY = 2
 
 
 @dataclass(frozen=True)
 class Key:
-    """What tells sets apart: labels of the causes, and the discrepancy."""
+    """What tells sets apart: labels of the causes, the discrepancy, what causes hold."""
 
     labels: frozenset[str]
     level: Amplitude
+    held: frozenset[tuple[str, tuple[float, ...]]] = frozenset()
 
     @classmethod
     def of(cls, fit: Fit) -> Key:
         """Return the key of a fit."""
-        return cls(frozenset(h.label for h in fit.hypotheses), fit.discrepancy)
+        return cls(frozenset(h.label for h in fit.hypotheses), fit.discrepancy,
+                   frozenset((h.label, h.held) for h in fit.hypotheses if h.held))
 
     @property
     def plain(self) -> Key:
@@ -69,6 +73,21 @@ def log_prior(fit: Fit, nominal: Base) -> float:
         kinds = fit.moments.tolerances.size if fit.discrepancy.far else 1
         price += math.log(0.5 * unknown_odds() / kinds)
     return price
+
+
+@dataclass(frozen=True)
+class _Stated:
+    """A set: its causes, its probability if they are real, whether something is unnamed."""
+
+    labels: frozenset[str]
+    probability: float
+    unknown: bool
+
+    @property
+    def real(self) -> float:
+        """Return how likely it is that one of its causes is no imitation."""
+        further = max(len(self.labels) - ORDINARY, 0) + self.unknown
+        return 1.0 / (1.0 + imitation_odds(further))
 
 
 @dataclass(frozen=True)
@@ -124,13 +143,17 @@ class Posterior:
         """Return the most probable set."""
         return self.fits[0]
 
+    @property
+    def _stated(self) -> list[_Stated]:
+        """Return all sets, fitted or not."""
+        return [*(_Stated(Key.of(fit).labels, float(p), is_unknown(fit, self.nominal))
+                  for fit, p in zip(self.fits, self.probability)),
+                *(_Stated(labels, p, False) for labels, p in self.unfitted.items())]
+
     def of_effect(self, identifier: str) -> float:
         """Return the probability that an effect is at work, at whatever site."""
-        like_it = self._sum(lambda fit: any(
-            h.effect.identifier == identifier for h in fit.hypotheses)) + sum(
-            p for labels, p in self.unfitted.items()
-            if any(label.partition(':')[0] == identifier for label in labels))
-        return like_it / (1.0 + imitation_odds())
+        return sum(s.probability * s.real for s in self._stated if any(
+            label.partition(':')[0] == identifier for label in s.labels))
 
     @property
     def of_nothing(self) -> float:
@@ -140,11 +163,8 @@ class Posterior:
     @property
     def of_unknown(self) -> float:
         """Return the probability that something that no catalogue knows is at work."""
-        real = 1.0 / (1.0 + imitation_odds())
-        imitated = sum(p * (1.0 - real**len(fit.hypotheses)) for fit, p in zip(
-            self.fits, self.probability) if not is_unknown(fit, self.nominal))
-        unfitted = sum(p * (1.0 - real**len(labels)) for labels, p in self.unfitted.items())
-        return self._sum(lambda fit: is_unknown(fit, self.nominal)) + float(imitated + unfitted)
+        return 1.0 - sum(s.probability * s.real**len(s.labels) for s in self._stated
+                         if not s.unknown)
 
     def _sum(self, holds: Callable[[Fit], bool]) -> float:
         return float(sum(p for fit, p in zip(self.fits, self.probability) if holds(fit)))

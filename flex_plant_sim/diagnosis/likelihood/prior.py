@@ -22,8 +22,12 @@ from flex_plant_sim.effects.base import Effect
 # something is that no catalogue knows.
 ANY_CAUSE, UNKNOWN = 0.5, 0.1
 # Of effects taken out of the catalogue others explained such a share so that nothing unnamed was
-# left (test/run_bank.py --use calibration --only missing): what is unknown may look like a cause.
-IMITATED = 0.55
+# left (test/run_bank.py --use calibration --only missing; 21 of 33): what is unknown may look like
+# a cause.
+IMITATED = 0.65
+# By what each fault beyond two that a set asks for raises the odds that it is something unknown
+# that looks like it: the likeliest on calibration cases (benchmarks/stated.py).
+FURTHER = 12.0
 # Such a thing may be a part that is not as its file says: off by an order of magnitude more than
 # its tolerance (twice that costs 0.7 nats). Effects say so of these parts, where they are asked.
 FAR_OFF = 10.0
@@ -111,11 +115,12 @@ def log_odds(effect: type[Effect], robot: Robot) -> float:
     """
     Return the logarithm of an effect's prior odds at one site, nats: the price of a cause.
 
-    All identifiers are alike, and so are the sites of each: with the odds of n identifiers the
-    chance of none is 1 - ANY_CAUSE.
+    All identifiers are alike, and so are the sites of each and what it is one of few of: with
+    the odds of n identifiers the chance of none is 1 - ANY_CAUSE.
     """
     each = 1.0 - (1.0 - ANY_CAUSE)**(1.0 / len(catalogue()))
-    return math.log(each / (1.0 - each) / len(sites(effect, robot)))
+    kinds = math.prod(len(p.starts) for p in effect.parameters if p.discrete)
+    return math.log(each / (1.0 - each) / len(sites(effect, robot)) / kinds)
 
 
 def unknown_odds() -> float:
@@ -123,15 +128,22 @@ def unknown_odds() -> float:
     return (1.0 - IMITATED) * UNKNOWN / (1.0 - UNKNOWN)
 
 
-def imitation_odds() -> float:
+def imitation_odds(further: int = 0) -> float:
     """
-    Return the odds that what looks like a cause is something unknown that looks like it.
+    Return the odds that what looks like a set of causes is something unknown that looks like it.
 
-    By definition no record parts the two: these are prior odds, the same for all causes.
+    By definition no record parts the two. But the more has to be wrong at once, the less likely
+    it is before any data, and one thing that is not known explains it all.
+
+    Parameters
+    ----------
+    further : int
+        Faults that the set asks for beyond one or two causes: more causes, something unnamed.
+
     """
     count = len(catalogue())
     some = count * ((1.0 - ANY_CAUSE)**(-1.0 / count) - 1.0)
-    return IMITATED * UNKNOWN / (1.0 - UNKNOWN) / some
+    return IMITATED * UNKNOWN / (1.0 - UNKNOWN) / some * FURTHER**further
 
 
 def prior_table(robot: Robot) -> str:

@@ -1,0 +1,153 @@
+"""
+How likely a named cause is real: the odds that something unknown looks like its set.
+
+The posterior over sets knows effects of the catalogue in the catalogue's forms. Nature has others,
+which a set may imitate. Those odds, and by how much each further fault that a set asks for raises
+them, are the likeliest on answers of the bank to cases on calibration seeds, of which an effect
+taken out of the catalogue makes up as many as of a round of the bank. Each case is left out once
+to see what the fit is worth. Then other answers are read with them: the calibration error beside
+what it would be on average if every stated probability were right.
+
+    python test/run_bank.py --use calibration --rounds 1 --docs build --results build/odds.jsonl
+    python test/run_bank.py --use calibration --rounds 7 --only missing --results build/odds.jsonl
+    python benchmarks/stated.py build/odds.jsonl --score build/bank.jsonl
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+import sys
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
+
+from bank import score  # noqa: E402
+from bank.cases import all_cases  # noqa: E402
+from bank.summary import JUDGED  # noqa: E402
+from flex_plant_sim.diagnosis.likelihood.prior import imitation_odds  # noqa: E402
+import numpy as np  # noqa: E402
+from run_bank import read_results  # noqa: E402
+from scipy.optimize import minimize  # noqa: E402
+
+DRAWS = 2000
+UNKNOWN, ORDINARY = 'unknown', 2
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A named cause: (probability, further faults) of each set with it; whether it is there."""
+
+    case: str
+    kind: str
+    sets: tuple[tuple[float, int], ...]
+    right: bool
+
+    def probability(self, odds: float, factor: float) -> float:
+        """Return what is stated with some odds and a factor for each further fault."""
+        return sum(p / (1.0 + odds * factor**more) for p, more in self.sets)
+
+
+def claims(line: score.Line) -> list[Claim]:
+    """Return the causes that an answer names; sets that it does not print share like those."""
+    printed = sum(some['probability'] for some in line['sets'])
+    return [Claim(line['key'], line['kind'], tuple(
+        (some['probability'] / printed, further(some['causes'])) for some in line['sets']
+        if cause['name'] in {label.partition(':')[0] for label in some['causes']}),
+        line['kind'] != 'missing' and score.is_hidden(line, cause['name']))
+        for cause in line.get('causes', [])]
+
+
+def further(labels: Sequence[str]) -> int:
+    """Return how many faults a set asks for beyond one or two named ones."""
+    named = [label for label in labels if label != UNKNOWN]
+    return max(len(named) - ORDINARY, 0) + (UNKNOWN in labels)
+
+
+def weights(lines: Sequence[score.Line]) -> dict[str, float]:
+    """Return what a case of each kind counts, so that kinds are as frequent as in a round."""
+    kinds = [case.kind for case in all_cases('calibration', 1)]
+    found = [line['kind'] for line in lines]
+    return {kind: kinds.count(kind) / found.count(kind) for kind in set(found)}
+
+
+def log_likelihood(some: Sequence[Claim], weight: dict[str, float], logs: score.Any) -> float:
+    """Return the log-likelihood of claims at (ln odds, ln factor), nats."""
+    total = 0.0
+    for claim in some:
+        p = min(max(claim.probability(*np.exp(logs)), 1e-6), 1.0 - 1e-6)
+        total += weight[claim.kind] * float(np.log(p if claim.right else 1.0 - p))
+    return total
+
+
+def likeliest(some: Sequence[Claim], weight: dict[str, float]) -> score.Any:
+    """Find the logarithms of odds and factor that are likeliest, (2,)."""
+    return minimize(lambda logs: -log_likelihood(some, weight, logs), np.array([-2.0, 1.0]),
+                    method='Nelder-Mead').x
+
+
+def left_out(some: Sequence[Claim], weight: dict[str, float]) -> score.Any:
+    """Return the likeliest pair without each case in turn, (cases, 2), and the nats it gets."""
+    cases = sorted({claim.case for claim in some})
+    pairs = [likeliest([c for c in some if c.case != case], weight) for case in cases]
+    nats = [log_likelihood([c for c in some if c.case == case], weight, pair)
+            for case, pair in zip(cases, pairs)]
+    return np.array(pairs), float(np.sum(nats))
+
+
+def reweighed(line: score.Line, odds: float, factor: float) -> score.Line:
+    """Return an answer as it reads with other odds; what is not named keeps its probability."""
+    stated = [claim.probability(odds, factor) for claim in claims(line)]
+    causes = [{**cause, 'probability': p} for cause, p in zip(line['causes'], stated)]
+    named = {cause['name']: cause['probability'] for cause in causes}
+    return {**line, 'causes': causes, 'probabilities': {**line['probabilities'], **named}}
+
+
+def verdict(lines: Sequence[score.Line], what: str) -> str:
+    """Return scores of answers in one line, with the calibration error of right forecasts."""
+    pairs = score.stated_probabilities(lines)
+    rng, chances = np.random.default_rng(0), np.array([p for p, _ in pairs])
+    drawn = [score.calibration([(float(p), bool(rng.random() < p)) for p in chances])[0]
+             for _ in range(DRAWS)]
+    brier = np.mean([(p - right)**2 for p, right in pairs])
+    mean = np.mean([score.log_score(line) for line in lines])
+    return (f'{what:<10} log-score {mean:.3f}  {len(pairs)} causes: calibration error '
+            f'{score.calibration(pairs)[0]:.3f} (right ones: {np.mean(drawn):.3f}, 95 % below '
+            f'{np.quantile(drawn, 0.95):.3f})  Brier {brier:.3f}')
+
+
+def judged(path: Path) -> list[score.Line]:
+    """Return the answers of a file that count."""
+    return [line for line in read_results(path).values()
+            if line['kind'] in JUDGED and line.get('sets')]
+
+
+def main() -> int:
+    """Print the odds, what they are worth, and how other answers fare with them."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
+    parser.add_argument('results', type=Path, help='of calibration cases')
+    parser.add_argument('--score', type=Path, help='results of other cases')
+    chosen = parser.parse_args()
+    lines = judged(chosen.results)
+    some, weight = [claim for line in lines for claim in claims(line)], weights(lines)
+    pair, (pairs, nats) = likeliest(some, weight), left_out(some, weight)
+    # The jackknife's standard error.
+    error = np.sqrt((len(pairs) - 1) * np.var(pairs, axis=0))
+    total = sum(weight[claim.kind] for claim in some)
+    print(f'{len(lines)} cases, {len(some)} causes: odds {np.exp(pair[0]):.3g} (factor '
+          f'{np.exp(error[0]):.2g} either way), for each further fault times '
+          f'{np.exp(pair[1]):.3g} (factor {np.exp(error[1]):.2g})')
+    present = log_likelihood(some, weight, np.log([
+        imitation_odds(), imitation_odds(1) / imitation_odds()]))
+    print(f'nats a cause, its case left out: {nats / total:.3f}; as the code has it: '
+          f'{present / total:.3f}')
+    if chosen.score:
+        others = judged(chosen.score)
+        print(verdict(others, 'as found'))
+        print(verdict([reweighed(line, *np.exp(pair)) for line in others], 'with these'))
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
