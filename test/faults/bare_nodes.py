@@ -7,13 +7,16 @@ Nodes on the loop's topics that compute nothing: what rclpy and DDS alone take o
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from itertools import count
+from struct import Struct
 from typing import Any
 
-from msg_config.messages import inertia_message, joint_state, JOINTS
+from msg_config.messages import inertia_message, joint_state, JOINTS, NANOSECONDS
 from msg_config.node_process import make_executor, spin
 from msg_config.ros import create_publisher, create_sourced_subscription, payload_message
 from msg_config.transport import avoid_shared_memory
+from msg_config.wire import HEAD
 import rclpy
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
@@ -21,6 +24,8 @@ from rclpy.task import Future
 
 GAUGES = ('strain_1a', 'strain_1b', 'strain_2a', 'strain_2b')
 TWO = (0.0, 0.0)
+# Where a message with a header has its stamp; payload has none.
+STAMP, UNSTAMPED = slice(HEAD, HEAD + 8), ('payload',)
 # Of each node: what it hears, the last of which it answers, and what it says.
 ROLES = {
     'plant_sim': (('command',), ('joint_states', 'strain')),
@@ -41,15 +46,21 @@ def message(topic: str, stamp: int) -> Any:
     return joint_state(stamp, JOINTS, TWO, TWO, TWO)
 
 
-def speaker(node: Node, topics: Sequence[str]) -> Callable[..., None]:
-    """Return what sends a message on each topic, the same one every time."""
-    pairs = [(create_publisher(node, topic), serialize_message(message(topic, 0)))
-             for topic in topics]
+def speaker(node: Node, topics: Sequence[str]) -> Callable[[bytes], None]:
+    """Return what sends a message on each topic, the same one every time but for its stamp."""
+    told = [(create_publisher(node, topic), serialize_message(message(topic, 0)),
+             topic not in UNSTAMPED) for topic in topics]
 
-    def speak(*_: Any) -> None:
-        for publisher, data in pairs:
-            publisher.publish(data)
+    def speak(stamp: bytes) -> None:
+        for publisher, data, stamped in told:
+            publisher.publish(data[:HEAD] + stamp + data[STAMP.stop:] if stamped else data)
     return speak
+
+
+def stamps(rate: float) -> Iterator[bytes]:
+    """Return a stamp for each sample, as a message carries it."""
+    for k in count():
+        yield Struct('=iI').pack(*divmod(round(k * NANOSECONDS / rate), NANOSECONDS))
 
 
 def main() -> None:
@@ -65,9 +76,12 @@ def main() -> None:
     speak = speaker(node, said)
     for topic in heard:
         answers = topic == heard[-1] and options.role != 'plant_sim'
-        create_sourced_subscription(node, topic, speak if answers else lambda *_: None, raw=True)
+        create_sourced_subscription(
+            node, topic, (lambda data, *_: speak(data[STAMP])) if answers else lambda *_: None,
+            raw=True)
     if options.role == 'plant_sim':
-        node.create_timer(1.0 / options.rate, speak)
+        due = stamps(options.rate)
+        node.create_timer(1.0 / options.rate, lambda: speak(next(due)))
     executor.add_node(node)
     spin(executor, Future())
 

@@ -21,19 +21,16 @@ from tempfile import TemporaryDirectory
 import time
 from typing import Any
 
+from faults.bare_nodes import STAMP
 from faults.page import record
 from matplotlib.figure import Figure
-from msg_config.contract import load_topics
-from msg_config.messages import stamp_of
-from msg_config.node_process import make_executor
-from msg_config.ros import create_subscription, interface_class
+from msg_config.messages import NANOSECONDS
+from msg_config.ros import create_subscription
 from msg_config.transport import avoid_shared_memory
-from msg_config.wire import MessageReader
 import numpy as np
 import rclpy
-from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.node import Node
-from rclpy.task import Future
+from rclpy.signals import SignalHandlerOptions
 
 PROGRAMS = {
     'plant_sim': ('flex_plant_sim.nodes.start',),
@@ -47,6 +44,8 @@ HEADER = ('| mode | min | samples due | came | without a payload | without a com
           '|---|---|---|---|---|---|---|---|---|---|')
 PICTURE = ('', '![Memory, latency and loss over time](figures/soak.png)')
 INTERVAL = 5.0
+# Between two looks of the observer, s: a fifth of what a subscription holds at 1 kHz.
+LOOK = 0.02
 # A slope needs some rows.
 FEWEST = 3
 # Warm-up: the estimator keeps 10 to 20 s of samples, and caches of payloads and messages fill.
@@ -63,22 +62,21 @@ class Ended(Exception):
 
 @dataclass
 class Heard:
-    """What came on the topics since the last look: arrivals by stamp, and delays, s."""
+    """What came on the topics since the last look: arrivals by stamp, ns, and delays, s."""
 
     counts: dict[str, int] = field(default_factory=lambda: dict.fromkeys(TOPICS, 0))
-    arrived: dict[int, float] = field(default_factory=dict)
+    arrived: dict[bytes, int] = field(default_factory=dict)
     delays: list[float] = field(default_factory=list)
 
-    def take(self, topic: str, message: Any) -> None:
+    def take(self, topic: str, stamp: bytes, arrived: int) -> None:
         """Note a message; a command's delay counts from the joint_states that it answers."""
         self.counts[topic] += 1
-        stamp, now = stamp_of(message), time.monotonic()
         if topic == 'joint_states':
-            self.arrived[stamp] = now
+            self.arrived[stamp] = arrived
             if len(self.arrived) > 1000:
                 del self.arrived[next(iter(self.arrived))]
         elif topic == 'command' and stamp in self.arrived:
-            self.delays.append(now - self.arrived.pop(stamp))
+            self.delays.append((arrived - self.arrived.pop(stamp)) / NANOSECONDS)
 
 
 def resident(pid: int) -> float:
@@ -115,15 +113,47 @@ def bare_words(node: str, rate: float) -> list[str]:
     return ['faults.bare_nodes', node, '--rate', str(rate)]
 
 
-def watch(executor: Executor, heard: Heard, processes: dict[str, subprocess.Popen[bytes]],
-          minutes: float) -> list[dict[str, float]]:
+class Observer:
+    """
+    Takes what has come on the topics, a look at a time.
+
+    To be woken by each message as a node is would take a tenth of what two cores have.
+    """
+
+    def __init__(self) -> None:
+        self._node, self.heard = Node('soak'), Heard()
+        self._subscriptions = {topic: create_subscription(
+            self._node, topic, lambda _: None, raw=True) for topic in TOPICS}
+
+    def look(self, seconds: float) -> None:
+        """Take what comes within a time, s."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            time.sleep(LOOK)
+            for topic, subscription in self._subscriptions.items():
+                self._take(topic, subscription)
+
+    def _take(self, topic: str, subscription: Any) -> None:
+        """Take all that waits on a topic; each of them begins with its stamp."""
+        with subscription.handle:
+            while taken := subscription.handle.take_message(subscription.msg_type, True):
+                data, info = taken
+                self.heard.take(topic, data[STAMP], info['received_timestamp'])
+
+    def close(self) -> None:
+        """Take the node down."""
+        self._node.destroy_node()
+
+
+def watch(observer: Observer, processes: dict[str, subprocess.Popen[bytes]], minutes: float,
+          ) -> list[dict[str, float]]:
     """Return a row every INTERVAL until the end or Ctrl-C: time, memory, latency, messages."""
     rows: list[dict[str, float]] = []
-    begin = time.monotonic()
+    heard, begin = observer.heard, time.monotonic()
     while time.monotonic() - begin < 60.0 * minutes:
         try:
-            executor.spin_until_future_complete(Future(), timeout_sec=INTERVAL)
-        except (KeyboardInterrupt, ExternalShutdownException):
+            observer.look(INTERVAL)
+        except KeyboardInterrupt:
             break
         ended = [name for name, process in processes.items() if process.poll() is not None]
         if ended:
@@ -143,22 +173,15 @@ def watch(executor: Executor, heard: Heard, processes: dict[str, subprocess.Pope
 
 def run(mode: str, options: argparse.Namespace) -> list[dict[str, float]]:
     """Run one mode and return its rows."""
-    node, executor, heard = Node('soak'), make_executor(), Heard()
-    executor.add_node(node)
-    for topic in TOPICS:
-        # Read as the nodes read them, so that this process takes little of what they need.
-        read = MessageReader(interface_class(load_topics()[topic].type), topic)
-        create_subscription(node, topic, lambda data, name=topic, read=read: heard.take(
-            name, read(data)), raw=True)
-    said = TemporaryDirectory()
+    observer, said = Observer(), TemporaryDirectory()
     processes = start(mode, options.rate, options.domain, Path(said.name))
     spinners = [subprocess.Popen([sys.executable, '-c', 'while True: pass'])
                 for _ in range(options.spinners)]
     try:
-        while not heard.counts['command']:
-            executor.spin_until_future_complete(Future(), timeout_sec=0.5)
-        heard.counts.update(dict.fromkeys(TOPICS, 0))
-        return watch(executor, heard, processes, options.minutes / len(options.modes))
+        while not observer.heard.counts['command']:
+            observer.look(0.5)
+        observer.heard.counts.update(dict.fromkeys(TOPICS, 0))
+        return watch(observer, processes, options.minutes / len(options.modes))
     except Ended as error:
         name = str(error)
         last = (Path(said.name) / name).read_text(errors='replace')[-MOST_SAID:]
@@ -170,8 +193,7 @@ def run(mode: str, options: argparse.Namespace) -> list[dict[str, float]]:
         for process in processes.values():
             process.send_signal(signal.SIGTERM)
             process.wait()
-        executor.remove_node(node)
-        node.destroy_node()
+        observer.close()
         said.cleanup()
 
 
@@ -236,12 +258,12 @@ def main() -> int:
     chosen = options.parse_args()
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     avoid_shared_memory()
-    rclpy.init(domain_id=chosen.domain)
+    rclpy.init(domain_id=chosen.domain, signal_handler_options=SignalHandlerOptions.NO)
     found: dict[str, list[dict[str, float]]] = {}
     for mode in chosen.modes:
         try:
             rows = run(mode, chosen)
-        except (KeyboardInterrupt, ExternalShutdownException):
+        except KeyboardInterrupt:
             break
         if len(rows) > FEWEST:
             found[mode] = rows
