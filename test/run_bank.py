@@ -141,7 +141,11 @@ def main() -> int:
     known, cases = read_results(chosen.results), chosen_cases(chosen)
     if not chosen.so_far:
         known = run_all(cases, known, chosen)
-    report([known[case.key] for case in cases if case.key in known], chosen)
+    lines = [known[case.key] for case in cases if case.key in known]
+    for line in lines:
+        if 'unmade' in line:
+            print(f'{line["key"]}: left out, its arm is {line["unmade"]}')
+    report([line for line in lines if 'unmade' not in line], chosen)
     return 0
 
 

@@ -8,7 +8,7 @@ import re
 from typing import Any
 
 from bank import score
-from bank.cases import BankCase
+from bank.cases import BankCase, CHAIN
 from bank.records import write_record
 from bank.run import run_case
 from bank.sizes import read_limits
@@ -19,6 +19,7 @@ from flex_plant_sim.logs.read import read_log
 from flex_plant_sim.tools.diagnose import main
 from flex_plant_sim.tools.replay import replay
 import pytest
+from truth.records import HAVE_MUJOCO, NO_MUJOCO
 
 FRICTION = BankCase('one', ('coulomb_friction',), 'reference', 1000, seconds=24.0)
 # The full catalogue takes the bank's time; these are friction's likeliest rivals.
@@ -92,3 +93,11 @@ def test_clean_arm_with_tolerances_and_distractors_is_left_alone() -> None:
     line = run_case(case, read_limits()['reference'])
     assert line['code'] == 0
     assert score.named(line) == []
+
+
+@pytest.mark.skipif(not HAVE_MUJOCO, reason=NO_MUJOCO)
+def test_an_arm_that_its_own_controller_does_not_hold_makes_no_case() -> None:
+    """A drive of 1.4 times its gain: the bank says so, and goes on."""
+    case = BankCase('one', ('actuator_gain',), 'quanser_2dsfl', 5710, CHAIN)
+    line = run_case(case, read_limits()['quanser_2dsfl'])
+    assert line['unmade'].startswith('unstable at') and 'verdict' not in line

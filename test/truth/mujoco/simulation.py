@@ -76,7 +76,10 @@ def _run(arm: Arm, chain: Chain, loop: Loop, samples: int, steps: int) -> Array:
         loop.sample(k, surroundings.angles(data))
         for i in range(k * steps, (k + 1) * steps):
             strain[i] = chain.strain_map @ data.qpos[chain.hinges]
-            surroundings.act(data, loop.at(i * step), i * step, step)
+            try:
+                surroundings.act(data, loop.at(i * step), i * step, step)
+            except OverflowError as error:
+                raise FloatingPointError(f'unstable at {i * step:.2f} s') from error
             mujoco.mj_step(chain.model, data)
         if not np.abs(strain[k * steps]).max() < BROKEN_STRAIN:
             raise FloatingPointError(f'unstable at {k * arm.sample_time:.2f} s')
