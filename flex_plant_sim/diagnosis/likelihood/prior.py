@@ -26,8 +26,9 @@ ANY_CAUSE, UNKNOWN = 0.5, 0.1
 # a cause.
 IMITATED = 0.65
 # By what each fault beyond two that a set asks for raises the odds that it is something unknown
-# that looks like it: the likeliest on calibration cases (benchmarks/stated.py).
-FURTHER = 12.0
+# that looks like it: the likeliest on calibration cases (benchmarks/stated.py). They asked for no
+# more than two of those: what more would do is not known.
+FURTHER, MOST = 12.0, 2
 # Such a thing may be a part that is not as its file says: off by an order of magnitude more than
 # its tolerance (twice that costs 0.7 nats). Effects say so of these parts, where they are asked.
 FAR_OFF = 10.0
@@ -143,7 +144,7 @@ def imitation_odds(further: int = 0) -> float:
     """
     count = len(catalogue())
     some = count * ((1.0 - ANY_CAUSE)**(-1.0 / count) - 1.0)
-    return IMITATED * UNKNOWN / (1.0 - UNKNOWN) / some * FURTHER**further
+    return IMITATED * UNKNOWN / (1.0 - UNKNOWN) / some * FURTHER**min(further, MOST)
 
 
 def prior_table(robot: Robot) -> str:
