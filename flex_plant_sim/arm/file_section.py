@@ -93,7 +93,8 @@ class Section:
         """Return a finite number > low (not strict: >= low), plausible for its key."""
         if default is not None and key not in self.data:
             self.left_out[f'{self.path}.{key}'] = default
-        value = self._checked(key, self.take(key, default), low, strict)
+            return float(self.take(key, default))
+        value = self._checked(key, self.take(key), low, strict)
         least, most = PLAUSIBLE.get(f'{self.path}.{key}', PLAUSIBLE.get(
             key, (-math.inf, math.inf)))
         if value and not least <= abs(value) <= most:

@@ -47,9 +47,8 @@ def _drive(section: Section) -> Drive:
     if not isinstance(kind, str) or kind not in DRIVE_KINDS:
         raise InputError(f'{section.name("kind")}: expected {" or ".join(DRIVE_KINDS)}, '
                          f'got {shown(kind)}')
-    drive = DRIVE_KINDS[kind](section)
-    if 'command_limit' in section.data:
-        drive = replace(drive, command_limit=section.number('command_limit'))
+    drive = replace(DRIVE_KINDS[kind](section),
+                    command_limit=section.number('command_limit', default=math.inf))
     section.close()
     return drive
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+import math
 from typing import Any
 
 from flex_plant_sim.arm.robot import Robot
@@ -63,7 +64,8 @@ class Check:
         """Return the figures for JSON."""
         return {
             'robot': self.robot.name, 'modes': self.modes, 'hints': list(self.hints),
-            'not_in_file': dict(self.robot.left_out),
+            'not_in_file': {key: value if math.isfinite(value) else None
+                            for key, value in self.robot.left_out.items()},
             'payload_kg': self.robot.payload_mass,
             'locked_hz': {'no_payload': list(self.bare), 'payload': list(self.loaded)},
             'closed': [{'hz': mode.frequency, 'damping_ratio': mode.damping}
