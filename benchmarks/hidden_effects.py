@@ -1,0 +1,134 @@
+"""
+What rpe says of arms that hide an effect, and of clean ones: coverage, bands and false jumps.
+
+`python benchmarks/hidden_effects.py [--runs N] [--seed S] [--truth mujoco]` takes arms of the
+truths in `test/truth`, parts drawn, in fast motion, none with a change of payload:
+N clean ones and N that hide an effect of the catalogue each, one after the other in an order
+drawn from the seed. The estimator is told nothing. Prints a table in Markdown; with --each a line
+a record as well.
+Finite elements from seed 8000 on tune; MuJoCo from 9000 on judges.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass, replace
+from pathlib import Path
+import sys
+
+from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
+from flex_plant_sim.arm.robot_file import load_robot
+from flex_plant_sim.arm.second_order import Array
+from model_error import rows_of
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / 'test'))
+from truth.effects import CATALOGUE  # noqa: E402
+from truth.records import draw_case, make_record  # noqa: E402
+
+TIMES_S = (1.0, 3.0, 6.0, 10.0, 20.0, 40.0)
+SEEDS = {'finite_elements': 8000, 'mujoco': 9000}
+# These hide nothing from an estimator that is told no payload, or change what it is to find.
+LEFT_OUT = ('payload_mass', 'payload_change', 'modal_truncation', 'coriolis_centripetal')
+# What a truth's equations leave out.
+LACKS = {'finite_elements': ('base_sliding',), 'mujoco': ()}
+CLEAN, HIDDEN, BAND = 'clean', 'hidden effect', 1.96
+
+
+@dataclass(frozen=True)
+class Answer:
+    """
+    What became of one record.
+
+    Attributes
+    ----------
+    name : str
+        What it hides.
+    error, deviation : Array
+        Relative to the payload, at each of the times, (times,).
+    jumps : int
+        Changes of the payload that were told; all are false.
+    mode : str
+        In which the estimator ended.
+
+    """
+
+    name: str
+    error: Array
+    deviation: Array
+    jumps: int
+    mode: str
+
+    @property
+    def inside(self) -> Array:
+        """Return whether the 95 % band holds the payload, (times,)."""
+        return np.asarray(np.abs(self.error) < BAND * self.deviation)
+
+
+def answer(estimator: RecursivePredictionError, name: str | None, seed: int, truth: str,
+           times: tuple[float, ...]) -> Answer:
+    """Return what the estimator makes of one drawn record."""
+    case = replace(draw_case(name, seed, duration_s=times[-1] + 0.05), simulator=truth)
+    estimator.reset()
+    found = [estimator.update(*row) for row in rows_of(make_record(case))]
+    at = np.array([(a.mass - case.payload_true, a.variance**0.5) for a in found
+                   if np.isclose(a.time, times).any()]) / case.payload_true
+    return Answer(name or CLEAN, at[:, 0], at[:, 1], len(estimator.events),
+                  estimator.incumbent.mode.name)
+
+
+def effects_of(seed: int, runs: int, truth: str) -> list[str]:
+    """Return the names of what is hidden, each once before one comes again."""
+    names, random = [name for name in CATALOGUE if name not in LEFT_OUT + LACKS[truth]], \
+        np.random.default_rng(seed)
+    return [str(name) for _ in range(runs // len(names) + 1)
+            for name in random.permutation(names)][:runs]
+
+
+def line(title: str, answers: list[Answer]) -> str:
+    """Return a row of the table: coverage, RMSE and mean half width at each time, jumps, modes."""
+    error, deviation = (np.array([getattr(a, name) for a in answers])
+                        for name in ('error', 'deviation'))
+    inside, count = np.array([a.inside for a in answers]), len(answers)
+    cells = [f'{100 * inside[:, k].mean():.0f} %, {100 * np.sqrt(np.mean(error[:, k]**2)):.1f}, '
+             f'±{100 * BAND * np.median(deviation[:, k]):.1f}' for k in range(error.shape[1])]
+    modes = [a.mode for a in answers]
+    ends = ', '.join(f'{modes.count(mode)} {mode}' for mode in sorted(set(modes)))
+    jumped = sum(a.jumps > 0 for a in answers)
+    return ' | '.join([f'| {title}', str(count), *cells, str(jumped), f'{ends} |'])
+
+
+def main() -> None:
+    """Run and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
+    parser.add_argument('--runs', type=int, default=33, help='clean, and as many with an effect')
+    parser.add_argument('--clean', type=int, help='clean ones, where there are to be fewer')
+    parser.add_argument('--seed', type=int, help='first')
+    parser.add_argument('--truth', choices=SEEDS, nargs='*', default=tuple(SEEDS))
+    parser.add_argument('--until', type=float, default=10.0, help='s')
+    parser.add_argument('--modes', type=int, default=3)
+    parser.add_argument('--each', action='store_true')
+    options = parser.parse_args()
+    times = tuple(time for time in TIMES_S if time <= options.until)
+    estimator = RecursivePredictionError(load_robot('reference'), 'assumed_modes', options.modes)
+    print('| arms, each time: in the 95 % band, RMSE, median half width, % | records | '
+          + ' | '.join(f'{time:g} s' for time in times) + ' | with a false jump | end in |')
+    print('|' + ' --- |' * (len(times) + 4))
+    clean = options.runs if options.clean is None else options.clean
+    for truth in options.truth:
+        first = SEEDS[truth] if options.seed is None else options.seed
+        for title, names in ((CLEAN, [None] * clean),
+                             (HIDDEN, list(effects_of(first, options.runs, truth)))):
+            answers = []
+            for seed, name in enumerate(names, first):
+                answers.append(found := answer(estimator, name, seed, truth, times))
+                if options.each:
+                    print(f'<!-- {seed} {found.name} {np.round(100 * found.error, 1)} '
+                          f'{np.round(100 * found.deviation, 1)} {found.jumps} {found.mode} -->',
+                          flush=True)
+            if answers:
+                print(line(f'{truth}, {title}', answers), flush=True)
+
+
+if __name__ == '__main__':
+    main()
