@@ -22,8 +22,8 @@ from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionE
 from flex_payload_estimator.estimators.rpe.filter import FilterStep
 from flex_payload_estimator.estimators.rpe.hypothesis import Filter, Mode, Sample
 from flex_payload_estimator.estimators.rpe.kernel import CORIOLIS
-from flex_payload_estimator.estimators.rpe.modes import FRESH, HOLD_S, ROUNDS
 from flex_payload_estimator.estimators.rpe.motion import Motion
+from flex_payload_estimator.estimators.rpe.replay import FRESH, HOLD_S, ROUNDS
 from flex_payload_estimator.estimators.rpe.sensors import Loads
 from flex_payload_estimator.estimators.rpe.start import Start
 from flex_plant_sim.arm.robot_file import load_robot
@@ -85,7 +85,9 @@ class FixedMode:
     def _again(self, best: Filter) -> Filter:
         """Do at once what `modes.Modes` does while samples come."""
         (first, loads, _), *rest = self.past
-        new = self.stepper.again(best, self.mode, FRESH, first, loads)
+        base = best.copy()
+        base.mode = self.mode
+        new = self.stepper.again(base, FRESH, first, loads, None)
         for moment in rest:
             self._learn(new, *moment)
         return new

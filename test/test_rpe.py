@@ -6,8 +6,7 @@ from dataclasses import replace
 
 from flex_payload_estimator.estimators.factory import make_estimator
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
-from flex_payload_estimator.estimators.rpe.hypothesis import Filter, Sample
-from flex_payload_estimator.estimators.rpe.modes import ROUGH
+from flex_payload_estimator.estimators.rpe.hypothesis import Filter, ROUGH, Sample
 from flex_payload_estimator.estimators.rpe.prior import tabulated
 from flex_payload_estimator.estimators.rpe.sensors import Loads, start_spread
 from flex_payload_estimator.kalman.cramer_rao import linearise, payload_bound

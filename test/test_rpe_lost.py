@@ -6,8 +6,7 @@ from dataclasses import replace
 from functools import lru_cache
 
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
-from flex_payload_estimator.estimators.rpe.hypothesis import Mode
-from flex_payload_estimator.estimators.rpe.modes import MODES
+from flex_payload_estimator.estimators.rpe.hypothesis import Mode, MODES
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.payload_profile import PayloadProfile

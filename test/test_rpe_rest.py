@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
+from flex_payload_estimator.estimators.rpe.hand_over import hand_over
 from flex_payload_estimator.estimators.rpe.hypothesis import Filter
 from flex_payload_estimator.estimators.rpe.kernel import FIRST_BIAS
-from flex_payload_estimator.estimators.rpe.start import hand_over
 from flex_plant_sim.arm.second_order import Array
 import numpy as np
 from rpe_runs import estimator_of, robot_with

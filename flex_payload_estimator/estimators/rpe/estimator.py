@@ -10,8 +10,9 @@ from flex_payload_estimator.estimators.base import Estimate, Event
 from flex_payload_estimator.estimators.rpe.events import EventLog
 from flex_payload_estimator.estimators.rpe.evidence import misfit_of
 from flex_payload_estimator.estimators.rpe.hypothesis import Filter, Sample
-from flex_payload_estimator.estimators.rpe.modes import MISFIT, Modes
+from flex_payload_estimator.estimators.rpe.modes import Modes
 from flex_payload_estimator.estimators.rpe.motion import Motion
+from flex_payload_estimator.estimators.rpe.replay import MISFIT
 from flex_payload_estimator.estimators.rpe.settings import RpeSettings, stepper_of
 from flex_payload_estimator.estimators.rpe.shocks import Shocks
 from flex_payload_estimator.estimators.rpe.start import Start
@@ -259,6 +260,7 @@ class RecursivePredictionError:
         if self._start.at_rest and (self._motion.excited
                                     or misfit_of(self.incumbent.record) > MISFIT):
             self._start.leave_rest(before[0], sample, self._loads)
+            self._modes.leave_rest(before[0])
         if not self._motion.excited:
             self._drift()
         self._open = sample

@@ -7,11 +7,12 @@ from typing import Any
 
 from flex_payload_estimator.estimators.rpe.effects import EffectStep
 from flex_payload_estimator.estimators.rpe.evidence import misfit_of, new_record
+from flex_payload_estimator.estimators.rpe.hand_over import hand_over
 from flex_payload_estimator.estimators.rpe.hypothesis import Filter, Mode, Sample
 from flex_payload_estimator.estimators.rpe.kernel import CORIOLIS, FIRST_BIAS, MASS, walk
-from flex_payload_estimator.estimators.rpe.linearised import Lineariser
+from flex_payload_estimator.estimators.rpe.linearised import held, Lineariser
 from flex_payload_estimator.estimators.rpe.onward import ahead, followed, GATE, learnt, stepped
-from flex_payload_estimator.estimators.rpe.prior import Prior, SHARE_STD, SHARES
+from flex_payload_estimator.estimators.rpe.prior import Prior, SHARE_STD, SHARES, tolerances_off
 from flex_payload_estimator.estimators.rpe.schedule import PayloadSchedule
 from flex_payload_estimator.estimators.rpe.sensors import Loads, speed_feedback
 from flex_payload_estimator.estimators.rpe.without_bias import without_bias
@@ -89,10 +90,13 @@ class FilterStep:
 
     def _model(self, f: Filter) -> tuple[Any, ...]:
         """Return what kernel.predict takes of the model, from its anchor to its motion rows."""
+        parts = self._no_parts
         if f.model is not None:
-            return (f.model.anchor, self.schedule.order, f.model.value, f.model.slopes,
-                    f.model.parts_at(f.x[1]), 0.0, f.model.motion)
-        piece, parts = self.schedule.cut(f.beta[MASS]), self._no_parts
+            if f.mode.parts:
+                parts = f.model.parts_at(f.x[1])
+            return (f.model.anchor, self.schedule.order, f.model.value, f.model.slopes, parts,
+                    0.0, f.model.motion)
+        piece = self.schedule.cut(f.beta[MASS])
         if f.mode.parts:
             parts = self.schedule.parts_at(f.beta[MASS], f.x[1])
         return (f.beta, self.schedule.order, piece.value, piece.slopes, parts,
@@ -133,7 +137,10 @@ class FilterStep:
             # Gauss and Newton's last step: the next is smaller, if at all.
             variance += float(mass - f.anchor[MASS])**2
             variance *= max(1.0, misfit_of(f.record))
-        return float(mass), variance + self.prior_of(f.mode).scale_variance * float(mass)**2
+            variance += self.prior.scale_variance * float(mass)**2
+            variance *= max(1.0, tolerances_off(f.beta, f.spread, self.prior.mean,
+                                                self.prior.weights))
+        return float(mass), variance
 
     def step(self, f: Filter, sample: Sample, loads: Loads) -> None:
         """Advance one sample, and learn from it."""
@@ -261,36 +268,53 @@ class FilterStep:
 
     def about(self, f: Filter) -> Filter:
         """Return the same filter, linearised about its estimate from now on."""
-        anchor, new = self.prior.within(f.beta), f.copy()
+        new = f.copy()
+        if f.mode.parts:
+            anchor = self.prior.within(f.beta)
+            new.model = self.lineariser.about(anchor)
+        else:
+            anchor = f.beta.copy()
+            new.model = held(self.schedule, anchor, self.motion[False])
         new.x += f.sens @ (anchor - f.anchor)
-        new.anchor, new.model, new.linearised = anchor, self.lineariser.about(anchor), f.age
+        new.anchor, new.linearised = anchor, f.age
         return new
 
-    def again(self, f: Filter, mode: Mode, fresh: float, first: Sample, loads: Loads) -> Filter:
+    def again(self, f: Filter, fresh: float, first: Sample, loads: Loads,
+              rested: Filter | None) -> Filter:
         """
-        Return a filter of parts that begins at an earlier sample, linearised about what one found.
+        Return a filter that begins at an earlier sample, linearised about what one has found.
 
         Parameters
         ----------
         f : Filter
-            Whose payload and parts it is linearised about, and what it knows of the noise.
-        mode : Mode
-            Its own.
+            Whose mode, payload, forces of motion and parts it is linearised about.
         fresh : float
             See `renewed`.
         first, loads : Sample, Loads
             Where it begins.
+        rested : Filter or None
+            What was known then of an arm at rest.
 
         """
-        new = self.about(f)
-        new.mode, new.rounds, new.beta = mode, f.rounds + 1, self.prior.mean.copy()
+        prior, new = self.prior_of(f.mode), self.about(f)
+        new.rounds, new.beta, new.log = f.rounds + 1, prior.mean.copy(), 0.0
         new.beta[MASS] = new.anchor[MASS]
-        new.spread = self.prior.spread(fresh * (f.mass + self.schedule.soft_mass))
+        if not f.mode.parts:
+            new.beta[CORIOLIS] = new.anchor[CORIOLIS]
+        new.spread = prior.spread(fresh * (f.mass + self.schedule.soft_mass))
         self._begin_again(new, f, 0.0)
+        self.begin_at(new, first, loads, rested)
+        return new
+
+    def begin_at(self, new: Filter, first: Sample, loads: Loads, rested: Filter | None) -> None:
+        """Let a filter begin at a sample, with what an arm that rested has told until then."""
+        if rested is not None:
+            hand_over(rested, new)
+            new.x -= new.sens @ (new.beta - new.anchor)
+            return
         self.relocate(new, first.measured)
         if first.measured is not None:
             self.correct(new, first, loads)
-        return new
 
     def tells(self, f: Filter, loads: Loads, mode: Mode) -> bool:
         """Tell whether a mode's model error is beyond the noise now, so that modes differ."""

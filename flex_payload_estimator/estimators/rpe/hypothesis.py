@@ -34,6 +34,22 @@ class Mode(NamedTuple):
     walk: float = 0.0
 
 
+# From the simplest to the one that allows most; `rough` by benchmarks/model_error.py and
+# benchmarks/loop_band.py on tuning seeds, with three shapes a link.
+MODES = (Mode('exact', False, 0.0, 0.0), Mode('rough', True, 0.1, 0.1),
+         Mode('coarse', True, 0.6, 0.6))
+EXACT, ROUGH = MODES[:2]
+# At the start, and on trial, with less: what it is to find is where to linearise, and whether
+# parts are off; a large model error hides that where the arm moves little.
+SEEK = ROUGH._replace(gauge=0.05, drive=0.05)
+LEVELS = {mode.name: place for place, mode in enumerate(MODES)}
+
+
+def level(mode: Mode) -> int:
+    """Return how much freedom a mode has: its place among MODES."""
+    return LEVELS[mode.name]
+
+
 class Sample(NamedTuple):
     """
     A sample: time, s; outputs, rad and m/m, (m,), or None; command at the drives, (2,).

@@ -14,6 +14,7 @@ from flex_payload_estimator.estimators.rpe.schedule import (
     Kept,
     KEPT_PARTS,
     PART_ANGLE,
+    PayloadSchedule,
 )
 from flex_plant_sim.arm.parts import Part
 from flex_plant_sim.arm.robot import Robot
@@ -126,3 +127,11 @@ class Lineariser:
     def _arm(self, robot: Robot) -> ExtendedArm:
         return ExtendedArm(robot, self.model, self.modes, effects=self.effects,
                            step=self.robot.sample_time)
+
+
+def held(schedule: PayloadSchedule, anchor: Array, motion: Array) -> Linearised:
+    """Return the robot file's arm about parameters, (B,); motion as of forces.motion_rows."""
+    piece = schedule.cut(max(float(anchor[MASS]), 0.0))
+    away, (slope, bend) = float(anchor[MASS]) - piece.payload, piece.slopes
+    return Linearised(anchor, piece.value + away * (slope + 0.5 * away * bend),
+                      (slope + away * bend)[None], np.zeros((0, 1)), 0, motion)

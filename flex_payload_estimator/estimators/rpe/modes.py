@@ -8,8 +8,10 @@ take its place for what it gains in log-likelihood over it:
 * `moved`: the payload walks at random.
 * `still`: beside an incumbent whose payload walks, one whose payload stands still.
 * `other`: a mode with more or with less freedom about the model.
-* `again`: the incumbent's own mode from the prior, linearised about what the incumbent has found;
-  it learns the samples of late once more and takes its place when it has caught up.
+
+And the past is learnt again, from the prior on: by the incumbent's own mode, linearised about what
+the incumbent has found, until that changes little, and by the exact model beside one of parts,
+which takes its place if it explains the later half as well.
 
 What may have begun at any time, a walk or a wronger model, counts from when it was best to begin
 (Page's cumulative sum, Biometrika 41, 1954). The two explain the same misfit: a walk must gain
@@ -22,20 +24,32 @@ import math
 
 from flex_payload_estimator.estimators.rpe.evidence import belief, misfit_of
 from flex_payload_estimator.estimators.rpe.filter import FilterStep
-from flex_payload_estimator.estimators.rpe.hypothesis import Filter, Mode, Sample
-from flex_payload_estimator.estimators.rpe.past import Past
+from flex_payload_estimator.estimators.rpe.hypothesis import (
+    Filter,
+    level,
+    Mode,
+    MODES,
+    ROUGH,
+    Sample,
+    SEEK,
+)
+from flex_payload_estimator.estimators.rpe.past import Moment, Past
+from flex_payload_estimator.estimators.rpe.replay import (
+    again,
+    as_good,
+    DOUBT,
+    exact_beside,
+    FRESH,
+    HOLD_S,
+    MISFIT,
+    Replay,
+    ROUNDS,
+    SETTLES_S,
+    SIMPLER,
+)
 from flex_payload_estimator.estimators.rpe.sensors import Loads
 from flex_payload_estimator.estimators.rpe.trial import Trial
 
-# From the simplest to the one that allows most; `rough` by benchmarks/model_error.py and
-# benchmarks/loop_band.py on tuning seeds, with three shapes a link.
-MODES = (Mode('exact', False, 0.0, 0.0), Mode('rough', True, 0.1, 0.1),
-         Mode('coarse', True, 0.6, 0.6))
-EXACT, ROUGH = MODES[:2]
-# At the start, and on trial, with less: what it is to find is where to linearise, and whether
-# parts are off; a large model error hides that where the arm moves little.
-SEEK = ROUGH._replace(gauge=0.05, drive=0.05)
-LEVELS = {mode.name: place for place, mode in enumerate(MODES)}
 # Nats that more freedom, a change of the payload among it, must gain: once in e^12 / 12
 # independent trials by chance.
 GAIN = 12.0
@@ -49,39 +63,18 @@ MODE_GAIN = 8.0
 PERSISTS_S = 0.2
 # Modes are told apart by this long in motion, s; before that no change is told.
 OPEN_S = 1.0
-# A simpler mode may be behind by this when its trial ends.
-SIMPLER = 3.0
-# And its whitened innovations' mean square is at most this: where it is more they are coloured.
-FITS = 1.25
 # A walking payload may be anywhere after WALK_S.
 WALK_S = 1.0
-# A filter of parts that follows its estimate learns from what it linearises on the way there. So
-# after HOLD_S in motion one learns the same samples again, of PAST_S at most, linearised about
-# what was found, REPLAY of them while one comes; ROUNDS times (Gauss and Newton's iteration). It
-# is linearised afresh, and forgets nothing, whenever it has learnt for twice as long.
-HOLD_S, ROUNDS = 0.5, 3
-PAST_S, REPLAY = 10.0, 4
-# Trials of other modes: their length, s, and how often one begins; a wronger one only where the
-# incumbent's misfit is beyond MISFIT: where it is less the larger error costs more than it gains.
-TRIAL_S, MISFIT = 2.0, 1.4
-# Between two modes that are both wrong a trial takes so many times as long, and even the simpler
-# must gain: else they would take turns.
-LONGER = 16.0
+# So much of the past is kept at least, s.
+PAST_S = 10.0
+# Trials of other modes: their length, s, and how often one begins.
+TRIAL_S = 2.0
+# Between two modes that are both wrong a trial takes so long, s, and even the simpler must gain:
+# else they would take turns.
+LONGER_S = 32.0
 # A payload stands still when it has for STILL_S; where that lasts less than LASTS_S, for twice as
 # long the next time.
 STILL_S, LASTS_S = 0.1, 2.0
-# A filter that begins afresh settles in this time, s.
-SETTLES_S = 0.1
-# The payload of a fresh start is known to this share of (m + soft mass): closely where it is
-# linearised about what a wrong model knows, widely where that knew nothing of its errors.
-CLOSE, FRESH = 0.05, 0.3
-# And its state to this share of a start's standard deviation, beyond what the incumbent says.
-DOUBT = 0.01
-
-
-def level(mode: Mode) -> int:
-    """Return how much freedom a mode has: its place among MODES."""
-    return LEVELS[mode.name]
 
 
 class Modes:
@@ -113,21 +106,28 @@ class Modes:
         """Forget everything."""
         self.trials: list[Trial] = []
         self._past.clear()
+        self._replay: Replay | None = None
+        self._tried = 0.0
         self._next, self._lived = -math.inf, 0.0
         self.moved: Trial | None = None
         self.change: Trial | None = None
         self._stood, self._moved, self._patience = -math.inf, -math.inf, STILL_S
 
-    def remember(self, sample: Sample, loads: Loads, excited: bool) -> None:
-        """Keep a sample for those that begin again."""
-        self._past.add(sample, loads, self.stepper.step_time if excited else 0.0)
+    def remember(self, sample: Sample, loads: Loads, excited: bool, f: Filter | None = None
+                 ) -> None:
+        """Keep a sample, and what it told of a filter, for those that begin again."""
+        lived = self.stepper.step_time if excited else 0.0
+        self._past.add(Moment(sample, loads, lived, f.gained if f else 0.0))
+
+    def leave_rest(self, rested: Filter) -> None:
+        """Know what an arm that rested has told until the sample that was kept last."""
+        self._past.rested = rested
 
     def missed(self, sample: Sample, loads: Loads, excited: bool) -> None:
         """Bring the trials across a sample without a measurement."""
         self.remember(sample, loads, excited)
         for trial in self.trials:
-            if trial.kind != 'again':
-                self.stepper.predict(trial.runner, sample, loads)
+            self.stepper.predict(trial.runner, sample, loads)
 
     def advance(self, incumbent: Filter, sample: Sample, loads: Loads, excited: bool
                 ) -> Filter:
@@ -135,25 +135,25 @@ class Modes:
         if sample.measured is None:
             self.missed(sample, loads, excited)
             return incumbent
-        self.remember(sample, loads, excited)
+        self.remember(sample, loads, excited, incumbent)
         self.change = self.moved if sample.time - self._moved >= PERSISTS_S else None
         lived = self.stepper.step_time if excited else 0.0
         incumbent.age, self._lived = incumbent.age + lived, self._lived + lived
         if not excited:
             # Nothing tells a payload, or a model, from another.
-            self.trials = [trial for trial in self.trials if trial.kind in ('still', 'again')]
+            self.trials = [trial for trial in self.trials if trial.kind == 'still']
         for trial in self.trials:
-            if trial.kind == 'again':
-                self._replay(trial)
-            else:
-                self._step(trial, incumbent, sample, loads, excited)
+            self._step(trial, incumbent, sample, loads, excited)
         for trial in list(self.trials):
             if self._wins(trial, incumbent):
                 return self._promote(trial, incumbent, sample.time)
             if self._over(trial, incumbent):
                 self.trials.remove(trial)
+        if self._replay and self._replay.advance(self._past, self.stepper):
+            incumbent = self._relearnt(self._replay, incumbent, sample.time)
         if excited:
             self._begin(incumbent, sample.time)
+            self._replay = self._replay or self._again(incumbent)
             if self._strays(incumbent):
                 incumbent = self.stepper.about(incumbent)
         return incumbent
@@ -179,21 +179,38 @@ class Modes:
         """Tell whether what a trial takes to be may have begun at any time."""
         return trial.kind == 'moved' or level(trial.runner.mode) > level(incumbent.mode)
 
-    def _replay(self, trial: Trial) -> None:
-        """Let one that begins again learn the next few samples of the past."""
-        for _ in range(REPLAY):
-            if trial.place == self._past.end:
-                return
-            sample, loads, lived = self._past[trial.place]
-            if sample.measured is None:
-                self.stepper.predict(trial.runner, sample, loads)
-            else:
-                self.stepper.step(trial.runner, sample, loads)
-            trial.runner.age, trial.place = trial.runner.age + lived, trial.place + 1
+    def _again(self, f: Filter) -> Replay | None:
+        """Return those that learn the past again, where it is time."""
+        if f.mode.walk > 0.0 or level(f.mode) == 2 or self._past.first == self._past.end:
+            return None
+        if f.rounds < ROUNDS:
+            return again(f, self._past, self.stepper)
+        former = any(trial.kind == 'other' and not trial.runner.mode.parts
+                     for trial in self.trials)
+        if former or not f.mode.parts or f.age < 2.0 * max(self._tried, HOLD_S):
+            return None
+        self._tried = f.age
+        return exact_beside(f, self._past, self.stepper)
+
+    def _relearnt(self, replay: Replay, incumbent: Filter, time: float) -> Filter:
+        """Return who is next when the past has been learnt again."""
+        self._replay, new = None, replay.best
+        if new.mode.name == incumbent.mode.name:
+            # What walks, walks from what is known now; a wrong model must beat the better one.
+            self.trials = [trial for trial in self.trials if trial.kind == 'other']
+            for trial in self.trials:
+                trial.gain -= replay.lead(self._past, trial.since)
+            replay.hand_in(self._past)
+            last = new.rounds == ROUNDS and not new.mode.parts
+            return self.stepper.freed(new) if last else new
+        if not as_good(new, incumbent, replay.gain, replay.square / max(replay.judged, 1)):
+            return incumbent
+        replay.hand_in(self._past)
+        return self._promote(Trial('other', new, time, incumbent.mass), incumbent, time)
 
     def _strays(self, f: Filter) -> bool:
-        """Tell whether a filter that has begun again often enough is to be linearised afresh."""
-        if f.rounds < ROUNDS or f.mode.walk > 0.0:
+        """Tell whether one of parts that has learnt again is to be linearised afresh."""
+        if f.rounds < ROUNDS or f.mode.walk > 0.0 or not f.mode.parts:
             return False
         return f.age >= (HOLD_S if f.model is None else 2.0 * max(f.linearised, HOLD_S))
 
@@ -203,8 +220,6 @@ class Modes:
         return trial.runner.gained - incumbent.gained
 
     def _wins(self, trial: Trial, incumbent: Filter) -> bool:
-        if trial.kind == 'again':
-            return trial.place == self._past.end
         if self._outdone(trial, incumbent):
             return False
         if trial.kind == 'still':
@@ -216,13 +231,9 @@ class Modes:
             return fits and trial.gain > GAIN * WRONG[level(incumbent.mode)]
         if trial.age < self._shortest(trial, incumbent):
             return False
-        gain = trial.gain + belief(trial.runner.record) - belief(incumbent.record)
-        if trial.runner.mode.parts:
-            return gain > MODE_GAIN
-        # What the incumbent knows of the payload is evidence too.
-        apart = (trial.runner.mass - incumbent.mass)**2
-        gain -= 0.5 * apart / (trial.runner.variance + incumbent.variance)
-        return gain > -SIMPLER and trial.square < FITS * trial.age
+        if not trial.runner.mode.parts:
+            return as_good(trial.runner, incumbent, trial.gain, trial.square / trial.age)
+        return trial.gain + belief(trial.runner.record) - belief(incumbent.record) > MODE_GAIN
 
     def _outdone(self, trial: Trial, incumbent: Filter) -> bool:
         """Tell whether others explain what a payload is said to do better."""
@@ -234,11 +245,11 @@ class Modes:
         """Return how long a trial of another mode must have run to win, s."""
         if self._any_time(trial, incumbent):
             return PERSISTS_S
-        return TRIAL_S * (LONGER if trial.runner.mode.parts else 1.0)
+        return LONGER_S if trial.runner.mode.parts else TRIAL_S
 
     def _over(self, trial: Trial, incumbent: Filter) -> bool:
         """Tell whether a trial that has not won is at its end."""
-        if trial.kind in ('again', 'moved'):
+        if trial.kind == 'moved':
             return False
         if trial.kind == 'still':
             return trial.gain < -GAIN
@@ -260,7 +271,7 @@ class Modes:
             self._patience = min(2.0 * self._patience, LASTS_S) if hasty else STILL_S
             self.moved, self._moved = trial, time
             self._past.clear()
-        elif trial.runner.mode.walk == 0.0 and trial.kind != 'again':
+        elif trial.runner.mode.walk == 0.0:
             if trial.kind == 'still':
                 self.change = self.moved
                 # What it has learnt of this payload it is linearised by.
@@ -268,7 +279,9 @@ class Modes:
             else:
                 self.change = None
             self.moved, self._stood = None, time
-            self._past.clear()
+            if trial.kind == 'still' or trial.runner.mode.parts:
+                self._past.clear()
+        self._replay, self._tried = None, 0.0
         if new:
             self.keep(incumbent, time)
         self._next = time + TRIAL_S
@@ -287,9 +300,6 @@ class Modes:
                 self._add('still', f, incumbent, time)
         if not walking and 'moved' not in kinds and level(incumbent.mode) < 2:
             self._add('moved', self._as(incumbent, incumbent.mode, self.walk), incumbent, time)
-        if 'again' not in kinds and not walking and incumbent.mode.name == ROUGH.name \
-                and incumbent.rounds < ROUNDS and incumbent.age >= HOLD_S:
-            self._again(incumbent, time)
         known = {level(trial.runner.mode) for trial in self.trials if trial.kind == 'other'}
         for mode in self._others(incumbent, time):
             if level(mode) not in known:
@@ -299,7 +309,7 @@ class Modes:
     def _others(self, incumbent: Filter, time: float) -> list[Mode]:
         """Return the modes that should be on trial: where the incumbent does not fit, wronger."""
         place, others = level(incumbent.mode), []
-        if place > 0 and time >= self._next:
+        if place > 1 and time >= self._next:
             others.append(MODES[place - 1])
         # One that still seeks its parts is not judged.
         sought = incumbent.mode.parts and incumbent.rounds == 0
@@ -309,12 +319,6 @@ class Modes:
 
     def _add(self, kind: str, f: Filter, incumbent: Filter, time: float) -> None:
         self.trials.append(Trial(kind, f, time, incumbent.mass))
-
-    def _again(self, incumbent: Filter, time: float) -> None:
-        place = self._past.first
-        sample, loads, _ = self._past[place]
-        new = self.stepper.again(incumbent, ROUGH, FRESH, sample, loads)
-        self.trials.append(Trial('again', new, time, incumbent.mass, place=place + 1))
 
     def _as(self, incumbent: Filter, mode: Mode, walk: float) -> Filter:
         f = self.stepper.freed(incumbent) if walk else incumbent.copy()
@@ -328,7 +332,11 @@ class Modes:
         return [self._renewed(incumbent, mode), *kept]
 
     def _renewed(self, incumbent: Filter, mode: Mode) -> Filter:
-        return self.stepper.renewed(incumbent, mode, FRESH, DOUBT)
+        f = self.stepper.renewed(incumbent, mode, FRESH, DOUBT)
+        if not mode.parts:
+            # It knows of state and gauges what the past begins without.
+            f.rounds = ROUNDS
+        return f
 
     def _converted(self, incumbent: Filter, mode: Mode) -> Filter:
         """Return a filter of another mode: with less model error all is kept, else fresh."""

@@ -2,10 +2,24 @@
 
 from __future__ import annotations
 
-from flex_payload_estimator.estimators.rpe.hypothesis import Sample
+from dataclasses import dataclass
+
+from flex_payload_estimator.estimators.rpe.hypothesis import Filter, Sample
 from flex_payload_estimator.estimators.rpe.sensors import Loads
 
-Moment = tuple[Sample, Loads, float]
+
+@dataclass(slots=True)
+class Moment:
+    """
+    A sample, the loads then, the time in motion that it stands for, s, and what it told.
+
+    `gained` is the log-likelihood, as judged, of whoever gives the estimate.
+    """
+
+    sample: Sample
+    loads: Loads
+    lived: float
+    gained: float
 
 
 class Past:
@@ -21,11 +35,14 @@ class Past:
     ----------
     first : int
         The oldest one's number.
+    rested : Filter or None
+        What was known after that one, where the arm rested before.
 
     """
 
     def __init__(self, most: int):
         self.most, self.first = most, 0
+        self.rested: Filter | None = None
         self._moments: list[Moment] = []
 
     @property
@@ -34,17 +51,18 @@ class Past:
         return self.first + len(self._moments)
 
     def __getitem__(self, number: int) -> Moment:
-        """Return sample, loads then, and the time in motion that it stands for, s."""
+        """Return what is kept of a sample."""
         return self._moments[number - self.first]
 
-    def add(self, sample: Sample, loads: Loads, lived: float) -> None:
+    def add(self, moment: Moment) -> None:
         """Keep one; where there are twice as many as must be, the older half goes."""
-        self._moments.append((sample, loads, lived))
+        self._moments.append(moment)
         if len(self._moments) >= 2 * self.most:
             self.first += self.most
+            self.rested = None
             del self._moments[:self.most]
 
     def clear(self) -> None:
         """Forget all."""
-        self.first = self.end
+        self.first, self.rested = self.end, None
         self._moments = []

@@ -12,6 +12,7 @@ from flex_payload_estimator.estimators.rpe.schedule import Mixture, PayloadSched
 from flex_plant_sim.arm.parts import gauge_parts, Part, robot_parts
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.compiled import compiled
 from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.effects.structure.coriolis_centripetal import CoriolisCentripetal
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
@@ -66,6 +67,13 @@ class Prior:
         information = float(((self.scale / self.std)**2).sum())
         return 1.0 / information if information else 0.0
 
+    @cached_property
+    def weights(self) -> Array:
+        """Return the inverse variance of each part and gain over their number, else 0, (B,)."""
+        count, found = self.parts + self.gains, np.zeros(self.mean.size)
+        found[found.size - count:] = 1.0 / (max(count, 1) * self.std[found.size - count:]**2)
+        return found
+
     def exact(self) -> Prior:
         """Return the prior where all parts and gains are the robot file's."""
         kept = self.mean.size - self.parts - self.gains
@@ -112,6 +120,22 @@ class Prior:
         believed = own[:, None] * spread[parts, parts] * own
         slope = np.linalg.solve(believed + REGULAR * np.eye(own.size), own * spread[parts, MASS])
         return max(0.0, float(slope @ slope - slope @ believed @ slope))
+
+
+@compiled
+def tolerances_off(beta: Array, spread: Array, mean: Array, weights: Array) -> float:
+    """
+    Return the mean square of the parts' deviations over their tolerances, as the posterior has it.
+
+    The likeliest scale of a prior's variances (Dempster, Laird, Rubin, 1977: EM): a part that
+    nothing tells counts as told. Beyond 1 something acts on the arm that no part has, and the
+    posterior, which the tolerances set, is as much wider (Birge's ratio).
+    """
+    total = 0.0
+    for i in range(beta.size):
+        off = beta[i] - mean[i]
+        total += weights[i] * (off * off + spread[i, i])
+    return total
 
 
 def moving_parts(robot: Robot) -> tuple[Part, ...]:

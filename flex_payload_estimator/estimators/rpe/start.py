@@ -6,17 +6,11 @@ import math
 
 from flex_payload_estimator.estimators.rpe.evidence import misfit_of
 from flex_payload_estimator.estimators.rpe.filter import CELLS, FilterStep
-from flex_payload_estimator.estimators.rpe.hypothesis import Filter, Sample
-from flex_payload_estimator.estimators.rpe.kernel import CORIOLIS, FIRST_BIAS
-from flex_payload_estimator.estimators.rpe.modes import (
-    CLOSE,
-    DOUBT,
-    EXACT,
-    FRESH,
-    MISFIT,
-    OPEN_S,
-    SEEK,
-)
+from flex_payload_estimator.estimators.rpe.hand_over import hand_over
+from flex_payload_estimator.estimators.rpe.hypothesis import EXACT, Filter, Sample, SEEK
+from flex_payload_estimator.estimators.rpe.kernel import CORIOLIS
+from flex_payload_estimator.estimators.rpe.modes import OPEN_S
+from flex_payload_estimator.estimators.rpe.replay import CLOSE, DOUBT, FRESH, MISFIT
 from flex_payload_estimator.estimators.rpe.sensors import Loads
 from flex_plant_sim.arm.second_order import Array
 import numpy as np
@@ -176,19 +170,3 @@ class Start:
         found = np.array([self.stepper.payload(f) for f in self.filters])
         mean = float(weights @ found[:, 0])
         return mean, float(weights @ (found[:, 1] + (found[:, 0] - mean)**2))
-
-
-def hand_over(rested: Filter, f: Filter) -> None:
-    """
-    Let a filter know of state, gauges and noise what one at rest knows, and keep its own payload.
-
-    The payload of the one at rest is summed out of its joint posterior: what its state owes to it
-    is doubt of the state.
-    """
-    gauges = slice(FIRST_BIAS, rested.beta.size)
-    known, owed = rested.spread[gauges, gauges], (rested.sens @ rested.spread)[:, gauges]
-    slope = owed @ np.linalg.pinv(known, hermitian=True)
-    whole = rested.cov + rested.sens @ rested.spread @ rested.sens.T
-    f.x[:], f.cov[:], f.sens[:, gauges] = rested.x, whole - owed @ slope.T, slope
-    f.beta[gauges], f.spread[gauges, gauges] = rested.beta[gauges], known
-    f.record[:], f.reading[:] = rested.record, rested.reading

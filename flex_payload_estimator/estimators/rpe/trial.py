@@ -15,7 +15,7 @@ class Trial:
     Attributes
     ----------
     kind : str
-        'moved', 'still', 'other' or 'again'.
+        'moved', 'still' or 'other'.
     runner : Filter
     since : float
         When it began, or was best to begin, s: the time of a change.
@@ -29,8 +29,6 @@ class Trial:
         For how long it has run, s, counted alike.
     square : float
         Its whitened innovations' mean square summed over that time, s.
-    place : int
-        Number of the next sample that one which begins again is to learn.
 
     """
 
@@ -42,7 +40,6 @@ class Trial:
     age: float = 0.0
     time: float = 0.0
     square: float = 0.0
-    place: int = 0
 
     def count(self, took: float, gain: float) -> None:
         """Count a sample that took so long, s, and gained so much."""

@@ -1,0 +1,150 @@
+"""Those that learn the samples of late again, linearised about what was found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from flex_payload_estimator.estimators.rpe.evidence import belief, misfit_of
+from flex_payload_estimator.estimators.rpe.filter import FilterStep
+from flex_payload_estimator.estimators.rpe.hypothesis import EXACT, Filter, ROUGH
+from flex_payload_estimator.estimators.rpe.kernel import CORIOLIS
+from flex_payload_estimator.estimators.rpe.past import Moment, Past
+import numpy as np
+
+# Samples that are learnt again while one comes.
+PACE = 4
+# A filter that follows its estimate learns from what it linearises on the way there. So after
+# HOLD_S in motion one learns the same samples again, linearised about what was found; ROUNDS times
+# (Gauss and Newton's iteration). One of parts is linearised afresh, and forgets nothing, whenever
+# it has learnt for twice as long.
+HOLD_S, ROUNDS = 0.5, 3
+# An exact model does at once where its misfit is beyond this and it had the time, s, to settle:
+# it may not have found where to linearise. A wronger one goes on trial.
+MISFIT, SETTLES_S = 1.4, 0.1
+# A simpler mode may be behind by this when its trial ends.
+SIMPLER = 3.0
+# And its whitened innovations' mean square is at most this: where it is more they are coloured.
+FITS = 1.25
+# The payload of a fresh start is known to this share of (m + soft mass): closely where it is
+# linearised about what a wrong model knows, widely where that knew nothing of its errors.
+CLOSE, FRESH = 0.05, 0.3
+# And its state to this share of a start's standard deviation, beyond what the incumbent says.
+DOUBT = 0.01
+
+
+@dataclass(eq=False)
+class Replay:
+    """
+    Filters that learn the past again, until one has caught up with the present.
+
+    Attributes
+    ----------
+    runners : list of Filter
+        Of one mode; the likeliest counts.
+    place : int
+        Number of the next sample.
+    since : int
+        From which sample on another mode is judged: it has learnt on those before.
+    gain, square : float
+        The log-likelihood over the incumbent's and the sum of its whitened innovations' mean
+        squares, from there on, of the last of the runners.
+    judged : int
+        Samples from there on.
+    told : list
+        Log-likelihood of each sample, of each runner.
+
+    """
+
+    runners: list[Filter]
+    place: int
+    since: int
+    gain: float = 0.0
+    square: float = 0.0
+    judged: int = 0
+    told: list[list[float]] = field(default_factory=list)
+
+    @property
+    def which(self) -> int:
+        """Return the place of the likeliest."""
+        return max(range(len(self.runners)), key=lambda k: self.runners[k].log)
+
+    @property
+    def best(self) -> Filter:
+        """Return the likeliest."""
+        return self.runners[self.which]
+
+    def advance(self, past: Past, stepper: FilterStep) -> bool:
+        """Learn the next few samples; return whether none is left."""
+        for _ in range(PACE):
+            if self.place == past.end:
+                break
+            moment = past[self.place]
+            for f in self.runners:
+                self._learn(f, moment, stepper)
+            self.told.append([f.gained for f in self.runners])
+            if self.place >= self.since and moment.sample.measured is not None:
+                f = self.runners[-1]
+                self.gain += f.gained - moment.gained
+                self.square, self.judged = self.square + f.square, self.judged + 1
+            self.place += 1
+        return self.place == past.end
+
+    def lead(self, past: Past, since: float) -> float:
+        """Return what the best has gained over the incumbent after a time, s."""
+        gain = 0.0
+        for number, told in enumerate(reversed(self.told), 1):
+            moment = past[past.end - number]
+            if moment.sample.time <= since:
+                break
+            gain += told[self.which] - moment.gained
+        return gain
+
+    def hand_in(self, past: Past) -> None:
+        """Let the best be the incumbent of the past."""
+        for number, told in enumerate(reversed(self.told), 1):
+            past[past.end - number].gained = told[self.which]
+
+    @staticmethod
+    def _learn(f: Filter, moment: Moment, stepper: FilterStep) -> None:
+        if moment.sample.measured is None:
+            stepper.predict(f, moment.sample, moment.loads)
+        else:
+            stepper.step(f, moment.sample, moment.loads)
+            f.log += f.gained
+        f.age += moment.lived
+
+
+def again(f: Filter, past: Past, stepper: FilterStep) -> Replay | None:
+    """
+    Return a filter's own mode from the prior on, linearised about what it has found.
+
+    Which share of the forces of motion an exact model has is open until the first time.
+    """
+    open_shares = f.rounds == 0 and not f.mode.parts
+    unfit = not f.mode.parts and misfit_of(f.record) > MISFIT
+    if f.rounds == 0 and f.age < (SETTLES_S if unfit else HOLD_S):
+        return None
+    moment, runners = past[past.first], []
+    for share in stepper.shares if open_shares else (float(f.beta[CORIOLIS]),):
+        base = f.copy()
+        base.mode, base.beta[CORIOLIS] = ROUGH if f.mode.parts else EXACT, share
+        runners.append(stepper.again(base, FRESH, moment.sample, moment.loads, past.rested))
+    return Replay(runners, past.first + 1, past.end)
+
+
+def exact_beside(f: Filter, past: Past, stepper: FilterStep) -> Replay:
+    """Return an exact model that begins about what one of parts has found."""
+    moment, runner = past[past.first], stepper.renewed(f, EXACT, CLOSE, 0.0)
+    # One of parts knows no noise that is less than it was told.
+    runner.record[:-5] = np.maximum(runner.record[:-5], 1.0)
+    stepper.begin_at(runner, moment.sample, moment.loads, past.rested)
+    return Replay([runner], past.first + 1, (past.first + past.end) // 2)
+
+
+def as_good(exact: Filter, incumbent: Filter, gain: float, square: float) -> bool:
+    """Tell whether an exact model that gained so much fits, and does as well as another."""
+    # What the incumbent knows of the payload is evidence too.
+    apart = (exact.mass - incumbent.mass)**2
+    gain -= 0.5 * apart / (exact.variance + incumbent.variance)
+    gain += belief(exact.record) - belief(incumbent.record)
+    return gain > -SIMPLER and square < FITS
