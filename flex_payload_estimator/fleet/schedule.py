@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, ExitStack
 from typing import Any
 
 from flex_payload_estimator.fleet.log_task import answer, LogTask, Row
+from flex_plant_sim.quiet_signals import held_back
 from msg_config.errors import InputError
 
 # So many workers may die over a log before it is given up: dask's own default.
@@ -43,9 +44,13 @@ def cluster(scheduler: str | None, workers: int) -> Iterator[Any]:
         with client:
             yield client
         return
-    # One thread a worker: what a worker does is wait for one process.
-    with LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as local, \
-            Client(local) as client:
+    with ExitStack() as opened:
+        # Dask cannot close what has half begun.
+        with held_back():
+            # One thread a worker: what a worker does is wait for one process.
+            local = opened.enter_context(LocalCluster(
+                n_workers=workers, threads_per_worker=1, dashboard_address=None))
+            client = opened.enter_context(Client(local))
         yield client
 
 
