@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from flex_payload_estimator.estimators.rpe.products import inner
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import compiled
@@ -18,6 +20,8 @@ PRIOR = 8.0
 # The sensors may be this much noisier than the robot file says, in the logarithm of a variance.
 NOISE_DOUBT = 2.0
 SMALLEST_SCALE, SMALLEST_MISFIT = 1e-6, 1e-4
+# A false alarm comes no more often than once in this long in motion, s.
+APART_S = 3600.0
 
 
 def new_record(channels: int) -> Array:
@@ -111,3 +115,13 @@ def belief(record: Array) -> float:
     """Return the log-density, before any sample, of how large a filter takes the noise to be."""
     larger = np.log(np.maximum(record[[0, 2]], 1.0))
     return float(-0.5 * (larger @ larger) / NOISE_DOUBT**2)
+
+
+def rare(step: float) -> float:
+    """
+    Return the nats that one hypothesis must gain over another which may hold, at a step T, s.
+
+    Page's sum, and any likelihood ratio that begins anew with each sample, passes h by chance once
+    in e^h samples or more rarely (Lorden, Ann. Math. Statist. 42, 1971): h = ln(APART_S / T).
+    """
+    return math.log(APART_S / step)

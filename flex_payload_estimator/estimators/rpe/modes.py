@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import math
 
-from flex_payload_estimator.estimators.rpe.evidence import belief, misfit_of
+from flex_payload_estimator.estimators.rpe.evidence import belief, misfit_of, rare
 from flex_payload_estimator.estimators.rpe.filter import FilterStep
 from flex_payload_estimator.estimators.rpe.hypothesis import (
     Filter,
@@ -50,15 +50,8 @@ from flex_payload_estimator.estimators.rpe.replay import (
 from flex_payload_estimator.estimators.rpe.sensors import Loads
 from flex_payload_estimator.estimators.rpe.trial import Trial
 
-# Nats that more freedom, a change of the payload among it, must gain: once in e^12 / 12
-# independent trials by chance.
-GAIN = 12.0
-# In each mode so many times as much: a model's errors last, and each counts again.
-WRONG = (1.0, 5.0, math.inf)
-# And a wrong model that does not fit either, by this, tells of no change.
+# A wrong model that does not fit either, by this, tells of no change.
 UNFIT = 2.0
-# And what more freedom about the model must.
-MODE_GAIN = 8.0
 # A model is wrong for longer than a moment, s: a change of the payload shows at once.
 PERSISTS_S = 0.2
 # Modes are told apart by this long in motion, s; before that no change is told.
@@ -97,7 +90,7 @@ class Modes:
     """
 
     def __init__(self, stepper: FilterStep):
-        self.stepper = stepper
+        self.stepper, self._rare = stepper, rare(stepper.step_time)
         self.walk = stepper.heaviest / math.sqrt(WALK_S) / 4.0
         self._past = Past(round(PAST_S / stepper.step_time))
         self.clear()
@@ -151,6 +144,8 @@ class Modes:
                 self.trials.remove(trial)
         if self._replay and self._replay.advance(self._past, self.stepper):
             incumbent = self._relearnt(self._replay, incumbent, sample.time)
+        elif self._replay and self._replay.tested and self._replay.gain < -self._rare:
+            self._replay = None
         if excited:
             self._begin(incumbent, sample.time)
             self._replay = self._replay or self._again(incumbent)
@@ -228,12 +223,12 @@ class Modes:
             # One that still seeks where to linearise does not: its errors look like a change.
             fits = self._lived >= OPEN_S if not incumbent.mode.parts else (
                 incumbent.rounds == ROUNDS and misfit_of(incumbent.record) < UNFIT)
-            return fits and trial.gain > GAIN * WRONG[level(incumbent.mode)]
+            return fits and trial.gain > self._rare
         if trial.age < self._shortest(trial, incumbent):
             return False
         if not trial.runner.mode.parts:
             return as_good(trial.runner, incumbent, trial.gain, trial.square / trial.age)
-        return trial.gain + belief(trial.runner.record) - belief(incumbent.record) > MODE_GAIN
+        return trial.gain + belief(trial.runner.record) - belief(incumbent.record) > self._rare
 
     def _outdone(self, trial: Trial, incumbent: Filter) -> bool:
         """Tell whether others explain what a payload is said to do better."""
@@ -252,10 +247,10 @@ class Modes:
         if trial.kind == 'moved':
             return False
         if trial.kind == 'still':
-            return trial.gain < -GAIN
+            return trial.gain < -self._rare
         if self._any_time(trial, incumbent):
             return trial.time >= TRIAL_S and trial.gain == 0.0
-        return trial.gain < -GAIN or trial.age >= self._shortest(trial, incumbent)
+        return trial.gain < -self._rare or trial.age >= self._shortest(trial, incumbent)
 
     def _promote(self, trial: Trial, incumbent: Filter, time: float) -> Filter:
         """Return the new incumbent; one of another mode that it follows stays beside it."""

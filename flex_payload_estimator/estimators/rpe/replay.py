@@ -45,6 +45,8 @@ class Replay:
         Number of the next sample.
     since : int
         From which sample on another mode is judged: it has learnt on those before.
+    tested : bool
+        Whether it is another mode than the incumbent's.
     gain, square : float
         The log-likelihood over the incumbent's and the sum of its whitened innovations' mean
         squares, from there on, of the last of the runners.
@@ -58,6 +60,7 @@ class Replay:
     runners: list[Filter]
     place: int
     since: int
+    tested: bool
     gain: float = 0.0
     square: float = 0.0
     judged: int = 0
@@ -129,7 +132,7 @@ def again(f: Filter, past: Past, stepper: FilterStep) -> Replay | None:
         base = f.copy()
         base.mode, base.beta[CORIOLIS] = ROUGH if f.mode.parts else EXACT, share
         runners.append(stepper.again(base, FRESH, moment.sample, moment.loads, past.rested))
-    return Replay(runners, past.first + 1, past.end)
+    return Replay(runners, past.first + 1, past.end, False)
 
 
 def exact_beside(f: Filter, past: Past, stepper: FilterStep) -> Replay:
@@ -138,7 +141,7 @@ def exact_beside(f: Filter, past: Past, stepper: FilterStep) -> Replay:
     # One of parts knows no noise that is less than it was told.
     runner.record[:-5] = np.maximum(runner.record[:-5], 1.0)
     stepper.begin_at(runner, moment.sample, moment.loads, past.rested)
-    return Replay([runner], past.first + 1, (past.first + past.end) // 2)
+    return Replay([runner], past.first + 1, (past.first + past.end) // 2, True)
 
 
 def as_good(exact: Filter, incumbent: Filter, gain: float, square: float) -> bool:

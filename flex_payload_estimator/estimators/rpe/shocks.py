@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 import math
 
-from flex_payload_estimator.estimators.rpe.evidence import MEMORY_S
+from flex_payload_estimator.estimators.rpe.evidence import MEMORY_S, rare
 from flex_payload_estimator.estimators.rpe.filter import FilterStep
 from flex_payload_estimator.estimators.rpe.hypothesis import Filter, Sample
-from flex_payload_estimator.estimators.rpe.modes import GAIN
 from flex_payload_estimator.estimators.rpe.onward import GATE
 from flex_payload_estimator.estimators.rpe.sensors import Loads
 from flex_plant_sim.arm.second_order import Array
@@ -18,7 +17,7 @@ import numpy as np
 JUDGED = 3
 # A payload that is dropped looks like a lost state at first: 27 simulated picks and drops gained
 # up to 30 nats, an arm set back by 0.3 rad 59 and more.
-LOST = 4.0 * GAIN
+LOST = 48.0
 
 
 @dataclass
@@ -37,7 +36,7 @@ class Shocks:
     A wrong reading is over with its sample, and the gate is enough. A wrong command, or a push,
     leaves a speed that was never predicted, and an arm that was moved or set back a state: both
     look like another payload or another arm for seconds. So each is a hypothesis beside the
-    filter, taken where it gains GAIN or LOST nats (generalised likelihood ratio: Willsky,
+    filter, taken where it gains what is rare, or LOST nats (generalised likelihood ratio: Willsky,
     Automatica 12, 1976): the same sample with a command that may have been anything, where that
     fits; a state that begins at the sample, judged by the JUDGED samples after it. Both come at
     once: what is past the gate again within MEMORY_S is another payload or a wrong model.
@@ -49,7 +48,7 @@ class Shocks:
     """
 
     def __init__(self, stepper: FilterStep):
-        self._stepper = stepper
+        self._stepper, self._rare = stepper, rare(stepper.step_time)
         self.clear()
 
     def clear(self) -> None:
@@ -103,7 +102,7 @@ class Shocks:
         free: Array = self._largest**2
         doubted, other = before.copy(), sample._replace(doubt=free)
         self._stepper.step(doubted, other, loads)
-        if self._past_gate(doubted, sample) or not doubted.stated > after.stated + GAIN:
+        if self._past_gate(doubted, sample) or not doubted.stated > after.stated + self._rare:
             return None
         return doubted, other
 

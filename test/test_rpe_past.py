@@ -1,0 +1,64 @@
+"""The recursive-prediction-error estimator learns its past again, and doubts its tolerances."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
+from flex_payload_estimator.estimators.rpe.hypothesis import Filter, ROUGH
+from flex_payload_estimator.estimators.rpe.prior import tolerances_off
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.simulator import Noise, Simulator
+import numpy as np
+import pytest
+from rpe_runs import estimator_of, robot_with, square
+
+MASS = 0.15
+
+
+def misled(estimator: RecursivePredictionError) -> Filter:
+    """Return an exact model that is sure of a wrong payload, as one that began badly."""
+    assert estimator._incumbent is not None
+    f = estimator._incumbent.copy()
+    f.beta[0] *= 1.1
+    return f
+
+
+def astray(estimator: RecursivePredictionError) -> Filter:
+    """Return one that holds the parts of an exact arm for unknown."""
+    assert estimator._incumbent is not None
+    estimator._modes.trials = []
+    return estimator.stepper.renewed(estimator._incumbent, ROUGH, 0.3, 0.01)
+
+
+@pytest.mark.parametrize(('wrong', 'seconds'), [(misled, 1.3), (astray, 4.0)])
+def test_an_exact_model_that_went_wrong_or_was_left_comes_back(
+        wrong: Callable[[RecursivePredictionError], Filter], seconds: float) -> None:
+    robot = robot_with()
+    estimator, command = estimator_of(robot), np.zeros(2)
+    simulator = Simulator(ExtendedArm(robot, 'assumed_modes', 2, MASS), None,
+                          Noise(robot.angle_noise, robot.strain_noise), 5)
+    for _ in range(round(seconds / 0.01)):
+        sample = simulator.measure()
+        found = estimator.update(sample.time, sample.output, command)
+        if abs(sample.time - 0.4) < 1e-6:
+            estimator.conclude()
+            estimator._incumbent = wrong(estimator)
+        command = 4.0 * (square(sample.time) - sample.angle)
+        simulator.step(command)
+    assert estimator.incumbent.mode.name == 'exact' and not estimator.events
+    assert abs(found.mass - MASS) < 4.0 * found.variance**0.5 < 4e-4
+
+
+def test_tolerances_count_as_off_by_what_the_posterior_says_of_the_parts() -> None:
+    prior, random = estimator_of().stepper.prior, np.random.default_rng(2)
+    parts = slice(prior.mean.size - prior.parts - prior.gains, None)
+    root = prior.std[:, None] * random.standard_normal((prior.mean.size, 9)) / 5.0
+    beta = prior.mean + 2.0 * prior.std * random.standard_normal(prior.mean.size)
+    drawn = beta + random.standard_normal((20_000, 9)) @ root.T
+    expected = np.mean((((drawn - prior.mean) / prior.std)[:, parts])**2)
+    found = tolerances_off(beta, root @ root.T, prior.mean, prior.weights)
+    assert found == pytest.approx(expected, rel=0.02)
+    # Nothing learnt: as told.
+    spread = np.diag(prior.std**2)
+    assert tolerances_off(prior.mean, spread, prior.mean, prior.weights) == pytest.approx(1.0)
