@@ -30,6 +30,7 @@ from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude
 from flex_plant_sim.diagnosis.prediction.noise import steady_filter
 from flex_plant_sim.diagnosis.prediction.predictor import Base
 from flex_plant_sim.diagnosis.record.data import Data
+from flex_plant_sim.diagnosis.verdict.verdict import doubt
 from flex_plant_sim.effects import catalogue
 import numpy as np
 import pytest
@@ -183,6 +184,7 @@ def test_the_more_is_wrong_at_once_the_likelier_one_unknown_thing_imitates_it() 
     assert chances == pytest.approx([real[0], real[0], real[1], real[2], real[2]])
     assert [p.of_unknown for p in stated] == pytest.approx(
         [1.0 - r**k for r, k in zip((real[0], *real, real[2]), range(1, 6))])
+    assert [bool(doubt(p)) for p in stated] == [False, False, True, True, True]
     # Something unnamed besides is one more fault.
     besides = Posterior.of([replace(NOTHING, hypotheses=on[:1],
                                     discrepancy=replace(base.discrepancy, more=True))], base)

@@ -150,6 +150,11 @@ class Posterior:
                   for fit, p in zip(self.fits, self.probability)),
                 *(_Stated(labels, p, False) for labels, p in self.unfitted.items())]
 
+    @property
+    def real(self) -> float:
+        """Return how likely it is that a cause of the most probable set is no imitation."""
+        return self._stated[0].real
+
     def of_effect(self, identifier: str) -> float:
         """Return the probability that an effect is at work, at whatever site."""
         return sum(s.probability * s.real for s in self._stated if any(

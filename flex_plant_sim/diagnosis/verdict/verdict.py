@@ -132,10 +132,12 @@ def part_estimates(found: Search) -> tuple[PartEstimate, ...]:
 
 
 def _sets(posterior: Posterior) -> tuple[tuple[tuple[str, ...], float], ...]:
-    rows = zip(posterior.fits[:SETS], posterior.probability)
-    return tuple(((*sorted(Key.of(fit).labels), *(
-        ('unknown',) if is_unknown(fit, posterior.nominal) else ())), float(p))
-        for fit, p in rows)
+    found: dict[tuple[str, ...], float] = {}
+    for fit, p in zip(posterior.fits, posterior.probability):
+        unknown = ('unknown',) if is_unknown(fit, posterior.nominal) else ()
+        labels = (*sorted(Key.of(fit).labels), *unknown)
+        found[labels] = found.get(labels, 0.0) + float(p)
+    return tuple(sorted(found.items(), key=lambda row: -row[1])[:SETS])
 
 
 def _effects(posterior: Posterior) -> dict[str, float]:
@@ -203,7 +205,7 @@ def _verdict(found: Search, causes: Sequence[Cause]
     if not causes:
         return ('not_in_catalogue', 'The simulation is wrong in a way that nothing in the '
                 f'catalogue explains.{_far(found)}', ())
-    sentence = ' '.join(cause.sentence for cause in causes)
+    sentence = ' '.join(cause.sentence for cause in causes) + doubt(found.posterior)
     sets = tuple((c.name, *c.look_alikes) for c in causes if c.look_alikes)
     if unknown:
         return 'cause_and_remainder', f'{sentence} Something unnamed is left.{_far(found)}', sets
@@ -211,6 +213,14 @@ def _verdict(found: Search, causes: Sequence[Cause]
         return 'cannot_tell', (f'One of {", ".join(sets[0])}: this record cannot tell them '
                                f'apart. Best guess: {sentence}'), sets
     return 'cause', f'{sentence} Nothing else in the catalogue explains the record as well.', ()
+
+
+def doubt(posterior: Posterior) -> str:
+    """Return what must be said where one unknown thing is likelier than all that is named."""
+    if posterior.real >= 0.5:
+        return ''
+    return (' But so much at once is rare: more likely one thing that the catalogue lacks is '
+            f'behind it, and each of these is real with {100.0 * posterior.real:.0f} %.')
 
 
 def _far(found: Search) -> str:
