@@ -35,13 +35,15 @@ class Past:
     ----------
     first : int
         The oldest one's number.
+    lived : float
+        For how long the arm has moved since all was forgotten, s.
     rested : Filter or None
         What was known after that one, where the arm rested before.
 
     """
 
     def __init__(self, most: int):
-        self.most, self.first = most, 0
+        self.most, self.first, self.lived = most, 0, 0.0
         self.rested: Filter | None = None
         self._moments: list[Moment] = []
 
@@ -57,6 +59,7 @@ class Past:
     def add(self, moment: Moment) -> None:
         """Keep one; where there are twice as many as must be, the older half goes."""
         self._moments.append(moment)
+        self.lived += moment.lived
         if len(self._moments) >= 2 * self.most:
             self.first += self.most
             self.rested = None
@@ -64,5 +67,5 @@ class Past:
 
     def clear(self) -> None:
         """Forget all."""
-        self.first, self.rested = self.end, None
+        self.first, self.lived, self.rested = self.end, 0.0, None
         self._moments = []

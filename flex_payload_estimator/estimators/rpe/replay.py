@@ -125,7 +125,7 @@ def again(f: Filter, past: Past, stepper: FilterStep) -> Replay | None:
     """
     open_shares = f.rounds == 0 and not f.mode.parts
     unfit = not f.mode.parts and misfit_of(f.record) > MISFIT
-    if f.rounds == 0 and f.age < (SETTLES_S if unfit else HOLD_S):
+    if min(f.age, past.lived) < SETTLES_S or f.age < HOLD_S and not unfit:
         return None
     moment, runners = past[past.first], []
     for share in stepper.shares if open_shares else (float(f.beta[CORIOLIS]),):
