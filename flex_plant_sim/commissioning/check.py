@@ -91,7 +91,8 @@ class Check:
         sections: dict[str, list[str]] = {}
         for key, value in self.robot.left_out.items():
             section, _, name = key.rpartition('.')
-            sections.setdefault(section, []).append(f'{name} {value:g}')
+            said = f'{value:g}' if math.isfinite(value) else 'none'
+            sections.setdefault(section, []).append(f'{name} {said}')
         lines = [f'  {section}: {", ".join(items)}' for section, items in sections.items()]
         return '\n'.join(['not in the file, so taken as usual', *lines]) if lines else ''
 
