@@ -12,11 +12,14 @@ MYPY = False
 
 if MYPY:
     from collections.abc import Iterator
+    from sys import UnraisableHookArgs
     from types import FrameType
     from typing import NoReturn
 
 INTERRUPTED = 130
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
+# After so long, s, what swallowed an interrupt is over.
+AGAIN = 0.01
 
 
 def quiet_until_running() -> None:
@@ -41,16 +44,31 @@ def _interrupt(number: int, frame: FrameType | None) -> NoReturn:
     raise KeyboardInterrupt
 
 
+def _interrupt_again(unraisable: UnraisableHookArgs) -> None:
+    """Interrupt once more where a destructor or a library's callback has swallowed it."""
+    if issubclass(unraisable.exc_type, KeyboardInterrupt):
+        signal.signal(signal.SIGALRM, _interrupt)
+        signal.setitimer(signal.ITIMER_REAL, AGAIN)
+    else:
+        sys.__unraisablehook__(unraisable)
+
+
 @contextmanager
 def interruptible() -> Iterator[None]:
     """Turn both signals into KeyboardInterrupt inside the block, where that can be done."""
+    hook = sys.unraisablehook
     try:
         before = [(number, signal.signal(number, _interrupt)) for number in SIGNALS]
+        sys.unraisablehook = _interrupt_again
     except ValueError:  # not in the main thread: whoever runs it there handles its signals
         before = []
     try:
         yield
     finally:
+        sys.unraisablehook = hook
+        if signal.getsignal(signal.SIGALRM) is _interrupt:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            signal.signal(signal.SIGALRM, signal.SIG_DFL)
         for number, handler in before:
             signal.signal(number, handler)
 

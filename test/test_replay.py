@@ -23,6 +23,7 @@ from flex_plant_sim.logs.read import read_log
 from flex_plant_sim.simulation.agreement import fit_percent, rmse
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.simulator import simulate, Simulator
+from flex_plant_sim.tools import command_line
 from flex_plant_sim.tools import replay as tool
 from msg_config.errors import InputError
 import numpy as np
@@ -258,3 +259,21 @@ def test_a_signal_leaves_nothing_behind(tmp_path: Path, number: signal.Signals) 
             _, error = process.communicate(timeout=60)
     assert (process.returncode, error) == (130, 'interrupted\n')
     assert [path.name for path in tmp_path.iterdir()] == ['log.csv']
+
+
+class Swallowing:
+    """Something that hears a Ctrl-C while it is taken down, where Python raises nothing."""
+
+    def __del__(self) -> None:
+        """Hear it."""
+        signal.raise_signal(signal.SIGINT)
+
+
+def test_an_interrupt_that_a_destructor_swallows_comes_again(
+        capsys: pytest.CaptureFixture[str]) -> None:
+    def work() -> None:
+        Swallowing()
+        time.sleep(5.0)
+
+    assert command_line.run(work) == 130
+    assert capsys.readouterr().err == 'interrupted\n'
