@@ -31,7 +31,6 @@ import numpy as np  # noqa: E402
 from run_bank import read_results  # noqa: E402
 from scipy.optimize import minimize  # noqa: E402
 
-DRAWS = 2000
 UNKNOWN, ORDINARY = 'unknown', 2
 
 
@@ -107,14 +106,12 @@ def reweighed(line: score.Line, odds: float, factor: float) -> score.Line:
 def verdict(lines: Sequence[score.Line], what: str) -> str:
     """Return scores of answers in one line, with the calibration error of right forecasts."""
     pairs = score.stated_probabilities(lines)
-    rng, chances = np.random.default_rng(0), np.array([p for p, _ in pairs])
-    drawn = [score.calibration([(float(p), bool(rng.random() < p)) for p in chances])[0]
-             for _ in range(DRAWS)]
+    chance, most = score.calibration_by_chance(pairs)
     brier = np.mean([(p - right)**2 for p, right in pairs])
     mean = np.mean([score.log_score(line) for line in lines])
     return (f'{what:<10} log-score {mean:.3f}  {len(pairs)} causes: calibration error '
-            f'{score.calibration(pairs)[0]:.3f} (right ones: {np.mean(drawn):.3f}, 95 % below '
-            f'{np.quantile(drawn, 0.95):.3f})  Brier {brier:.3f}')
+            f'{score.calibration(pairs)[0]:.3f} (right ones: {chance:.3f}, 95 % below '
+            f'{most:.3f})  Brier {brier:.3f}')
 
 
 def judged(path: Path) -> list[score.Line]:

@@ -266,3 +266,11 @@ def test_shuffled_residuals_keep_their_size_and_lose_their_order() -> None:
     assert np.std(added) > 1e-6
     step = added[:, 0] - added[:, 0].mean()
     assert abs(step[1:] @ step[:-1] / (step @ step)) < 0.1
+
+
+def test_right_probabilities_err_by_chance_as_much_as_few_cases_must() -> None:
+    """With p = 1/2 in 5 bins of n: |share - 1/2| is on average 1 / sqrt(2 pi n)."""
+    pairs = [(0.5, True)] * (5 * 40)
+    mean, most = score.calibration_by_chance(pairs)
+    assert mean == pytest.approx(1.0 / math.sqrt(2.0 * math.pi * 40), rel=0.05)
+    assert mean < most < 2.0 * mean

@@ -15,6 +15,7 @@ Z = 1.959964
 LARGEST_SET = 3
 SURE = 0.9
 BINS = 5
+DRAWS = 2000
 # A size counts as so many limits from nine tenths of them on.
 NEARLY = 0.9
 # What is not mentioned is given this probability by the log-score: a hundredth of the doubt that
@@ -209,7 +210,8 @@ def calibration(pairs: Sequence[tuple[float, bool]]
     """
     if not pairs:
         return math.nan, []
-    ordered = sorted(pairs)
+    # Of equal probabilities the right ones must not come last: they keep their order.
+    ordered = sorted(pairs, key=lambda pair: pair[0])
     rows = []
     for part in np.array_split(np.arange(len(ordered)), min(BINS, len(ordered))):
         chosen = [ordered[k] for k in part]
@@ -217,6 +219,15 @@ def calibration(pairs: Sequence[tuple[float, bool]]
                      float(np.mean([right for _, right in chosen])), len(chosen)))
     error = sum(abs(stated - right) * count for stated, right, count in rows) / len(pairs)
     return error, rows
+
+
+def calibration_by_chance(pairs: Sequence[tuple[float, bool]], seed: int = 0
+                          ) -> tuple[float, float]:
+    """Return what the calibration error would be were all probabilities right: mean, 95 %."""
+    rng = np.random.default_rng(seed)
+    drawn = [calibration([(p, bool(rng.random() < p)) for p, _ in pairs])[0]
+             for _ in range(DRAWS)]
+    return float(np.mean(drawn)), float(np.quantile(drawn, 0.95))
 
 
 def coverage(lines: Sequence[Line]) -> tuple[Share, list[tuple[str, str, bool]]]:

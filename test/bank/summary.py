@@ -58,9 +58,12 @@ JUDGED = ('one', 'clean', 'missing', 'pair')
 
 def _probability_rows(lines: Sequence[Line]) -> list[tuple[str, str, str, bool | None]]:
     judged = of_kind(lines, *JUDGED)
-    error, _ = score.calibration(score.stated_probabilities(judged))
+    pairs = score.stated_probabilities(judged)
+    error, _ = score.calibration(pairs)
+    chance = ' (mean {:.3f}, 95 % below {:.3f} were all right)'.format(
+        *score.calibration_by_chance(pairs)) if pairs else ''
     held, _ = score.coverage(of_kind(lines, 'one', 'pair'))
-    return [('calibration error of the stated probability', '<= 0.05', f'{error:.3f}',
+    return [('calibration error of the stated probability', '<= 0.05', f'{error:.3f}{chance}',
              None if math.isnan(error) else error <= 0.05),
             ('mean log-score of a case, nats', '', mean_log_score(judged), None),
             ('parameter intervals that hold the truth', '90 to 98 %', str(held),
