@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from flex_payload_estimator.estimators.factory import make_estimator
+from flex_payload_estimator.estimators.rpe import estimator as rpe
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
@@ -92,3 +93,18 @@ def test_the_layout_of_the_arrays_does_not_matter(name: str) -> None:
             estimate = estimator.update(0.01 * k, output[::stride], command[::stride])
         found.append((estimate.mass, estimate.variance))
     assert found[0] == found[1]
+
+
+def test_what_a_gap_lacks_is_predicted_together_as_one_by_one(monkeypatch: pytest.MonkeyPatch
+                                                              ) -> None:
+    """A gap of 47 samples, of which ten at most go together, in motion and at the start."""
+    estimator, rows = estimator_of(FAST), samples(0.4)
+    found = []
+    for together in (rpe.TOGETHER_S, 0.0):
+        monkeypatch.setattr(rpe, 'TOGETHER_S', together)
+        estimator.reset()
+        found.append([estimator.update(*row) for k, row in enumerate(rows)
+                      if not (100 < k <= 147 or 300 < k <= 347)])
+    one, other = found
+    assert [e.mass for e in one] == pytest.approx([e.mass for e in other], rel=1e-6)
+    assert [e.variance for e in one] == pytest.approx([e.variance for e in other], rel=1e-3)

@@ -40,8 +40,8 @@ TOPICS = ('joint_states', 'payload/inertia', 'command')
 MODES = ('realtime', 'lockstep', 'bare')
 HEADER = ('| mode | min | samples due | came | without a payload | without a command | '
           'p50, ms | p99, ms | memory of ' + ', '.join(PROGRAMS)
-          + ', MB/h | processor of these and the observer, µs a sample |',
-          '|---|---|---|---|---|---|---|---|---|---|')
+          + ', MB/h | processor of these and the observer, µs a sample '
+          '| taken by other machines on the host, % |', '|' + 11 * '---|')
 PICTURE = ('', '![Memory, latency and loss over time](figures/soak.png)')
 INTERVAL = 5.0
 # Between two looks of the observer, s: a fifth of what a subscription holds at 1 kHz.
@@ -88,6 +88,12 @@ def processor(pid: int) -> float:
     """Return the processor time that a process has taken, s."""
     own = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
     return (int(own[11]) + int(own[12])) / TICKS
+
+
+def stolen() -> tuple[float, float]:
+    """Return the time in which the host ran other machines, and all time, of all cores, s."""
+    times = [int(word) / TICKS for word in Path('/proc/stat').read_text().split()[1:9]]
+    return times[7], sum(times)
 
 
 def start(mode: str, rate: float, domain: int, folder: Path
@@ -167,6 +173,7 @@ def watch(observer: Observer, processes: dict[str, subprocess.Popen[bytes]], min
         row |= {f'processor of {name}': processor(pid) for name, pid in (
             *((name, process.pid) for name, process in processes.items()),
             (OBSERVER, os.getpid()))}
+        row['stolen'], row['all time'] = stolen()
         rows.append(row)
     return rows
 
@@ -214,11 +221,13 @@ def verdict(mode: str, rows: list[dict[str, float]], rate: float) -> str:
     due = '–' if mode == 'lockstep' else f'{rate * 60.0 * minutes:.0f}'
     spent = [1e6 * (rows[-1][f'processor of {name}'] - late[0][f'processor of {name}'])
              / counts['joint_states'] for name in (*PROGRAMS, OBSERVER)]
+    taken = (rows[-1]['stolen'] - late[0]['stolen']) / (rows[-1]['all time'] - late[0]['all time'])
     lost = [f'{counts["joint_states"] - counts[topic]:.0f}' for topic in TOPICS[1:]]
     delays = [f'{np.nanmedian([row[name] for row in late]):.2f}' for name in ('p50', 'p99')]
     return ' | '.join([f'| {mode}', f'{minutes:.1f}', due, f'{counts["joint_states"]:.0f}',
                        *lost, *delays, ', '.join(f'{slope:+.2f}' for slope in slopes),
-                       ' + '.join(f'{each:.0f}' for each in spent) + f' = {sum(spent):.0f} |'])
+                       ' + '.join(f'{each:.0f}' for each in spent) + f' = {sum(spent):.0f}',
+                       f'{100.0 * taken:.1f} |'])
 
 
 def draw(found: dict[str, list[dict[str, float]]], path: Path) -> None:

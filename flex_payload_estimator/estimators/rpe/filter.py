@@ -105,10 +105,10 @@ class FilterStep:
     def _pushed(self, f: Filter, sample: Sample, loads: Loads) -> tuple[Any, ...]:
         return (sample.command, self._torque + sample.doubt, self._speed,
                 f.mode.drive**2 * self._density, f.mode.walk**2 * self.step_time,
-                loads.table)
+                loads.table, sample.steps)
 
     def predict(self, f: Filter, sample: Sample, loads: Loads) -> None:
-        """Advance one sample; a state that is lost stays so until a measurement tells it."""
+        """Advance to a sample; a state that is lost stays so until a measurement tells it."""
         if not math.isfinite(f.x[1]):
             return
         before, payload = f.x, float(f.beta[MASS] if f.model is None else f.anchor[MASS])

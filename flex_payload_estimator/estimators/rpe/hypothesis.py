@@ -54,13 +54,15 @@ class Sample(NamedTuple):
     """
     A sample: time, s; outputs, rad and m/m, (m,), or None; command at the drives, (2,).
 
-    `doubt` is the variance of that command, (2,) or 0.
+    `doubt` is the variance of that command, (2,) or 0; `steps` are the sampling times since the
+    sample before.
     """
 
     time: float
     measured: Array | None
     command: Array
     doubt: Array | float = 0.0
+    steps: int = 1
 
 
 @dataclass(slots=True)

@@ -112,7 +112,7 @@ class Modes:
     def remember(self, sample: Sample, loads: Loads, excited: bool, f: Filter | None = None
                  ) -> None:
         """Keep a sample, and what it told of a filter, for those that begin again."""
-        lived = self.stepper.step_time if excited else 0.0
+        lived = sample.steps * self.stepper.step_time if excited else 0.0
         self._past.add(Moment(sample, loads, lived, f.gained if f else 0.0))
 
     def leave_rest(self, rested: Filter) -> None:

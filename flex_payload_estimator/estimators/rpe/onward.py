@@ -66,9 +66,9 @@ def followed(table: Array, share: float, output: Array, command: Array, speed: A
 def ahead(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor: Array,
           held: bool, about: Array, order: Array, value: Array, slopes: Array, parts: Array,
           away: float, motion: Array, command: Array, doubt: Array, speed: Array, error: float,
-          walked: float, loads: Array) -> None:
+          walked: float, loads: Array, steps: int) -> None:
     """
-    Bring a filter one sample on: x, P, s and V.
+    Bring a filter some sampling times on, with one command: x, P, s and V.
 
     Parameters
     ----------
@@ -86,15 +86,19 @@ def ahead(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor:
         Variance by which the payload walks, kg^2.
     loads : Array
         See sensors.Loads: the error is of what was carried of late, and no less than of now.
+    steps : int
+        How many sampling times.
 
     """
-    if error > 0.0:
-        net = command - applied(speed, state_of(x, sens, beta, anchor, held))
-        doubt = doubt + error * np.maximum(loads[DRIVE, :2], net * net)
-    x[:], cov[:], sens[:] = predict(x, cov, sens, about, order, value, slopes, parts, away,
-                                    command, motion, np.sqrt(doubt))
-    if walked > 0.0:
-        cov[:], sens[:], spread[:] = walk(cov, sens, spread, walked)
+    for _ in range(steps):
+        noise = doubt
+        if error > 0.0:
+            net = command - applied(speed, state_of(x, sens, beta, anchor, held))
+            noise = doubt + error * np.maximum(loads[DRIVE, :2], net * net)
+        x[:], cov[:], sens[:] = predict(x, cov, sens, about, order, value, slopes, parts, away,
+                                        command, motion, np.sqrt(noise))
+        if walked > 0.0:
+            cov[:], sens[:], spread[:] = walk(cov, sens, spread, walked)
 
 
 @compiled
@@ -149,11 +153,12 @@ def learnt(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor
 def stepped(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor: Array,
             held: bool, about: Array, order: Array, value: Array, slopes: Array, parts: Array,
             away: float, motion: Array, command: Array, doubt: Array, speed: Array, push: float,
-            walked: float, loads: Array, record: Array, reading: Array, measured: Array,
-            offset: Array, output: Array, told: Array, error: float, least: float, gains: int,
-            heaviest: float, step: float) -> tuple[float, float, float]:
+            walked: float, loads: Array, steps: int, record: Array, reading: Array,
+            measured: Array, offset: Array, output: Array, told: Array, error: float,
+            least: float, gains: int, heaviest: float, step: float
+            ) -> tuple[float, float, float]:
     """Do both: `push` is the error of `ahead`, `error` that of `learnt`."""
     ahead(x, cov, sens, beta, spread, anchor, held, about, order, value, slopes, parts, away,
-          motion, command, doubt, speed, push, walked, loads)
+          motion, command, doubt, speed, push, walked, loads, steps)
     return learnt(x, cov, sens, beta, spread, anchor, held, loads, record, reading, measured,
                   offset, output, told, error, least, gains, heaviest, step)
