@@ -55,7 +55,7 @@ class Arm:
         x, _, sens = predict(
             state[:n].copy(), np.zeros((n, n)), np.zeros((n, 2)), beta, self.schedule.order,
             piece.value, piece.slopes, np.zeros((0, 1)), mass - piece.payload, command,
-            np.zeros((0, self.arm.form.order)), np.zeros(2))
+            np.zeros((0, self.arm.form.order)), np.zeros(2), 1)
         jacobian = np.eye(n + 1)
         jacobian[:n, n] = sens[:, 0]
         wave = np.cos(state[1] * self.schedule.order)

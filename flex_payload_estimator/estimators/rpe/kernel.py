@@ -108,14 +108,44 @@ def _stepped(x: Array, anchor: Array, order: Array, value: Array, slopes: Array,
 
 
 @compiled
+def _carried(jacobian: Array, cov: Array, noise: Array) -> Array:
+    """Return (I + J) P (I + J)' + Q."""
+    half = product(jacobian, cov)
+    return cov + half + half.T + squared(half, jacobian) + noise
+
+
+@compiled
+def _so_many(jacobian: Array, given: Array, noise: Array, steps: int
+             ) -> tuple[Array, Array, Array]:
+    """
+    Return J, the columns added and Q of so many samples with the same ones, as delta operators.
+
+    By doubling: of steps that follow each other J is J1 + J2 + J2 J1, so that small J stay exact.
+    """
+    far, added, spread = np.zeros_like(jacobian), np.zeros_like(given), np.zeros_like(noise)
+    while True:
+        if steps % 2 == 1:
+            added = added + given + product(jacobian, added)
+            spread = _carried(jacobian, spread, noise)
+            far = far + jacobian + product(jacobian, far)
+        steps //= 2
+        if steps == 0:
+            return far, added, spread
+        given = 2.0 * given + product(jacobian, given)
+        noise = _carried(jacobian, noise, noise)
+        jacobian = 2.0 * jacobian + product(jacobian, jacobian)
+
+
+@compiled
 def predict(x: Array, cov: Array, sens: Array, anchor: Array, order: Array, value: Array,
             slopes: Array, parts: Array, away: float, command: Array, motion: Array,
-            torque: Array) -> tuple[Array, Array, Array]:
+            torque: Array, steps: int) -> tuple[Array, Array, Array]:
     """
-    Return state, covariance and sensitivity one sample later, delta form.
+    Return state, covariance and sensitivity so many samples later, delta form.
 
     x+ = x + M d with d = (x, u, forces of motion) and M = sum_k cos(k angle) M_k(m) + parts' dM,
-    s+ = s + J s + dM/dbeta d, P+ = (I + J) P (I + J)' + Q, J = d(M d)/dx.
+    s+ = s + J s + dM/dbeta d, P+ = (I + J) P (I + J)' + Q, J = d(M d)/dx. Several samples go by
+    with the same J, command and derivatives.
 
     Parameters
     ----------
@@ -135,13 +165,20 @@ def predict(x: Array, cov: Array, sens: Array, anchor: Array, order: Array, valu
         See forces.motion_rows; (0, N) without forces of motion.
     torque : Array
         Standard deviation of the command's disturbance, in its unit, (2,).
+    steps : int
+        How many samples.
 
     """
     increment, jacobian, moved, given = _stepped(x, anchor, order, value, slopes, parts, away,
                                                  command, motion)
-    noise, half = given * torque, product(jacobian, cov)
-    cov = cov + half + half.T + squared(half, jacobian) + squared(noise, noise)
-    return x + increment, cov, sens + product(jacobian, sens) + moved
+    given = given * torque
+    noise = squared(given, given)
+    if steps > 1:
+        columns = np.column_stack((increment, moved))
+        jacobian, columns, noise = _so_many(jacobian, columns, noise, steps)
+        increment, moved = columns[:, 0].copy(), columns[:, 1:].copy()
+    return (x + increment, _carried(jacobian, cov, noise),
+            sens + product(jacobian, sens) + moved)
 
 
 @compiled

@@ -83,22 +83,21 @@ def ahead(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor:
     error : float
         Variance of the model error of a drive over the square of its net command.
     walked : float
-        Variance by which the payload walks, kg^2.
+        Variance by which the payload walks a sampling time, kg^2.
     loads : Array
         See sensors.Loads: the error is of what was carried of late, and no less than of now.
     steps : int
         How many sampling times.
 
     """
-    for _ in range(steps):
-        noise = doubt
-        if error > 0.0:
-            net = command - applied(speed, state_of(x, sens, beta, anchor, held))
-            noise = doubt + error * np.maximum(loads[DRIVE, :2], net * net)
-        x[:], cov[:], sens[:] = predict(x, cov, sens, about, order, value, slopes, parts, away,
-                                        command, motion, np.sqrt(noise))
-        if walked > 0.0:
-            cov[:], sens[:], spread[:] = walk(cov, sens, spread, walked)
+    noise = doubt
+    if error > 0.0:
+        net = command - applied(speed, state_of(x, sens, beta, anchor, held))
+        noise = doubt + error * np.maximum(loads[DRIVE, :2], net * net)
+    x[:], cov[:], sens[:] = predict(x, cov, sens, about, order, value, slopes, parts, away,
+                                    command, motion, np.sqrt(noise), steps)
+    if walked > 0.0:
+        cov[:], sens[:], spread[:] = walk(cov, sens, spread, steps * walked)
 
 
 @compiled
