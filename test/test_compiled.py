@@ -9,6 +9,7 @@ import subprocess
 import sys
 from typing import Any
 
+from flex_payload_estimator.tools import compile as flex_compile
 from flex_plant_sim.compiled import cold, COMPILED
 from flex_plant_sim.tools.command_line import COMPILING
 import pytest
@@ -53,6 +54,13 @@ def test_flex_compile_leaves_nothing_to_compile(repository: Path) -> None:
     if any(map(cold, found.values())):
         subprocess.run([sys.executable, '-m', 'flex_payload_estimator.tools.compile'], check=True)
     assert {name for name, function in found.items() if cold(function)} == set()
+
+
+def test_a_bad_option_of_flex_compile_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        flex_compile.main(['everything'])
+    assert ended.value.code == 2
+    assert capsys.readouterr().err.splitlines()[1:] == []
 
 
 def loops(repository: Path) -> dict[str, Any]:

@@ -66,13 +66,16 @@ def smoothing() -> None:
 PARTS: tuple[Callable[[], None], ...] = (estimators, regressions, smoothing)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run flex_compile."""
-    argparse.ArgumentParser(prog='flex_compile', description=__doc__.partition(': ')[2]) \
-        .parse_args(arguments)
+def options() -> argparse.ArgumentParser:
+    """Return the options of flex_compile."""
+    return command_line.parser(
+        'Compile every inner loop once, so that no node or tool waits for it later.')
+
+
+def _main() -> None:
     if not COMPILED:
-        print('flex_compile: nothing to compile: Numba is not installed or switched off')
-        return 0
+        print('nothing to compile: Numba is not installed or switched off')
+        return
     context = multiprocessing.get_context('spawn')
     workers = [context.Process(target=part, daemon=True) for part in PARTS]
     try:
@@ -88,8 +91,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     failed = [part.__name__ for part, worker in zip(PARTS, workers) if worker.exitcode]
     if failed:
         raise InputError(f'flex_compile: expected compiled loops, failed: {", ".join(failed)}')
-    return 0
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run flex_compile."""
+    options().parse_args(arguments)
+    return command_line.run(_main)
 
 
 if __name__ == '__main__':
-    sys.exit(command_line.run(main))
+    sys.exit(main())
