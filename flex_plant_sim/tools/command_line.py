@@ -32,10 +32,17 @@ class OneLineParser(argparse.ArgumentParser):
         self.exit(BAD_INPUT, f'error: {message} (see {self.prog} --help)\n')
 
 
+class DefaultsShown(argparse.ArgumentDefaultsHelpFormatter):
+    """Help that shows a default where there is one to show."""
+
+    def _get_help_string(self, action: argparse.Action) -> str | None:
+        shown = action.default not in (None, False, '', []) and not action.required
+        return super()._get_help_string(action) if shown else action.help
+
+
 def parser(description: str) -> argparse.ArgumentParser:
     """Return a parser that shows defaults."""
-    return OneLineParser(
-        description=description, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
+    return OneLineParser(description=description, formatter_class=DefaultsShown)
 
 
 def add_log_argument(options: argparse.ArgumentParser, nargs: str | None = None) -> None:

@@ -140,8 +140,7 @@ def options() -> argparse.ArgumentParser:
 
     def add(name: str, run: Run, words: str) -> argparse.ArgumentParser:
         found: argparse.ArgumentParser = commands.add_parser(
-            name, help=words, description=words,
-            formatter_class=argparse.ArgumentDefaultsHelpFormatter)
+            name, help=words, description=words, formatter_class=command_line.DefaultsShown)
         found.set_defaults(run=run)
         return found
 
