@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+import math
 from pathlib import Path
 import time
 from typing import Any, TYPE_CHECKING
@@ -117,9 +118,9 @@ def test_an_int_becomes_a_double() -> None:
 
 
 @pytest.mark.parametrize(('values', 'message'), [
-    ({'payload': -1}, 'plant_sim: payload: expected a number from 0 to 100 kg, got -1'),
-    ({'payload': float('nan')}, 'plant_sim: payload: expected a number from 0 to 100 kg, got nan'),
-    ({'payload': True}, 'plant_sim: payload: expected a number from 0 to 100 kg, got True'),
+    ({'payload': -2}, 'plant_sim: payload: expected a number from -1 to 100 kg, got -2'),
+    ({'payload': math.nan}, 'plant_sim: payload: expected a number from -1 to 100 kg, got nan'),
+    ({'payload': True}, 'plant_sim: payload: expected a number from -1 to 100 kg, got True'),
     ({'modes': 2.0}, 'plant_sim: modes: expected an integer from 1 to 20, got 2.0'),
     ({'mode': 'fast'}, "plant_sim: mode: expected lockstep or realtime, got 'fast'"),
     ({'effects': 7}, 'plant_sim: effects: expected a list of texts, got 7'),
@@ -179,7 +180,7 @@ def test_a_node_takes_an_int_for_a_double_at_the_start(ros_context: Context) -> 
 
 @pytest.mark.ros
 @pytest.mark.parametrize(('name', 'value'), [
-    ('payload', -0.5), ('payload', -1), ('payload', 'heavy'), ('mode', 'fast'), ('modes', 0),
+    ('payload', -1.5), ('payload', -2), ('payload', 'heavy'), ('mode', 'fast'), ('modes', 0),
     ('modes', 2.5), ('effects', [1.0]),
 ])
 def test_a_node_refuses_what_the_table_refuses(

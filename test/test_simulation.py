@@ -10,8 +10,10 @@ from flex_plant_sim.arm.state_space import state_space, zero_order_hold
 from flex_plant_sim.effects import build, catalogue
 from flex_plant_sim.simulation.extended_arm import ExtendedArm, MODELS
 from flex_plant_sim.simulation.payload_profile import PayloadProfile
+from flex_plant_sim.simulation.plant_setup import simulator_of
 from flex_plant_sim.simulation.simulator import Noise, simulate, Simulator
 from msg_config.errors import InputError
+from msg_config.parameters import check_parameters
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -273,3 +275,13 @@ def test_simulator_is_nonlinear_in_the_elbow_angle() -> None:
         ends[theta_2] = simulator.state[0]
     assert abs(ends[0.0] - ends[1.5]) > 1e-3
     assert ends[1.5] == pytest.approx(ends[-1.5], abs=0.02 * abs(ends[1.5]))
+
+
+def test_the_plant_carries_and_measures_as_the_robot_file_says_unless_told() -> None:
+    values = check_parameters('plant_sim', {'robot': 'quanser_2dsfl'})
+    measured, _ = simulate(simulator_of(values), np.zeros((2000, 2)))
+    np.testing.assert_allclose(measured.std(axis=0), [1.5e-5] * 2 + [1e-6] * 2, rtol=0.1)
+    assert simulator_of(values).mass(0.0) == 0.157
+    silent = simulator_of({**values, 'angle_noise': 0.0, 'strain_noise': 0.0, 'payload': 0.0})
+    assert not simulate(silent, np.zeros((3, 2)))[0].any()
+    assert silent.mass(0.0) == 0.0

@@ -47,8 +47,7 @@ class Experiment:
         arm = {'robot': options.robot, 'model': options.model, 'modes': options.modes}
         robot = robot_of({'robot': options.robot, 'sample_time': 0.0})
         payload = robot.payload_mass if options.payload is None else options.payload
-        plant = {**arm, 'payload': payload, 'seed': options.seed, 'publish_clock': False,
-                 'angle_noise': robot.angle_noise, 'strain_noise': robot.strain_noise}
+        plant = {**arm, 'payload': payload, 'seed': options.seed, 'publish_clock': False}
         if arm_file is not None:
             plant.update(robot=str(arm_file), model='assumed_modes', modes=PLANT_MODES)
         if options.no_noise:

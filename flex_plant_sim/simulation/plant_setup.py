@@ -39,11 +39,17 @@ def simulator_of(values: Mapping[str, Any]) -> Simulator:
     added = tuple(parse(text) for text in values['effects'])
     effects = nominal_effects(replace(robot, effects=(*robot.effects, *added)),
                               values['model'], values['coriolis'])
-    arm = ExtendedArm(robot, values['model'], values['modes'], values['payload'], effects,
+    payload = _told(values['payload'], robot.payload_mass)
+    arm = ExtendedArm(robot, values['model'], values['modes'], payload, effects,
                       step=robot.sample_time / values['substeps'])
-    noise = Noise(values['angle_noise'], values['strain_noise'], values['process_noise'])
-    return Simulator(arm, profile_of(values['payload'], values['payload_schedule']), noise,
-                     values['seed'])
+    noise = Noise(_told(values['angle_noise'], robot.angle_noise),
+                  _told(values['strain_noise'], robot.strain_noise), values['process_noise'])
+    return Simulator(arm, profile_of(payload, values['payload_schedule']), noise, values['seed'])
+
+
+def _told(value: float, own: float) -> float:
+    """Return a parameter, or the robot file's number where the parameter is below zero."""
+    return own if value < 0.0 else value
 
 
 def profile_of(mass: float, schedule: tuple[float, ...]) -> PayloadProfile:
