@@ -96,7 +96,7 @@ class FilterStep:
                 parts = f.model.parts_at(f.x[1])
             return (f.model.anchor, self.schedule.order, f.model.value, f.model.slopes, parts,
                     0.0, f.model.motion)
-        piece = self.schedule.cut(f.beta[MASS])
+        piece = self.schedule.cut(f.beta[MASS], f.spread[MASS, MASS])
         if f.mode.parts:
             parts = self.schedule.parts_at(f.beta[MASS], f.x[1])
         return (f.beta, self.schedule.order, piece.value, piece.slopes, parts,

@@ -18,10 +18,10 @@ ANGLE_TERMS, PAYLOAD_NODES = 19, 28
 COARSE_TERMS, COARSE_NODES = 9, 12
 # The arm over xi = m / (m + soft mass) is nearly a polynomial; soft mass over lower link's mass.
 SOFT_SHARE = 0.4
-# Slices stand at steps of this share of (m + soft mass): a cubic remainder of 1e-8. The parts'
-# derivatives, which act through deviations of a few percent, are held over steps of that and of
-# the angle, rad.
-SLICE_STEP, PART_STEP, PART_ANGLE = 4e-3, 0.05, 0.02
+# Slices stand at steps of this share of (m + soft mass): a cubic remainder of 1e-8; and at so
+# many where a payload is known to no more than one of these, of 2e-6. The parts' derivatives,
+# which act through deviations of a few percent, are held over steps of that and of the angle, rad.
+SLICE_STEP, WIDE, PART_STEP, PART_ANGLE = 4e-3, 12, 0.05, 0.02
 KEPT_SLICES, KEPT_LAYERS, KEPT_PARTS = 128, 16, 512
 
 
@@ -161,9 +161,11 @@ class PayloadSchedule:
         """Return which slice serves a payload, kg."""
         return round(math.log1p(payload / self.soft_mass) / step)
 
-    def cut(self, payload: float) -> PayloadSlice:
-        """Return the slice that serves a payload, kg."""
+    def cut(self, payload: float, variance: float = 0.0) -> PayloadSlice:
+        """Return the slice that serves a payload, kg, known to a variance, kg^2."""
         index = self.index(payload)
+        if variance > (WIDE * SLICE_STEP * (payload + self.soft_mass))**2:
+            index = WIDE * round(index / WIDE)
         found: PayloadSlice | None = self.slices.results.get(index)
         return found or self.slices.get(index, lambda: self._cut(index))
 

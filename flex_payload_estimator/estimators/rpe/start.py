@@ -124,7 +124,7 @@ class Start:
             same = [other for other in kept if other.mode == f.mode]
             enough = f.log < top - BEHIND or f.age >= OPEN_S
             if not same or not (enough or f.log < same[0].log - BEHIND
-                                or any(self._agree(f, other) for other in same)):
+                                or self._agrees(f, same)):
                 kept.append(f)
         self.filters = kept
         if len(kept) > len({f.mode for f in kept}):
@@ -148,10 +148,12 @@ class Start:
         """Return a filter that begins afresh where one is, knowing the noise."""
         return self.stepper.renewed(f, f.mode, CLOSE, DOUBT)
 
-    def _agree(self, f: Filter, other: Filter) -> bool:
-        width = FINE * (other.mass + self.stepper.schedule.soft_mass)
-        return (abs(f.mass - other.mass) < width and f.variance < width**2
-                and abs(f.beta[CORIOLIS] - other.beta[CORIOLIS]) < 0.2)
+    def _agrees(self, f: Filter, others: list[Filter]) -> bool:
+        """Tell whether a filter is linearised about the same as one of others."""
+        width = FINE * (f.mass + self.stepper.schedule.soft_mass)
+        return f.variance < width**2 and any(
+            abs(f.mass - other.mass) < width
+            and abs(f.beta[CORIOLIS] - other.beta[CORIOLIS]) < 0.2 for other in others)
 
     def moments(self) -> tuple[float, float]:
         """
