@@ -8,7 +8,7 @@ from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.diagnosis.causes.hypothesis import hypotheses
 from flex_plant_sim.diagnosis.causes.sets import Settled, Trial
 from flex_plant_sim.diagnosis.prediction.common import as_late, Common, missed
-from flex_plant_sim.diagnosis.prediction.passage import Matrices
+from flex_plant_sim.diagnosis.prediction.matrices import Matrices
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.diagnosis.verdict.verdict import nominal_base, slowest_frequency
@@ -31,9 +31,9 @@ class Arm:
 
     @property
     def matrices(self) -> Matrices:
-        """Return the predictor's matrices at every sample."""
-        return Matrices(np.repeat((self.f - self.k @ self.c)[None], SAMPLES, axis=0),
-                        np.repeat(self.k[None], SAMPLES, axis=0))
+        """Return the predictor's matrices, the same at every sample."""
+        return Matrices(np.ones((SAMPLES, 1)),
+                        np.vstack([(self.f - self.k @ self.c).T, self.k.T])[None])
 
     def errors(self, outputs: np.ndarray) -> np.ndarray:
         """Return what its predictor errs on outputs (S, m) from zero on."""

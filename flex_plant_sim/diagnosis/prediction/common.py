@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import COMPILED, compiled
-from flex_plant_sim.diagnosis.prediction.passage import Matrices
+from flex_plant_sim.diagnosis.prediction.matrices import add_product, Matrices, mix
 from flex_plant_sim.diagnosis.record.windows import Indices
 import numpy as np
 
@@ -70,43 +70,41 @@ def as_late(missed: Array, late: int) -> Array:
 
 def _turned(matrices: Matrices, output: Array, given: Array, rows: Indices, back: bool) -> Array:
     """Return errors from outputs, or (back) outputs from errors, both from zero on."""
-    gain = np.ascontiguousarray(matrices.drive[..., -len(output):])
+    table = matrices.filter_table(len(output))
     if COMPILED:
-        return np.asarray(_loop(matrices.closed, gain, np.ascontiguousarray(output),
-                                np.ascontiguousarray(given), np.ascontiguousarray(rows),
-                                back))
+        return np.asarray(_loop(matrices.weights, table.reshape(len(table), -1),
+                                np.ascontiguousarray(output.T), np.ascontiguousarray(given),
+                                np.ascontiguousarray(rows), back))
     found, state = np.empty_like(given), np.zeros((*given.shape[1:3], output.shape[1]))
     for k, row in enumerate(rows):
         foreseen = state @ output.T
         found[k] = given[k] + foreseen if back else given[k] - foreseen
-        state = np.matmul(state, np.swapaxes(matrices.closed[row], 1, 2)) + np.matmul(
-            found[k] if back else given[k], np.swapaxes(gain[row], 1, 2))
+        state = Matrices(matrices.weights[row], table).stepped(
+            state, found[k] if back else given[k])
     return found
 
 
 @compiled
-def _loop(closed: Array, gain: Array, output: Array, given: Array, rows: Indices, back: bool
+def _loop(weights: Array, table: Array, output: Array, given: Array, rows: Indices, back: bool
           ) -> Array:
+    """Do so in loops, with C' (n, m) as output and a flat table (K, (n + m) n)."""
     steps, windows, batch, m = given.shape
-    n = closed.shape[1]
-    found, state, after = np.empty(given.shape), np.empty(n), np.empty(n)
+    n = output.shape[0]
+    found, flat = np.empty(given.shape), np.empty(table.shape[1])
+    both, states, after = flat.reshape(-1, n), np.empty((batch, n)), np.empty(n)
+    foreseen = np.empty(m)
     for w in range(windows):
-        for b in range(batch):
-            state[:] = 0.0
-            for k in range(steps):
-                row, seen, shown = rows[k, w], given[k, w, b], found[k, w, b]
+        states[:] = 0.0
+        for k in range(steps):
+            mix(weights[rows[k, w]], table, flat)
+            for b in range(batch):
+                seen, shown = given[k, w, b], found[k, w, b]
+                foreseen[:] = 0.0
+                add_product(states[b], output, foreseen)
                 for i in range(m):
-                    foreseen = 0.0
-                    for j in range(n):
-                        foreseen += output[i, j] * state[j]
-                    shown[i] = seen[i] + foreseen if back else seen[i] - foreseen
-                drive = shown if back else seen
-                for i in range(n):
-                    total = 0.0
-                    for j in range(n):
-                        total += closed[row, i, j] * state[j]
-                    for j in range(m):
-                        total += gain[row, i, j] * drive[j]
-                    after[i] = total
-                state[:] = after
+                    shown[i] = seen[i] + foreseen[i] if back else seen[i] - foreseen[i]
+                after[:] = 0.0
+                add_product(states[b], both[:n], after)
+                add_product(shown if back else seen, both[n:], after)
+                states[b] = after
     return found

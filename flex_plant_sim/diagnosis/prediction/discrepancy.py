@@ -82,9 +82,10 @@ class Discrepancy(Effect):
     def step_variance(self, arm: ExtendedArm, record: Record, amplitude: Amplitude) -> Array:
         """Return what a step's noise adds to the variance of an arm's states, (n,)."""
         variance, first = np.zeros(arm.states), arm.own_states
-        drives = [d.torque_gain * np.std(u) for d, u in zip(arm.robot.drives, record.command.T)]
+        command, output = record.deviations
+        drives = [d.torque_gain * spread for d, spread in zip(arm.robot.drives, command)]
         sizes = np.concatenate([amplitude.torque * np.array(drives),
-                                amplitude.gauge * np.std(record.output[:, 2:], axis=0)])
+                                amplitude.gauge * output[2:]])
         times = np.array([self['torque_time_s']] * 2 + [self['gauge_time_s']] * (sizes.size - 2))
         kept = np.exp(-2.0 * arm.step_time / times)
         variance[first:first + sizes.size] = sizes**2 * (1.0 - kept)

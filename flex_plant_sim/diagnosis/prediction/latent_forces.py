@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.prediction.noise import load_levels, process_noise
 from flex_plant_sim.diagnosis.prediction.passage import (
-    Matrices,
+    matrices_of,
     payload_schedule,
     Run,
     undo_sensors,
@@ -175,21 +175,22 @@ def _along(predictor: Predictor, states: Array) -> Predictor:
 def _known(predictor: Predictor) -> Array:
     """Return what commands, known forces and contact add to each step, (N, n)."""
     arm, rows = predictor.arm, np.arange(len(predictor.record.time))
-    open_loop = Matrices.of(predictor, arm, np.zeros_like(predictor.gain), rows)
+    open_loop = matrices_of(predictor, arm, np.zeros_like(predictor.gain), rows)
     run = Run(predictor, arm, open_loop, rows, 1)
-    if not arm.has_contact:
-        return run.inputs[:, 0]
     states = run.trajectory
-    free = np.matmul(states, np.swapaxes(run.closed, 1, 2)) + run.inputs
+    inputs = open_loop.stepped(np.zeros_like(states), run.drive)
+    if not arm.has_contact:
+        return inputs[:, 0]
+    free = open_loop.stepped(states, run.drive)
     motion = arm.motion(states, run.command, run.time)
     stopped = arm.apply_contact(run.response[:, None], states, free, motion)
-    return np.asarray((run.inputs + stopped - free)[:, 0], dtype=float)
+    return np.asarray((inputs + stopped - free)[:, 0], dtype=float)
 
 
 def _diffusion(predictor: Predictor, table: Array) -> Array:
     """Return the covariance that force noise on the deflections gives a step, (n, n)."""
     arm, base = predictor.arm, predictor.base
-    loads = load_levels(arm, predictor.record.command, predictor.record.output)
+    loads = load_levels(arm, *predictor.record.deviations)
     variance = LEVEL_STEP / arm.step_time * process_noise(loads, (0.0, base.level[1]))
     e = table[len(table) // 2][:, arm.states + 2:]
     return np.asarray((e * variance) @ e.T, dtype=float)

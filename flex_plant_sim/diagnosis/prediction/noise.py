@@ -17,13 +17,13 @@ def load_levels(arm: ExtendedArm, command: Array, output: Array) -> Array:
     """
     Return the root-mean-square generalised force on each coordinate in a record, (N,).
 
-    Drive torques from the commands (N, 2); bending from the strain in the outputs (N, m) as if
-    the first shape made it, the same for all shapes, as a force at the tip is. Coordinates that
-    an effect added get none.
+    Drive torques from the deviations of the commands (2,); bending from the strain's among those
+    of the outputs (m,) as if the first shape made it, the same for all shapes, as a force at the
+    tip is. Coordinates that an effect added get none.
     """
     loads, robot = np.zeros(arm.form.order), arm.robot
-    loads[:2] = [d.torque_gain * np.std(u) for d, u in zip(robot.drives, command.T)]
-    strain, row = np.std(output[:, 2:], axis=0), 0
+    loads[:2] = [d.torque_gain * spread for d, spread in zip(robot.drives, command)]
+    strain, row = output[2:], 0
     for j, link in enumerate(robot.links):
         if link.gauge_positions:
             q = link_slice(j, arm.modes)
@@ -80,7 +80,8 @@ def steady_filter(arm: ExtendedArm, force_variance: Array, noise: Array,
     """
     n, c, nodes = arm.states, arm.output_matrix, arm.nodes
     table = arm.schedule.table.reshape(nodes.size, n, -1)
-    chosen = np.linspace(0, nodes.size - 1, GAIN_NODES).round().astype(int)
+    count = min(GAIN_NODES, nodes.size)
+    chosen = np.linspace(0, nodes.size - 1, count).round().astype(int)
     f, e = table[chosen, :, :n], table[chosen, :, n + 2:n + 2 + force_variance.size]
     q = (e * force_variance) @ np.swapaxes(e, 1, 2) + np.diag(np.zeros(n) + state_variance)
     scaled = c / noise[:, None]
@@ -98,10 +99,12 @@ def steady_gain(arm: ExtendedArm, force_variance: Array, noise: Array,
 
 
 def _between(nodes: Array, chosen: NDArray[np.int64], values: Array) -> Array:
-    """Return values (GAIN_NODES, …) at chosen nodes as a polynomial has them at all, (K, …)."""
+    """Return values (c, …) at chosen nodes (c,) as a polynomial has them at all, (K, …)."""
+    if chosen.size == nodes.size:
+        return values
     coefficients = np.linalg.solve(np.vander(nodes[chosen], increasing=True),
-                                   values.reshape(GAIN_NODES, -1))
-    found = np.vander(nodes, GAIN_NODES, increasing=True) @ coefficients
+                                   values.reshape(chosen.size, -1))
+    found = np.vander(nodes, chosen.size, increasing=True) @ coefficients
     return found.reshape(nodes.size, *values.shape[1:])
 
 

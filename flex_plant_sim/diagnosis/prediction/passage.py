@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import COMPILED
+from flex_plant_sim.diagnosis.prediction.matrices import interpolated, Matrices
 from flex_plant_sim.diagnosis.prediction.scan import Friction, Gaps, scan, scan_with_gaps
 from flex_plant_sim.diagnosis.record.windows import Indices, Record
 from flex_plant_sim.effects.joint.backlash import Backlash
@@ -18,76 +18,65 @@ if TYPE_CHECKING:
     from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 
 
-@dataclass(frozen=True)
-class Matrices:
-    """
-    The predictor's matrices at some samples of a record.
-
-    Attributes
-    ----------
-    closed : Array
-        F - K C, (N, n, n).
-    drive : Array
-        [G, E, K], (N, n, 2 + order + m).
-
-    """
-
-    closed: Array
-    drive: Array
-
-    @classmethod
-    def of(cls, predictor: Predictor, arm: ExtendedArm, gain: Array, used: Indices) -> Matrices:
-        """Interpolate them at the samples used, (N,)."""
-        n = arm.states
-        weights, table = payload_schedule(arm, predictor.record.time[used],
-                                          predictor.weights_of(arm)[used])
-        table = table.reshape(len(table), n, -1)
-        k = np.tile(gain, (len(table) // arm.nodes.size, 1, 1))
-        closed = (table[..., :n] - k @ arm.output_matrix).reshape(len(table), -1)
-        drive = np.concatenate([table[..., n:], k], axis=-1).reshape(len(table), -1)
-        return cls((weights @ closed).reshape(len(weights), n, n),
-                   (weights @ drive).reshape(len(weights), n, -1))
+def matrices_of(predictor: Predictor, arm: ExtendedArm, gain: Array, used: Indices) -> Matrices:
+    """Return an arm's matrices with a gain (nodes, n, m) at the samples used, (N,)."""
+    n = arm.states
+    weights, table = payload_schedule(arm, predictor.record.time[used],
+                                      predictor.weights_of(arm)[used])
+    table = table.reshape(len(table), n, -1)
+    k = np.tile(gain, (len(table) // arm.nodes.size, 1, 1))
+    rows = np.concatenate([table[..., :n] - k @ arm.output_matrix, table[..., n:], k], axis=-1)
+    return Matrices(np.ascontiguousarray(weights), np.ascontiguousarray(np.swapaxes(rows, 1, 2)))
 
 
 class Run:
-    """One arm driven through some samples of a record, (N,): their inputs."""
+    """One arm driven through some samples of a record, (N,): what drives each, (N, B, d)."""
 
     def __init__(self, predictor: Predictor, arm: ExtendedArm, matrices: Matrices,
                  used: Indices, batch: int):
         record = predictor.record
-        self.arm, self.time = arm, record.time[used][:, None]
+        self.arm, self.matrices, self.time = arm, matrices, record.time[used][:, None]
         self.command = at_drive(arm, record)[used]
-        measured = undo_sensors(arm, record)[used]
+        self.measured = undo_sensors(arm, record)[used]
         m, order = record.output.shape[1], arm.form.order
-        self.closed, self.response = matrices.closed, matrices.drive[..., 2:2 + order]
-        trajectory = predictor.started(arm)[:, None]
-        self.measured, self.trajectory = measured, trajectory[used]
-        ahead = trajectory[np.minimum(used + 1, len(trajectory) - 1)]
+        self.trajectory = predictor.started(arm, used)[:, None]
+        ahead = predictor.started(arm, np.minimum(used + 1, len(record.time) - 1))[:, None]
         motion = arm.motion_between(self.trajectory, ahead, self.command, self.time)
-        parts = (self.command, arm.smooth_force(motion), measured)
-        drive = np.concatenate([np.broadcast_to(part, (len(used), batch, width))
-                                for part, width in zip(parts, (2, order, m))], axis=-1)
-        self.inputs = np.matmul(drive, np.swapaxes(matrices.drive, 1, 2))
+        parts = (self.command, arm.smooth_force(motion), self.measured)
+        self.drive = np.concatenate([np.broadcast_to(part, (len(used), batch, width))
+                                     for part, width in zip(parts, (2, order, m))], axis=-1)
 
     def states(self, rows: Indices, start: Array) -> Array:
         """Return the predicted states along windows, rows (S, W): (S, W, B, n)."""
         friction = self._friction() if self.arm.has_friction else None
         if not self.arm.gaps:
-            return scan(self.closed, self.inputs, start, rows, friction)
+            return scan(self.matrices, self.drive, start, rows, friction)
         if COMPILED:
-            return scan_with_gaps(self.closed, self.inputs, start, rows, friction, self._gaps())
-        states = np.empty(rows.shape + self.inputs.shape[1:])
-        state = np.repeat(start[:, None], self.inputs.shape[1], axis=1)
+            return scan_with_gaps(self.matrices, self.drive, start, rows, friction, self._gaps())
+        states = np.empty((*rows.shape, self.drive.shape[1], start.shape[1]))
+        state = np.repeat(start[:, None], self.drive.shape[1], axis=1)
         for k, row in enumerate(rows):
             states[k] = state
-            after = np.matmul(state, np.swapaxes(self.closed[row], 1, 2)) + self.inputs[row]
+            now = Matrices(self.matrices.weights[row], self.matrices.table)
+            after = now.stepped(state, self.drive[row])
             motion = self.arm.motion(state, self.command[row], self.time[row])
-            state = self.arm.apply_contact(self.response[row][:, None], state, after, motion)
+            response = interpolated(now.weights, self._response)[:, None]
+            state = self.arm.apply_contact(response, state, after, motion)
         return states
+
+    @property
+    def response(self) -> Array:
+        """Return what unit generalised forces during a step do to the state, (N, n, order)."""
+        return interpolated(self.matrices.weights, self._response)
+
+    @property
+    def _response(self) -> Array:
+        n, order = self.matrices.table.shape[2], self.arm.form.order
+        return np.swapaxes(self.matrices.table[:, n + 2:n + 2 + order], 1, 2)
 
     def _gaps(self) -> Gaps:
         """Return the backlashes, opening at the angles of the base's trajectory."""
-        command = np.broadcast_to(self.command, (len(self.command), self.inputs.shape[1], 2))
+        command = np.broadcast_to(self.command, (len(self.command), self.drive.shape[1], 2))
         opened, pushed, impulse, motor, rotor, places = [], [], [], [], [], []
         for effect, opening in zip(self.arm.gaps, self.arm.openings):
             assert isinstance(effect, Backlash)
@@ -106,12 +95,12 @@ class Run:
     def _friction(self) -> Friction:
         # Its levels, like smooth forces, are those at the speeds of the base's trajectory.
         motion = self.arm.motion(self.trajectory, self.command, self.time)
-        shape = self.inputs.shape[:2] + (2,)
+        shape = self.drive.shape[:2] + (2,)
         limits = np.stack([np.broadcast_to(limit, shape)
                            for limit in self.arm.friction_limits(motion)], axis=2)
-        columns, reach = self.arm.friction_columns(self.response)
-        yielding = np.ascontiguousarray(np.broadcast_to(self.arm.yielding(),
-                                                        (self.inputs.shape[1], 2)))
+        columns, reach = (interpolated(self.matrices.weights, table)
+                          for table in self.arm.friction_columns(self._response))
+        yielding = np.ascontiguousarray(np.broadcast_to(self.arm.yielding(), shape[1:]))
         return Friction(columns, reach, limits, self.arm.form.order, yielding,
                         np.array(self.arm.bends), self.arm.step_time)
 

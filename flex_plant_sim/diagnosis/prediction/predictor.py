@@ -12,13 +12,20 @@ from flex_plant_sim.arm.schedule import barycentric_weights
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.prediction.common import as_late, Common, missed
 from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude, Discrepancy
+from flex_plant_sim.diagnosis.prediction.matrices import Matrices
 from flex_plant_sim.diagnosis.prediction.noise import (
     load_levels,
     process_noise,
     Steady,
     steady_filter,
 )
-from flex_plant_sim.diagnosis.prediction.passage import Matrices, Run, sensor_gain, undo_sensors
+from flex_plant_sim.diagnosis.prediction.passage import (
+    matrices_of,
+    Run,
+    sensor_gain,
+    undo_sensors,
+)
+from flex_plant_sim.diagnosis.prediction.visited import visited_nodes
 from flex_plant_sim.diagnosis.record.windows import Indices, Record, Windows
 from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
@@ -56,10 +63,11 @@ class Base:
     discrepancy: Amplitude = Amplitude()
 
     def arm(self, payload: float, effects: Sequence[Effect] = (),
-            robot: Robot | None = None, in_step: bool = False) -> ExtendedArm:
+            robot: Robot | None = None, in_step: bool = False,
+            nodes: int | Array = NODES) -> ExtendedArm:
         """Return the arm with further effects; see ExtendedArm."""
         return ExtendedArm(robot or self.robot, self.model, self.modes, payload,
-                           (*self.effects, *effects), nodes=NODES, in_step=in_step)
+                           (*self.effects, *effects), nodes=nodes, in_step=in_step)
 
 
 class Predictor:
@@ -112,12 +120,17 @@ class Predictor:
             return self.base.arm(self.record.payload, effects, robot)
         # The discrepancy comes first, so that its states are behind the arm's own.
         judged = replace(self.base, effects=(self.discrepancy, *self.base.effects))
-        return judged.arm(self.record.payload, effects, robot, in_step=True)
+        return judged.arm(self.record.payload, effects, robot, True, self.nodes)
+
+    @cached_property
+    def nodes(self) -> Array:
+        """Return the schedule's nodes where causes are told apart, (K,)."""
+        return visited_nodes(self.base.arm(self.record.payload), self.record.output[:, 1])
 
     def _force_variance(self, arm: ExtendedArm) -> Array:
         # White force noise of the same density moves a shorter step by less than its share.
         share = np.sqrt(LEVEL_STEP / arm.robot.sample_time)
-        return process_noise(load_levels(arm, self.record.command, self.record.output),
+        return process_noise(load_levels(arm, *self.record.deviations),
                              (share * self.base.level[0], share * self.base.level[1]))
 
     def steady_of(self, arm: ExtendedArm) -> Steady:
@@ -159,7 +172,7 @@ class Predictor:
         if (steady is None or steady is self.steady) and self._same_plant(effects, robot):
             matrices = self.matrices
         else:
-            matrices = Matrices.of(self, arm, (steady or self.steady_of(arm)).gain, self.used)
+            matrices = matrices_of(self, arm, (steady or self.steady_of(arm)).gain, self.used)
         run = Run(self, arm, matrices, self.used, _batch(effects))
         rows = self.rows
         states = run.states(rows, run.trajectory[rows[0], 0])
@@ -226,7 +239,7 @@ class Predictor:
         if kept is None or kept[0] != effects:
             arm = self.arm_with(effects)
             kept = self._stated = effects, Common(
-                Matrices.of(self, arm, self.steady_of(arm).gain, self.used), arm.output_matrix)
+                matrices_of(self, arm, self.steady_of(arm).gain, self.used), arm.output_matrix)
         return kept[1]
 
     @cached_property
@@ -235,7 +248,7 @@ class Predictor:
         plain = self.arm_with()
         if self._same_plant((), self.base.robot):
             return Common(self.matrices, plain.output_matrix)
-        return Common(Matrices.of(self, plain, self.steady_of(plain).gain, self.used),
+        return Common(matrices_of(self, plain, self.steady_of(plain).gain, self.used),
                       plain.output_matrix)
 
     @cached_property
@@ -263,7 +276,7 @@ class Predictor:
     @cached_property
     def matrices(self) -> Matrices:
         """Return the trajectory's matrices, which serve all effects that leave the plant alone."""
-        return Matrices.of(self, self.arm, self.gain, self.used)
+        return matrices_of(self, self.arm, self.gain, self.used)
 
     def forget(self) -> None:
         """Drop the matrices of every sample: what is asked again makes them again."""
@@ -282,7 +295,7 @@ class Predictor:
     def _filter(self, arm: ExtendedArm) -> Array:
         """Return the predicted states of the base over the whole record, (N, n)."""
         rows = np.arange(len(self.record.time))
-        run = Run(self, arm, Matrices.of(self, arm, self.gain, rows), rows, 1)
+        run = Run(self, arm, matrices_of(self, arm, self.gain, rows), rows, 1)
         start = np.zeros((1, arm.states))
         start[0, :2] = self.record.output[0, :2]
         return run.states(rows[:, None], start)[:, 0, 0]
@@ -305,23 +318,23 @@ class Predictor:
         """Return where the base sees the joints, rad, (N, 2)."""
         return undo_sensors(self.arm, self.record)[:, 0, :2]
 
-    def started(self, arm: ExtendedArm) -> Array:
-        """Return the base's states, (N, n); where coordinates were added, they are at zero."""
-        states = self._started(arm)
-        states[:, :2] += self._angle_shift(arm)
+    def started(self, arm: ExtendedArm, rows: Indices) -> Array:
+        """Return the base's states at samples (N,), (N, n); added coordinates are at zero."""
+        states = self._started(arm, rows)
+        states[:, :2] += self._angle_shift(arm)[rows]
         return states
 
-    def _started(self, arm: ExtendedArm) -> Array:
+    def _started(self, arm: ExtendedArm, rows: Indices) -> Array:
         n, extra = self.arm.form.order, arm.form.order - self.arm.form.order
-        states = np.zeros((len(self.states), arm.states))
+        states, own = np.zeros((len(rows), arm.states)), self.states[rows]
         if extra > 0:
-            states[:, :n] = self.states[:, :n]
-            states[:, n + extra:2 * n + extra] = self.states[:, n:2 * n]
-            rest = min(self.states.shape[1], arm.states - 2 * extra) - 2 * n
-            states[:, 2 * (n + extra):][:, :rest] = self.states[:, 2 * n:2 * n + rest]
+            states[:, :n] = own[:, :n]
+            states[:, n + extra:2 * n + extra] = own[:, n:2 * n]
+            rest = min(own.shape[1], arm.states - 2 * extra) - 2 * n
+            states[:, 2 * (n + extra):][:, :rest] = own[:, 2 * n:2 * n + rest]
             return states
-        known = min(self.states.shape[1], arm.states)
-        states[:, :known] = self.states[:, :known]
+        known = min(own.shape[1], arm.states)
+        states[:, :known] = own[:, :known]
         return states
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import COMPILED, compiled
+from flex_plant_sim.diagnosis.prediction.matrices import add_product, Matrices, mix
 from flex_plant_sim.diagnosis.record.windows import Indices
 import numpy as np
 
@@ -101,10 +102,10 @@ class Gaps:
                    np.zeros((0, 0, 0)), np.zeros((0, 6)), np.zeros((0, 2), dtype=np.int64), 0)
 
 
-def scan(closed: Array, inputs: Array, start: Array, rows: Indices,
+def scan(matrices: Matrices, drive: Array, start: Array, rows: Indices,
          friction: Friction | None = None) -> Array:
     """
-    Return the states x(k+1) = F_k x_k + d_k along every window, (S, W, B, n).
+    Return the states x(k+1) = F_k x_k + D_k d_k along every window, (S, W, B, n).
 
     With friction, each joint gets the torque that would stop it within the step, or that its
     bristles have at the end of the step, as far as its limits go (a time-stepping scheme; no
@@ -112,10 +113,10 @@ def scan(closed: Array, inputs: Array, start: Array, rows: Indices,
 
     Parameters
     ----------
-    closed : Array
-        F, (N, n, n).
-    inputs : Array
-        d, (N, B, n).
+    matrices : Matrices
+        [F, D]' at samples, (N,).
+    drive : Array
+        d, (N, B, …).
     start : Array
         x_0, (W, n).
     rows : Indices
@@ -125,46 +126,47 @@ def scan(closed: Array, inputs: Array, start: Array, rows: Indices,
 
     """
     if COMPILED:
-        return scan_with_gaps(closed, inputs, start, rows, friction, Gaps.none(start.shape[1]))
-    states = np.empty(rows.shape + inputs.shape[1:])
-    state = np.repeat(start[:, None], inputs.shape[1], axis=1)
+        return scan_with_gaps(matrices, drive, start, rows, friction, Gaps.none(start.shape[1]))
+    states = np.empty((*rows.shape, drive.shape[1], start.shape[1]))
+    state = np.repeat(start[:, None], drive.shape[1], axis=1)
     for k, row in enumerate(rows):
         states[k] = state
-        after = np.matmul(state, np.swapaxes(closed[row], 1, 2)) + inputs[row]
+        after = Matrices(matrices.weights[row], matrices.table).stepped(state, drive[row])
         state = after if friction is None else friction.stopped(state, after, row)
     return states
 
 
-def scan_with_gaps(closed: Array, inputs: Array, start: Array, rows: Indices,
+def scan_with_gaps(matrices: Matrices, drive: Array, start: Array, rows: Indices,
                    friction: Friction | None, gaps: Gaps) -> Array:
     """Return the states as scan does, (S, W, B, n), backlashes opening and closing; in loops."""
-    n = start.shape[1]
-    f = friction or Friction.none(n, gaps.velocity)
+    f = friction or Friction.none(start.shape[1], gaps.velocity)
     # One layout: any other would be compiled once more, some seconds each.
-    return _loops(closed, inputs, start, rows, f.columns, f.reach,
-                  np.ascontiguousarray(f.limits), f.velocity, f.yielding.copy(), f.bends, f.step,
-                  gaps.opened, gaps.pushed, gaps.impulse,
+    return _loops(matrices.weights, matrices.table.reshape(len(matrices.table), -1), drive, start,
+                  rows, f.columns, f.reach, np.ascontiguousarray(f.limits), f.velocity,
+                  f.yielding.copy(), f.bends, f.step, gaps.opened, gaps.pushed, gaps.impulse,
                   gaps.motor, gaps.rotor, gaps.places)
 
 
 @compiled
-def _loops(closed: Array, inputs: Array, start: Array, rows: Indices, columns: Array,
-           reach: Array, limits: Array, velocity: int, yielding: Array, bends: Indices,
-           step: float, opened: Array, pushed: Array, impulse: Array, motor: Array, rotor: Array,
-           places: Indices) -> Array:
+def _loops(weights: Array, table: Array, drive: Array, start: Array, rows: Indices,
+           columns: Array, reach: Array, limits: Array, velocity: int, yielding: Array,
+           bends: Indices, step: float, opened: Array, pushed: Array, impulse: Array,
+           motor: Array, rotor: Array, places: Indices) -> Array:
     steps, windows = rows.shape
-    batch, n = inputs.shape[1:]
-    states = np.empty((steps, windows, batch, n))
+    batch, n = drive.shape[1], start.shape[1]
+    states, flat = np.empty((steps, windows, batch, n)), np.empty(table.shape[1])
+    both = flat.reshape(-1, n)
     for w in range(windows):
         for b in range(batch):
             states[0, w, b] = start[w]
-            for k in range(steps - 1):
-                row, state, after = rows[k, w], states[k, w, b], states[k + 1, w, b]
-                for i in range(n):
-                    total = inputs[row, b, i]
-                    for j in range(n):
-                        total += closed[row, i, j] * state[j]
-                    after[i] = total
+        for k in range(steps - 1):
+            row = rows[k, w]
+            mix(weights[row], table, flat)
+            for b in range(batch):
+                state, after = states[k, w, b], states[k + 1, w, b]
+                after[:] = 0.0
+                add_product(state, both[:n], after)
+                add_product(drive[row, b], both[n:], after)
                 for g in range(len(places)):
                     _gap(state, after, opened[g, row], pushed[g, row, b], impulse[g, row],
                          motor[g, row, b], rotor[g], places[g, 0], places[g, 1], velocity)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 from flex_plant_sim.arm.second_order import Array
 from msg_config.errors import InputError
@@ -41,6 +42,11 @@ class Record:
     command: Array
     output: Array
     payload: float
+
+    @cached_property
+    def deviations(self) -> tuple[Array, Array]:
+        """Return the standard deviations of commands (2,) and outputs (m,)."""
+        return np.std(self.command, axis=0), np.std(self.output, axis=0)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,70 @@
+"""The predictor's matrices, interpolated over the schedule where a sample is stepped."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.compiled import compiled
+import numpy as np
+
+# Samples whose matrices are made at once where many are stepped without a loop over them.
+BLOCK = 1000
+
+
+@dataclass(frozen=True)
+class Matrices:
+    """
+    The predictor's matrices over schedule nodes, and samples of a record among the nodes.
+
+    Those of all samples at once would be most of the memory of a diagnosis, and to fetch them
+    most of its time.
+
+    Attributes
+    ----------
+    weights : Array
+        Of each sample over the nodes, (N, K).
+    table : Array
+        [F - K C, G, E, K]' at the nodes, (K, n + d, n).
+
+    """
+
+    weights: Array
+    table: Array
+
+    def stepped(self, state: Array, drive: Array) -> Array:
+        """Return each sample's state a step later, (N, B, n), from (N, B, n) and (N, B, d)."""
+        both = np.concatenate([state, drive], axis=-1)
+        return np.concatenate([
+            both[k:k + BLOCK] @ interpolated(self.weights[k:k + BLOCK], self.table)
+            for k in range(0, len(both), BLOCK)])
+
+    def filter_table(self, outputs: int) -> Array:
+        """Return [F - K C, K]' at the nodes, (K, n + m, n)."""
+        n = self.table.shape[2]
+        return np.concatenate([self.table[:, :n], self.table[:, -outputs:]], axis=1)
+
+
+def interpolated(weights: Array, table: Array) -> Array:
+    """Return a table (K, …) at samples with weights (…, K) over its nodes."""
+    flat = weights @ table.reshape(len(table), -1)
+    return np.asarray(flat.reshape(weights.shape[:-1] + table.shape[1:]), dtype=float)
+
+
+@compiled
+def mix(weights: Array, table: Array, found: Array) -> None:
+    """Write a flat table (K, M) at a sample with weights (K,) into found, (M,)."""
+    found[:] = 0.0
+    for k in range(len(weights)):
+        weight, node = weights[k], table[k]
+        for i in range(len(found)):
+            found[i] += weight * node[i]
+
+
+@compiled
+def add_product(vector: Array, matrix: Array, found: Array) -> None:
+    """Add a vector (r,) times a matrix (r, n) to found, (n,); row by row, which vectorises."""
+    for j in range(len(vector)):
+        factor, row = vector[j], matrix[j]
+        for i in range(len(found)):
+            found[i] += factor * row[i]
