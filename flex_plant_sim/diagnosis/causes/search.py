@@ -105,8 +105,6 @@ class _Course:
     def settle(self, trial: Trial, level: Level, scale: Array | None = None) -> Settled:
         """Return a set fitted around itself, known from now on."""
         found = Settled.at(trial, replace(self.nominal, discrepancy=level), self.data, scale)
-        for predictor in found.likelihood.predictors:
-            predictor.forget()
         key = Key.of(found.fit)
         # Where a descent ends hangs on where it began.
         found = max(found, self.settled.get(key, found), key=lambda s: self.score(s.fit))

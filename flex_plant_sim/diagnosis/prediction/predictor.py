@@ -278,12 +278,6 @@ class Predictor:
         """Return the trajectory's matrices, which serve all effects that leave the plant alone."""
         return matrices_of(self, self.arm, self.gain, self.used)
 
-    def forget(self) -> None:
-        """Drop the matrices of every sample: what is asked again makes them again."""
-        for name in ('matrices', 'whitener', 'common'):
-            self.__dict__.pop(name, None)
-        self._stated = None
-
     def thinned(self, every: int) -> Predictor:
         """Return the same predictor, asked about every so-manieth window alone."""
         other = object.__new__(Predictor)
