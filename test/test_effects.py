@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, replace
 import math
 from pathlib import Path
+import re
 import subprocess
 import sys
 from typing import Any
@@ -184,3 +185,4 @@ def test_page_is_current(repository: Path) -> None:
     made = subprocess.run([sys.executable, '-m', 'flex_plant_sim.effects'], cwd=repository,
                           capture_output=True, text=True, check=True).stdout
     assert (repository / 'docs' / 'effects.md').read_text(encoding='utf-8') == made
+    assert not re.search(r'\b(\w+) (at )?the \1\b', made)  # 'the gauge the gauge'

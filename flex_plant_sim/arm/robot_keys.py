@@ -84,8 +84,11 @@ DRIVE_ENDS = (
         'are refused.', 'Turn the joint to its stops by hand and read the angles.',
         ('[-1.5, 1.5]', '[-2.0, 2.0]'), default='none'),
 )
-INERTIA = Key('inertia_kg_m2', 'kg m^2', 'Rotor and gear, seen from the joint.',
-              'Data sheet of the motor, times the gear ratio squared, plus the hub.',
+INERTIA = Key('inertia_kg_m2', 'kg m^2', 'Rotor and gear, seen from the joint: what turns with '
+              "the joint's angle, whatever the link that carries the motor does.",
+              'Data sheet of the motor, times the gear ratio squared. Shoulder: plus the hub. '
+              "Elbow: not the lower link's hub, nor the rotor of a direct drive; they turn with "
+              'the link and are the effect hub_inertia at joint_2.',
               ('0.08', '0.02'))
 
 VELOCITY_LOOP = (

@@ -39,8 +39,10 @@ def _section(family: str) -> str:
 
 
 def _sentence(effect: type[Effect]) -> str:
-    place = {'amplifier': 'gauges', 'velocity_loop': 'joint'}.get(effect.sites, effect.sites)
-    return effect.explanation.format(site=f'the {place}').replace('the the', 'the')
+    place = {'amplifier': 'gauges', 'velocity_loop': 'joint', 'hub': 'joint'}.get(
+        effect.sites, effect.sites)
+    text = effect.explanation.format(site=f'the {place}')
+    return text.replace(f'{place} the {place}', place).replace('the the', 'the')
 
 
 def _row(effect: type[Effect], k: int) -> str:

@@ -280,7 +280,8 @@ def check_usable(robot: Robot, model: str, modes: int, settings: SF1EstimatorSet
 
     """
     if settings.regression == 'paper' and model != 'paper_reduced':
-        raise InputError(f'regression: paper needs model paper_reduced, got {model!r}')
+        raise InputError(f'regression: paper needs model paper_reduced, got {model!r}; '
+                         'it is what estimator sf1_paper has, estimator sf1 takes any model')
     gauges = min(len(link.gauge_positions) for link in robot.links)
     if modes > gauges:
         raise InputError(f'modes: SF1 needs a gauge a mode on each link, expected at most '

@@ -87,9 +87,10 @@ class Windows:
         length = PERIODS * warm_up
         count = (len(record.time) - warm_up) // length
         if count < FEWEST + 1:
-            raise InputError(f'{record.name}: expected at least {FEWEST + 1} windows of '
-                             f'{length * sample_time:.1f} s, got a log of '
-                             f'{len(record.time) * sample_time:.1f} s')
+            shortest = (warm_up + (FEWEST + 1) * length) * sample_time
+            raise InputError(f'{record.name}: expected at least {shortest:.1f} s, '
+                             f'{WARM_UP_PERIODS + (FEWEST + 1) * PERIODS} periods of the slowest '
+                             f'mode, got a log of {len(record.time) * sample_time:.1f} s')
         starts = warm_up + length * np.arange(count, dtype=np.int64)
         locked = max(1, round(LOCKED_SHARE * count))
         return (cls(record, starts[:-locked], length, warm_up),
