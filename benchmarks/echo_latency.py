@@ -23,13 +23,13 @@ from typing import Any
 
 from flex_plant_sim.simulation.plant_setup import simulator_of
 from geometry_msgs.msg import InertiaStamped
+from msg_config.input_mapping import JOINTS
 from msg_config.messages import (
     doubles,
     joint_state,
-    JOINTS,
     nanoseconds,
-    set_stamp,
     stamp_of,
+    time_message,
 )
 from msg_config.parameters import check_parameters
 from msg_config.ros import create_publisher
@@ -84,14 +84,14 @@ class Samples:
 
     def command(self, k: int, stamp: int) -> JointState:
         """Return what is applied up to sample k, as a message of another stamp."""
-        set_stamp(self._command, stamp)
+        self._command.header.stamp = time_message(stamp)
         self._command.effort = self.rows[k][2]
         return self._command
 
     def messages(self, k: int, stamp: int) -> tuple[JointState, JointState]:
         """Return joint_states and strain of sample k."""
         for message in (self._joint_states, self._strain):
-            set_stamp(message, stamp)
+            message.header.stamp = time_message(stamp)
         self._joint_states.position, self._strain.position, self._joint_states.effort = \
             self.rows[k]
         return self._joint_states, self._strain

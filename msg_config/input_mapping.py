@@ -197,6 +197,10 @@ class InputMapping:
         return _channels(tuple(gauges), self.gauges, {})
 
 
+# The contract's own names, in SI.
+CONTRACT = InputMapping()
+
+
 def _channels(own: tuple[str, ...], said: Mapping[str, Source],
               aliases: Mapping[str, tuple[str, ...]]) -> Channels:
     sources = [said.get(name, Source(name)) for name in own]

@@ -19,7 +19,6 @@ from std_msgs.msg import Header
 
 Array = NDArray[np.float64]
 NANOSECONDS = 1_000_000_000
-JOINTS = ('joint_1', 'joint_2')
 LEVELS = {
     'ok': DiagnosticStatus.OK, 'warn': DiagnosticStatus.WARN, 'error': DiagnosticStatus.ERROR,
     'stale': DiagnosticStatus.STALE}
@@ -65,12 +64,6 @@ def checked_stamp(message: Any, topic: str) -> int:
     return int(whole) * NANOSECONDS + int(rest)
 
 
-def set_stamp(message: Any, stamp: int) -> None:
-    """Give a message that is used again another stamp, ns."""
-    own = message.header.stamp
-    own.sec, own.nanosec = divmod(stamp, NANOSECONDS)
-
-
 def doubles(values: Sequence[float] | Array) -> array[float]:
     """Return numbers as messages hold them."""
     return array('d', values.tolist() if isinstance(values, np.ndarray) else values)
@@ -83,43 +76,6 @@ def joint_state(stamp: int, names: Sequence[str], position: Sequence[float] | Ar
     return JointState(
         header=Header(stamp=time_message(stamp)), name=list(names), position=doubles(position),
         velocity=doubles(velocity), effort=doubles(effort))
-
-
-def channels(message: JointState, field: str, names: Sequence[str], topic: str) -> Array:
-    """
-    Return a field of a JointState in the order of `names`, whatever the message's own order.
-
-    Numbers that are not finite pass; `check_finite` refuses them.
-
-    Parameters
-    ----------
-    message : JointState
-        It may name more channels than are asked for.
-    field : str
-        position, velocity or effort.
-    names : sequence of str
-        What to pick, and in which order.
-    topic : str
-        Named in errors.
-
-    Returns
-    -------
-    Array
-        Shape (len(names),).
-
-    Raises
-    ------
-    InputError
-        A name is missing or twice there, or the lengths differ.
-
-    """
-    values, own = getattr(message, field), message.name
-    if len(values) != len(own):
-        raise InputError(f'{topic}: {field}: expected {len(own)} values, one a name, '
-                         f'got {len(values)}')
-    if list(own) != list(names):
-        values = _picked(dict(zip(own, values)), own, names, topic)
-    return np.array(values, dtype=float)
 
 
 def check_finite(values: Array, names: Sequence[str], where: str) -> None:
@@ -138,17 +94,6 @@ def check_finite(values: Array, names: Sequence[str], where: str) -> None:
     for name, value in zip(names, values):
         if not math.isfinite(value):
             raise InputError(f'{where} of {name}: expected a finite number, got {value}')
-
-
-def _picked(given: Mapping[str, float], own: Sequence[str], names: Sequence[str],
-            topic: str) -> list[float]:
-    if len(given) != len(own):
-        raise InputError(f'{topic}: name: expected each name once, got {", ".join(own)}')
-    for name in names:
-        if name not in given:
-            raise InputError(f'{topic}: name: expected {", ".join(names)}; {name} is missing '
-                             f'from {", ".join(own) or "an empty list"}')
-    return [given[name] for name in names]
 
 
 def inertia_message(stamp: int, mass: float) -> InertiaStamped:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Literal
 
-from flex_plant_sim.arm.robot_file import load_robot
+from flex_plant_sim.arm.robot_file import load_robot, parse_robot, robot_text
 from flex_plant_sim.atomic_file import whole_file
 from flex_plant_sim.logs.bag_log import write_bag
 from flex_plant_sim.logs.csv_log import write_csv
@@ -53,6 +53,30 @@ def test_bag_round_trip(tmp_path: Path, storage: Literal['mcap', 'sqlite3'],
                         velocity: bool) -> None:
     write_bag(tmp_path / 'bag', some_log(velocity=velocity), storage)
     assert_same(read_log(tmp_path / 'bag', ROBOT), some_log(velocity=velocity))
+
+
+def test_an_arm_s_own_file_reads_what_was_written_for_it(tmp_path: Path) -> None:
+    robot = parse_robot(robot_text('reference') + """
+inputs:
+  joints: {joint_1: {name: base, unit: deg, sign: -1, offset: 0.5}, joint_2: forearm}
+  commands: {joint_1: {name: amps, scale: 2}}
+  gauges: {strain_1a: {name: sg7, unit: um/m}}
+  topics: {strain: /daq/strain}
+  time: {name: t, unit: ms}
+""", 'arm.yaml')
+    log = some_log()
+    write_csv(tmp_path / 'log.csv', log, robot.inputs)
+    head, first, *_ = (tmp_path / 'log.csv').read_text().splitlines()
+    assert head.startswith('t,amps,command_2,base,forearm,sg7,strain_1b,')
+    degrees, strain = (float(first.split(',')[k]) for k in (3, 5))
+    assert degrees == pytest.approx(np.degrees(0.5 - log.joint[0, 0]))
+    assert strain == pytest.approx(1e6 * log.strain[0, 0])
+    write_bag(tmp_path / 'bag', log, inputs=robot.inputs)
+    for name in ('log.csv', 'bag'):
+        found = read_log(tmp_path / name, robot)
+        for part in ('time', 'command', 'joint', 'strain', 'velocity'):
+            np.testing.assert_allclose(getattr(found, part), getattr(log, part), rtol=0,
+                                       atol=1e-8, err_msg=f'{name}: {part}')
 
 
 @pytest.mark.parametrize('storage, suffix', [('mcap', 'mcap'), ('sqlite3', 'db3')])

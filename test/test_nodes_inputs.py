@@ -131,6 +131,38 @@ inputs:
     assert joints[-1].position[0] < -20.0, 'degrees, the other way'
 
 
+def test_the_demo_s_recorder_takes_an_arm_s_own_names_and_units(ros_context: Context) -> None:
+    from flex_payload_estimator.control.set_points import constant
+    from flex_payload_estimator.nodes.topic_recorder import TopicRecorder
+    from flex_plant_sim.arm.robot_file import parse_robot, robot_text
+    from flex_plant_sim.simulation.extended_arm import ExtendedArm
+    from flex_plant_sim.simulation.simulator import Simulator
+    from msg_config.messages import joint_state
+
+    robot = parse_robot(robot_text('reference') + """
+inputs:
+  joints: {joint_1: {name: base, unit: deg, sign: -1, offset: 0.5}, joint_2: forearm}
+  gauges: {strain_1a: {name: sg7, unit: um/m}}
+""", 'arm.yaml')
+    recorder = TopicRecorder(1, robot, lambda *_: None, lambda: None, context=ros_context)
+    joints, numbers = ('forearm', 'base'), np.arange(6.0)
+    for topic, message in (
+            ('joint_states', joint_state(0, joints, (0.25, 90.0), (3.0, 180.0))),
+            ('strain', joint_state(0, ('sg7', *GAUGES[1:]), (100.0, 2.0, 3.0, 4.0))),
+            ('command', joint_state(0, joints, effort=(3.0, 5.0))),
+            ('innovation', joint_state(0, robot.output_names, numbers, effort=numbers + 1.0)),
+            ('payload/inertia', None)):
+        recorder.messages[topic][0] = message
+    recorder.estimates[0] = (0.1, 1e-6, 2.0)
+    record = recorder.record(Simulator(ExtendedArm(robot, 'paper_reduced', 2, 0.1)),
+                             constant(0.0, 0.0))
+    recorder.destroy_node()
+    assert record.output[0] == pytest.approx([0.5 - np.pi / 2, 0.25, 1e-4, 2.0, 3.0, 4.0])
+    assert record.velocity[0] == pytest.approx([-np.pi, 3.0])
+    assert record.command[0] == pytest.approx([5.0, 3.0])
+    assert record.innovation[0].tolist() == numbers.tolist()
+
+
 def test_the_command_goes_to_zero_when_samples_stop_and_comes_back(loop: RosLoop) -> None:
     bench = Bench(loop, 'controller', watchdog=0.2)
     for k in range(5):

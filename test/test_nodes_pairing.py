@@ -1,44 +1,11 @@
-"""Samples out of messages: conversion by name, and the order of stamps."""
+"""Samples out of messages: finite numbers, and the order of stamps."""
 
 from __future__ import annotations
-
-from typing import Any
 
 from flex_plant_sim.inputs.stamps import Order, StampOrder
 from msg_config.errors import InputError
 import numpy as np
 import pytest
-
-
-def message(names: list[str], position: list[float], **fields: Any) -> Any:
-    """Return a JointState."""
-    from msg_config.messages import joint_state
-
-    return joint_state(0, names, position, **fields)
-
-
-def test_channels_come_by_name_in_the_order_asked_for() -> None:
-    from msg_config.messages import channels
-
-    permuted = message(['strain_2a', 'other', 'strain_1a'], [2.0, 9.0, 1.0])
-    picked = channels(permuted, 'position', ('strain_1a', 'strain_2a'), 'strain')
-    assert picked.tolist() == [1.0, 2.0]
-
-
-@pytest.mark.parametrize(('names', 'values', 'text'), [
-    (['joint_1'], [0.0], 'joint_2 is missing from joint_1'),
-    (['joint_1', 'elbow'], [0.0, 0.0], 'joint_2 is missing from joint_1, elbow'),
-    ([], [], 'joint_1 is missing from an empty list'),
-    (['joint_1', 'joint_2'], [0.0], 'expected 2 values, one a name, got 1'),
-    (['joint_1', 'joint_2'], [0.0, 1.0, 2.0], 'expected 2 values, one a name, got 3'),
-    (['joint_1', 'joint_1', 'joint_2'], [0.0, 0.0, 0.0], 'expected each name once'),
-])
-def test_what_does_not_fit_is_named(names: list[str], values: list[float], text: str) -> None:
-    from msg_config.messages import channels, JOINTS
-
-    with pytest.raises(InputError, match=f'^joint_states: .*{text}') as raised:
-        channels(message(names, values), 'position', JOINTS, 'joint_states')
-    assert '\n' not in str(raised.value)
 
 
 @pytest.mark.parametrize('bad', [np.nan, np.inf, -np.inf])

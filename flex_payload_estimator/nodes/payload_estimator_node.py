@@ -20,11 +20,11 @@ from flex_plant_sim.simulation.nominal import model_words
 from flex_plant_sim.simulation.plant_setup import robot_of
 from msg_config.contract_node import DIAGNOSTICS_INTERVAL
 from msg_config.errors import InputError
+from msg_config.input_mapping import JOINTS
 from msg_config.messages import (
     check_finite,
     checked_stamp,
     joint_state,
-    JOINTS,
     NANOSECONDS,
     seconds,
 )

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from flex_payload_estimator.control.loop import LoopRecord
 from flex_payload_estimator.control.set_points import SetPoints
+from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.simulation.simulator import Simulator
-from msg_config.messages import channels, JOINTS, seconds, stamp_of
+from msg_config.input_mapping import Channels
+from msg_config.messages import seconds, stamp_of
 from msg_config.ros import create_subscription
 import numpy as np
 from rclpy.node import Node
@@ -24,8 +27,8 @@ class TopicRecorder(Node):
     Parameters
     ----------
     samples : int
-    gauges : tuple of str
-        In the robot's order.
+    robot : Robot
+        Its file says what joints, gauges and commands are called outside, and in which units.
     on_estimate : callable
         Called with time (s), mass (kg), variance (kg^2) and P at every new estimate.
     on_end : callable
@@ -33,11 +36,11 @@ class TopicRecorder(Node):
 
     """
 
-    def __init__(self, samples: int, gauges: tuple[str, ...],
+    def __init__(self, samples: int, robot: Robot,
                  on_estimate: Callable[[float, float, float], None],
                  on_end: Callable[[], None], **options: Any):
         super().__init__('recorder', **options)
-        self.samples, self.gauges = samples, gauges
+        self.samples, self.robot = samples, robot
         self.on_estimate, self.on_end = on_estimate, on_end
         self.messages: dict[str, dict[int, Any]] = {topic: {} for topic in STAMPED}
         self.estimates: dict[int, tuple[float, float, float]] = {}
@@ -91,22 +94,25 @@ class TopicRecorder(Node):
         joints, strain, command, innovation = (
             [self.messages[topic][stamp] for stamp in stamps]
             for topic in ('joint_states', 'strain', 'command', 'innovation'))
-        names = (*JOINTS, *self.gauges)
-        angle = _stack(joints, 'position', JOINTS)
-        commands = _stack(command, 'effort', JOINTS)
+        inputs, gauge_names = self.robot.inputs, self.robot.gauge_names
+        angles, gauges = inputs.joint_channels(), inputs.gauge_channels(gauge_names)
+        commands = _stack(command, 'effort', inputs.command_channels())
         modal, true_mass = _states(simulator, commands)
         time = np.array([seconds(stamp) for stamp in stamps])
         mass, variance, p = np.array([self.estimates[stamp] for stamp in stamps]).T
         return LoopRecord(
             time, np.array([set_points(t) for t in time]),
-            np.hstack([angle, _stack(strain, 'position', self.gauges)]),
-            _stack(joints, 'velocity', JOINTS), commands, mass, variance, p,
-            _stack(innovation, 'position', names), _stack(innovation, 'effort', names),
-            ('',) * len(stamps), modal, true_mass)
+            np.hstack([_stack(joints, 'position', angles), _stack(strain, 'position', gauges)]),
+            _stack(joints, 'velocity', replace(angles, offset=(0.0, 0.0))), commands, mass,
+            variance, p, np.array([message.position for message in innovation]),
+            np.array([message.effort for message in innovation]), ('',) * len(stamps), modal,
+            true_mass)
 
 
-def _stack(messages: list[Any], field: str, names: tuple[str, ...]) -> np.ndarray:
-    return np.array([channels(message, field, names, field) for message in messages])
+def _stack(messages: list[Any], field: str, channels: Channels) -> np.ndarray:
+    """Return a field of JointStates in SI, (N, n)."""
+    return np.array([channels.pick(message.name, getattr(message, field), field)
+                     for message in messages])
 
 
 def _states(simulator: Simulator, commands: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

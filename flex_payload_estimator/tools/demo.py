@@ -95,7 +95,7 @@ def _spin(experiment: Experiment) -> LoopRecord:
     print(f'topics: {namespace}/payload, joint_states, strain, command, diagnostics …')
     progress = Progress()
     recorder = TopicRecorder(
-        experiment.samples, robot_of(experiment.plant).gauge_names, progress,
+        experiment.samples, robot_of(experiment.plant), progress,
         lambda: end.set_result(None), namespace=namespace)
     nodes: list[Any] = [recorder]
     for kind, values in ((PayloadEstimatorNode, experiment.estimator),
@@ -202,8 +202,9 @@ def write_output(experiment: Experiment, record: LoopRecord, folder: Path,
                  figures: tuple[int, ...], answers: Sequence[Answer]) -> None:
     """Write summary, pictures and the run's log."""
     log = log_of(experiment, record)
-    write_csv(folder / LOG, log)
-    write_bag(folder / BAG, log)
+    inputs = robot_of(experiment.plant).inputs
+    write_csv(folder / LOG, log, inputs)
+    write_bag(folder / BAG, log, inputs=inputs)
     save_figures(record, folder, figures)
     draw(record, answers, folder / PICTURE)
     command_line.write_json(folder / SUMMARY, summary_of(experiment, record))

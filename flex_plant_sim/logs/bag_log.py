@@ -18,7 +18,7 @@ from flex_plant_sim.logs.origin import BAG_KEY, bag_origin, bag_text
 from flex_plant_sim.logs.rows import Rows, to_log
 from msg_config.contract import load_topics
 from msg_config.errors import InputError
-from msg_config.input_mapping import JOINTS
+from msg_config.input_mapping import CONTRACT, InputMapping
 import numpy as np
 
 # Strain that comes this much more seldom than the joints sets the sampling.
@@ -104,9 +104,22 @@ def _compared(rows: Rows, joints: Stream, strain: Stream, pairs: np.ndarray) -> 
     return rows
 
 
-def write_bag(path: str | Path, log: Log, storage: Literal['mcap', 'sqlite3'] = 'mcap') -> None:
+def write_bag(path: str | Path, log: Log, storage: Literal['mcap', 'sqlite3'] = 'mcap',
+              inputs: InputMapping = CONTRACT) -> None:
     """
-    Write a log as a bag folder with the contract's topics, whole or not at all.
+    Write a log as a bag folder, whole or not at all.
+
+    Parameters
+    ----------
+    path : str or Path
+        The folder.
+    log : Log
+        In SI.
+    storage : str
+        mcap or sqlite3.
+    inputs : InputMapping
+        The topics, names and units that the arm's robot file has, so that it reads what is
+        written; the contract's where it has none.
 
     Raises
     ------
@@ -127,16 +140,19 @@ def write_bag(path: str | Path, log: Log, storage: Literal['mcap', 'sqlite3'] = 
         if log.origin is not None:
             writer.set_custom_data(BAG_KEY, bag_text(log.origin))
         connections = {
-            name: writer.add_connection(f'/{load_topics()[name].name}', load_topics()[name].type,
-                                        typestore=types)
+            name: writer.add_connection(inputs.topics.get(name, f'/{load_topics()[name].name}'),
+                                        load_topics()[name].type, typestore=types)
             for name in ('joint_states', 'strain', 'command')}
-        for name, stamp, message in _samples(log, types):
+        for name, stamp, message in _samples(log, types, inputs):
             data = types.serialize_cdr(message, load_topics()[name].type)
             writer.write(connections[name], stamp, data)
 
 
-def _samples(log: Log, types: Any) -> Iterator[tuple[str, int, Any]]:
+def _samples(log: Log, types: Any, inputs: InputMapping) -> Iterator[tuple[str, int, Any]]:
     """Yield topic, stamp (ns) and message; effort is the command applied before the sample."""
+    joints, drives = inputs.joint_channels(), inputs.command_channels()
+    gauges = inputs.gauge_channels(log.gauge_names)
+
     def message(stamp: int, names: tuple[str, ...], position: Array, velocity: Array,
                 effort: Array) -> Any:
         time = types.types['builtin_interfaces/msg/Time'](*divmod(stamp, NANOSECONDS))
@@ -145,11 +161,14 @@ def _samples(log: Log, types: Any) -> Iterator[tuple[str, int, Any]]:
         return state(header, list(names), *(np.ascontiguousarray(a, dtype=float)
                                             for a in (position, velocity, effort)))
 
-    empty, applied = np.zeros(0), np.zeros(2)
+    commands = drives.outside(log.command)
+    empty, applied = np.zeros(0), drives.outside(np.zeros(2))
     for k, time in enumerate(log.time):
         stamp = round(float(time) * NANOSECONDS)
-        rate = empty if log.velocity is None else log.velocity[k]
-        yield 'joint_states', stamp, message(stamp, JOINTS, log.joint[k], rate, applied)
-        yield 'strain', stamp, message(stamp, log.gauge_names, log.strain[k], empty, empty)
-        yield 'command', stamp, message(stamp, JOINTS, empty, empty, log.command[k])
-        applied = log.command[k]
+        rate = empty if log.velocity is None else joints.rate_outside(log.velocity[k])
+        yield 'joint_states', stamp, message(stamp, joints.names, joints.outside(log.joint[k]),
+                                             rate, applied)
+        yield 'strain', stamp, message(stamp, gauges.names, gauges.outside(log.strain[k]), empty,
+                                       empty)
+        yield 'command', stamp, message(stamp, drives.names, empty, empty, commands[k])
+        applied = commands[k]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,10 +14,9 @@ from flex_plant_sim.logs.log import Log
 from flex_plant_sim.logs.origin import csv_origin, write_origin
 from flex_plant_sim.logs.rows import Rows, SAMPLING_AGREES, to_log
 from msg_config.errors import InputError
-from msg_config.input_mapping import Channels, InputMapping, JOINTS, TIME_UNITS
+from msg_config.input_mapping import CONTRACT, InputMapping, JOINTS, TIME_UNITS
 import numpy as np
 
-MOTION = ('time', 'command_1', 'command_2', 'joint_1', 'joint_2')
 VELOCITY = ('velocity_1', 'velocity_2')
 
 
@@ -35,33 +35,26 @@ def read_csv(path: Path, robot: Robot) -> Log:
 
     """
     table = read_table(path)
-    mapping, groups = robot.inputs, _groups(robot)
-    _check_columns(table, robot, [mapping.time.name, *(
-        name for group in groups.values() for name in group)])
+    mapping, columns = robot.inputs, _columns(robot.inputs, robot.gauge_names)
+    _check_columns(table, robot, columns)
     rate = set(VELOCITY) <= set(table.header)
-    wanted = [mapping.time.name, *(name for group in groups.values() for name in group),
-              *(VELOCITY if rate else ())]
-    values = table.numbers(wanted)
+    values = table.numbers([*columns, *(VELOCITY if rate else ())])
     joints, commands = mapping.joint_channels(), mapping.command_channels()
     gauges = mapping.gauge_channels(robot.gauge_names)
     end = 5 + len(robot.gauge_names)
-    rows = Rows(str(path), values[:, 0], joints.si(values[:, 1:3]), gauges.si(values[:, 5:end]),
-                commands.si(values[:, 3:5]), joints.rate(values[:, end:]) if rate else None,
+    rows = Rows(str(path), values[:, 0], joints.si(values[:, 3:5]), gauges.si(values[:, 5:end]),
+                commands.si(values[:, 1:3]), joints.rate(values[:, end:]) if rate else None,
                 lambda k: f'line {table.numbers_of_lines[k]}', table.notes)
     log = to_log(_in_seconds(rows, robot), robot)
     return replace(log, origin=csv_origin(path))
 
 
-def _groups(robot: Robot) -> dict[str, tuple[str, ...]]:
-    """Return the columns of joints, commands and gauges."""
-    mapping: InputMapping = robot.inputs
-
-    def first(channels: Channels) -> tuple[str, ...]:
-        return tuple(names[0] for names in channels.sources)
-    commands = tuple(mapping.commands[own].name if own in mapping.commands else f'command_{k}'
-                     for k, own in enumerate(JOINTS, start=1))
-    return {'joints': first(mapping.joint_channels()), 'commands': commands,
-            'gauges': first(mapping.gauge_channels(robot.gauge_names))}
+def _columns(mapping: InputMapping, gauges: Sequence[str]) -> list[str]:
+    """Return the names of the columns of time, commands, joints and gauges, in this order."""
+    commands = [mapping.commands[own].name if own in mapping.commands else f'command_{k}'
+                for k, own in enumerate(JOINTS, start=1)]
+    return [mapping.time.name, *commands, *mapping.joint_channels().names,
+            *mapping.gauge_channels(gauges).names]
 
 
 def _in_seconds(rows: Rows, robot: Robot) -> Rows:
@@ -85,9 +78,18 @@ def _in_seconds(rows: Rows, robot: Robot) -> Rows:
         f'{robot.sample_time:g} s', doubtful=not surely)
 
 
-def write_csv(path: str | Path, log: Log) -> None:
+def write_csv(path: str | Path, log: Log, inputs: InputMapping = CONTRACT) -> None:
     """
     Write a log with 9 digits, whole or not at all, and what made it beside it.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    log : Log
+        In SI.
+    inputs : InputMapping
+        The names and units that the arm's robot file has, so that it reads what is written.
 
     Raises
     ------
@@ -95,10 +97,13 @@ def write_csv(path: str | Path, log: Log) -> None:
         If nothing can be written there.
 
     """
-    columns = [log.time[:, None], log.command, log.joint, log.strain]
-    names = [*MOTION, *log.gauge_names]
+    joints, gauges = inputs.joint_channels(), inputs.gauge_channels(log.gauge_names)
+    columns = [log.time[:, None] / (inputs.time.factor or 1.0),
+               inputs.command_channels().outside(log.command), joints.outside(log.joint),
+               gauges.outside(log.strain)]
+    names = _columns(inputs, log.gauge_names)
     if log.velocity is not None:
-        columns.append(log.velocity)
+        columns.append(joints.rate_outside(log.velocity))
         names += VELOCITY
     with whole_file(path) as temporary:
         np.savetxt(temporary, np.hstack(columns), fmt='%.9g', delimiter=',',

@@ -13,12 +13,12 @@ from flex_plant_sim.simulation.nominal import has_coriolis, model_words
 from flex_plant_sim.simulation.plant_setup import simulator_of
 from msg_config.contract_node import ContractNode, DIAGNOSTICS_INTERVAL
 from msg_config.errors import InputError
+from msg_config.input_mapping import JOINTS
 from msg_config.messages import (
     check_finite,
     checked_stamp,
     clock_message,
     joint_state,
-    JOINTS,
     NANOSECONDS,
     nanoseconds,
     seconds,

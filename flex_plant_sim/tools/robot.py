@@ -80,7 +80,7 @@ def _move(arguments: argparse.Namespace) -> None:
     if arguments.payload is not None:
         robot = replace(robot, payload_mass=arguments.payload)
     write_csv(arguments.output, simulated_move(robot, arguments.strokes, arguments.modes,
-                                               arguments.seed))
+                                               arguments.seed), robot.inputs)
     print(f'commands, and what the arm should measure: {arguments.output}')
 
 
