@@ -19,7 +19,7 @@ from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.commissioning.calibration import calibrate
 from flex_plant_sim.logs.read import read_log
-from flex_plant_sim.tools.replay import replay
+from flex_plant_sim.simulation.replay import replay
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / 'test'))

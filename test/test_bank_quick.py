@@ -16,8 +16,8 @@ from bank.terms import hidden_terms
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.effects import catalogue
 from flex_plant_sim.logs.read import read_log
+from flex_plant_sim.simulation.replay import replay
 from flex_plant_sim.tools.diagnose import main
-from flex_plant_sim.tools.replay import replay
 import pytest
 from truth.records import HAVE_MUJOCO, NO_MUJOCO
 

@@ -22,6 +22,7 @@ from flex_plant_sim.logs.log import Log
 from flex_plant_sim.logs.read import read_log
 from flex_plant_sim.simulation.agreement import fit_percent, rmse
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.replay import replay
 from flex_plant_sim.simulation.simulator import simulate, Simulator
 from flex_plant_sim.tools import command_line
 from flex_plant_sim.tools import replay as tool
@@ -66,7 +67,7 @@ def test_fit_and_rmse_by_hand() -> None:
 
 
 def test_replay_of_its_own_simulation_is_exact() -> None:
-    result = tool.replay(simulated_log(), ROBOT)
+    result = replay(simulated_log(), ROBOT)
     np.testing.assert_allclose(result.fit_percent, 100.0, atol=1e-9)
     np.testing.assert_allclose(result.residual, 0.0, atol=1e-13)
 
@@ -75,8 +76,8 @@ def test_replay_applies_the_effects_of_the_robot_file() -> None:
     spec = EffectSpec('coulomb_friction', 'joint_2', {'level_n_m': 0.4})
     rubbing = replace(ROBOT, effects=(spec,))
     log = simulated_log(rubbing)
-    np.testing.assert_allclose(tool.replay(log, rubbing).fit_percent, 100.0, atol=1e-9)
-    assert tool.replay(log, ROBOT).fit_percent[1] < 99.0
+    np.testing.assert_allclose(replay(log, rubbing).fit_percent, 100.0, atol=1e-9)
+    assert replay(log, ROBOT).fit_percent[1] < 99.0
 
 
 @pytest.mark.parametrize('nature, arguments, words', [
@@ -108,13 +109,13 @@ def test_a_log_faster_than_the_model_was_checked_for_is_said(
 
 def test_replay_takes_the_log_s_own_rate() -> None:
     robot = replace(ROBOT, sample_time=0.002)
-    result = tool.replay(simulated_log(robot), ROBOT)
+    result = replay(simulated_log(robot), ROBOT)
     assert result.arm.robot.sample_time == 0.002
     np.testing.assert_allclose(result.fit_percent, 100.0, atol=1e-9)
 
 
 def test_replay_starts_where_the_log_does() -> None:
-    result = tool.replay(simulated_log(start=-1.1), ROBOT)
+    result = replay(simulated_log(start=-1.1), ROBOT)
     np.testing.assert_allclose(result.simulated[0, :2], -1.1, atol=1e-14)
     np.testing.assert_allclose(result.simulated[0, 2:], 0.0, atol=1e-18)
 
@@ -122,10 +123,10 @@ def test_replay_starts_where_the_log_does() -> None:
 def test_clean_record_of_another_simulator(shared_data: Path) -> None:
     """`bench`, nothing hidden: joints >= 97 %, every gauge >= 85 %, three modes."""
     log = read_log(shared_data / 'bench' / 'case_8009d8b8.csv', ROBOT)
-    modes = tool.replay(log, ROBOT, 'assumed_modes', 3, TOLD).fit_percent
+    modes = replay(log, ROBOT, 'assumed_modes', 3, TOLD).fit_percent
     assert np.all(modes[:2] >= 97.0)
     assert np.all(modes[2:] >= 85.0)
-    paper = tool.replay(log, ROBOT, 'paper', 2, TOLD).fit_percent
+    paper = replay(log, ROBOT, 'paper', 2, TOLD).fit_percent
     assert np.all(paper[:2] >= 97.0)
     assert np.all(paper[2:] < modes[2:] - 20.0)
 
@@ -133,7 +134,7 @@ def test_clean_record_of_another_simulator(shared_data: Path) -> None:
 def test_real_record_shows_how_wrong_the_nominal_model_is(shared_data: Path) -> None:
     robot = load_robot('quanser_2dsfl')
     log = read_log(shared_data / 'quanser_2dsfl' / 'square_10s.csv', robot).part(0, 6000)
-    result = tool.replay(log, robot)
+    result = replay(log, robot)
     assert np.all(np.isfinite(result.simulated))
     assert np.all(result.fit_percent < 50.0)
 
@@ -149,7 +150,7 @@ def test_tool_writes_what_it_prints(tmp_path: Path) -> None:
     assert (results['samples'], results['sample_time_s']) == (300, 0.01)
     assert list(results['channels']) == ['joint_1', 'joint_2', *ROBOT.gauge_names]
     log = read_log(tmp_path / 'log.csv', ROBOT)
-    expected = tool.replay(log, ROBOT, 'paper', 2, 0.05)
+    expected = replay(log, ROBOT, 'paper', 2, 0.05)
     for k, (name, channel) in enumerate(results['channels'].items()):
         assert channel['fit_percent'] == pytest.approx(expected.fit_percent[k], abs=1e-9)
         assert channel['rmse'] == pytest.approx(expected.rmse[k], rel=1e-9)
@@ -182,7 +183,7 @@ def test_an_unstable_arm_is_an_error_not_numbers() -> None:
     """No robot file is unstable, so this arm is made without one: its elbow drive pushes."""
     robot = ROBOT.with_drive(1, damping=-4.0)
     with pytest.raises(InputError) as error:
-        tool.replay(simulated_log(), robot)
+        replay(simulated_log(), robot)
     message = str(error.value)
     assert message.startswith('reference: the model assumed_modes with 3 modes and 0.1 kg is '
                               'unstable: ')

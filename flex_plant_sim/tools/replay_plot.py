@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 from flex_plant_sim.atomic_file import image_metadata, whole_file
-from flex_plant_sim.tools.replay import fit_text, Replay
+from flex_plant_sim.simulation.replay import Replay
 
 SHOWN = {'rad': (1.0, 'rad'), 'm/m': (1e6, 'µm/m')}
+
+
+def fit_text(fit: float) -> str:
+    """Return a fit as text; a channel at rest has none."""
+    return 'channel at rest' if math.isnan(fit) else f'fit {fit:.1f} %'
 
 
 def write_plot(path: str | Path, result: Replay) -> None:

@@ -20,10 +20,10 @@ from flex_plant_sim.commissioning.standard_move import simulated_move, STROKES
 from flex_plant_sim.commissioning.template import reference_page, template
 from flex_plant_sim.commissioning.urdf import urdf
 from flex_plant_sim.logs.csv_log import write_csv
+from flex_plant_sim.simulation.replay import replay
 from flex_plant_sim.tools import command_line
 from flex_plant_sim.tools.diagnose import read_logs
 from flex_plant_sim.tools.outputs import check_image, check_outputs
-from flex_plant_sim.tools.replay import replay
 
 
 def _print_or_write(text: str, path: str | None) -> None:
