@@ -13,7 +13,7 @@ from typing import Any
 from flex_plant_sim.arm.robot import EffectSpec
 from flex_plant_sim.arm.robot_file import load_robot, parse_robot
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.effects import at_null, build, catalogue, effects_of, explain, parse, sites
+from flex_plant_sim.effects import build, catalogue, effects_of, explain, parse, sites
 from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.simulator import simulate, Simulator
@@ -80,8 +80,9 @@ def test_declaration(identifier: str) -> None:
 @pytest.mark.parametrize('identifier', IDENTIFIERS)
 def test_null_is_the_clean_arm(identifier: str, clean: tuple[str, Array]) -> None:
     model, expected = clean
-    for site in sites(catalogue()[identifier], ROBOT):
-        got = outputs((at_null(catalogue()[identifier], site),), model)
+    effect = catalogue()[identifier]
+    for site in sites(effect, ROBOT):
+        got = outputs((effect(site, tuple(p.null for p in effect.parameters)),), model)
         np.testing.assert_allclose(got, expected, rtol=0.0, atol=1e-12)
 
 

@@ -6,7 +6,7 @@ import functools
 
 from flex_payload_estimator.control.loop import LoopRecord, run_loop
 from flex_payload_estimator.control.lqg import LQGController, LQGSettings
-from flex_payload_estimator.control.set_points import constant, smooth_square, square
+from flex_payload_estimator.control.set_points import constant, square
 from flex_payload_estimator.estimators.factory import make_estimator
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
@@ -129,18 +129,9 @@ def test_square_set_points_step_exactly_at_half_periods() -> None:
     np.testing.assert_array_equal(constant(0.1, -0.2)(3.0), [0.1, -0.2])
 
 
-def test_smooth_set_points_reach_the_same_levels_without_jumps() -> None:
-    at = smooth_square(0.5, 4.0, 1.0)
-    values = np.array([at(t)[0] for t in np.arange(0.0, 8.0, 1e-3)])
-    assert np.abs(np.diff(values)).max() < 1e-3 * 1.9
-    np.testing.assert_allclose(values[[0, 1500, 3500, 5500]], [0.0, 0.5, -0.5, 0.5], atol=1e-9)
-
-
 def test_bad_set_points_and_durations_are_refused() -> None:
     with pytest.raises(InputError, match='period'):
         square(period=0.0)
-    with pytest.raises(InputError, match='rise'):
-        smooth_square(rise=3.0)
     simulator = Simulator(ExtendedArm(ROBOT, 'paper_reduced', 2, 0.1))
     with pytest.raises(InputError, match='duration'):
         run_loop(simulator, make_estimator('sf1', ROBOT), LQGController(ROBOT), square(), 0.0)

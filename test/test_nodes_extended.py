@@ -9,7 +9,7 @@ from typing import Any, TYPE_CHECKING
 
 from flex_payload_estimator.nodes.node_setup import controller_of
 from flex_plant_sim.arm.robot_file import load_robot
-from flex_plant_sim.effects import at_null, catalogue, sites
+from flex_plant_sim.effects import catalogue, sites
 from flex_plant_sim.simulation.plant_setup import simulator_of
 from flex_plant_sim.simulation.simulator import simulate
 from msg_config.parameters import check_parameters
@@ -77,10 +77,8 @@ def test_coriolis_forces_act_unless_switched_off() -> None:
 @pytest.mark.parametrize('identifier', catalogue())
 def test_plant_sim_starts_with_every_effect(identifier: str) -> None:
     effect, robot = catalogue()[identifier], load_robot('reference')
-    null = at_null(effect, sites(effect, robot)[0])
-    pairs = ','.join(f'{parameter.name}={null[parameter.name]!r}'
-                     for parameter in effect.parameters)
-    text = f'{identifier}:{null.site}:{pairs}'
+    pairs = ','.join(f'{parameter.name}={parameter.null!r}' for parameter in effect.parameters)
+    text = f'{identifier}:{sites(effect, robot)[0]}:{pairs}'
     assert np.all(np.isfinite(outputs(effects=[text])[:5]))
 
 

@@ -22,14 +22,11 @@ class KalmanPredictor:
         Covariances of one sample's process and measurement noise, (n, n) and (m, m).
     step : float
         T, s.
-    initial : float
-        P_0 = initial I.
 
     """
 
-    def __init__(self, output: Array, r_1: Array, r_2: Array, step: float,
-                 initial: float = INITIAL_VARIANCE):
-        self.output, self.step, self._initial = output, step, initial
+    def __init__(self, output: Array, r_1: Array, r_2: Array, step: float):
+        self.output, self.step = output, step
         self.r_1, self.r_2 = r_1, r_2
         self._columns = np.ascontiguousarray(output.T)
         self._process, self._measurement = r_1 / step, r_2 * step
@@ -38,13 +35,8 @@ class KalmanPredictor:
 
     def reset(self) -> None:
         """Go back to P_0."""
-        self.covariance = self._initial * np.eye(self.output.shape[1])
+        self.covariance = INITIAL_VARIANCE * np.eye(self.output.shape[1])
         self.gain = np.zeros_like(self._columns)
-
-    def innovation_covariance(self) -> Array:
-        """Return C P C' + R_2 of the output to come, (m, m)."""
-        covariance: Array = self.output.dot(self.covariance).dot(self._columns) + self.r_2
-        return covariance
 
     def advance(self, state: Array, a_bar: Array, b_bar: Array, command: Array,
                 measured: Array | None) -> Array:

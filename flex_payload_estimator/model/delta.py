@@ -129,9 +129,9 @@ def delta_model(a: Array, b: Array, step: float, terms: int = 15,
     return big.dot(a), big.dot(b)
 
 
-def shift_round_trip(a: Array, step: float, terms: int = 15, halvings: int = 0) -> Array:
+def shift_round_trip(a: Array, step: float, halvings: int = 0) -> Array:
     """Return (F - I) / T with F = I + T A-bar rounded to double: what the shift form keeps."""
-    a_bar, _ = delta_model(a, a, step, terms, halvings)
+    a_bar, _ = delta_model(a, a, step, halvings=halvings)
     identity = np.eye(len(a))
     return ((identity + step * a_bar) - identity) / step
 

@@ -91,11 +91,10 @@ class Drive:
     closed_loop: bool = False
 
     @classmethod
-    def velocity_loop(cls, inertia: float, time_constant: float, steady_gain: float,
-                      command_limit: float = float('inf')) -> Drive:
+    def velocity_loop(cls, inertia: float, time_constant: float, steady_gain: float) -> Drive:
         """Return a closed tacho loop with its time constant tau_mt (s) and gain u -> theta'."""
         damping = inertia / time_constant
-        return cls(inertia, steady_gain * damping, damping, command_limit, closed_loop=True)
+        return cls(inertia, steady_gain * damping, damping, closed_loop=True)
 
     @property
     def k_1(self) -> float:

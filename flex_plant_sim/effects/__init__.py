@@ -121,11 +121,6 @@ def effects_of(robot: Robot) -> tuple[Effect, ...]:
     return tuple(build(spec, robot) for spec in robot.effects)
 
 
-def at_null(effect: type[Effect], site: str) -> Effect:
-    """Return an effect that is absent: all its parameters at their null values."""
-    return effect(site, tuple(parameter.null for parameter in effect.parameters))
-
-
 def explain(effect: Effect) -> str:
     """Return the effect in one plain sentence with its site."""
     return effect.explanation.format(site=effect.site.replace('_', ' '))
