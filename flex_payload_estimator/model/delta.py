@@ -11,6 +11,7 @@ from msg_config.errors import InputError
 import numpy as np
 
 BLOCK = 4
+# Of Omega: what the terms that are left out of (19) may come to.
 TRUNCATION = 1e-12
 
 

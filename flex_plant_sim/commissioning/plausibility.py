@@ -10,6 +10,7 @@ from flex_plant_sim.arm.robot import Robot
 SLENDER = 15.0
 # Metals damp less, rubber and wood more; a decimal point or a percent sign is more likely.
 DAMPED = 0.1
+# With fewer a mode is hardly told from its alias; Nyquist's two are the least.
 SAMPLES_A_PERIOD = 4.0
 LINKS = ('upper', 'lower')
 

@@ -13,11 +13,13 @@ from flex_plant_sim.simulation.nominal import nominal_effects
 from flex_plant_sim.simulation.simulator import Noise, simulate, Simulator
 import numpy as np
 
+# rad and s: strokes of 0.5 rad, during which the links of a bench arm swing about twice.
 AMPLITUDE = 0.25
 STROKE = 1.0
 # The elbow's strokes are shorter, so that every combination of the two comes.
 ELBOW_SHARE = 0.8
 STROKES = 10
+# A stroke that the drives cannot make is tried so much slower, up to this long, s.
 SLOWER = 1.25
 SLOWEST = 50.0
 

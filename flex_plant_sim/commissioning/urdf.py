@@ -14,6 +14,7 @@ TIP = 'tip'
 # Where a drive has no limits of its own: URDF wants numbers.
 FAST, STRONG = 100.0, 1e4
 COLOURS = ('0.2 0.4 0.75 1', '0.2 0.65 0.45 1')
+# kg m^2: URDF readers refuse an inertia of zero.
 LEAST_INERTIA = 1e-9
 
 

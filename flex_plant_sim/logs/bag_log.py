@@ -10,8 +10,10 @@ from typing import Any, Literal
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.atomic_file import whole_file
+from flex_plant_sim.inputs.resample import KEPT
+from flex_plant_sim.inputs.stamps import NANOSECONDS
 from flex_plant_sim.inputs.synchroniser import slop_of, Synchroniser
-from flex_plant_sim.logs.bag_messages import NANOSECONDS, read_messages, seconds_text, Stream
+from flex_plant_sim.logs.bag_messages import read_messages, seconds_text, Stream
 from flex_plant_sim.logs.commands import Commands
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.logs.origin import BAG_KEY, bag_origin, bag_text
@@ -23,7 +25,6 @@ import numpy as np
 
 # Strain that comes this much more seldom than the joints sets the sampling.
 SLOWER = 1.5
-KEPT = 0.9
 
 
 def read_bag(path: Path, robot: Robot) -> Log:

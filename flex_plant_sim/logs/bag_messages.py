@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.inputs.stamps import sane_stamp
+from flex_plant_sim.inputs.stamps import NANOSECONDS, sane_stamp
 from flex_plant_sim.logs.bounded import bounded, MEMORY
 from msg_config.contract import load_topics
 from msg_config.errors import InputError
@@ -17,7 +17,6 @@ from msg_config.input_mapping import Channels, InputMapping
 import numpy as np
 from numpy.typing import NDArray
 
-NANOSECONDS = 1_000_000_000
 TOPICS = ('joint_states', 'strain', 'command')
 FIELDS = ('position', 'velocity', 'effort')
 # Several drivers may share joint_states, each with names of its own.

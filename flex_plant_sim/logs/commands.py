@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.inputs.resample import Grid
-from flex_plant_sim.logs.bag_messages import NANOSECONDS, Stamps, Stream
+from flex_plant_sim.inputs.stamps import NANOSECONDS
+from flex_plant_sim.logs.bag_messages import Stamps, Stream
 from msg_config.input_mapping import InputMapping
 import numpy as np
 

@@ -14,13 +14,13 @@ from typing import Any, NoReturn
 from flex_plant_sim.arm.robot_file import built_in_robots
 from flex_plant_sim.atomic_file import AUTHOR, whole_file
 from flex_plant_sim.compiled import cold
-from flex_plant_sim.quiet_signals import interruptible
+from flex_plant_sim.quiet_signals import INTERRUPTED, interruptible
 from flex_plant_sim.simulation.extended_arm import MODELS
 from flex_plant_sim.tools.outputs import forget_standard_output
 from msg_config.errors import InputError
 
 COMPILING = 'compiling the inner loops (once for each installation, about a minute) …'
-UNFORESEEN, BAD_INPUT, INTERRUPTED = 1, 2, 130
+UNFORESEEN, BAD_INPUT = 1, 2
 TRACEBACK = 'FLEX_TRACEBACK'
 
 

@@ -31,6 +31,7 @@ from flex_plant_sim.diagnosis.verdict.verdict import diagnose, nominal_base
 from flex_plant_sim.effects import catalogue
 from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.logs.log import Log
+from flex_plant_sim.logs.rows import SAMPLING_AGREES
 from flex_plant_sim.simulation.nominal import has_coriolis, model_words, nominal_effects
 from flex_plant_sim.tools import command_line
 from flex_plant_sim.tools.log_input import read_log_aloud
@@ -38,7 +39,6 @@ from flex_plant_sim.tools.outputs import check_folder, check_outputs, results
 from msg_config.errors import InputError
 import numpy as np
 
-SAMPLING_AGREES = 1e-3
 SEARCH_SHARE, MEASURING_SHARE = 0.85, 0.93
 
 
