@@ -26,7 +26,7 @@ ROBOT = load_robot('reference')
 IDENTIFIERS = tuple(catalogue())
 DESIGNED = """
     coulomb_friction viscous_friction asymmetric_friction stribeck_friction backlash
-    gear_compliance torque_ripple actuator_gain actuator_bias actuator_dead_zone
+    gear_compliance joint_spring torque_ripple actuator_gain actuator_bias actuator_dead_zone
     actuator_saturation motor_lag input_delay angle_gain angle_offset strain_bias strain_drift
     strain_gain strain_crosstalk strain_filter strain_delay link_stiffness modal_damping air_drag
     clamp_compliance base_tilt base_compliance coriolis_centripetal modal_truncation hub_inertia

@@ -55,6 +55,15 @@ def test_steady_speed_with_viscous_and_with_dry_friction() -> None:
                                         (drive.torque_gain - 2.0) / drive.damping], rtol=1e-3)
 
 
+def test_a_joint_comes_to_rest_where_spring_and_drive_balance() -> None:
+    sim = Simulator(arm('joint_spring:joint_2:stiffness_n_m_per_rad=8,rest_rad=0.3',
+                        robot=replace(ROBOT, sample_time=0.002)))
+    for _ in range(4000):
+        sim.step(np.array([0.0, 0.5]))
+    torque = 0.5 * ROBOT.drives[1].torque_gain
+    assert sim.state[1] == pytest.approx(0.3 + torque / 8.0, rel=1e-3)
+
+
 @pytest.mark.parametrize('text, lever', [
     ('gear_compliance:joint_2:compliance_rad_per_n_m=0.05,sensor_behind_gear=1', 0.58),
     ('clamp_compliance:link_2:compliance_rad_per_n_m=0.05', 0.5)])

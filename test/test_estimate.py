@@ -59,7 +59,7 @@ def test_a_log_gives_the_loop_s_own_estimate(
         assert (high - low) / (2.0 * 1.96 * std) == pytest.approx(1.0, rel=1e-3)
         assert low < 0.15 < high
     table = capsys.readouterr().out
-    for text in ('1 s', '3 s', 'end, 3.5 s', '95 % interval', '±'):
+    for text in ('1 s', '3 s', 'end, 3.5 s', '95 % interval', '± one standard deviation'):
         assert text in table
 
 

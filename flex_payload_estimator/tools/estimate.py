@@ -77,7 +77,7 @@ class Estimates:
         last = len(self.time) - 1
         rows = [*((f'{key} s', k) for key, k in self.marks().items() if k < last),
                 (f'end, {self.time[-1]:g} s', last)]
-        lines = [self.source]
+        lines = [f'{self.source}: payload ± one standard deviation']
         for label, k in rows:
             mass, std = self.row(k)
             lines.append(f'  {label:>14}   {with_uncertainty(mass, std)} kg   {self.status[k]}')

@@ -84,7 +84,7 @@ def table(record: LoopRecord, answers: Sequence[Answer]) -> str:
     """Return the estimates at TIMES_S and at the end, kg."""
     marks = [int(k) for t in TIMES_S for k in np.flatnonzero(np.abs(record.time - t) < 1e-6)]
     marks += [] if marks and marks[-1] == len(record.time) - 1 else [len(record.time) - 1]
-    lines = []
+    lines = ['payload ± one standard deviation']
     for answer in answers:
         lines.append(f'{answer.name:10s} {WORDS[answer.name]} ({answer.model}, '
                      f'n = {answer.modes})')
