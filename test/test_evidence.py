@@ -11,6 +11,7 @@ from flex_plant_sim.diagnosis.likelihood.evidence import (
     channel_products,
     detectable,
     Marginal,
+    not_surer_than_windows,
     Slab,
 )
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
@@ -293,3 +294,20 @@ def test_what_sensors_see_of_the_unmodelled_is_no_matter_from_afar() -> None:
     one, other = (Likelihood(b, data.windows, data.noise) for b in (base, sensed))
     assert np.abs(one.residual(hidden) - other.residual(hidden)).max() > 1.0
     np.testing.assert_array_equal(one.smooth.residual(hidden), other.smooth.residual(hidden))
+
+
+def test_intervals_are_as_wide_as_windows_disagree() -> None:
+    # A slope with errors that go with the motion: each window has a slope of its own.
+    rng, found, stated = np.random.default_rng(11), [], []
+    for _ in range(400):
+        x, noise = rng.standard_normal((40, 50)), rng.standard_normal((40, 50))
+        y = (2.0 + rng.standard_normal((40, 1))) * x + noise
+        white = np.array([[1.0 / np.sum(x**2)]])
+        slope = float(np.sum(x * y)) * white[0, 0]
+        found.append(slope)
+        scores = np.sum(x * (y - slope * x), axis=1)[None]
+        wide = not_surer_than_windows(white, scores)
+        stated.append(wide[0, 0])
+        assert wide[0, 0] > 10.0 * white[0, 0]
+        assert not_surer_than_windows(white, 0.0 * scores) == pytest.approx(white)
+    assert np.sqrt(np.mean(stated)) == pytest.approx(np.std(found), rel=0.12)

@@ -8,7 +8,12 @@ from functools import cached_property
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.causes.hypothesis import Hypothesis
-from flex_plant_sim.diagnosis.likelihood.evidence import channel_products, Marginal, Slab
+from flex_plant_sim.diagnosis.likelihood.evidence import (
+    channel_products,
+    Marginal,
+    not_surer_than_windows,
+    Slab,
+)
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
 from flex_plant_sim.diagnosis.likelihood.moments import Moments, TEMPER
 from flex_plant_sim.diagnosis.likelihood.prior import FAR_OFF
@@ -100,7 +105,7 @@ class Fit:
     scale : Array
         By how much errors exceed what the filter states, (m,).
     covariance : Array
-        Of (values, deviations), (k + p, k + p).
+        Of (values, deviations), (k + p, k + p); no surer than windows agree where much is left.
     moments : Moments
         From which all of this follows.
     log_evidence : float
@@ -284,9 +289,22 @@ class Descent:
         """Return the evidence at a point, at the scales that are likeliest there."""
         moments = self.moments(point)
         scale = moments.scaled()
-        return Fit(self.causes.hypotheses, self.likelihood.base.discrepancy, point.values,
-                   moments.parts(scale).mean, scale, moments.joined(scale).covariance, moments,
-                   moments.log_evidence(scale))
+        parts, covariance = moments.parts(scale).mean, moments.joined(scale).covariance
+        if np.any(scale > EXCESS):
+            # Larger errors than any model's are no white ones: they go with the motion.
+            covariance = not_surer_than_windows(covariance, self._scores(point, parts, scale))
+        return Fit(self.causes.hypotheses, self.likelihood.base.discrepancy, point.values, parts,
+                   scale, covariance, moments, moments.log_evidence(scale))
+
+    def _scores(self, point: Point, parts: Array, scale: Array) -> Array:
+        """Return d ln p / d (values, parts) of each window, (k + p, W)."""
+        columns = self.likelihood.columns
+        left = -(point.residual + np.tensordot(parts, columns, 1)) / (TEMPER * scale**2)[:, None]
+        windows = sum(p.windows.starts.size for p in self.likelihood.predictors)
+        each = left.reshape(len(left), windows, -1)
+        return np.concatenate([
+            np.einsum('amwl,mwl->aw', rows.reshape(len(rows), *each.shape), each)
+            for rows in (point.columns, columns)])
 
 
 def fitted(likelihood: Likelihood, causes: Causes, starts: Sequence[Array],

@@ -87,6 +87,29 @@ def channel_products(left: Array, right: Array) -> Array:
     return np.matmul(left.transpose(1, 0, 2), right.transpose(1, 2, 0))
 
 
+def not_surer_than_windows(covariance: Array, scores: Array) -> Array:
+    """
+    Return a covariance (p, p), its deviations at least as large as windows disagree by.
+
+    C J C, with J the covariance of the sum of the windows' scores: right whatever errors are, as
+    long as windows err independently. H. White, Econometrica 50 (1982); for clusters, Liang and
+    Zeger, Biometrika 73 (1986).
+
+    Parameters
+    ----------
+    covariance : Array
+        C, as errors that are white would have it.
+    scores : Array
+        d ln p / dx of each window at the optimum, (p, W).
+
+    """
+    count = scores.shape[1]
+    apart = covariance @ (scores - scores.mean(axis=1, keepdims=True))
+    variance = count / max(count - 1, 1) * np.sum(apart**2, axis=1)
+    wider = np.sqrt(np.maximum(variance / np.diagonal(covariance), 1.0))
+    return wider[:, None] * covariance * wider
+
+
 @dataclass(frozen=True)
 class Slab:
     """
