@@ -8,7 +8,13 @@ from typing import Any
 from flex_payload_estimator.estimators.rpe.effects import EffectStep
 from flex_payload_estimator.estimators.rpe.evidence import misfit_of, new_record
 from flex_payload_estimator.estimators.rpe.hand_over import hand_over
-from flex_payload_estimator.estimators.rpe.hypothesis import Filter, Mode, Sample
+from flex_payload_estimator.estimators.rpe.hypothesis import (
+    EXACT,
+    Filter,
+    Mode,
+    NATURAL,
+    Sample,
+)
 from flex_payload_estimator.estimators.rpe.kernel import CORIOLIS, FIRST_BIAS, MASS, walk
 from flex_payload_estimator.estimators.rpe.linearised import held, Lineariser
 from flex_payload_estimator.estimators.rpe.onward import ahead, followed, GATE, learnt, stepped
@@ -40,7 +46,7 @@ class FilterStep:
     ----------
     schedule : PayloadSchedule
     motion : tuple of Array
-        Of exact parts and of others, see forces.motion_rows.
+        As the simulator makes them of the robot file, and nature's, see forces.motion_rows.
     lineariser : Lineariser
     prior : Prior
     effects : EffectStep
@@ -60,6 +66,9 @@ class FilterStep:
                  torque: Array, heaviest: float, start: Array):
         self.schedule, self.motion, self.prior, self.effects = schedule, motion, prior, effects
         self.lineariser = lineariser
+        # An arm without forces of motion, or told what bent links add, has one form alone.
+        alike = len(motion[False]) == len(motion[True])
+        self.exact_modes = (EXACT,) if alike else (EXACT, NATURAL)
         self.exact, self.heaviest, self.start_cov = prior.exact(), heaviest, np.diag(start**2)
         free = prior.std[CORIOLIS] >= SHARE_STD
         self.shares = SHARES if free else (float(prior.mean[CORIOLIS]),)
@@ -100,7 +109,7 @@ class FilterStep:
         if f.mode.parts:
             parts = self.schedule.parts_at(f.beta[MASS], f.x[1])
         return (f.beta, self.schedule.order, piece.value, piece.slopes, parts,
-                f.beta[MASS] - piece.payload, self.motion[f.mode.parts])
+                f.beta[MASS] - piece.payload, self.motion[f.mode.bent])
 
     def _pushed(self, f: Filter, sample: Sample, loads: Loads) -> tuple[Any, ...]:
         return (sample.command, self._torque + sample.doubt, self._speed,
@@ -274,7 +283,7 @@ class FilterStep:
             new.model = self.lineariser.about(anchor)
         else:
             anchor = f.beta.copy()
-            new.model = held(self.schedule, anchor, self.motion[False])
+            new.model = held(self.schedule, anchor, self.motion[f.mode.bent])
         new.x += f.sens @ (anchor - f.anchor)
         new.anchor, new.linearised = anchor, f.age
         return new

@@ -24,6 +24,8 @@ class Mode(NamedTuple):
         square of late; white, in ERROR_STEP_S.
     walk : float
         Random walk of the payload, kg per square root of a second.
+    bent : bool
+        With what bent links add to the forces of motion, as nature has it.
 
     """
 
@@ -32,13 +34,16 @@ class Mode(NamedTuple):
     gauge: float
     drive: float
     walk: float = 0.0
+    bent: bool = True
 
 
 # From the simplest to the one that allows most; `rough` by benchmarks/model_error.py and
 # benchmarks/loop_band.py on tuning seeds, with three shapes a link.
-MODES = (Mode('exact', False, 0.0, 0.0), Mode('rough', True, 0.1, 0.1),
+MODES = (Mode('exact', False, 0.0, 0.0, bent=False), Mode('rough', True, 0.1, 0.1),
          Mode('coarse', True, 0.6, 0.6))
 EXACT, ROUGH = MODES[:2]
+# The robot file's parts in nature: its links bend whatever the file names.
+NATURAL = EXACT._replace(bent=True)
 # At the start, and on trial, with less: what it is to find is where to linearise, and whether
 # parts are off; a large model error hides that where the arm moves little.
 SEEK = ROUGH._replace(gauge=0.05, drive=0.05)

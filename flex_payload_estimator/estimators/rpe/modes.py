@@ -147,7 +147,7 @@ class Modes:
                 self.trials.remove(trial)
         if self._replay and self._replay.advance(self._past, self.stepper):
             incumbent = self._relearnt(self._replay, incumbent, sample.time)
-        elif self._replay and self._replay.tested and self._replay.gain < -self._rare:
+        elif self._replay and self._replay.tested and self._replay.best.gain < -self._rare:
             self._replay = None
         if excited:
             self._begin(incumbent, sample.time)
@@ -192,7 +192,8 @@ class Modes:
 
     def _relearnt(self, replay: Replay, incumbent: Filter, time: float) -> Filter:
         """Return who is next when the past has been learnt again."""
-        self._replay, new = None, replay.best
+        self._replay, best = None, replay.best
+        new = best.filter
         if new.mode.name == incumbent.mode.name:
             # What walks, walks from what is known now; a wrong model must beat the better one.
             self.trials = [trial for trial in self.trials if trial.kind == 'other']
@@ -201,7 +202,7 @@ class Modes:
             replay.hand_in(self._past)
             last = new.rounds == ROUNDS and not new.mode.parts
             return self.stepper.freed(new) if last else new
-        if not as_good(new, incumbent, replay.gain, replay.square / max(replay.judged, 1)):
+        if not as_good(new, incumbent, best.gain, best.square / max(replay.judged, 1)):
             return incumbent
         replay.hand_in(self._past)
         return self._promote(Trial('other', new, time, incumbent.mass), incumbent, time)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from flex_payload_estimator.estimators.rpe.evidence import belief, misfit_of
+from flex_payload_estimator.estimators.rpe.evidence import belief, misfit_of, rare
 from flex_payload_estimator.estimators.rpe.filter import FilterStep
-from flex_payload_estimator.estimators.rpe.hypothesis import EXACT, Filter, ROUGH
+from flex_payload_estimator.estimators.rpe.hypothesis import Filter, ROUGH
 from flex_payload_estimator.estimators.rpe.kernel import CORIOLIS
 from flex_payload_estimator.estimators.rpe.past import Moment, Past
 import numpy as np
@@ -33,48 +33,57 @@ DOUBT = 0.01
 
 
 @dataclass(eq=False)
+class Runner:
+    """
+    A filter that learns the past again.
+
+    Attributes
+    ----------
+    filter : Filter
+    told : list
+        Log-likelihood of each sample.
+    gain, square : float
+        Where it is judged: log-likelihood over the incumbent's, and sum of its whitened
+        innovations' mean squares.
+
+    """
+
+    filter: Filter
+    told: list[float] = field(default_factory=list)
+    gain: float = 0.0
+    square: float = 0.0
+
+
+@dataclass(eq=False)
 class Replay:
     """
     Filters that learn the past again, until one has caught up with the present.
 
     Attributes
     ----------
-    runners : list of Filter
-        Of one mode; the likeliest counts.
+    runners : list of Runner
+        Of one mode, or exact ones of other forces of motion; the likeliest counts.
     place : int
         Number of the next sample.
     since : int
         From which sample on another mode is judged: it has learnt on those before.
     tested : bool
         Whether it is another mode than the incumbent's.
-    gain, square : float
-        The log-likelihood over the incumbent's and the sum of its whitened innovations' mean
-        squares, from there on, of the last of the runners.
     judged : int
-        Samples from there on.
-    told : list
-        Log-likelihood of each sample, of each runner.
+        Samples from `since` on.
 
     """
 
-    runners: list[Filter]
+    runners: list[Runner]
     place: int
     since: int
     tested: bool
-    gain: float = 0.0
-    square: float = 0.0
     judged: int = 0
-    told: list[list[float]] = field(default_factory=list)
 
     @property
-    def which(self) -> int:
-        """Return the place of the likeliest."""
-        return max(range(len(self.runners)), key=lambda k: self.runners[k].log)
-
-    @property
-    def best(self) -> Filter:
+    def best(self) -> Runner:
         """Return the likeliest."""
-        return self.runners[self.which]
+        return max(self.runners, key=lambda runner: runner.filter.log)
 
     def advance(self, past: Past, stepper: FilterStep) -> bool:
         """Learn the next few samples; return whether none is left."""
@@ -82,39 +91,42 @@ class Replay:
             if self.place == past.end:
                 break
             moment = past[self.place]
-            for f in self.runners:
-                self._learn(f, moment, stepper)
-            self.told.append([f.gained for f in self.runners])
-            if self.place >= self.since and moment.sample.measured is not None:
-                f = self.runners[-1]
-                self.gain += f.gained - moment.gained
-                self.square, self.judged = self.square + f.square, self.judged + 1
-            self.place += 1
+            judged = self.place >= self.since and moment.sample.measured is not None
+            for runner in self.runners:
+                self._learn(runner, moment, stepper, judged)
+            self.judged, self.place = self.judged + judged, self.place + 1
+        least = self.best.filter.log - rare(stepper.step_time)
+        self.runners = [runner for runner in self.runners if runner.filter.log >= least]
         return self.place == past.end
 
     def lead(self, past: Past, since: float) -> float:
         """Return what the best has gained over the incumbent after a time, s."""
         gain = 0.0
-        for number, told in enumerate(reversed(self.told), 1):
+        for number, told in enumerate(reversed(self.best.told), 1):
             moment = past[past.end - number]
             if moment.sample.time <= since:
                 break
-            gain += told[self.which] - moment.gained
+            gain += told - moment.gained
         return gain
 
     def hand_in(self, past: Past) -> None:
         """Let the best be the incumbent of the past."""
-        for number, told in enumerate(reversed(self.told), 1):
-            past[past.end - number].gained = told[self.which]
+        for number, told in enumerate(reversed(self.best.told), 1):
+            past[past.end - number].gained = told
 
     @staticmethod
-    def _learn(f: Filter, moment: Moment, stepper: FilterStep) -> None:
+    def _learn(runner: Runner, moment: Moment, stepper: FilterStep, judged: bool) -> None:
+        f = runner.filter
         if moment.sample.measured is None:
             stepper.predict(f, moment.sample, moment.loads)
         else:
             stepper.step(f, moment.sample, moment.loads)
             f.log += f.gained
         f.age += moment.lived
+        runner.told.append(f.gained)
+        if judged:
+            runner.gain += f.gained - moment.gained
+            runner.square += f.square
 
 
 def again(f: Filter, past: Past, stepper: FilterStep) -> Replay | None:
@@ -130,18 +142,22 @@ def again(f: Filter, past: Past, stepper: FilterStep) -> Replay | None:
     moment, runners = past[past.first], []
     for share in stepper.shares if open_shares else (float(f.beta[CORIOLIS]),):
         base = f.copy()
-        base.mode, base.beta[CORIOLIS] = ROUGH if f.mode.parts else EXACT, share
-        runners.append(stepper.again(base, FRESH, moment.sample, moment.loads, past.rested))
+        base.mode, base.beta[CORIOLIS] = ROUGH if f.mode.parts else f.mode, share
+        runners.append(Runner(stepper.again(base, FRESH, moment.sample, moment.loads,
+                                            past.rested)))
     return Replay(runners, past.first + 1, past.end, False)
 
 
 def exact_beside(f: Filter, past: Past, stepper: FilterStep) -> Replay:
-    """Return an exact model that begins about what one of parts has found."""
-    moment, runner = past[past.first], stepper.renewed(f, EXACT, CLOSE, 0.0)
-    # One of parts knows no noise that is less than it was told.
-    runner.record[:-5] = np.maximum(runner.record[:-5], 1.0)
-    stepper.begin_at(runner, moment.sample, moment.loads, past.rested)
-    return Replay([runner], past.first + 1, (past.first + past.end) // 2, True)
+    """Return exact models, of all forces of motion, that begin about what one of parts found."""
+    moment, runners = past[past.first], []
+    for mode in stepper.exact_modes:
+        new = stepper.renewed(f, mode, CLOSE, 0.0)
+        # One of parts knows no noise that is less than it was told.
+        new.record[:-5] = np.maximum(new.record[:-5], 1.0)
+        stepper.begin_at(new, moment.sample, moment.loads, past.rested)
+        runners.append(Runner(new))
+    return Replay(runners, past.first + 1, (past.first + past.end) // 2, True)
 
 
 def as_good(exact: Filter, incumbent: Filter, gain: float, square: float) -> bool:
