@@ -8,13 +8,7 @@ from typing import Any
 from flex_payload_estimator.estimators.rpe.effects import EffectStep
 from flex_payload_estimator.estimators.rpe.evidence import misfit_of, new_record
 from flex_payload_estimator.estimators.rpe.hand_over import hand_over
-from flex_payload_estimator.estimators.rpe.hypothesis import (
-    EXACT,
-    Filter,
-    Mode,
-    NATURAL,
-    Sample,
-)
+from flex_payload_estimator.estimators.rpe.hypothesis import Filter, Mode, Sample
 from flex_payload_estimator.estimators.rpe.kernel import CORIOLIS, FIRST_BIAS, MASS, walk
 from flex_payload_estimator.estimators.rpe.linearised import held, Lineariser
 from flex_payload_estimator.estimators.rpe.onward import ahead, followed, GATE, learnt, stepped
@@ -66,9 +60,8 @@ class FilterStep:
                  torque: Array, heaviest: float, start: Array):
         self.schedule, self.motion, self.prior, self.effects = schedule, motion, prior, effects
         self.lineariser = lineariser
-        # An arm without forces of motion, or told what bent links add, has one form alone.
-        alike = len(motion[False]) == len(motion[True])
-        self.exact_modes = (EXACT,) if alike else (EXACT, NATURAL)
+        # An arm without forces of motion has none to add, and one may be told all.
+        self.bends = len(motion[False]) < len(motion[True])
         self.exact, self.heaviest, self.start_cov = prior.exact(), heaviest, np.diag(start**2)
         free = prior.std[CORIOLIS] >= SHARE_STD
         self.shares = SHARES if free else (float(prior.mean[CORIOLIS]),)

@@ -24,7 +24,7 @@ ELBOW, ACROSS, PER_KG, ROOT_1, ROOT_2, ANGLE, UPPER, NUMBERS, FIRST = *range(8),
 # Bent links' forces go with the acceleration, and so with themselves: the second evaluation leaves
 # 2e-4 of them under square commands of 0.5 rad/s and 1e-2 at 1.5 rad/s, set beside the simulator's
 # step of Newton's (reference arm, 0.1 kg).
-PASSES = 2
+PASSES = 4
 
 
 def moves(arm: ExtendedArm) -> bool:

@@ -193,7 +193,7 @@ class Modes:
     def _relearnt(self, replay: Replay, incumbent: Filter, time: float) -> Filter:
         """Return who is next when the past has been learnt again."""
         self._replay, best = None, replay.best
-        new = best.filter
+        new = best.runner
         if new.mode.name == incumbent.mode.name:
             # What walks, walks from what is known now; a wrong model must beat the better one.
             self.trials = [trial for trial in self.trials if trial.kind == 'other']

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from flex_payload_estimator.estimators.rpe.evidence import belief, misfit_of, rare
 from flex_payload_estimator.estimators.rpe.filter import FilterStep
-from flex_payload_estimator.estimators.rpe.hypothesis import Filter, ROUGH
+from flex_payload_estimator.estimators.rpe.hypothesis import EXACT, Filter, NATURAL, ROUGH
 from flex_payload_estimator.estimators.rpe.kernel import CORIOLIS
 from flex_payload_estimator.estimators.rpe.past import Moment, Past
 import numpy as np
@@ -33,13 +33,13 @@ DOUBT = 0.01
 
 
 @dataclass(eq=False)
-class Runner:
+class Relearner:
     """
     A filter that learns the past again.
 
     Attributes
     ----------
-    filter : Filter
+    runner : Filter
     told : list
         Log-likelihood of each sample.
     gain, square : float
@@ -48,7 +48,7 @@ class Runner:
 
     """
 
-    filter: Filter
+    runner: Filter
     told: list[float] = field(default_factory=list)
     gain: float = 0.0
     square: float = 0.0
@@ -61,8 +61,8 @@ class Replay:
 
     Attributes
     ----------
-    runners : list of Runner
-        Of one mode, or exact ones of other forces of motion; the likeliest counts.
+    runners : list of Relearner
+        Of one mode, exact ones with other forces of motion; the likeliest counts.
     place : int
         Number of the next sample.
     since : int
@@ -74,16 +74,16 @@ class Replay:
 
     """
 
-    runners: list[Runner]
+    runners: list[Relearner]
     place: int
     since: int
     tested: bool
     judged: int = 0
 
     @property
-    def best(self) -> Runner:
+    def best(self) -> Relearner:
         """Return the likeliest."""
-        return max(self.runners, key=lambda runner: runner.filter.log)
+        return max(self.runners, key=lambda one: one.runner.log)
 
     def advance(self, past: Past, stepper: FilterStep) -> bool:
         """Learn the next few samples; return whether none is left."""
@@ -92,11 +92,9 @@ class Replay:
                 break
             moment = past[self.place]
             judged = self.place >= self.since and moment.sample.measured is not None
-            for runner in self.runners:
-                self._learn(runner, moment, stepper, judged)
+            for one in self.runners:
+                self._learn(one, moment, stepper, judged)
             self.judged, self.place = self.judged + judged, self.place + 1
-        least = self.best.filter.log - rare(stepper.step_time)
-        self.runners = [runner for runner in self.runners if runner.filter.log >= least]
         return self.place == past.end
 
     def lead(self, past: Past, since: float) -> float:
@@ -115,49 +113,53 @@ class Replay:
             past[past.end - number].gained = told
 
     @staticmethod
-    def _learn(runner: Runner, moment: Moment, stepper: FilterStep, judged: bool) -> None:
-        f = runner.filter
+    def _learn(one: Relearner, moment: Moment, stepper: FilterStep, judged: bool) -> None:
+        f = one.runner
         if moment.sample.measured is None:
             stepper.predict(f, moment.sample, moment.loads)
         else:
             stepper.step(f, moment.sample, moment.loads)
             f.log += f.gained
         f.age += moment.lived
-        runner.told.append(f.gained)
+        one.told.append(f.gained)
         if judged:
-            runner.gain += f.gained - moment.gained
-            runner.square += f.square
+            one.gain += f.gained - moment.gained
+            one.square += f.square
 
 
 def again(f: Filter, past: Past, stepper: FilterStep) -> Replay | None:
     """
     Return a filter's own mode from the prior on, linearised about what it has found.
 
-    Which share of the forces of motion an exact model has is open until the first time.
+    Which forces of motion an exact model has is open until the first time.
     """
-    open_shares = f.rounds == 0 and not f.mode.parts
+    open_forces = f.rounds == 0 and not f.mode.parts
     unfit = not f.mode.parts and misfit_of(f.record) > MISFIT
     if min(f.age, past.lived) < SETTLES_S or f.age < HOLD_S and not unfit:
         return None
     moment, runners = past[past.first], []
-    for share in stepper.shares if open_shares else (float(f.beta[CORIOLIS]),):
+    mode = ROUGH if f.mode.parts else f.mode
+    forms = [(share, mode) for share in stepper.shares] if open_forces else \
+        [(float(f.beta[CORIOLIS]), mode)]
+    if open_forces and stepper.bends:
+        forms.append((stepper.shares[-1], NATURAL))
+    for share, form in forms:
         base = f.copy()
-        base.mode, base.beta[CORIOLIS] = ROUGH if f.mode.parts else f.mode, share
-        runners.append(Runner(stepper.again(base, FRESH, moment.sample, moment.loads,
-                                            past.rested)))
+        base.mode, base.beta[CORIOLIS] = form, share
+        runner = stepper.again(base, FRESH, moment.sample, moment.loads, past.rested)
+        # What the robot file does not name must show.
+        runner.log = 0.0 if form == mode else -rare(stepper.step_time)
+        runners.append(Relearner(runner))
     return Replay(runners, past.first + 1, past.end, False)
 
 
 def exact_beside(f: Filter, past: Past, stepper: FilterStep) -> Replay:
-    """Return exact models, of all forces of motion, that begin about what one of parts found."""
-    moment, runners = past[past.first], []
-    for mode in stepper.exact_modes:
-        new = stepper.renewed(f, mode, CLOSE, 0.0)
-        # One of parts knows no noise that is less than it was told.
-        new.record[:-5] = np.maximum(new.record[:-5], 1.0)
-        stepper.begin_at(new, moment.sample, moment.loads, past.rested)
-        runners.append(Runner(new))
-    return Replay(runners, past.first + 1, (past.first + past.end) // 2, True)
+    """Return an exact model that begins about what one of parts has found."""
+    moment, runner = past[past.first], stepper.renewed(f, EXACT, CLOSE, 0.0)
+    # One of parts knows no noise that is less than it was told.
+    runner.record[:-5] = np.maximum(runner.record[:-5], 1.0)
+    stepper.begin_at(runner, moment.sample, moment.loads, past.rested)
+    return Replay([Relearner(runner)], past.first + 1, (past.first + past.end) // 2, True)
 
 
 def as_good(exact: Filter, incumbent: Filter, gain: float, square: float) -> bool:
