@@ -10,6 +10,7 @@ from flex_payload_estimator.estimators.rpe.forces import forces_of_motion, motio
 from flex_plant_sim.arm.ritz import RitzShapes
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.arm.state_space import zero_order_hold
 from flex_plant_sim.effects import catalogue, kinds
 from flex_plant_sim.effects.base import Motion
 from flex_plant_sim.simulation.stepping import Stepper
@@ -89,6 +90,22 @@ def test_the_estimator_s_forces_of_motion_are_lagrange_s_to_first_order(bent: bo
     # Second order in the deflections, or first.
     assert misses[0] / misses[1] == pytest.approx(4.0 if bent else 2.0, rel=0.3)
     assert misses[1] < 1e-3 if bent else misses[1] > 1e-2
+
+
+@pytest.mark.parametrize('step', [0.01, 0.001])
+def test_the_estimator_s_step_is_the_simulator_s(step: float) -> None:
+    """With the heaviest payload in fast motion, where the forces go with the acceleration."""
+    nature, bare = (arm(*texts, modes=2, step=step).at_payload(0.3) for texts in (BOTH, ()))
+    bare.nodes = np.array([np.cos(0.8)])
+    plant, n = bare.plant, bare.states
+    inputs = np.concatenate([plant.a, plant.b, plant.e], axis=-1)[0]
+    _, grown = zero_order_hold(plant.a[0], inputs, step)
+    x = np.r_[0.3, 0.8, 0.02, 0.002, 0.01, -0.001, 2.0, -2.0, 0.1, 0.0, -0.1, 0.0]
+    command, push = np.array([3.0, -3.0]), grown[:, n + 2:].copy()
+    after = x + grown[:, :n] @ x + grown[:, n:n + 2] @ command
+    found = push @ forces_of_motion(motion_rows(bare), 0.3, 1.0, x, after, push)[0]
+    expected = nature.apply_effects(push, x, after, command, 0.0) - after
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 
 
 def coasting(*texts: str, step: float) -> Array:

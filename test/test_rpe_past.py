@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from extended_arms import arm, ROBOT
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
-from flex_payload_estimator.estimators.rpe.hypothesis import Filter, ROUGH
+from flex_payload_estimator.estimators.rpe.hypothesis import Filter, NATURAL, ROUGH
 from flex_payload_estimator.estimators.rpe.prior import tolerances_off
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.payload_profile import PayloadProfile
 from flex_plant_sim.simulation.simulator import Noise, Simulator
 import numpy as np
 import pytest
-from rpe_runs import estimator_of, robot_with, square
+from rpe_runs import estimator_of, robot_with, Run, square
 
 MASS = 0.15
 
@@ -48,6 +50,14 @@ def test_an_exact_model_that_went_wrong_or_was_left_comes_back(
         simulator.step(command)
     assert estimator.incumbent.mode.name == 'exact' and not estimator.events
     assert abs(found.mass - MASS) < 4.0 * found.variance**0.5 < 4e-4
+
+
+def test_what_bent_links_add_is_found_where_the_robot_file_has_none_of_it() -> None:
+    estimator = estimator_of(ROBOT)
+    nature = arm('coriolis_centripetal:arm:share=1', 'foreshortening:arm:share=1', modes=2)
+    run = Run(estimator, PayloadProfile.constant(MASS), 1.2, arm=nature.at_payload(MASS))
+    assert estimator.incumbent.mode == NATURAL and not estimator.events
+    assert abs(run.mass[-1] - MASS) < 4.0 * run.std[-1] < 4e-4
 
 
 def test_tolerances_count_as_off_by_what_the_posterior_says_of_the_parts() -> None:

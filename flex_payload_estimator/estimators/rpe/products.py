@@ -138,3 +138,27 @@ def _inverse_column_by_loops(matrix: Array) -> Array:
 
 
 inverse_column = _inverse_column_by_loops if COMPILED else _inverse_column_by_lapack
+
+
+@compiled
+def _inverse_by_loops(matrix: Array) -> Array:
+    """
+    Return the inverse of a matrix near unity, (N, N), by Gauss and Jordan's elimination.
+
+    It needs no pivoting, and lets pass what is not finite; compiled, NumPy's refuses that.
+    """
+    size = len(matrix)
+    rest, found = matrix.copy(), np.eye(size)
+    for i in range(size):
+        pivot = rest[i, i] if rest[i, i] != 0.0 else 1e-300
+        rest[i] /= pivot
+        found[i] /= pivot
+        for j in range(size):
+            if j != i:
+                share = rest[j, i]
+                rest[j] -= share * rest[i]
+                found[j] -= share * found[i]
+    return found
+
+
+inverse = _inverse_by_loops if COMPILED else np.linalg.inv
