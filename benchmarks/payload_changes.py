@@ -3,8 +3,8 @@ Whether rpe finds changes of the payload: drawn masses and times, in fast motion
 
 `python benchmarks/payload_changes.py [--runs N] [--seed S] [--bent]` simulates the reference arm,
 which the estimator knows exactly, or with --bent one whose bent links push as nature's do. The
-times of `rpe/modes.py` were chosen on seeds 100 to 115 and 200 to 219; those from 220 to 239 have
-compared variants since; those from 240 on judge.
+times of `rpe/modes.py` were chosen on seeds 100 to 115 and 200 to 219; those from 220 to 279 have
+compared variants since; those from 280 on judge.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def main() -> None:
         except InputError:
             print(f'seed {seed}: the simulated arm diverges, left out', flush=True)
             continue
-        print(f'{change.before:.3f} {change.after:.3f} {change.told:.4f} {change.std:.4f}  '
+        print(f'{change.before:.3f} {change.after:.3f} {change.told:.4f} {change.std:.5f}  '
               f'{change.found:5.2f}  {change.false}  {change.mode}', flush=True)
     right, inside, false = (sum(getattr(change, name) for change in changes)
                             for name in ('right', 'inside', 'false'))

@@ -138,8 +138,7 @@ def newton_matrix(terms: BendingTerms, after: Array, push: Array, step: float) -
         mass = momentum(terms, unit) / step
         for j in range(n):
             through[j] += mass[j] * push[n + i]
-    found: Array = inverse(through)
-    return found
+    return inverse(through)
 
 
 @compiled

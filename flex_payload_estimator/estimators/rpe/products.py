@@ -140,6 +140,11 @@ def _inverse_column_by_loops(matrix: Array) -> Array:
 inverse_column = _inverse_column_by_loops if COMPILED else _inverse_column_by_lapack
 
 
+def _inverse_by_numpy(matrix: Array) -> Array:
+    found: Array = np.linalg.inv(matrix).astype(float)
+    return found
+
+
 @compiled
 def _inverse_by_loops(matrix: Array) -> Array:
     """
@@ -161,4 +166,4 @@ def _inverse_by_loops(matrix: Array) -> Array:
     return found
 
 
-inverse = _inverse_by_loops if COMPILED else np.linalg.inv
+inverse = _inverse_by_loops if COMPILED else _inverse_by_numpy
