@@ -95,9 +95,6 @@ class Replay:
             for one in self.runners:
                 self._learn(one, moment, stepper, judged)
             self.judged, self.place = self.judged + judged, self.place + 1
-        if self.tested and self.place >= self.since:
-            # Those before have chosen.
-            self.runners = [self.best]
         return self.place == past.end
 
     def lead(self, past: Past, since: float) -> float:
@@ -157,15 +154,12 @@ def again(f: Filter, past: Past, stepper: FilterStep) -> Replay | None:
 
 
 def exact_beside(f: Filter, past: Past, stepper: FilterStep) -> Replay:
-    """Return exact models, with and without bent links' forces, about what one of parts found."""
-    moment, runners = past[past.first], []
-    for mode in (EXACT, NATURAL) if stepper.bends else (EXACT,):
-        new = stepper.renewed(f, mode, CLOSE, 0.0)
-        # One of parts knows no noise that is less than it was told.
-        new.record[:-5] = np.maximum(new.record[:-5], 1.0)
-        stepper.begin_at(new, moment.sample, moment.loads, past.rested)
-        runners.append(Relearner(new))
-    return Replay(runners, past.first + 1, (past.first + past.end) // 2, True)
+    """Return an exact model that begins about what one of parts has found."""
+    moment, new = past[past.first], stepper.renewed(f, EXACT, CLOSE, 0.0)
+    # One of parts knows no noise that is less than it was told.
+    new.record[:-5] = np.maximum(new.record[:-5], 1.0)
+    stepper.begin_at(new, moment.sample, moment.loads, past.rested)
+    return Replay([Relearner(new)], past.first + 1, (past.first + past.end) // 2, True)
 
 
 def as_good(exact: Filter, incumbent: Filter, gain: float, square: float) -> bool:
