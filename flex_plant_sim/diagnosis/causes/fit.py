@@ -214,17 +214,17 @@ class Descent:
             raise np.linalg.LinAlgError('no finite prediction')
         return Point(values, residual, columns, cost)
 
-    def run(self, starts: Sequence[Array], rough: bool = False, afar: bool = False) -> Point:
+    def run(self, starts: Sequence[Array], rough: bool = False) -> Point:
         """
         Return the minimum found from the best of some starts, linearised near it.
 
-        With `afar`, where much is left, also from where each arm's own filter errs least.
+        Where much is left, also from where each arm's own filter errs least.
         """
         point = self._down(starts, rough)
-        if afar and point.values.size and np.any(self.moments(point).scaled() > EXCESS):
-            smooth = Descent(self.likelihood.smooth, self.causes, self.scale)
-            from_there = self._down([smooth._down(starts, rough).values], rough)
-            point = min(point, from_there, key=lambda p: p.cost)
+        if (self.likelihood.alike and point.values.size
+                and np.any(self.moments(point).scaled() > EXCESS)):
+            afar = Descent(self.likelihood.smooth, self.causes, self.scale)._down(starts, rough)
+            point = min(point, self._down([afar.values], rough), key=lambda p: p.cost)
         return point
 
     def _down(self, starts: Sequence[Array], rough: bool) -> Point:

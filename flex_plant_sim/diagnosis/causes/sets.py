@@ -69,8 +69,7 @@ class Settled:
             likelihood = Likelihood(base, data.windows, data.noise, causes.effects(starts[0]),
                                     far)
             descent = Descent(likelihood, causes, known)
-            # Later rounds begin where the first has been from afar.
-            point, before = descent.run(starts, afar=found is None), found
+            point, before = descent.run(starts), found
             found = cls(likelihood, point, descent.fit(point))
             if base.discrepancy.far:
                 # Differences that reach as far as the part does are right where it is.
@@ -103,11 +102,7 @@ class Settled:
 
 @dataclass(frozen=True)
 class Fitter:
-    """
-    Fits sets around the linearisation of one near them.
-
-    From where rough fits end, which go by the arms' own filters: never again from afar.
-    """
+    """Fits sets around the linearisation of one near them."""
 
     likelihood: Likelihood
     scale: Array
