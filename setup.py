@@ -77,7 +77,7 @@ setup(
             'lqg_controller = flex_payload_estimator.nodes.start:lqg_controller',
             'flex_compile = flex_payload_estimator.tools.compile:main',
             'flex_demo = flex_payload_estimator.tools.demo:main',
-            'flex_diagnose = flex_plant_sim.tools.diagnose:main',
+            'flex_diagnose = flex_payload_estimator.tools.diagnose:main',
             'flex_estimate = flex_payload_estimator.tools.estimate:main',
             'flex_fleet = flex_payload_estimator.tools.fleet:main',
             'flex_figures = flex_payload_estimator.tools.figures:main',

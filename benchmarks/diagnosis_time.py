@@ -69,7 +69,7 @@ def diagnose(path: Path, jobs: int) -> tuple[float, float, str]:
     """Return time (s), highest memory (MB) and the answer's first line."""
     started, highest = time.perf_counter(), 0.0
     with subprocess.Popen(
-            [sys.executable, '-m', 'flex_plant_sim.tools.diagnose', str(path), '--robot',
+            [sys.executable, '-m', 'flex_payload_estimator.tools.diagnose', str(path), '--robot',
              'reference', '--payload', '0.1', '--jobs', str(jobs)],
             stdout=subprocess.PIPE, text=True) as process:
         while process.poll() is None:

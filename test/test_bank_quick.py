@@ -13,11 +13,11 @@ from bank.records import write_record
 from bank.run import run_case
 from bank.sizes import read_limits
 from bank.terms import hidden_terms
+from flex_payload_estimator.tools.diagnose import main
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.effects import catalogue
 from flex_plant_sim.logs.read import read_log
 from flex_plant_sim.simulation.replay import replay
-from flex_plant_sim.tools.diagnose import main
 import pytest
 from truth.records import HAVE_MUJOCO, NO_MUJOCO
 

@@ -12,9 +12,10 @@ import subprocess
 import sys
 import time
 
+from flex_payload_estimator.tools.diagnose import main, progress_bar
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.effects import effects_of
-from flex_plant_sim.tools.diagnose import main, progress_bar, read_logs
+from flex_plant_sim.tools.log_input import read_logs
 from msg_config.errors import InputError
 import numpy as np
 import pytest
@@ -107,7 +108,7 @@ def test_interrupt_leaves_nothing_behind(tmp_path: Path) -> None:
     log = write(record, tmp_path / 'log.csv')
     places = [str(tmp_path / name) for name in ('answer.json', 'robot.yaml', 'report')]
     run = subprocess.Popen(
-        [sys.executable, '-m', 'flex_plant_sim.tools.diagnose', str(log), '--jobs', '2',
+        [sys.executable, '-m', 'flex_payload_estimator.tools.diagnose', str(log), '--jobs', '2',
          '--json', places[0], '--extended', places[1], '--report', places[2]],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
     try:

@@ -11,13 +11,13 @@ import resource
 import subprocess
 import sys
 
-from flex_payload_estimator.tools import demo, estimate, figures
+from flex_payload_estimator.tools import demo, diagnose, estimate, figures
 from flex_plant_sim.arm.robot_file import load_robot, robot_text
 from flex_plant_sim.atomic_file import MARK, whole_file, written_here
 from flex_plant_sim.logs.bag_log import write_bag
 from flex_plant_sim.logs.csv_log import write_csv
 from flex_plant_sim.logs.log import Log
-from flex_plant_sim.tools import diagnose, replay, robot
+from flex_plant_sim.tools import replay, robot
 from msg_config.errors import InputError
 import numpy as np
 import pytest

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+import re
 import subprocess
 import sys
 
@@ -61,6 +62,15 @@ def test_the_numerical_core_imports_no_ros(repository: Path) -> None:
     code = (f'import importlib, sys\nfor name in {modules!r}:\n    importlib.import_module(name)\n'
             '    assert "rclpy" not in sys.modules, name\n')
     _run(repository, '-c', code)
+
+
+@pytest.mark.parametrize('lower, upper', [
+    ('msg_config', 'flex_(plant_sim|payload_estimator)'),
+    ('flex_plant_sim', 'flex_payload_estimator')])
+def test_nothing_is_imported_from_above(repository: Path, lower: str, upper: str) -> None:
+    upward = re.compile(rf'^\s*(from|import) {upper}\b', re.MULTILINE)
+    assert not [str(path) for path in (repository / lower).rglob('*.py')
+                if upward.search(path.read_text(encoding='utf-8'))]
 
 
 @pytest.mark.parametrize('name', ['flex_plant_sim', 'flex_payload_estimator'])

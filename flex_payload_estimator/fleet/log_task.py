@@ -12,7 +12,8 @@ from tempfile import TemporaryDirectory
 import time
 from typing import Any
 
-DIAGNOSE, ESTIMATE = 'flex_plant_sim.tools.diagnose', 'flex_payload_estimator.tools.estimate'
+DIAGNOSE = 'flex_payload_estimator.tools.diagnose'
+ESTIMATE = 'flex_payload_estimator.tools.estimate'
 ERROR_LENGTH = 300
 
 

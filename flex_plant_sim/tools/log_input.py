@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 import sys
 
@@ -9,8 +10,9 @@ from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.inputs.plausible import channel_hints
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.logs.read import read_log
+from flex_plant_sim.logs.rows import SAMPLING_AGREES
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
-from flex_plant_sim.simulation.nominal import beyond_checked, nominal_effects
+from flex_plant_sim.simulation.nominal import beyond_checked, has_coriolis, nominal_effects
 from flex_plant_sim.simulation.simulator import simulate, Simulator
 from msg_config.errors import InputError
 import numpy as np
@@ -40,6 +42,29 @@ def read_log_aloud(path: str, robot: Robot, model: str, modes: int,
     for line in filter(None, said):
         print(f'{log.source}: {line}', file=sys.stderr)
     return log
+
+
+def read_logs(paths: Sequence[str], robot: Robot, model: str, modes: int,
+              coriolis: bool = True) -> list[Log]:
+    """
+    Return the logs, all sampled alike.
+
+    Raises
+    ------
+    InputError
+        Naming the file that cannot be read, is sampled otherwise, or is no evidence of the arm.
+
+    """
+    forces = has_coriolis(nominal_effects(robot, model, coriolis))
+    logs = [read_log_aloud(path, robot, model, modes, forces) for path in paths]
+    for log in logs:
+        if log.doubts:
+            raise InputError(f'{log.source}: not diagnosed: {log.doubts[0]}')
+    for log in logs[1:]:
+        if abs(log.sample_time - logs[0].sample_time) > SAMPLING_AGREES * logs[0].sample_time:
+            raise InputError(f'{log.source}: expected a sample time of {logs[0].sample_time:g} s '
+                             f'as in {logs[0].source}, got {log.sample_time:g} s')
+    return logs
 
 
 def _other_origin(log: Log, robot: Robot, model: str, modes: int,

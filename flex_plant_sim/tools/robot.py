@@ -22,7 +22,7 @@ from flex_plant_sim.commissioning.urdf import urdf
 from flex_plant_sim.logs.csv_log import write_csv
 from flex_plant_sim.simulation.replay import replay
 from flex_plant_sim.tools import command_line
-from flex_plant_sim.tools.diagnose import read_logs
+from flex_plant_sim.tools.log_input import read_logs
 from flex_plant_sim.tools.outputs import check_image, check_outputs
 
 

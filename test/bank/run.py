@@ -75,7 +75,7 @@ def diagnose_file(path: Path, case: BankCase, truth: TruthCase) -> tuple[int, di
     In a process of its own, so that a traceback is one more answer and the bank goes on.
     """
     answer = path.with_suffix('.json')
-    command = [sys.executable, '-m', 'flex_plant_sim.tools.diagnose', str(path), '--robot',
+    command = [sys.executable, '-m', 'flex_payload_estimator.tools.diagnose', str(path), '--robot',
                case.robot, '--payload', f'{truth.payload_told:.9g}', '--json', str(answer),
                '--jobs', '1', *case.options]
     done = subprocess.run(command, check=False, capture_output=True, text=True)

@@ -58,8 +58,9 @@ def diagnosed(log: Path, arm: str, done: str) -> Outcome:
     results.unlink(missing_ok=True)
     with words.open('w') as file:
         process = subprocess.Popen(
-            [sys.executable, '-m', 'flex_plant_sim.tools.diagnose', str(log), '--robot', arm,
-             '--jobs', '1', '--json', str(results)], stdout=file, stderr=subprocess.STDOUT,
+            [sys.executable, '-m', 'flex_payload_estimator.tools.diagnose', str(log),
+             '--robot', arm, '--jobs', '1', '--json', str(results)],
+            stdout=file, stderr=subprocess.STDOUT,
             preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (LONGEST, LONGEST)))
         _, status, usage = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)

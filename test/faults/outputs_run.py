@@ -24,11 +24,11 @@ from tempfile import TemporaryDirectory
 
 from faults.fleet_run import write_log
 from faults.page import record
-from flex_payload_estimator.tools import demo, estimate, figures, fleet
+from flex_payload_estimator.tools import demo, diagnose, estimate, figures, fleet
 from flex_plant_sim.arm.robot_file import load_robot, robot_text
 from flex_plant_sim.logs.bag_log import write_bag
 from flex_plant_sim.logs.read import read_log
-from flex_plant_sim.tools import diagnose, replay, robot
+from flex_plant_sim.tools import replay, robot
 
 LOG = ('{log}', '--robot', '{robot}')
 # Tool and option: its main, what it is asked, the option, the suffix of the file.

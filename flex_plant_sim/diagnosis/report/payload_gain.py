@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -12,6 +12,8 @@ from flex_plant_sim.logs.log import Log
 
 # What the estimator estimates must not be told to it.
 ESTIMATED = ('payload_mass', 'payload_change')
+# Payload at the end of a log and its standard deviation, kg, of an estimator that is told a model.
+Weigh = Callable[[Log, Base], tuple[float, float]]
 
 
 @dataclass(frozen=True)
@@ -57,8 +59,8 @@ class PayloadGain:
                 'after_percent': self.after_percent}
 
 
-def payload_gain(logs: Sequence[Log], true: float, nominal: Base,
-                 extended: Base) -> tuple[PayloadGain, ...]:
+def payload_gain(logs: Sequence[Log], true: float, nominal: Base, extended: Base,
+                 estimator: str, weigh: Weigh) -> tuple[PayloadGain, ...]:
     """
     Return the payload estimates of both models over each log.
 
@@ -71,25 +73,16 @@ def payload_gain(logs: Sequence[Log], true: float, nominal: Base,
     nominal, extended : Base
         Models; a payload_mass or payload_change found in the logs is left out: it is what is
         to be estimated.
+    estimator, weigh : str, Weigh
+        Its name, and what it does.
 
     """
-    name = _default_estimator()
-    found = []
-    for log in logs:
-        before, after = (_estimate(log, base, name) for base in (nominal, extended))
-        found.append(PayloadGain(log.source, name, true, *before, *after))
-    return tuple(found)
+    return tuple(PayloadGain(log.source, estimator, true, *weigh(log, _told(nominal, log)),
+                             *weigh(log, _told(extended, log))) for log in logs)
 
 
-def _default_estimator() -> str:
-    from msg_config.parameters import load_parameters
-    return str(load_parameters()['payload_estimator']['estimator'].default)
-
-
-def _estimate(log: Log, base: Base, name: str) -> tuple[float, float]:
-    # The estimators build on this package, so they are imported where they are used.
-    from flex_payload_estimator.estimators.factory import make_estimator
-    from flex_payload_estimator.tools.estimate import estimate
+def _told(base: Base, log: Log) -> Base:
+    """Return what an estimator is told: a model's effects but the payload's, at the log's pace."""
     effects = [effect for effect in base.effects if effect.identifier not in ESTIMATED]
-    robot = replace(base.robot, sample_time=log.sample_time, effects=specs(effects))
-    return estimate(log, make_estimator(name, robot, base.model, base.modes)).row(-1)
+    return replace(base, robot=replace(base.robot, sample_time=log.sample_time,
+                                       effects=specs(effects)))

@@ -11,6 +11,8 @@ import os
 import sys
 from typing import Any, Protocol
 
+from flex_payload_estimator.estimators.factory import make_estimator
+from flex_payload_estimator.tools.estimate import estimate
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.diagnosis.prediction.latent_view import latent_view, LatentView
@@ -22,7 +24,7 @@ from flex_plant_sim.diagnosis.report.html_report import FILE_NAME, Report, write
 from flex_plant_sim.diagnosis.report.improvement import Gain, measure_gain
 from flex_plant_sim.diagnosis.report.json_answer import answer, answer_text, with_gain
 from flex_plant_sim.diagnosis.report.latent_pictures import latent_sections
-from flex_plant_sim.diagnosis.report.payload_gain import payload_gain, PayloadGain
+from flex_plant_sim.diagnosis.report.payload_gain import payload_gain, PayloadGain, Weigh
 from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual, describe
 from flex_plant_sim.diagnosis.verdict.experiments import with_experiment
 from flex_plant_sim.diagnosis.verdict.results import Diagnosis
@@ -31,12 +33,12 @@ from flex_plant_sim.diagnosis.verdict.verdict import diagnose, nominal_base
 from flex_plant_sim.effects import catalogue
 from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.logs.log import Log
-from flex_plant_sim.logs.rows import SAMPLING_AGREES
 from flex_plant_sim.simulation.nominal import has_coriolis, model_words, nominal_effects
 from flex_plant_sim.tools import command_line
-from flex_plant_sim.tools.log_input import read_log_aloud
+from flex_plant_sim.tools.log_input import read_logs
 from flex_plant_sim.tools.outputs import check_folder, check_outputs, results
 from msg_config.errors import InputError
+from msg_config.parameters import load_parameters
 import numpy as np
 
 SEARCH_SHARE, MEASURING_SHARE = 0.85, 0.93
@@ -92,29 +94,6 @@ def _count(text: str) -> int:
     return int(text)
 
 
-def read_logs(paths: Sequence[str], robot: Robot, model: str, modes: int,
-              coriolis: bool = True) -> list[Log]:
-    """
-    Return the logs, all sampled alike.
-
-    Raises
-    ------
-    InputError
-        Naming the file that cannot be read, is sampled otherwise, or is no evidence of the arm.
-
-    """
-    forces = has_coriolis(nominal_effects(robot, model, coriolis))
-    logs = [read_log_aloud(path, robot, model, modes, forces) for path in paths]
-    for log in logs:
-        if log.doubts:
-            raise InputError(f'{log.source}: not diagnosed: {log.doubts[0]}')
-    for log in logs[1:]:
-        if abs(log.sample_time - logs[0].sample_time) > SAMPLING_AGREES * logs[0].sample_time:
-            raise InputError(f'{log.source}: expected a sample time of {logs[0].sample_time:g} s '
-                             f'as in {logs[0].source}, got {log.sample_time:g} s')
-    return logs
-
-
 def record_of(log: Log, payload: float) -> Record:
     """Return a log as the diagnosis sees it: time from zero, one payload told."""
     return Record(log.source, log.time - log.time[0], log.command, log.output, payload)
@@ -154,9 +133,19 @@ def run(logs: Sequence[Log], robot: Robot, arguments: argparse.Namespace,
         with_gain(diagnosis, gains, len(added)), extended, (before, after), gains,
         wrong, wrong if after is before else describe(after),
         () if arguments.true_payload is None else payload_gain(
-            logs, arguments.true_payload, nominal, extended), latent)
+            logs, arguments.true_payload, nominal, extended, *default_estimator()), latent)
     progress('done', 1.0)
     return found
+
+
+def default_estimator() -> tuple[str, Weigh]:
+    """Return the package's default payload estimator: its name, and how it weighs."""
+    name = str(load_parameters()['payload_estimator']['estimator'].default)
+
+    def weigh(log: Log, told: Base) -> tuple[float, float]:
+        return estimate(log, make_estimator(name, told.robot, told.model, told.modes)).row(-1)
+
+    return name, weigh
 
 
 @contextmanager
