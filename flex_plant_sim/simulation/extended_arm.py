@@ -39,8 +39,8 @@ class ExtendedArm:
     effects : sequence of Effect
     step : float
         Length of one step, s.
-    nodes : int or Array
-        Interpolation nodes over cos(theta_2): how many, or which, Chebyshev's on an interval.
+    nodes : int
+        Interpolation nodes over cos(theta_2).
     in_step : bool
         Whether whole samples of a strain delay are left out, for a caller who brings the strain
         forward by `late` samples.
@@ -54,7 +54,7 @@ class ExtendedArm:
 
     def __init__(self, robot: Robot, model: str = 'assumed_modes', modes: int = 3,
                  payload: float | None = None, effects: Sequence[Effect] = (),
-                 step: float | None = None, nodes: int | Array = NODES, in_step: bool = False):
+                 step: float | None = None, nodes: int = NODES, in_step: bool = False):
         if model not in MODELS:
             raise InputError(f'model: expected one of {", ".join(MODELS)}, got {model!r}')
         mass = robot.payload_mass if payload is None else payload
@@ -75,7 +75,7 @@ class ExtendedArm:
             self.form = effect.on_form(self.form, self.robot)
         self.compact = CompactModel(self.robot, self.modes) if model == 'paper_reduced' else None
         self.step_time = robot.sample_time if step is None else step
-        self.nodes = chebyshev_nodes(nodes) if isinstance(nodes, int) else nodes
+        self.nodes = chebyshev_nodes(nodes)
         self._torque = tuple(e for e in effects if type(e).force is not Effect.force)
         self._friction = tuple(e for e in effects if e.contact == FRICTION)
         self.gaps = tuple(e for e in effects if e.contact == GAP)

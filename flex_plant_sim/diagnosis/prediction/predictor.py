@@ -25,7 +25,6 @@ from flex_plant_sim.diagnosis.prediction.passage import (
     sensor_gain,
     undo_sensors,
 )
-from flex_plant_sim.diagnosis.prediction.visited import visited_nodes
 from flex_plant_sim.diagnosis.record.windows import Indices, Record, Windows
 from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
@@ -63,11 +62,10 @@ class Base:
     discrepancy: Amplitude = Amplitude()
 
     def arm(self, payload: float, effects: Sequence[Effect] = (),
-            robot: Robot | None = None, in_step: bool = False,
-            nodes: int | Array = NODES) -> ExtendedArm:
+            robot: Robot | None = None, in_step: bool = False) -> ExtendedArm:
         """Return the arm with further effects; see ExtendedArm."""
         return ExtendedArm(robot or self.robot, self.model, self.modes, payload,
-                           (*self.effects, *effects), nodes=nodes, in_step=in_step)
+                           (*self.effects, *effects), nodes=NODES, in_step=in_step)
 
 
 class Predictor:
@@ -120,12 +118,7 @@ class Predictor:
             return self.base.arm(self.record.payload, effects, robot)
         # The discrepancy comes first, so that its states are behind the arm's own.
         judged = replace(self.base, effects=(self.discrepancy, *self.base.effects))
-        return judged.arm(self.record.payload, effects, robot, True, self.nodes)
-
-    @cached_property
-    def nodes(self) -> Array:
-        """Return the schedule's nodes where causes are told apart, (K,)."""
-        return visited_nodes(self.base.arm(self.record.payload), self.record.output[:, 1])
+        return judged.arm(self.record.payload, effects, robot, in_step=True)
 
     def _force_variance(self, arm: ExtendedArm) -> Array:
         # White force noise of the same density moves a shorter step by less than its share.
