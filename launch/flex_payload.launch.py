@@ -10,7 +10,7 @@ from launch_ros.actions import Node
 
 ARGUMENTS = {
     'robot': ('reference', 'built-in robot or robot file, for all three nodes'),
-    'payload': ('-1', "payload of the simulated arm, kg; below 0 the robot file's"),
+    'payload': ('-1', "payload of the simulated arm, kg; -1 takes the robot file's"),
     'mode': ('lockstep', 'lockstep or realtime'),
     'namespace': ('', 'namespace of nodes and topics'),
     'params_file': ('', 'ROS parameter file; what it says goes before robot, payload and mode'),

@@ -15,6 +15,9 @@ from flex_plant_sim.simulation.payload_profile import PayloadProfile
 from flex_plant_sim.simulation.simulator import Noise, Simulator
 from msg_config.errors import InputError
 
+# The value of a parameter that stands for the robot file's.
+UNTOLD = -1.0
+
 
 def robot_of(values: Mapping[str, Any]) -> Robot:
     """Return the robot of the parameters robot and sample_time (s; 0: the robot's own)."""
@@ -39,17 +42,23 @@ def simulator_of(values: Mapping[str, Any]) -> Simulator:
     added = tuple(parse(text) for text in values['effects'])
     effects = nominal_effects(replace(robot, effects=(*robot.effects, *added)),
                               values['model'], values['coriolis'])
-    payload = _told(values['payload'], robot.payload_mass)
+    payload = _told(values, 'payload', robot.payload_mass)
     arm = ExtendedArm(robot, values['model'], values['modes'], payload, effects,
                       step=robot.sample_time / values['substeps'])
-    noise = Noise(_told(values['angle_noise'], robot.angle_noise),
-                  _told(values['strain_noise'], robot.strain_noise), values['process_noise'])
+    noise = Noise(_told(values, 'angle_noise', robot.angle_noise),
+                  _told(values, 'strain_noise', robot.strain_noise), values['process_noise'])
     return Simulator(arm, profile_of(payload, values['payload_schedule']), noise, values['seed'])
 
 
-def _told(value: float, own: float) -> float:
-    """Return a parameter, or the robot file's number where the parameter is below zero."""
-    return own if value < 0.0 else value
+def _told(values: Mapping[str, Any], name: str, own: float) -> float:
+    """Return a parameter, or the robot file's number where it is UNTOLD."""
+    value: float = values[name]
+    if value == UNTOLD:
+        return own
+    if value < 0.0:
+        raise InputError(f"{name}: expected at least 0, or {UNTOLD:g} for the robot file's, "
+                         f'got {value:g}')
+    return value
 
 
 def profile_of(mass: float, schedule: tuple[float, ...]) -> PayloadProfile:
