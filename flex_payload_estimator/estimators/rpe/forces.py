@@ -160,15 +160,17 @@ def forces_of_motion(rows: Array, mass: float, share: float, x: Array, after: Ar
 
     """
     # From the middle of the step, so that the scheme is of second order.
-    force, slope, over_mass = rigid_force(rows, mass, 0.5 * (x + after))
-    if len(rows) > NUMBERS:
-        terms, step = terms_at(rows, mass), rows[NUMBERS, 3]
-        before, guess, force = momentum(terms, x), after, np.zeros(rows.shape[1])
-        for _ in range(PASSES):
+    rigid, slope, over_mass = rigid_force(rows, mass, 0.5 * (x + after))
+    if len(rows) <= NUMBERS:
+        return rigid, slope, over_mass
+    terms, step = terms_at(rows, mass), rows[NUMBERS, 3]
+    before, guess, force = momentum(terms, x), after, np.zeros(rows.shape[1])
+    for number in range(PASSES):
+        if number > 0:
             rigid, slope, over_mass = rigid_force(rows, mass, 0.5 * (x + guess))
-            miss = rigid + bent_force(terms, before, x, guess, step) - force
-            force = force + applied(newton_matrix(terms, guess, share * push, step), miss)
-            guess = after + share * applied(push, force)
+        miss = rigid + bent_force(terms, before, x, guess, step) - force
+        force = force + applied(newton_matrix(terms, guess, share * push, step), miss)
+        guess = after + share * applied(push, force)
     return force, slope, over_mass
 
 

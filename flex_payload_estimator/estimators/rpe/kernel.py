@@ -115,12 +115,13 @@ def _carried(jacobian: Array, cov: Array, noise: Array) -> Array:
 
 
 @compiled
-def _so_many(jacobian: Array, given: Array, noise: Array, steps: int
-             ) -> tuple[Array, Array, Array]:
+def _composed(jacobian: Array, given: Array, noise: Array, steps: int
+              ) -> tuple[Array, Array, Array]:
     """
-    Return J, the columns added and Q of so many samples with the same ones, as delta operators.
+    Return J, the columns added and Q of many equal steps that follow each other.
 
-    By doubling: of steps that follow each other J is J1 + J2 + J2 J1, so that small J stay exact.
+    A step takes x to (1 + J) x + given, and P to (1 + J) P (1 + J)' + Q. By doubling: two steps
+    have J1 + J2 + J2 J1, in which a small J keeps its digits.
     """
     far, added, spread = np.zeros_like(jacobian), np.zeros_like(given), np.zeros_like(noise)
     while True:
@@ -175,7 +176,7 @@ def predict(x: Array, cov: Array, sens: Array, anchor: Array, order: Array, valu
     noise = squared(given, given)
     if steps > 1:
         columns = np.column_stack((increment, moved))
-        jacobian, columns, noise = _so_many(jacobian, columns, noise, steps)
+        jacobian, columns, noise = _composed(jacobian, columns, noise, steps)
         increment, moved = columns[:, 0].copy(), columns[:, 1:].copy()
     return (x + increment, _carried(jacobian, cov, noise),
             sens + product(jacobian, sens) + moved)

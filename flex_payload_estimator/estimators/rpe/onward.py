@@ -90,12 +90,11 @@ def ahead(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor:
         How many sampling times.
 
     """
-    noise = doubt
     if error > 0.0:
         net = command - applied(speed, state_of(x, sens, beta, anchor, held))
-        noise = doubt + error * np.maximum(loads[DRIVE, :2], net * net)
+        doubt = doubt + error * np.maximum(loads[DRIVE, :2], net * net)
     x[:], cov[:], sens[:] = predict(x, cov, sens, about, order, value, slopes, parts, away,
-                                    command, motion, np.sqrt(noise), steps)
+                                    command, motion, np.sqrt(doubt), steps)
     if walked > 0.0:
         cov[:], sens[:], spread[:] = walk(cov, sens, spread, steps * walked)
 

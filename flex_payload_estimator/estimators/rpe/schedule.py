@@ -18,9 +18,10 @@ ANGLE_TERMS, PAYLOAD_NODES = 19, 28
 COARSE_TERMS, COARSE_NODES = 9, 12
 # The arm over xi = m / (m + soft mass) is nearly a polynomial; soft mass over lower link's mass.
 SOFT_SHARE = 0.4
-# Slices stand at steps of this share of (m + soft mass): a cubic remainder of 1e-8; and at so
-# many where a payload is known to no more than one of these, of 2e-6. The parts' derivatives,
-# which act through deviations of a few percent, are held over steps of that and of the angle, rad.
+# Slices stand at steps of this share of (m + soft mass): a cubic remainder of 1e-8. A payload
+# known to no better than WIDE of them has every WIDE-th only: a remainder of 2e-6. The parts'
+# derivatives, which act through deviations of a few percent, are held over steps of PART_STEP of
+# (m + soft mass) and PART_ANGLE of the angle, rad.
 SLICE_STEP, WIDE, PART_STEP, PART_ANGLE = 4e-3, 12, 0.05, 0.02
 KEPT_SLICES, KEPT_LAYERS, KEPT_PARTS = 128, 16, 512
 

@@ -80,8 +80,7 @@ def steady_filter(arm: ExtendedArm, force_variance: Array, noise: Array,
     """
     n, c, nodes = arm.states, arm.output_matrix, arm.nodes
     table = arm.schedule.table.reshape(nodes.size, n, -1)
-    count = min(GAIN_NODES, nodes.size)
-    chosen = np.linspace(0, nodes.size - 1, count).round().astype(int)
+    chosen = np.linspace(0, nodes.size - 1, GAIN_NODES).round().astype(int)
     f, e = table[chosen, :, :n], table[chosen, :, n + 2:n + 2 + force_variance.size]
     q = (e * force_variance) @ np.swapaxes(e, 1, 2) + np.diag(np.zeros(n) + state_variance)
     scaled = c / noise[:, None]
@@ -100,8 +99,6 @@ def steady_gain(arm: ExtendedArm, force_variance: Array, noise: Array,
 
 def _between(nodes: Array, chosen: NDArray[np.int64], values: Array) -> Array:
     """Return values (c, …) at chosen nodes (c,) as a polynomial has them at all, (K, …)."""
-    if chosen.size == nodes.size:
-        return values
     coefficients = np.linalg.solve(np.vander(nodes[chosen], increasing=True),
                                    values.reshape(chosen.size, -1))
     found = np.vander(nodes, chosen.size, increasing=True) @ coefficients
