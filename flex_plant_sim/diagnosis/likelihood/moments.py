@@ -9,7 +9,7 @@ from flex_plant_sim.diagnosis.likelihood.evidence import Marginal, Slab
 import numpy as np
 
 # So many samples count as one: then the parts of clean arms, which are known, are as far off as
-# stated where that is worst, and likeliest on all (benchmarks/temper.py, docs/diagnosis.md).
+# stated where that is worst, and likeliest on all (benchmarks/temper.py, docs/evidence.md).
 TEMPER = 16.0
 SETTLED, ROUNDS = 1e-3, 20
 
