@@ -7,11 +7,16 @@ here for one step of a filter, with the payload that it believes.
 
 from __future__ import annotations
 
-from flex_payload_estimator.estimators.rpe.products import applied, inner, inverse
+from flex_payload_estimator.estimators.rpe.products import applied, inner, inverse, product
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import compiled
 from flex_plant_sim.effects.mechanics.bending import bending_terms, BendingTerms
-from flex_plant_sim.effects.mechanics.bending_step import momentum, slopes
+from flex_plant_sim.effects.mechanics.bending_step import (
+    field_slope,
+    momentum,
+    momentum_slope,
+    slopes,
+)
 from flex_plant_sim.effects.mechanics.kinematics import is_energy_form, root_row
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
@@ -25,7 +30,8 @@ ELBOW, ACROSS, PER_KG, ROOT_1, ROOT_2, ANGLE, UPPER, NUMBERS, FIRST = *range(8),
 # the simulator makes them (stepping.py), so that the model is its arm to rounding. At 0.3 kg in
 # fast motion two evaluations alone (Picard) are 6 % of the largest force off at 100 Hz, 25 % at
 # 1 kHz.
-PASSES = 2
+# Difference over the payload, kg.
+MASS_STEP = 1e-6
 
 
 def moves(arm: ExtendedArm) -> bool:
@@ -87,8 +93,7 @@ def rigid_force(rows: Array, mass: float, middle: Array) -> tuple[Array, Array, 
     """
     Return sin(eta) (sigma w_2 e - epsilon w_1 s), (N,), at the middle of a step.
 
-    Then its derivatives: what e and what s are multiplied with over the state, (2, n), and the
-    force over the payload, (N,).
+    Then its derivatives over the state, (N, n), and over the payload, (N,).
     """
     n = rows.shape[1]
     rate = middle[n:2 * n].copy()
@@ -102,28 +107,27 @@ def rigid_force(rows: Array, mass: float, middle: Array) -> tuple[Array, Array, 
     slope[0, :n], slope[1, :n] = cosine * along * rows[ANGLE], cosine * beside * rows[ANGLE]
     slope[0, n:2 * n] = sine * (sigma * rows[ROOT_2] + w_2 * across)
     slope[1, n:2 * n] = -sine * (epsilon * rows[ROOT_1] + w_1 * rows[ELBOW])
+    over_state = (product(rows[ELBOW].copy().reshape(-1, 1), slope[:1])
+                  + product(across.reshape(-1, 1), slope[1:]))
     over_mass = sine * (inner(rows[PER_KG], rate) * w_2 * rows[ELBOW] + beside * rows[PER_KG])
-    return sine * (along * rows[ELBOW] + beside * across), slope, over_mass
+    return sine * (along * rows[ELBOW] + beside * across), over_state, over_mass
 
 
 @compiled
-def bent_force(terms: BendingTerms, before: Array, start: Array, after: Array, step: float
-               ) -> Array:
-    """Return Foreshortening's mean force over a step from `start`, of momentum `before`, (N,)."""
-    return slopes(terms, 0.5 * (start + after)) - (momentum(terms, after) - before) / step
+def bent_force(terms: BendingTerms, before: Array, x: Array, after: Array, step: float) -> Array:
+    """Return Foreshortening's mean force over a step from x, of momentum `before`, (N,)."""
+    return slopes(terms, 0.5 * (x + after)) - (momentum(terms, after) - before) / step
 
 
 @compiled
-def newton_matrix(terms: BendingTerms, after: Array, push: Array, step: float) -> Array:
+def newton_matrix(mass: Array, push: Array, step: float) -> Array:
     """
     Return by what a miss of the forces corrects them, (N, N): (1 + M_b E_v / T)^-1.
 
     Parameters
     ----------
-    terms : BendingTerms
-        M_b is the mass that bent links add, their momentum's derivative over the velocity.
-    after : Array
-        State after the step, where they bend, (n,).
+    mass : Array
+        M_b that bent links add, their momentum's derivative over the velocity, (N, N).
     push : Array
         What a unit of each force does to the state over a step, (n, N); E_v of it to velocities.
     step : float
@@ -131,47 +135,63 @@ def newton_matrix(terms: BendingTerms, after: Array, push: Array, step: float) -
 
     """
     n = push.shape[1]
-    unit, through = after.copy(), np.eye(n)
-    for i in range(n):
-        unit[n:2 * n] = 0.0
-        unit[n + i] = 1.0
-        mass = momentum(terms, unit) / step
-        for j in range(n):
-            through[j] += mass[j] * push[n + i]
-    return inverse(through)
+    return inverse(np.eye(n) + product(mass, push[n:2 * n]) / step)
 
 
 @compiled
-def forces_of_motion(rows: Array, mass: float, share: float, x: Array, after: Array, push: Array
-                     ) -> tuple[Array, Array, Array]:
+def _bent(rows: Array, mass: float, x: Array, after: Array, push: Array
+          ) -> tuple[Array, Array, Array, Array]:
+    """Return the forces of motion, and their derivatives but for what acts on themselves."""
+    terms, step, n = terms_at(rows, mass), rows[NUMBERS, 3], rows.shape[1]
+    before = momentum(terms, x)
+    force = rigid_force(rows, mass, 0.5 * (x + after))[0] \
+        + bent_force(terms, before, x, after, step)
+    force = applied(newton_matrix(momentum_slope(terms, after, n), push, step), force)
+    guess = after + applied(push, force)
+    middle = 0.5 * (x + guess)
+    rigid, over_x, over_mass = rigid_force(rows, mass, middle)
+    bent, gained = bent_force(terms, before, x, guess, step), momentum_slope(terms, guess, 0)
+    force = force + applied(newton_matrix(gained[:, n:].copy(), push, step), rigid + bent - force)
+    over_x *= 0.5
+    over_x[:, :2 * n] += 0.5 * field_slope(terms, middle)
+    over_after = over_x.copy()
+    over_x[:, :2 * n] += momentum_slope(terms, x, 0) / step
+    over_after[:, :2 * n] -= gained / step
+    heavier = terms_at(rows, mass + MASS_STEP)
+    more = bent_force(heavier, momentum(heavier, x), x, guess, step)
+    return force, over_x, over_after, over_mass + (more - bent) / MASS_STEP
+
+
+@compiled
+def forces_of_motion(rows: Array, mass: float, x: Array, after: Array, push: Array
+                     ) -> tuple[Array, Array, Array, Array]:
     """
-    Return the forces of motion over a step at share 1, (N,), and the rigid links' derivatives.
+    Return the forces of motion over a step, (N,), and their derivatives.
+
+    Over the state before the step, and over the one after it without these forces, (N, n) each;
+    over the payload, (N,). Bent links' forces act on themselves: so does each derivative.
 
     Parameters
     ----------
     rows : Array
         See motion_rows.
-    mass, share : float
-        Payload, kg, and what share of the forces acts.
+    mass : float
+        Payload, kg.
     x, after : Array
         State before the step and, without these forces, after it, (n,).
     push : Array
-        What a unit of each force does to the state, (n, N).
+        What a unit of each force does to the state, as far as they act, (n, N).
 
     """
+    if len(rows) > NUMBERS:
+        force, over_x, over_after, over_mass = _bent(rows, mass, x, after, push)
+        through = inverse(np.eye(len(force)) - product(over_after, push))
+        return (force, product(through, over_x), product(through, over_after),
+                applied(through, over_mass))
     # From the middle of the step, so that the scheme is of second order.
-    rigid, slope, over_mass = rigid_force(rows, mass, 0.5 * (x + after))
-    if len(rows) <= NUMBERS:
-        return rigid, slope, over_mass
-    terms, step = terms_at(rows, mass), rows[NUMBERS, 3]
-    before, guess, force = momentum(terms, x), after, np.zeros(rows.shape[1])
-    for number in range(PASSES):
-        if number > 0:
-            rigid, slope, over_mass = rigid_force(rows, mass, 0.5 * (x + guess))
-        miss = rigid + bent_force(terms, before, x, guess, step) - force
-        force = force + applied(newton_matrix(terms, guess, share * push, step), miss)
-        guess = after + share * applied(push, force)
-    return force, slope, over_mass
+    force, over_x, over_mass = rigid_force(rows, mass, 0.5 * (x + after))
+    over_x *= 0.5
+    return force, over_x, over_x, over_mass
 
 
 @compiled

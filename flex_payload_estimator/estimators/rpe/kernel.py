@@ -10,13 +10,7 @@ The same code runs with and without Numba.
 
 from __future__ import annotations
 
-from flex_payload_estimator.estimators.rpe.forces import (
-    ACROSS,
-    ELBOW,
-    forces_of_motion,
-    PER_KG,
-    scheduling_row,
-)
+from flex_payload_estimator.estimators.rpe.forces import forces_of_motion, scheduling_row
 from flex_payload_estimator.estimators.rpe.products import (
     applied,
     combined,
@@ -66,21 +60,6 @@ def _at(angles: Array, order: Array, value: Array, slopes: Array, away: float
 
 
 @compiled
-def _push(x: Array, increment: Array, anchor: Array, motion: Array, push: Array, drive: Array,
-          moved: Array, jacobian: Array) -> Array:
-    """Write the forces of motion to M d's d, what they do to its derivatives; return M's share."""
-    share, n = anchor[CORIOLIS], x.size
-    force, slope, over_m = forces_of_motion(motion, anchor[MASS], share, x, x + increment, push)
-    drive[n + 2:] = share * force
-    across = motion[ACROSS] + anchor[MASS] * motion[PER_KG]
-    jacobian += product(share * applied(push, motion[ELBOW]).reshape(-1, 1), slope[:1])
-    jacobian += product(share * applied(push, across).reshape(-1, 1), slope[1:])
-    moved[:, CORIOLIS] = applied(push, force)
-    moved[:, MASS] = share * applied(push, over_m)
-    return applied(push, drive[n + 2:])
-
-
-@compiled
 def _stepped(x: Array, anchor: Array, order: Array, value: Array, slopes: Array, parts: Array,
              away: float, command: Array, motion: Array) -> tuple[Array, Array, Array, Array]:
     """Return M d, its derivatives over state and parameters, and what of M commands meet."""
@@ -95,15 +74,27 @@ def _stepped(x: Array, anchor: Array, order: Array, value: Array, slopes: Array,
     increment = applied(matrix, drive)
     if len(parts) > 0:
         increment = increment + _off_nominal(parts, anchor, drive, moved, jacobian)
+    push = share * matrix[:, n + 2:]
+    over_x = over_after = np.zeros((0, n))
+    over_mass = np.zeros(0)
     if moves:
-        increment = increment + _push(x, increment, anchor, motion, matrix[:, n + 2:].copy(),
-                                      drive, moved, jacobian)
+        force, over_x, over_after, over_mass = forces_of_motion(
+            motion, anchor[MASS], x, x + increment, push)
+        increment = increment + applied(push, force)
+        drive[n + 2:] = share * force
+        moved[:, CORIOLIS] = applied(matrix[:, n + 2:].copy(), force)
     moved[:, MASS] += applied(flat_m.reshape(n, held), drive)
     turned = applied(flat_angle.reshape(n, held), drive)
     moved[:, CORIOLIS] += beyond * turned
     lean *= share
     lean[1] += 1.0
     jacobian += product(turned.reshape(-1, 1), lean.reshape(1, -1))
+    if moves:
+        # What changes the step changes the forces over it.
+        over_x = over_x + over_after + product(over_after, jacobian)
+        moved += product(push, product(over_after, moved))
+        moved[:, MASS] += applied(push, over_mass)
+        jacobian += product(push, over_x)
     return increment, jacobian, moved, matrix[:, n:n + 2]
 
 

@@ -16,6 +16,8 @@ import numpy as np
 
 _momentum_factors, _field_factors = compiled(momentum_factors), compiled(field_factors)
 _remaining = compiled(remaining)
+# Of a difference along a state, in its unit: what is cubic in it leaves 1e-8.
+STEP = 1e-4
 
 
 @compiled
@@ -79,3 +81,95 @@ def step_force(terms: BendingTerms, position: Array, velocity: Array, change: Ar
     middle = np.concatenate([position, velocity])
     gained = momentum(terms, middle + 0.5 * change) - momentum(terms, middle - 0.5 * change)
     return np.asarray(slopes(terms, middle) - gained / step)
+
+
+@compiled
+def _parted(z: Array) -> tuple[Any, Any, Any]:
+    """Return rate, bent and short of momentum_factors from the scalars of `_over_state`."""
+    return ((z[0], z[1], z[2], z[3]), (z[4], z[5], np.sin(z[6]), np.cos(z[6])),
+            (z[7], z[8], z[9], z[10], z[11], z[12]))
+
+
+@compiled
+def _over_state(terms: BendingTerms, state: Array) -> tuple[Array, Array, float, Array, Array]:
+    """
+    Return w_1, w_2, epsilon, sigma, tau, alpha, eta, P, P', C_1, beta, beta', C_2, (13,).
+
+    Then their derivatives over the state, (2 N, 13), what remains of the forces, and the products
+    with p and p'.
+    """
+    n = len(terms.upper)
+    rate, _, short, over_p, over_v = scalars(terms, state)
+    z, slope = np.empty(13), np.zeros((2 * n, 13))
+    z[0], z[1], z[2], z[3] = rate
+    z[4:7] = over_p[:3]
+    z[7], z[8], z[9], z[10], z[11], z[12] = short
+    for i in range(n):
+        slope[n + i, :4] = terms.over_velocity[:4, i]
+        slope[i, 4:7] = terms.over_position[:3, i]
+        k = 7 if terms.upper[i] > 0.0 else 10
+        slope[i, k], slope[n + i, k + 1] = over_p[3 + i], over_p[3 + i]
+        slope[i, k + 1], slope[i, k + 2] = over_v[4 + i], 2.0 * over_p[3 + n + i]
+    return z, slope, _remaining(short, terms.most), over_p, over_v
+
+
+@compiled
+def momentum_slope(terms: BendingTerms, state: Array, first: int) -> Array:
+    """
+    Return the derivative of `momentum` over the state from one of it on, (N, 2 N - first).
+
+    Its factors are polynomials of few scalars: their differences along each state leave 1e-8.
+    What fades of arms that bend beyond their order fades with it, its own slope apart.
+    """
+    n, rows, link = len(terms.upper), terms.over_velocity, terms.over_position[3:]
+    z, slope, left, over_p, _ = _over_state(terms, state)
+    rate, bent, short = _parted(z)
+    f, found = _momentum_factors(rate, bent, short, terms.carried), np.empty((n, 2 * n - first))
+    for j in range(first, 2 * n):
+        rate, bent, short = _parted(z + STEP * slope[j])
+        ahead = _momentum_factors(rate, bent, short, terms.carried)
+        rate, bent, short = _parted(z - STEP * slope[j])
+        behind = _momentum_factors(rate, bent, short, terms.carried)
+        for i in range(n):
+            by = ahead[4] - behind[4] if terms.upper[i] > 0.0 else ahead[5] - behind[5]
+            total = 0.5 / STEP * (
+                by * over_p[3 + i]
+                + (ahead[0] - behind[0]) * rows[0, i] + (ahead[1] - behind[1]) * rows[1, i]
+                + (ahead[2] - behind[2]) * rows[2, i] + (ahead[3] - behind[3]) * rows[3, i])
+            if j < n:
+                total += (f[4] if terms.upper[i] > 0.0 else f[5]) * link[i, j]
+            found[i, j - first] = left * total
+    return found
+
+
+@compiled
+def field_slope(terms: BendingTerms, state: Array) -> Array:
+    """Return the derivative of `slopes` over the state, (N, 2 N); see momentum_slope."""
+    n, rows, turning = len(terms.upper), terms.over_position, terms.over_velocity
+    z, slope, left, over_p, over_v = _over_state(terms, state)
+    rate, bent, short = _parted(z)
+    f, found = _field_factors(rate, bent, short, terms.carried), np.empty((n, 2 * n))
+    for j in range(2 * n):
+        rate, turned, short = _parted(z + STEP * slope[j])
+        ahead = _field_factors(rate, turned, short, terms.carried)
+        rate, turned, short = _parted(z - STEP * slope[j])
+        behind = _field_factors(rate, turned, short, terms.carried)
+        for i in range(n):
+            # The upper link has sigma sin(eta) S p' + w_1^2 C p besides, the lower one likewise.
+            upper = terms.upper[i] > 0.0
+            by, own = (ahead[3] - behind[3], f[3]) if upper else (ahead[4] - behind[4], f[4])
+            across, w, sign = (3, 0, 1.0) if upper else (2, 1, -1.0)
+            total = 0.5 / STEP * (
+                by * over_p[3 + i] + (ahead[0] - behind[0]) * rows[0, i]
+                + (ahead[1] - behind[1]) * rows[1, i] + (ahead[2] - behind[2]) * rows[2, i]
+                + (ahead[5] - behind[5]) * turning[2, i]
+                + (ahead[6] - behind[6]) * turning[3, i])
+            total += sign * over_v[4 + i] * (
+                slope[j, across] * bent[2] + z[across] * bent[3] * slope[j, 6]) \
+                + 2.0 * z[w] * slope[j, w] * over_p[3 + n + i]
+            if j < n:
+                total += own * rows[3 + i, j] + z[w]**2 * rows[3 + n + i, j]
+            else:
+                total += sign * z[across] * bent[2] * rows[3 + i, j - n]
+            found[i, j] = left * total
+    return found
