@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from inspect import signature
 import math
 from pathlib import Path
@@ -88,6 +88,7 @@ class ContractNode(LifecycleNode, ABC):
         self._heard, self.waited = FirstPublisher(), 0.0
         self._parameter_changes = Changes(name, self.values)
         self._subscribed: dict[str, Subscription[Any]] = {}
+        self._polled: set[str] = set()
         self.interrupted: Future[None] = Future()
         self._wall = Clock(clock_type=ClockType.STEADY_TIME)
         self._diagnostics = self.publisher('/diagnostics')
@@ -104,6 +105,8 @@ class ContractNode(LifecycleNode, ABC):
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin to take messages."""
+        for topic in self._polled:
+            self.take_waiting(topic)  # and drop it: it is from before
         self.active = True
         self.begin()
         return super().on_activate(state)
@@ -174,8 +177,26 @@ class ContractNode(LifecycleNode, ABC):
         """Return a publisher of a topic of the contract."""
         return create_publisher(self, topic)
 
-    def subscribe(self, topic: str, callback: Callable[[Any], None]) -> None:
-        """Take messages of a topic of the contract; what raises InputError is refused."""
+    @property
+    def subscriptions(self) -> Iterator[Subscription[Any]]:
+        """Return the subscriptions whose messages wake the executor."""
+        polled = [self._subscribed.get(topic) for topic in self._polled]
+        return (each for each in super().subscriptions if each not in polled)
+
+    def take_waiting(self, topic: str) -> None:
+        """Take what waits on a topic that is polled."""
+        subscription = self._subscribed[topic]
+        take, kind = subscription.handle.take_message, subscription.msg_type
+        while (taken := take(kind, subscription.raw)) is not None:
+            subscription.callback(taken)  # type: ignore[call-arg, arg-type]
+
+    def subscribe(self, topic: str, callback: Callable[[Any], None], *, polled: bool = False,
+                  ) -> None:
+        """
+        Take messages of a topic of the contract; what raises InputError is refused.
+
+        Polled, they wait for `take_waiting`: to be woken by each costs as much as to send it.
+        """
         own = load_topics()[topic]
         # What one publisher sends comes at every sample, with the same names each time.
         exclusive, read = own.exclusive, MessageReader(interface_class(own.type), topic)
@@ -192,6 +213,8 @@ class ContractNode(LifecycleNode, ABC):
                 self._run(callback, read(message) if isinstance(message, bytes) else message)
             except REFUSED as error:
                 self.reject(topic, str(error))
+        if polled:
+            self._polled.add(topic)
         self._subscribed[topic] = create_sourced_subscription(self, topic, guarded, raw=exclusive)
 
     def offer(self, service: str, callback: Callable[[Any, Any], Any]) -> None:

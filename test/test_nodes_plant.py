@@ -122,6 +122,24 @@ def test_real_time_holds_a_late_command_and_reports_it(loop: RosLoop) -> None:
     loop.until(lambda: node.simulator.measure().command.tolist() == [0.0, 0.0])
 
 
+def test_real_time_drops_what_came_while_the_node_was_inactive(loop: RosLoop) -> None:
+    from msg_config.messages import joint_state
+
+    diagnostics = loop.record('/diagnostics')
+    node = plant(loop, mode='realtime', autostart=False)
+    command = loop.publisher('command')
+    command.publish(joint_state(0, JOINTS, effort=(0.3, 0.2)))
+    loop.wait(0.2)
+    node.trigger_configure()
+    node.trigger_activate()
+    loop.until(lambda: node.simulator.samples > 5)
+    diagnostics.clear()
+    loop.until(lambda: len(diagnostics) > 0)
+    values = {value.key: value.value for status in diagnostics[-1].status
+              for value in status.values}
+    assert values['late'] == '0'
+
+
 def test_real_time_keeps_pace_with_the_wall_clock(loop: RosLoop) -> None:
     import time
 

@@ -66,7 +66,8 @@ class PlantSim(ContractNode):
         self._writers = (
             MessageWriter(joint_state(0, self._joints.names, zeros, zeros, zeros), *NUMBERS),
             MessageWriter(joint_state(0, self._gauges.names, np.zeros(len(gauges))), *NUMBERS))
-        self.subscribe('command', self._on_command)
+        # In real time the tick asks which command there is, and nothing does before it.
+        self.subscribe('command', self._on_command, polled=not self._lockstep)
         self.offer('~/reset', self._on_reset)
         self.offer('~/pause', self._on_pause)
         self.offer('~/step', self._on_step)
@@ -184,6 +185,7 @@ class PlantSim(ContractNode):
 
     def _tick(self) -> None:
         """Make the samples that are due by the wall clock."""
+        self.take_waiting('command')
         if self._paused:
             return
         interval = self.simulator.arm.robot.sample_time
