@@ -43,8 +43,9 @@ from simulated_records import effects, REFERENCE, simulated
 RNG = np.random.default_rng(7)
 COLUMNS, PRIOR = RNG.standard_normal((30, 4)), np.array([0.5, 1.0, 2.0, 1e-9])
 RESIDUAL = RNG.standard_normal(30) + COLUMNS @ np.array([0.4, -1.0, 2.5, 0.0])
-SLAB = Slab(np.array([1.0]), np.array([0.7]), np.zeros(1))
-EMPTY = Moments(np.zeros((1, 1, 1)), np.zeros(0), Slab(*np.zeros((3, 0))), np.zeros(0), 1.0,
+SLAB = Slab(np.array([1.0]), np.array([0.7]), np.zeros(1), np.zeros(1, bool))
+NO_SLAB = Slab(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0, bool))
+EMPTY = Moments(np.zeros((1, 1, 1)), np.zeros(0), NO_SLAB, np.zeros(0), 1.0,
                 np.zeros(1))
 NOTHING = Fit((), Amplitude(), np.zeros(0), np.zeros(0), np.ones(1), np.eye(1), EMPTY, 0.0)
 
@@ -113,10 +114,35 @@ def test_a_one_sided_slab_keeps_the_mass_on_its_side() -> None:
         prior = 2.0 * norm.pdf(theta, scale=width)
         return float(np.exp(-0.5 * left @ left + 0.5 * RESIDUAL @ RESIDUAL) * prior)
 
-    slab = Slab(np.zeros(1), np.array([width]), np.array([-1.0]))
+    slab = Slab(np.zeros(1), np.array([width]), np.array([-1.0]), np.zeros(1, bool))
     inside = slab.log_inside(marginal.mean, np.diagonal(marginal.covariance))
     assert marginal.log_evidence + 0.5 * RESIDUAL @ RESIDUAL + inside == pytest.approx(
         np.log(quad(density, -8.0, 0.0)[0]), abs=1e-6)
+
+
+def test_a_shape_that_nature_may_lack_is_absent_as_likely_as_not() -> None:
+    """One value, known badly and near its centre of 1, with half of its prior at 1."""
+    column, width, value = 0.3 * COLUMNS[:, 0], 0.7, 1.1
+    spiked = Slab(np.ones(1), np.array([width]), np.zeros(1), np.ones(1, bool))
+
+    def likelihood(theta: float) -> float:
+        left = RESIDUAL + column * (theta - value)
+        return float(np.exp(-0.5 * left @ left + 0.5 * RESIDUAL @ RESIDUAL))
+
+    slab = quad(lambda theta: likelihood(theta) * norm.pdf(theta, 1.0, width), -8.0, 10.0)[0]
+    both = 0.5 * likelihood(1.0) + 0.5 * slab
+    best = optimum(RESIDUAL, column, value, spiked)
+    assert best.log_evidence(np.ones(1), 1.0) + 0.5 * RESIDUAL @ RESIDUAL == pytest.approx(
+        np.log(both), abs=1e-6)
+
+
+def optimum(residual: np.ndarray, column: np.ndarray, value: float, slab: Slab) -> Moments:
+    """Return the moments of one value where its posterior is greatest."""
+    precision = column @ column + slab.width[0]**-2
+    best = (column @ (column * value - residual) + slab.centre[0] * slab.width[0]**-2) / precision
+    rows = np.stack([residual + column * (best - value), column])[:, None]
+    return Moments(channel_products(rows, rows), best - slab.centre, slab, np.zeros(0), 30.0,
+                   np.zeros(1))
 
 
 def test_the_evidence_turns_at_the_detection_limit() -> None:

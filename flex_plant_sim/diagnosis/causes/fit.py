@@ -54,7 +54,7 @@ class Causes:
         """Return the prior of all parameters."""
         slabs = [h.slab(self.duration) for h in self.hypotheses]
         return Slab(*(self._joined([getattr(s, part) for s in slabs])
-                      for part in ('centre', 'width', 'sided')))
+                      for part in ('centre', 'width', 'sided', 'spiked')))
 
     @property
     def bounds(self) -> tuple[Array, Array]:

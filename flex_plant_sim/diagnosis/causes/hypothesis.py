@@ -95,7 +95,9 @@ class Hypothesis:
         width = np.where(held, POINT, width)
         above, below = self.low >= self.null, self.high <= self.null
         sided = np.where(held | anywhere, 0.0, 1.0 * above - 1.0 * below)
-        return Slab(centre, width, sided)
+        # What nature may add to an effect is there or not.
+        spiked = ~held & np.array([p.optional for p in self.parameters])
+        return Slab(centre, width, sided, spiked)
 
     def steps(self, values: Array) -> Array:
         """

@@ -121,12 +121,20 @@ class Slab:
         Mean and standard deviation of a Gaussian, (k,).
     sided : Array
         True where only values on one side of the centre exist: +1 above, -1 below, 0 both, (k,).
+    spiked : Array
+        True where a value is at the centre itself as likely as not, and the Gaussian is the other
+        half, (k,).
 
     """
 
     centre: Array
     width: Array
     sided: Array
+    spiked: Array
+
+    def kept(self, rows: Array) -> Slab:
+        """Return the prior of some of the parameters alone, by places."""
+        return Slab(self.centre[rows], self.width[rows], self.sided[rows], self.spiked[rows])
 
     def log_inside(self, mean: Array, variance: Array) -> float:
         """

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from itertools import combinations
+import math
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.likelihood.evidence import Marginal, Slab
@@ -87,8 +90,27 @@ class Moments:
         return Marginal(move.T @ self.weighted(scale, temper) @ move,
                         np.concatenate([self.slab.width, self.tolerances]))
 
+    def at_centre(self, places: Collection[int]) -> Moments:
+        """Return the same with some values at the centres of their slabs for certain."""
+        move = np.eye(len(self.products[0]))
+        move[1 + np.array(places, dtype=int), 0] = -self.away[list(places)]
+        move = np.delete(move, [1 + place for place in places], axis=1)
+        rest = np.setdiff1d(np.arange(self.away.size), list(places))
+        return replace(self, products=move.T @ self.products @ move, away=self.away[rest],
+                       slab=self.slab.kept(rest))
+
     def log_evidence(self, scale: Array, temper: float = TEMPER) -> float:
-        """Return the evidence by Laplace's method, nats; exact where all is linear."""
+        """
+        Return the evidence by Laplace's method, nats; exact where all is linear.
+
+        Where a value may be at the centre of its slab for certain, the mean of both.
+        """
+        may = np.flatnonzero(self.slab.spiked).tolist()
+        some = [places for count in range(len(may) + 1) for places in combinations(may, count)]
+        each = [self.at_centre(places)._of_slabs(scale, temper) for places in some]
+        return float(np.logaddexp.reduce(each)) - math.log(len(some))
+
+    def _of_slabs(self, scale: Array, temper: float) -> float:
         wide, k = self.joined(scale, temper), self.away.size
         mean, variance = wide.mean[:k], np.diagonal(wide.covariance)[:k]
         # At the point; where a value lies at the end of a one-sided slab, at the optimum beyond.
