@@ -32,6 +32,7 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.publisher import Publisher
+from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.task import Future
 from rclpy.timer import Timer
@@ -216,6 +217,21 @@ class ContractNode(LifecycleNode, ABC):
         if polled:
             self._polled.add(topic)
         self._subscribed[topic] = create_sourced_subscription(self, topic, guarded, raw=exclusive)
+
+    def create_service(self, srv_type: Any, srv_name: str, callback: Callable[[Any, Any], Any],
+                       **options: Any) -> Service[Any, Any]:
+        """
+        Offer a service that no request ends.
+
+        rclpy's own, those of parameters, raise where a request holds what is none of theirs.
+        """
+        def guarded(request: Any, response: Any) -> Any:
+            try:
+                return callback(request, response)
+            except (*REFUSED, LookupError, TypeError, ValueError) as error:
+                self.get_logger().warning(f'{srv_name}: refused: {InputError(error)}')
+                return response
+        return super().create_service(srv_type, srv_name, guarded, **options)
 
     def offer(self, service: str, callback: Callable[[Any, Any], Any]) -> None:
         """Offer a service of the contract."""

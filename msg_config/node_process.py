@@ -14,7 +14,11 @@ from msg_config.quiet_start import end_at_once
 from msg_config.transport import avoid_shared_memory
 import rclpy
 from rclpy.context import Context
-from rclpy.exceptions import ROSInterruptException
+from rclpy.exceptions import (
+    InvalidParameterTypeException,
+    InvalidParameterValueException,
+    ROSInterruptException,
+)
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.signals import install_signal_handlers, SignalHandlerOptions
 from rclpy.task import Future
@@ -98,6 +102,9 @@ def _spin_one(make: Callable[[], ContractNode]) -> None:
 def _made(make: Callable[[], ContractNode]) -> ContractNode:
     try:
         return make()
+    except (InvalidParameterTypeException, InvalidParameterValueException) as error:
+        # One of rclpy's own, as use_sim_time.
+        raise InputError(str(error)) from None
     except Exception as error:  # noqa: B902
         # The middleware has no security, or no room for another node; rclpy exports no class.
         if rclpy.ok() and type(error).__name__ == 'RCLError':

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from difflib import get_close_matches
 from importlib import import_module
 import inspect
@@ -49,12 +50,22 @@ def qos_profile(qos: Qos) -> QoSProfile:
     )
 
 
+@contextmanager
+def _named_overrides(node: Node, topic: str) -> Iterator[None]:
+    """Raise InputError where an override of a topic's QoS is none; rclpy has no class for it."""
+    try:
+        yield
+    except RuntimeError as error:
+        raise InputError(f'{node.get_name()}: qos_overrides of {topic}: {error}') from None
+
+
 def create_publisher(node: Node, name: str) -> Publisher:
     """Return a publisher of the topic; its QoS can be overridden by parameters."""
     topic = load_topics()[name]
-    return node.create_publisher(
-        interface_class(topic.type), topic.name, qos_profile(topic.qos),
-        qos_overriding_options=QoSOverridingOptions.with_default_policies())
+    with _named_overrides(node, name):
+        return node.create_publisher(
+            interface_class(topic.type), topic.name, qos_profile(topic.qos),
+            qos_overriding_options=QoSOverridingOptions.with_default_policies())
 
 
 def create_subscription(
@@ -80,10 +91,11 @@ def create_subscription(
 
     """
     topic = load_topics()[name]
-    return node.create_subscription(
-        interface_class(topic.type), topic.name, callback,
-        qos_profile(topic.qos if reliable else topic.subscribe), raw=raw,
-        qos_overriding_options=QoSOverridingOptions.with_default_policies())
+    with _named_overrides(node, name):
+        return node.create_subscription(
+            interface_class(topic.type), topic.name, callback,
+            qos_profile(topic.qos if reliable else topic.subscribe), raw=raw,
+            qos_overriding_options=QoSOverridingOptions.with_default_policies())
 
 
 def create_sourced_subscription(

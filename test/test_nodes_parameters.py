@@ -119,6 +119,23 @@ def test_what_does_not_fit_is_refused_and_changes_nothing(
     assert node.values == before
 
 
+def test_a_parameter_of_no_type_ends_no_node(loop: RosLoop) -> None:
+    from rcl_interfaces.msg import Parameter, ParameterValue
+    from rcl_interfaces.srv import SetParameters
+
+    node = start(loop, 'plant_sim')
+    client: Any = loop.observer.create_client(SetParameters, 'plant_sim/set_parameters')
+    loop.until(client.service_is_ready)
+    answer = client.call_async(SetParameters.Request(parameters=[
+        Parameter(name='payload', value=ParameterValue(type=42))]))
+    loop.until(answer.done)
+    assert not answer.result().results
+    loop.observer.destroy_client(client)
+    result, = setting(loop, 'plant_sim', payload=0.25)
+    assert result.successful
+    assert node.values['payload'] != 0.25, 'it waits for a reset'
+
+
 def test_a_command_limit_holds_from_the_next_command_on(loop: RosLoop) -> None:
     bench = Bench(loop, 'controller')
     for k in range(3):

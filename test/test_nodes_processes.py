@@ -41,6 +41,7 @@ def start(domain_id: int, node: str, *arguments: str) -> subprocess.Popen[str]:
     ('payload_estimator', 'estimator:=oracle', 'payload_estimator: estimator: expected '),
     ('lqg_controller', 'model:=magic', 'lqg_controller: model: expected '),
     ('lqg_controller', 'payload_initial', 'payload_initial'),
+    ('payload_estimator', 'use_sim_time:=3', 'use_sim_time'),
 ])
 def test_a_bad_parameter_is_one_line_with_code_2(
     domain_id: int, node: str, parameter: str, text: str,
@@ -52,6 +53,14 @@ def test_a_bad_parameter_is_one_line_with_code_2(
     assert parameter.partition(':=')[0] in error
     own = [line for line in error.splitlines() if '[rcl]' not in line]
     assert len(own) == 1, error
+
+
+def test_a_quality_of_service_that_is_none_is_named(domain_id: int) -> None:
+    process = start(domain_id, 'plant_sim', 'qos_overrides./strain.publisher.reliability:=good')
+    _, error = process.communicate(timeout=60.0)
+    assert process.returncode == 2, error
+    assert 'plant_sim: qos_overrides of strain: ' in error
+    assert 'Traceback' not in error
 
 
 @pytest.mark.parametrize(('delay', 'number'), [(0.7, signal.SIGINT), (1.2, signal.SIGTERM)])

@@ -84,6 +84,11 @@ def test_unknown_robot_names_those_that_exist() -> None:
                                 "got 'scara'")
 
 
+def test_a_name_that_no_file_can_bear_is_no_robot() -> None:
+    with pytest.raises(InputError, match='expected one of quanser_2dsfl, reference or a YAML'):
+        load_robot('x' * 10_000)
+
+
 def test_binary_file_is_no_robot(tmp_path: Path) -> None:
     (tmp_path / 'robot.yaml').write_bytes(b'\xff\xfe\x00')
     with pytest.raises(InputError, match='expected a readable text file'):

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from importlib import resources
 import math
+import os
 from pathlib import Path
 import re
 from typing import Any
@@ -185,7 +186,7 @@ def robot_text(name_or_file: str | Path) -> str:
     name = str(name_or_file)
     if name in built_in_robots():
         return (resources.files('flex_plant_sim') / 'robots' / f'{name}.yaml').read_text()
-    if not Path(name).is_file():
+    if not os.path.isfile(name):  # Path.is_file raises where a name is too long
         raise InputError(f'robot: expected one of {", ".join(built_in_robots())} or a YAML '
                          f'file, got {name[:200]!r}')
     try:

@@ -26,7 +26,7 @@ NODES = {
     'lqg_controller': ('flex_payload_estimator.nodes.start', 'lqg_controller')}
 TOOLS = ('compile', 'demo', 'diagnose', 'estimate', 'figures', 'fleet', 'replay', 'robot')
 MODULES = {**dict.fromkeys(TOOLS, 'flex_payload_estimator.tools'),
-           **dict.fromkeys(('diagnose', 'replay', 'robot'), 'flex_plant_sim.tools')}
+           **dict.fromkeys(('replay', 'robot'), 'flex_plant_sim.tools')}
 OUT = ('--out', '{out}/folder')
 OPTIONS: dict[str, tuple[str, ...]] = {
     'demo': ('--duration', '1', *OUT), 'figures': OUT,
