@@ -75,6 +75,20 @@ def test_a_spline_follows_the_polynomial_whose_derivatives_its_points_tell(degre
     assert points(99.0).tolist() == pytest.approx([curve(2.0) for curve in curves])
 
 
+@pytest.mark.parametrize(('shape', 'derivatives'), [('steps', 1), *(
+    ('spline', number) for number in (1, 2, 3))])
+def test_all_looks_at_a_reference_are_what_it_says_at_their_times(
+    shape: str, derivatives: int,
+) -> None:
+    rng = np.random.default_rng(derivatives)
+    rows = [(time, *(list(rng.uniform(-1.0, 1.0, 2)) for _ in range(derivatives)))
+            for time in (0.5, 0.8, 2.0)]
+    points = of(trajectory(JOINTS, *rows), [0.3, -0.1], 10.0, shape)
+    times, found = points.looked_at(7)
+    assert len(times) == (3 if shape == 'steps' else 22)
+    np.testing.assert_allclose(found, [points(time) for time in times], atol=1e-9)
+
+
 def test_a_spline_begins_where_the_set_points_are() -> None:
     points = of(trajectory(JOINTS, (2.0, [0.4, 0.0])), [0.2, 0.1], 5.0)
     assert points(5.0).tolist() == [0.2, 0.1]

@@ -30,8 +30,8 @@ class Trajectory:
         What holds until the first time of steps, rad, (2,).
     times : tuple of float
         s, increasing.
-    points : tuple of Array
-        Rows position, velocity and acceleration, rad, rad/s, rad/s^2, (3, 2) each.
+    points : Array
+        Position, velocity and acceleration at each time, rad, rad/s, rad/s^2, (N, 3, 2).
     order : int
         Highest derivative that is joined: 0 straight, 1 cubic, 2 quintic; -1 steps.
 
@@ -39,7 +39,7 @@ class Trajectory:
 
     before: Array
     times: tuple[float, ...]
-    points: tuple[Array, ...]
+    points: Array
     order: int
 
     def __call__(self, time: float) -> Array:
@@ -52,6 +52,19 @@ class Trajectory:
         start, end = self.points[index], self.points[index + 1]
         duration = self.times[index + 1] - self.times[index]
         return _between(start, end, duration, (time - self.times[index]) / duration, self.order)
+
+    def looked_at(self, looks: int) -> tuple[Array, Array]:
+        """Return times, s, (K,), so many to a piece, and the set-points then, rad, (K, 2)."""
+        times, last = np.array(self.times), self.points[-1:, 0]
+        if self.order < 0 or len(times) == 1:
+            return times, self.points[:, 0]
+        share = np.arange(looks) / looks
+        duration = np.diff(times)
+        start, end = np.moveaxis(self.points[:-1], 0, 1), np.moveaxis(self.points[1:], 0, 1)
+        found = _between(start[:, :, None], end[:, :, None], duration[:, None, None],
+                         share[:, None], self.order)
+        return (np.append(times[:-1, None] + duration[:, None] * share, times[-1]),
+                np.vstack([found.reshape(-1, 2), last]))
 
     @classmethod
     def of(cls, message: JointTrajectory, joints: Channels, before: Array, now: float,
@@ -90,15 +103,17 @@ class Trajectory:
         if any(b <= a for a, b in zip(times, times[1:])):
             raise InputError('reference: points.time_from_start: expected increasing times, '
                              f'got {times}')
-        points = [_derivatives(point, rows, joints) for point in message.points]
+        points = _derivatives(message.points, rows, joints)
         if shape == 'spline' and times[0] > 0.0:
-            times, points = [0.0, *times], [np.array([before, (0.0, 0.0), (0.0, 0.0)]), *points]
-        return cls(before, tuple(origin + time for time in times), tuple(points),
+            at_rest = np.array([[before, (0.0, 0.0), (0.0, 0.0)]])
+            times, points = [0.0, *times], np.concatenate([at_rest, points])
+        return cls(before, tuple(origin + time for time in times), points,
                    _order_of(message.points) if shape == 'spline' else -1)
 
 
-def _between(start: Array, end: Array, duration: float, s: float, order: int) -> Array:
-    """Return the polynomial of degree 2 order + 1 that joins two points, at a share s of it."""
+def _between(start: Array, end: Array, duration: float | Array, s: float | Array, order: int
+             ) -> Array:
+    """Return the polynomial of degree 2 order + 1 that joins points (3, …), at a share s of it."""
     if order == 0:
         return start[0] + s * (end[0] - start[0])
     step = end[0] - start[0]
@@ -125,20 +140,26 @@ def _offset(point: JointTrajectoryPoint) -> float:
     return float(offset.sec + offset.nanosec / NANOSECONDS)
 
 
-def _derivatives(point: JointTrajectoryPoint, rows: list[int], joints: Channels) -> Array:
-    """Return position, velocity and acceleration of a point, zero where untold, (3, 2)."""
-    return np.array([
-        joints.si(_numbers(point, 'positions', rows)),
-        joints.rate(_numbers(point, 'velocities', rows) if len(point.velocities) else np.zeros(2)),
-        joints.rate(_numbers(point, 'accelerations', rows)
-                    if len(point.accelerations) else np.zeros(2))])
+def _derivatives(points: Sequence[JointTrajectoryPoint], rows: list[int], joints: Channels
+                 ) -> Array:
+    """Return position, velocity and acceleration of points, zero where untold, (N, 3, 2)."""
+    found = np.zeros((len(points), 3, 2))
+    found[:, 0] = joints.si(_numbers(points, 'positions', rows))
+    for k, field in enumerate(('velocities', 'accelerations'), start=1):
+        told = [i for i, point in enumerate(points) if len(getattr(point, field))]
+        if told:
+            found[told, k] = joints.rate(_numbers([points[i] for i in told], field, rows))
+    return found
 
 
-def _numbers(point: Any, field: str, rows: list[int]) -> Array:
-    values = getattr(point, field)
-    if len(values) != len(rows):
-        raise InputError(f'reference: points.{field}: expected {len(rows)} values, '
-                         f'got {len(values)}')
-    found = np.array(values, dtype=float)[rows]
-    check_finite(found, JOINTS, f'reference: points.{field}')
+def _numbers(points: Sequence[Any], field: str, rows: list[int]) -> Array:
+    """Return a field of points, in one array: a reference may have points by the ten thousand."""
+    values = [getattr(point, field) for point in points]
+    for each in values:
+        if len(each) != len(rows):
+            raise InputError(f'reference: points.{field}: expected {len(rows)} values, '
+                             f'got {len(each)}')
+    found = np.array(values, dtype=float)[:, rows]
+    for row in found[~np.isfinite(found).all(axis=1)]:
+        check_finite(row, JOINTS, f'reference: points.{field}')
     return found

@@ -215,15 +215,14 @@ class LQGControllerNode(SampleNode):
     def _within_limits(self, reference: Trajectory) -> Trajectory:
         """Return set-points that the joints can reach; others are refused."""
         low, high = self.gate.limits.low[:2], self.gate.limits.high[:2]
-        times = reference.times
-        for time in np.interp(np.linspace(0.0, len(times) - 1.0, LOOKS * len(times)),
-                              np.arange(len(times)), times):
-            with np.errstate(all='ignore'):
-                angles = reference(float(time))
-            if not ((angles >= low) & (angles <= high)).all():
-                raise InputError(
-                    f'reference: points: expected {low.tolist()} to {high.tolist()} rad, got '
-                    f'{angles.tolist()} {time - times[0]:.4g} s after the first')
+        with np.errstate(all='ignore'):
+            times, angles = reference.looked_at(LOOKS)
+        outside = np.flatnonzero(~((angles >= low) & (angles <= high)).all(axis=1))
+        if outside.size:
+            first = outside[0]
+            raise InputError(
+                f'reference: points: expected {low.tolist()} to {high.tolist()} rad, got '
+                f'{angles[first].tolist()} {times[first] - times[0]:.4g} s after the first')
         return reference
 
     def trouble(self) -> tuple[bool, ...]:
