@@ -25,9 +25,26 @@ def _leave(code: int, _number: int, _frame: FrameType | None) -> None:
     os._exit(code)
 
 
+def open_what_is_closed() -> None:
+    """
+    Open /dev/null in place of standard streams that are closed, as some daemons' are.
+
+    Else the next socket takes such a number, and what is written to stderr goes out on it; and
+    rclpy's executor refuses to be made.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+    sys.stdout = sys.stdout or open(1, 'w', closefd=False)
+    sys.stderr = sys.stderr or open(2, 'w', closefd=False)
+
+
 def run_node(module: str, name: str) -> None:
     """Run the node of a class and end the process; its module is imported under guard."""
     end_at_once()
+    open_what_is_closed()
     node = getattr(import_module(module), name)
     process = import_module('msg_config.node_process')
     sys.exit(process.run(node))

@@ -55,6 +55,16 @@ def test_a_bad_parameter_is_one_line_with_code_2(
     assert len(own) == 1, error
 
 
+def test_closed_standard_streams_stop_no_node(domain_id: int) -> None:
+    make = ('from msg_config.quiet_start import open_what_is_closed; open_what_is_closed(); '
+            'import rclpy; rclpy.init(); from msg_config.node_process import make_executor; '
+            'make_executor().shutdown(); import os; os._exit(7)')
+    process = subprocess.run(['bash', '-c', 'exec "$@" <&- >&- 2>&-', '_', sys.executable, '-c',
+                              make], env={**os.environ, 'ROS_DOMAIN_ID': str(domain_id)},
+                             cwd=Path(__file__).resolve().parents[1], check=False, timeout=60.0)
+    assert process.returncode == 7
+
+
 def test_a_quality_of_service_that_is_none_is_named(domain_id: int) -> None:
     process = start(domain_id, 'plant_sim', 'qos_overrides./strain.publisher.reliability:=good')
     _, error = process.communicate(timeout=60.0)
