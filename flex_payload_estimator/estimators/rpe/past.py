@@ -46,6 +46,7 @@ class Past:
         self.most, self.first, self.lived = most, 0, 0.0
         self.rested: Filter | None = None
         self._moments: list[Moment] = []
+        self._forgotten: list[Moment] = []
 
     @property
     def end(self) -> int:
@@ -57,12 +58,19 @@ class Past:
         return self._moments[number - self.first]
 
     def add(self, moment: Moment) -> None:
-        """Keep one; where there are twice as many as must be, the older half goes."""
+        """
+        Keep one; where there are twice as many as must be, the older half goes.
+
+        Its memory is given back one by one: ten thousand at once held an answer up by 15 ms.
+        """
         self._moments.append(moment)
+        if self._forgotten:
+            self._forgotten.pop()
         self.lived += moment.lived
         if len(self._moments) >= 2 * self.most:
             self.first += self.most
             self.rested = None
+            self._forgotten = self._moments[:self.most]
             del self._moments[:self.most]
 
     def clear(self) -> None:
