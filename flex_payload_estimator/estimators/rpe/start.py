@@ -7,7 +7,7 @@ import math
 from flex_payload_estimator.estimators.rpe.evidence import misfit_of
 from flex_payload_estimator.estimators.rpe.filter import CELLS, FilterStep
 from flex_payload_estimator.estimators.rpe.hand_over import hand_over
-from flex_payload_estimator.estimators.rpe.hypothesis import EXACT, Filter, Sample, SEEK
+from flex_payload_estimator.estimators.rpe.hypothesis import EXACT, Filter, PARTS, Sample, SEEK
 from flex_payload_estimator.estimators.rpe.kernel import CORIOLIS
 from flex_payload_estimator.estimators.rpe.modes import OPEN_S
 from flex_payload_estimator.estimators.rpe.replay import CLOSE, DOUBT, FRESH, MISFIT
@@ -15,8 +15,6 @@ from flex_payload_estimator.estimators.rpe.sensors import Loads
 from flex_plant_sim.arm.second_order import Array
 import numpy as np
 
-# Parts of the range of payloads where parts are off, which make up for where it is linearised.
-ROUGH_CELLS = 3
 # Filters linearised about payloads this close agree: a share of (m + soft mass).
 FINE = 0.05
 # Noise whose variance is so many times the robot file's has misled a filter that did not know.
@@ -25,8 +23,6 @@ NOISIER = 4.0
 BEHIND = 15.0
 # Which mode fits is told by the last so many seconds: the noise must be known first.
 RECENT_S = 0.25
-# What an arm with parts off must gain over an exact one.
-ROUGH_COST = 6.0
 
 
 class Start:
@@ -71,14 +67,10 @@ class Start:
     def bank(self, measured: Array) -> list[Filter]:
         """Return filters of payloads from 0 to the heaviest, with and without Coriolis forces."""
         bank = []
-        for mode, cells, shares in ((EXACT, CELLS, self.stepper.shares),
-                                    (SEEK, ROUGH_CELLS, (None,))):
-            for low, high in self.stepper.cells(cells):
-                for share in shares:
-                    f = self.stepper.begin(mode, measured, 0.5 * (low + high),
-                                           0.5 * (high - low), share)
-                    f.log = -ROUGH_COST if mode.parts else 0.0
-                    bank.append(f)
+        for mode, shares in ((EXACT, self.stepper.shares), (PARTS, (None,))):
+            for low, high in self.stepper.cells(CELLS):
+                bank += [self.stepper.begin(mode, measured, 0.5 * (low + high),
+                                            0.5 * (high - low), share) for share in shares]
         return bank
 
     def leave_rest(self, rested: Filter, sample: Sample, loads: Loads) -> None:
@@ -129,16 +121,17 @@ class Start:
         self.filters = kept
         if len(kept) > len({f.mode for f in kept}):
             return []
-        kept.sort(key=lambda f: ROUGH_COST * f.mode.parts - f.recent)
+        kept.sort(key=lambda f: -f.recent)
         return [self._sound(f, kept[0], top) for f in kept]
 
     def _sound(self, f: Filter, first: Filter, top: float) -> Filter:
         """Return a filter, or one that begins afresh where it cannot have learnt well."""
         if not f.mode.parts:
             return f if self._learnt_well(f) else self._again(f)
-        # With more freedom than another it can only be behind where it went astray.
-        return f if f is first or f.log > top - BEHIND else \
-            self.stepper.renewed(first, f.mode, FRESH, DOUBT)
+        # With more freedom than another it can only be behind where it went astray; and where it
+        # does not fit, more than parts is off.
+        fits = misfit_of(f.record) < MISFIT and (f is first or f.log > top - BEHIND)
+        return f if fits else self.stepper.renewed(first, SEEK, FRESH, DOUBT)
 
     def _learnt_well(self, f: Filter) -> bool:
         """Tell whether the noise was about what it was taken for while it learnt."""
