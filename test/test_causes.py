@@ -37,13 +37,13 @@ def clean() -> tuple[Search, Data]:
 
 
 def test_two_causes_are_found_together_in_few_passes(monkeypatch: pytest.MonkeyPatch) -> None:
-    passes, seen = [0], Predictor.seen
+    passes, whitened = [0], Predictor.whitened
 
     def counted(*arguments: object, **named: object) -> object:
         passes[0] += 1
-        return seen(*arguments, **named)  # type: ignore[arg-type]
+        return whitened(*arguments, **named)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(Predictor, 'seen', counted)
+    monkeypatch.setattr(Predictor, 'whitened', counted)
     found, _ = searched(HIDDEN)
     best = found.posterior.best
     pieces = Causes(best.hypotheses, 28.0).split(best.values)
@@ -86,8 +86,7 @@ def test_a_part_that_no_effect_asked_speaks_of_is_told_where_it_is() -> None:
                         ('strain_gain',))
     best = found.best
     assert best.fit.hypotheses == () and best.fit.discrepancy.far == 'drive_damping_2'
-    place = [part.name for part in best.likelihood.parts].index('drive_damping_2')
-    assert best.fit.deviations[place] == pytest.approx(-np.log(2.0), abs=0.1)
+    assert best.fit.deviations[best.likelihood.far_part] == pytest.approx(-np.log(2.0), abs=0.1)
     assert found.posterior.of_unknown > 0.9
 
 

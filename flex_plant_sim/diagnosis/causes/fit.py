@@ -10,16 +10,16 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.causes.hypothesis import Hypothesis
 from flex_plant_sim.diagnosis.likelihood.evidence import (
     channel_products,
+    Marginal,
     not_surer_than_windows,
     Slab,
 )
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
 from flex_plant_sim.diagnosis.likelihood.moments import Moments, TEMPER
-from flex_plant_sim.diagnosis.likelihood.prior import FAR_OFF, HELD, spoken_for
+from flex_plant_sim.diagnosis.likelihood.prior import FAR_OFF
 from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude
 from flex_plant_sim.effects.base import Effect
 import numpy as np
-from scipy.optimize import lsq_linear
 
 ITERATIONS, ROUGH = 8, 3
 BATCH = 8
@@ -28,7 +28,6 @@ ENOUGH = 0.3
 # Errors that exceed what is stated by less leave nothing to explain.
 EXCESS = 1.05
 DAMPINGS = (1e-4, 0.1, 10.0)
-NO_SLAB = Slab(*np.zeros((4, 0)))
 
 
 class Causes:
@@ -67,12 +66,6 @@ class Causes:
     def structural(self) -> bool:
         """Tell whether values must come one by one."""
         return any(h.effect.structural for h in self.hypotheses)
-
-    def tolerances(self, likelihood: Likelihood) -> Array:
-        """Return the parts' tolerances beside the causes, (p,)."""
-        held = spoken_for(likelihood.base.robot, likelihood.parts,
-                          {h.label for h in self.hypotheses})
-        return np.where(held, HELD, 1.0) * likelihood.tolerances
 
     def split(self, values: Array) -> list[Array]:
         """Return values (…, k) as each hypothesis has them."""
@@ -132,16 +125,11 @@ class Fit:
 
 @dataclass(frozen=True)
 class Point:
-    """
-    A linearisation: values (k,), residual (m, N), its columns (k, m, N), the cost in nats.
-
-    The cost is that at the likeliest scale of each channel, (m,).
-    """
+    """A linearisation: values (k,), residual (m, N), its columns (k, m, N), the cost in nats."""
 
     values: Array
     residual: Array
     columns: Array
-    scale: Array
     cost: float
 
 
@@ -169,16 +157,14 @@ class Descent:
     ----------
     likelihood : Likelihood
     causes : Causes
-    scale : Array, optional
-        By how much errors exceed what the filter states, (m,); the likeliest everywhere if not
-        given.
+    scale : Array
+        By how much errors exceed what the filter states, (m,).
 
     """
 
-    def __init__(self, likelihood: Likelihood, causes: Causes, scale: Array | None = None):
+    def __init__(self, likelihood: Likelihood, causes: Causes, scale: Array):
         self.likelihood, self.causes, self.slab = likelihood, causes, causes.slab
-        self.tolerances = causes.tolerances(likelihood)
-        self.held = scale
+        self.scale = scale
 
     def _products(self, own: Array) -> Array:
         """Return products of own rows (a, m, N) and the parts' columns, (m, a + p, a + p)."""
@@ -189,42 +175,27 @@ class Descent:
     def moments(self, point: Point) -> Moments:
         """Return the products at a point."""
         own = np.concatenate([point.residual[None], point.columns])
-        return self._moments(own, point.values - self.slab.centre, self.slab)
+        return Moments(self._products(own), point.values - self.slab.centre, self.slab,
+                       self.likelihood.tolerances,
+                       self.likelihood.weight * point.residual.shape[1],
+                       self.likelihood.surprise)
 
-    def _moments(self, own: Array, away: Array, slab: Slab) -> Moments:
-        return Moments(self._products(own), away, slab, self.tolerances,
-                       self.likelihood.weight * own.shape[-1], self.likelihood.surprise)
-
-    def at(self, values: Array) -> tuple[Array, Array, float]:
-        """
-        Return residual (m, N), scale (m,) and cost at values, (k,).
-
-        The cost is minus the log-posterior with the parts and the scales at their best, nats;
-        infinite where nothing finite is predicted.
-        """
-        residual = self.residual(values)
-        return residual, *self.costs(values, residual)
-
-    def costs(self, values: Array, residual: Array) -> tuple[Array, float]:
-        """Return scale (m,) and cost of a residual (m, N) at values, (k,)."""
+    def cost(self, values: Array, residual: Array) -> float:
+        """Return minus the log-posterior at values, nats; infinite where nothing is predicted."""
         if not np.all(np.isfinite(residual)):
-            return np.ones(len(residual)), float('inf')
-        alone = self._moments(residual[None], np.zeros(0), NO_SLAB)
-        scale = alone.scaled() if self.held is None else self.held
+            return float('inf')
+        products = np.tensordot(1.0 / (TEMPER * self.scale**2),
+                                self._products(residual[None]), 1)
         away = (values - self.slab.centre) / self.slab.width
-        cost = 0.5 * (alone.parts(scale).quadratic + float(away @ away))
-        return scale, cost + alone.samples * float(np.sum(np.log(scale))) / TEMPER
+        return 0.5 * (Marginal(products, self.likelihood.tolerances).quadratic
+                      + float(away @ away))
 
-    def residual(self, values: Array) -> Array:
-        """Return the residual at values, (m, N)."""
-        return self.causes.residual(self.likelihood, values[None])[0]
+    def at(self, values: Array) -> tuple[Array, float]:
+        """Return residual (m, N) and cost at values, (k,)."""
+        residual = self.causes.residual(self.likelihood, values[None])[0]
+        return residual, self.cost(values, residual)
 
-    @property
-    def bounds(self) -> tuple[Array, Array]:
-        """Return the lower and the upper bounds, (k,) each."""
-        return self.causes.bounds
-
-    def linearise(self, values: Array, residual: Array, scale: Array, cost: float) -> Point:
+    def linearise(self, values: Array, residual: Array, cost: float) -> Point:
         """
         Return the columns at values by differences.
 
@@ -241,7 +212,7 @@ class Descent:
             columns = (moved - residual) / step[:, None, None]
         if not (np.isfinite(cost) and np.all(np.isfinite(columns))):
             raise np.linalg.LinAlgError('no finite prediction')
-        return Point(values, residual, columns, scale, cost)
+        return Point(values, residual, columns, cost)
 
     def run(self, starts: Sequence[Array], rough: bool = False) -> Point:
         """
@@ -252,49 +223,67 @@ class Descent:
         point = self._down(starts, rough)
         if (self.likelihood.alike and point.values.size
                 and np.any(self.moments(point).scaled() > EXCESS)):
-            smooth = Descent(self.likelihood.smooth, self.causes, self.held)._down(starts, rough)
-            point = min(point, self._down([smooth.values], rough), key=lambda p: p.cost)
+            afar = Descent(self.likelihood.smooth, self.causes, self.scale)._down(starts, rough)
+            point = min(point, self._down([afar.values], rough), key=lambda p: p.cost)
         return point
 
     def _down(self, starts: Sequence[Array], rough: bool) -> Point:
         tried = [(start, *self.at(start)) for start in starts]
-        point = self.linearise(*min(tried, key=lambda found: found[-1]))
+        point = self.linearise(*min(tried, key=lambda found: found[2]))
         fresh, again = True, not rough
         for _ in range((ROUGH if rough else ITERATIONS) if point.values.size else 0):
-            better = self.lower(point)
+            better = self._next(point)
             if better is not None:
                 point, fresh = better, False
             elif fresh or not again:
                 break
             else:
                 # What the corrections lack of the truth may have hidden a way down.
-                point = self.linearise(point.values, point.residual, point.scale, point.cost)
+                point = self.linearise(point.values, point.residual, point.cost)
                 fresh, again = True, False
         return point
 
-    def lower(self, point: Point) -> Point | None:
+    def _next(self, point: Point) -> Point | None:
         """Return a better point within the bounds, or None where little is to be gained."""
-        gradient, hessian = self.moments(point).profiled(point.scale)
-        low, high = ((end - point.values) / self.slab.width for end in self.bounds)
+        low, high = self.causes.bounds
+        moments = self.moments(point)
+        joint = moments.weighted(self.scale)
+        k, prior = point.values.size, np.concatenate([self.slab.width, moments.tolerances])
+        pull = np.concatenate([moments.away / self.slab.width**2, np.zeros(len(prior) - k)])
+        gradient = prior * (joint[1:, 0] + pull)
+        hessian = prior[:, None] * joint[1:, 1:] * prior + np.eye(len(prior))
         for damping in DAMPINGS:
-            damped = hessian + damping * np.diag(np.diagonal(hessian))
-            step = least_within(damped, gradient, low, high)
-            if -float(gradient @ step + 0.5 * step @ hessian @ step) < ENOUGH:
+            damped = hessian.copy()
+            damped[np.arange(k), np.arange(k)] *= 1.0 + damping
+            trial = np.clip(point.values - (prior * np.linalg.solve(damped, gradient))[:k],
+                            low, high)
+            change = trial - point.values
+            if self._promised(hessian, gradient, change / prior[:k]) < ENOUGH:
                 return None
-            trial = np.clip(point.values + self.slab.width * step, *self.bounds)
-            found = self.at(trial)
-            if found[-1] < point.cost - 0.1 * ENOUGH:
-                return self._corrected(point, trial, *found)
+            residual, cost = self.at(trial)
+            if cost < point.cost - 0.1 * ENOUGH:
+                return self._corrected(point, trial, residual, cost)
         return None
 
-    def _corrected(self, point: Point, trial: Array, residual: Array, scale: Array, cost: float
-                   ) -> Point:
+    @staticmethod
+    def _promised(hessian: Array, gradient: Array, change: Array) -> float:
+        """Return what a change of the values, in widths, (k,), gains with the parts following."""
+        k = change.size
+        rest = np.linalg.solve(hessian[k:, k:], -(gradient[k:] + hessian[k:, :k] @ change))
+        best = np.linalg.solve(hessian[k:, k:], -gradient[k:])
+
+        def cost(step: Array) -> float:
+            return float(gradient @ step + 0.5 * step @ hessian @ step)
+
+        return cost(np.r_[np.zeros(k), best]) - cost(np.r_[change, rest])
+
+    def _corrected(self, point: Point, trial: Array, residual: Array, cost: float) -> Point:
         """Return the point after a step, its columns such that they tell what the step did."""
         step = (trial - point.values) / self.slab.width
         missed = residual - point.residual - np.tensordot(trial - point.values, point.columns, 1)
         columns = point.columns + (
             step / (step @ step) / self.slab.width)[:, None, None] * missed
-        return Point(trial, residual, columns, scale, cost)
+        return Point(trial, residual, columns, cost)
 
     def fit(self, point: Point) -> Fit:
         """Return the evidence at a point, at the scales that are likeliest there."""
@@ -316,21 +305,6 @@ class Descent:
         return np.concatenate([
             np.einsum('amwl,mwl->aw', rows.reshape(len(rows), *each.shape), each)
             for rows in (point.columns, columns)])
-
-
-def least_within(hessian: Array, gradient: Array, low: Array, high: Array) -> Array:
-    """
-    Return the least of g's + s'H s / 2 with each s between its ends, (k,).
-
-    A step that is cut at the ends afterwards need not lead down at all: D. P. Bertsekas, SIAM
-    Journal on Control and Optimization 20 (1982).
-    """
-    step, free = np.zeros(len(gradient)), low < high
-    if free.any():
-        root = np.linalg.cholesky(hessian[np.ix_(free, free)])
-        step[free] = lsq_linear(root.T, -np.linalg.solve(root, gradient[free]),
-                                (low[free], high[free]), method='bvls').x
-    return step
 
 
 def fitted(likelihood: Likelihood, causes: Causes, starts: Sequence[Array],

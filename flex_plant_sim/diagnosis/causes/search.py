@@ -140,7 +140,7 @@ class _Course:
         weight = np.repeat(1.0 / (fit.scale * np.sqrt(TEMPER)), rows.shape[-1])
         return Beside(
             np.sqrt(self.thin.weight) * rows.reshape(len(rows), -1) * weight,
-            np.concatenate([fit.moments.slab.width[rest], fit.moments.tolerances[parts]]), weight,
+            np.concatenate([fit.moments.slab.width[rest], likelihood.tolerances[parts]]), weight,
             self.data.duration)
 
     def promises(self, centre: Settled, left_out: int | None = None, held: bool = False
@@ -318,9 +318,6 @@ def _searched(course: _Course) -> Search:
     beside = promises[Key.of(last.fit)]
     posterior = course.ranked(last, beside)
     best = course.settled.get(Key.of(posterior.best).plain, last)
-    exact = attempt(lambda s: s.exact(course.data), best) or best
-    # Evidence compares sets alike linearised; what the best one's values and parts are does not.
-    exact = replace(exact, fit=replace(exact.fit, discrepancy=posterior.best.discrepancy))
     closer = Closer(Looker(course.thin, course.data.duration), course.beside(last))
-    return Search(exact, tuple(beside), closer, posterior, nothing.fit,
+    return Search(replace(best, fit=posterior.best), tuple(beside), closer, posterior, nothing.fit,
                   tuple(len(key.labels) for key in promises))

@@ -9,7 +9,6 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.causes.fit import Causes, Descent, Fit, fitted, Point
 from flex_plant_sim.diagnosis.causes.hypothesis import Hypothesis
 from flex_plant_sim.diagnosis.causes.promise import Promise
-from flex_plant_sim.diagnosis.causes.whole import Whole
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
 from flex_plant_sim.diagnosis.prediction.predictor import Base
 from flex_plant_sim.diagnosis.record.data import Data
@@ -81,29 +80,11 @@ class Settled:
                 continue
             if before is not None and found.fit.log_evidence < before.fit.log_evidence:
                 return before
-            if point.cost > descent.at(starts[0])[-1] - AGAIN:
+            if point.cost > descent.at(starts[0])[1] - AGAIN:
                 break
             starts = (point.values,)
         assert found is not None
         return found
-
-    def exact(self, data: Data) -> Settled:
-        """Return the set with its values and parts fitted together, no part taken for linear."""
-        base, causes = self.likelihood.base, Causes(self.fit.hypotheses, data.duration)
-        start, parts, known = self.fit.values, self.fit.deviations, None
-        for _ in range(AROUND):
-            likelihood = Likelihood(base, data.windows, data.noise, causes.effects(start), 0.0,
-                                    parts, known)
-            descent, whole = Descent(likelihood, causes), Whole(likelihood, causes)
-            point = descent.linearise(start, *descent.at(start))
-            found, steps, gained = whole.down(point, parts)
-            start, parts = whole.split(found.values)
-            if gained < AGAIN:
-                break
-            # Where one step led to where it promised, differences are right further on.
-            known = likelihood.differences if steps < 2 else None
-        point = whole.along(found)
-        return Settled(likelihood, point, descent.fit(point))
 
     @cached_property
     def from_afar(self) -> Settled:

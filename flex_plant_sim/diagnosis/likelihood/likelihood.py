@@ -14,7 +14,7 @@ from flex_plant_sim.effects.base import Effect
 import numpy as np
 
 # Of a tolerance, for differences: parts are near linear within theirs.
-STEP = 0.05
+STEP = 0.2
 
 
 class Likelihood:
@@ -35,34 +35,26 @@ class Likelihood:
         On while sensitivities are taken; smooth forces follow the trajectory that they give.
     far : float
         About where the part is that is not as its file says, see Amplitude; 0 if not known.
-    about : Array, optional
-        Deviations of the parts around which it is linearised, see `near`, (p,); zero by default.
-    differences : Array, optional
-        See `differences`, where they are known.
 
     """
 
     def __init__(self, base: Base, windows: Sequence[Windows], noise: Sequence[Array],
-                 around: Sequence[Effect] = (), far: float = 0.0,
-                 about: Array | None = None, differences: Array | None = None):
+                 around: Sequence[Effect] = (), far: float = 0.0):
         self.base, self.around, self.far = base, tuple(around), far
         self.parts: tuple[PartPrior, ...] = part_priors(base.robot, windows[0].record.payload)
         self.tolerances = np.array([
             part.tolerance * (FAR_OFF if part.name == base.discrepancy.far else 1.0)
             for part in self.parts])
-        self.about = self.near(np.zeros(len(self.parts)) if about is None else about)
-        robot, sensors = deviated(base.robot, self.parts, self.about)
-        self.predictors = [Predictor(base, w, s, True, (*self.around, *sensors), robot)
+        self.predictors = [Predictor(base, w, s, True, self.around)
                            for w, s in zip(windows, noise)]
-        if differences is not None:
-            self.__dict__['differences'] = differences
         # Samples that each stands for, and which they are, where only some windows are asked.
         self.weight = 1.0
         self.kept: slice | Indices = slice(None)
         # Whether errors are judged in one covariance or in each arm's own.
         self.alike = True
 
-    def errors(self, effects: Sequence[Effect], deviations: Array, keep: bool = False) -> Array:
+    def residual(self, effects: Sequence[Effect], deviations: Array | None = None,
+                 keep: bool = False) -> Array:
         """
         Return whitened prediction errors of all windows, (B, m, N).
 
@@ -70,20 +62,17 @@ class Likelihood:
         ----------
         effects : sequence of Effect
             All that are on beside the base's, in place of `around`.
-        deviations : Array
+        deviations : Array, optional
             Of the parts, (p,).
         keep : bool
             Whether filters keep the gain of `around` where that can be, see Predictor.whitened.
 
         """
-        robot, sensors = deviated(self.base.robot, self.parts, deviations)
+        values = np.zeros(len(self.parts)) if deviations is None else deviations
+        robot, sensors = deviated(self.base.robot, self.parts, values)
         found = [_channels(p.whitened((*effects, *sensors), robot, keep, self.alike))
                  for p in self.predictors]
         return np.sqrt(self.weight) * np.concatenate(found, axis=-1)
-
-    def residual(self, effects: Sequence[Effect]) -> Array:
-        """Return the errors that parts as in the file would leave, linearly, (B, m, N)."""
-        return self.errors(effects, self.about) - self.moved
 
     @cached_property
     def present(self) -> Array:
@@ -91,37 +80,17 @@ class Likelihood:
         return self.residual(self.around)[0]
 
     @cached_property
-    def moved(self) -> Array:
-        """Return what the parts change linearly from the file to `about`, (m, N)."""
-        return np.tensordot(self.about, self.columns, 1)
-
-    def near(self, deviations: Array) -> Array:
-        """Return deviations to linearise about: parts in units act in proportion anyway, (p,)."""
-        return np.where([part.unit == '' for part in self.parts], deviations, 0.0)
-
-    @cached_property
     def columns(self) -> Array:
         """Return d white / d deviations, (p, m, N), by differences."""
-        return self.differences[0 if self.alike else 1]
-
-    @cached_property
-    def differences(self) -> Array:
-        """Return the columns alike and as each arm's own filter errs, (2, p, m, N)."""
-        now = self._seen(self.about, False)
-        found, steps = np.empty((2, len(self.parts), *now.shape[1:])), STEP * self.tolerances
+        found = np.empty((len(self.parts), *self.present.shape))
+        steps = STEP * self.tolerances
         if self.far:
             steps[self.far_part] = self.far
         for k, step in enumerate(steps):
-            there = self.about.copy()
-            there[k] += step
-            found[:, k] = (self._seen(there, True) - now) / step
+            moved = np.zeros(len(self.parts))
+            moved[k] = step
+            found[k] = (self.residual(self.around, moved, keep=True)[0] - self.present) / step
         return found
-
-    def _seen(self, deviations: Array, keep: bool) -> Array:
-        robot, sensors = deviated(self.base.robot, self.parts, deviations)
-        found = [[_channels(errors)[0] for errors in p.seen((*self.around, *sensors), robot, keep)]
-                 for p in self.predictors]
-        return np.sqrt(self.weight) * np.concatenate(found, axis=-1)
 
     @property
     def far_part(self) -> int:
@@ -143,7 +112,7 @@ class Likelihood:
     @cached_property
     def smooth(self) -> Likelihood:
         """Return what each arm's own filter errs: no likelihood, but without its side valleys."""
-        return self._copied('present', 'moved', 'columns', 'products', 'smooth', alike=False)
+        return self._copied('present', 'columns', 'products', 'smooth', alike=False)
 
     def _copied(self, *less: str, **changed: object) -> Likelihood:
         other = object.__new__(Likelihood)
@@ -167,7 +136,7 @@ class Likelihood:
         weight = sum(sizes) / chosen.size
         kept = np.arange(self.present.shape[-1]).reshape(sum(sizes), -1)[chosen].ravel()
         return self._copied(
-            'moved', 'differences', 'products', 'surprise', 'smooth',
+            'products', 'surprise', 'smooth',
             predictors=[p.thinned(every) for p in self.predictors], kept=kept,
             weight=self.weight * weight, present=np.sqrt(weight) * self.present[:, kept],
             columns=np.sqrt(weight) * self.columns[..., kept])

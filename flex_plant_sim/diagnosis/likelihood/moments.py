@@ -99,20 +99,6 @@ class Moments:
         return replace(self, products=move.T @ self.products @ move, away=self.away[rest],
                        slab=self.slab.kept(rest))
 
-    def profiled(self, scale: Array, temper: float = TEMPER) -> tuple[Array, Array]:
-        """
-        Return gradient (k,) and Hessian (k, k) of minus the log-posterior, the parts following.
-
-        Over the values in widths of their slabs, nats.
-        """
-        k, prior = self.away.size, np.concatenate([self.slab.width, self.tolerances])
-        joint = self.weighted(scale, temper)
-        gradient = prior * joint[1:, 0]
-        gradient[:k] += self.away / self.slab.width
-        hessian = prior[:, None] * joint[1:, 1:] * prior + np.eye(prior.size)
-        follow = np.linalg.solve(hessian[k:, k:], hessian[k:, :k]).T
-        return gradient[:k] - follow @ gradient[k:], hessian[:k, :k] - follow @ hessian[k:, :k]
-
     def log_evidence(self, scale: Array, temper: float = TEMPER) -> float:
         """
         Return the evidence by Laplace's method, nats; exact where all is linear.

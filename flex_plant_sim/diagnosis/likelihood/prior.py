@@ -35,8 +35,6 @@ FAR_OFF = 10.0
 SAID_BY = {'stiffness': 'link_stiffness', 'damping': 'modal_damping',
            'drive_inertia': 'hub_inertia', 'elbow_inertia': 'hub_inertia',
            'drive_gain': 'actuator_gain'}
-# Of its tolerance: a part that a cause speaks for is as good as at its file.
-HELD = 1e-6
 
 
 @dataclass(frozen=True)
@@ -85,25 +83,6 @@ def far_parts(robot: Robot, parts: Sequence[PartPrior], asked: Collection[str]
               ) -> tuple[str, ...]:
     """Return the parts of which no effect asked says that they are far off, by name."""
     return tuple(part.name for part in parts if _said_by(robot, part.name) not in asked)
-
-
-def spoken_for(robot: Robot, parts: Sequence[PartPrior], labels: Collection[str]
-               ) -> list[bool]:
-    """
-    Tell of each part whether one of some causes, identifier:site, changes just the same.
-
-    No parameter counts twice: what the two add up to has the cause's slab, so much the wider.
-    """
-    found = []
-    for part in parts:
-        effect = catalogue().get(_said_by(robot, part.name))
-        name, _, site = part.name.partition(':')
-        number = name.rpartition('_')[2]
-        both_ways = effect is not None and effect.parameters[0].low < effect.parameters[0].null
-        found.append(both_ways and effect is not None and any(
-            f'{effect.identifier}:{place}' in labels
-            for place in (site, f'link_{number}', f'joint_{number}')))
-    return found
 
 
 def _said_by(robot: Robot, part: str) -> str:

@@ -192,32 +192,23 @@ class Predictor:
         compares no causes, but tells a fit from afar where to go. Other parameters are those of
         `innovations`.
         """
-        return self.seen(effects, robot, keep, alike, not alike)[0 if alike else 1]
-
-    def seen(self, effects: Sequence[Effect] = (), robot: Robot | None = None, keep: bool = False,
-             alike: bool = True, own: bool = True) -> tuple[Array, Array]:
-        """Return by one pass what `whitened` is alike and by the arm's own filter, if asked."""
         if self._reshaped(effects):
-            return self._with_other_shapes(effects, robot).seen(effects, robot, False, alike, own)
+            return self._with_other_shapes(effects, robot).whitened(effects, robot, alike=alike)
         arm = self.arm_with(effects, robot)
         kept = keep and self.gain.shape[1] == arm.states
         errors, matrices = self._passed(arm, effects, robot, self.steady if kept else None)
         errors, rows = errors[self.windows.warm_up:], self.rows[self.windows.warm_up:]
-        gain = sensor_gain(arm, self.record) if arm.acts_on_output else None
         common = self._common(arm, effects, robot) if alike else None
-
-        def white(left: Array) -> Array:
-            return np.asarray((self.whitener @ left.transpose(2, 1, 0, 3)[..., None])[..., 0])
-
-        def sensed(left: Array) -> Array:
-            return left if gain is None else np.matmul(gain, left[..., None])[..., 0]
-
-        plain = white(sensed(errors)) if own or common is None else errors
-        if common is None:
-            return plain, plain
-        left = sensed(missed(matrices, arm.output_matrix, errors, rows))
-        late = 0 if self.base.discrepancy.sensed else arm.late
-        return white(common.whitened(as_late(left, late), rows)), plain
+        if common is not None:
+            left = missed(matrices, arm.output_matrix, errors, rows)
+            if arm.acts_on_output:
+                left = np.matmul(sensor_gain(arm, self.record), left[..., None])[..., 0]
+            late = 0 if self.base.discrepancy.sensed else arm.late
+            errors = common.whitened(as_late(left, late), rows)
+        elif arm.acts_on_output:
+            errors = np.matmul(sensor_gain(arm, self.record), errors[..., None])[..., 0]
+        errors = errors.transpose(2, 1, 0, 3)
+        return np.asarray((self.whitener @ errors[..., None])[..., 0], dtype=float)
 
     def _common(self, arm: ExtendedArm, effects: Sequence[Effect], robot: Robot | None
                 ) -> Common | None:
