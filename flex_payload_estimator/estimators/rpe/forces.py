@@ -26,12 +26,8 @@ import numpy as np
 # deflection of the upper link; BendingTerms' numbers and the step, without payload and per kg of
 # it; its over_position likewise.
 ELBOW, ACROSS, PER_KG, ROOT_1, ROOT_2, ANGLE, UPPER, NUMBERS, FIRST = *range(8), 9
-# Bent links' forces go with the acceleration, and so with themselves: two steps of Newton's, as
-# the simulator makes them (stepping.py), so that the model is its arm to rounding. At 0.3 kg in
-# fast motion two evaluations alone (Picard) are 6 % of the largest force off at 100 Hz, 25 % at
-# 1 kHz.
 # Difference over the payload, kg.
-MASS_STEP = 1e-6
+PAYLOAD_STEP = 1e-6
 
 
 def moves(arm: ExtendedArm) -> bool:
@@ -141,7 +137,14 @@ def newton_matrix(mass: Array, push: Array, step: float) -> Array:
 @compiled
 def _bent(rows: Array, mass: float, x: Array, after: Array, push: Array
           ) -> tuple[Array, Array, Array, Array]:
-    """Return the forces of motion, and their derivatives but for what acts on themselves."""
+    """
+    Return the forces of motion, and their derivatives but for what acts on themselves.
+
+    Bent links' forces go with the acceleration, and so with themselves: two steps of Newton's, as
+    the simulator makes them (stepping.py), so that the model is its arm to rounding. At 0.3 kg in
+    fast motion two evaluations alone (Picard) are 6 % of the largest force off at 100 Hz, 25 % at
+    1 kHz.
+    """
     terms, step, n = terms_at(rows, mass), rows[NUMBERS, 3], rows.shape[1]
     before = momentum(terms, x)
     force = rigid_force(rows, mass, 0.5 * (x + after))[0] \
@@ -157,9 +160,9 @@ def _bent(rows: Array, mass: float, x: Array, after: Array, push: Array
     over_after = over_x.copy()
     over_x[:, :2 * n] += momentum_slope(terms, x, 0) / step
     over_after[:, :2 * n] -= gained / step
-    heavier = terms_at(rows, mass + MASS_STEP)
+    heavier = terms_at(rows, mass + PAYLOAD_STEP)
     more = bent_force(heavier, momentum(heavier, x), x, guess, step)
-    return force, over_x, over_after, over_mass + (more - bent) / MASS_STEP
+    return force, over_x, over_after, over_mass + (more - bent) / PAYLOAD_STEP
 
 
 @compiled
