@@ -9,7 +9,7 @@ from typing import Any
 
 from flex_plant_sim.arm.safe_yaml import MAX_TEXT, read_yaml
 from flex_plant_sim.atomic_file import MARK, whole_file
-from flex_plant_sim.simulation.nominal import coriolis_words
+from flex_plant_sim.effects.structure.coriolis_centripetal import coriolis_words
 from msg_config.errors import InputError
 import yaml
 

@@ -9,7 +9,10 @@ from flex_plant_sim.arm.robot import EffectSpec, Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.effects import effects_of
 from flex_plant_sim.effects.base import Effect
-from flex_plant_sim.effects.structure.coriolis_centripetal import CoriolisCentripetal
+from flex_plant_sim.effects.structure.coriolis_centripetal import (
+    coriolis_words,
+    CoriolisCentripetal,
+)
 import numpy as np
 
 # The paper's equations have no Coriolis and centripetal forces, and its models stay as printed.
@@ -57,12 +60,6 @@ def has_coriolis(effects: Sequence[Effect]) -> bool:
 def model_words(name: str, model: str, modes: int, coriolis: bool | None) -> str:
     """Return in a few words which model of a robot is used; None: the forces are estimated."""
     return f'{name}, {model}, {modes} modes, {coriolis_words(coriolis)}'
-
-
-def coriolis_words(coriolis: bool | None) -> str:
-    """Return in words whether Coriolis and centripetal forces act; None: they are estimated."""
-    words = {True: 'with Coriolis forces', False: 'without Coriolis forces'}
-    return 'Coriolis forces estimated' if coriolis is None else words[coriolis]
 
 
 def beyond_checked(time: Array, joint: Array) -> str:

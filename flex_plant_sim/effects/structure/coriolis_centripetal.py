@@ -57,3 +57,9 @@ class CoriolisCentripetal(Effect):
         along = moment * w_2**2 + mass * epsilon * w_1 * cosine
         return self['share'] * sine * (along * (link_columns(form, 0) * elbow)
                                        - epsilon * w_1 * (lower_rows(form) * across))
+
+
+def coriolis_words(coriolis: bool | None) -> str:
+    """Return in words whether Coriolis and centripetal forces act; None: they are estimated."""
+    words = {True: 'with Coriolis forces', False: 'without Coriolis forces'}
+    return 'Coriolis forces estimated' if coriolis is None else words[coriolis]
