@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import COMPILED
@@ -14,15 +14,24 @@ from flex_plant_sim.simulation.drive_input import DriveInput
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 
-if TYPE_CHECKING:
-    from flex_plant_sim.diagnosis.prediction.predictor import Predictor
+
+class Trajectory(Protocol):
+    """A base model's way through a record, along which an arm's forces are evaluated."""
+
+    record: Record
+
+    def weights_of(self, arm: ExtendedArm) -> Array:
+        """Return the weights over schedule nodes where an arm's sensors put the elbow, (N, K)."""
+
+    def started(self, arm: ExtendedArm, rows: Indices) -> Array:
+        """Return the states at samples (N,), (N, n); added coordinates are at zero."""
 
 
-def matrices_of(predictor: Predictor, arm: ExtendedArm, gain: Array, used: Indices) -> Matrices:
+def matrices_of(trajectory: Trajectory, arm: ExtendedArm, gain: Array, used: Indices) -> Matrices:
     """Return an arm's matrices with a gain (nodes, n, m) at the samples used, (N,)."""
     n = arm.states
-    weights, table = payload_schedule(arm, predictor.record.time[used],
-                                      predictor.weights_of(arm)[used])
+    weights, table = payload_schedule(arm, trajectory.record.time[used],
+                                      trajectory.weights_of(arm)[used])
     table = table.reshape(len(table), n, -1)
     k = np.tile(gain, (len(table) // arm.nodes.size, 1, 1))
     rows = np.concatenate([table[..., :n] - k @ arm.output_matrix, table[..., n:], k], axis=-1)
@@ -32,15 +41,15 @@ def matrices_of(predictor: Predictor, arm: ExtendedArm, gain: Array, used: Indic
 class Run:
     """One arm driven through some samples of a record, (N,): what drives each, (N, B, d)."""
 
-    def __init__(self, predictor: Predictor, arm: ExtendedArm, matrices: Matrices,
+    def __init__(self, trajectory: Trajectory, arm: ExtendedArm, matrices: Matrices,
                  used: Indices, batch: int):
-        record = predictor.record
+        record = trajectory.record
         self.arm, self.matrices, self.time = arm, matrices, record.time[used][:, None]
         self.command = at_drive(arm, record)[used]
         self.measured = undo_sensors(arm, record)[used]
         m, order = record.output.shape[1], arm.form.order
-        self.trajectory = predictor.started(arm, used)[:, None]
-        ahead = predictor.started(arm, np.minimum(used + 1, len(record.time) - 1))[:, None]
+        self.trajectory = trajectory.started(arm, used)[:, None]
+        ahead = trajectory.started(arm, np.minimum(used + 1, len(record.time) - 1))[:, None]
         motion = arm.motion_between(self.trajectory, ahead, self.command, self.time)
         parts = (self.command, arm.smooth_force(motion), self.measured)
         self.drive = np.concatenate([np.broadcast_to(part, (len(used), batch, width))
