@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from importlib import import_module
 import os
 import signal
 import sys
@@ -39,12 +38,3 @@ def open_what_is_closed() -> None:
             os.open(os.devnull, os.O_RDWR)
     sys.stdout = sys.stdout or open(1, 'w', closefd=False)
     sys.stderr = sys.stderr or open(2, 'w', closefd=False)
-
-
-def run_node(module: str, name: str) -> None:
-    """Run the node of a class and end the process; its module is imported under guard."""
-    end_at_once()
-    open_what_is_closed()
-    node = getattr(import_module(module), name)
-    process = import_module('msg_config.node_process')
-    sys.exit(process.run(node))

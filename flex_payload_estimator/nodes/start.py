@@ -2,7 +2,7 @@
 
 import sys
 
-from msg_config.quiet_start import run_node
+from msg_config.node_start import run_node
 
 
 def payload_estimator() -> None:

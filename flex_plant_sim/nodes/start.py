@@ -1,6 +1,6 @@
 """The program of the node; `python -m flex_plant_sim.nodes.start` runs it too."""
 
-from msg_config.quiet_start import run_node
+from msg_config.node_start import run_node
 
 
 def plant_sim() -> None:
