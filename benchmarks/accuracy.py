@@ -19,6 +19,7 @@ from flex_payload_estimator.estimators.factory import make_estimator
 from flex_plant_sim.arm.parts import robot_parts
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.interval import Z95
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from matched import bound, Case, record, TORQUE_NOISE, wilson, workers
 from matplotlib.figure import Figure
@@ -91,7 +92,7 @@ def report(name: str, found: Array) -> None:
           f'{"its interval":>16s}{"worst error/std":>17s}')
     for k, time in enumerate(TIMES_S[:error.shape[1]]):
         ratio = np.sqrt(np.mean((error[:, k] / limit[:, k])**2))
-        inside = int(np.sum(np.abs(error[:, k]) < 1.96 * std[:, k]))
+        inside = int(np.sum(np.abs(error[:, k]) < Z95 * std[:, k]))
         low, high = wilson(inside, len(found))
         print(f'{time:6g}{ratio:10.3f}{1e3 * np.median(limit[:, k]):14.5f}'
               f'{np.median(std[:, k] / limit[:, k]):9.3f}{100 * inside / len(found):8.1f}%'

@@ -18,6 +18,7 @@ import time
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.commissioning.calibration import calibrate
+from flex_plant_sim.interval import Z95
 from flex_plant_sim.logs.read import read_log
 from flex_plant_sim.simulation.replay import replay
 import numpy as np
@@ -144,7 +145,7 @@ def main() -> None:
           f'{after[:, :2].min():.1f} %; gauges: {before[:, 2:].min():.1f} %, '
           f'{after[:, 2:].min():.1f} %')
     print(f'rms z {np.sqrt(np.mean(scores**2)):.2f}, within 1.96 std '
-          f'{100 * np.mean(np.abs(scores) < 1.96):.0f} %')
+          f'{100 * np.mean(np.abs(scores) < Z95):.0f} %')
 
 
 if __name__ == '__main__':

@@ -18,6 +18,7 @@ import sys
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.interval import Z95
 from model_error import rows_of
 import numpy as np
 
@@ -63,10 +64,10 @@ def answers(estimator: RecursivePredictionError, record: Record, case: TruthCase
 def report(name: str, found: Array) -> None:
     """Print a line of (runs, times, 2)."""
     error, deviation = 100.0 * np.moveaxis(found, -1, 0)
-    inside = np.abs(error) < 1.96 * deviation
+    inside = np.abs(error) < Z95 * deviation
     print(f'{name:24s}' + ''.join(
         f' |{inside[:, k].sum():3d}/{len(found):<3d}{np.sqrt(np.mean(error[:, k]**2)):6.1f}'
-        f'{np.abs(error[:, k]).max():6.1f}{1.96 * deviation[:, k].mean():6.1f}'
+        f'{np.abs(error[:, k]).max():6.1f}{Z95 * deviation[:, k].mean():6.1f}'
         for k in range(len(TIMES_S))), flush=True)
 
 

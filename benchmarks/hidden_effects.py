@@ -19,6 +19,7 @@ import sys
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.interval import Z95
 from model_error import rows_of
 import numpy as np
 
@@ -32,7 +33,7 @@ SEEDS = {'finite_elements': 8000, 'mujoco': 9000}
 LEFT_OUT = ('payload_mass', 'payload_change', 'modal_truncation', 'coriolis_centripetal')
 # What a truth's equations leave out.
 LACKS = {'finite_elements': ('base_sliding',), 'mujoco': ()}
-CLEAN, HIDDEN, BAND = 'clean', 'hidden effect', 1.96
+CLEAN, HIDDEN = 'clean', 'hidden effect'
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ class Answer:
     @property
     def inside(self) -> Array:
         """Return whether the 95 % band holds the payload, (times,)."""
-        return np.asarray(np.abs(self.error) < BAND * self.deviation)
+        return np.asarray(np.abs(self.error) < Z95 * self.deviation)
 
 
 def answer(estimator: RecursivePredictionError, name: str | None, seed: int, truth: str,
@@ -91,7 +92,7 @@ def line(title: str, answers: list[Answer]) -> str:
                         for name in ('error', 'deviation'))
     inside, count = np.array([a.inside for a in answers]), len(answers)
     cells = [f'{100 * inside[:, k].mean():.0f} %, {100 * np.sqrt(np.mean(error[:, k]**2)):.1f}, '
-             f'±{100 * BAND * np.median(deviation[:, k]):.1f}' for k in range(error.shape[1])]
+             f'±{100 * Z95 * np.median(deviation[:, k]):.1f}' for k in range(error.shape[1])]
     modes = [a.mode for a in answers]
     ends = ', '.join(f'{modes.count(mode)} {mode}' for mode in sorted(set(modes)))
     jumped = sum(a.jumps > 0 for a in answers)

@@ -21,6 +21,7 @@ from flex_plant_sim.arm.parts import robot_parts
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.interval import Z95
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from matched import Case, record, TORQUE_NOISE, wilson, workers
 from matplotlib.figure import Figure
@@ -75,7 +76,7 @@ def run(seed: int, kind: str, modes: int) -> Array:
 def report(kind: str, found: Array) -> None:
     """Print one kind's coverage; found is (runs, 2, times)."""
     for k, time in enumerate(TIMES_S):
-        inside = int(np.sum(np.abs(found[:, 0, k]) < 1.96 * found[:, 1, k]))
+        inside = int(np.sum(np.abs(found[:, 0, k]) < Z95 * found[:, 1, k]))
         low, high = wilson(inside, len(found))
         print(f'{kind:18s}{time:5g}{len(found):6d}{100 * inside / len(found):8.1f}%'
               f'{100 * low:8.1f} -{100 * high:5.1f}%'
@@ -111,7 +112,7 @@ def bench_records() -> Iterator[tuple[str, Array]]:
         error, std = found[:, 1] / mass - 1.0, found[:, 2] / mass
         at = [int(np.argmin(np.abs(time - t))) for t in TIMES_S]
         texts = ''.join(f'{100 * error[k]:8.1f} ±{100 * std[k]:5.1f}%' for k in at)
-        inside = bool(abs(error[at[-1]]) < 1.96 * std[at[-1]])
+        inside = bool(abs(error[at[-1]]) < Z95 * std[at[-1]])
         print(f'{truth["name"]:18s}{texts}{"yes" if inside else "no":>18s}')
         for event in events:
             print(f'    {event}')
@@ -137,7 +138,7 @@ def draw(studies: dict[str, Array], records: dict[str, Array]) -> None:
     panels[0].legend()
     axes = [figure.add_subplot(grid[1 + k // 4, 3 * (k % 4):3 * (k % 4) + 3]) for k in range(8)]
     for axis, (name, (time, error, std)) in zip(axes, records.items()):
-        axis.fill_between(time, 100 * (error - 1.96 * std), 100 * (error + 1.96 * std),
+        axis.fill_between(time, 100 * (error - Z95 * std), 100 * (error + Z95 * std),
                           color='C0', alpha=0.25, lw=0)
         axis.plot(time, 100 * error, 'C0', lw=1)
         axis.axhline(0.0, color='k', lw=0.8)

@@ -25,6 +25,7 @@ from flex_payload_estimator.estimators.rpe.sensors import start_spread, told_noi
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.interval import Z95
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from matched import bound, Case, Record, record
 import numpy as np
@@ -191,7 +192,7 @@ def matched_study(runs: int, modes: int) -> None:
         ratio = np.array(values)
         rms = np.sqrt(np.nanmean(ratio**2, axis=0))
         step_us = 1e6 * np.nanmedian(np.concatenate(times[name]))
-        covered = 100 * np.mean(np.array(scaled[name]) < 1.96)
+        covered = 100 * np.mean(np.array(scaled[name]) < Z95)
         print(f'{name:6s}' + ''.join(f'{value:14.2f}' for value in rms)
               + f'{np.nanmedian(ratio[:, -1]):16.2f}{covered:8.1f}%'
               f'{int(np.isnan(ratio[:, -1]).sum()):12d}{step_us:11.0f}')

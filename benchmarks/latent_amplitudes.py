@@ -27,6 +27,7 @@ from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.record.sensor_noise import measurement_noise
 from flex_plant_sim.diagnosis.record.windows import Record, Windows
 from flex_plant_sim.diagnosis.verdict.verdict import nominal_base
+from flex_plant_sim.interval import Z95
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / 'test'))
@@ -78,7 +79,7 @@ def main() -> None:
         errors = [standard_errors(case, latent_forces(predictor, amplitudes))
                   for case, predictor in records]
         joints = [np.concatenate(e) for e in zip(*errors)]
-        within = [100.0 * np.mean(np.abs(z) < 1.96) for z in joints]
+        within = [100.0 * np.mean(np.abs(z) < Z95) for z in joints]
         spread = [np.sqrt(np.mean(z**2)) for z in joints]
         print(f'{torque:6.2f} {gauge:5.2f} {time:4.1f}   {within[0]:8.1f} {within[1]:8.1f}   '
               f'{spread[0]:8.2f} {spread[1]:8.2f}', flush=True)

@@ -18,6 +18,7 @@ from flex_payload_estimator.control.loop import run_loop
 from flex_payload_estimator.nodes.node_setup import controller_of, estimator_of, set_points_of
 from flex_payload_estimator.tools import demo
 from flex_payload_estimator.tools.experiment import drawn_arm, Experiment
+from flex_plant_sim.interval import Z95
 from flex_plant_sim.simulation.plant_setup import simulator_of
 import numpy as np
 
@@ -56,7 +57,7 @@ def main() -> None:
     error, deviation = np.moveaxis(np.array(found), -1, 0)
     z = error / deviation
     print('rms of error over deviation', np.round(np.sqrt((z**2).mean(axis=0)), 2),
-          'covered', (np.abs(z) < 1.96).mean(axis=0))
+          'covered', (np.abs(z) < Z95).mean(axis=0))
 
 
 if __name__ == '__main__':

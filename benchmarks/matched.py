@@ -18,6 +18,7 @@ from flex_payload_estimator.kalman.cramer_rao import linearise, payload_bound
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.interval import Z95
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.simulator import Noise, Simulator
 import numpy as np
@@ -106,7 +107,7 @@ def bound(arm: ExtendedArm, case: Case, run: Record) -> Array:
 
 def wilson(hits: int, count: int) -> tuple[float, float]:
     """Return the 95 % interval of a share (Wilson 1927)."""
-    z, share = 1.96, hits / count
+    z, share = Z95, hits / count
     centre = (share + z * z / (2 * count)) / (1 + z * z / count)
     half = z / (1 + z * z / count) * np.sqrt(share * (1 - share) / count + (z / count)**2 / 4)
     return centre - half, centre + half

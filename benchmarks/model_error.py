@@ -28,6 +28,7 @@ from flex_payload_estimator.estimators.rpe.sensors import Loads
 from flex_payload_estimator.estimators.rpe.start import Start
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.interval import Z95
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / 'test'))
@@ -123,9 +124,9 @@ def whole(record: Record, estimator: RecursivePredictionError) -> list[tuple[flo
 def report(name: str, scores: Sequence[Array], errors: Sequence[Array]) -> None:
     """Print a line: scores and relative errors are (runs, times)."""
     z, off = np.array(scores), 100.0 * np.array(errors)
-    band = 1.96 * off / z
+    band = Z95 * off / z
     columns = ''.join(
-        f' |{np.sqrt(np.mean(z[:, k]**2)):6.2f}{100 * np.mean(np.abs(z[:, k]) < 1.96):6.0f} %'
+        f' |{np.sqrt(np.mean(z[:, k]**2)):6.2f}{100 * np.mean(np.abs(z[:, k]) < Z95):6.0f} %'
         f'{np.sqrt(np.mean(off[:, k]**2)):6.2f}{np.abs(off[:, k]).max():6.2f}'
         f'{band[:, k].mean():6.2f}' for k in range(len(TIMES_S)))
     print(f'{name:16s}{len(z):4d}{columns}', flush=True)

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.effects import build, parse
+from flex_plant_sim.interval import Z95
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.nominal import nominal_effects
 from flex_plant_sim.simulation.payload_profile import PayloadProfile
@@ -26,7 +27,7 @@ ROBOT, MODEL, MODES = load_robot('reference'), 'assumed_modes', 2
 BENT = 'foreshortening:arm:share=1'
 LIGHT, HEAVY, EARLY, LATE = 0.02, 0.3, 2.0, 3.5
 # After the change, s; what counts as right, of the mass and kg; and as inside the 95 % band.
-AFTER, SHARE, LEAST, BAND = 1.2, 0.02, 1e-3, 1.96
+AFTER, SHARE, LEAST = 1.2, 0.02, 1e-3
 # A change told this long before the true one, s, is false.
 TOO_EARLY = 0.5
 
@@ -51,7 +52,7 @@ class Change:
     @property
     def inside(self) -> bool:
         """Return whether the band holds the new payload."""
-        return abs(self.told - self.after) < BAND * self.std
+        return abs(self.told - self.after) < Z95 * self.std
 
 
 def run(seed: int, bent: bool) -> Change:

@@ -16,6 +16,7 @@ from functools import lru_cache
 from flex_payload_estimator.estimators.factory import make_estimator
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.interval import Z95
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.simulator import Noise, Simulator
 from matched import Case, GAIN, record, set_point
@@ -75,7 +76,7 @@ def main() -> None:
             ratio = found[:, 0] / found[:, 1]
             print(f'{name}, {model}, {given.runs} runs')
             for k, time in enumerate(TIMES_S):
-                inside = np.mean(np.abs(ratio[:, k]) < 1.96)
+                inside = np.mean(np.abs(ratio[:, k]) < Z95)
                 error = 1e3 * np.median(np.abs(found[:, 0, k]))
                 print(f'{time:5g} s: RMS z {np.sqrt(np.mean(ratio[:, k]**2)):6.2f}, in 95 % '
                       f'{100 * inside:5.1f} %, median error {error:8.3f} g', flush=True)

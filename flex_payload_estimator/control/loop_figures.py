@@ -6,13 +6,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 from flex_payload_estimator.control.loop import LoopRecord
+from flex_plant_sim.interval import Z95
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 
 SIZE, RESOLUTION = (7.5, 4.2), 130
 BLUE, ORANGE, GREY = '#1f5fa8', '#d1622b', '#707070'
-INTERVAL = 1.959964  # standard deviations on either side hold 95 %
 ANGLES = (r'$\theta_{b1}$', r'$\theta_2$')
 
 
@@ -27,7 +27,7 @@ def figure_4(record: LoopRecord, figure: Figure) -> None:
 def figure_5(record: LoopRecord, figure: Figure) -> None:
     """Estimated payload with its 95 % interval, and the truth."""
     axes = figure.subplots()
-    half = INTERVAL * np.sqrt(record.variance)
+    half = Z95 * np.sqrt(record.variance)
     axes.fill_between(record.time, record.mass - half, record.mass + half, color=BLUE, alpha=0.2,
                       lw=0, label='95 % interval')
     axes.plot(record.time, record.mass, color=BLUE, label=r'estimate $\hat m_p$')

@@ -15,6 +15,7 @@ from flex_payload_estimator.tools.words import decimals_of, with_uncertainty
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.interval import Z95
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.simulation.nominal import model_words
 from flex_plant_sim.tools import command_line
@@ -24,7 +25,6 @@ from msg_config.parameters import load_parameters
 import numpy as np
 
 TIMES = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
-INTERVAL = 1.959964  # standard deviations on either side hold 95 %
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class Estimates:
         return {
             'log': self.source, 'duration_s': round(float(self.time[-1]), 9),
             'mass_kg': mass, 'std_kg': std,
-            'interval95_kg': [max(mass - INTERVAL * std, 0.0), mass + INTERVAL * std],
+            'interval95_kg': [max(mass - Z95 * std, 0.0), mass + Z95 * std],
             'at_s': {key: self.row(k)[0] for key, k in self.marks().items()},
             'std_at_s': {key: self.row(k)[1] for key, k in self.marks().items()},
             'status': self.status[-1], 'status_samples': counts}

@@ -11,10 +11,10 @@ from flex_payload_estimator.estimators.factory import make_estimator
 from flex_payload_estimator.tools.words import with_uncertainty
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.interval import Z95
 from matplotlib.figure import Figure
 import numpy as np
 
-INTERVAL = 1.959964  # standard deviations on either side hold 95 %
 TIMES_S = (1.0, 3.0, 10.0, 30.0, 100.0)
 WORDS = {'sf1_paper': 'SF1 as the paper prints it', 'sf1': 'SF1 with its errors carried along',
          'rpe': 'recursive prediction error, the default'}
@@ -97,7 +97,7 @@ def table(record: LoopRecord, answers: Sequence[Answer]) -> str:
 def _miss(answer: Answer, k: int, true: float) -> str:
     """Say where an estimator is wrong and sure of it."""
     off = abs(answer.mass[k] - true)
-    wrong = answer.status[k] == 'ok' and off > INTERVAL * answer.std[k]
+    wrong = answer.status[k] == 'ok' and off > Z95 * answer.std[k]
     return f'   outside its 95 % interval, {off:.2g} kg off' if wrong else ''
 
 
@@ -107,7 +107,7 @@ def draw(record: LoopRecord, answers: Sequence[Answer], path: Path) -> None:
     panels = figure.subplots(1, len(answers), sharex=True, sharey=True)
     top = 2.5 * max(float(record.true_mass.max()), 1e-3)
     for axes, answer in zip(panels, answers):
-        half = INTERVAL * answer.std
+        half = Z95 * answer.std
         axes.fill_between(record.time, np.maximum(answer.mass - half, 0.0), answer.mass + half,
                           color=BLUE, alpha=0.2, lw=0, label='95 % interval')
         sure = np.array([status == 'ok' for status in answer.status])

@@ -11,6 +11,7 @@ from flex_plant_sim.diagnosis.prediction.latent_view import Finding, LatentView
 from flex_plant_sim.diagnosis.prediction.law import CONSTANT, Trial
 from flex_plant_sim.diagnosis.report.figures import AFTER, BEFORE, MEASURED, Picture, picture
 from flex_plant_sim.diagnosis.report.wording import percent_text, unit_text
+from flex_plant_sim.interval import Z95
 import numpy as np
 
 DOTS, LINE_POINTS, TRACE_POINTS = 1500, 400, 1200
@@ -36,7 +37,7 @@ def _section(finding: Finding, view: LatentView) -> LatentSection:
     series, best = finding.series, finding.trials[0]
     scale, unit = _unit(series.unit)
     what = 'torque' if series.unit == 'N m' else 'error'
-    band = 1.96 * float(np.median(series.deviation[series.judged]))
+    band = Z95 * float(np.median(series.deviation[series.judged]))
     text = (f'{scale * series.size:.2g} {unit} rms, 95 % band ± {scale * band:.2g} {unit}. '
             + _said(finding))
     order: list[str] = [t.variable for t in finding.trials if t.variable in series.variables]
@@ -115,7 +116,7 @@ def _draw_trace(axis: Any, time: Array, value: Array, deviation: Array) -> None:
     # Records follow each other; each starts its time anew.
     starts = np.flatnonzero(np.diff(time[kept]) < 0.0) + 1
     for t, v, d in zip(*(np.split(part[kept], starts) for part in (time, value, deviation))):
-        axis.fill_between(t, v - 1.96 * d, v + 1.96 * d, color=BEFORE, alpha=0.35, linewidth=0)
+        axis.fill_between(t, v - Z95 * d, v + Z95 * d, color=BEFORE, alpha=0.35, linewidth=0)
         axis.plot(t, v, color=BEFORE, linewidth=0.6)
 
 
@@ -124,5 +125,5 @@ def _draw_law(axis: Any, factor: float, scale: float, finding: Finding) -> None:
     at = np.unique(np.concatenate([np.linspace(law.knots[0], law.knots[-1], LINE_POINTS),
                                    law.knots]))
     axis.plot(factor * at, scale * law.at(at), color=AFTER, linewidth=1.8)
-    axis.errorbar(factor * law.knots, scale * law.values, 1.96 * scale * law.deviations,
+    axis.errorbar(factor * law.knots, scale * law.values, Z95 * scale * law.deviations,
                   color=AFTER, linestyle='none', elinewidth=1.2)

@@ -9,10 +9,10 @@ from typing import Any
 from flex_plant_sim.diagnosis.report.figures import AFTER, MEASURED, Picture, picture
 from flex_plant_sim.diagnosis.report.wording import name_text, percent_text, unit_text
 from flex_plant_sim.diagnosis.verdict.results import PartEstimate
+from flex_plant_sim.interval import Z95
 
 SETS, PARTS = 8, 14
 LEAST = 0.005
-SURE = 1.96
 # Of a tolerance: what moved by less is as it was told.
 MOVED = 1.0
 PRIOR = '#cfd8dc'
@@ -53,10 +53,10 @@ def parts_picture(parts: Sequence[PartEstimate]) -> Picture:
     def draw(figure: Any) -> None:
         figure.subplots_adjust(left=0.46, right=0.96, bottom=0.16, top=0.92)
         axis, rows = figure.subplots(), range(len(shown))
-        axis.axvspan(-SURE, SURE, color=PRIOR, alpha=0.35, linewidth=0)
+        axis.axvspan(-Z95, Z95, color=PRIOR, alpha=0.35, linewidth=0)
         axis.axvspan(-1.0, 1.0, color=PRIOR, alpha=0.6, linewidth=0)
         axis.errorbar([p.mean / p.prior for p in shown], rows,
-                      xerr=[SURE * p.deviation / p.prior for p in shown], color=AFTER, fmt='o',
+                      xerr=[Z95 * p.deviation / p.prior for p in shown], color=AFTER, fmt='o',
                       markersize=3.5)
         axis.axvline(0.0, color=MEASURED, linewidth=0.5)
         axis.set_yticks(rows, [p.name.replace('_', ' ') for p in shown], fontsize=8.0)
@@ -77,7 +77,7 @@ def part_text(part: PartEstimate) -> str:
     """Return a part's deviation with its 95 % interval, and what was allowed."""
     name = part.name.replace('_', ' ')
     if part.unit:
-        return (f'{name} {part.mean:+.3g} ± {SURE * part.deviation:.2g} {unit_text(part.unit)} '
+        return (f'{name} {part.mean:+.3g} ± {Z95 * part.deviation:.2g} {unit_text(part.unit)} '
                 f'(told ± {part.prior:.2g})')
-    percent, reach = 100.0 * math.expm1(part.mean), 100.0 * SURE * part.deviation
+    percent, reach = 100.0 * math.expm1(part.mean), 100.0 * Z95 * part.deviation
     return f'{name} {percent:+.3g} ± {reach:.2g} % (told ± {100.0 * part.prior:.2g} %)'

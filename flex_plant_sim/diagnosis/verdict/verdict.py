@@ -23,13 +23,13 @@ from flex_plant_sim.diagnosis.verdict.results import (
     PartEstimate,
 )
 from flex_plant_sim.effects import catalogue
+from flex_plant_sim.interval import Z95
 from flex_plant_sim.simulation.nominal import nominal_effects
 import numpy as np
 
 # Swings in noise deviations below which a record shows no motion at all.
 QUIET_STRAIN, QUIET_ANGLE = 5.0, 30.0
 SETS = 12
-Z = 1.959964
 
 
 def nominal_base(robot: Robot, model: str, modes: int, coriolis: bool = True) -> Base:
@@ -166,7 +166,7 @@ def parameter_values(fit: Fit, hypothesis: Hypothesis) -> tuple[ParameterValue, 
     """Return a cause's values with 95 % intervals, within what each can be."""
     places = Causes(fit.hypotheses, 1.0).split(np.arange(1.0 * len(fit.values)))
     place = places[fit.hypotheses.index(hypothesis)].astype(int)
-    reach = Z * np.sqrt(np.diagonal(fit.covariance)[place])
+    reach = Z95 * np.sqrt(np.diagonal(fit.covariance)[place])
     return tuple(
         ParameterValue(p.name, float(v), float(max(v - r, a)), float(min(v + r, b)), p.unit)
         for p, v, r, a, b in zip(hypothesis.parameters, fit.values[place], reach,
