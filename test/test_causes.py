@@ -107,6 +107,17 @@ def test_a_limit_is_what_parts_cannot_undo(clean: tuple[Search, Data]) -> None:
         assert limits[f'strain_gain:{gauge}'][0] > REFERENCE.tolerances.strain_gain
 
 
+def test_a_limit_of_commands_shows_only_where_commands_reach_it(
+        clean: tuple[Search, Data]) -> None:
+    _, data = clean
+    found, _ = searched((), data, ('actuator_saturation',))
+    with np.errstate(all='ignore'):
+        limits = detection_limits(found.promises, REFERENCE, data.duration, found.closer)
+    for joint, reached in enumerate(np.abs(data.windows[0].record.command).max(axis=0)):
+        inverse = limits[f'actuator_saturation:joint_{joint + 1}'][0]
+        assert 0.3 * reached < 1.0 / inverse < reached
+
+
 def test_workers_give_what_one_process_gives_and_say_what_went_wrong() -> None:
     def root(number: int) -> float:
         if number == 3:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+import math
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.diagnosis.causes.pool import each
@@ -14,6 +15,8 @@ import numpy as np
 ITERATIONS = 20
 # Looks nearer by, and what is far: information is interpolated between sizes.
 CLOSER, FAR = 2, 0.7
+# Halvings, on a logarithm, of what parts sizes that change nothing from those that show.
+HALVINGS = 4
 
 
 def detection_limits(promises: Sequence[Promise], robot: Robot, duration: float,
@@ -38,22 +41,40 @@ def detection_limits(promises: Sequence[Promise], robot: Robot, duration: float,
         Processes.
 
     """
-    for _ in range(CLOSER):
-        items = [(p, _limit(p, robot, duration)) for p in promises]
-        far = [(p, size) for p, size in items if _below(p, size)]
+    for number in range(CLOSER + HALVINGS):
+        items = [(p, _closer_by(p, robot, duration, number < CLOSER)) for p in promises]
+        far = [(p, size) for p, size in items if size is not None]
         again = {p.hypothesis: p for p in each(closer, far, jobs)}
         promises = [again.get(p.hypothesis, p) for p in promises]
     found: dict[str, tuple[float, str]] = {}
     for p in promises:
-        limit = (_limit(p, robot, duration), p.hypothesis.parameters[_size(p)].unit)
-        found[p.hypothesis.label] = min(limit, found.get(p.hypothesis.label, limit))
+        size, (hidden, shown) = _limit(p, robot, duration), _shown(p)
+        limit = (size if size > hidden else shown, p.hypothesis.parameters[_size(p)].unit)
+        # Of what nature has one of two values of, the one that is harder to see.
+        found[p.hypothesis.label] = max(limit, found.get(p.hypothesis.label, limit))
     return found
 
 
-def _below(promise: Promise, size: float) -> bool:
-    """Tell whether a size is far below all that were looked at, where that may matter."""
-    linear = promise.hypothesis.effect.linear
-    return not linear and bool(size < FAR * np.min(promise.magnitudes))
+def _closer_by(promise: Promise, robot: Robot, duration: float, below: bool) -> float | None:
+    """
+    Return at what size to look again, if any.
+
+    Far below those that were looked at, parts may do what the effect does. Or it does nothing
+    there: a limit that no command reaches.
+    """
+    size, (hidden, shown) = _limit(promise, robot, duration), _shown(promise)
+    if hidden > size:
+        return math.sqrt(hidden * shown)
+    far = below and not promise.hypothesis.effect.linear and size < FAR * shown
+    return size if far else None
+
+
+def _shown(promise: Promise) -> tuple[float, float]:
+    """Return the largest size that changes nothing, 0 if none is known, and the least larger."""
+    shows = promise.information > 0.0
+    least = float(np.min(promise.magnitudes[shows], initial=np.inf))
+    less = promise.magnitudes[promise.magnitudes < least]
+    return float(np.max(less, initial=0.0)), least
 
 
 def _size(promise: Promise) -> int:
