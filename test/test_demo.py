@@ -111,8 +111,10 @@ def test_another_run_replaces_the_output_and_spares_what_is_not_a_demo_s(
 
 @pytest.mark.parametrize(('arguments', 'text'), [
     (['--robot', 'nobody'], "expected one of .* got 'nobody'"),
-    (['--duration', '-1'], 'expected a mass >= 0|expected a time > 0 s'),
-    (['--payload', 'nan'], "expected a mass >= 0 kg, got 'nan'"),
+    (['--duration', '-1'], "argument --duration: expected a time > 0 s, .* got '-1'"),
+    (['--amplitude', '0'], "argument --amplitude: expected an angle > 0 rad, .* got '0'"),
+    (['--amplitude', 'wide'], "expected an angle > 0 rad, .* got 'wide'"),
+    (['--payload', 'nan'], "expected a mass >= 0 kg, .* got 'nan'"),
     (['--estimator', 'oracle'], "invalid choice: 'oracle'"),
     (['--estimator', 'sf1_paper', '--model', 'paper'], 'paper_reduced'),
     (['--seed', '-1'], "expected a whole number .* got '-1'"),

@@ -148,3 +148,21 @@ def test_what_a_cut_file_lost_is_listed_with_what_stands_in(
     arm.write_text(text.replace('strain_gain: 0.1', 'strain_gain: 10'))
     assert main(['check', str(arm)]) == 2
     assert 'tolerances.strain_gain: expected 1e-09 to 3, got 10' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('options, words', [
+    (['--output', 'move.png'], '--output: move.png: expected a name that ends with .csv'),
+    (['--output', 'move.csv', '--strokes', '1000000'],
+     'strokes: expected at most 500000 samples in all, got 1000000 strokes of 1 s'),
+    (['--output', 'move.csv', '--payload', '1e300'], 'expected a mass >= 0 kg, at most 1000 kg')])
+def test_a_move_that_is_no_log_is_refused_in_one_line(
+        options: list[str], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+        capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.chdir(tmp_path)
+    try:
+        code = main(['move', 'reference', *options])
+    except SystemExit as stop:
+        code = int(stop.code or 0)
+    lines = capsys.readouterr().err.splitlines()
+    assert code == 2 and len(lines) == 1 and words in lines[0]
+    assert not any(tmp_path.iterdir())

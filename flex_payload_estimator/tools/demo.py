@@ -249,16 +249,17 @@ def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
     command_line.add_arm_arguments(options, 'assumed_modes', 5)
     options.add_argument('--estimator', default='rpe', help='payload estimator in the loop',
                          choices=load_parameters()['payload_estimator']['estimator'].choices)
-    options.add_argument('--duration', default=10.0, type=_positive, metavar='S',
+    options.add_argument('--duration', default=10.0, type=_time, metavar='S',
                          help='simulated time, s')
-    options.add_argument('--drop-at', default=None, type=_positive, metavar='S',
+    options.add_argument('--drop-at', default=None, type=_time, metavar='S',
                          help='let the payload fall at this time, s')
-    options.add_argument('--amplitude', default=GENTLE, type=_positive, metavar='RAD',
+    options.add_argument('--amplitude', default=GENTLE, type=_angle, metavar='RAD',
                          help='of the square set-points; the paper takes 0.5')
     options.add_argument('--matched', action='store_true',
                          help="let the plant be the estimator's own model")
     options.add_argument('--no-noise', action='store_true', help='measure without noise')
-    options.add_argument('--seed', default=0, type=_seed, metavar='N', help='seed of all noise')
+    options.add_argument('--seed', default=0, type=command_line.seed, metavar='N',
+                         help='seed of all noise')
     options.add_argument('--out', default='demo_output', type=Path, metavar='FOLDER',
                          help='where figures and logs go')
     options.add_argument('--figures', default=tuple(FIGURES), nargs='*', type=int,
@@ -266,18 +267,18 @@ def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
     return options.parse_args(arguments)
 
 
-def _positive(text: str) -> float:
-    value = command_line.mass(text)
+def _time(text: str) -> float:
+    value = command_line.number(text)
     if not 0.0 < value <= 1e5:
         raise argparse.ArgumentTypeError(f'expected a time > 0 s, at most 1e5, got {text!r}')
     return value
 
 
-def _seed(text: str) -> int:
-    if not (text.isdigit() and int(text) < 2**32):
-        raise argparse.ArgumentTypeError(f'expected a whole number from 0 to 2^32 - 1, '
-                                         f'got {text!r}')
-    return int(text)
+def _angle(text: str) -> float:
+    value = command_line.number(text)
+    if not 0.0 < value < np.pi:
+        raise argparse.ArgumentTypeError(f'expected an angle > 0 rad, below pi, got {text!r}')
+    return value
 
 
 def _demo(arguments: Sequence[str] | None) -> None:

@@ -76,22 +76,17 @@ def options() -> argparse.ArgumentParser:
     parser.add_argument('--extended', default=None, metavar='FILE',
                         help='write the robot file with its effects')
     command_line.add_json_argument(parser)
-    parser.add_argument('--jobs', default=len(os.sched_getaffinity(0)), type=_count, metavar='N',
-                        help='processes')
+    parser.add_argument('--jobs', default=len(os.sched_getaffinity(0)), metavar='N',
+                        type=command_line.processes, help='processes')
     parser.add_argument('--true-payload', default=None, type=command_line.mass, metavar='KG',
                         help='what the arm really carries, to measure the payload estimate')
     command_line.add_coriolis_argument(parser)
     parser.add_argument('--exclude', default=[], action='append', metavar='EFFECT',
                         choices=sorted(catalogue()),
                         help='an effect that is not to be considered; may be given again')
-    parser.add_argument('--seed', default=0, type=int, metavar='N', help='of the bootstrap')
+    parser.add_argument('--seed', default=0, type=command_line.seed, metavar='N',
+                        help='of the bootstrap')
     return parser
-
-
-def _count(text: str) -> int:
-    if not (text.isdigit() and int(text) >= 1):
-        raise argparse.ArgumentTypeError(f'expected a whole number >= 1, got {text!r}')
-    return int(text)
 
 
 def record_of(log: Log, payload: float) -> Record:

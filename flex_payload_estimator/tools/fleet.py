@@ -34,20 +34,14 @@ def options() -> argparse.ArgumentParser:
                         help='robot of logs that have no robot.yaml')
     parser.add_argument('--payload', default=None, type=command_line.mass, metavar='KG',
                         help="payload mass; the robot file's if not given")
-    parser.add_argument('--workers', default=len(os.sched_getaffinity(0)), type=_positive,
-                        metavar='N', help='processes on this machine')
+    parser.add_argument('--workers', default=len(os.sched_getaffinity(0)), metavar='N',
+                        type=command_line.processes, help='processes on this machine')
     parser.add_argument('--scheduler', default=None, metavar='ADDRESS',
                         help='Dask scheduler to use instead, as tcp://host:8786; its workers '
                              'see the same folders')
-    parser.add_argument('--timeout', default=600, type=_positive, metavar='S',
+    parser.add_argument('--timeout', default=600, type=command_line.count, metavar='S',
                         help='a log that takes longer is given up')
     return parser
-
-
-def _positive(text: str) -> int:
-    if not (text.isdigit() and int(text) >= 1):
-        raise argparse.ArgumentTypeError(f'expected a whole number >= 1, got {text!r}')
-    return int(text)
 
 
 def tasks_of(arguments: argparse.Namespace, out: Path) -> list[LogTask]:

@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from flex_plant_sim.arm.assumed_modes import assumed_modes
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.logs.csv_table import MAX_BYTES
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.nominal import nominal_effects
 from flex_plant_sim.simulation.simulator import Noise, simulate, Simulator
+from msg_config.errors import InputError
 import numpy as np
 
 # rad and s: strokes of 0.5 rad, during which the links of a bench arm swing about twice.
@@ -22,6 +24,8 @@ STROKES = 10
 # A stroke that the drives cannot make is tried so much slower, up to this long, s.
 SLOWER = 1.25
 SLOWEST = 50.0
+# Samples of a move: as CSV, some 140 bytes each, they are a log that is read again.
+MOST_SAMPLES = MAX_BYTES // 160
 
 
 @dataclass(frozen=True)
@@ -49,6 +53,12 @@ def standard_move(robot: Robot, strokes: int = STROKES) -> Move:
     Return minimum-jerk strokes of 0.5 rad, of 1 s or as much slower as the drives need.
 
     The commands are those of a rigid arm, so that any kind of drive makes about the same move.
+
+    Raises
+    ------
+    InputError
+        Of more samples than a log in a CSV file may have.
+
     """
     stroke = STROKE
     while True:
@@ -61,6 +71,9 @@ def standard_move(robot: Robot, strokes: int = STROKES) -> Move:
 
 def _commands(robot: Robot, stroke: float, strokes: int) -> Array:
     count = round(strokes * stroke / robot.sample_time)
+    if count > MOST_SAMPLES:
+        raise InputError(f'strokes: expected at most {MOST_SAMPLES} samples in all, got {strokes} '
+                         f'strokes of {stroke:g} s, {count} samples')
     time = np.asarray(robot.sample_time * (np.arange(count) + 0.5), dtype=float)
     speed, acceleration = np.stack(
         [_profile(time, stroke), _profile(time, ELBOW_SHARE * stroke)], axis=-1)

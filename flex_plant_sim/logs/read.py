@@ -44,7 +44,14 @@ def read_log(path: str | Path, robot: Robot) -> Log:
 
 
 def _reader(path: Path) -> LogReader:
-    if path.is_dir() or path.suffix in ('.mcap', '.db3'):
+    if path.is_dir():
+        if not (path / 'metadata.yaml').is_file():
+            raise InputError(f'{path}: expected a rosbag2, got a folder without metadata.yaml '
+                             '(`ros2 bag reindex` makes one)')
+        return read_bag
+    if not path.is_file():
+        raise InputError(f'{path}: expected a file or a bag folder, got a device or a pipe')
+    if path.suffix in ('.mcap', '.db3'):
         return read_bag
     if path.suffix == '.csv':
         return read_csv

@@ -11,6 +11,7 @@ from pathlib import Path
 import sys
 from typing import Any, NoReturn
 
+from flex_plant_sim.arm.file_section import PLAUSIBLE
 from flex_plant_sim.arm.robot_file import built_in_robots
 from flex_plant_sim.atomic_file import AUTHOR, whole_file
 from flex_plant_sim.compiled import cold
@@ -22,6 +23,7 @@ from msg_config.errors import InputError
 COMPILING = 'compiling the inner loops (once for each installation, about a minute) …'
 UNFORESEEN, BAD_INPUT = 1, 2
 TRACEBACK = 'FLEX_TRACEBACK'
+LARGEST_MASS = PLAUSIBLE['mass_kg'][1]
 
 
 class OneLineParser(argparse.ArgumentParser):
@@ -85,26 +87,52 @@ def say_if_compiling(function: Callable[..., Any]) -> None:
 
 def modes_number(text: str) -> int:
     """Return a number of modes, 1 to 20."""
-    if not (text.isdigit() and 1 <= int(text) <= 20):
+    if not 1 <= _whole(text) <= 20:
         raise argparse.ArgumentTypeError(f'expected a whole number from 1 to 20, got {text!r}')
     return int(text)
 
 
 def count(text: str) -> int:
     """Return a whole number >= 1, at most a million."""
-    if not (text.isascii() and text.isdigit() and 1 <= int(text[:8]) <= 10**6):
+    if not (1 <= _whole(text) <= 10**6):
         raise argparse.ArgumentTypeError(f'expected a whole number from 1 to 1e6, got {text!r}')
     return int(text)
 
 
-def mass(text: str) -> float:
-    """Return a mass, kg, finite and not negative."""
+def processes(text: str) -> int:
+    """Return a number of processes, 1 to 1000: more would only end this machine."""
+    if not (1 <= _whole(text) <= 1000):
+        raise argparse.ArgumentTypeError(f'expected a whole number from 1 to 1000, got {text!r}')
+    return int(text)
+
+
+def seed(text: str) -> int:
+    """Return the seed of a random number generator."""
+    if not (0 <= _whole(text) < 2**32):
+        raise argparse.ArgumentTypeError(
+            f'expected a whole number from 0 to 2^32 - 1, got {text!r}')
+    return int(text)
+
+
+def _whole(text: str) -> int:
+    """Return a number of at most ten digits; -1 for any other text."""
+    return int(text) if text.isascii() and text.isdigit() and len(text) <= 10 else -1
+
+
+def number(text: str) -> float:
+    """Return a number; NaN for any other text."""
     try:
-        value = float(text)
+        return float(text)
     except ValueError:
-        value = math.nan
-    if not (math.isfinite(value) and value >= 0.0):
-        raise argparse.ArgumentTypeError(f'expected a mass >= 0 kg, got {text!r}')
+        return math.nan
+
+
+def mass(text: str) -> float:
+    """Return a mass, kg, not negative and no more than a robot file may have."""
+    value = number(text)
+    if not 0.0 <= value <= LARGEST_MASS:
+        raise argparse.ArgumentTypeError(
+            f'expected a mass >= 0 kg, at most {LARGEST_MASS:g} kg, got {text!r}')
     return value
 
 

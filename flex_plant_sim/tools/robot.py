@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 import sys
 
 from flex_plant_sim.arm.robot_file import built_in_robots, load_robot, robot_text
@@ -24,6 +25,7 @@ from flex_plant_sim.simulation.replay import replay
 from flex_plant_sim.tools import command_line
 from flex_plant_sim.tools.log_input import read_logs
 from flex_plant_sim.tools.outputs import check_image, check_outputs
+from msg_config.errors import InputError
 
 
 def _print_or_write(text: str, path: str | None) -> None:
@@ -75,6 +77,9 @@ def _prior(arguments: argparse.Namespace) -> None:
 
 
 def _move(arguments: argparse.Namespace) -> None:
+    if Path(arguments.output).suffix != '.csv':
+        raise InputError(f'--output: {arguments.output}: expected a name that ends with .csv, as '
+                         'logs do')
     check_outputs({'--output': arguments.output}, [arguments.file])
     robot = load_robot(arguments.file)
     if arguments.payload is not None:
@@ -178,7 +183,7 @@ def _add_move(add: Add) -> None:
     _add_payload(move)
     move.add_argument('--strokes', default=STROKES, type=command_line.count, metavar='N',
                       help='of 0.5 rad, 1 s each or as slow as the drives need')
-    move.add_argument('--seed', default=1, type=command_line.count, metavar='N',
+    move.add_argument('--seed', default=1, type=command_line.seed, metavar='N',
                       help='of the noise')
     move.add_argument('--output', required=True, metavar='FILE', help='CSV')
 
