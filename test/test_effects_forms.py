@@ -15,6 +15,9 @@ from flex_plant_sim.simulation.simulator import simulate, Simulator
 from msg_config.errors import InputError
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
+from truth.configuration import reference_arm
+from truth.excitation import set_points
 from truth.records import draw_case, HAVE_MUJOCO, make_record, MUJOCO, NO_MUJOCO
 
 # Nothing but the rotors has inertia.
@@ -171,3 +174,33 @@ def test_effects_explain_another_simulator_s_forms(name: str, form: str,
         output = simulate(Simulator(extended), record.command)[0]
         errors.append(np.linalg.norm(output - record.table[:, 3:], axis=0)[2:])
     assert np.all(errors[1] < 0.35 * errors[0])
+
+
+def fitted_spring(command: Array, elbow: Array) -> Array:
+    """Return stiffness, N m/rad, and rest, rad, of the spring that explains elbow angles best."""
+    def error(size: Array) -> Array:
+        text = f'joint_spring:joint_2:stiffness_n_m_per_rad={size[0]},rest_rad={size[1]}'
+        extended = arm('coriolis_centripetal:arm:share=1', text)
+        return np.asarray(simulate(Simulator(extended), command)[0][:, 1] - elbow)
+    return np.asarray(least_squares(error, [1.0, 0.0], diff_step=1e-3).x)
+
+
+@pytest.mark.skipif(not HAVE_MUJOCO, reason=NO_MUJOCO)
+@pytest.mark.parametrize('seed', [4, 5])
+def test_a_hose_across_the_elbow_is_a_spring_about_where_it_is_loose(seed: int) -> None:
+    """Its pull k (l - l_0) times its lever is no line: the best one over the angles visited."""
+    from truth.mujoco.simulation import simulate as moved
+    k, reach, rest = 800.0, 0.1, 0.2
+    nature = reference_arm(ROBOT.payload_mass)
+    nature = replace(nature, structure=replace(
+        nature.structure, hose_stiffness=k, hose_reach=reach, hose_rest=rest))
+    goal = set_points(np.random.default_rng(seed), 0.01 * np.arange(1000), nature.excitation)
+    record = moved(nature, reference=goal)
+    angle = record.joint[:, 1]
+    # Both ends are at `reach` from the elbow, a right angle apart where the arm is straight.
+    half = np.pi / 4.0 - 0.5 * angle
+    stretch = 2.0 * reach * (np.sin(half) - np.sin(np.pi / 4.0 - 0.5 * rest))
+    slope, offset = np.polyfit(angle, k * stretch * reach * np.cos(half), 1)
+    stiffness, loose = fitted_spring(record.command, angle)
+    assert stiffness == pytest.approx(-slope, rel=0.05)
+    assert loose == pytest.approx(-offset / slope, abs=0.02)

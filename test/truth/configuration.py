@@ -135,6 +135,9 @@ class Structure:
     `slide_damping` N s/m.
 
     `air_drag` N s^2/m^3 is the force per length and squared transverse speed.
+
+    A hose of `hose_stiffness` N/m leads from `hose_reach` m to the left of the elbow to as far
+    along the forearm; it is neither stretched nor pressed at the elbow's angle `hose_rest` rad.
     """
 
     elbow_mass: float
@@ -148,6 +151,9 @@ class Structure:
     slide_stiffness: float = float('inf')
     base_mass: float = 0.0
     slide_damping: float = 0.0
+    hose_stiffness: float = 0.0
+    hose_reach: float = 0.1
+    hose_rest: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -72,6 +72,8 @@ def mjcf(arm: Arm, timestep: float, cells: int) -> str:
     end = 0.5 * arm.links[0].length / cells
     _point(tip, 'elbow', end, arm.structure.elbow_mass, arm.structure.elbow_inertia)
     fore = ET.SubElement(tip, 'body', name='forearm', pos=_text(end, 0, 0))
+    if arm.structure.hose_stiffness > 0.0:
+        _hose(root, arm, tip, fore, end)
     tip = _link(fore, arm, 1, timestep, cells)
     _payload(tip, arm, 0.5 * arm.links[1].length / cells)
     for j in (0, 1):
@@ -147,11 +149,26 @@ def _driven(body: ET.Element, arm: Arm, j: int, timestep: float) -> ET.Element:
     return body
 
 
+def _tendons(root: ET.Element) -> ET.Element:
+    found = root.find('tendon')
+    return ET.SubElement(root, 'tendon') if found is None else found
+
+
+def _hose(root: ET.Element, arm: Arm, tip: ET.Element, forearm: ET.Element, end: float) -> None:
+    """Span the elbow with a spring between two points, one on each link."""
+    structure, reach = arm.structure, arm.structure.hose_reach
+    ET.SubElement(tip, 'site', name='hose_1', pos=_text(end, reach, 0))
+    ET.SubElement(forearm, 'site', name='hose_2', pos=_text(reach, 0, 0))
+    spring = ET.SubElement(
+        _tendons(root), 'spatial', name='hose', stiffness=_text(structure.hose_stiffness),
+        springlength=_text(2.0 * reach * math.sin(math.pi / 4.0 - 0.5 * structure.hose_rest)))
+    for site in ('hose_1', 'hose_2'):
+        ET.SubElement(spring, 'site', site=site)
+
+
 def _gear_output(root: ET.Element, arm: Arm, j: int) -> None:
     """Add the inertia behind a gear: it turns with rotor and twist, against the stator."""
-    parent = root.find('tendon')
-    parent = ET.SubElement(root, 'tendon') if parent is None else parent
-    fixed = ET.SubElement(parent, 'fixed', name=f'output_{j + 1}', armature=_text(
+    fixed = ET.SubElement(_tendons(root), 'fixed', name=f'output_{j + 1}', armature=_text(
         arm.joints[j].output_share * arm.joints[j].inertia))
     for name in (f'joint_{j + 1}', f'gear_{j + 1}'):
         ET.SubElement(fixed, 'joint', joint=name, coef='1')
