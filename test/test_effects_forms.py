@@ -194,7 +194,8 @@ def test_a_hose_across_the_elbow_is_a_spring_about_where_it_is_loose(seed: int) 
     nature = reference_arm(ROBOT.payload_mass)
     nature = replace(nature, structure=replace(
         nature.structure, hose_stiffness=k, hose_reach=reach, hose_rest=rest))
-    goal = set_points(np.random.default_rng(seed), 0.01 * np.arange(1000), nature.excitation)
+    time = np.linspace(0.0, 9.99, 1000)
+    goal = set_points(np.random.default_rng(seed), time, nature.excitation)
     record = moved(nature, reference=goal)
     angle = record.joint[:, 1]
     # Both ends are at `reach` from the elbow, a right angle apart where the arm is straight.
