@@ -17,6 +17,7 @@ AUTHOR = 'flex_payload'
 # Comments, image metadata, HTML and JSON carry it near their start or their end.
 MARK = f'written by {AUTHOR}'
 MARKED = re.compile(rb'written.by\W{0,4}' + AUTHOR.encode())
+# Bytes at either end of a file in which the mark stands.
 WHERE = 8192
 # In a folder that was written whole, the file that carries the mark.
 SUMMARY = 'summary.json'

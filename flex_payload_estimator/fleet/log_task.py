@@ -12,9 +12,10 @@ from tempfile import TemporaryDirectory
 import time
 from typing import Any
 
+from msg_config.errors import LONGEST
+
 DIAGNOSE = 'flex_payload_estimator.tools.diagnose'
 ESTIMATE = 'flex_payload_estimator.tools.estimate'
-ERROR_LENGTH = 300
 
 
 @dataclass(frozen=True)
@@ -128,7 +129,7 @@ def _asked(task: LogTask, module: str, options: Sequence[str]) -> tuple[dict[str
         said = [line for line in done.stderr.splitlines() if line.strip()]
         last = said[-1] if said else f'exit code {done.returncode}'
         last = last.removeprefix('error: ').removeprefix(f'{task.log}: ')
-        return {}, f'{tool}: {last}'[:ERROR_LENGTH]
+        return {}, f'{tool}: {last}'[:LONGEST]
 
 
 def _stamp(path: Path) -> list[float]:

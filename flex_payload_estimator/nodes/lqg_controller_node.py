@@ -29,6 +29,7 @@ from msg_config.wire import MessageWriter
 import numpy as np
 from trajectory_msgs.msg import JointTrajectory
 
+# s; a command on its way to zero goes out twice in the time that drives wait for one.
 WATCH_INTERVAL = 0.05
 # Payloads whose sample has not come yet.
 EARLY = 10

@@ -11,6 +11,7 @@ from msg_config.errors import InputError
 import numpy as np
 from scipy.special import chdtri, ndtri
 
+# As Hyndman and Athanasopoulos advise (Forecasting: Principles and Practice, 5.4).
 LAGS = 10
 # Beyond so many standard deviations all are alike; higher powers must not overflow.
 LARGEST = 1e6
@@ -18,8 +19,12 @@ LARGEST = 1e6
 FALSE_ALARM = 1e-7
 # R_1 and R_2 are known roughly: only what is twice too large is told.
 EXCESS = 2.0
+# In a row: what pushes the arm once is over sooner.
 WINDOWS_TO_ADVISE = 3
+# Where a share of the samples has all the power, kurtosis is one over it; of a Gaussian it is 3.
 SPIKE_KURTOSIS = 10.0
+# Of the power, in the highest bin and beside it: a sine has 86 % there between two bins and more
+# elsewhere, white noise of 400 samples 4 %, in 300 draws at most 8 %.
 PEAK_SHARE = 0.4
 
 

@@ -18,7 +18,7 @@ from flex_payload_estimator.nodes.sample_node import Sample, SampleNode
 from flex_plant_sim.nodes.arm_markers import arm_markers
 from flex_plant_sim.simulation.nominal import model_words
 from flex_plant_sim.simulation.plant_setup import robot_of
-from msg_config.contract_node import DIAGNOSTICS_INTERVAL
+from msg_config.contract_node import DIAGNOSTICS_INTERVAL, MARKER_INTERVAL
 from msg_config.errors import InputError
 from msg_config.input_mapping import JOINTS
 from msg_config.messages import (
@@ -26,6 +26,7 @@ from msg_config.messages import (
     checked_stamp,
     joint_state,
     NANOSECONDS,
+    nanoseconds,
     seconds,
 )
 from msg_config.ros import Audience, PayloadPublisher
@@ -40,8 +41,6 @@ MESSAGES = {
     'restarted': ('error', 'the estimate was not finite; the last good one is kept'),
     'input_rejected': ('warn', 'a measurement was refused; the last good estimate is kept')}
 
-# Between two pictures of the arm, ns.
-MARKER_INTERVAL = 40_000_000
 NO_INNOVATION = ('input_rejected', 'restarted')
 
 
@@ -107,9 +106,9 @@ class PayloadEstimatorNode(SampleNode):
     def _publish_markers(self, sample: Sample, estimate: Estimate) -> None:
         """Draw the arm as it is measured, where anybody looks."""
         if not self._seen or not np.isfinite(sample.output).all() \
-                or 0 <= self._next_marker - sample.stamp < MARKER_INTERVAL:
+                or 0 <= self._next_marker - sample.stamp < nanoseconds(MARKER_INTERVAL):
             return
-        self._next_marker = sample.stamp + MARKER_INTERVAL
+        self._next_marker = sample.stamp + nanoseconds(MARKER_INTERVAL)
         self._markers.publish(arm_markers(
             sample.stamp, self.shape.lines(sample.output), estimate.mass, 'measured'))
 

@@ -14,6 +14,7 @@ from typing import Any
 from flex_payload_estimator.control.loop import LoopRecord
 from flex_payload_estimator.control.loop_figures import FIGURES, save_figures
 from flex_payload_estimator.nodes.node_setup import set_points_of
+from flex_payload_estimator.tools.estimate import TIMES
 from flex_payload_estimator.tools.experiment import (
     bend_percent,
     drawn_arm,
@@ -45,7 +46,9 @@ from msg_config.transport import avoid_shared_memory
 import numpy as np
 
 LOG, BAG, ARM, PICTURE = 'run.csv', 'run_mcap', 'arm.yaml', 'payload.png'
+# Of data, s.
 PRINT_INTERVAL = 0.5
+# Without an estimate for so long, s, the demo gives up.
 SILENCE = 30.0
 WITHIN = 0.05
 
@@ -155,7 +158,7 @@ def summary_of(experiment: Experiment, record: LoopRecord) -> dict[str, Any]:
     error = np.abs(record.mass - record.true_mass)
     outside = np.flatnonzero(error > WITHIN * np.maximum(record.true_mass, 1e-9))
     settled = 0 if outside.size == 0 else outside[-1] + 1
-    steps = {f'{t:g}': float(record.mass[k]) for t in (1.0, 3.0, 10.0, 30.0, 100.0)
+    steps = {f'{t:g}': float(record.mass[k]) for t in TIMES
              for k in np.flatnonzero(np.abs(record.time - t) < 1e-6)}
     return {
         'robot': experiment.plant['robot'], 'model': experiment.plant['model'],

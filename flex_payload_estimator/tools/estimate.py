@@ -24,6 +24,7 @@ from flex_plant_sim.tools.outputs import check_outputs, results
 from msg_config.parameters import load_parameters
 import numpy as np
 
+# s; two a decade, as far as a log goes.
 TIMES = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
 
 

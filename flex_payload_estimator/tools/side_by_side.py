@@ -8,6 +8,7 @@ from pathlib import Path
 
 from flex_payload_estimator.control.loop import LoopRecord
 from flex_payload_estimator.estimators.factory import make_estimator
+from flex_payload_estimator.tools.estimate import TIMES
 from flex_payload_estimator.tools.words import with_uncertainty
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
@@ -15,7 +16,6 @@ from flex_plant_sim.interval import Z95
 from matplotlib.figure import Figure
 import numpy as np
 
-TIMES_S = (1.0, 3.0, 10.0, 30.0, 100.0)
 WORDS = {'sf1_paper': 'SF1 as the paper prints it', 'sf1': 'SF1 with its errors carried along',
          'rpe': 'recursive prediction error, the default'}
 BLUE, GREY = '#1f5fa8', '#707070'
@@ -81,8 +81,8 @@ def _answer(record: LoopRecord, robot: Robot, name: str, model: str, modes: int)
 
 
 def table(record: LoopRecord, answers: Sequence[Answer]) -> str:
-    """Return the estimates at TIMES_S and at the end, kg."""
-    marks = [int(k) for t in TIMES_S for k in np.flatnonzero(np.abs(record.time - t) < 1e-6)]
+    """Return the estimates at TIMES and at the end, kg."""
+    marks = [int(k) for t in TIMES for k in np.flatnonzero(np.abs(record.time - t) < 1e-6)]
     marks += [] if marks and marks[-1] == len(record.time) - 1 else [len(record.time) - 1]
     lines = ['payload ± one standard deviation']
     for answer in answers:

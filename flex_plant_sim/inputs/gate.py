@@ -19,11 +19,11 @@ TURNS = 16
 # No joint with a flexible link behind it turns faster, whatever its drive; used where the file
 # limits no command.
 FASTEST = 100.0
-# A drive with its link swinging back may pass its own steady speed.
+# Of a drive's steady speed: from one way to the other, without any loss, it would swing so far.
 OVERSHOOT = 3.0
 # Spring steel yields at 0.7 %, titanium at 0.9 %: more is no elastic strain of a metal.
 METAL = 0.01
-# Of the command limit: a current controller may overshoot.
+# Of the command limit: a current controller without any damping would overshoot so far.
 COMMAND_MARGIN = 2.0
 # Two neighbours' noise, so seldom passed that a night's samples hold none.
 NOISE = 8.0

@@ -13,7 +13,8 @@ from flex_plant_sim.arm.second_order import Array
 from msg_config.errors import InputError
 import numpy as np
 
-# A quarter of an hour at 1 kHz; a log beyond that is a bag, or several files.
+# Nine minutes at 1 kHz in nine digits (140 bytes a row); a log beyond that is a bag, or several
+# files. A line has a number for every channel that a recorder may have.
 MAX_BYTES = 80_000_000
 MAX_LINE = 60_000
 UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)

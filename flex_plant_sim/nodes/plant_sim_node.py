@@ -11,7 +11,7 @@ from flex_plant_sim.nodes.arm_markers import arm_markers
 from flex_plant_sim.simulation.arm_shape import ArmShape
 from flex_plant_sim.simulation.nominal import has_coriolis, model_words
 from flex_plant_sim.simulation.plant_setup import simulator_of
-from msg_config.contract_node import ContractNode, DIAGNOSTICS_INTERVAL
+from msg_config.contract_node import ContractNode, DIAGNOSTICS_INTERVAL, MARKER_INTERVAL
 from msg_config.errors import InputError
 from msg_config.input_mapping import JOINTS
 from msg_config.messages import (
@@ -29,11 +29,12 @@ from msg_config.wire import MessageWriter
 import numpy as np
 from sensor_msgs.msg import JointState
 
+# Lock-step: a sample without a command for so long, s, was lost on its way, and comes again.
 RESEND_INTERVAL = 0.1
-MARKER_INTERVAL = 0.04
 # Real time: a command this old, s, is no longer held, and the drives get zero, as a drive's own
 # watchdog does.
 COMMAND_TIMEOUT = 0.1
+# Further behind the wall clock than this, samples are not made up for.
 MOST_STEPS_BEHIND = 100
 # Fields of joint_states and strain that hold numbers.
 NUMBERS = ('header', 'position', 'velocity', 'effort')

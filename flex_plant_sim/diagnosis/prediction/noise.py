@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 GAIN_NODES = 4
+# 2^24 samples are four hours at 1 kHz: no arm's covariance takes as long to settle.
 DOUBLINGS = 24
 
 

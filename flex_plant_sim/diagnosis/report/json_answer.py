@@ -12,12 +12,11 @@ from flex_plant_sim.diagnosis.prediction.latent_view import LatentView
 from flex_plant_sim.diagnosis.report.figures import shown
 from flex_plant_sim.diagnosis.report.improvement import Gain, gain_results
 from flex_plant_sim.diagnosis.report.payload_gain import PayloadGain
-from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual
+from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual, HORIZONS
 from flex_plant_sim.diagnosis.report.wording import interval_text, name_text, percent_text
 from flex_plant_sim.diagnosis.verdict.results import Candidate, Cause, Diagnosis, ParameterValue
 import numpy as np
 
-TERMINAL_HORIZONS = (0.2, 1.0, 5.0)
 SENTENCE_HORIZON = 1.0
 
 
@@ -119,7 +118,7 @@ def _gain_lines(gains: Sequence[Gain]) -> list[str]:
     """Return a table of the rms errors, before -> after, on the locked part."""
     table = {(gain.channel, gain.horizon): gain for gain in gains}
     horizons = [h for h in dict.fromkeys(gain.horizon for gain in gains)
-                if h in TERMINAL_HORIZONS]
+                if h in HORIZONS]
     lines = ['  error on the locked part ' + ''.join(f'{f"after {h:g} s":>21}' for h in horizons)]
     for channel in dict.fromkeys(gain.channel for gain in gains):
         cells = []

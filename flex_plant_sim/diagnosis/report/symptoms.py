@@ -8,6 +8,7 @@ from typing import Any
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.prediction.free_run import errors, horizon_samples, start_instants
+from flex_plant_sim.diagnosis.prediction.latent_series import REST
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.prediction.spectrum import power_density
 import numpy as np
@@ -19,8 +20,6 @@ HORIZONS = (0.2, 1.0, 5.0)
 LAGS = 20
 FOLDS = 5
 COMMAND_LAGS = 6
-# Speed below which a joint is taken to rest, as a share of its root-mean-square speed.
-REST = 0.1
 STARTS, SHORT_STARTS = 120, 900
 DRIFTED = 0.2
 # Errors that no sensor can have: the prediction has diverged. Fourth powers still add up.

@@ -8,6 +8,7 @@ from flex_plant_sim.effects.base import Effect, Parameter
 from flex_plant_sim.effects.mechanics.extra_states import with_states
 import numpy as np
 
+# s; a hundredth of a sample at 1 kHz.
 NO_LAG = 1e-5
 
 

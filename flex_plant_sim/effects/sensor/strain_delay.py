@@ -9,6 +9,7 @@ from flex_plant_sim.effects.mechanics.extra_states import with_states
 from flex_plant_sim.effects.mechanics.gauge import gauge_places
 import numpy as np
 
+# s; a hundredth of a sample at 1 kHz.
 NO_DELAY = 1e-5
 # Of a sample: what is nearer to the next whole one counts as whole.
 WHOLE = 1e-6

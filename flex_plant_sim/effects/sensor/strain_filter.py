@@ -9,6 +9,7 @@ from flex_plant_sim.effects.mechanics.extra_states import with_states
 from flex_plant_sim.effects.mechanics.gauge import gauge_places
 import numpy as np
 
+# s; a tenth of a sample at 1 kHz.
 NO_FILTER = 1e-4
 
 

@@ -16,6 +16,7 @@ from flex_plant_sim.effects.mechanics.kinematics import (
 )
 import numpy as np
 
+# Exact up to degree 11: a cubic's speed squared times a cubic has 9.
 POINTS = 6
 
 
