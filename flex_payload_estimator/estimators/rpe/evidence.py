@@ -17,6 +17,8 @@ FEWEST = 30.0
 LARGEST = 30.0
 # What the robot file's noise is worth at the start, in readings.
 PRIOR = 8.0
+# Noise whose variance is so many times what it was taken for has misled a filter.
+NOISIER = 4.0
 # The sensors may be this much noisier than the robot file says, in the logarithm of a variance.
 NOISE_DOUBT = 2.0
 SMALLEST_SCALE, SMALLEST_MISFIT = 1e-6, 1e-4

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from flex_payload_estimator.estimators.rpe.effects import EffectStep
-from flex_payload_estimator.estimators.rpe.evidence import misfit_of, new_record
+from flex_payload_estimator.estimators.rpe.evidence import misfit_of, new_record, NOISIER
 from flex_payload_estimator.estimators.rpe.hand_over import hand_over
 from flex_payload_estimator.estimators.rpe.hypothesis import Filter, Mode, Sample
 from flex_payload_estimator.estimators.rpe.kernel import CORIOLIS, FIRST_BIAS, MASS, walk
@@ -309,8 +309,12 @@ class FilterStep:
         return new
 
     def begin_at(self, new: Filter, first: Sample, loads: Loads, rested: Filter | None) -> None:
-        """Let a filter begin at a sample, with what an arm that rested has told until then."""
-        if rested is not None:
+        """
+        Let a filter begin at a sample, with what an arm that rested has told until then.
+
+        Unless that was learnt of noise that is larger than it was taken for.
+        """
+        if rested is not None and (new.record[:-5] < NOISIER * rested.record[:-5]).all():
             hand_over(rested, new)
             new.x -= new.sens @ (new.beta - new.anchor)
             return

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from flex_payload_estimator.estimators.rpe.hypothesis import Filter, Sample
 from flex_payload_estimator.estimators.rpe.sensors import Loads
+from flex_plant_sim.arm.second_order import Array
 
 
 @dataclass(slots=True)
@@ -13,13 +14,15 @@ class Moment:
     """
     A sample, the loads then, the time in motion that it stands for, s, and what it told.
 
-    `gained` is the log-likelihood, as judged, of whoever gives the estimate.
+    `gained` is the log-likelihood, as judged, of whoever gives the estimate; `noise` what that
+    one then took the channels' noise for, see evidence.new_record, (m,).
     """
 
     sample: Sample
     loads: Loads
     lived: float
     gained: float
+    noise: Array
 
 
 class Past:

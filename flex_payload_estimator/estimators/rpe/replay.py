@@ -6,9 +6,17 @@ from dataclasses import dataclass, field
 
 from flex_payload_estimator.estimators.rpe.evidence import belief, misfit_of, rare
 from flex_payload_estimator.estimators.rpe.filter import FilterStep
-from flex_payload_estimator.estimators.rpe.hypothesis import EXACT, Filter, NATURAL, ROUGH
+from flex_payload_estimator.estimators.rpe.hypothesis import (
+    EXACT,
+    Filter,
+    Mode,
+    NATURAL,
+    PARTS,
+    ROUGH,
+)
 from flex_payload_estimator.estimators.rpe.kernel import CORIOLIS
 from flex_payload_estimator.estimators.rpe.past import Moment, Past
+from flex_payload_estimator.estimators.rpe.trial import Trial
 import numpy as np
 
 # Samples that are learnt again while one comes.
@@ -21,10 +29,8 @@ HOLD_S, ROUNDS = 0.5, 3
 # An exact model does at once where its misfit is beyond this and it had the time, s, to settle:
 # it may not have found where to linearise. A wronger one goes on trial.
 MISFIT, SETTLES_S = 1.4, 0.1
-# A simpler mode may be behind by this when its trial ends.
+# A payload that stands still may be behind one that walks by this.
 SIMPLER = 3.0
-# And its whitened innovations' mean square is at most this: where it is more they are coloured.
-FITS = 1.25
 # The payload of a fresh start is known to this share of (m + soft mass): closely where it is
 # linearised about what a wrong model knows, widely where that knew nothing of its errors.
 CLOSE, FRESH = 0.05, 0.3
@@ -42,59 +48,68 @@ class Relearner:
     runner : Filter
     told : list
         Log-likelihood of each sample.
-    gain, square : float
-        Where it is judged: log-likelihood over the incumbent's, and sum of its whitened
-        innovations' mean squares.
 
     """
 
     runner: Filter
     told: list[float] = field(default_factory=list)
-    gain: float = 0.0
-    square: float = 0.0
+
+    @property
+    def evidence(self) -> float:
+        """Return the log of its marginal likelihood, noise and all."""
+        return self.runner.log + belief(self.runner.record)
 
 
 @dataclass(eq=False)
 class Replay:
     """
-    Filters that learn the past again, until one has caught up with the present.
+    Filters that learn the past again, until they have caught up with the present.
 
     Attributes
     ----------
     runners : list of Relearner
-        Of one mode, exact ones with other forces of motion; the likeliest counts.
+        The likeliest counts.
     place : int
         Number of the next sample.
-    since : int
-        From which sample on another mode is judged: it has learnt on those before.
-    tested : bool
-        Whether it is another mode than the incumbent's.
-    judged : int
-        Samples from `since` on.
+    sought : bool
+        Whether it is an exact model beside one of parts, that finds where to linearise.
+    judged : bool
+        Whether exact models and one of parts compete here.
+    former : Trial or None
+        The exact model on trial that is judged.
 
     """
 
     runners: list[Relearner]
     place: int
-    since: int
-    tested: bool
-    judged: int = 0
+    sought: bool = False
+    judged: bool = False
+    former: Trial | None = None
 
     @property
     def best(self) -> Relearner:
         """Return the likeliest."""
-        return max(self.runners, key=lambda one: one.runner.log)
+        return max(self.runners, key=lambda one: one.evidence)
+
+    def lost(self, past: Past, gain: float) -> bool:
+        """
+        Tell whether the one of parts leads every exact one by so much, nats.
+
+        In the later half: a burst of noise before sets an exact one back, which then catches up.
+        """
+        if not self.judged or 2 * self.place < past.first + past.end:
+            return False
+        exact = [one.evidence for one in self.runners if not one.runner.mode.parts]
+        return self.best.evidence > max(exact) + gain
 
     def advance(self, past: Past, stepper: FilterStep) -> bool:
         """Learn the next few samples; return whether none is left."""
         for _ in range(PACE):
             if self.place == past.end:
                 break
-            moment = past[self.place]
-            judged = self.place >= self.since and moment.sample.measured is not None
             for one in self.runners:
-                self._learn(one, moment, stepper, judged)
-            self.judged, self.place = self.judged + judged, self.place + 1
+                self._learn(one, past[self.place], stepper)
+            self.place += 1
         return self.place == past.end
 
     def lead(self, past: Past, since: float) -> float:
@@ -113,7 +128,7 @@ class Replay:
             past[past.end - number].gained = told
 
     @staticmethod
-    def _learn(one: Relearner, moment: Moment, stepper: FilterStep, judged: bool) -> None:
+    def _learn(one: Relearner, moment: Moment, stepper: FilterStep) -> None:
         f = one.runner
         if moment.sample.measured is None:
             stepper.predict(f, moment.sample, moment.loads)
@@ -122,50 +137,61 @@ class Replay:
             f.log += f.gained
         f.age += moment.lived
         one.told.append(f.gained)
-        if judged:
-            one.gain += f.gained - moment.gained
-            one.square += f.square
 
 
 def again(f: Filter, past: Past, stepper: FilterStep) -> Replay | None:
-    """
-    Return a filter's own mode from the prior on, linearised about what it has found.
-
-    Which forces of motion an exact model has is open until the first time.
-    """
-    open_forces = f.rounds == 0 and not f.mode.parts
+    """Return a filter's own mode from the prior on, linearised about what it has found."""
     unfit = not f.mode.parts and misfit_of(f.record) > MISFIT
     if min(f.age, past.lived) < SETTLES_S or f.age < HOLD_S and not unfit:
         return None
-    moment, runners = past[past.first], []
+    return Replay(_forms(f, past, stepper), past.first + 1)
+
+
+def _forms(f: Filter, past: Past, stepper: FilterStep) -> list[Relearner]:
+    """Return its own mode; which forces of motion an exact one has is open the first time."""
     mode = ROUGH if f.mode.parts else f.mode
-    forms = [(share, mode) for share in stepper.shares] if open_forces else \
-        [(float(f.beta[CORIOLIS]), mode)]
-    if open_forces and stepper.bends:
-        forms.append((stepper.shares[-1], NATURAL))
-    for share, form in forms:
-        base = f.copy()
-        base.mode, base.beta[CORIOLIS] = form, share
-        runner = stepper.again(base, FRESH, moment.sample, moment.loads, past.rested)
+    if f.mode.parts or f.rounds > 0:
+        return [_from_prior(f, mode, float(f.beta[CORIOLIS]), past, stepper)]
+    runners = [_from_prior(f, mode, share, past, stepper) for share in stepper.shares]
+    if stepper.bends:
+        runners.append(_from_prior(f, NATURAL, stepper.shares[-1], past, stepper))
         # What the robot file does not name must show.
-        runner.log = 0.0 if form == mode else -rare(stepper.step_time)
-        runners.append(Relearner(runner))
-    return Replay(runners, past.first + 1, past.end, False)
+        if mode != NATURAL:
+            runners[-1].runner.log = -rare(stepper.step_time)
+    return runners
+
+
+def _from_prior(f: Filter, mode: Mode, share: float, past: Past, stepper: FilterStep
+                ) -> Relearner:
+    moment, base = past[past.first], f.copy()
+    base.mode, base.beta[CORIOLIS] = mode, share
+    # The noise may have been larger than it is now.
+    base.record[:-5] = np.maximum(base.record[:-5], moment.noise)
+    return Relearner(stepper.again(base, FRESH, moment.sample, moment.loads, past.rested))
 
 
 def exact_beside(f: Filter, past: Past, stepper: FilterStep) -> Replay:
     """Return an exact model that begins about what one of parts has found."""
     moment, new = past[past.first], stepper.renewed(f, EXACT, CLOSE, 0.0)
     # One of parts knows no noise that is less than it was told.
-    new.record[:-5] = np.maximum(new.record[:-5], 1.0)
+    new.record[:-5] = np.maximum(new.record[:-5], np.maximum(moment.noise, 1.0))
     stepper.begin_at(new, moment.sample, moment.loads, past.rested)
-    return Replay([Relearner(new)], past.first + 1, (past.first + past.end) // 2, True)
+    return Replay([Relearner(new)], past.first + 1, sought=True)
 
 
-def as_good(exact: Filter, incumbent: Filter, gain: float, square: float) -> bool:
-    """Tell whether an exact model that gained so much fits, and does as well as another."""
-    # What the incumbent knows of the payload is evidence too.
-    apart = (exact.mass - incumbent.mass)**2
-    gain -= 0.5 * apart / (exact.variance + incumbent.variance)
-    gain += belief(exact.record) - belief(incumbent.record)
-    return gain > -SIMPLER and square < FITS
+def judged(exact: Filter, f: Filter, past: Past, stepper: FilterStep,
+           former: Trial | None = None) -> Replay:
+    """
+    Return exact models and one of parts, each from the prior on, about what it has found.
+
+    What parts may be costs them their prior's width (Occam's factor). They have hardly a model
+    error: beside one that the arm has not, any exact model is the likelier.
+    """
+    base = exact.copy()
+    base.rounds = 0
+    runners = _forms(base, past, stepper)
+    # Whoever takes the incumbent's place must gain what is rare.
+    for one in runners:
+        one.runner.log -= rare(stepper.step_time)
+    runners.append(_from_prior(f, PARTS, float(f.beta[CORIOLIS]), past, stepper))
+    return Replay(runners, past.first + 1, judged=True, former=former)

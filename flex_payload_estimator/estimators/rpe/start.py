@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from flex_payload_estimator.estimators.rpe.evidence import misfit_of
+from flex_payload_estimator.estimators.rpe.evidence import misfit_of, NOISIER
 from flex_payload_estimator.estimators.rpe.filter import CELLS, FilterStep
 from flex_payload_estimator.estimators.rpe.hand_over import hand_over
 from flex_payload_estimator.estimators.rpe.hypothesis import EXACT, Filter, PARTS, Sample, SEEK
@@ -17,8 +17,6 @@ import numpy as np
 
 # Filters linearised about payloads this close agree: a share of (m + soft mass).
 FINE = 0.05
-# Noise whose variance is so many times the robot file's has misled a filter that did not know.
-NOISIER = 4.0
 # Behind by this, nats, a filter is given up.
 BEHIND = 15.0
 # Which mode fits is told by the last so many seconds: the noise must be known first.

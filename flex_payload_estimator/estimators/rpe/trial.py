@@ -27,8 +27,6 @@ class Trial:
         For how long that is, s; of a trial of another mode, while the modes differ.
     time : float
         For how long it has run, s, counted alike.
-    square : float
-        Its whitened innovations' mean square summed over that time, s.
 
     """
 
@@ -39,14 +37,12 @@ class Trial:
     gain: float = 0.0
     age: float = 0.0
     time: float = 0.0
-    square: float = 0.0
 
     def count(self, took: float, gain: float) -> None:
         """Count a sample that took so long, s, and gained so much."""
         self.time, self.age, self.gain = self.time + took, self.age + took, self.gain + gain
-        self.square += took * self.runner.square
 
     def begin(self, time: float) -> None:
         """Count from now on."""
-        self.gain = self.age = self.square = 0.0
+        self.gain = self.age = 0.0
         self.since = time
