@@ -109,6 +109,15 @@ def test_logs_belong_to_the_nearest_robot_file(tmp_path: Path) -> None:
         logs_below([str(out)], out)
 
 
+def test_a_log_that_is_found_twice_counts_once(tmp_path: Path) -> None:
+    for name in ('a/1.csv', 'b/2.csv'):
+        _log_at_rest(tmp_path / name, 1)
+    (tmp_path / 'a' / 'around').symlink_to(tmp_path)
+    found = logs_below([str(tmp_path), str(tmp_path / 'b')], tmp_path / 'out')
+    assert sorted(log.name for _, log in found) == ['1.csv', '2.csv']
+    assert {folder for folder, _ in found} == {tmp_path}
+
+
 def test_a_strangers_folder_is_refused(tmp_path: Path) -> None:
     (tmp_path / 'thesis.txt').write_text('mine')
     with pytest.raises(InputError, match='expected an empty folder'):

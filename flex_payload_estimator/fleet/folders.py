@@ -14,6 +14,8 @@ def logs_below(folders: Sequence[str], apart_from: Path) -> list[tuple[Path, Pat
     """
     Return (folder given, log) of every log below the folders, in the order of their names.
 
+    A log that several folders or links lead to comes once, with the first of them.
+
     Parameters
     ----------
     folders : sequence of str
@@ -27,16 +29,17 @@ def logs_below(folders: Sequence[str], apart_from: Path) -> list[tuple[Path, Pat
         A folder that is none, or no log at all.
 
     """
-    found = []
+    found: dict[Path, tuple[Path, Path]] = {}
     for name in folders:
         folder = Path(name)
         if not folder.is_dir():
             raise InputError(f'{name}: expected a folder of logs')
-        found += [(folder, log) for log in _logs(folder, apart_from.resolve())]
+        for log in _logs(folder, apart_from.resolve()):
+            found.setdefault(log.resolve(), (folder, log))
     if not found:
         raise InputError(f'{", ".join(folders)}: expected logs ({", ".join(LOGS)} or bag '
                          'folders), found none')
-    return found
+    return list(found.values())
 
 
 def _logs(folder: Path, apart_from: Path) -> Iterator[Path]:
