@@ -114,8 +114,7 @@ def test_a_log_that_is_found_twice_counts_once(tmp_path: Path) -> None:
         _log_at_rest(tmp_path / name, 1)
     (tmp_path / 'a' / 'around').symlink_to(tmp_path)
     found = logs_below([str(tmp_path), str(tmp_path / 'b')], tmp_path / 'out')
-    assert sorted(log.name for _, log in found) == ['1.csv', '2.csv']
-    assert {folder for folder, _ in found} == {tmp_path}
+    assert found == [(tmp_path, tmp_path / 'a' / '1.csv'), (tmp_path, tmp_path / 'b' / '2.csv')]
 
 
 def test_a_strangers_folder_is_refused(tmp_path: Path) -> None:

@@ -43,15 +43,17 @@ def logs_below(folders: Sequence[str], apart_from: Path) -> list[tuple[Path, Pat
 
 
 def _logs(folder: Path, apart_from: Path) -> Iterator[Path]:
-    if folder.resolve() == apart_from:
+    real = folder.resolve()
+    if real == apart_from:
         return
     if (folder / BAG).is_file():
         yield folder
         return
     for item in sorted(folder.iterdir()):
-        if item.is_dir():
+        # A link to where it came from leads round and round.
+        if item.is_dir() and item.resolve() not in (real, *real.parents):
             yield from _logs(item, apart_from)
-        elif item.suffix in LOGS:
+        elif not item.is_dir() and item.suffix in LOGS:
             yield item
 
 
