@@ -110,11 +110,11 @@ def test_logs_belong_to_the_nearest_robot_file(tmp_path: Path) -> None:
 
 
 def test_a_log_that_is_found_twice_counts_once(tmp_path: Path) -> None:
-    for name in ('a/1.csv', 'b/2.csv'):
+    for name in ('a/1.csv', 'b/2.CSV'):
         _log_at_rest(tmp_path / name, 1)
     (tmp_path / 'a' / 'around').symlink_to(tmp_path)
     found = logs_below([str(tmp_path), str(tmp_path / 'b')], tmp_path / 'out')
-    assert found == [(tmp_path, tmp_path / 'a' / '1.csv'), (tmp_path, tmp_path / 'b' / '2.csv')]
+    assert found == [(tmp_path, tmp_path / 'a' / '1.csv'), (tmp_path, tmp_path / 'b' / '2.CSV')]
 
 
 def test_a_strangers_folder_is_refused(tmp_path: Path) -> None:

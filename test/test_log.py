@@ -103,6 +103,12 @@ def test_shared_records_read_as_their_readme_says(shared_data: Path) -> None:
     assert np.degrees(np.abs(real.joint).max(axis=0)) == pytest.approx([25.0, 10.0], abs=5.0)
 
 
+def test_a_suffix_in_capitals_is_the_same(tmp_path: Path) -> None:
+    write_csv(tmp_path / 'log.csv', some_log())
+    (tmp_path / 'log.csv').rename(tmp_path / 'LOG.CSV')
+    np.testing.assert_array_equal(read_log(tmp_path / 'LOG.CSV', ROBOT).joint, some_log().joint)
+
+
 def test_columns_in_any_order_and_unknown_ones(tmp_path: Path) -> None:
     rows = ['note,' + ','.join(HEADER.split(',')[::-1])]
     rows += [f'7,4e-3,3e-3,2e-3,1e-3,20,10,200,100,{0.01 * k:g}' for k in range(3)]

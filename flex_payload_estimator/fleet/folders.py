@@ -53,7 +53,7 @@ def _logs(folder: Path, apart_from: Path) -> Iterator[Path]:
         # A link to where it came from leads round and round.
         if item.is_dir() and item.resolve() not in (real, *real.parents):
             yield from _logs(item, apart_from)
-        elif not item.is_dir() and item.suffix in LOGS:
+        elif not item.is_dir() and item.suffix.lower() in LOGS:
             yield item
 
 

@@ -117,8 +117,19 @@ def parse(text: str) -> EffectSpec:
 
 
 def effects_of(robot: Robot) -> tuple[Effect, ...]:
-    """Return the effects that a robot's file names, ready for an ExtendedArm."""
-    return tuple(build(spec, robot) for spec in robot.effects)
+    """
+    Return the effects that a robot's file names, ready for an ExtendedArm.
+
+    Raises
+    ------
+    InputError
+        See `build`; with the robot's name.
+
+    """
+    try:
+        return tuple(build(spec, robot) for spec in robot.effects)
+    except InputError as error:
+        raise InputError(f'{robot.name}: {error}') from None
 
 
 def explain(effect: Effect) -> str:

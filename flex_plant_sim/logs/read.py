@@ -51,8 +51,9 @@ def _reader(path: Path) -> LogReader:
         return read_bag
     if not path.is_file():
         raise InputError(f'{path}: expected a file or a bag folder, got a device or a pipe')
-    if path.suffix in ('.mcap', '.db3'):
+    suffix = path.suffix.lower()
+    if suffix in ('.mcap', '.db3'):
         return read_bag
-    if path.suffix == '.csv':
+    if suffix == '.csv':
         return read_csv
     raise InputError(f'{path}: expected .csv, .mcap, .db3 or a bag folder, got {path.suffix!r}')

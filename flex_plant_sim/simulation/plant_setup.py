@@ -8,7 +8,7 @@ from typing import Any
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import load_robot
-from flex_plant_sim.effects import parse
+from flex_plant_sim.effects import build, parse
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.nominal import nominal_effects
 from flex_plant_sim.simulation.payload_profile import PayloadProfile
@@ -40,6 +40,9 @@ def simulator_of(values: Mapping[str, Any]) -> Simulator:
     """
     robot = robot_of(values)
     added = tuple(parse(text) for text in values['effects'])
+    # What is wrong with these is no fault of the robot file's.
+    for spec in added:
+        build(spec, robot)
     effects = nominal_effects(replace(robot, effects=(*robot.effects, *added)),
                               values['model'], values['coriolis'])
     payload = _told(values, 'payload', robot.payload_mass)
