@@ -19,9 +19,11 @@ from flex_plant_sim.logs.log import Log
 from flex_plant_sim.simulation.nominal import nominal_robot
 import numpy as np
 
+# The tutorial's log takes four.
 ITERATIONS = 12
 # Of a tolerance: a smaller step, or a smaller change of the file, is not worth making.
 SETTLED = 0.1
+# To a thirtieth of a step.
 HALVINGS = 5
 # Belongs to the payload, which is known.
 KNOWN = ('payload_inertia',)

@@ -11,8 +11,8 @@ import numpy as np
 SEGMENTS = 8
 # Bins on either side of a Hann window's peak, and of the background beside it.
 PEAK, BESIDE = 2, 10
-# Ten times the background would be one bin in 20 000 of a smooth spectrum at 8 segments (chi
-# squared with 16 degrees of freedom); half of the power is what a static law would have to leave.
+# Ten times a smooth background is one bin in 20 000 of a single segment (chi-squared with two
+# degrees of freedom), and hardly any of the mean of 8; what holds a smaller share matters little.
 ABOVE, SHARE = 10.0, 0.3
 
 

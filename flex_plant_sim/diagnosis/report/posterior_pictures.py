@@ -12,6 +12,7 @@ from flex_plant_sim.diagnosis.verdict.results import PartEstimate
 from flex_plant_sim.interval import Z95
 
 SETS, PARTS = 8, 14
+# What rounds to no per cent is not shown.
 LEAST = 0.005
 # Of a tolerance: what moved by less is as it was told.
 MOVED = 1.0

@@ -21,6 +21,7 @@ LAGS = 20
 FOLDS = 5
 COMMAND_LAGS = 6
 STARTS, SHORT_STARTS = 120, 900
+# s of free run, after which an error of torque has moved the arm.
 DRIFTED = 0.2
 # Errors that no sensor can have: the prediction has diverged. Fourth powers still add up.
 DIVERGED = 1e50

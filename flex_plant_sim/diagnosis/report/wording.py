@@ -6,6 +6,7 @@ import math
 
 from flex_plant_sim.diagnosis.verdict.results import ParameterValue
 
+# Of half the interval: a value further from its middle is told with both ends.
 LOPSIDED = 0.3
 
 

@@ -8,6 +8,7 @@ from flex_plant_sim.effects.base import Effect, FRICTION, Motion, one_hot, Param
 from flex_plant_sim.effects.mechanics.kinematics import decided_by_step
 import numpy as np
 
+# N m; nothing is divided by zero.
 LEAST_LEVEL = 1e-9
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.effects.base import Effect, Parameter
 
+# N m s/rad; what is left where the effect would take more than all of it.
 LEAST_DAMPING = 1e-3
 
 

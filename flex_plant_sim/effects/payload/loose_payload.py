@@ -8,7 +8,9 @@ from flex_plant_sim.effects.base import Effect, Parameter
 from flex_plant_sim.effects.mechanics.kinematics import extended, is_energy_form, link_columns
 import numpy as np
 
+# m/N; a softer grip has a coordinate of its own.
 RIGID = 1e-7
+# kg; the coordinate needs a mass where nothing is carried.
 GRIP_MASS = 1e-6
 
 

@@ -9,7 +9,9 @@ from flex_plant_sim.effects.mechanics.elastic_root import root_moment
 from flex_plant_sim.effects.mechanics.kinematics import extended, is_energy_form, with_root_turn
 import numpy as np
 
+# rad/(N m); a softer mounting has a coordinate of its own.
 RIGID = 1e-7
+# Of the mounting, with what it carries of the base.
 DAMPING_RATIO = 0.03
 
 

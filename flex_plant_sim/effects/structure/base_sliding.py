@@ -12,10 +12,11 @@ from flex_plant_sim.effects.mechanics.kinematics import (
     link_columns,
     lower_rows,
 )
+from flex_plant_sim.effects.structure.base_compliance import DAMPING_RATIO
 import numpy as np
 
+# m/N; a softer mounting has coordinates of its own.
 RIGID = 1e-9
-DAMPING_RATIO = 0.03
 
 
 class BaseSliding(Effect):
