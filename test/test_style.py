@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+from graphlib import TopologicalSorter
 from pathlib import Path
 import re
 import subprocess
@@ -71,6 +73,35 @@ def test_nothing_is_imported_from_above(repository: Path, lower: str, upper: str
     upward = re.compile(rf'^\s*(from|import) {upper}\b', re.MULTILINE)
     assert not [str(path) for path in (repository / lower).rglob('*.py')
                 if upward.search(path.read_text(encoding='utf-8'))]
+
+
+def _imported(path: Path, modules: set[str]) -> set[str]:
+    """Return which of the modules a file imports, for types alone or inside a function too."""
+    nodes = list(ast.walk(ast.parse(path.read_text(encoding='utf-8'))))
+    found = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
+    for node in nodes:
+        if isinstance(node, ast.ImportFrom) and node.module:
+            found |= {node.module, *(f'{node.module}.{alias.name}' for alias in node.names)}
+    return found & modules
+
+
+def test_no_module_imports_itself_by_way_of_others(repository: Path) -> None:
+    paths = {'.'.join(path.relative_to(repository).with_suffix('').parts): path
+             for package in PACKAGES for path in (repository / package).rglob('*.py')
+             if path.name != '__init__.py'}
+    graph = {name: _imported(path, set(paths)) for name, path in paths.items()}
+    assert 'flex_plant_sim.arm.robot' in graph['flex_plant_sim.arm.robot_file']
+    TopologicalSorter(graph).prepare()  # raises CycleError, which names the circle
+
+
+def test_no_room_below_imports_one_above(repository: Path) -> None:
+    """The rooms of flex_plant_sim stand in the order in which data pass them."""
+    rooms = ('arm', 'inputs', 'effects', 'logs', 'simulation', 'diagnosis', 'commissioning')
+    for k, room in enumerate(rooms):
+        above = {f'flex_plant_sim.{name}' for name in rooms[k + 1:]}
+        for path in (repository / 'flex_plant_sim' / room).rglob('*.py'):
+            text = path.read_text(encoding='utf-8')
+            assert not [name for name in above if f'{name}.' in text], path
 
 
 @pytest.mark.parametrize('name', ['flex_plant_sim', 'flex_payload_estimator'])
