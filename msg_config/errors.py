@@ -1,6 +1,11 @@
-"""The one error that bad input raises."""
+"""The one error that bad input raises, and text that any file and terminal takes."""
 
 LONGEST = 300
+
+
+def printable(text: str) -> str:
+    """Return a text with a space for what has no look: the name of a file may be any bytes."""
+    return ''.join(c if c.isprintable() else ' ' for c in text)
 
 
 class InputError(ValueError):
@@ -11,7 +16,7 @@ class InputError(ValueError):
     """
 
     def __init__(self, message: object = ''):
-        line = ' '.join(''.join(c if c.isprintable() else ' ' for c in str(message)).split())
+        line = ' '.join(printable(str(message)).split())
         if len(line) > LONGEST:
             line = f'{line[:200]} … {line[203 - LONGEST:]}'
         super().__init__(line)

@@ -15,6 +15,8 @@ from flex_payload_estimator.fleet.folders import arm_of, logs_below, robot_of
 from flex_payload_estimator.fleet.journal import Journal
 from flex_payload_estimator.fleet.log_task import answer, LogTask, Row
 from flex_payload_estimator.fleet.table import since, write_csv
+from flex_payload_estimator.tools.fleet import main as fleet
+from flex_payload_estimator.tools.fleet import run
 from msg_config.errors import InputError
 import numpy as np
 import pytest
@@ -115,6 +117,18 @@ def test_a_log_that_is_found_twice_counts_once(tmp_path: Path) -> None:
     (tmp_path / 'a' / 'around').symlink_to(tmp_path)
     found = logs_below([str(tmp_path), str(tmp_path / 'b')], tmp_path / 'out')
     assert found == [(tmp_path, tmp_path / 'a' / '1.csv'), (tmp_path, tmp_path / 'b' / '2.CSV')]
+
+
+def test_names_of_any_bytes_cost_no_table(tmp_path: Path) -> None:
+    name = os.fsdecode(b'night/\xff')
+    _log_at_rest(tmp_path / name / '1.csv', 1)
+    task = LogTask(name, str(tmp_path / name / '1.csv'), 'reference', str(tmp_path / 'page'))
+    journal = Journal(tmp_path / 'out')
+    journal.add(task, Row(name, task.log, error='given up'))
+    rows = run([task], journal, None, 1)
+    write_csv(tmp_path / 'out' / 'fleet.csv', rows)
+    assert rows[0].arm == 'night/ ' and _table(tmp_path)[0]['error'] == 'given up'
+    assert fleet(['night', '--out', os.fsdecode(b'o\xff')]) == 2
 
 
 def test_a_strangers_folder_is_refused(tmp_path: Path) -> None:

@@ -152,6 +152,34 @@ def test_standard_output_that_fails_keeps_the_files(place: Path, where: str) -> 
     assert json.loads((place / 'out.json').read_text())['channels']
 
 
+@pytest.mark.parametrize('encoding', ['ascii', 'latin-1'])
+def test_a_terminal_that_knows_few_characters_gets_the_others_as_question_marks(
+        encoding: str) -> None:
+    run = subprocess.run(
+        [sys.executable, '-m', 'flex_plant_sim.tools.robot', 'prior', 'reference'],
+        env={**os.environ, 'PYTHONIOENCODING': encoding}, capture_output=True, timeout=120)
+    assert (run.returncode, run.stderr) == (0, b'')
+    assert ('?' if encoding == 'ascii' else '±').encode(encoding) in run.stdout
+
+
+@pytest.mark.parametrize('closed', ['>&-', '2>&-', '<&- >&- 2>&-'])
+def test_closed_standard_streams_fail_no_tool(place: Path, closed: str) -> None:
+    command = f'exec {sys.executable} -m flex_plant_sim.tools.replay log.csv --json out.json'
+    for log, code in (('log.csv', 0), ('absent.csv', 2)):
+        run = subprocess.run(['sh', '-c', f'{command.replace("log.csv", log)} {closed}'],
+                             cwd=place, timeout=120)
+        assert run.returncode == code
+    assert json.loads((place / 'out.json').read_text())['channels']
+
+
+def test_a_name_of_any_bytes_is_read_and_drawn(place: Path) -> None:
+    log = Path(os.fsdecode(os.fsencode(place) + b'/\xff.csv'))
+    log.write_bytes((place / 'log.csv').read_bytes())
+    assert replay.main([str(log), '--json', str(place / 'out.json'), '--plot',
+                        str(place / 'out.svg')]) == 0
+    assert json.loads((place / 'out.json').read_text())['log'].endswith('/ .csv')
+
+
 @pytest.mark.skipif(os.geteuid() == 0, reason='root may write everywhere')
 def test_a_read_only_folder_is_refused(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (place / 'fixed').mkdir(mode=0o500)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from contextlib import nullcontext
+from dataclasses import replace
 import os
 from pathlib import Path
 import sys
@@ -18,7 +19,7 @@ from flex_payload_estimator.fleet.table import write_csv, write_page, write_parq
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.tools import command_line
 from flex_plant_sim.tools.outputs import check_folder
-from msg_config.errors import InputError
+from msg_config.errors import InputError, printable
 
 
 def options() -> argparse.ArgumentParser:
@@ -68,7 +69,14 @@ def run(tasks: Sequence[LogTask], journal: Journal, scheduler: str | None, worke
                     journal.add(task, row)
                     known[task.key] = row
                     bar.update()
-    return [known[task.key] for task in tasks]
+    return [_in_print(known[task.key]) for task in tasks]
+
+
+def _in_print(row: Row) -> Row:
+    """Return a row whose texts a table can hold, whatever bytes a file's name is."""
+    texts: dict[str, Any] = {name: printable(value) for name, value in vars(row).items()
+                             if isinstance(value, str)}
+    return replace(row, **texts)
 
 
 def _progress(total: int, done: int) -> Any:
@@ -87,6 +95,8 @@ class _Silent:
 
 def _main(arguments: argparse.Namespace) -> None:
     out = Path(arguments.out)
+    if printable(arguments.out) != arguments.out:
+        raise InputError(f'--out: {arguments.out}: expected a name in UTF-8, without controls')
     check_folder('--out', out, (), nested=True)
     tasks = tasks_of(arguments, out)
     rows = run(tasks, Journal(out), arguments.scheduler, arguments.workers)

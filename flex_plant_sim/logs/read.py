@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
 
@@ -9,7 +10,7 @@ from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.logs.bag_log import read_bag
 from flex_plant_sim.logs.csv_log import read_csv
 from flex_plant_sim.logs.log import Log
-from msg_config.errors import InputError
+from msg_config.errors import InputError, printable
 
 
 class LogReader(Protocol):
@@ -40,7 +41,8 @@ def read_log(path: str | Path, robot: Robot) -> Log:
     path = Path(path)
     if not path.exists():
         raise InputError(f'{path}: expected a log, the file does not exist')
-    return _reader(path)(path, robot)
+    log = _reader(path)(path, robot)
+    return replace(log, source=printable(log.source))
 
 
 def _reader(path: Path) -> LogReader:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Mapping
+import io
 import json
 import math
 import os
@@ -166,6 +167,7 @@ def run(main: Callable[[], int | None]) -> int:
     Whatever goes wrong is one line on stderr. What nobody foresaw ends with 1; its traceback is
     shown where the environment variable FLEX_TRACEBACK is set.
     """
+    _write_what_can_be_written()
     try:
         with interruptible():
             code = main() or 0
@@ -189,6 +191,13 @@ def run(main: Callable[[], int | None]) -> int:
             raise
         return _complain(f'unforeseen {type(error).__name__}: {error} '
                          f'(set {TRACEBACK}=1 to see where)', UNFORESEEN)
+
+
+def _write_what_can_be_written() -> None:
+    """Let a terminal or a pipe that knows no ± have a question mark there."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper) and stream.errors != 'replace':
+            stream.reconfigure(errors='replace')
 
 
 def _complain(line: str, code: int, prefix: str = 'error: ') -> int:
