@@ -65,11 +65,15 @@ class Heard:
     """What came on the topics since the last look: arrivals by stamp, ns, and delays, s."""
 
     counts: dict[str, int] = field(default_factory=lambda: dict.fromkeys(TOPICS, 0))
+    last: dict[str, bytes] = field(default_factory=dict)
     arrived: dict[bytes, int] = field(default_factory=dict)
     delays: list[float] = field(default_factory=list)
 
     def take(self, topic: str, stamp: bytes, arrived: int) -> None:
         """Note a message; a command's delay counts from the joint_states that it answers."""
+        if self.last.get(topic) == stamp:
+            return  # In lock-step a sample goes out again while no command has come.
+        self.last[topic] = stamp
         self.counts[topic] += 1
         if topic == 'joint_states':
             self.arrived[stamp] = arrived
