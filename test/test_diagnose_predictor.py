@@ -55,3 +55,13 @@ def test_a_late_gauge_is_predicted_as_if_it_were_in_time() -> None:
                                          ('strain_delay:arm:delay_s=0.03',))))
     # Loads are judged by the record's own spread, which lacks its last three samples.
     assert np.all(np.std(found - own, axis=(0, 1)) < 0.001 * np.std(own, axis=(0, 1)))
+
+
+def test_arms_start_where_a_trajectory_with_other_coordinates_puts_them() -> None:
+    fast = effects('coriolis_centripetal:arm:share=1')
+    p = predictor(simulated(fast), fast, locked=False)
+    own = np.std(p.innovations()[0], axis=(0, 1))
+    for other in ('base_compliance:arm:compliance_rad_per_n_m=0.003,inertia_kg_m2=0.1',
+                  'loose_payload:arm:compliance_m_per_n=0.01,damping_ratio=0.05'):
+        along = Predictor(p.base, p.windows, p.noise, around=effects(other))
+        assert np.all(np.std(along.innovations()[0], axis=(0, 1)) < 1.2 * own)

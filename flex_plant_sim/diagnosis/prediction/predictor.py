@@ -306,22 +306,20 @@ class Predictor:
         return undo_sensors(self.arm, self.record)[:, 0, :2]
 
     def started(self, arm: ExtendedArm, rows: Indices) -> Array:
-        """Return the base's states at samples (N,), (N, n); added coordinates are at zero."""
+        """Return the trajectory's states at samples (N,), (N, n); what it lacks is at zero."""
         states = self._started(arm, rows)
         states[:, :2] += self._angle_shift(arm)[rows]
         return states
 
     def _started(self, arm: ExtendedArm, rows: Indices) -> Array:
-        n, extra = self.arm.form.order, arm.form.order - self.arm.form.order
-        states, own = np.zeros((len(rows), arm.states)), self.states[rows]
-        if extra > 0:
-            states[:, :n] = own[:, :n]
-            states[:, n + extra:2 * n + extra] = own[:, n:2 * n]
-            rest = min(own.shape[1], arm.states - 2 * extra) - 2 * n
-            states[:, 2 * (n + extra):][:, :rest] = own[:, 2 * n:2 * n + rest]
-            return states
-        known = min(own.shape[1], arm.states)
-        states[:, :known] = own[:, :known]
+        n, own = arm.form.order, self.arm.form.order
+        states, known = np.zeros((len(rows), arm.states)), self.states[rows]
+        for place, name in enumerate(arm.form.names):
+            if name in self.arm.form.names:
+                there = self.arm.form.names.index(name)
+                states[:, [place, n + place]] = known[:, [there, own + there]]
+        rest = min(known.shape[1] - 2 * own, arm.states - 2 * n)
+        states[:, 2 * n:2 * n + rest] = known[:, 2 * own:2 * own + rest]
         return states
 
 
