@@ -46,6 +46,7 @@ from flex_payload_estimator.estimators.rpe.replay import (
     ROUNDS,
     SETTLES_S,
     SIMPLER,
+    strays,
 )
 from flex_payload_estimator.estimators.rpe.sensors import Loads
 from flex_payload_estimator.estimators.rpe.trial import Trial
@@ -155,7 +156,7 @@ class Modes:
         if excited:
             self._begin(incumbent, sample.time)
             self._replay = self._replay or self._again(incumbent)
-            if self._strays(incumbent):
+            if strays(incumbent):
                 incumbent = self.stepper.about(incumbent)
         return incumbent
 
@@ -169,16 +170,11 @@ class Modes:
             trial.runner = self.stepper.jumped(before, trial.runner, sample, loads)
         trial.runner.age += step if excited else 0.0
         tells = trial.kind != 'other' or self.stepper.tells(incumbent, loads, ROUGH)
-        trial.count(step if tells else 0.0, self._gained(trial, incumbent))
-        if self._any_time(trial, incumbent) and trial.gain <= 0.0:
+        trial.count(step if tells else 0.0, trial.gained(incumbent))
+        if trial.any_time(incumbent) and trial.gain <= 0.0:
             trial.begin(sample.time)
         elif trial.kind == 'still' and trial.age < SETTLES_S:
             trial.gain = 0.0
-
-    @staticmethod
-    def _any_time(trial: Trial, incumbent: Filter) -> bool:
-        """Tell whether what a trial takes to be may have begun at any time."""
-        return trial.kind == 'moved' or level(trial.runner.mode) > level(incumbent.mode)
 
     def _again(self, f: Filter) -> Replay | None:
         """Return those that learn the past again, where it is time."""
@@ -224,17 +220,6 @@ class Modes:
         last = new.rounds == ROUNDS and not new.mode.parts
         return self.stepper.freed(new) if last else new
 
-    def _strays(self, f: Filter) -> bool:
-        """Tell whether one of parts that has learnt again is to be linearised afresh."""
-        if f.rounds < ROUNDS or f.mode.walk > 0.0 or not f.mode.parts:
-            return False
-        return f.age >= (HOLD_S if f.model is None else 2.0 * max(f.linearised, HOLD_S))
-
-    def _gained(self, trial: Trial, incumbent: Filter) -> float:
-        if trial.runner.mode.name == incumbent.mode.name:
-            return trial.runner.stated - incumbent.stated
-        return trial.runner.gained - incumbent.gained
-
     def _wins(self, trial: Trial, incumbent: Filter) -> bool:
         if self._outdone(trial, incumbent):
             return False
@@ -256,11 +241,11 @@ class Modes:
         """Tell whether others explain what a payload is said to do better."""
         return trial.kind != 'other' and any(
             other.gain > trial.gain for other in self.trials
-            if self._any_time(other, incumbent) or other.kind == trial.kind)
+            if other.any_time(incumbent) or other.kind == trial.kind)
 
     def _shortest(self, trial: Trial, incumbent: Filter) -> float:
         """Return how long a trial of another mode must have run to win, s."""
-        if self._any_time(trial, incumbent):
+        if trial.any_time(incumbent):
             return PERSISTS_S
         return LONGER_S if trial.runner.mode.parts else TRIAL_S
 
@@ -270,7 +255,7 @@ class Modes:
             return False
         if trial.kind == 'still':
             return trial.gain < -self._rare
-        if self._any_time(trial, incumbent):
+        if trial.any_time(incumbent):
             return trial.time >= TRIAL_S and trial.gain == 0.0
         if not trial.runner.mode.parts:
             return trial.gain < -self._rare
@@ -282,8 +267,8 @@ class Modes:
         self.trials = [other for other in self.trials if other.kind == 'other'
                        and other is not trial and not new and trial.kind != 'still']
         for other in self.trials:
-            other.gain = max(other.gain - trial.gain, 0.0) if self._any_time(
-                other, trial.runner) else other.gain - trial.gain
+            other.gain = max(other.gain - trial.gain, 0.0) if other.any_time(
+                trial.runner) else other.gain - trial.gain
         if trial.kind == 'moved':
             # A payload that stood still for a moment only goes on changing.
             hasty = time - self._stood < LASTS_S

@@ -195,3 +195,10 @@ def judged(exact: Filter, f: Filter, past: Past, stepper: FilterStep,
         one.runner.log -= rare(stepper.step_time)
     runners.append(_from_prior(f, PARTS, float(f.beta[CORIOLIS]), past, stepper))
     return Replay(runners, past.first + 1, judged=True, former=former)
+
+
+def strays(f: Filter) -> bool:
+    """Tell whether one of parts that has learnt again is to be linearised afresh."""
+    if f.rounds < ROUNDS or f.mode.walk > 0.0 or not f.mode.parts:
+        return False
+    return f.age >= (HOLD_S if f.model is None else 2.0 * max(f.linearised, HOLD_S))

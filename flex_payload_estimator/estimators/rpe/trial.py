@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from flex_payload_estimator.estimators.rpe.hypothesis import Filter
+from flex_payload_estimator.estimators.rpe.hypothesis import Filter, level
 
 
 @dataclass(eq=False)
@@ -46,3 +46,13 @@ class Trial:
         """Count from now on."""
         self.gain = self.age = 0.0
         self.since = time
+
+    def any_time(self, incumbent: Filter) -> bool:
+        """Tell whether what it takes to be may have begun at any time."""
+        return self.kind == 'moved' or level(self.runner.mode) > level(incumbent.mode)
+
+    def gained(self, incumbent: Filter) -> float:
+        """Return what it gained over the incumbent with the last sample, nats."""
+        if self.runner.mode.name == incumbent.mode.name:
+            return self.runner.stated - incumbent.stated
+        return self.runner.gained - incumbent.gained
