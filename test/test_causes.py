@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flex_plant_sim.diagnosis.causes.fit import Causes
+from flex_plant_sim.diagnosis.causes.fit import Causes, Descent
 from flex_plant_sim.diagnosis.causes.pool import each
 from flex_plant_sim.diagnosis.causes.posterior import Key
 from flex_plant_sim.diagnosis.causes.search import Search, search
@@ -116,6 +116,21 @@ def test_a_limit_of_commands_shows_only_where_commands_reach_it(
     for joint, reached in enumerate(np.abs(data.windows[0].record.command).max(axis=0)):
         inverse = limits[f'actuator_saturation:joint_{joint + 1}'][0]
         assert 0.3 * reached < 1.0 / inverse < reached
+
+
+def test_what_diverges_is_no_prediction_though_its_last_sample_is_finite(
+        clean: tuple[Search, Data], monkeypatch: pytest.MonkeyPatch) -> None:
+    found, data = clean
+    hypothesis = next(p.hypothesis for p in found.promises)
+    causes = Causes([hypothesis], data.duration)
+    descent = Descent(found.best.likelihood, causes, found.nothing.scale)
+    values = causes.slab.centre
+    residual = descent.at(values)[0]
+    assert np.any(descent.linearise(values, residual, 0.0).columns)
+    step = causes.steps(values)[0]
+    monkeypatch.setattr(Causes, 'residual', lambda *_: (residual + 1e200 * step)[None])
+    with pytest.raises(np.linalg.LinAlgError, match='no finite prediction'):
+        descent.linearise(values, residual, 0.0)
 
 
 def test_workers_give_what_one_process_gives_and_say_what_went_wrong() -> None:

@@ -210,7 +210,10 @@ class Descent:
             step = self.causes.steps(values)
             moved = self.causes.residual(self.likelihood, values + np.diag(step))
             columns = (moved - residual) / step[:, None, None]
-        if not (np.isfinite(cost) and np.all(np.isfinite(columns))):
+        with np.errstate(over='ignore'):
+            # What diverges may be finite at the last sample, and yet its products are not.
+            power = float(np.sum(columns**2))
+        if not (np.isfinite(cost) and np.isfinite(power)):
             raise np.linalg.LinAlgError('no finite prediction')
         return Point(values, residual, columns, cost)
 
