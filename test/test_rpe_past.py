@@ -91,6 +91,10 @@ def test_tolerances_count_as_off_by_what_the_posterior_says_of_the_parts() -> No
     expected = np.mean((((drawn - prior.mean) / prior.std)[:, parts])**2)
     found = tolerances_off(beta, root @ root.T, prior.mean, prior.weights)
     assert found == pytest.approx(expected, rel=0.02)
+    stepper = estimator_of().stepper
+    f = stepper.begin(ROUGH, np.zeros(6), 0.1, 0.1)
+    f.beta, f.spread = beta, root @ root.T
+    assert stepper.doubt(f) == pytest.approx(expected, rel=0.02)
     # Nothing learnt: as told.
     spread = np.diag(prior.std**2)
     assert tolerances_off(prior.mean, spread, prior.mean, prior.weights) == pytest.approx(1.0)

@@ -37,7 +37,7 @@ from sensor_msgs.msg import JointState
 MESSAGES = {
     'ok': ('ok', 'ok'),
     'not_excited': ('ok', 'the arm does not move enough to tell the payload'),
-    'model_suspect': ('warn', 'the innovation is larger than the model explains'),
+    'model_suspect': ('warn', 'no known model explains what is measured'),
     'restarted': ('error', 'the estimate was not finite; the last good one is kept'),
     'input_rejected': ('warn', 'a measurement was refused; the last good estimate is kept')}
 

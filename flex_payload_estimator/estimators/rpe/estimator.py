@@ -28,7 +28,8 @@ LONGEST_GAP_S = 1.0
 # For so long, s, one set of matrices serves where nothing is measured, as it does at 100 Hz.
 TOGETHER_S = 0.01
 LARGEST_ANGLE, LARGEST_STRAIN, LARGEST_COMMAND = 1e6, 1.0, 1e6
-SUSPECT_MISFIT = 3.0
+# Where a variance is to be multiplied by this, no model that is known holds.
+SUSPECT = 3.0
 _CERTAIN = np.zeros(2)
 
 
@@ -320,7 +321,7 @@ class RecursivePredictionError:
             mass, variance = self._start.moments()
         else:
             mass, variance = self.stepper.payload(best)
-        suspect = misfit_of(best.record) > SUSPECT_MISFIT
+        suspect = self.stepper.doubt(best) > SUSPECT
         status = 'model_suspect' if suspect else 'ok' if self._motion.excited \
             and self._incumbent is not None else 'not_excited'
         self._last = Estimate(time, mass, variance, best.variance, best.reading[0].copy(),

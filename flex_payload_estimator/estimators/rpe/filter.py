@@ -138,11 +138,22 @@ class FilterStep:
                 variance += self.prior.considered(f.spread)
             # Gauss and Newton's last step: the next is smaller, if at all.
             variance += float(mass - f.anchor[MASS])**2
-            variance *= max(1.0, misfit_of(f.record))
             variance += self.prior.scale_variance * float(mass)**2
-            variance *= max(1.0, tolerances_off(f.beta, f.spread, self.prior.mean,
-                                                self.prior.weights))
+            variance *= self.doubt(f)
         return float(mass), variance
+
+    def doubt(self, f: Filter) -> float:
+        """
+        Return by how much more is unexplained than should be, at least 1.
+
+        The mean square of the innovations, and of parts over their tolerances, over what is
+        expected: the variance of one of parts is multiplied by it.
+        """
+        doubt = max(1.0, misfit_of(f.record))
+        if f.mode.parts:
+            doubt *= max(1.0, tolerances_off(f.beta, f.spread, self.prior.mean,
+                                             self.prior.weights))
+        return doubt
 
     def step(self, f: Filter, sample: Sample, loads: Loads) -> None:
         """Advance one sample, and learn from it."""
