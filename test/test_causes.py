@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from flex_plant_sim.diagnosis.causes.fit import Causes, Descent
+from flex_plant_sim.diagnosis.causes.fit import Causes, Descent, fitted
+from flex_plant_sim.diagnosis.causes.hypothesis import hypotheses
 from flex_plant_sim.diagnosis.causes.pool import each
 from flex_plant_sim.diagnosis.causes.posterior import Key
 from flex_plant_sim.diagnosis.causes.search import Search, search
+from flex_plant_sim.diagnosis.causes.sets import Fitter, Settled, Trial
 from flex_plant_sim.diagnosis.prediction.predictor import Base, Predictor
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.verdict.detection import detection_limits
@@ -105,6 +107,22 @@ def test_a_limit_is_what_parts_cannot_undo(clean: tuple[Search, Data]) -> None:
         assert limits[f'link_stiffness:{link}'][0] > REFERENCE.tolerances.stiffness
     for gauge in REFERENCE.gauge_names:
         assert limits[f'strain_gain:{gauge}'][0] > REFERENCE.tolerances.strain_gain
+
+
+def test_a_look_alike_is_fitted_along_its_own_trajectory() -> None:
+    clamp, base = effects('clamp_compliance:link_1:compliance_rad_per_n_m=0.005',
+                          'base_compliance:arm:compliance_rad_per_n_m=0.0045,inertia_kg_m2=0.05')
+    data = Data.of([simulated((clamp,), 28.0)], SLOWEST, REFERENCE.sample_time)
+    known = {h.label: h for h in hypotheses(REFERENCE)}
+    near, far = (Trial((known[f'{e.identifier}:{e.site}'],), (np.array(e.values),))
+                 for e in (clamp, base))
+    centre = Settled.at(near, Base(REFERENCE), data)
+    plain = fitted(centre.likelihood, Causes(far.hypotheses, data.duration), far.starts,
+                   centre.fit.scale).log_evidence
+    found = Fitter(centre.likelihood, centre.fit.scale, data.duration)(far)
+    settled = Settled.at(Trial.of(found), Base(REFERENCE), data).fit.log_evidence
+    # The other half needs the parts' columns around itself.
+    assert found.log_evidence - plain > 0.5 * (settled - plain) > 5.0
 
 
 def test_a_limit_of_commands_shows_only_where_commands_reach_it(

@@ -102,7 +102,12 @@ class Settled:
 
 @dataclass(frozen=True)
 class Fitter:
-    """Fits sets around the linearisation of one near them."""
+    """
+    Fits sets around the linearisation of one near them.
+
+    Where a set has coordinates that rest along the trajectory of that one, then once more along
+    its own, the parts' columns being those of the one near it.
+    """
 
     likelihood: Likelihood
     scale: Array
@@ -110,5 +115,9 @@ class Fitter:
     rough: bool = False
 
     def __call__(self, trial: Trial) -> Fit:
-        return fitted(self.likelihood, Causes(trial.hypotheses, self.duration), trial.starts,
-                      self.scale, self.rough)
+        causes = Causes(trial.hypotheses, self.duration)
+        near = fitted(self.likelihood, causes, trial.starts, self.scale, self.rough)
+        effects = causes.effects(near.values)
+        if self.rough or not self.likelihood.at_rest(effects):
+            return near
+        return fitted(self.likelihood.along(effects), causes, (near.values,), self.scale)

@@ -114,6 +114,17 @@ class Likelihood:
         """Return what each arm's own filter errs: no likelihood, but without its side valleys."""
         return self._copied('present', 'columns', 'products', 'smooth', alike=False)
 
+    def at_rest(self, effects: Sequence[Effect]) -> bool:
+        """Tell whether effects have coordinates that the trajectory does not move."""
+        now = self.predictors[0].arm.form.names
+        return any(name not in now for name in self.predictors[0].arm_with(effects).form.names)
+
+    def along(self, effects: Sequence[Effect]) -> Likelihood:
+        """Return the likelihood with the trajectory that effects give, its columns the same."""
+        predictors = [Predictor(self.base, p.windows, p.noise, p.judging, effects)
+                      for p in self.predictors]
+        return self._copied('present', 'smooth', around=tuple(effects), predictors=predictors)
+
     def _copied(self, *less: str, **changed: object) -> Likelihood:
         other = object.__new__(Likelihood)
         other.__dict__.update({k: v for k, v in self.__dict__.items() if k not in less}, **changed)
