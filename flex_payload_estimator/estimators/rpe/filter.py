@@ -260,7 +260,7 @@ class FilterStep:
         new.mode, new.beta, new.spread = mode, prior.mean.copy(), prior.spread(std)
         new.beta[MASS] = f.beta[MASS]
         if not mode.parts:
-            new.beta[CORIOLIS] = self.nearest_share(f.beta[CORIOLIS])
+            new.beta[CORIOLIS] = min(self.shares, key=lambda told: abs(told - f.beta[CORIOLIS]))
         new.anchor, new.rounds = new.beta, 0
         self._begin_again(new, f, doubt)
         return new
@@ -339,10 +339,6 @@ class FilterStep:
         scale = TELLING**2 / (mode.gauge**2 * self._density) * float(f.record[2])
         return any(load > scale * told
                    for load, told in zip(loads.strain.tolist(), self._told))
-
-    def nearest_share(self, share: float) -> float:
-        """Return the share of Coriolis forces that an exact model may have."""
-        return min(self.shares, key=lambda told: abs(told - share))
 
     def relocate(self, f: Filter, measured: Array | None) -> None:
         """Keep what is known of payload and parts, and start the state again."""
