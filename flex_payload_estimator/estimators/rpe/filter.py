@@ -144,10 +144,9 @@ class FilterStep:
 
     def doubt(self, f: Filter) -> float:
         """
-        Return by how much more is unexplained than should be, at least 1.
+        Return what the variance of one of parts is multiplied by, at least 1.
 
-        The mean square of the innovations, and of parts over their tolerances, over what is
-        expected: the variance of one of parts is multiplied by it.
+        The mean squares of innovations and of parts over what they should be.
         """
         doubt = max(1.0, misfit_of(f.record))
         if f.mode.parts:
@@ -320,11 +319,7 @@ class FilterStep:
         return new
 
     def begin_at(self, new: Filter, first: Sample, loads: Loads, rested: Filter | None) -> None:
-        """
-        Let a filter begin at a sample, with what an arm that rested has told until then.
-
-        Unless that was learnt of noise that is larger than it was taken for.
-        """
+        """Let a filter begin at a sample, with what a rest told if its noise was known."""
         if rested is not None and (new.record[:-5] < NOISIER * rested.record[:-5]).all():
             hand_over(rested, new)
             new.x -= new.sens @ (new.beta - new.anchor)

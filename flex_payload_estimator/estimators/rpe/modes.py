@@ -11,7 +11,7 @@ take its place for what it gains in log-likelihood over it:
 
 And the past is learnt again, from the prior on: by the incumbent's own mode, linearised about what
 the incumbent has found, until that changes little, and by the exact model beside one of parts,
-which takes its place if it explains the later half as well.
+which takes its place if its marginal likelihood is the larger.
 
 What may have begun at any time, a walk or a wronger model, counts from when it was best to begin
 (Page's cumulative sum, Biometrika 41, 1954). The two explain the same misfit: a walk must gain
