@@ -30,7 +30,9 @@ def cluster(scheduler: str | None, workers: int) -> Iterator[Any]:
     try:
         import dask
         # A worker that dies is told in the table; the library's own account helps nobody.
-        dask.config.set({'logging.distributed': 'critical'})
+        # Nor does its profile, which looks at every process a hundred times a second.
+        dask.config.set({'logging.distributed': 'critical',
+                         'distributed.worker.profile.enabled': False})
         from distributed import Client, LocalCluster
     except ImportError:
         raise InputError('flex_fleet: expected Dask distributed, not installed: '
