@@ -14,7 +14,6 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.inputs.gate import Gate
 from flex_plant_sim.inputs.stamps import LEAP, Order, StampOrder
 from flex_plant_sim.inputs.synchroniser import slop_of, Synchroniser
-from msg_config.contract import load_topics
 from msg_config.contract_node import ContractNode
 from msg_config.messages import checked_stamp, nanoseconds, seconds
 from msg_config.recent_counts import RecentCounts, WINDOW
@@ -93,8 +92,7 @@ class SampleNode(ContractNode):
         self._gauges = robot.inputs.gauge_channels(robot.gauge_names)
         self.gate = Gate(robot)
         self._pairing = Synchroniser(PARTS, slop_of(robot.sample_time))
-        depth = load_topics()['strain'].subscribe.depth
-        self._backlog = Backlog(depth * robot.sample_time, robot.sample_time)
+        self._backlog = Backlog(robot.sample_time)
         self.order.interval = nanoseconds(robot.sample_time)
 
     def listen(self) -> None:

@@ -41,7 +41,8 @@ MODES = ('realtime', 'lockstep', 'bare')
 HEADER = ('| mode | min | samples due | came | without a payload | without a command | '
           'p50, ms | p99, ms | memory of ' + ', '.join(PROGRAMS)
           + ', MB/h | processor of these and the observer, µs a sample '
-          '| taken by other machines on the host, % |', '|' + 11 * '---|')
+          '| pages fetched from the disk '
+          '| taken by other machines on the host, % |', '|' + 12 * '---|')
 PICTURE = ('', '![Memory, latency and loss over time](figures/soak.png)')
 INTERVAL = 5.0
 # Between two looks of the observer, s: a fifth of what a subscription holds at 1 kHz.
@@ -92,6 +93,12 @@ def processor(pid: int) -> float:
     """Return the processor time that a process has taken, s."""
     own = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
     return (int(own[11]) + int(own[12])) / TICKS
+
+
+def fetched(pid: int) -> float:
+    """Return how often a process waited for a page of its own to come from the disk."""
+    own = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
+    return float(own[9])
 
 
 def stolen() -> tuple[float, float]:
@@ -177,6 +184,7 @@ def watch(observer: Observer, processes: dict[str, subprocess.Popen[bytes]], min
         row |= {f'processor of {name}': processor(pid) for name, pid in (
             *((name, process.pid) for name, process in processes.items()),
             (OBSERVER, os.getpid()))}
+        row |= {f'pages of {name}': fetched(process.pid) for name, process in processes.items()}
         row['stolen'], row['all time'] = stolen()
         rows.append(row)
     return rows
@@ -226,11 +234,13 @@ def verdict(mode: str, rows: list[dict[str, float]], rate: float) -> str:
     spent = [1e6 * (rows[-1][f'processor of {name}'] - late[0][f'processor of {name}'])
              / counts['joint_states'] for name in (*PROGRAMS, OBSERVER)]
     taken = (rows[-1]['stolen'] - late[0]['stolen']) / (rows[-1]['all time'] - late[0]['all time'])
+    pages = [rows[-1][f'pages of {name}'] - late[0][f'pages of {name}'] for name in PROGRAMS]
     lost = [f'{counts["joint_states"] - counts[topic]:.0f}' for topic in TOPICS[1:]]
     delays = [f'{np.nanmedian([row[name] for row in late]):.2f}' for name in ('p50', 'p99')]
     return ' | '.join([f'| {mode}', f'{minutes:.1f}', due, f'{counts["joint_states"]:.0f}',
                        *lost, *delays, ', '.join(f'{slope:+.2f}' for slope in slopes),
                        ' + '.join(f'{each:.0f}' for each in spent) + f' = {sum(spent):.0f}',
+                       ', '.join(f'{each:.0f}' for each in pages),
                        f'{100.0 * taken:.1f} |'])
 
 
