@@ -2,4 +2,5 @@
 
 from statistics import NormalDist
 
+# Half of a 95 % interval, in standard deviations of a Gaussian.
 Z95 = NormalDist().inv_cdf(0.975)

@@ -16,6 +16,7 @@ if MYPY:
     from types import FrameType
     from typing import NoReturn
 
+# Exit code as shells have it: 128 and the number of SIGINT.
 INTERRUPTED = 130
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 # After so long, s, what swallowed an interrupt is over.

@@ -37,13 +37,12 @@ from rclpy.subscription import Subscription
 from rclpy.task import Future
 from rclpy.timer import Timer
 
-# s; diagnostics come as often as those of diagnostic_updater.
-WARNING_INTERVAL = 1.0
-DIAGNOSTICS_INTERVAL = 1.0
+# s, as diagnostic_updater's; no warning comes more often.
+DIAGNOSTICS_INTERVAL = WARNING_INTERVAL = 1.0
 # Between two pictures of the arm, s: a film has 24 in a second.
 MARKER_INTERVAL = 0.04
-# What a message can cause in a computation; anything else is a mistake in the program.
 Configured = TypeVar('Configured')
+# What a message can cause in a computation; anything else is a mistake in the program.
 REFUSED = (InputError, ArithmeticError, np.linalg.LinAlgError)
 SECOND = 'second publisher'
 NO_ARGUMENT = signature(lambda: None)

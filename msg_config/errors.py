@@ -1,5 +1,6 @@
 """The one error that bad input raises, and text that any file and terminal takes."""
 
+# Characters of an error: four lines of a terminal.
 LONGEST = 300
 
 

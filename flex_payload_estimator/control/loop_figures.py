@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 
+# Inches, and dots an inch.
 SIZE, RESOLUTION = (7.5, 4.2), 130
 BLUE, ORANGE, GREY = '#1f5fa8', '#d1622b', '#707070'
 ANGLES = (r'$\theta_{b1}$', r'$\theta_2$')
@@ -73,6 +74,7 @@ def figure_9(record: LoopRecord, figure: Figure) -> None:
     _finish(axes, "command / drive's own unit", 'Figure 9: control inputs')
 
 
+# By their numbers in the paper.
 FIGURES: dict[int, Callable[[LoopRecord, Figure], None]] = {
     4: figure_4, 5: figure_5, 6: figure_6, 7: figure_7, 8: figure_8, 9: figure_9}
 

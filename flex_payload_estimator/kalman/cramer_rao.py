@@ -19,8 +19,7 @@ from numpy.typing import ArrayLike
 
 # kg, and of cos theta_2: the remainder of central differences goes with their square, 1e-10, and
 # rounding over them is 1e-11.
-PAYLOAD_STEP = 1e-5
-COSINE_STEP = 1e-5
+PAYLOAD_STEP = COSINE_STEP = 1e-5
 
 
 @dataclass(frozen=True)

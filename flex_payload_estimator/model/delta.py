@@ -10,6 +10,7 @@ from flex_plant_sim.compiled import compiled
 from msg_config.errors import InputError
 import numpy as np
 
+# Powers that are made: the root of the 16 terms asks the fewest products (Paterson, Stockmeyer).
 BLOCK = 4
 # Of Omega: what the terms that are left out of (19) may come to.
 TRUNCATION = 1e-12

@@ -24,6 +24,7 @@ from sensor_msgs.msg import JointState
 UNEVEN = 0.5
 # Without a sample for so long, s, the diagnostics say why.
 QUIET = 0.5
+# s, between looks for trouble, which is told no later.
 LOOK_INTERVAL = 0.1
 # Between two warnings that none comes, s.
 SILENCE_INTERVAL = 5.0

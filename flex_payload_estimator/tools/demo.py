@@ -50,6 +50,7 @@ LOG, BAG, ARM, PICTURE = 'run.csv', 'run_mcap', 'arm.yaml', 'payload.png'
 PRINT_INTERVAL = 0.5
 # Without an estimate for so long, s, the demo gives up.
 SILENCE = 30.0
+# Of the true payload: who stays so near has settled, as control has it (5 %).
 WITHIN = 0.05
 
 

@@ -18,7 +18,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 import numpy as np
 
+# Inches, and dots an inch.
 SIZE, RESOLUTION = (8.0, 5.6), 120
+# Shapes, and constants, that are drawn.
 MODES, CONSTANTS = 4, 10
 COLOURS = ('#1f5fa8', '#d1622b', '#2e8b57', '#7b4fa3')
 STYLES = ('-', '--', '-.', ':')

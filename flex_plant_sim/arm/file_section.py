@@ -27,6 +27,7 @@ PLAUSIBLE = {
     **{f'tolerances.{key}': (1e-9, 3.0) for key in (
         'stiffness', 'damping', 'link_mass', 'drive_inertia', 'drive_gain', 'drive_damping',
         'elbow_mass', 'elbow_inertia', 'strain_gain', 'payload', 'length')}}
+# By which a number must be multiplied that a unit with a prefix would mean.
 PREFIXES = {1e-3: 'milli', 1e-6: 'micro', 1e3: 'kilo', 1e6: 'mega', 1e9: 'giga'}
 
 

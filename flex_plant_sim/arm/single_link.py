@@ -12,6 +12,7 @@ from flex_plant_sim.arm.robot import Link
 from flex_plant_sim.arm.second_order import Array, modal_damping
 import numpy as np
 
+# m/s^2; anywhere on earth within 0.3 %.
 GRAVITY = 9.81
 
 

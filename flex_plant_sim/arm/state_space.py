@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 # Below this norm what follows so many terms of Psi, 0.5^19 / 20!, is far below rounding.
-TAYLOR_TERMS = 18
-SCALED_NORM = 0.5
+TAYLOR_TERMS, SCALED_NORM = 18, 0.5
 
 
 @dataclass(frozen=True)

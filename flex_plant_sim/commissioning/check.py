@@ -12,6 +12,7 @@ from flex_plant_sim.commissioning.observability import Observability, observabil
 from flex_plant_sim.commissioning.plausibility import hints
 from flex_plant_sim.commissioning.summary import Closed, closed_modes, locked_modes, tip_force
 
+# Two a link, as the paper's model has.
 SHOWN_MODES = 4
 
 

@@ -15,6 +15,7 @@ from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 
 COLOURS = ('tab:blue', 'tab:green')
+# Below the arm; the heights of their rows stand beside that of the arm.
 SHAPES = 3
 # The tip of a mode shape moves this share of the arm's reach.
 SWING = 0.12

@@ -10,6 +10,7 @@ from flex_plant_sim.commissioning.items import Item
 
 # Where a part is not called as its tolerance in the robot file.
 TOLERANCE_OF = {'position': 'gauge_position_m', 'payload_inertia': 'payload_inertia_kg_m2'}
+# Of a standard deviation, as the GUM (7.2.6) has it.
 DIGITS = 2
 
 

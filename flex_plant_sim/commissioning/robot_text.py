@@ -12,6 +12,7 @@ from flex_plant_sim.diagnosis.report.extended_file import document, EFFECTS_BLOC
 from msg_config.errors import InputError
 import yaml
 
+# Of a number written: no part of an arm is known so well.
 DIGITS = 6
 Path = tuple[str, ...]
 

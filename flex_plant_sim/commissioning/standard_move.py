@@ -16,14 +16,13 @@ from msg_config.errors import InputError
 import numpy as np
 
 # rad and s: strokes of 0.5 rad, during which the links of a bench arm swing about twice.
-AMPLITUDE = 0.25
-STROKE = 1.0
+AMPLITUDE, STROKE = 0.25, 1.0
 # The elbow's strokes are shorter, so that every combination of the two comes.
 ELBOW_SHARE = 0.8
+# Ten seconds, as the demo's run.
 STROKES = 10
 # A stroke that the drives cannot make is tried so much slower, up to this long, s.
-SLOWER = 1.25
-SLOWEST = 50.0
+SLOWER, SLOWEST = 1.25, 50.0
 # Samples of a move: as CSV, some 140 bytes each, they are a log that is read again.
 MOST_SAMPLES = MAX_BYTES // 160
 

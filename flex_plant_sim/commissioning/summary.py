@@ -12,6 +12,7 @@ from flex_plant_sim.arm.state_space import state_space
 import numpy as np
 from scipy.linalg import eigh
 
+# cos theta_2 of the straight arm.
 STRAIGHT = 1.0
 
 

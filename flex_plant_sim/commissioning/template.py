@@ -17,6 +17,7 @@ from flex_plant_sim.arm.robot_keys import (
     TOLERANCES_ABOUT,
 )
 
+# Characters a line; the sources have 99.
 WIDTH = 95
 HEAD = (
     'Robot file of a two-link flexible arm that moves in the horizontal plane. Replace the '

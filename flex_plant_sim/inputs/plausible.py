@@ -14,6 +14,7 @@ import numpy as np
 
 # Two units of time are a factor of a thousand apart: a ratio this far from one belongs to one.
 SAME = 30.0
+# How many of another unit make one rad, one m/m.
 UNITS = {'rad': {180.0 / math.pi: 'degrees'},
          'm/m': {1e6: 'µm/m (microstrain)', 1e3: 'mm/m', 1e2: 'percent'}}
 # A model that is off by its payload and its friction still gets the size within this factor.

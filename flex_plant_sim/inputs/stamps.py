@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from enum import Enum
 
+# In a second.
 NANOSECONDS = 1_000_000_000
 # A pause that a recorder or a busy machine makes is shorter than this; a clock that is set is not.
 LEAP = NANOSECONDS

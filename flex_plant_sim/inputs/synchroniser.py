@@ -12,7 +12,9 @@ from typing import Any
 # Share of the sampling interval by which the stamps of one sample may differ. Below a half, two
 # messages of one topic can never both be near enough, so that the first match is the only one.
 SLOP = 0.4
+# Messages of a part that wait for another, as many as a publisher keeps (topics.yaml).
 PENDING = 10
+# Offsets of late, of which the median is told where no stamps fit.
 OFFSETS = 50
 
 

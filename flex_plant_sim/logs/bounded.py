@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 import resource
 
-# Bytes. A length that was crafted, or a bomb, takes more; half an hour at 200 Hz takes less.
-MEMORY = 400_000_000
-FILE = 1_000_000_000
+# Bytes of memory, and of a compressed bag once unpacked. A length that was crafted, or a bomb,
+# takes more; half an hour at 200 Hz takes less.
+MEMORY, FILE = 400_000_000, 1_000_000_000
 
 
 def _in_use() -> int:

@@ -14,8 +14,9 @@ from msg_config.errors import InputError
 import numpy as np
 
 # Nine minutes at 1 kHz in nine digits (140 bytes a row); a log beyond that is a bag, or several
-# files. A line has a number for every channel that a recorder may have.
+# files.
 MAX_BYTES = 80_000_000
+# Characters: 4000 numbers, more channels than a recorder has.
 MAX_LINE = 60_000
 UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 SEPARATORS = (',', ';', '\t')

@@ -17,6 +17,7 @@ import numpy as np
 
 # Of the sampling interval; below, stamps are as even as a file's digits.
 EVEN = 0.01
+# Of a sampling interval: ten times what two crystals (100 ppm) differ by.
 SAMPLING_AGREES = 1e-3
 COMMANDS = ('command_1', 'command_2')
 

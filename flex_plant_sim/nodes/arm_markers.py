@@ -9,9 +9,9 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 FRAME = 'base'
+# m; and RGB, 0 to 1, of links and payload.
 LINE_WIDTH = 0.008
-COLOURS = ((0.20, 0.40, 0.75), (0.20, 0.65, 0.45))
-PAYLOAD_COLOUR = (0.85, 0.35, 0.15)
+COLOURS, PAYLOAD_COLOUR = ((0.20, 0.40, 0.75), (0.20, 0.65, 0.45)), (0.85, 0.35, 0.15)
 # A payload is drawn as a sphere of this density, kg/m^3, but never too small to be seen, m.
 PAYLOAD_DENSITY, SMALLEST_RADIUS = 1000.0, 0.008
 

@@ -9,6 +9,7 @@ from flex_plant_sim.arm.second_order import Array, link_slice
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 
+# Of a centre line: its chords are off a bent link by 0.1 % of what that bends.
 POINTS = 21
 
 

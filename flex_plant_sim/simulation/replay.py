@@ -17,8 +17,7 @@ from msg_config.errors import InputError
 import numpy as np
 
 # No arm turns or stretches so far: a simulation that does has diverged.
-ANGLE_BEYOND_REASON = 1e3
-STRAIN_BEYOND_REASON = 1.0
+ANGLE_BEYOND_REASON, STRAIN_BEYOND_REASON = 1e3, 1.0
 
 
 @dataclass(frozen=True)

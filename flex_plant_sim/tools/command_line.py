@@ -22,8 +22,10 @@ from flex_plant_sim.tools.outputs import forget_standard_output
 from msg_config.errors import InputError
 
 COMPILING = 'compiling the inner loops (once for each installation, about a minute) …'
+# Exit codes: Python's own, and argparse's.
 UNFORESEEN, BAD_INPUT = 1, 2
 TRACEBACK = 'FLEX_TRACEBACK'
+# kg, as in a robot file.
 LARGEST_MASS = PLAUSIBLE['mass_kg'][1]
 
 

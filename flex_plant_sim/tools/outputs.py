@@ -13,6 +13,7 @@ from typing import Any
 from flex_plant_sim.atomic_file import check_replaceable
 from msg_config.errors import InputError
 
+# Bytes, as file systems have them: an empty file has room on a full disk.
 BLOCK = 4096
 IMAGES = ('.png', '.pdf', '.svg')
 

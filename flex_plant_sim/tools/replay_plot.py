@@ -8,6 +8,7 @@ from pathlib import Path
 from flex_plant_sim.atomic_file import image_metadata, whole_file
 from flex_plant_sim.simulation.replay import Replay
 
+# Factor and name of the unit that is drawn.
 SHOWN = {'rad': (1.0, 'rad'), 'm/m': (1e6, 'µm/m')}
 
 

@@ -35,6 +35,7 @@ import numpy as np
 SUSPECT = SIGNIFICANT
 # Of a Gaussian, in standard deviations.
 MEAN_DEVIATION = math.sqrt(2.0 / math.pi)
+# Instead of a sample where none is regressed on.
 NO_SAMPLE: Array = np.zeros(0)
 
 

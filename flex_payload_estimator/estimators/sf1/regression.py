@@ -28,6 +28,7 @@ MEMORY = 1.0
 SIGNIFICANT = 4.0
 # Six standard deviations in one sample: by noise alone once in 5e8, two months of (30).
 EVIDENT = 36.0
+# Above zero, below every square that is divided by.
 TINY = 1e-300
 
 

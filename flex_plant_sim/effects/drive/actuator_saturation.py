@@ -8,6 +8,7 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.effects.base import Effect, Parameter
 import numpy as np
 
+# 1/command unit: no robot file has a command_limit beyond 1e6.
 NO_LIMIT = 1e-9
 
 
