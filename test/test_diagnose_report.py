@@ -14,13 +14,18 @@ from flex_plant_sim.diagnosis.report.improvement import Gain
 from flex_plant_sim.diagnosis.report.json_answer import answer, answer_text, plain, with_gain
 from flex_plant_sim.diagnosis.report.payload_gain import PayloadGain
 from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual, Whiteness
-from flex_plant_sim.diagnosis.report.wording import interval_text, percent_text, rounded, unit_text
 from flex_plant_sim.diagnosis.verdict.results import (
     Candidate,
     Cause,
     Diagnosis,
     ParameterValue,
     VERDICTS,
+)
+from flex_plant_sim.diagnosis.verdict.wording import (
+    interval_text,
+    percent_text,
+    rounded,
+    unit_text,
 )
 from msg_config.errors import InputError
 import numpy as np

@@ -20,7 +20,7 @@ def test_parts_beyond_their_tolerance_come_furthest_first() -> None:
 
 @pytest.mark.parametrize(('part', 'text'), [
     (FAR, 'shoulder drive damping -7.69 ± 2 % (told ± 5 %)'),
-    (BIASED, 'strain 1a bias +5e-06 ± 2e-07 m/m (told ± 2e-06)')])
+    (BIASED, 'strain 1a bias +5 ± 0.2 µm/m (told ± 2)')])
 def test_part_says_prior_and_posterior(part: PartEstimate, text: str) -> None:
     assert part_text(part) == text
 

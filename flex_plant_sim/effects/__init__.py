@@ -134,4 +134,12 @@ def effects_of(robot: Robot) -> tuple[Effect, ...]:
 
 def explain(effect: Effect) -> str:
     """Return the effect in one plain sentence with its site."""
-    return effect.explanation.format(site=effect.site.replace('_', ' '))
+    return explanation_at(type(effect), effect.site)
+
+
+def explanation_at(effect: type[Effect], site: str) -> str:
+    """Return an effect's explanation at a site, as a reader says it."""
+    words = site.replace('_', ' ')
+    if effect.sites == 'amplifier':
+        words = {'arm': 'all gauges'}.get(site, f'gauge {words}' if 'strain' in site else words)
+    return effect.explanation.format(site=words)

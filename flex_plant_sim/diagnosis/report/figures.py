@@ -10,6 +10,7 @@ from typing import Any
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.prediction.free_run import free_run, horizon_samples
+from flex_plant_sim.diagnosis.prediction.latent_view import BINS, LEAST_IN_BIN
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.report.improvement import Gain, locked_rows
 from flex_plant_sim.diagnosis.report.symptoms import drift, DRIFTED, one_step, spectrum
@@ -17,10 +18,14 @@ import numpy as np
 
 MEASURED, BEFORE, AFTER = '#333333', '#d95f02', '#1b6ca8'
 SHOWN = {'rad': (180.0 / np.pi, '°'), 'm/m': (1e6, 'µm/m')}
+# Inches: three beside each other on a desk.
 SIZE = (4.4, 2.7)
+# Of a trace, more than a picture's width has pixels on a phone.
 POINTS = 400
+# Ten periods of the reference arm, which the eye still parts.
 SHOWN_SECONDS = 8.0
-SPEED_BINS = 24
+# Where an axis has less than two decades, one may show no mark.
+THIRDS = 100.0
 
 
 @dataclass(frozen=True)
@@ -123,6 +128,7 @@ def speed_pictures(nominal: Sequence[Predictor], extended: Sequence[Predictor]) 
                 axis.errorbar(speed, mean, spread, color=colour, label=label, marker='.',
                               elinewidth=0.6)
             axis.axhline(0.0, color=MEASURED, linewidth=0.5)
+            axis.locator_params(axis='x', nbins=6)
             axis.set_xlabel(f'speed of joint {joint + 1}, rad/s')
             axis.set_ylabel(f'error after {DRIFTED:g} s, {unit}')
             axis.legend(frameon=False)
@@ -143,11 +149,11 @@ def _speeds_and_errors(predictors: Sequence[Predictor]) -> tuple[Array, Array]:
 
 
 def _binned(speed: Array, error: Array) -> Array:
-    """Return bin centres, means and standard deviations of bins with five or more, (3, K)."""
-    edges = np.quantile(speed, np.linspace(0.0, 1.0, SPEED_BINS + 1))
-    inside = np.clip(np.searchsorted(edges, speed, side='right') - 1, 0, SPEED_BINS - 1)
+    """Return bin centres, means and standard deviations of bins with enough, (3, K)."""
+    edges = np.quantile(speed, np.linspace(0.0, 1.0, BINS + 1))
+    inside = np.clip(np.searchsorted(edges, speed, side='right') - 1, 0, BINS - 1)
     rows = [(speed[inside == b].mean(), error[inside == b].mean(), error[inside == b].std())
-            for b in range(SPEED_BINS) if np.count_nonzero(inside == b) >= 5]
+            for b in range(BINS) if np.count_nonzero(inside == b) >= LEAST_IN_BIN]
     return np.array(rows).reshape(-1, 3).T
 
 
@@ -182,9 +188,13 @@ def spectrum_pictures(nominal: Sequence[Predictor],
 
 
 def _plain_ticks(axis: Any) -> None:
-    """Mark decades alone, in plain figures: powers set as formulas take half of the drawing."""
+    """Mark decades, or thirds of few, in plain figures: formulas take half of the drawing."""
+    from matplotlib.ticker import LogLocator
     axis.minorticks_off()
     for scale in (axis.xaxis, axis.yaxis):
+        low, high = scale.get_view_interval()
+        if high < THIRDS * low:
+            scale.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         scale.set_major_formatter('{x:g}')
 
 

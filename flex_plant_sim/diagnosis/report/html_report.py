@@ -21,13 +21,15 @@ from flex_plant_sim.diagnosis.report.posterior_pictures import (
     sets_picture,
 )
 from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual
-from flex_plant_sim.diagnosis.report.wording import (
+from flex_plant_sim.diagnosis.verdict.results import Candidate, Cause, Diagnosis
+from flex_plant_sim.diagnosis.verdict.wording import (
     interval_text,
+    key_text,
     name_text,
+    parameter_text,
     percent_text,
     size_text,
 )
-from flex_plant_sim.diagnosis.verdict.results import Candidate, Cause, Diagnosis
 from msg_config.errors import InputError
 
 FILE_NAME = 'report.html'
@@ -95,13 +97,21 @@ def render(report: Report) -> str:
     template = (resources.files('flex_plant_sim') / 'diagnosis' / 'report' / FILE_NAME).read_text(
         encoding='utf-8')
     return environment.from_string(template).render(
-        report=report, diagnosis=report.diagnosis, verdict=VERDICT_TEXT[report.diagnosis.verdict],
+        report=report, diagnosis=report.diagnosis, verdict=_verdict(report.diagnosis),
         causes=[_cause(cause) for cause in report.diagnosis.causes],
         errors=_error_rows(report.gains), channels=_channel_rows(report),
         rounds=[_ranking(candidates) for candidates in report.diagnosis.rounds],
         posterior=_posterior(report.diagnosis),
         parts=[part_text(part) for part in moved(report.diagnosis.parts)],
         limits=_limits(report.diagnosis), remainder=_remainder(report.diagnosis))
+
+
+def _verdict(diagnosis: Diagnosis) -> str:
+    """Return the verdict in few words; a cause that is likelier none is not found."""
+    doubtful = all(cause.probability < 0.5 for cause in diagnosis.causes)
+    if diagnosis.verdict == 'cause_and_remainder' and doubtful:
+        return 'more likely something that is not in the catalogue'
+    return VERDICT_TEXT[diagnosis.verdict]
 
 
 def _posterior(diagnosis: Diagnosis) -> list[Picture]:
@@ -138,7 +148,7 @@ def _site_text(label: str) -> str:
 
 
 def _cause(cause: Cause) -> dict[str, Any]:
-    parameters = [(p.name, interval_text(p)) for p in cause.parameters]
+    parameters = [(key_text(p.name, p.unit), interval_text(p)) for p in cause.parameters]
     return {'title': name_text(cause.name, cause.site), 'sentence': cause.sentence,
             'probability': cause.probability, 'parameters': parameters,
             'look_alikes': [_site_text(name) for name in cause.look_alikes]}
@@ -189,7 +199,7 @@ def _ranking(candidates: Sequence[Candidate]) -> list[dict[str, Any]]:
     largest = max((c.gain for c in best), default=0.0)
     return [{'title': name_text(c.name, c.site), 'gain': c.gain,
              'probability': c.probability,
-             'sizes': ', '.join(interval_text(p) for p in c.parameters),
+             'sizes': ', '.join(map(parameter_text, c.parameters)),
              'width': 100.0 * max(c.gain, 0.0) / largest if largest > 0.0 else 0.0}
             for c in best]
 

@@ -13,8 +13,8 @@ from flex_plant_sim.diagnosis.report.figures import shown
 from flex_plant_sim.diagnosis.report.improvement import Gain, gain_results
 from flex_plant_sim.diagnosis.report.payload_gain import PayloadGain
 from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual, HORIZONS
-from flex_plant_sim.diagnosis.report.wording import interval_text, name_text, percent_text
 from flex_plant_sim.diagnosis.verdict.results import Candidate, Cause, Diagnosis, ParameterValue
+from flex_plant_sim.diagnosis.verdict.wording import name_text, parameter_text, percent_text
 import numpy as np
 
 SENTENCE_HORIZON = 1.0
@@ -104,7 +104,7 @@ def answer_text(diagnosis: Diagnosis, gains: Sequence[Gain],
     """Return what a reader wants first: the sentence, causes, errors before and after."""
     lines = [diagnosis.sentence, *([diagnosis.advice] if diagnosis.advice else []), '']
     for cause in diagnosis.causes:
-        sizes = ', '.join(f'{p.name} {interval_text(p)}' for p in cause.parameters)
+        sizes = ', '.join(map(parameter_text, cause.parameters))
         lines.append(f'  {name_text(cause.name, cause.site):<32}'
                      f'{percent_text(cause.probability):>7}   {sizes}')
         if cause.look_alikes:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,12 +10,11 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.prediction.latent_view import Finding, LatentView
 from flex_plant_sim.diagnosis.prediction.law import CONSTANT, Trial
 from flex_plant_sim.diagnosis.report.figures import AFTER, BEFORE, MEASURED, Picture, picture
-from flex_plant_sim.diagnosis.report.wording import percent_text, unit_text
+from flex_plant_sim.diagnosis.verdict.wording import percent_text, shown_unit
 from flex_plant_sim.interval import Z95
 import numpy as np
 
 DOTS, LINE_POINTS, TRACE_POINTS = 1500, 400, 1200
-UNITS: Mapping[str, tuple[float, str]] = {'m/m': (1e6, 'µm/m'), '1/s': (1e6, 'µm/m/s')}
 
 
 @dataclass(frozen=True)
@@ -35,7 +34,7 @@ def latent_sections(view: LatentView) -> tuple[LatentSection, ...]:
 
 def _section(finding: Finding, view: LatentView) -> LatentSection:
     series, best = finding.series, finding.trials[0]
-    scale, unit = _unit(series.unit)
+    scale, unit = shown_unit(series.unit)
     what = 'torque' if series.unit == 'N m' else 'error'
     band = Z95 * float(np.median(series.deviation[series.judged]))
     text = (f'{scale * series.size:.2g} {unit} rms, 95 % band ± {scale * band:.2g} {unit}. '
@@ -59,7 +58,8 @@ def _said(finding: Finding) -> str:
                 'fitted.')
     if finding.remembers:
         swings = f' It swings at {line.frequency:.2g} Hz.' if line else ''
-        return f'No one variable explains half of it: something behind it has a memory.{swings}'
+        return ('None of these explains half of it: behind it are several, an acceleration (as of '
+                f'a wrong mass), or something with a memory.{swings}')
     return 'No one variable explains it clearly better than the others.'
 
 
@@ -67,13 +67,10 @@ def _words(variable: str) -> str:
     return variable.replace('_', ' ')
 
 
-def _unit(unit: str) -> tuple[float, str]:
-    return UNITS.get(unit, (1.0, unit_text(unit)))
-
-
 def _picture(finding: Finding, trial: Trial) -> Picture:
     series, variable = finding.series, trial.variable
-    (scale, unit), (factor, at_unit) = _unit(series.unit), _unit(series.variables[variable][0])
+    scale, unit = shown_unit(series.unit)
+    factor, at_unit = shown_unit(series.variables[variable][0])
     x, rows = factor * series.variables[variable][1], np.flatnonzero(series.judged)
     explained = f'{max(trial.share, 0.0):.0%}' if finding.relevant else ''
 
@@ -89,6 +86,7 @@ def _picture(finding: Finding, trial: Trial) -> Picture:
         law = finding.law
         if law.stated and law.variable == variable:
             _draw_law(axis, factor, scale, finding)
+        axis.locator_params(axis='x', nbins=6)
         axis.set_xlabel(', '.join(t for t in (_words(variable), at_unit) if t))
         axis.set_ylabel(unit)
         if explained:

@@ -7,8 +7,8 @@ import math
 from typing import Any
 
 from flex_plant_sim.diagnosis.report.figures import AFTER, MEASURED, Picture, picture
-from flex_plant_sim.diagnosis.report.wording import name_text, percent_text, unit_text
 from flex_plant_sim.diagnosis.verdict.results import PartEstimate
+from flex_plant_sim.diagnosis.verdict.wording import name_text, percent_text, shown_unit
 from flex_plant_sim.interval import Z95
 
 SETS, PARTS = 8, 14
@@ -60,7 +60,7 @@ def parts_picture(parts: Sequence[PartEstimate]) -> Picture:
                       xerr=[Z95 * p.deviation / p.prior for p in shown], color=AFTER, fmt='o',
                       markersize=3.5)
         axis.axvline(0.0, color=MEASURED, linewidth=0.5)
-        axis.set_yticks(rows, [p.name.replace('_', ' ') for p in shown], fontsize=8.0)
+        axis.set_yticks(rows, [_name(p) for p in shown], fontsize=8.0)
         axis.set_ylim(len(shown) - 0.5, -0.5)
         axis.set_xlabel('deviation from the robot file, tolerances')
 
@@ -74,11 +74,16 @@ def moved(parts: Sequence[PartEstimate]) -> list[PartEstimate]:
     return sorted(far, key=lambda part: -abs(part.mean) / part.prior)
 
 
+def _name(part: PartEstimate) -> str:
+    return name_text(*part.name.partition(':')[::2])
+
+
 def part_text(part: PartEstimate) -> str:
     """Return a part's deviation with its 95 % interval, and what was allowed."""
-    name = part.name.replace('_', ' ')
+    name = _name(part)
     if part.unit:
-        return (f'{name} {part.mean:+.3g} ± {Z95 * part.deviation:.2g} {unit_text(part.unit)} '
-                f'(told ± {part.prior:.2g})')
+        scale, unit = shown_unit(part.unit)
+        return (f'{name} {scale * part.mean:+.3g} ± {scale * Z95 * part.deviation:.2g} {unit} '
+                f'(told ± {scale * part.prior:.2g})')
     percent, reach = 100.0 * math.expm1(part.mean), 100.0 * Z95 * part.deviation
     return f'{name} {percent:+.3g} ± {reach:.2g} % (told ± {100.0 * part.prior:.2g} %)'

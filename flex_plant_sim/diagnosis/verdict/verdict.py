@@ -22,7 +22,8 @@ from flex_plant_sim.diagnosis.verdict.results import (
     ParameterValue,
     PartEstimate,
 )
-from flex_plant_sim.effects import catalogue
+from flex_plant_sim.diagnosis.verdict.wording import name_text, parameter_text
+from flex_plant_sim.effects import catalogue, explanation_at
 from flex_plant_sim.interval import Z95
 from flex_plant_sim.simulation.nominal import nominal_effects
 import numpy as np
@@ -190,9 +191,8 @@ def _in_place(posterior: Posterior, hypothesis: Hypothesis) -> tuple[Candidate, 
 
 def cause_sentence(hypothesis: Hypothesis, values: Sequence[ParameterValue]) -> str:
     """Return the effect's explanation at its site, with sizes and uncertainty."""
-    text = hypothesis.effect.explanation.format(site=hypothesis.site.replace('_', ' '))
-    sizes = [f'{v.name} {v.value:.3g} ± {0.5 * (v.high - v.low):.2g} {v.unit}'.rstrip()
-             for v, counts in zip(values, hypothesis.sizes) if counts]
+    text = explanation_at(hypothesis.effect, hypothesis.site)
+    sizes = [parameter_text(v) for v, counts in zip(values, hypothesis.sizes) if counts]
     return f'{text.rstrip(".")} ({", ".join(sizes)}).'
 
 
@@ -210,8 +210,9 @@ def _verdict(found: Search, causes: Sequence[Cause]
     if unknown:
         return 'cause_and_remainder', f'{sentence} Something unnamed is left.{_far(found)}', sets
     if sets:
-        return 'cannot_tell', (f'One of {", ".join(sets[0])}: this record cannot tell them '
-                               f'apart. Best guess: {sentence}'), sets
+        alike = ' '.join(f'This record cannot tell {name_text(first)} from '
+                         f'{" or ".join(map(name_text, others))}.' for first, *others in sets)
+        return 'cannot_tell', f'{sentence} {alike}', sets
     return 'cause', f'{sentence} Nothing else in the catalogue explains the record as well.', ()
 
 

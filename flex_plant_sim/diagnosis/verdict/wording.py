@@ -8,6 +8,8 @@ from flex_plant_sim.diagnosis.verdict.results import ParameterValue
 
 # Of half the interval: a value further from its middle is told with both ends.
 LOPSIDED = 0.3
+# Strains are read in millionths.
+UNITS = {'m/m': (1e6, 'µm/m'), '1/s': (1e6, 'µm/m/s')}
 
 
 def unit_text(unit: str) -> str:
@@ -16,12 +18,31 @@ def unit_text(unit: str) -> str:
     return (unit.replace(' ', '·') if symbols else unit).replace('^2', '²').replace('^3', '³')
 
 
+def shown_unit(unit: str) -> tuple[float, str]:
+    """Return factor and name of the unit that a reader sees."""
+    return UNITS.get(unit, (1.0, unit_text(unit)))
+
+
+def key_text(key: str, unit: str) -> str:
+    """Return compliance_rad_per_n_m in rad/(N m) as a reader says it: compliance."""
+    spelt = unit.lower().replace('/', ' per ')
+    whole = '_'.join(''.join(c for c in spelt if c not in '()^').split()).removeprefix('1_')
+    for suffix in (whole, whole.partition('_per_')[0]):
+        key = key.removesuffix(f'_{suffix}')
+    return key.replace('_', ' ')
+
+
+def parameter_text(parameter: ParameterValue) -> str:
+    """Return a parameter's name, value and interval."""
+    return f'{key_text(parameter.name, parameter.unit)} {interval_text(parameter)}'
+
+
 def rounded(value: float, uncertainty: float) -> str:
     """Return a value with the decimals that its uncertainty leaves, two digits of it."""
     if not (uncertainty > 0.0 and math.isfinite(uncertainty)):
         return f'{value:.4g}'
     decimals = 1 - math.floor(math.log10(uncertainty))
-    if not -3 <= -decimals <= 3 or abs(value) >= 1e6:
+    if not -6 <= -decimals <= 3 or abs(value) >= 1e6:
         digits = max(1, math.floor(math.log10(max(abs(value), uncertainty))) + decimals + 1)
         return f'{value:.{digits}g}'
     return f'{value:.{max(decimals, 0)}f}'
@@ -30,7 +51,8 @@ def rounded(value: float, uncertainty: float) -> str:
 def interval_text(parameter: ParameterValue) -> str:
     """Return 0.430 ± 0.021 N·m, or 0.43 (0.40 to 0.52) N·m where the interval is lopsided."""
     low, value, high = parameter.low, parameter.value, parameter.high
-    half, unit = 0.5 * (high - low), unit_text(parameter.unit)
+    half, (scale, unit) = 0.5 * (high - low), shown_unit(parameter.unit)
+    low, value, high, half = (scale * x for x in (low, value, high, half))
     if not (math.isfinite(half) and half > 0.0):
         return f'{value:.4g} {unit}'.rstrip()
     if abs(0.5 * (high + low) - value) > LOPSIDED * half:
@@ -41,7 +63,8 @@ def interval_text(parameter: ParameterValue) -> str:
 
 def size_text(value: float, unit: str) -> str:
     """Return a size with three digits and its unit."""
-    return f'{value:.3g} {unit_text(unit)}'.rstrip()
+    scale, name = shown_unit(unit)
+    return f'{scale * value:.3g} {name}'.rstrip()
 
 
 def name_text(name: str, site: str = '') -> str:
