@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from flex_plant_sim.diagnosis.verdict.results import Diagnosis
+from flex_plant_sim.diagnosis.verdict.wording import apart_text
 from flex_plant_sim.effects import catalogue
 
 CREEP = 'both joints slowly through their whole range at constant speed, both ways'
@@ -35,9 +36,9 @@ def experiment(names: Sequence[str]) -> str:
     """
     shown_by = {name: _record_for(name) for name in names if name in catalogue()}
     kinds = dict.fromkeys(shown_by.values())
-    words = ' from '.join(name.replace('_', ' ') for name in names)
     if not kinds:
         return ''
+    words = apart_text(names)
     if len(kinds) == 1:
         return f'To tell {words}: record {next(iter(kinds))}.'
     shown = '; '.join(

@@ -22,7 +22,7 @@ from flex_plant_sim.diagnosis.verdict.results import (
     ParameterValue,
     PartEstimate,
 )
-from flex_plant_sim.diagnosis.verdict.wording import name_text, parameter_text
+from flex_plant_sim.diagnosis.verdict.wording import apart_text, parameter_text
 from flex_plant_sim.effects import catalogue, explanation_at
 from flex_plant_sim.interval import Z95
 from flex_plant_sim.simulation.nominal import nominal_effects
@@ -210,8 +210,7 @@ def _verdict(found: Search, causes: Sequence[Cause]
     if unknown:
         return 'cause_and_remainder', f'{sentence} Something unnamed is left.{_far(found)}', sets
     if sets:
-        alike = ' '.join(f'This record cannot tell {name_text(first)} from '
-                         f'{" or ".join(map(name_text, others))}.' for first, *others in sets)
+        alike = ' '.join(f'This record cannot tell {apart_text(names)}.' for names in sets)
         return 'cannot_tell', f'{sentence} {alike}', sets
     return 'cause', f'{sentence} Nothing else in the catalogue explains the record as well.', ()
 
@@ -241,7 +240,7 @@ def _moved(found: Search) -> str:
 
 def _advice(verdict: str, sets: Sequence[Sequence[str]]) -> str:
     if verdict == 'cannot_tell':
-        return (f'To tell {" from ".join(sets[0])}: record again with another known payload and '
+        return (f'To tell {apart_text(sets[0])}: record again with another known payload and '
                 'with slow and fast moves.')
     if verdict == 'not_in_catalogue':
         return 'Look at the residual plots: channel, band and dependence say where to look.'

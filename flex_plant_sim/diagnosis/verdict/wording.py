@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import math
 
 from flex_plant_sim.diagnosis.verdict.results import ParameterValue
@@ -71,6 +72,12 @@ def name_text(name: str, site: str = '') -> str:
     """Return coulomb_friction at joint_2 as a reader says it."""
     words = name.replace('_', ' ')
     return words if site in ('', 'arm') else f'{words}, {site.replace("_", " ")}'
+
+
+def apart_text(names: Sequence[str]) -> str:
+    """Return names that are to be told apart: this from that or that."""
+    first, *others = map(name_text, names)
+    return f'{first} from {" or ".join(others)}'
 
 
 def percent_text(share: float) -> str:
