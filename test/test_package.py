@@ -195,3 +195,11 @@ def test_make_help_lists_the_targets(repository: Path) -> None:
     listed = [line.split()[0] for line in result.stdout.splitlines() if line and line[0] != 'm']
     phony = re.search(r'^\.PHONY: (.*)$', (repository / 'Makefile').read_text(), re.MULTILINE)
     assert phony is not None and listed == phony[1].split()
+
+
+def test_too_little_memory_to_load_anything_is_one_line(repository: Path) -> None:
+    result = subprocess.run(
+        ['bash', '-c', f'ulimit -v 300000; exec {sys.executable} -m flex_plant_sim.tools.robot'],
+        cwd=repository, text=True, capture_output=True)
+    assert (result.returncode, result.stdout) == (2, '')
+    assert result.stderr == 'error: ulimit -v: expected at least 600000, got 300000\n'

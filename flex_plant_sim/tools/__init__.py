@@ -13,3 +13,5 @@ if os.path.basename(sys.argv[0] if sys.argv else '').startswith(('flex_', '-m'))
     quiet_until_running()
     from msg_config.quiet_start import open_what_is_closed
     open_what_is_closed()
+    from flex_plant_sim.tools.memory_limit import refuse_too_little
+    refuse_too_little()
