@@ -9,7 +9,13 @@ from flex_payload_estimator.estimators.rpe.effects import EffectStep
 from flex_payload_estimator.estimators.rpe.evidence import misfit_of, new_record, NOISIER
 from flex_payload_estimator.estimators.rpe.hand_over import hand_over
 from flex_payload_estimator.estimators.rpe.hypothesis import Filter, Mode, Sample
-from flex_payload_estimator.estimators.rpe.kernel import CORIOLIS, FIRST_BIAS, MASS, walk
+from flex_payload_estimator.estimators.rpe.kernel import (
+    CORIOLIS,
+    FIRST_BIAS,
+    FORCES,
+    MASS,
+    walk,
+)
 from flex_payload_estimator.estimators.rpe.linearised import held, Lineariser
 from flex_payload_estimator.estimators.rpe.onward import ahead, followed, GATE, learnt, stepped
 from flex_payload_estimator.estimators.rpe.prior import Prior, SHARE_STD, SHARES, tolerances_off
@@ -65,7 +71,8 @@ class FilterStep:
         self.exact, self.heaviest, self.start_cov = prior.exact(), heaviest, np.diag(start**2)
         free = prior.std[CORIOLIS] >= SHARE_STD
         self.shares = SHARES if free else (float(prior.mean[CORIOLIS]),)
-        self.bias_std = prior.std[FIRST_BIAS:FIRST_BIAS + told.size - 2].copy()
+        gauges = self.exact.std[FIRST_BIAS:]
+        self._lasting = gauges, prior.std[FIRST_BIAS:][:gauges.size + FORCES].copy()
         self.told_variance, self._torque = told**2, torque**2
         self._told: list[float] = self.told_variance.tolist()
         self.output = np.ascontiguousarray(effects.output_matrix())
@@ -130,7 +137,7 @@ class FilterStep:
 
     def payload(self, f: Filter) -> tuple[float, float]:
         """Return payload and variance, kg and kg^2; a misfit counts as that much variance."""
-        mass, variance = without_bias(f.beta, f.spread, self.bias_std)
+        mass, variance = without_bias(f.beta, f.spread, self._lasting[f.mode.parts])
         variance = float(variance)
         if f.mode.parts:
             variance += (LASTING * float(mass))**2

@@ -198,6 +198,40 @@ def forces_of_motion(rows: Array, mass: float, x: Array, after: Array, push: Arr
 
 
 @compiled
+def tip_force(rows: Array, x: Array, force: Array, push: Array) -> tuple[Array, Array, Array]:
+    """
+    Return what a constant force at the tip does to the state over a step, (n,), to first order.
+
+    Then its derivatives over the state, (n, n), and over the force, (n, 2). The tip moves with the
+    elbow across the upper link, and against it across the lower one.
+
+    Parameters
+    ----------
+    rows : Array
+        See motion_rows.
+    x, force : Array
+        State, (n,), and force along the world's axes, N, (2,).
+    push : Array
+        What a unit of each generalised force does to the state, (n, N).
+
+    """
+    n = rows.shape[1]
+    elbow, tip = applied(push, rows[ELBOW].copy()), applied(push, rows[PER_KG].copy())
+    first = x[0]
+    second = first + inner(rows[ANGLE].copy(), x[:n].copy())
+    over_force = np.empty((x.size, 2))
+    over_force[:, 0] = -np.sin(first) * elbow - np.sin(second) * tip
+    over_force[:, 1] = np.cos(first) * elbow + np.cos(second) * tip
+    # Across a link that turns the force falls by what acts along it.
+    beside = -(np.cos(first) * force[0] + np.sin(first) * force[1]) * elbow
+    beyond = -(np.cos(second) * force[0] + np.sin(second) * force[1]) * tip
+    over_x = np.zeros((x.size, x.size))
+    over_x[:, :n] = product(beyond.reshape(-1, 1), rows[ANGLE].copy().reshape(1, -1))
+    over_x[:, 0] += beside + beyond
+    return applied(over_force, force), over_x, over_force
+
+
+@compiled
 def scheduling_row(rows: Array, states: int) -> Array:
     """
     Return by what the angle of the schedule is beyond theta_2 at share 1, over the state, (n,).

@@ -4,13 +4,18 @@ The arithmetic of one step of the joint posterior of state, payload and parts, o
 Friedland's factored form of the augmented Kalman filter (IEEE Trans. Autom. Control 14, 1969):
 P is the state's covariance for known parameters beta, s = dx/dbeta, V the covariance of beta; the
 joint covariance is [P + s V s', s V; V s', V]. Columns of s: payload, share of the forces of
-motion, bias of each gauge; then, where parts count, each part and the gain of each gauge.
+motion, bias of each gauge; then, where parts count, what forces last, each part and the gain of
+each gauge.
 The same code runs with and without Numba.
 """
 
 from __future__ import annotations
 
-from flex_payload_estimator.estimators.rpe.forces import forces_of_motion, scheduling_row
+from flex_payload_estimator.estimators.rpe.forces import (
+    forces_of_motion,
+    scheduling_row,
+    tip_force,
+)
 from flex_payload_estimator.estimators.rpe.products import (
     applied,
     combined,
@@ -26,8 +31,17 @@ import numpy as np
 
 # Columns of s before the gauges' biases.
 MASS, CORIOLIS, FIRST_BIAS = 0, 1, 2
+# Columns of what lasts, between biases and parts: a force at the tip along the world's axes, N,
+# and a bias of each drive, in the command's unit.
+FORCES = 4
 # P's diagonal grows by this share a sample, above what rounding takes: a memory of 1e12 samples.
 JITTER = 1e-12
+
+
+@compiled
+def _first_part(size: int, count: int) -> int:
+    """Return the first column of so many parts, of so many columns in all."""
+    return FIRST_BIAS + FORCES + (size - FIRST_BIAS - count - FORCES) // 2
 
 
 @compiled
@@ -35,7 +49,7 @@ def _off_nominal(parts: Array, anchor: Array, drive: Array, moved: Array, jacobi
                  ) -> Array:
     """Write d(M d)/d(part); add what the parts' deviations add to M, and return that to M d."""
     n, held, count = len(moved), len(moved) + 2, len(parts)
-    first = FIRST_BIAS + (anchor.size - FIRST_BIAS - count) // 2
+    first = _first_part(anchor.size, count)
     over = applied(parts.reshape(-1, held), drive[:held]).reshape(-1, n).T
     moved[:, first:first + count] = over
     deviations = anchor[first:first + count].copy()
@@ -65,6 +79,9 @@ def _stepped(x: Array, anchor: Array, order: Array, value: Array, slopes: Array,
     """Return M d, its derivatives over state and parameters, and what of M commands meet."""
     n, moves, share = x.size, len(motion) > 0, anchor[CORIOLIS]
     lean = scheduling_row(motion, n) if moves else np.zeros(n)
+    if len(parts) > 0:
+        last = _first_part(anchor.size, len(parts))
+        command = command + anchor[last - 2:last]
     beyond = inner(lean, x)
     flat, flat_angle, flat_m = _at((x[1] + share * beyond) * order, order, value, slopes, away)
     held = flat.size // n
@@ -74,6 +91,13 @@ def _stepped(x: Array, anchor: Array, order: Array, value: Array, slopes: Array,
     increment = applied(matrix, drive)
     if len(parts) > 0:
         increment = increment + _off_nominal(parts, anchor, drive, moved, jacobian)
+        last = _first_part(anchor.size, len(parts))
+        moved[:, last - 2:last] = matrix[:, n:n + 2]
+        if moves:
+            blown, turned_by, moved[:, last - 4:last - 2] = tip_force(
+                motion, x, anchor[last - 4:last - 2], matrix[:, n + 2:].copy())
+            increment = increment + blown
+            jacobian += turned_by
     push = share * matrix[:, n + 2:]
     over_x = over_after = np.zeros((0, n))
     over_mass = np.zeros(0)

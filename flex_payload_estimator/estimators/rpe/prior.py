@@ -47,7 +47,7 @@ class Prior:
     lowest : Array
         What no column can be less than, (B,).
     parts, gains : int
-        How many of the columns are parts, and gauges' gains.
+        How many of the columns are parts, with the forces that last, and gauges' gains.
     scale : Array
         The columns that grow together where the whole arm is heavier, stiffer and stronger, with
         the payload's logarithm, (B,). No output shows it.
@@ -122,6 +122,23 @@ class Prior:
         return max(0.0, float(slope @ slope - slope @ believed @ slope))
 
 
+def lasting_std(robot: Robot, turns: bool) -> Array:
+    """
+    Return the standard deviation of what forces last, (4,): wind, a tilt, a cable, a drive.
+
+    A force at the tip that bends the lower link's root as much as its gauge's bias: a bridge that
+    is balanced with the arm in place reads such a force as zero, and it turns up when the arm
+    turns.
+    A drive's bias is the torque that this force has about its joint. The paper's model of no
+    energy has no force at the tip.
+    """
+    upper, lower = robot.links
+    force = 2.0 * BIAS_STD * lower.bending_stiffness / (lower.thickness * lower.length)
+    reach = np.array([upper.length + lower.length, lower.length])
+    gains = np.array([drive.torque_gain for drive in robot.drives])
+    return np.concatenate([[force if turns else 0.0] * 2, force * reach / gains])
+
+
 @compiled
 def tolerances_off(beta: Array, spread: Array, mean: Array, weights: Array) -> float:
     """
@@ -173,9 +190,11 @@ def prior_of(robot: Robot, effects: Sequence[Effect], turns: bool) -> Prior:
     parts, gauges = moving_parts(robot), gauge_parts(robot)
     biases = [max(part.tolerance, BIAS_STD) for part in gauges if part.kind == 'bias']
     gains = [part.tolerance for part in gauges if part.kind == 'gain']
-    std = np.array([0.0, 0.0, *biases, *(part.tolerance for part in parts), *gains])
+    forces = lasting_std(robot, turns)
+    std = np.array([0.0, 0.0, *biases, *forces, *(part.tolerance for part in parts), *gains])
     mean, lowest = np.zeros(std.size), np.full(std.size, -np.inf)
-    for k, part in enumerate(parts, start=FIRST_BIAS + len(biases)):
+    first = FIRST_BIAS + len(biases) + forces.size
+    for k, part in enumerate(parts, start=first):
         if part.name == PAYLOAD_INERTIA:
             mean[k], std[k] = positive(robot.payload_inertia, part.tolerance)
             lowest[k] = -robot.payload_inertia
@@ -184,12 +203,13 @@ def prior_of(robot: Robot, effects: Sequence[Effect], turns: bool) -> Prior:
         mean[CORIOLIS] = sum(told) if told else SHARE
         std[CORIOLIS] = 0.0 if told else SHARE_STD
     scale = np.zeros(std.size)
-    for k, part in enumerate(parts, start=FIRST_BIAS + len(biases)):
+    for k, part in enumerate(parts, start=first):
         scale[k] = 0.0 if part.unit or part.name.startswith(('damping', 'drive_gain')) else 1.0
         if part.name.startswith('drive_gain') and not robot.drives[int(part.name[-1]) - 1] \
                 .closed_loop:
             scale[k] = 1.0
-    return Prior(mean, np.maximum(std, CERTAIN), lowest, len(parts), len(gains), scale)
+    return Prior(mean, np.maximum(std, CERTAIN), lowest, len(parts) + forces.size, len(gains),
+                 scale)
 
 
 @lru_cache(maxsize=4)

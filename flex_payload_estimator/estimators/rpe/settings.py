@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from flex_payload_estimator.estimators.rpe.effects import EffectStep
 from flex_payload_estimator.estimators.rpe.filter import FilterStep
 from flex_payload_estimator.estimators.rpe.forces import motion_rows, moves
-from flex_payload_estimator.estimators.rpe.kernel import FIRST_BIAS
+from flex_payload_estimator.estimators.rpe.kernel import FIRST_BIAS, FORCES
 from flex_payload_estimator.estimators.rpe.linearised import Lineariser
 from flex_payload_estimator.estimators.rpe.prior import moving_parts, prior_of, tabulated
 from flex_payload_estimator.estimators.rpe.sensors import start_spread, told_noise
@@ -66,8 +66,9 @@ def stepper_of(robot: Robot, model: str, modes: int, effects: Sequence[Effect],
     schedule = tabulated(bare, model, modes, others, heaviest)
     motion = motion_rows(arm, bent), motion_rows(arm)
     gains = np.array([drive.torque_gain for drive in robot.drives])
-    lineariser = Lineariser(bare, moving_parts(robot), FIRST_BIAS + len(robot.gauge_names), model,
-                            modes, others, schedule.soft_mass)
+    first = FIRST_BIAS + len(robot.gauge_names) + FORCES
+    lineariser = Lineariser(bare, moving_parts(robot), first, model, modes, others,
+                            schedule.soft_mass)
     return FilterStep(schedule, motion, lineariser, prior_of(robot, effects, moves(arm)),
                       EffectStep(arm), told_noise(arm), np.asarray(settings.torque_noise) / gains,
                       heaviest, start_spread(arm))

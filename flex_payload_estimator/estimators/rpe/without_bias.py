@@ -1,4 +1,4 @@
-"""The payload where the gauges may as well have no bias."""
+"""The payload where the gauges may as well have no bias, and no force may last."""
 
 from __future__ import annotations
 
@@ -12,10 +12,12 @@ import numpy as np
 @compiled
 def without_bias(beta: Array, spread: Array, std: Array) -> tuple[float, float]:
     """
-    Return payload, kg, and its variance where the gauges' biases may as well be none.
+    Return payload, kg, and its variance where what lasts may as well be none.
+
+    The gauges' biases, with parts forces at the tip and in the drives as well.
 
     'No bias' is the posterior given that they vanish, and the evidence for it is the ratio of
-    posterior to prior density there (Savage and Dickey), exact as biases act linearly; both
+    posterior to prior density there (Savage and Dickey), exact as they act linearly; both
     hypotheses are equally likely before.
 
     Parameters
@@ -23,7 +25,7 @@ def without_bias(beta: Array, spread: Array, std: Array) -> tuple[float, float]:
     beta, spread : Array
         (B,) and V, (B, B).
     std : Array
-        Prior standard deviation of the biases, m/m, (G,).
+        Prior standard deviation of the biases, m/m, (G,), or of these and the forces, (G + 4,).
 
     """
     mass, variance = beta[MASS], spread[MASS, MASS]
