@@ -8,6 +8,7 @@ from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 
+# Over cos theta_2, which leaves 1e-5 of the matrices; and payloads of late whose arm is kept.
 NODES, KEPT = 9, 16
 
 

@@ -27,9 +27,11 @@ import numpy as np
 LONGEST_GAP_S = 1.0
 # For so long, s, one set of matrices serves where nothing is measured, as it does at 100 Hz.
 TOGETHER_S = 0.01
+# rad, m/m, the drive's own unit: no sensor and no drive has more.
 LARGEST_ANGLE, LARGEST_STRAIN, LARGEST_COMMAND = 1e6, 1.0, 1e6
 # Where a variance is to be multiplied by this, no model that is known holds.
 SUSPECT = 3.0
+# Variance of a command that was not lost.
 _CERTAIN = np.zeros(2)
 
 

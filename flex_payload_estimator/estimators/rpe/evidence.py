@@ -21,6 +21,7 @@ PRIOR = 8.0
 NOISIER = 4.0
 # The sensors may be this much noisier than the robot file says, in the logarithm of a variance.
 NOISE_DOUBT = 2.0
+# Where innovations are zero both would be, and have no logarithm.
 SMALLEST_SCALE, SMALLEST_MISFIT = 1e-6, 1e-4
 # A false alarm comes no more often than once in this long in motion, s.
 APART_S = 3600.0

@@ -41,6 +41,7 @@ class Mode(NamedTuple):
 # benchmarks/loop_band.py on tuning seeds, with three shapes a link.
 MODES = (Mode('exact', False, 0.0, 0.0, bent=False), Mode('rough', True, 0.1, 0.1),
          Mode('coarse', True, 0.6, 0.6))
+# Those that others are made of.
 EXACT, ROUGH = MODES[:2]
 # The robot file's parts in nature: its links bend whatever the file names.
 NATURAL = EXACT._replace(bent=True)

@@ -22,6 +22,7 @@ from scipy.special import log_ndtr
 # The share of the Coriolis forces: the paper's equations have none, nature has all.
 # An exact model has one of the two; with parts it may be between.
 SHARES = (0.0, 1.0)
+# Halfway, and as far as to either.
 SHARE, SHARE_STD = 0.5, 0.5
 # A gauge's bias, m/m, at least: a bridge drifts by 20 microstrain while it warms up, whatever the
 # file says of the day it was balanced.

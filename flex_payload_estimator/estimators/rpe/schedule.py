@@ -14,7 +14,9 @@ from flex_plant_sim.arm.state_space import zero_order_hold
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 
+# Each leaves 1e-9 of the matrices on the reference arm, 4e-7 on the Quanser.
 ANGLE_TERMS, PAYLOAD_NODES = 19, 28
+# For the parts, which act through deviations of some percent: 4e-5 and 2e-4.
 COARSE_TERMS, COARSE_NODES = 9, 12
 # The arm over xi = m / (m + soft mass) is nearly a polynomial; soft mass over lower link's mass.
 SOFT_SHARE = 0.4
@@ -23,6 +25,7 @@ SOFT_SHARE = 0.4
 # derivatives, which act through deviations of a few percent, are held over steps of PART_STEP of
 # (m + soft mass) and PART_ANGLE of the angle, rad.
 SLICE_STEP, WIDE, PART_STEP, PART_ANGLE = 4e-3, 12, 0.05, 0.02
+# Entries of late that are kept; what else is asked is made again.
 KEPT_SLICES, KEPT_LAYERS, KEPT_PARTS = 128, 16, 512
 
 

@@ -15,8 +15,8 @@ from flex_plant_sim.effects.base import Effect, Parameter
 import numpy as np
 
 DIFFERENCE = 0.05
-GRID = 5
-TIMES = 30
+# At least and at most so many times of an event; a shape with GRID starts is searched on a grid.
+GRID, TIMES = 5, 30
 # Of its unit: the slab of a parameter that is held is as good as a point.
 POINT = 1e-9
 

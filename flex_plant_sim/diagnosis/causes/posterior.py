@@ -14,6 +14,7 @@ from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude
 from flex_plant_sim.diagnosis.prediction.predictor import Base
 import numpy as np
 
+# As all that is stated: 95 %.
 CREDIBLE = 0.95
 # So many faults at once are nothing out of the ordinary.
 ORDINARY = 2

@@ -9,8 +9,8 @@ from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 import numpy as np
 from numpy.typing import NDArray
 
+# Free runs from nearer instants overlap more and tell little more.
 START_COUNT = 240
-ONE_STEP = 1
 
 
 def start_instants(first: int, stop: int, count: int = START_COUNT) -> NDArray[np.int_]:
@@ -70,4 +70,4 @@ def errors(predictor: Predictor, starts: NDArray[np.int_], steps: int) -> Array:
 
 def horizon_samples(horizon: float, sample_time: float) -> int:
     """Return the horizon in samples, at least one."""
-    return max(ONE_STEP, round(horizon / sample_time))
+    return max(1, round(horizon / sample_time))

@@ -8,6 +8,7 @@ from flex_plant_sim.diagnosis.prediction.law import Series
 from flex_plant_sim.diagnosis.prediction.spectrum import power_density
 import numpy as np
 
+# Of Welch: a bin of the mean of so many spectra is known to a third.
 SEGMENTS = 8
 # Bins on either side of a Hann window's peak, and of the background beside it.
 PEAK, BESIDE = 2, 10

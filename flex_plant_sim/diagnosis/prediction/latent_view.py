@@ -14,6 +14,7 @@ from flex_plant_sim.diagnosis.prediction.law import Law, law_of, LEAST_SHARE, Se
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 import numpy as np
 
+# Of pictures and JSON alone: bins of as many samples each, and how many make a spread.
 BINS, LEAST_IN_BIN = 24, 5
 
 

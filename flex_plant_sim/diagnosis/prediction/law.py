@@ -9,6 +9,7 @@ from flex_plant_sim.arm.second_order import Array
 import numpy as np
 from numpy.typing import NDArray
 
+# Neighbours are alike: whole stretches are left out, a fifth of them at a time.
 STRETCHES, FOLDS = 20, 5
 # Few knots where samples are, and many evenly spaced ones for what repeats, such as gear teeth.
 COARSE, FINE = 8, 32

@@ -9,6 +9,7 @@ from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 from numpy.typing import NDArray
 
+# A cubic goes through so many.
 GAIN_NODES = 4
 # 2^24 samples are four hours at 1 kHz: no arm's covariance takes as long to settle.
 DOUBLINGS = 24

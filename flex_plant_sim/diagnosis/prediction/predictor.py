@@ -30,8 +30,10 @@ from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 
+# Over cos theta_2: leaves 1e-4 of the matrices; with 5 a size moved by a tenth of its interval.
 NODES = 7
 PASSES = 2
+# s, of the reference arm: noise levels are those of a step so long.
 LEVEL_STEP = 0.01
 
 

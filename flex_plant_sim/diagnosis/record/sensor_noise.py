@@ -7,7 +7,9 @@ from math import comb
 from flex_plant_sim.arm.second_order import Array
 import numpy as np
 
+# Order: what moves slowly beside the sampling vanishes in it.
 DIFFERENCES = 5
+# Of how much a gauge varies: one that is filtered shows less noise than it errs.
 LEAST_STRAIN = 1e-3
 
 

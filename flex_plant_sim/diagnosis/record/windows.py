@@ -15,6 +15,7 @@ Indices = NDArray[np.int64]
 PERIODS = 5
 WARM_UP_PERIODS = 1
 LOCKED_SHARE = 0.25
+# Windows to fit: fewer do not show by how much they disagree.
 FEWEST = 4
 
 

@@ -17,6 +17,7 @@ from flex_plant_sim.diagnosis.report.symptoms import drift, DRIFTED, one_step, s
 import numpy as np
 
 MEASURED, BEFORE, AFTER = '#333333', '#d95f02', '#1b6ca8'
+# Factor and name of what a reader sees.
 SHOWN = {'rad': (180.0 / np.pi, '°'), 'm/m': (1e6, 'µm/m')}
 # Inches: three beside each other on a desk.
 SIZE = (4.4, 2.7)

@@ -38,6 +38,7 @@ VERDICT_TEXT: Mapping[str, str] = {
     'cannot_tell': 'cannot tell which', 'not_in_catalogue': 'not in the catalogue',
     'cause_and_remainder': 'cause found, something is left',
     'data_cannot_answer': 'the data cannot answer'}
+# Candidates that are listed.
 RANKED = 12
 
 

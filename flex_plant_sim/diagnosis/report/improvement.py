@@ -12,10 +12,13 @@ from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from msg_config.errors import InputError
 import numpy as np
 
+# s: a quarter of the reference arm's slowest swing (0.8 s), one swing, and several.
 HORIZONS = (0.2, 1.0, 2.0, 5.0)
+# Of fewer, none is beyond a 95 % interval.
 FEWEST_STARTS = 20
 # Of so many the bounds of a 95 % interval hold 2.5 ± 0.5 % outside.
 REPLICATES = 1000
+# Per cent: 95 between.
 INTERVAL = (2.5, 97.5)
 # Blocks at least as long as the horizon, but never so long that fewer than this many remain.
 FEWEST_BLOCKS = 5

@@ -17,6 +17,7 @@ from flex_plant_sim.diagnosis.verdict.results import Candidate, Cause, Diagnosis
 from flex_plant_sim.diagnosis.verdict.wording import name_text, parameter_text, percent_text
 import numpy as np
 
+# s, one of HORIZONS: a swing of the reference arm.
 SENTENCE_HORIZON = 1.0
 
 

@@ -14,6 +14,7 @@ from flex_plant_sim.diagnosis.verdict.wording import percent_text, shown_unit
 from flex_plant_sim.interval import Z95
 import numpy as np
 
+# As many as a picture shows apart, and no more in its file.
 DOTS, LINE_POINTS, TRACE_POINTS = 1500, 400, 1200
 
 

@@ -11,6 +11,7 @@ from flex_plant_sim.diagnosis.verdict.results import PartEstimate
 from flex_plant_sim.diagnosis.verdict.wording import name_text, percent_text, shown_unit
 from flex_plant_sim.interval import Z95
 
+# Rows that a picture has room for.
 SETS, PARTS = 8, 14
 # What rounds to no per cent is not shown.
 LEAST = 0.005

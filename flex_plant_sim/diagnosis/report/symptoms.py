@@ -16,10 +16,15 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_toeplitz
 from scipy.special import chdtrc
 
+# s, some of improvement.py's.
 HORIZONS = (0.2, 1.0, 5.0)
+# Samples: a quarter of the reference arm's slowest swing.
 LAGS = 20
+# Of five parts each is predicted by the other four.
 FOLDS = 5
+# Samples: a delay of 0.05 s, the longest that fits start at, at 100 Hz.
 COMMAND_LAGS = 6
+# Free runs of seconds, and of DRIFTED, which overlap less.
 STARTS, SHORT_STARTS = 120, 900
 # s of free run, after which an error of torque has moved the arm.
 DRIFTED = 0.2

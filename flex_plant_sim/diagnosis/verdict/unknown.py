@@ -12,6 +12,7 @@ from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.effects.joint.measured_torque import MeasuredTorque
 
 UNNAMED = ('not_in_catalogue', 'cause_and_remainder')
+# Of a number in the table: finer than any law is known.
 DIGITS = 5
 OVER = {'speed': 'its speed', 'angle': 'its angle', 'load': 'the load on its link',
         'command': 'its command', 'time': 'time', 'strain': 'its own strain',

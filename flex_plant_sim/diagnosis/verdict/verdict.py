@@ -30,6 +30,7 @@ import numpy as np
 
 # Swings in noise deviations below which a record shows no motion at all.
 QUIET_STRAIN, QUIET_ANGLE = 5.0, 30.0
+# Sets that the answer lists.
 SETS = 12
 
 
