@@ -22,7 +22,9 @@ from flex_plant_sim.diagnosis.verdict.results import (
     VERDICTS,
 )
 from flex_plant_sim.diagnosis.verdict.wording import (
+    apart_text,
     interval_text,
+    key_text,
     percent_text,
     rounded,
     unit_text,
@@ -170,3 +172,17 @@ def test_terminal_text_is_short_and_complete() -> None:
     for expected in ('coulomb friction, joint 2', '97 %', 'cannot tell it from stribeck',
                      '3.73 -> 0.0378', '+35.0 %'):
         assert expected in text
+
+
+@pytest.mark.parametrize('key, unit, words', [
+    ('deviation_kg', 'kg', 'deviation'), ('compliance_rad_per_n_m', 'rad/(N m)', 'compliance'),
+    ('damping_n_m_s', 'N m s/rad', 'damping'), ('drift_per_s', '1/s', 'drift'),
+    ('inertia_kg_m2', 'kg m^2', 'inertia'), ('modes', 'modes a link', 'modes'),
+    ('density_times_drag_kg_per_m3', 'kg/m^3', 'density times drag')])
+def test_keys_are_said_without_their_units(key: str, unit: str, words: str) -> None:
+    assert key_text(key, unit) == words
+
+
+def test_what_is_to_be_told_apart_is_a_list() -> None:
+    assert apart_text(('strain_gain', 'payload_mass')) == 'strain gain from payload mass'
+    assert apart_text(('a', 'b', 'c_d')) == 'a from b or c d'
