@@ -17,6 +17,7 @@ JOINTS = ('joint_1', 'joint_2')
 JOINT_ALIASES = {'joint_1': ('shoulder',), 'joint_2': ('elbow',)}
 # What one of each unit is in SI.
 ANGLE_UNITS = {'rad': 1.0, 'deg': math.pi / 180.0}
+# 'ustrain' is the lab's word for µm/m.
 STRAIN_UNITS = {'m/m': 1.0, 'mm/m': 1e-3, 'um/m': 1e-6, 'µm/m': 1e-6, 'ustrain': 1e-6}
 TIME_UNITS = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
 # Orders of names that are remembered: more than any sender of a topic changes between.

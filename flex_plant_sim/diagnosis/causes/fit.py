@@ -21,12 +21,15 @@ from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude
 from flex_plant_sim.effects.base import Effect
 import numpy as np
 
+# Steps at most, of a fit and of one that only ranks.
 ITERATIONS, ROUGH = 8, 3
+# Arms that run at once: memory goes with them.
 BATCH = 8
 # A step that promises less is not worth a pass, nats.
 ENOUGH = 0.3
 # Errors that exceed what is stated by less leave nothing to explain.
 EXCESS = 1.05
+# Of Levenberg and Marquardt, tried until the cost falls.
 DAMPINGS = (1e-4, 0.1, 10.0)
 
 

@@ -14,6 +14,7 @@ from flex_plant_sim.effects import catalogue, sites
 from flex_plant_sim.effects.base import Effect, Parameter
 import numpy as np
 
+# Of a deviation: what bends a prediction is small over it, rounding is smaller.
 DIFFERENCE = 0.05
 # At least and at most so many times of an event; a shape with GRID starts is searched on a grid.
 GRID, TIMES = 5, 30

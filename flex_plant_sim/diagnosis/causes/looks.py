@@ -10,6 +10,7 @@ from flex_plant_sim.diagnosis.causes.hypothesis import Hypothesis
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
 import numpy as np
 
+# Arms that run at once: memory goes with them.
 BATCH = 8
 
 

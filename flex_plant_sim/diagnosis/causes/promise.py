@@ -12,6 +12,7 @@ from flex_plant_sim.diagnosis.likelihood.evidence import Marginal
 from flex_plant_sim.diagnosis.record.windows import Indices
 import numpy as np
 
+# Places that a fit may start from, the best first.
 KEPT = 2
 
 

@@ -14,6 +14,8 @@ import numpy as np
 # So many samples count as one: then the parts of clean arms, which are known, are as far off as
 # stated where that is worst, and likeliest on all (benchmarks/temper.py, docs/evidence.md).
 TEMPER = 16.0
+# Of a scale, which is likeliest: the evidence is off by twice its square for each sample that
+# counts, 1e-3 nats; and rounds at most.
 SETTLED, ROUNDS = 1e-3, 20
 
 

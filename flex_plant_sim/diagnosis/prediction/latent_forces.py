@@ -18,6 +18,7 @@ from flex_plant_sim.diagnosis.prediction.smoother import LatentSystem, smooth, S
 from flex_plant_sim.effects.joint.measured_torque import load_row
 import numpy as np
 
+# One with Gaussian steps; then these are weighed as Student's t has it.
 PASSES = 4
 # Degrees of freedom of a torque's steps: heavy tails, as friction steps where a joint reverses.
 FREEDOM = 3.0

@@ -32,6 +32,8 @@ import numpy as np
 
 # Over cos theta_2: leaves 1e-4 of the matrices; with 5 a size moved by a tenth of its interval.
 NODES = 7
+# About the angles that the last one found: with 4 no digit changes, with 1 a size by a twentieth
+# of its interval.
 PASSES = 2
 # s, of the reference arm: noise levels are those of a step so long.
 LEVEL_STEP = 0.01
