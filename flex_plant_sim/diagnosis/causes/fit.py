@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+import math
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.causes.hypothesis import Hypothesis
+from flex_plant_sim.diagnosis.likelihood.constancy import by_window, gained
 from flex_plant_sim.diagnosis.likelihood.evidence import (
     channel_products,
     Marginal,
@@ -113,6 +115,9 @@ class Fit:
         From which all of this follows.
     log_evidence : float
         Nats, less that of white noise; -inf where nothing finite is predicted.
+    changing : float
+        What the evidence gains where one of the causes changes over the record, nats; -inf where
+        that was not asked.
 
     """
 
@@ -124,6 +129,7 @@ class Fit:
     covariance: Array
     moments: Moments
     log_evidence: float
+    changing: float = -math.inf
 
 
 @dataclass(frozen=True)
@@ -300,17 +306,30 @@ class Descent:
             # Larger errors than any model's are no white ones: they go with the motion.
             covariance = not_surer_than_windows(covariance, self._scores(point, parts, scale))
         return Fit(self.causes.hypotheses, self.likelihood.base.discrepancy, point.values, parts,
-                   scale, covariance, moments, moments.log_evidence(scale))
+                   scale, covariance, moments, moments.log_evidence(scale),
+                   self._changing(point, moments, scale))
 
     def _scores(self, point: Point, parts: Array, scale: Array) -> Array:
         """Return d ln p / d (values, parts) of each window, (k + p, W)."""
         columns = self.likelihood.columns
         left = -(point.residual + np.tensordot(parts, columns, 1)) / (TEMPER * scale**2)[:, None]
-        windows = sum(p.windows.starts.size for p in self.likelihood.predictors)
-        each = left.reshape(len(left), windows, -1)
-        return np.concatenate([
-            np.einsum('amwl,mwl->aw', rows.reshape(len(rows), *each.shape), each)
-            for rows in (point.columns, columns)])
+        return np.concatenate([by_window(rows, left, self.windows)
+                               for rows in (point.columns, columns)])
+
+    @property
+    def windows(self) -> int:
+        """Return how many windows there are."""
+        return sum(p.windows.starts.size for p in self.likelihood.predictors)
+
+    def _changing(self, point: Point, moments: Moments, scale: Array) -> float:
+        """Return what p gains where one of the causes changes over the record, nats."""
+        if not (self.causes.hypotheses and self.likelihood.alike):
+            return -math.inf
+        pieces = self.causes.split(np.diag(moments.away))
+        sizes = [np.where(h.sizes, piece, 0.0).sum(axis=1)
+                 for h, piece in zip(self.causes.hypotheses, pieces)]
+        rows = point.residual, point.columns, self.likelihood.columns
+        return gained(moments, scale, rows, self.windows, sizes)
 
 
 def fitted(likelihood: Likelihood, causes: Causes, starts: Sequence[Array],

@@ -53,14 +53,17 @@ def judged(fit: Fit) -> tuple[Fit, ...]:
     other simulators, too. Where they are larger, something unknown is at work besides: it pays
     what it costs, ln p of white errors as large as they are less that of those stated. Those of
     clean arms are white (benchmarks/temper.py), so that all samples count: the temper is for
-    what goes with the motion.
+    what goes with the motion. And a cause is as large in all of the record: what is not only
+    looks like it, see Fit.changing.
     """
     excess = np.maximum(fit.scale, 1.0)**2 - 1.0
-    if not np.any(excess):
-        return (fit,)
     cost = 0.5 * fit.moments.samples * float(np.sum(excess - np.log1p(excess)))
+    gain = max(fit.changing, 0.0) if cost else fit.changing
+    if gain == -math.inf:
+        return (fit,)
     return (replace(fit, log_evidence=fit.log_evidence - cost),
-            replace(fit, discrepancy=replace(fit.discrepancy, more=True)))
+            replace(fit, discrepancy=replace(fit.discrepancy, more=True),
+                    log_evidence=fit.log_evidence + gain))
 
 
 def log_prior(fit: Fit, nominal: Base) -> float:

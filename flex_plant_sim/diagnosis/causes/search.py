@@ -283,10 +283,11 @@ def search(data: Data, nominal: Base, jobs: int, progress: Progress,
     """
     course = _Course(data, nominal, jobs, exclude, progress)
     found = _searched(course)
-    if not found.posterior.best.discrepancy.more:
+    best = found.posterior.best
+    if not (best.discrepancy.more and np.any(best.scale > 1.0)):
         return found
     course = course.sensed()
-    del found  # With it goes what the second search has no use for.
+    del found, best  # With them goes what the second search has no use for.
     return _searched(course)
 
 

@@ -209,7 +209,7 @@ def _verdict(found: Search, causes: Sequence[Cause]
     sentence = ' '.join(cause.sentence for cause in causes) + doubt(found.posterior)
     sets = tuple((c.name, *c.look_alikes) for c in causes if c.look_alikes)
     if unknown:
-        return 'cause_and_remainder', f'{sentence} Something unnamed is left.{_far(found)}', sets
+        return 'cause_and_remainder', f'{sentence} {_unnamed(found)}{_far(found)}', sets
     if sets:
         alike = ' '.join(f'This record cannot tell {apart_text(names)}.' for names in sets)
         return 'cannot_tell', f'{sentence} {alike}', sets
@@ -222,6 +222,15 @@ def doubt(posterior: Posterior) -> str:
         return ''
     return (' But so much at once is rare: more likely one thing that the catalogue lacks is '
             f'behind it, and each of these is real with {100.0 * posterior.real:.0f} %.')
+
+
+def _unnamed(found: Search) -> str:
+    """Return why something unnamed is at work beside causes or in place of one."""
+    fit = found.best.fit
+    if fit.discrepancy.more and not np.any(fit.scale > 1.0):
+        return ('But a cause is not as large in all of the record: something unnamed looks like '
+                'it.')
+    return 'Something unnamed is left.'
 
 
 def _far(found: Search) -> str:
