@@ -206,10 +206,11 @@ def _verdict(found: Search, causes: Sequence[Cause]
     if not causes:
         return ('not_in_catalogue', 'The simulation is wrong in a way that nothing in the '
                 f'catalogue explains.{_far(found)}', ())
-    sentence = ' '.join(cause.sentence for cause in causes) + doubt(found.posterior)
+    sentence = ' '.join(cause.sentence for cause in causes)
     sets = tuple((c.name, *c.look_alikes) for c in causes if c.look_alikes)
     if unknown:
-        return 'cause_and_remainder', f'{sentence} {_unnamed(found)}{_far(found)}', sets
+        return 'cause_and_remainder', f'{sentence}{_unnamed(found)}{_far(found)}', sets
+    sentence += doubt(found.posterior)
     if sets:
         alike = ' '.join(f'This record cannot tell {apart_text(names)}.' for names in sets)
         return 'cannot_tell', f'{sentence} {alike}', sets
@@ -226,11 +227,12 @@ def doubt(posterior: Posterior) -> str:
 
 def _unnamed(found: Search) -> str:
     """Return why something unnamed is at work beside causes or in place of one."""
-    fit = found.best.fit
+    fit, real = found.best.fit, found.posterior.real
     if fit.discrepancy.more and not np.any(fit.scale > 1.0):
-        return ('But a cause is not as large in all of the record: something unnamed looks like '
-                'it.')
-    return 'Something unnamed is left.'
+        one, each = ('this', 'it') if len(fit.hypotheses) == 1 else ('one of these', 'each')
+        return (f' But {one} is not as large in all of the record: more likely something unnamed '
+                f'looks like it on average, and {each} is real with {100.0 * real:.0f} %.')
+    return f'{doubt(found.posterior)} Something unnamed is left.'
 
 
 def _far(found: Search) -> str:
