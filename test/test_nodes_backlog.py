@@ -21,7 +21,7 @@ def simulated(service: float, stall: float = 0.0, room: int = 1000
 
     Returns which samples it answered, which it passed over, and how long the last waited, s.
     """
-    backlog, interval = Backlog(1e-3), 1e-3
+    backlog, interval = Backlog(0.05, 1e-3), 1e-3
     queue: list[int] = []
     answered: list[int] = []
     passed: list[int] = []

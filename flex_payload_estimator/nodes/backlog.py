@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import math
 
-# So many samples may wait for an answer: half a second at 100 Hz, a twentieth at 1 kHz.
-WAITING = 50
-
 
 class Backlog:
     """
@@ -14,18 +11,20 @@ class Backlog:
 
     What waits after a stall grows less as it is answered, however much it was. Where the node is
     too slow it grows: left to itself the queue would lose one sample here and there for ever, and
-    all answers be late. So where more than WAITING wait, and not fewer that many samples later,
-    all that waits is passed over in a row.
+    all answers be late. So where samples wait longer than the patience, and so much later no
+    less, all that waits is passed over in a row.
 
     Parameters
     ----------
+    patience : float
+        How late an answer may be, s; at most half of what the queue holds.
     interval : float
         T, s.
 
     """
 
-    def __init__(self, interval: float):
-        self._patience, self._caught_up = WAITING * interval, interval
+    def __init__(self, patience: float, interval: float):
+        self._patience, self._caught_up = patience, interval
         self._since, self._then, self._passing = math.inf, 0.0, False
 
     def held_up(self, waited: float) -> bool:

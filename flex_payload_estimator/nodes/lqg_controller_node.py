@@ -57,6 +57,9 @@ class LQGControllerNode(SampleNode):
     taken up again, by a predictor that begins afresh after the watchdog's time.
     """
 
+    # A late command does harm: a twentieth of a second at 1 kHz.
+    WAITING = 0.05
+
     def __init__(self, **options: Any):
         self.limiter, self._referenced = CommandLimiter(), False
         super().__init__('lqg_controller', **options)

@@ -14,6 +14,7 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.inputs.gate import Gate
 from flex_plant_sim.inputs.stamps import LEAP, Order, StampOrder
 from flex_plant_sim.inputs.synchroniser import slop_of, Synchroniser
+from msg_config.contract import load_topics
 from msg_config.contract_node import ContractNode
 from msg_config.messages import checked_stamp, nanoseconds, seconds
 from msg_config.recent_counts import RecentCounts, WINDOW
@@ -66,11 +67,16 @@ class SampleNode(ContractNode):
 
     Attributes
     ----------
+    WAITING : float
+        So much of the queue may go on waiting before samples are passed over.
     commanded : Array or None
         The last command that this node sent or heard of, (2,): what is taken as applied where
         joint_states has no effort, as many robots have none.
 
     """
+
+    # An estimate may be late: by half of the queue, half a second at 1 kHz, and no more anywhere.
+    WAITING = 0.5
 
     def __init__(self, name: str, **options: Any):
         # Until the robot is known.
@@ -93,7 +99,8 @@ class SampleNode(ContractNode):
         self._gauges = robot.inputs.gauge_channels(robot.gauge_names)
         self.gate = Gate(robot)
         self._pairing = Synchroniser(PARTS, slop_of(robot.sample_time))
-        self._backlog = Backlog(robot.sample_time)
+        room = load_topics()['strain'].subscribe.depth * robot.sample_time
+        self._backlog = Backlog(min(self.WAITING * room, QUIET), robot.sample_time)
         self.order.interval = nanoseconds(robot.sample_time)
 
     def listen(self) -> None:
