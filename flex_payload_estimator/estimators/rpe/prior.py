@@ -130,8 +130,8 @@ def lasting_std(robot: Robot, turns: bool) -> Array:
     A force at the tip that bends the lower link's root as much as its gauge's bias: a bridge that
     is balanced with the arm in place reads such a force as zero, and it turns up when the arm
     turns.
-    A drive's bias is the torque that this force has about its joint. The paper's model of no
-    energy has no force at the tip.
+    A drive's bias is the torque that this force has about its joint. The paper's models come of
+    no energy: no force at the tip is derived for them.
     """
     upper, lower = robot.links
     force = 2.0 * BIAS_STD * lower.bending_stiffness / (lower.thickness * lower.length)
