@@ -89,16 +89,11 @@ def resident(pid: int) -> float:
     return int(Path(f'/proc/{pid}/statm').read_text().split()[1]) * PAGE / 1e6
 
 
-def processor(pid: int) -> float:
-    """Return the processor time that a process has taken, s."""
-    own = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
-    return (int(own[11]) + int(own[12])) / TICKS
-
-
-def fetched(pid: int) -> float:
-    """Return how often a process waited for a page of its own to come from the disk."""
-    own = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
-    return float(own[9])
+def used(pid: int) -> tuple[float, float]:
+    """Return a process's processor time, s, and how often it waited for a page from the disk."""
+    own = [float(word) for word in
+           Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[1:]]
+    return (own[10] + own[11]) / TICKS, own[8]
 
 
 def stolen() -> tuple[float, float]:
@@ -181,10 +176,9 @@ def watch(observer: Observer, processes: dict[str, subprocess.Popen[bytes]], min
                'p99': 1e3 * float(np.quantile(delays, 0.99))}
         row |= {name: resident(process.pid) for name, process in processes.items()}
         row |= {topic: float(count) for topic, count in heard.counts.items()}
-        row |= {f'processor of {name}': processor(pid) for name, pid in (
-            *((name, process.pid) for name, process in processes.items()),
-            (OBSERVER, os.getpid()))}
-        row |= {f'pages of {name}': fetched(process.pid) for name, process in processes.items()}
+        for name, pid in (*((name, process.pid) for name, process in processes.items()),
+                          (OBSERVER, os.getpid())):
+            row[f'processor of {name}'], row[f'pages of {name}'] = used(pid)
         row['stolen'], row['all time'] = stolen()
         rows.append(row)
     return rows
