@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.diagnosis.causes.fit import Fit
+from flex_plant_sim.diagnosis.causes.hypothesis import hypotheses
+from flex_plant_sim.diagnosis.causes.posterior import Posterior
 from flex_plant_sim.diagnosis.likelihood.constancy import CHANGES, gained, HOLDS, SLOWLY
 from flex_plant_sim.diagnosis.likelihood.evidence import Slab
 from flex_plant_sim.diagnosis.likelihood.moments import Moments, TEMPER
+from flex_plant_sim.diagnosis.likelihood.prior import imitation_odds
+from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude
+from flex_plant_sim.diagnosis.prediction.predictor import Base
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
+from simulated_records import REFERENCE
 
 RNG = np.random.default_rng(11)
 CHANNELS, WINDOWS, LENGTH = 2, 5, 8
@@ -16,6 +25,10 @@ SCALE, WIDTH, TOLERANCE = np.array([1.0, 1.5]), 3.0, 0.5
 ROW = 10.0 * RNG.standard_normal((CHANNELS, WINDOWS * LENGTH))
 PART = RNG.standard_normal((CHANNELS, WINDOWS * LENGTH))
 NOISE = SCALE[:, None] * RNG.standard_normal(ROW.shape)
+NO_SLAB = Slab(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0, bool))
+NOTHING = Fit((), Amplitude(), np.zeros(0), np.zeros(0), np.ones(1), np.eye(1), Moments(
+    np.zeros((1, 1, 1)), np.zeros(0), NO_SLAB, np.zeros(0), 1.0, np.zeros(1)), 0.0)
+MASS, = (h for h in hypotheses(REFERENCE) if h.label == 'payload_mass:arm')
 
 
 def answer(sizes: Array, value: float = 0.8) -> float:
@@ -53,3 +66,18 @@ def test_sizes_that_hold_speak_for_a_cause_and_those_that_change_against_it() ->
 
 def test_a_cause_that_nothing_shows_says_nothing() -> None:
     assert answer(np.zeros(WINDOWS), value=0.0) == pytest.approx(0.0)
+
+
+def test_what_is_not_as_large_in_every_window_is_not_a_cause_alone() -> None:
+    base = Base(REFERENCE)
+    cause = replace(NOTHING, hypotheses=(MASS,), log_evidence=50.0)
+    changing, holding = (Posterior.of([NOTHING, replace(cause, changing=c)], base)
+                         for c in (10.0, -10.0))
+    assert changing.best.discrepancy.more and not holding.best.discrepancy.more
+    assert changing.of_effect('payload_mass') == pytest.approx(
+        1.0 / (1.0 + imitation_odds(1)), abs=0.01)
+    # Where errors are too large as well, they are paid for once.
+    loud = replace(cause, scale=np.array([1.1]), moments=replace(NOTHING.moments, samples=3000.0))
+    again = [Posterior.of([NOTHING, replace(loud, changing=c)], base).fits[0].log_evidence
+             for c in (-10.0, 10.0)]
+    assert again == [50.0, 60.0]

@@ -228,21 +228,6 @@ def test_errors_larger_than_every_model_s_are_not_those_of_a_cause_alone() -> No
     assert not Posterior.of([NOTHING, quiet], base).best.discrepancy.more
 
 
-def test_what_is_not_as_large_in_every_window_is_not_a_cause_alone() -> None:
-    base = Base(REFERENCE)
-    cause = replace(NOTHING, hypotheses=(hypothesis('payload_mass:arm'),), log_evidence=50.0)
-    changing, holding = (Posterior.of([NOTHING, replace(cause, changing=c)], base)
-                         for c in (10.0, -10.0))
-    assert changing.best.discrepancy.more and not holding.best.discrepancy.more
-    assert changing.of_effect('payload_mass') == pytest.approx(
-        1.0 / (1.0 + imitation_odds(1)), abs=0.01)
-    # Where errors are too large as well, they are paid for once.
-    loud = replace(cause, scale=np.array([1.1]), moments=replace(EMPTY, samples=3000.0))
-    again = [Posterior.of([NOTHING, replace(loud, changing=c)], base).fits[0].log_evidence
-             for c in (-10.0, 10.0)]
-    assert again == [50.0, 60.0]
-
-
 def test_what_was_not_fitted_counts_with_its_linear_evidence() -> None:
     cause = replace(NOTHING, hypotheses=(hypothesis('payload_mass:arm'),), log_evidence=6.0)
     promised = {frozenset({'payload_mass:arm'}): 99.0, frozenset({'air_drag:arm'}): -1.0}
