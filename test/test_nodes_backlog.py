@@ -14,14 +14,16 @@ if TYPE_CHECKING:
     from rclpy.context import Context
 
 
-def simulated(service: float, stall: float = 0.0, room: int = 1000
-              ) -> tuple[list[int], list[int], float]:
+def simulated(service: float, stall: float = 0.0, room: int = 1000, patience: float = 0.05,
+              busy: float = 0.0) -> tuple[list[int], list[int], float]:
     """
     Run a node that takes so long for a sample every 1 ms, behind a queue, for 4 s.
 
+    For `busy`, s, others take the processor: a sample takes 1.5 ms.
+
     Returns which samples it answered, which it passed over, and how long the last waited, s.
     """
-    backlog, interval = Backlog(0.05, 1e-3), 1e-3
+    backlog, interval = Backlog(patience, 1e-3), 1e-3
     queue: list[int] = []
     answered: list[int] = []
     passed: list[int] = []
@@ -38,7 +40,7 @@ def simulated(service: float, stall: float = 0.0, room: int = 1000
         waited = now - k * interval
         over = backlog.passes(waited, now)
         (passed if over else answered).append(k)
-        now += 5e-5 if over else service
+        now += 5e-5 if over else 1.5e-3 if now < busy else service
     return answered, passed, waited
 
 
@@ -65,6 +67,14 @@ def test_a_node_that_is_too_slow_answers_runs_of_samples_and_stays_near(service:
     # In a row but for what is passed over, so that few gaps are to be bridged.
     gaps = sum(b > a + 4 for a, b in zip(answered, answered[1:]))
     assert 0 < gaps < 0.1 * len(answered)
+
+
+def test_who_may_wait_longer_answers_what_came_while_others_took_the_processor() -> None:
+    (some, soon, _), (whole, late, waited) = (
+        simulated(0.6e-3, patience=patience, busy=0.4) for patience in (0.05, 0.5))
+    assert soon and len(some) + len(soon) == 4000
+    assert (len(whole), late) == (4000, [])
+    assert waited < 1e-3
 
 
 def test_what_is_lost_on_this_side_is_no_leap_of_the_stamps() -> None:
