@@ -15,7 +15,7 @@ from bank import summary
 from bank.cases import all_cases, BankCase, first, FIRST_SEED
 from bank.picture import write_picture
 from bank.run import limits_answer, run_case
-from bank.sizes import Limits, LIMITS_FILE, read_limits, write_limits
+from bank.sizes import can_show, Limits, LIMITS_FILE, read_limits, write_limits
 from flex_payload_estimator.fleet.schedule import cluster, DEATHS
 from tqdm import tqdm
 from truth.records import HAVE_MUJOCO, MUJOCO, NO_MUJOCO
@@ -105,8 +105,10 @@ def _run(work: tuple[BankCase, Limits, str]) -> dict[str, Any]:
 
 
 def chosen_cases(chosen: argparse.Namespace) -> list[BankCase]:
-    """Return the cases that are asked for and can be run here."""
-    cases = first(all_cases(chosen.use, chosen.rounds), chosen.only, chosen.count)
+    """Return the cases that are asked for, may show what they hide, and can be run here."""
+    limits = read_limits()
+    cases = first((case for case in all_cases(chosen.use, chosen.rounds)
+                   if can_show(case, limits[case.robot])), chosen.only, chosen.count)
     if HAVE_MUJOCO:
         return cases
     left = [case for case in cases if case.realisation.simulator != MUJOCO]

@@ -38,10 +38,9 @@ def commands(robot: Robot, duration: float, seed: int = 0) -> Array:
 
 
 def simulated(hidden: Sequence[Effect] = (), duration: float = 24.0, noise: float = 1.0,
-              robot: Robot = REFERENCE, seed: int = 0) -> Record:
+              robot: Robot = REFERENCE, seed: int = 0, substeps: int = 1) -> Record:
     """Return the record of an arm with effects; its sensors' noise is scaled."""
-    base = Base(robot, effects=tuple(hidden))
-    arm = base.arm(robot.payload_mass)
+    arm = Base(robot, effects=tuple(hidden)).arm(robot.payload_mass).finer(substeps)
     simulator = Simulator(arm, noise=Noise(noise * 1e-4, noise * 5e-7), seed=seed)
     command = commands(robot, duration, seed)
     output, _ = simulate(simulator, command)

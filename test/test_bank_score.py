@@ -20,7 +20,7 @@ from bank.cases import (
     TAKEN_OUT,
 )
 from bank.records import control
-from bank.sizes import DRY, over_threshold, sized_truth
+from bank.sizes import can_show, DRY, over_threshold, sized_truth
 from bank.terms import hidden_terms
 from flex_plant_sim.effects import catalogue
 import numpy as np
@@ -229,6 +229,15 @@ def test_sizes_are_so_many_detection_limits(size: float) -> None:
     limits = {f'coulomb_friction:{drawn.site}': 0.3 * drawn.size}
     _, (sized,) = sized_truth(case, limits)
     assert sized.size == pytest.approx(size * 0.3 * drawn.size, rel=1e-4)
+
+
+def test_what_no_clean_record_shows_is_not_asked_for() -> None:
+    hidden = BankCase('one', ('strain_crosstalk',), 'reference', 1000)
+    assert not can_show(hidden, {'coulomb_friction:joint_1': 0.3})
+    assert can_show(hidden, {'strain_crosstalk:strain_1a': 0.3})
+    # What a told model leaves out has no size; a clean arm hides nothing.
+    assert can_show(BankCase('one', ('modal_truncation',), 'reference', 1000), {})
+    assert can_show(BankCase('clean', (), 'reference', 1000, size=0.0), {})
 
 
 def test_a_size_beyond_reach_stays_at_the_largest() -> None:

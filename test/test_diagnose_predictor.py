@@ -31,6 +31,15 @@ def test_compiled_gaps_open_and_close_as_step_by_step(
     assert np.all(np.max(np.abs(fast - slow), axis=(0, 1, 2)) < 0.003 * moved)
 
 
+@pytest.mark.parametrize('side', [0, 1])
+def test_a_known_gap_leaves_no_more_than_the_sensors_err(side: int) -> None:
+    """Teeth meet between samples, and no torque of the drive reaches a link that is free."""
+    true = effects(f'backlash:joint_2:gap_rad=0.012,sensor_behind_gear={side},hub_share=0.1')
+    p = predictor(simulated(true, substeps=20), locked=False)
+    judging = Predictor(p.base, p.windows, p.noise, judging=True, around=true)
+    assert np.all(np.std(judging.whitened(true)[0], axis=(0, 1)) < 1.0)
+
+
 @pytest.mark.parametrize('hidden', [
     'payload_inertia:arm:inertia_kg_m2=0.006', 'hub_inertia:joint_2:inertia_kg_m2=0.05',
     'clamp_compliance:link_1:compliance_rad_per_n_m=0.025'])

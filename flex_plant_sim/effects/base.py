@@ -241,7 +241,8 @@ class Effect(ABC):
         state : Array
             (…, n), at the start of the step.
         impulse : Array
-            (…, n, 2), the change of `after` by a unit impulse on each joint at the start, N m s.
+            (…, n, 4), the change of `after` by a unit impulse, N m s, on each joint at the start
+            of the step, then at its end.
         motion : Motion
             At the start of the step.
 

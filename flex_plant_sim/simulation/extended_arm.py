@@ -126,24 +126,26 @@ class ExtendedArm:
     @cached_property
     def openings(self) -> tuple[Schedule, ...]:
         """
-        Return how each contact acts on a step: [F_open - F, G_open - G, F M^-1].
+        Return how each contact acts on a step: [F_open - F, G_open - G, F M^-1 Q, M^-1 Q].
 
-        The change while the contact is open, and what unit impulses at its start do.
+        The change while the contact is open, and what unit impulses on the joints at the start
+        of the step and at its end do.
         """
         changes = []
         for effect in self.gaps:
-            form = effect.open_form(self.form, self.robot)
-            plant = self._with_states(state_space(form, self.nodes, self.payload))
-            opened = Schedule.of(plant, self.nodes, self.step_time)
+            free = state_space(effect.open_form(self.form, self.robot), self.nodes, self.payload)
+            # Torques of the drive turn the rotor alone.
+            free.e[..., effect.index] = 0.0
+            opened = Schedule.of(self._with_states(free), self.nodes, self.step_time)
             changes.append(self._with_impulses(opened))
         return tuple(changes)
 
     def _with_impulses(self, opened: Schedule) -> Schedule:
         n, closed = opened.states, self.schedule.table
         tables = (opened.table - closed).reshape(opened.nodes.size, n, -1)
-        f = closed.reshape(tables.shape)[..., :n]
-        tables[..., n + 2:] = f @ self.plant.e
-        return replace(opened, table=tables.reshape(opened.nodes.size, -1))
+        f, late = closed.reshape(tables.shape)[..., :n], self.plant.e @ self.form.force
+        tables = np.concatenate([tables[..., :n + 2], f @ late, late], axis=-1)
+        return replace(opened, table=tables.reshape(opened.nodes.size, -1), forces=4)
 
     def _plant(self, cosine: Any, payload: Any) -> StateSpace:
         return self._with_states(self.compact.plant(cosine, payload) if self.compact
@@ -160,6 +162,14 @@ class ExtendedArm:
         other.__dict__.update({key: value for key, value in self.__dict__.items()
                                if key not in ('plant', 'schedule', 'openings')})
         other.payload = payload
+        return other
+
+    def finer(self, steps: int) -> ExtendedArm:
+        """Return the same arm with so many steps in place of one."""
+        other = object.__new__(ExtendedArm)
+        other.__dict__.update({key: value for key, value in self.__dict__.items()
+                               if key not in ('schedule', 'openings')})
+        other.step_time = self.step_time / steps
         return other
 
     @property
@@ -248,13 +258,20 @@ class ExtendedArm:
 
     def apply_contact(self, e: Array, state: Array, after: Array, motion: Motion) -> Array:
         """Return the state one step later with backlash and dry friction, given it without."""
+        after = self.apply_gaps(state, after, motion, np.cos(motion.position[..., 1]))
+        return self.apply_friction(e, state, after, motion)
+
+    def apply_gaps(self, state: Array, after: Array, motion: Motion, cosine: Array) -> Array:
+        """Return the state one step later with backlash, opening at cos(theta_2), given it not."""
         for effect, opening in zip(self.gaps, self.openings):
-            f, g, impulse = opening.at(np.cos(motion.position[..., 1]))
+            f, g, impulse = opening.at(cosine)
             parted = after + _apply(f, state) + _apply(g, motion.command)
-            after = effect.on_step(after, parted, state, impulse @ self.form.force, motion)
-        if self._friction:
-            after = self._stop(e, state, after, motion)
+            after = effect.on_step(after, parted, state, impulse, motion)
         return after
+
+    def apply_friction(self, e: Array, state: Array, after: Array, motion: Motion) -> Array:
+        """Return the state one step later with dry friction, given it without."""
+        return self._stop(e, state, after, motion) if self._friction else after
 
     def friction_limits(self, motion: Motion) -> tuple[Array, Array]:
         """Return what dry friction can give against forward and backward motion, N m, (…, 2)."""

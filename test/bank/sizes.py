@@ -67,6 +67,18 @@ def severity_of(case: BankCase, limits: Limits) -> float:
     return float(np.exp(high))
 
 
+def can_show(case: BankCase, limits: Limits) -> bool:
+    """
+    Tell whether a record of the robot may show what a case hides.
+
+    Where no size shows on a clean record there is no limit to ask for four of. What the told
+    model leaves out has its own size, and needs none.
+    """
+    if not case.size or set(case.names) & set(MODEL_OPTIONS):
+        return True
+    return _least(case, 1.0, limits) is not None
+
+
 def _least(case: BankCase, severity: float, limits: Limits) -> float | None:
     """Return the least size in limits at a severity; None where no limit is known."""
     ratios = [relative_size(term, limits) for term in _at(case, severity)[1]]

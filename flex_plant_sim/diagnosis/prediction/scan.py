@@ -66,40 +66,53 @@ class Friction:
 @dataclass(frozen=True)
 class Gaps:
     """
-    Backlashes along a record, G of them; see effects/backlash.py.
+    Backlashes along a record, G of them, in steps finer than its samples; see backlash.py.
 
     Attributes
     ----------
+    closed : Array
+        F' of a fine step where teeth touch, (N, n, n).
+    driven : Array
+        What commands and forces add to it, (N, B, n).
     opened : Array
-        What x adds to a step where rotor and link are apart, (G, N, n, n).
+        What x adds to a fine step where rotor and link are apart, transposed, (G, N, n, n).
     pushed : Array
         What the commands add to it, (G, N, B, n).
     impulse : Array
-        What a unit impulse on the joint does to the state, (G, N, n).
+        What a unit impulse on the joint at its start and at its end does, (G, N, 2, n).
     motor : Array
         The rotor's torque, N m, (G, N, B).
     rotor : Array
         Inertia, damping, step, mean and end share of a decaying speed, half the gap, (G, 6).
     places : Array
         Joint, and place of the lead among the coordinates, (G, 2), int.
+    output : Array
+        C', (n, m).
     velocity : int
         Place of the first joint velocity in the state.
+    steps : int
+        Fine ones in a sample.
 
     """
 
+    closed: Array
+    driven: Array
     opened: Array
     pushed: Array
     impulse: Array
     motor: Array
     rotor: Array
     places: Indices
+    output: Array
     velocity: int
+    steps: int
 
     @classmethod
     def none(cls, n: int) -> Gaps:
         """Return an arm without a gap."""
-        return cls(np.zeros((0, 0, n, n)), np.zeros((0, 0, 0, n)), np.zeros((0, 0, n)),
-                   np.zeros((0, 0, 0)), np.zeros((0, 6)), np.zeros((0, 2), dtype=np.int64), 0)
+        return cls(np.zeros((0, n, n)), np.zeros((0, 0, n)), np.zeros((0, 0, n, n)),
+                   np.zeros((0, 0, 0, n)), np.zeros((0, 0, 2, n)), np.zeros((0, 0, 0)),
+                   np.zeros((0, 6)), np.zeros((0, 2), dtype=np.int64), np.zeros((n, 0)), 0, 0)
 
 
 def scan(matrices: Matrices, drive: Array, start: Array, rows: Indices,
@@ -143,19 +156,22 @@ def scan_with_gaps(matrices: Matrices, drive: Array, start: Array, rows: Indices
     # One layout: any other would be compiled once more, some seconds each.
     return _loops(matrices.weights, matrices.table.reshape(len(matrices.table), -1), drive, start,
                   rows, f.columns, f.reach, np.ascontiguousarray(f.limits), f.velocity,
-                  f.yielding.copy(), f.bends, f.step, gaps.opened, gaps.pushed, gaps.impulse,
-                  gaps.motor, gaps.rotor, gaps.places)
+                  f.yielding.copy(), f.bends, f.step, gaps.closed, gaps.driven, gaps.opened,
+                  gaps.pushed, gaps.impulse, gaps.motor, gaps.rotor, gaps.places, gaps.output,
+                  gaps.steps)
 
 
 @compiled
 def _loops(weights: Array, table: Array, drive: Array, start: Array, rows: Indices,
            columns: Array, reach: Array, limits: Array, velocity: int, yielding: Array,
-           bends: Indices, step: float, opened: Array, pushed: Array, impulse: Array,
-           motor: Array, rotor: Array, places: Indices) -> Array:
+           bends: Indices, step: float, closed: Array, driven: Array, opened: Array,
+           pushed: Array, impulse: Array, motor: Array, rotor: Array, places: Indices,
+           output: Array, fine: int) -> Array:
     steps, windows = rows.shape
     batch, n = drive.shape[1], start.shape[1]
     states, flat = np.empty((steps, windows, batch, n)), np.empty(table.shape[1])
-    both = flat.reshape(-1, n)
+    both, free, before = flat.reshape(-1, n), np.empty(n), np.empty(n)
+    error = np.empty(output.shape[1])
     for w in range(windows):
         for b in range(batch):
             states[0, w, b] = start[w]
@@ -164,12 +180,27 @@ def _loops(weights: Array, table: Array, drive: Array, start: Array, rows: Indic
             mix(weights[row], table, flat)
             for b in range(batch):
                 state, after = states[k, w, b], states[k + 1, w, b]
-                after[:] = 0.0
-                add_product(state, both[:n], after)
-                add_product(drive[row, b], both[n:], after)
-                for g in range(len(places)):
-                    _gap(state, after, opened[g, row], pushed[g, row, b], impulse[g, row],
-                         motor[g, row, b], rotor[g], places[g, 0], places[g, 1], velocity)
+                if len(places):
+                    after[:] = state
+                    error[:] = 0.0
+                    add_product(state, output, error)
+                    for i in range(len(error)):
+                        error[i] = drive[row, b, drive.shape[2] - len(error) + i] - error[i]
+                else:
+                    after[:] = 0.0
+                    add_product(state, both[:n], after)
+                    add_product(drive[row, b], both[n:], after)
+                for _ in range(fine):
+                    before[:] = after
+                    after[:] = driven[row, b]
+                    add_product(before, closed[row], after)
+                    for g in range(len(places)):
+                        _gap(before, after, free, opened[g, row], pushed[g, row, b],
+                             impulse[g, row], motor[g, row, b], rotor[g], places[g, 0],
+                             places[g, 1], velocity)
+                if len(places):
+                    _correct(after, error, both[len(both) - len(error):], output, rotor, places,
+                             velocity)
                 if len(reach):
                     _stop(state, after, columns[row], reach[row], limits[row, b], velocity,
                           yielding[b], bends, step)
@@ -193,24 +224,53 @@ def _stop(state: Array, after: Array, columns: Array, reach: Array, limits: Arra
 
 
 @compiled
-def _gap(state: Array, after: Array, opened: Array, pushed: Array, impulse: Array, motor: float,
-         rotor: Array, joint: int, lead: int, velocity: int) -> None:
+def _gap(state: Array, after: Array, free: Array, opened: Array, pushed: Array, impulse: Array,
+         motor: float, rotor: Array, joint: int, lead: int, velocity: int) -> None:
     """Part rotor and link, or join them, as Backlash.on_step does."""
     inertia, damping, step, mean, end, half = rotor
     slip, old = state[velocity + lead], state[lead]
     speed, steady = state[velocity + joint] - slip, motor / damping
     turn = step * (steady + (speed - steady) * mean)
-    parted = after[joint] + pushed[joint] + np.dot(opened[joint], state)
-    apart = old + parted - state[joint] - turn
-    after[lead] = max(-half, min(apart, half))
+    free[:] = pushed
+    add_product(state, opened, free)
+    free += after
+    apart = old + free[joint] - state[joint] - turn
+    left = free[velocity + joint] - steady - (speed - steady) * end
     if abs(apart) < half:
-        for i in range(len(after)):
-            if i != lead:
-                after[i] += pushed[i] + np.dot(opened[i], state)
-        after[velocity + lead] = after[velocity + joint] - steady - (speed - steady) * end
+        after[:] = free
+        after[lead], after[velocity + lead] = apart, left
         return
-    joining = damping * (after[lead] - old) - inertia * slip
+    side, met = 1.0 if apart > 0.0 else -1.0, 0.0
+    room, drift, bend = half - side * old, side * step * slip, side * (apart - old - step * slip)
+    if room > 0.0:
+        pace = drift + np.sqrt(max(drift**2 + 4.0 * bend * room, 0.0))
+        met = 2.0 * room / max(pace, 2.0 * room)
+    lacking = inertia * (slip + met * (left - slip))
     for i in range(len(after)):
-        if i != lead:
-            after[i] += impulse[i] * joining
-    after[velocity + lead] = 0.0
+        share = met * (2.0 - met) if i < velocity else met
+        push = impulse[0, i] + met * (impulse[1, i] - impulse[0, i])
+        after[i] += share * (free[i] - after[i]) - push * lacking
+    after[lead], after[velocity + lead] = side * half, 0.0
+
+
+@compiled
+def _correct(after: Array, error: Array, gain: Array, output: Array, rotor: Array,
+             places: Indices, velocity: int) -> None:
+    """
+    Correct a state by errors, (m,), with K' (m, n).
+
+    A sensor before an open gap corrects the rotor, all others what is behind the gap.
+    """
+    add_product(error, gain, after)
+    for g in range(len(places)):
+        joint, lead, half = places[g, 0], places[g, 1], rotor[g, 5]
+        if abs(after[lead]) >= half:
+            continue
+        if output[lead, joint] != 0.0:
+            for i in range(2 * velocity):
+                after[i] -= gain[joint, i] * error[joint]
+        for d in (0, velocity):
+            for i in range(len(error)):
+                turn = gain[i, joint + d] * error[i]
+                after[lead + d] += turn if output[lead, i] == 0.0 else -turn
+        after[lead] = max(-half, min(after[lead], half))

@@ -19,8 +19,9 @@ class Backlash(Effect):
     While the teeth touch, rotor and link are one and the arm's equations hold; they part when the
     teeth would have to pull. Apart, the rotor obeys its drive alone, and the arm keeps hub_share
     of the joint's inertia: the gear's output and the hub. Both are linear and sampled exactly.
-    Where a step would end beyond the gap the teeth meet and do not rebound. So a contact is
-    decided once a step, like the dry friction, needs no stiff spring and is stable at any step.
+    Where a step would end beyond the gap the teeth meet within it, when a parabola through lead
+    and slip says, and do not rebound. So a contact is decided once a step, like the dry
+    friction, needs no stiff spring and is stable at any step.
 
     Teeth that give when they touch (contact_compliance) are a gear compliance in series.
 
@@ -34,7 +35,7 @@ class Backlash(Effect):
     parameters = (
         Parameter('gap_rad', 'rad', 0.0, 0.0, 0.3, (0.006, 0.012, 0.025), 0.002, 0.015),
         Parameter('sensor_behind_gear', '', 1.0, 0.0, 1.0, (1.0, 0.0), np.inf, 0.5, discrete=True),
-        Parameter('hub_share', '', 0.0, 0.0, 0.9, (0.1,), np.inf, 0.3),
+        Parameter('hub_share', '', 0.0, 0.0, 0.9, (0.05, 0.3), np.inf, 0.3),
         Parameter('contact_compliance_rad_per_n_m', 'rad/(N m)', 0.0, 0.0, 0.05, (0.0,), np.inf,
                   0.001, optional=True))
     sites = 'joint'
@@ -83,13 +84,17 @@ class Backlash(Effect):
         away = speed - slip - steady
         turn, rate = step * (steady + away * mean), steady + away * end
         apart = lead + parted[..., j:j + 1] - angle - turn
+        left = parted[..., n + j:n + j + 1] - rate
         is_open = np.abs(apart) < half
-        met = np.clip(apart, -half, half)
-        # The rotor's momentum and drag that the joined arm's equations do not know of.
-        joining = drive.damping * (met - lead) - inertia * slip
-        result = np.where(is_open, parted, after + impulse[..., j] * joining)
-        result[..., k:k + 1] = met
-        result[..., n + k:n + k + 1] = np.where(is_open, parted[..., n + j:n + j + 1] - rate, 0.0)
+        met = _meeting(lead, step * slip, apart, half)
+        # What the teeth did not push until they met, and the momentum that the rotor then lacks.
+        share = np.where(np.arange(state.shape[-1]) < n, met * (2.0 - met), met)
+        early, late = impulse[..., j], impulse[..., 2 + j]
+        joined = (after + share * (parted - after)
+                  - (early + met * (late - early)) * inertia * (slip + met * (left - slip)))
+        result = np.where(is_open, parted, joined)
+        result[..., k:k + 1] = np.clip(apart, -half, half)
+        result[..., n + k:n + k + 1] = np.where(is_open, left, 0.0)
         return result
 
     def rotor(self, robot: Robot, step: float) -> tuple[float, float, float, float, float]:
@@ -103,3 +108,16 @@ class Backlash(Effect):
         damping = max(drive.damping, 1e-6 * inertia / step)
         decay = damping * step / inertia
         return (inertia, damping, step, float(-np.expm1(-decay) / decay), float(np.exp(-decay)))
+
+
+def _meeting(lead: Array, drift: Array, apart: Array, half: float) -> Array:
+    """
+    Return when the teeth meet, as a share of the step: lead + drift s + bend s^2 is at an end.
+
+    Zero where they touch from the start.
+    """
+    side = np.sign(apart)
+    room, drift = np.maximum(half - side * lead, 0.0), side * drift
+    bend = side * (apart - lead) - drift
+    pace = drift + np.sqrt(np.maximum(drift**2 + 4.0 * bend * room, 0.0))
+    return np.asarray(2.0 * room / np.maximum(pace, 2.0 * room + np.finfo(float).tiny))
