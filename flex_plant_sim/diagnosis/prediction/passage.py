@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
+from flex_plant_sim.arm.schedule import barycentric_weights
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import COMPILED
 from flex_plant_sim.diagnosis.prediction.matrices import interpolated, Matrices
@@ -131,25 +132,25 @@ class Run:
 
     def _gaps(self) -> Gaps:
         """Return the backlashes, opening at the angles of the base's trajectory."""
-        command = np.broadcast_to(self.command, (len(self.command), self.drive.shape[1], 2))
-        fine, cosine, order = self.arm.finer(FINE), np.cos(self.elbow), self.arm.form.order
-        f, g, e = fine.schedule.at(cosine)
-        driven = np.matmul(self.drive[..., :2 + order],
-                           np.swapaxes(np.concatenate([g, e], axis=-1), 1, 2))
-        opened, pushed, impulse, motor, rotor, places = [], [], [], [], [], []
+        fine = self.arm.finer(FINE)
+        weights = barycentric_weights(np.cos(self.elbow), fine.nodes)
+        opened, impulse, rotor, places = [], [], [], []
         for effect, opening in zip(fine.gaps, fine.openings):
             assert isinstance(effect, Backlash)
-            apart, push, hit = opening.at(cosine)
-            opened.append(np.swapaxes(apart, 1, 2))
-            pushed.append(np.matmul(command, np.swapaxes(push, 1, 2)))
-            impulse.append(np.swapaxes(hit[..., [effect.index, 2 + effect.index]], 1, 2))
-            drive = fine.robot.drives[effect.index]
-            motor.append(drive.torque_gain * command[..., effect.index])
-            rotor.append((*effect.rotor(fine.robot, fine.step_time), 0.5 * effect['gap_rad']))
-            places.append((effect.index, fine.form.names.index(effect.coordinate)))
-        return Gaps(np.ascontiguousarray(np.swapaxes(f, 1, 2)), driven, np.stack(opened),
-                    np.stack(pushed), np.stack(impulse), np.stack(motor), np.array(rotor),
-                    np.array(places), np.ascontiguousarray(fine.output_matrix.T), order, FINE)
+            n, j = opening.states, effect.index
+            columns = np.swapaxes(opening.table.reshape(len(opening.table), n, -1), 1, 2)
+            opened.append(columns[:, :n + 2])
+            impulse.append(columns[:, [n + 2 + j, n + 4 + j]])
+            rotor.append((fine.robot.drives[j].torque_gain,
+                          *effect.rotor(fine.robot, fine.step_time), 0.5 * effect['gap_rad']))
+            places.append((j, fine.form.names.index(effect.coordinate)))
+        n, count = fine.states, len(weights[0])
+        closed = np.swapaxes(fine.schedule.table.reshape(count, n, -1), 1, 2)
+        return Gaps(weights, closed.reshape(count, -1),
+                    np.stack(opened).reshape(len(opened), count, -1),
+                    np.stack(impulse).reshape(len(impulse), count, -1), np.array(rotor),
+                    np.array(places), np.ascontiguousarray(fine.output_matrix.T),
+                    self.arm.form.order, FINE)
 
     def _friction(self) -> Friction:
         # Its levels, like smooth forces, are those at the speeds of the base's trajectory.

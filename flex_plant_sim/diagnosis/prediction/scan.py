@@ -70,20 +70,17 @@ class Gaps:
 
     Attributes
     ----------
+    weights : Array
+        Of each sample over the schedule's nodes, (N, K).
     closed : Array
-        F' of a fine step where teeth touch, (N, n, n).
-    driven : Array
-        What commands and forces add to it, (N, B, n).
+        [F, G, E]' of a fine step where teeth touch, flat, (K, (n + 2 + order) n).
     opened : Array
-        What x adds to a fine step where rotor and link are apart, transposed, (G, N, n, n).
-    pushed : Array
-        What the commands add to it, (G, N, B, n).
+        What changes in [F, G]' where rotor and link are apart, flat, (G, K, (n + 2) n).
     impulse : Array
-        What a unit impulse on the joint at its start and at its end does, (G, N, 2, n).
-    motor : Array
-        The rotor's torque, N m, (G, N, B).
+        What a unit impulse on the joint at its start and at its end does, flat, (G, K, 2 n).
     rotor : Array
-        Inertia, damping, step, mean and end share of a decaying speed, half the gap, (G, 6).
+        Torque a command, inertia, damping, step, mean and end share of a decaying speed, half
+        the gap, (G, 7).
     places : Array
         Joint, and place of the lead among the coordinates, (G, 2), int.
     output : Array
@@ -95,12 +92,10 @@ class Gaps:
 
     """
 
+    weights: Array
     closed: Array
-    driven: Array
     opened: Array
-    pushed: Array
     impulse: Array
-    motor: Array
     rotor: Array
     places: Indices
     output: Array
@@ -110,9 +105,8 @@ class Gaps:
     @classmethod
     def none(cls, n: int) -> Gaps:
         """Return an arm without a gap."""
-        return cls(np.zeros((0, n, n)), np.zeros((0, 0, n)), np.zeros((0, 0, n, n)),
-                   np.zeros((0, 0, 0, n)), np.zeros((0, 0, 2, n)), np.zeros((0, 0, 0)),
-                   np.zeros((0, 6)), np.zeros((0, 2), dtype=np.int64), np.zeros((n, 0)), 0, 0)
+        return cls(np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((0, 0, 0)), np.zeros((0, 0, 0)),
+                   np.zeros((0, 7)), np.zeros((0, 2), dtype=np.int64), np.zeros((n, 0)), 0, 0)
 
 
 def scan(matrices: Matrices, drive: Array, start: Array, rows: Indices,
@@ -156,49 +150,53 @@ def scan_with_gaps(matrices: Matrices, drive: Array, start: Array, rows: Indices
     # One layout: any other would be compiled once more, some seconds each.
     return _loops(matrices.weights, matrices.table.reshape(len(matrices.table), -1), drive, start,
                   rows, f.columns, f.reach, np.ascontiguousarray(f.limits), f.velocity,
-                  f.yielding.copy(), f.bends, f.step, gaps.closed, gaps.driven, gaps.opened,
-                  gaps.pushed, gaps.impulse, gaps.motor, gaps.rotor, gaps.places, gaps.output,
-                  gaps.steps)
+                  f.yielding.copy(), f.bends, f.step, gaps.weights, gaps.closed, gaps.opened,
+                  gaps.impulse, gaps.rotor, gaps.places, gaps.output, gaps.steps)
 
 
 @compiled
 def _loops(weights: Array, table: Array, drive: Array, start: Array, rows: Indices,
            columns: Array, reach: Array, limits: Array, velocity: int, yielding: Array,
-           bends: Indices, step: float, closed: Array, driven: Array, opened: Array,
-           pushed: Array, impulse: Array, motor: Array, rotor: Array, places: Indices,
-           output: Array, fine: int) -> Array:
+           bends: Indices, step: float, nodes: Array, closed: Array, opened: Array,
+           impulse: Array, rotor: Array, places: Indices, output: Array, fine: int) -> Array:
     steps, windows = rows.shape
-    batch, n = drive.shape[1], start.shape[1]
+    batch, n, gaps = drive.shape[1], start.shape[1], len(places)
     states, flat = np.empty((steps, windows, batch, n)), np.empty(table.shape[1])
     both, free, before = flat.reshape(-1, n), np.empty(n), np.empty(n)
-    error = np.empty(output.shape[1])
+    push, error = np.empty(n), np.empty(output.shape[1])
+    touching, apart = np.empty(closed.shape[1]), np.empty((gaps, opened.shape[2]))
+    hits, inside = np.empty((gaps, impulse.shape[2])), touching.reshape(-1, n)
     for w in range(windows):
         for b in range(batch):
             states[0, w, b] = start[w]
         for k in range(steps - 1):
             row = rows[k, w]
             mix(weights[row], table, flat)
+            if gaps:
+                mix(nodes[row], closed, touching)
+            for g in range(gaps):
+                mix(nodes[row], opened[g], apart[g])
+                mix(nodes[row], impulse[g], hits[g])
             for b in range(batch):
-                state, after = states[k, w, b], states[k + 1, w, b]
-                if len(places):
-                    after[:] = state
-                    error[:] = 0.0
+                state, after, inputs = states[k, w, b], states[k + 1, w, b], drive[row, b]
+                if gaps:
+                    after[:], error[:], push[:] = state, 0.0, 0.0
                     add_product(state, output, error)
                     for i in range(len(error)):
-                        error[i] = drive[row, b, drive.shape[2] - len(error) + i] - error[i]
+                        error[i] = inputs[len(inputs) - len(error) + i] - error[i]
+                    add_product(inputs[:len(inside) - n], inside[n:], push)
                 else:
                     after[:] = 0.0
                     add_product(state, both[:n], after)
-                    add_product(drive[row, b], both[n:], after)
+                    add_product(inputs, both[n:], after)
                 for _ in range(fine):
-                    before[:] = after
-                    after[:] = driven[row, b]
-                    add_product(before, closed[row], after)
-                    for g in range(len(places)):
-                        _gap(before, after, free, opened[g, row], pushed[g, row, b],
-                             impulse[g, row], motor[g, row, b], rotor[g], places[g, 0],
-                             places[g, 1], velocity)
-                if len(places):
+                    before[:], after[:] = after, push
+                    add_product(before, inside[:n], after)
+                    for g in range(gaps):
+                        _gap(before, after, free, inputs, apart[g].reshape(-1, n),
+                             hits[g].reshape(2, n), rotor[g], places[g, 0], places[g, 1],
+                             velocity)
+                if gaps:
                     _correct(after, error, both[len(both) - len(error):], output, rotor, places,
                              velocity)
                 if len(reach):
@@ -224,16 +222,16 @@ def _stop(state: Array, after: Array, columns: Array, reach: Array, limits: Arra
 
 
 @compiled
-def _gap(state: Array, after: Array, free: Array, opened: Array, pushed: Array, impulse: Array,
-         motor: float, rotor: Array, joint: int, lead: int, velocity: int) -> None:
+def _gap(state: Array, after: Array, free: Array, inputs: Array, opened: Array, impulse: Array,
+         rotor: Array, joint: int, lead: int, velocity: int) -> None:
     """Part rotor and link, or join them, as Backlash.on_step does."""
-    inertia, damping, step, mean, end, half = rotor
+    torque, inertia, damping, step, mean, end, half = rotor
     slip, old = state[velocity + lead], state[lead]
-    speed, steady = state[velocity + joint] - slip, motor / damping
+    speed, steady = state[velocity + joint] - slip, torque * inputs[joint] / damping
     turn = step * (steady + (speed - steady) * mean)
-    free[:] = pushed
-    add_product(state, opened, free)
-    free += after
+    free[:] = after
+    add_product(state, opened[:len(state)], free)
+    add_product(inputs[:2], opened[len(state):], free)
     apart = old + free[joint] - state[joint] - turn
     left = free[velocity + joint] - steady - (speed - steady) * end
     if abs(apart) < half:
@@ -263,7 +261,7 @@ def _correct(after: Array, error: Array, gain: Array, output: Array, rotor: Arra
     """
     add_product(error, gain, after)
     for g in range(len(places)):
-        joint, lead, half = places[g, 0], places[g, 1], rotor[g, 5]
+        joint, lead, half = places[g, 0], places[g, 1], rotor[g, 6]
         if abs(after[lead]) >= half:
             continue
         if output[lead, joint] != 0.0:
