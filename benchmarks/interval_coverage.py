@@ -29,6 +29,7 @@ import numpy as np
 from scipy.stats import norm
 
 TIMES_S = (1.0, 3.0, 10.0)
+KINDS = ('model', 'process noise', 'parts drawn')
 FIRST_SEED = 100_000
 ROOT = Path(__file__).resolve().parents[1]
 FIGURE = ROOT / 'docs' / 'figures' / 'coverage.png'
@@ -157,15 +158,20 @@ def main() -> None:
     parser.add_argument('--runs', type=int, default=300)
     parser.add_argument('--modes', type=int, default=3)
     parser.add_argument('--jobs', type=int, default=2)
+    parser.add_argument('--seed', type=int, default=0, help='first')
+    parser.add_argument('--kinds', nargs='+', default=KINDS, choices=KINDS,
+                        help='all draw the figure')
     options = parser.parse_args()
     print(f'{"truth":18s}{"at s":>5s}{"runs":>6s}{"in 95 %":>9s}{"its interval":>15s}'
           f'{"RMSE %":>13s}{"median std %":>14s}')
-    studies = {}
+    studies, seeds = {}, range(options.seed, options.seed + options.runs)
     with workers(options.jobs) as pool:
-        for kind in ('model', 'process noise', 'parts drawn'):
+        for kind in options.kinds:
             job = partial(run, kind=kind, modes=options.modes)
-            studies[kind] = np.array(pool.map(job, range(options.runs), chunksize=5))
+            studies[kind] = np.array(pool.map(job, seeds, chunksize=5))
             report(kind, studies[kind])
+    if len(studies) < len(KINDS):
+        return
     if not BENCH.is_dir():
         print(f'the bench records are absent: expected {BENCH.relative_to(ROOT.parent)}')
         return

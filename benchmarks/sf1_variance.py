@@ -66,13 +66,15 @@ def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
     parser.add_argument('--runs', type=int, default=500)
+    parser.add_argument('--seed', type=int, default=0, help='first')
     parser.add_argument('--estimators', nargs='+', default=['sf1'])
     parser.add_argument('--models', nargs='+', default=['paper_reduced', 'assumed_modes'])
     parser.add_argument('--steps', type=float, nargs='*', default=STEPS_S)
     given = parser.parse_args()
     for model in given.models:
         for name in given.estimators:
-            found = np.array([run(name, model, seed) for seed in range(given.runs)])
+            seeds = range(given.seed, given.seed + given.runs)
+            found = np.array([run(name, model, seed) for seed in seeds])
             ratio = found[:, 0] / found[:, 1]
             print(f'{name}, {model}, {given.runs} runs')
             for k, time in enumerate(TIMES_S):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 import math
 
@@ -13,6 +13,7 @@ from flex_payload_estimator.estimators.rpe.hypothesis import Filter, Sample
 from flex_payload_estimator.estimators.rpe.modes import Modes
 from flex_payload_estimator.estimators.rpe.motion import Motion
 from flex_payload_estimator.estimators.rpe.replay import MISFIT
+from flex_payload_estimator.estimators.rpe.sensors import Loads
 from flex_payload_estimator.estimators.rpe.settings import RpeSettings, stepper_of
 from flex_payload_estimator.estimators.rpe.shocks import Shocks
 from flex_payload_estimator.estimators.rpe.start import Start
@@ -241,21 +242,18 @@ class RecursivePredictionError:
             for f in self._filters():
                 self.stepper.predict(f, sample, self._motion.loads)
             self._modes.missed(sample, self._motion.loads, self._motion.excited)
-        sample, before = ahead or (self._sample(self._time, output, self._command),
-                                   [f.copy() for f in self._filters()])
-        sample = sample._replace(measured=output)
-        self._loads = self._motion.loads
-        for f in self._filters():
-            if output is None:
-                if not ahead:
-                    self.stepper.predict(f, sample, self._motion.loads)
-            elif ahead:
-                self.stepper.correct(f, sample, self._motion.loads)
-            else:
-                self.stepper.step(f, sample, self._motion.loads)
+        self._loads, filters = self._motion.loads, self._filters()
+        if ahead:
+            sample, before = ahead[0]._replace(measured=output), ahead[1][0]
+        else:
+            # Of a bank nobody asks what it was.
+            sample, before = self._sample(self._time, output, self._command), filters[0].copy()
+        advance = self._advancing(output, ahead is not None)
+        for f in filters:
+            advance(f, sample, self._loads)
         if self._incumbent is not None:
             self._incumbent, sample, lost = self._shocks.taken(
-                before[0], self._incumbent, sample, self._loads)
+                before, self._incumbent, sample, self._loads)
             if lost:
                 self._modes.clear()
         # Loads count from the next sample on, so that a prediction ahead knows them too.
@@ -263,11 +261,18 @@ class RecursivePredictionError:
         # Where one filter does not fit, its noise may hide a motion.
         if self._start.at_rest and (self._motion.excited
                                     or misfit_of(self.incumbent.record) > MISFIT):
-            self._start.leave_rest(before[0], sample, self._loads)
-            self._modes.leave_rest(before[0])
+            self._start.leave_rest(before, sample, self._loads)
+            self._modes.leave_rest(before)
         if not self._motion.excited:
             self._drift()
         self._open = sample
+
+    def _advancing(self, output: Array | None, predicted: bool
+                   ) -> Callable[[Filter, Sample, Loads], None]:
+        """Return what brings a filter to a sample, and lets it learn."""
+        if predicted:
+            return self.stepper.correct
+        return self.stepper.predict if output is None else self.stepper.step
 
     def _missing(self, start: float, count: int, doubt: Array) -> Iterator[Sample]:
         """Yield what a gap of so many samples lacks: together while the arm hardly turns."""
@@ -316,14 +321,15 @@ class RecursivePredictionError:
 
     def _estimate(self, time: float) -> Estimate:
         best = self.incumbent
+        doubt = self.stepper.doubt(best)
         if not self._motion.moved:
             # Noise alone tells which payload explains less, not which it is.
             mass, variance = self._start.moments_before
         elif self._incumbent is None:
             mass, variance = self._start.moments()
         else:
-            mass, variance = self.stepper.payload(best)
-        suspect = self.stepper.doubt(best) > SUSPECT
+            mass, variance = self.stepper.payload(best, doubt)
+        suspect = doubt > SUSPECT
         status = 'model_suspect' if suspect else 'ok' if self._motion.excited \
             and self._incumbent is not None else 'not_excited'
         self._last = Estimate(time, mass, variance, best.variance, best.reading[0].copy(),

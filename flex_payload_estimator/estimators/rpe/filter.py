@@ -79,6 +79,9 @@ class FilterStep:
         self.step_time = effects.arm.step_time
         self._density = ERROR_STEP_S / self.step_time
         self._speed = speed_feedback(effects.arm)
+        self._offsets = effects.arm.acts_on_output
+        # Whether an effect acts between prediction and measurement.
+        self._apart = effects.moves or self._offsets
         self._no_parts, self._no_offset = np.zeros((0, 1)), np.zeros(told.size)
 
     def prior_of(self, mode: Mode) -> Prior:
@@ -135,8 +138,8 @@ class FilterStep:
         f.cov[:], f.sens[:], f.spread[:] = walk(f.cov, f.sens, f.spread, variance)
         f.x += state - f.state
 
-    def payload(self, f: Filter) -> tuple[float, float]:
-        """Return payload and variance, kg and kg^2; a misfit counts as that much variance."""
+    def payload(self, f: Filter, doubt: float | None = None) -> tuple[float, float]:
+        """Return payload and variance, kg and kg^2; `doubt`, where it is known, is f's."""
         mass, variance = without_bias(f.beta, f.spread, self._lasting[f.mode.parts])
         variance = float(variance)
         if f.mode.parts:
@@ -146,7 +149,7 @@ class FilterStep:
             # Gauss and Newton's last step: the next is smaller, if at all.
             variance += float(mass - f.anchor[MASS])**2
             variance += self.prior.scale_variance * float(mass)**2
-            variance *= self.doubt(f)
+            variance *= self.doubt(f) if doubt is None else doubt
         return float(mass), variance
 
     def doubt(self, f: Filter) -> float:
@@ -163,8 +166,7 @@ class FilterStep:
 
     def step(self, f: Filter, sample: Sample, loads: Loads) -> None:
         """Advance one sample, and learn from it."""
-        if self.effects.moves or self.effects.arm.acts_on_output or sample.measured is None \
-                or not math.isfinite(f.x[1]):
+        if self._apart or sample.measured is None or not math.isfinite(f.x[1]):
             self.predict(f, sample, loads)
             self.correct(f, sample, loads)
             return
@@ -232,10 +234,9 @@ class FilterStep:
 
     def _offset(self, x: Array, time: float) -> Array:
         """Return what the sensors' effects add to C x, (m,)."""
-        arm = self.effects.arm
-        if not arm.acts_on_output:
+        if not self._offsets:
             return self._no_offset
-        return np.asarray(arm.output(x, time) - self.output @ x)
+        return np.asarray(self.effects.arm.output(x, time) - self.output @ x)
 
     def followed(self, f: Filter, command: Array, output: Array, loads: Loads, swing: float
                  ) -> tuple[Loads, bool]:

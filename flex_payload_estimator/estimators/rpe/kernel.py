@@ -64,13 +64,14 @@ def _off_nominal(parts: Array, anchor: Array, drive: Array, moved: Array, jacobi
 def _at(angles: Array, order: Array, value: Array, slopes: Array, away: float
         ) -> tuple[Array, Array, Array]:
     """Return M and its derivatives over the angle and over the payload, all flat."""
-    wave = np.cos(angles)
-    matrix, over_m = combined(wave, value), combined(wave, slopes[0])
+    waves = np.empty((2, order.size))
+    waves[0], waves[1] = np.cos(angles), -order * np.sin(angles)
+    found, over_m = product(waves, value), combined(waves[0], slopes[0])
     if away != 0.0:
-        bend = away * combined(wave, slopes[1])
-        matrix += away * (over_m + 0.5 * bend)
+        bend = away * combined(waves[0], slopes[1])
+        found[0] += away * (over_m + 0.5 * bend)
         over_m = over_m + bend
-    return matrix, combined(-order * np.sin(angles), value), over_m
+    return found[0], found[1], over_m
 
 
 @compiled
@@ -220,17 +221,19 @@ def walk(cov: Array, sens: Array, spread: Array, variance: float
 def _seen(x: Array, sens: Array, anchor: Array, offset: Array, output: Array, gains: int
           ) -> tuple[Array, Array, Array]:
     """Return what is expected of the outputs at the anchor, its slopes over x and over beta."""
-    size, gauges = anchor.size, len(output) - 2
-    base, factor = applied(output, x) + offset, np.ones(len(output))
+    size, gauges, seen = anchor.size, len(output) - 2, output
+    expected = applied(output, x) + offset
+    base = expected
     if gains > 0:
+        factor = np.ones(len(output))
         factor[2:] += anchor[size - gains:]
-    seen = output * factor.reshape(-1, 1)
-    expected, psi = base * factor, product(seen, sens)
-    expected[2:] += anchor[FIRST_BIAS:FIRST_BIAS + gauges]
+        expected, seen = base * factor, output * factor.reshape(-1, 1)
+    psi = product(seen, sens)
     for g in range(gauges):
         psi[2 + g, FIRST_BIAS + g] += 1.0
         if gains > 0:
             psi[2 + g, size - gains + g] += base[2 + g]
+    expected[2:] += anchor[FIRST_BIAS:FIRST_BIAS + gauges]
     return expected, seen, psi
 
 
@@ -246,20 +249,20 @@ def _shorter(cov: Array, gain: Array, seen: Array, noise: Array) -> Array:
     """Return P after a measurement, in Joseph's form."""
     keep = np.eye(len(cov)) - product(gain, seen)
     cov = squared(product(keep, cov), keep) + squared(gain * noise, gain)
+    cov = 0.5 * (cov + cov.T)
     for i in range(len(cov)):
         cov[i, i] *= 1.0 + JITTER
-    return 0.5 * (cov + cov.T)
+    return cov
 
 
 @compiled
 def _learn(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor: Array,
-           held: bool, expected: Array, seen: Array, psi: Array, projected: Array, known: Array,
-           learnt: Array, white: Array, noise: Array, measured: Array, heaviest: float
-           ) -> tuple[Array, Array, Array, Array, Array]:
+           held: bool, alone: Array, innovation: Array, seen: Array, psi: Array,
+           projected: Array, known: Array, learnt: Array, white: Array, noise: Array,
+           heaviest: float) -> tuple[Array, Array, Array, Array, Array]:
     """Return x, P, s, beta and V after a measurement; L^-1 of Sigma is `white`."""
     gain, learnt = _gain(projected, known, noise), squared(learnt, white)
-    alone = measured - expected
-    after = beta + applied(learnt, applied(white, alone - applied(psi, beta - anchor)))
+    after = beta + applied(learnt, applied(white, innovation))
     after[MASS] = min(max(after[MASS], 0.0), heaviest)
     spread, sens = spread - squared(learnt, learnt), sens - product(gain, psi)
     x = x + applied(gain, alone)
@@ -298,7 +301,8 @@ def correct(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, ancho
 
     """
     expected, seen, psi = _seen(x, sens, anchor, offset, output, gains)
-    innovation = measured - expected - applied(psi, beta - anchor)
+    alone = measured - expected
+    innovation = alone - applied(psi, beta - anchor) if held else alone
     projected, learnt = squared(cov, seen), squared(spread, psi)
     known = product(seen, projected)
     total = known + product(psi, learnt) + np.diag(noise)
@@ -311,6 +315,6 @@ def correct(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, ancho
         more = (misfit / gate - 1.0) * variances
         noise = noise + more
         white = whitener(total + np.diag(more))
-    found = _learn(x, cov, sens, beta, spread, anchor, held, expected, seen, psi, projected,
-                   known, learnt, white, noise, measured, heaviest)
+    found = _learn(x, cov, sens, beta, spread, anchor, held, alone, innovation, seen, psi,
+                   projected, known, learnt, white, noise, heaviest)
     return found, innovation, variances, scores, -2.0 * np.log(np.diag(white)).sum()

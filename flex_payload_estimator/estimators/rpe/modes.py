@@ -221,8 +221,10 @@ class Modes:
         return self.stepper.freed(new) if last else new
 
     def _wins(self, trial: Trial, incumbent: Filter) -> bool:
-        if self._outdone(trial, incumbent):
-            return False
+        return self._leads(trial, incumbent) and not self._outdone(trial, incumbent)
+
+    def _leads(self, trial: Trial, incumbent: Filter) -> bool:
+        """Tell whether a trial has gained enough over the incumbent."""
         if trial.kind == 'still':
             return trial.age >= self._patience and trial.gain > -SIMPLER
         if trial.kind == 'moved':
@@ -304,9 +306,9 @@ class Modes:
                 self._add('still', f, incumbent, time)
         if not walking and 'moved' not in kinds and level(incumbent.mode) < 2:
             self._add('moved', self._as(incumbent, incumbent.mode, self.walk), incumbent, time)
-        known = {level(trial.runner.mode) for trial in self.trials if trial.kind == 'other'}
         for mode in self._others(incumbent, time):
-            if level(mode) not in known:
+            if not any(trial.kind == 'other' and level(trial.runner.mode) == level(mode)
+                       for trial in self.trials):
                 self._next = time + TRIAL_S
                 self._add('other', self._converted(incumbent, mode), incumbent, time)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from flex_payload_estimator.estimators.rpe.onward import DRIVE, MEAN, STRAIN
 from flex_plant_sim.arm.second_order import Array
@@ -42,8 +42,7 @@ def start_spread(arm: ExtendedArm) -> Array:
     return np.array(spread + [1.0] * (arm.states - len(spread)))
 
 
-@dataclass(frozen=True)
-class Loads:
+class Loads(NamedTuple):
     """
     Mean squares of what the gauges see and of the drives' net torques, remembered for a while.
 
