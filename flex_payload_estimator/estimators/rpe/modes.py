@@ -180,15 +180,14 @@ class Modes:
         """Return those that learn the past again, where it is time."""
         if f.mode.walk > 0.0 or level(f.mode) == 2 or self._past.first == self._past.end:
             return None
+        exact = [trial for trial in self.trials if trial.kind == 'other' and f.mode.parts
+                 and not trial.runner.mode.parts]
+        for trial in exact:
+            if trial.gain > self._rare or f.rounds == ROUNDS and trial.age >= TRIAL_S:
+                return judged(trial.runner, f, self._past, self.stepper, trial)
         if f.rounds < ROUNDS:
             return again(f, self._past, self.stepper)
-        if not f.mode.parts:
-            return None
-        for trial in self.trials:
-            if trial.kind == 'other' and not trial.runner.mode.parts:
-                return None if trial.age < TRIAL_S else judged(
-                    trial.runner, f, self._past, self.stepper, trial)
-        if self._past.lived < 2.0 * max(self._tried, HOLD_S):
+        if not f.mode.parts or exact or self._past.lived < 2.0 * max(self._tried, HOLD_S):
             return None
         self._tried = self._past.lived
         return exact_beside(f, self._past, self.stepper)
