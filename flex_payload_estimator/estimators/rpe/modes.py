@@ -178,7 +178,7 @@ class Modes:
 
     def _again(self, f: Filter) -> Replay | None:
         """Return those that learn the past again, where it is time."""
-        if f.mode.walk > 0.0 or level(f.mode) == 2 or self._past.first == self._past.end:
+        if f.mode.walk > 0.0 or self._past.first == self._past.end:
             return None
         exact = [trial for trial in self.trials if trial.kind == 'other' and f.mode.parts
                  and not trial.runner.mode.parts]
@@ -190,7 +190,8 @@ class Modes:
         if not f.mode.parts or exact or self._past.lived < 2.0 * max(self._tried, HOLD_S):
             return None
         self._tried = self._past.lived
-        return exact_beside(f, self._past, self.stepper)
+        about = again if level(f.mode) == 2 else exact_beside
+        return about(f, self._past, self.stepper)
 
     def _refuse(self, replay: Replay) -> None:
         """Give up an exact model that one of parts has outdone."""
@@ -284,7 +285,8 @@ class Modes:
             else:
                 self.change = None
             self.moved, self._stood = None, time
-            if trial.kind == 'still' or trial.runner.mode.parts:
+            # What `coarse` allows for may have been there all the time.
+            if trial.kind == 'still' or level(trial.runner.mode) == 1:
                 self._past.clear()
         self._replay, self._tried = None, 0.0
         if new:

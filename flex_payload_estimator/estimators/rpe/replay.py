@@ -9,10 +9,11 @@ from flex_payload_estimator.estimators.rpe.filter import FilterStep
 from flex_payload_estimator.estimators.rpe.hypothesis import (
     EXACT,
     Filter,
+    level,
     Mode,
+    MODES,
     NATURAL,
     PARTS,
-    ROUGH,
 )
 from flex_payload_estimator.estimators.rpe.kernel import CORIOLIS
 from flex_payload_estimator.estimators.rpe.past import Moment, Past
@@ -23,8 +24,9 @@ import numpy as np
 PACE = 4
 # A filter that follows its estimate learns from what it linearises on the way there. So after
 # HOLD_S in motion one learns the same samples again, linearised about what was found; ROUNDS times
-# (Gauss and Newton's iteration). One of parts is linearised afresh, and forgets nothing, whenever
-# it has learnt for twice as long.
+# (Gauss and Newton's iteration). Whenever the time learnt has doubled, `rough` is linearised
+# afresh and forgets nothing; `coarse`, whose first seconds were linearised about what a wrong
+# model had found, learns again from the prior on.
 HOLD_S, ROUNDS = 0.5, 3
 # An exact model does at once where its misfit is beyond this and it had the time, s, to settle:
 # it may not have found where to linearise. A wronger one goes on trial.
@@ -142,14 +144,16 @@ class Replay:
 def again(f: Filter, past: Past, stepper: FilterStep) -> Replay | None:
     """Return a filter's own mode from the prior on, linearised about what it has found."""
     unfit = not f.mode.parts and misfit_of(f.record) > MISFIT
-    if min(f.age, past.lived) < SETTLES_S or f.age < HOLD_S and not unfit:
+    # Where `coarse` begins, another has moved already.
+    learnt = past.lived if level(f.mode) == 2 else f.age
+    if min(f.age, past.lived) < SETTLES_S or learnt < HOLD_S and not unfit:
         return None
     return Replay(_forms(f, past, stepper), past.first + 1)
 
 
 def _forms(f: Filter, past: Past, stepper: FilterStep) -> list[Relearner]:
     """Return its own mode; which forces of motion an exact one has is open the first time."""
-    mode = ROUGH if f.mode.parts else f.mode
+    mode = MODES[level(f.mode)] if f.mode.parts else f.mode
     if f.mode.parts or f.rounds > 0:
         return [_from_prior(f, mode, float(f.beta[CORIOLIS]), past, stepper)]
     runners = [_from_prior(f, mode, share, past, stepper) for share in stepper.shares]
@@ -198,7 +202,7 @@ def judged(exact: Filter, f: Filter, past: Past, stepper: FilterStep,
 
 
 def strays(f: Filter) -> bool:
-    """Tell whether one of parts that has learnt again is to be linearised afresh."""
-    if f.rounds < ROUNDS or f.mode.walk > 0.0 or not f.mode.parts:
+    """Tell whether a `rough` one that has learnt again is to be linearised afresh."""
+    if f.rounds < ROUNDS or f.mode.walk > 0.0 or level(f.mode) != 1:
         return False
     return f.age >= (HOLD_S if f.model is None else 2.0 * max(f.linearised, HOLD_S))
