@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 from extended_arms import arm, effect, ROBOT, stiff
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
@@ -16,6 +17,12 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.arm.state_space import zero_order_hold
 from flex_plant_sim.effects import catalogue, kinds
 from flex_plant_sim.effects.base import Motion
+from flex_plant_sim.effects.mechanics.bending import field_factors, momentum_factors
+from flex_plant_sim.effects.mechanics.bending_slopes import (
+    field_derivatives,
+    momentum_derivatives,
+    SCALARS,
+)
 from flex_plant_sim.simulation.stepping import Stepper
 import numpy as np
 import pytest
@@ -162,6 +169,20 @@ def coasting(*texts: str, step: float) -> Array:
         energy, momentum = drawn_energy_and_momentum(robot, 1, x[:n], x[n:])
         found.append((energy + 0.5 * x[:n] @ extended.form.stiffness_at(1.0) @ x[:n], momentum))
     return np.array(found[1]) / found[0] - 1.0
+
+
+@pytest.mark.parametrize('factors, derivatives', [(momentum_factors, momentum_derivatives),
+                                                  (field_factors, field_derivatives)])
+def test_the_factors_derivatives_are_their_differences(factors: Any, derivatives: Any) -> None:
+    z, carried, step = np.random.default_rng(5).normal(size=SCALARS), 0.7, 1e-20
+
+    def at(scalars: Array) -> Array:
+        sine, cosine = np.sin(scalars[6]), np.cos(scalars[6])
+        return np.array(factors(scalars[:4], (*scalars[4:6], sine, cosine), scalars[7:], carried))
+
+    # A step along the imaginary axis, which loses no digit.
+    found = np.array([at(z + 1j * step * unit).imag / step for unit in np.eye(SCALARS)]).T
+    assert derivatives(z, carried) == pytest.approx(found, rel=1e-13, abs=1e-13)
 
 
 def test_a_coasting_arm_keeps_energy_and_angular_momentum_of_its_drawn_points() -> None:

@@ -151,13 +151,15 @@ def _inverse_by_loops(matrix: Array) -> Array:
     rest, found = matrix.copy(), np.eye(size)
     for i in range(size):
         pivot = rest[i, i] if rest[i, i] != 0.0 else 1e-300
-        rest[i] /= pivot
-        found[i] /= pivot
+        for k in range(size):
+            rest[i, k] /= pivot
+            found[i, k] /= pivot
         for j in range(size):
-            if j != i:
-                share = rest[j, i]
-                rest[j] -= share * rest[i]
-                found[j] -= share * found[i]
+            share = rest[j, i]
+            # Number by number: a row's difference would be another array each time.
+            for k in range(size if j != i else 0):
+                rest[j, k] -= share * rest[i, k]
+                found[j, k] -= share * found[i, k]
     return found
 
 

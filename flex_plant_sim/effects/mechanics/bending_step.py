@@ -12,12 +12,15 @@ from flex_plant_sim.effects.mechanics.bending import (
     momentum_factors,
     remaining,
 )
+from flex_plant_sim.effects.mechanics.bending_slopes import (
+    field_derivatives,
+    momentum_derivatives,
+    SCALARS,
+)
 import numpy as np
 
 _momentum_factors, _field_factors = compiled(momentum_factors), compiled(field_factors)
 _remaining = compiled(remaining)
-# Of a difference along a state, in its unit: what is cubic in it leaves 1e-8.
-STEP = 1e-4
 
 
 @compiled
@@ -95,21 +98,20 @@ def _over_state(terms: BendingTerms, state: Array) -> tuple[Array, Array, float,
     """
     Return w_1, w_2, epsilon, sigma, tau, alpha, eta, P, P', C_1, beta, beta', C_2, (13,).
 
-    Then their derivatives over the state, (2 N, 13), what remains of the forces, and the products
+    Then their derivatives over the state, (13, 2 N), what remains of the forces, and the products
     with p and p'.
     """
     n = len(terms.upper)
     rate, _, short, over_p, over_v = scalars(terms, state)
-    z, slope = np.empty(13), np.zeros((2 * n, 13))
+    z, slope = np.empty(SCALARS), np.zeros((SCALARS, 2 * n))
     z[0], z[1], z[2], z[3] = rate
     z[4:7] = over_p[:3]
     z[7], z[8], z[9], z[10], z[11], z[12] = short
+    slope[:4, n:], slope[4:7, :n] = terms.over_velocity[:4], terms.over_position[:3]
     for i in range(n):
-        slope[n + i, :4] = terms.over_velocity[:4, i]
-        slope[i, 4:7] = terms.over_position[:3, i]
         k = 7 if terms.upper[i] > 0.0 else 10
-        slope[i, k], slope[n + i, k + 1] = over_p[3 + i], over_p[3 + i]
-        slope[i, k + 1], slope[i, k + 2] = over_v[4 + i], 2.0 * over_p[3 + n + i]
+        slope[k, i], slope[k + 1, n + i] = over_p[3 + i], over_p[3 + i]
+        slope[k + 1, i], slope[k + 2, i] = over_v[4 + i], 2.0 * over_p[3 + n + i]
     return z, slope, _remaining(short, terms.most), over_p, over_v
 
 
@@ -118,58 +120,38 @@ def momentum_slope(terms: BendingTerms, state: Array, first: int) -> Array:
     """
     Return the derivative of `momentum` over the state from one of it on, (N, 2 N - first).
 
-    Its factors are polynomials of few scalars: their differences along each state leave 1e-8.
     What fades of arms that bend beyond their order fades with it, its own slope apart.
     """
-    n, rows, link = len(terms.upper), terms.over_velocity, terms.over_position[3:]
+    n, link = len(terms.upper), terms.over_position[3:]
     z, slope, left, over_p, _ = _over_state(terms, state)
     rate, bent, short = _parted(z)
-    f, found = _momentum_factors(rate, bent, short, terms.carried), np.empty((n, 2 * n - first))
-    for j in range(first, 2 * n):
-        rate, bent, short = _parted(z + STEP * slope[j])
-        ahead = _momentum_factors(rate, bent, short, terms.carried)
-        rate, bent, short = _parted(z - STEP * slope[j])
-        behind = _momentum_factors(rate, bent, short, terms.carried)
-        for i in range(n):
-            by = ahead[4] - behind[4] if terms.upper[i] > 0.0 else ahead[5] - behind[5]
-            total = 0.5 / STEP * (
-                by * over_p[3 + i]
-                + (ahead[0] - behind[0]) * rows[0, i] + (ahead[1] - behind[1]) * rows[1, i]
-                + (ahead[2] - behind[2]) * rows[2, i] + (ahead[3] - behind[3]) * rows[3, i])
-            if j < n:
-                total += (f[4] if terms.upper[i] > 0.0 else f[5]) * link[i, j]
-            found[i, j - first] = left * total
-    return found
+    f = _momentum_factors(rate, bent, short, terms.carried)
+    by = np.dot(momentum_derivatives(z, terms.carried), slope[:, first:].copy())
+    found = np.dot(terms.over_velocity[:4].T, by[:4])
+    for i in range(n):
+        of, own = (by[4], f[4]) if terms.upper[i] > 0.0 else (by[5], f[5])
+        found[i] += of * over_p[3 + i]
+        found[i, :n - first] += own * link[i, first:]
+    return left * found
 
 
 @compiled
 def field_slope(terms: BendingTerms, state: Array) -> Array:
     """Return the derivative of `slopes` over the state, (N, 2 N); see momentum_slope."""
-    n, rows, turning = len(terms.upper), terms.over_position, terms.over_velocity
+    n, rows = len(terms.upper), terms.over_position
     z, slope, left, over_p, over_v = _over_state(terms, state)
     rate, bent, short = _parted(z)
-    f, found = _field_factors(rate, bent, short, terms.carried), np.empty((n, 2 * n))
-    for j in range(2 * n):
-        rate, turned, short = _parted(z + STEP * slope[j])
-        ahead = _field_factors(rate, turned, short, terms.carried)
-        rate, turned, short = _parted(z - STEP * slope[j])
-        behind = _field_factors(rate, turned, short, terms.carried)
-        for i in range(n):
-            # The upper link has sigma sin(eta) S p' + w_1^2 C p besides, the lower one likewise.
-            upper = terms.upper[i] > 0.0
-            by, own = (ahead[3] - behind[3], f[3]) if upper else (ahead[4] - behind[4], f[4])
-            across, w, sign = (3, 0, 1.0) if upper else (2, 1, -1.0)
-            total = 0.5 / STEP * (
-                by * over_p[3 + i] + (ahead[0] - behind[0]) * rows[0, i]
-                + (ahead[1] - behind[1]) * rows[1, i] + (ahead[2] - behind[2]) * rows[2, i]
-                + (ahead[5] - behind[5]) * turning[2, i]
-                + (ahead[6] - behind[6]) * turning[3, i])
-            total += sign * over_v[4 + i] * (
-                slope[j, across] * bent[2] + z[across] * bent[3] * slope[j, 6]) \
-                + 2.0 * z[w] * slope[j, w] * over_p[3 + n + i]
-            if j < n:
-                total += own * rows[3 + i, j] + z[w]**2 * rows[3 + n + i, j]
-            else:
-                total += sign * z[across] * bent[2] * rows[3 + i, j - n]
-            found[i, j] = left * total
-    return found
+    f = _field_factors(rate, bent, short, terms.carried)
+    by = np.dot(field_derivatives(z, terms.carried), slope)
+    found = np.dot(rows[:3].T, by[:3]) + np.dot(terms.over_velocity[2:4].T, by[5:7])
+    for i in range(n):
+        # The upper link has sigma sin(eta) S p' + w_1^2 C p besides, the lower one likewise.
+        upper = terms.upper[i] > 0.0
+        of, own = (by[3], f[3]) if upper else (by[4], f[4])
+        across, w, sign = (3, 0, 1.0) if upper else (2, 1, -1.0)
+        found[i] += of * over_p[3 + i] + 2.0 * z[w] * over_p[3 + n + i] * slope[w]
+        found[i] += sign * over_v[4 + i] * (bent[2] * slope[across]
+                                            + z[across] * bent[3] * slope[6])
+        found[i, :n] += own * rows[3 + i] + z[w]**2 * rows[3 + n + i]
+        found[i, n:] += sign * z[across] * bent[2] * rows[3 + i]
+    return left * found
