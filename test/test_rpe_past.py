@@ -107,3 +107,23 @@ def test_tolerances_count_as_off_by_what_the_posterior_says_of_the_parts() -> No
     # Nothing learnt: as told.
     spread = np.diag(prior.std**2)
     assert tolerances_off(prior.mean, spread, prior.mean, prior.weights) == pytest.approx(1.0)
+
+
+def test_who_learns_again_gives_up_where_the_past_is_dropped() -> None:
+    """It took the newest samples for the oldest, which drove a gap's parts 45 tolerances off."""
+    robot = robot_with()
+    estimator, command, given_up = estimator_of(robot), np.zeros(2), 0
+    simulator = Simulator(ExtendedArm(robot, 'assumed_modes', 2, MASS), None,
+                          Noise(robot.angle_noise, robot.strain_noise), 5)
+    modes = estimator._modes
+    for _ in range(100):
+        sample = simulator.measure()
+        estimator.update(sample.time, sample.output, command)
+        estimator.conclude()
+        learner = modes._replay
+        assert learner is None or learner.place >= modes._past.first
+        if learner and not given_up:
+            modes._past.most, given_up = (modes._past.end - modes._past.first) // 2, 1
+        command = 4.0 * (square(sample.time) - sample.angle)
+        simulator.step(command)
+    assert given_up

@@ -149,6 +149,9 @@ class Modes:
                 return self._promote(trial, incumbent, sample.time)
             if self._over(trial, incumbent):
                 self.trials.remove(trial)
+        if self._replay and self._replay.place < self._past.first:
+            # What it was to learn next has been dropped.
+            self._replay = None
         if self._replay and self._replay.advance(self._past, self.stepper):
             incumbent = self._relearnt(self._replay, incumbent, sample.time)
         elif self._replay and self._replay.lost(self._past, self._rare):
@@ -190,8 +193,10 @@ class Modes:
         if not f.mode.parts or exact or self._past.lived < 2.0 * max(self._tried, HOLD_S):
             return None
         self._tried = self._past.lived
-        about = again if level(f.mode) == 2 else exact_beside
-        return about(f, self._past, self.stepper)
+        if level(f.mode) < 2:
+            return exact_beside(f, self._past, self.stepper)
+        # Begun in the midst of a motion, its parts are thrown far off.
+        return again(f, self._past, self.stepper) if self._past.whole else None
 
     def _refuse(self, replay: Replay) -> None:
         """Give up an exact model that one of parts has outdone."""

@@ -38,6 +38,8 @@ class Past:
     ----------
     first : int
         The oldest one's number.
+    whole : bool
+        Whether nothing has been dropped since all was forgotten.
     lived : float
         For how long the arm has moved since all was forgotten, s.
     rested : Filter or None
@@ -47,6 +49,7 @@ class Past:
 
     def __init__(self, most: int):
         self.most, self.first, self.lived = most, 0, 0.0
+        self.whole = True
         self.rested: Filter | None = None
         self._moments: list[Moment] = []
         self._forgotten: list[Moment] = []
@@ -72,11 +75,11 @@ class Past:
         self.lived += moment.lived
         if len(self._moments) >= 2 * self.most:
             self.first += self.most
-            self.rested = None
+            self.rested, self.whole = None, False
             self._forgotten = self._moments[:self.most]
             del self._moments[:self.most]
 
     def clear(self) -> None:
         """Forget all."""
-        self.first, self.lived, self.rested = self.end, 0.0, None
+        self.first, self.lived, self.rested, self.whole = self.end, 0.0, None, True
         self._moments = []
