@@ -210,7 +210,8 @@ class Modes:
             self._replay = judged(new, incumbent, self._past, self.stepper)
             return incumbent
         if replay.judged:
-            if new.mode.parts:
+            # One that does not fit is likelier than another that does not, and no more.
+            if new.mode.parts or misfit_of(new.record) > MISFIT:
                 self._refuse(replay)
                 return incumbent
             replay.hand_in(self._past)
