@@ -33,7 +33,8 @@ class Backlash(Effect):
     family = 'joint and gear'
     explanation = 'The gear of {site} has backlash: the link moves freely within a gap.'
     parameters = (
-        Parameter('gap_rad', 'rad', 0.0, 0.0, 0.3, (0.0008, 0.0025, 0.008, 0.025, 0.08), 0.002,
+        # Strain-wave gears have 1', the smallest that matters; others some tens of it.
+        Parameter('gap_rad', 'rad', 0.0, 0.0, 0.3, (0.0008, 0.0025, 0.008, 0.025, 0.08), 3e-4,
                   0.015),
         Parameter('sensor_behind_gear', '', 1.0, 0.0, 1.0, (1.0, 0.0), np.inf, 0.5, discrete=True),
         Parameter('hub_share', '', 0.0, 0.0, 0.9, (0.05, 0.3), np.inf, 0.3),
