@@ -78,8 +78,7 @@ class FilterStep:
         self.output = np.ascontiguousarray(effects.output_matrix())
         self.step_time = effects.arm.step_time
         self._density = ERROR_STEP_S / self.step_time
-        self._speed = speed_feedback(effects.arm)
-        self._offsets = effects.arm.acts_on_output
+        self._speed, self._offsets = speed_feedback(effects.arm), effects.arm.acts_on_output
         # Whether an effect acts between prediction and measurement.
         self._apart = effects.moves or self._offsets
         self._no_parts, self._no_offset = np.zeros((0, 1)), np.zeros(told.size)

@@ -227,10 +227,8 @@ class Modes:
         return self.stepper.freed(new) if last else new
 
     def _wins(self, trial: Trial, incumbent: Filter) -> bool:
-        return self._leads(trial, incumbent) and not self._outdone(trial, incumbent)
-
-    def _leads(self, trial: Trial, incumbent: Filter) -> bool:
-        """Tell whether a trial has gained enough over the incumbent."""
+        if self._outdone(trial, incumbent):
+            return False
         if trial.kind == 'still':
             return trial.age >= self._patience and trial.gain > -SIMPLER
         if trial.kind == 'moved':
@@ -238,10 +236,8 @@ class Modes:
             fits = self._lived >= OPEN_S if not incumbent.mode.parts else (
                 incumbent.rounds == ROUNDS and misfit_of(incumbent.record) < UNFIT)
             return fits and trial.gain > self._rare * WRONG[level(incumbent.mode)]
-        if trial.age < self._shortest(trial, incumbent):
-            return False
-        if not trial.runner.mode.parts:
-            # That is judged over all that it explains, see `_again`.
+        # What is exact is judged over all that it explains, see `_again`.
+        if not trial.runner.mode.parts or trial.age < self._shortest(trial, incumbent):
             return False
         return trial.gain + belief(trial.runner.record) - belief(incumbent.record) > self._rare
 
@@ -261,13 +257,11 @@ class Modes:
         """Tell whether a trial that has not won is at its end."""
         if trial.kind == 'moved':
             return False
-        if trial.kind == 'still':
-            return trial.gain < -self._rare
-        if trial.any_time(incumbent):
+        if trial.kind == 'other' and trial.any_time(incumbent):
             return trial.time >= TRIAL_S and trial.gain == 0.0
-        if not trial.runner.mode.parts:
-            return trial.gain < -self._rare
-        return trial.gain < -self._rare or trial.age >= self._shortest(trial, incumbent)
+        aged = trial.kind == 'other' and trial.runner.mode.parts \
+            and trial.age >= self._shortest(trial, incumbent)
+        return aged or trial.gain < -self._rare
 
     def _promote(self, trial: Trial, incumbent: Filter, time: float) -> Filter:
         """Return the new incumbent; one of another mode that it follows stays beside it."""
@@ -321,9 +315,8 @@ class Modes:
 
     def _others(self, incumbent: Filter, time: float) -> list[Mode]:
         """Return the modes that should be on trial: where the incumbent does not fit, wronger."""
-        place, others = level(incumbent.mode), []
-        if place > 1 and time >= self._next:
-            others.append(MODES[place - 1])
+        place = level(incumbent.mode)
+        others = [MODES[place - 1]] if place > 1 and time >= self._next else []
         # One that still seeks its parts is not judged.
         sought = incumbent.mode.parts and incumbent.rounds == 0
         if not sought and misfit_of(incumbent.record) > MISFIT:
