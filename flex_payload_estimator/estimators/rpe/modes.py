@@ -255,13 +255,11 @@ class Modes:
 
     def _over(self, trial: Trial, incumbent: Filter) -> bool:
         """Tell whether a trial that has not won is at its end."""
-        if trial.kind == 'moved':
-            return False
         if trial.kind == 'other' and trial.any_time(incumbent):
             return trial.time >= TRIAL_S and trial.gain == 0.0
         aged = trial.kind == 'other' and trial.runner.mode.parts \
             and trial.age >= self._shortest(trial, incumbent)
-        return aged or trial.gain < -self._rare
+        return trial.kind != 'moved' and (aged or trial.gain < -self._rare)
 
     def _promote(self, trial: Trial, incumbent: Filter, time: float) -> Filter:
         """Return the new incumbent; one of another mode that it follows stays beside it."""
