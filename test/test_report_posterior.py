@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from flex_plant_sim.diagnosis.report.html_report import render, Report
-from flex_plant_sim.diagnosis.report.posterior_pictures import moved, part_text, sets_picture
+from flex_plant_sim.diagnosis.report.posterior_pictures import moved, sets_picture
 from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual, Whiteness
 from flex_plant_sim.diagnosis.verdict.results import Diagnosis, PartEstimate
+from flex_plant_sim.diagnosis.verdict.wording import part_text
 import pytest
 
 FAR = PartEstimate('shoulder drive damping', '', 0.05, -0.08, 0.01)

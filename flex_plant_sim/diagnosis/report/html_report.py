@@ -16,7 +16,6 @@ from flex_plant_sim.diagnosis.report.latent_pictures import LatentSection
 from flex_plant_sim.diagnosis.report.payload_gain import PayloadGain
 from flex_plant_sim.diagnosis.report.posterior_pictures import (
     moved,
-    part_text,
     parts_picture,
     sets_picture,
 )
@@ -27,6 +26,7 @@ from flex_plant_sim.diagnosis.verdict.wording import (
     key_text,
     name_text,
     parameter_text,
+    part_text,
     percent_text,
     size_text,
 )

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-import math
 from typing import Any
 
 from flex_plant_sim.diagnosis.report.figures import AFTER, MEASURED, Picture, picture
 from flex_plant_sim.diagnosis.verdict.results import PartEstimate
-from flex_plant_sim.diagnosis.verdict.wording import name_text, percent_text, shown_unit
+from flex_plant_sim.diagnosis.verdict.wording import label_text, part_text, percent_text
 from flex_plant_sim.interval import Z95
 
 # Rows that a picture has room for.
@@ -44,7 +43,7 @@ def sets_picture(sets: Sequence[tuple[tuple[str, ...], float]]) -> Picture:
 
 def set_text(labels: Sequence[str]) -> str:
     """Return a set of labels as a reader says it."""
-    words = [name_text(*label.partition(':')[::2]) for label in labels]
+    words = [label_text(label) for label in labels]
     return ' + '.join(words) or 'nothing wrong'
 
 
@@ -61,7 +60,7 @@ def parts_picture(parts: Sequence[PartEstimate]) -> Picture:
                       xerr=[Z95 * p.deviation / p.prior for p in shown], color=AFTER, fmt='o',
                       markersize=3.5)
         axis.axvline(0.0, color=MEASURED, linewidth=0.5)
-        axis.set_yticks(rows, [_name(p) for p in shown], fontsize=8.0)
+        axis.set_yticks(rows, [label_text(p.name) for p in shown], fontsize=8.0)
         axis.set_ylim(len(shown) - 0.5, -0.5)
         axis.set_xlabel('deviation from the robot file, tolerances')
 
@@ -73,18 +72,3 @@ def moved(parts: Sequence[PartEstimate]) -> list[PartEstimate]:
     """Return the parts beyond their tolerance, the furthest first."""
     far = [part for part in parts if abs(part.mean) > MOVED * part.prior]
     return sorted(far, key=lambda part: -abs(part.mean) / part.prior)
-
-
-def _name(part: PartEstimate) -> str:
-    return name_text(*part.name.partition(':')[::2])
-
-
-def part_text(part: PartEstimate) -> str:
-    """Return a part's deviation with its 95 % interval, and what was allowed."""
-    name = _name(part)
-    if part.unit:
-        scale, unit = shown_unit(part.unit)
-        return (f'{name} {scale * part.mean:+.3g} ± {scale * Z95 * part.deviation:.2g} {unit} '
-                f'(told ± {scale * part.prior:.2g})')
-    percent, reach = 100.0 * math.expm1(part.mean), 100.0 * Z95 * part.deviation
-    return f'{name} {percent:+.3g} ± {reach:.2g} % (told ± {100.0 * part.prior:.2g} %)'

@@ -22,7 +22,7 @@ from flex_plant_sim.diagnosis.verdict.results import (
     ParameterValue,
     PartEstimate,
 )
-from flex_plant_sim.diagnosis.verdict.wording import apart_text, parameter_text
+from flex_plant_sim.diagnosis.verdict.wording import apart_text, parameter_text, part_text
 from flex_plant_sim.effects import catalogue, explanation_at
 from flex_plant_sim.interval import Z95
 from flex_plant_sim.simulation.nominal import nominal_effects
@@ -238,16 +238,14 @@ def _unnamed(found: Search) -> str:
 def _far(found: Search) -> str:
     """Return which part is not as its file says, where that is what has no name."""
     far = found.best.fit.discrepancy.far
-    return ''.join(f' A part is not as the robot file says: {p.name}, by {p.mean:+.2g} '
-                   f'{p.unit or "(of its logarithm)"}.' for p in part_estimates(found)
-                   if p.name == far)
+    return ''.join(f' A part is not as the robot file says: {part_text(p)}.'
+                   for p in part_estimates(found) if p.name == far)
 
 
 def _moved(found: Search) -> str:
     """Return what a reader must know of parts that are further off than their tolerance."""
-    far = [f'{p.name} {p.mean / p.prior:+.1f}' for p in part_estimates(found)
-           if abs(p.mean) > p.prior]
-    return f' In tolerances, parts moved: {", ".join(far)}.' if far else ''
+    far = [part_text(p) for p in part_estimates(found) if abs(p.mean) > p.prior]
+    return f' Parts beyond their tolerance: {", ".join(far)}.' if far else ''
 
 
 def _advice(verdict: str, sets: Sequence[Sequence[str]]) -> str:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 import math
 
-from flex_plant_sim.diagnosis.verdict.results import ParameterValue
+from flex_plant_sim.diagnosis.verdict.results import ParameterValue, PartEstimate
+from flex_plant_sim.interval import Z95
 
 # Of half the interval: a value further from its middle is told with both ends.
 LOPSIDED = 0.3
@@ -72,6 +73,22 @@ def name_text(name: str, site: str = '') -> str:
     """Return coulomb_friction at joint_2 as a reader says it."""
     words = name.replace('_', ' ')
     return words if site in ('', 'arm') else f'{words}, {site.replace("_", " ")}'
+
+
+def label_text(label: str) -> str:
+    """Return coulomb_friction:joint_2 as a reader says it."""
+    return name_text(*label.partition(':')[::2])
+
+
+def part_text(part: PartEstimate) -> str:
+    """Return a part's deviation with its 95 % interval, and what was allowed."""
+    name = label_text(part.name)
+    if part.unit:
+        scale, unit = shown_unit(part.unit)
+        return (f'{name} {scale * part.mean:+.3g} ± {scale * Z95 * part.deviation:.2g} {unit} '
+                f'(told ± {scale * part.prior:.2g})')
+    percent, reach = 100.0 * math.expm1(part.mean), 100.0 * Z95 * part.deviation
+    return f'{name} {percent:+.3g} ± {reach:.2g} % (told ± {100.0 * part.prior:.2g} %)'
 
 
 def apart_text(names: Sequence[str]) -> str:
