@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
+import hashlib
 import os
+from pathlib import Path
 from typing import Any, cast, TypeVar
 
 try:
@@ -16,8 +19,26 @@ Function = TypeVar('Function', bound=Callable[..., Any])
 
 
 def compiled(function: Function) -> Function:
-    """Return the function compiled, once for each installation, or as it is."""
-    return cast(Function, njit(cache=True)(function)) if COMPILED else function
+    """Return the function compiled, once for each state of the sources, or as it is."""
+    if not COMPILED:
+        return function
+    dispatcher: Any = njit(cache=True)(function)
+    # Numba asks whether a function's own file has changed; what it calls is compiled into it.
+    index = dispatcher._cache._cache_file
+    index._source_stamp = index._source_stamp, loops_digest(function.__module__.partition('.')[0])
+    return cast(Function, dispatcher)
+
+
+@lru_cache
+def loops_digest(package: str) -> str:
+    """Return what every source of compiled loops of this package and another comes to."""
+    found, here = hashlib.sha256(), Path(__file__).parent
+    for folder in sorted({here, here.parent / package}):
+        for path in sorted(folder.rglob('*.py')):
+            source = path.read_bytes()
+            if b'@compiled' in source:
+                found.update(source)
+    return found.hexdigest()
 
 
 def cold(function: Callable[..., Any]) -> bool:

@@ -46,6 +46,44 @@ def test_what_is_about_to_be_compiled_is_said_once_for_each_installation(tmp_pat
     assert said == [('6.0\n', f'{COMPILING}\n'), ('6.0\n', ''), ('7.5\n', f'{COMPILING}\n')]
 
 
+INNER = """
+from flex_plant_sim.compiled import compiled
+
+@compiled
+def double(x):
+    return 2.0 * x
+"""
+OUTER = """
+from flex_plant_sim.compiled import compiled
+from flex_plant_sim.inner import double
+
+@compiled
+def quadruple(x):
+    return double(double(x))
+
+print(quadruple(3.0))
+"""
+
+
+@pytest.mark.skipif(not COMPILED, reason='Numba is not installed')
+def test_a_loop_is_compiled_anew_where_what_it_calls_has_changed(repository: Path,
+                                                                 tmp_path: Path) -> None:
+    package = tmp_path / 'flex_plant_sim'
+    package.mkdir()
+    for name in ('__init__.py', 'compiled.py'):
+        (package / name).write_text((repository / 'flex_plant_sim' / name).read_text())
+    (package / 'outer.py').write_text(OUTER)
+    environment = {**os.environ, 'PYTHONPATH': str(tmp_path),
+                   'NUMBA_CACHE_DIR': str(tmp_path / 'cache')}
+    said = []
+    for source in (INNER, INNER, INNER.replace('2.0', '3.0')):
+        (package / 'inner.py').write_text(source)
+        said.append(subprocess.run([sys.executable, '-m', 'flex_plant_sim.outer'], text=True,
+                                   env=environment, cwd=tmp_path, capture_output=True,
+                                   check=True).stdout)
+    assert said == ['12.0\n', '12.0\n', '27.0\n']
+
+
 @pytest.mark.skipif(not COMPILED, reason='Numba is not installed')
 def test_flex_compile_leaves_nothing_to_compile(repository: Path) -> None:
     found = loops(repository)
