@@ -162,10 +162,8 @@ def _loops(weights: Array, table: Array, drive: Array, start: Array, rows: Indic
     steps, windows = rows.shape
     batch, n, gaps = drive.shape[1], start.shape[1], len(places)
     states, flat = np.empty((steps, windows, batch, n)), np.empty(table.shape[1])
-    both, free, before = flat.reshape(-1, n), np.empty(n), np.empty(n)
-    push, error = np.empty(n), np.empty(output.shape[1])
-    touching, apart = np.empty(closed.shape[1]), np.empty((gaps, opened.shape[2]))
-    hits, inside = np.empty((gaps, impulse.shape[2])), touching.reshape(-1, n)
+    both, touching = flat.reshape(-1, n), np.empty(closed.shape[1])
+    apart, hits = np.empty((gaps, opened.shape[2])), np.empty((gaps, impulse.shape[2]))
     for w in range(windows):
         for b in range(batch):
             states[0, w, b] = start[w]
@@ -180,25 +178,13 @@ def _loops(weights: Array, table: Array, drive: Array, start: Array, rows: Indic
             for b in range(batch):
                 state, after, inputs = states[k, w, b], states[k + 1, w, b], drive[row, b]
                 if gaps:
-                    after[:], error[:], push[:] = state, 0.0, 0.0
-                    add_product(state, output, error)
-                    for i in range(len(error)):
-                        error[i] = inputs[len(inputs) - len(error) + i] - error[i]
-                    add_product(inputs[:len(inside) - n], inside[n:], push)
+                    _through_gaps(state, after, inputs, both[len(both) - output.shape[1]:],
+                                  touching.reshape(-1, n), apart, hits, rotor, places, output,
+                                  velocity, fine)
                 else:
                     after[:] = 0.0
                     add_product(state, both[:n], after)
                     add_product(inputs, both[n:], after)
-                for _ in range(fine):
-                    before[:], after[:] = after, push
-                    add_product(before, inside[:n], after)
-                    for g in range(gaps):
-                        _gap(before, after, free, inputs, apart[g].reshape(-1, n),
-                             hits[g].reshape(2, n), rotor[g], places[g, 0], places[g, 1],
-                             velocity)
-                if gaps:
-                    _correct(after, error, both[len(both) - len(error):], output, rotor, places,
-                             velocity)
                 if len(reach):
                     _stop(state, after, columns[row], reach[row], limits[row, b], velocity,
                           yielding[b], bends, step)
@@ -219,6 +205,27 @@ def _stop(state: Array, after: Array, columns: Array, reach: Array, limits: Arra
         if bends[j] >= 0:
             after[bends[j]] = yielding[j] * force[j]
             after[velocity + bends[j]] = 0.0
+
+
+@compiled
+def _through_gaps(state: Array, after: Array, inputs: Array, gain: Array, inside: Array,
+                  apart: Array, hits: Array, rotor: Array, places: Indices, output: Array,
+                  velocity: int, fine: int) -> None:
+    """Take fine steps, in which gaps open and close, then correct by the errors at the start."""
+    n, push, error = len(state), np.zeros(len(state)), np.zeros(output.shape[1])
+    before, free = np.empty(n), np.empty(n)
+    add_product(state, output, error)
+    for i in range(len(error)):
+        error[i] = inputs[len(inputs) - len(error) + i] - error[i]
+    add_product(inputs[:len(inside) - n], inside[n:], push)
+    after[:] = state
+    for _ in range(fine):
+        before[:], after[:] = after, push
+        add_product(before, inside[:n], after)
+        for g in range(len(places)):
+            _gap(before, after, free, inputs, apart[g].reshape(-1, n), hits[g].reshape(2, n),
+                 rotor[g], places[g, 0], places[g, 1], velocity)
+    _correct(after, error, gain, output, rotor, places, velocity)
 
 
 @compiled
