@@ -40,8 +40,8 @@ class Mode(NamedTuple):
 # From the simplest to the one that allows most; `rough` by benchmarks/model_error.py and
 # benchmarks/loop_band.py on tuning seeds, with three shapes a link. What `coarse` allows a drive
 # is all of its torque and more (friction, a gap, a lag): with 0.6 as of a gauge, MuJoCo's arms
-# with a hidden effect (seeds 10010 to 10129) have a band 1.2 to 1.7 times as wide, inside no more
-# often.
+# of benchmarks/hidden_effects.py (seeds 10010 to 10129) have a band 1.2 to 1.7 times as wide,
+# inside no more often.
 MODES = (Mode('exact', False, 0.0, 0.0, bent=False), Mode('rough', True, 0.1, 0.1),
          Mode('coarse', True, 0.6, 2.0))
 # Those that others are made of.
