@@ -12,7 +12,7 @@ import sys
 from typing import Any
 
 from bank import summary
-from bank.cases import all_cases, BankCase, first, FIRST_SEED
+from bank.cases import all_cases, BankCase, first, FIRST_SEED, SEEDS_PER_ROUND
 from bank.picture import write_picture
 from bank.run import limits_answer, run_case
 from bank.sizes import can_show, Limits, LIMITS_FILE, read_limits, write_limits
@@ -31,6 +31,8 @@ def options() -> argparse.Namespace:
     parser.add_argument('--use', choices=sorted(FIRST_SEED), default='scoring',
                         help='seeds and forms to take; what scores must never be tuned on')
     parser.add_argument('--rounds', type=int, default=9, help='cases of every identifier')
+    parser.add_argument('--first-round', type=int, default=0,
+                        help='rounds before it are left out: 15 begins at seed 6500')
     parser.add_argument('--jobs', type=int, default=2, help='workers on this machine')
     parser.add_argument('--scheduler', metavar='ADDRESS',
                         help='a Dask scheduler, whose workers have this folder in PYTHONPATH')
@@ -107,8 +109,10 @@ def _run(work: tuple[BankCase, Limits, str]) -> dict[str, Any]:
 def chosen_cases(chosen: argparse.Namespace) -> list[BankCase]:
     """Return the cases that are asked for, may show what they hide, and can be run here."""
     limits = read_limits()
-    cases = first((case for case in all_cases(chosen.use, chosen.rounds)
-                   if can_show(case, limits[case.robot])), chosen.only, chosen.count)
+    fresh = FIRST_SEED[chosen.use] + SEEDS_PER_ROUND * chosen.first_round
+    drawn = all_cases(chosen.use, chosen.first_round + chosen.rounds)
+    cases = first((case for case in drawn if case.seed >= fresh
+                   and can_show(case, limits[case.robot])), chosen.only, chosen.count)
     if HAVE_MUJOCO:
         return cases
     left = [case for case in cases if case.realisation.simulator != MUJOCO]
