@@ -13,6 +13,8 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from multiprocessing import get_context
 from pathlib import Path
 import sys
 
@@ -27,7 +29,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / 'test'))
 from truth.effects import CATALOGUE  # noqa: E402
 from truth.records import draw_case, make_record  # noqa: E402
 
-TIMES_S = (1.0, 3.0, 6.0, 10.0, 20.0, 40.0)
+TIMES_S = (0.5, 1.0, 2.0, 3.0, 6.0, 10.0, 20.0, 40.0)
 SEEDS = {'finite_elements': 8000, 'mujoco': 9000}
 # These hide nothing from an estimator that is told no payload, or change what it is to find.
 LEFT_OUT = ('payload_mass', 'payload_change', 'modal_truncation', 'coriolis_centripetal')
@@ -78,9 +80,20 @@ def answer(estimator: RecursivePredictionError, name: str | None, seed: int, tru
                   estimator.incumbent.mode.name)
 
 
-def effects_of(seed: int, runs: int, truth: str) -> list[str]:
+@lru_cache(maxsize=1)
+def _estimator(modes: int) -> RecursivePredictionError:
+    """Return the estimator of this process."""
+    return RecursivePredictionError(load_robot('reference'), 'assumed_modes', modes)
+
+
+def _answer(one: tuple[int, str | None], modes: int, truth: str, times: tuple[float, ...]
+            ) -> Answer:
+    return answer(_estimator(modes), one[1], one[0], truth, times)
+
+
+def effects_of(seed: int, runs: int, truth: str, among: tuple[str, ...]) -> list[str]:
     """Return the names of what is hidden, each once before one comes again."""
-    names, random = [name for name in CATALOGUE if name not in LEFT_OUT + LACKS[truth]], \
+    names, random = [name for name in among if name not in LEFT_OUT + LACKS[truth]], \
         np.random.default_rng(seed)
     return [str(name) for _ in range(runs // len(names) + 1)
             for name in random.permutation(names)][:runs]
@@ -108,27 +121,33 @@ def main() -> None:
     parser.add_argument('--truth', choices=SEEDS, nargs='*', default=tuple(SEEDS))
     parser.add_argument('--until', type=float, default=10.0, help='s')
     parser.add_argument('--modes', type=int, default=3)
+    parser.add_argument('--names', choices=CATALOGUE, nargs='*', default=tuple(CATALOGUE),
+                        help='what may be hidden')
+    parser.add_argument('--jobs', type=int, default=2)
     parser.add_argument('--each', action='store_true')
     options = parser.parse_args()
     times = tuple(time for time in TIMES_S if time <= options.until)
-    estimator = RecursivePredictionError(load_robot('reference'), 'assumed_modes', options.modes)
     print('| arms, each time: in the 95 % band, RMSE, median half width, % | records | '
           + ' | '.join(f'{time:g} s' for time in times) + ' | with a false jump | end in |')
     print('|' + ' --- |' * (len(times) + 4))
     clean = options.runs if options.clean is None else options.clean
-    for truth in options.truth:
-        first = SEEDS[truth] if options.seed is None else options.seed
-        for title, names in ((CLEAN, [None] * clean),
-                             (HIDDEN, list(effects_of(first, options.runs, truth)))):
-            answers = []
-            for seed, name in enumerate(names, first):
-                answers.append(found := answer(estimator, name, seed, truth, times))
-                if options.each:
-                    print(f'<!-- {seed} {found.name} {np.round(100 * found.error, 1)} '
-                          f'{np.round(100 * found.deviation, 1)} {found.jumps} {found.mode} -->',
-                          flush=True)
-            if answers:
-                print(line(f'{truth}, {title}', answers), flush=True)
+    with get_context('spawn').Pool(options.jobs) as pool:
+        for truth in options.truth:
+            first = SEEDS[truth] if options.seed is None else options.seed
+            hidden = effects_of(first, options.runs, truth, tuple(options.names))
+            for title, names in ((CLEAN, [None] * clean), (HIDDEN, hidden)):
+                answers = []
+                for found in pool.imap(partial(_answer, modes=options.modes, truth=truth,
+                                               times=times),
+                                       list(enumerate(names, first))):
+                    answers.append(found)
+                    if options.each:
+                        print(f'<!-- {first + len(answers) - 1} {found.name} '
+                              f'{np.round(100 * found.error, 1)} '
+                              f'{np.round(100 * found.deviation, 1)} {found.jumps} {found.mode} '
+                              '-->', flush=True)
+                if answers:
+                    print(line(f'{truth}, {title}', answers), flush=True)
 
 
 if __name__ == '__main__':

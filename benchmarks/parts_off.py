@@ -29,7 +29,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / 'test'))
 from truth.configuration import Arm, Joint, Link, reference_arm  # noqa: E402
 from truth.excitation import set_points  # noqa: E402
 from truth.mujoco.simulation import simulate  # noqa: E402
-from truth.records import COLUMNS, Record  # noqa: E402
+from truth.records import COLUMNS, Record, sample_times  # noqa: E402
 from truth.sensors import amplifier_output, quantise, sensor_noise  # noqa: E402
 
 TIMES_S = (1.0, 3.0, 6.0, 10.0)
@@ -65,7 +65,7 @@ def arm_off(off: float, step: float, random: np.random.Generator) -> Arm:
 
 def record_of(arm: Arm, until: float, random: np.random.Generator) -> Record:
     """Return a log of the arm in random moves."""
-    time = np.arange(round(until / arm.sample_time) + 1) * arm.sample_time
+    time = sample_times(arm, round(until / arm.sample_time) + 1)
     sensors, reference = arm.sensors, set_points(random, time, arm.excitation)
     motion = simulate(arm, reference, None, sensor_noise(
         random, reference.shape, sensors.angle_noise, arm.sample_time))
