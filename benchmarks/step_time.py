@@ -88,18 +88,15 @@ def running(name: str, modes: int) -> Callable[[], object]:
 
 
 def part_steps(name: str, modes: int) -> Steps:
-    """Return each part of one step: Kalman gain, regression and LQ gain of one model."""
+    """Return parts of one step: the model, all of the update, the LQ gain."""
     robot = load_robot('reference')
     estimator, model = SF1Estimator(robot, name, modes), payload_model(robot, name, modes)
     x, u, cosine = 1e-2 * np.ones(model.states), np.array([0.1, 0.2]), math.cos(0.5)
     output, command = np.full(len(model.scale), 1e-3), np.zeros(2)
     for _ in range(2):
         estimator.update(0.0, output, command)
-    track = estimator.track
-    assert track is not None
     return {'filterpy': filterpy_step(),
             'model': lambda: model.rates(cosine, 0.1, 0.11, x, u, 'resolvent'),
-            'model and predictor': lambda: estimator.predict(track),
             'update': lambda: estimator.update(0.0, output, command),
             'lq_gain': lq_step(modes)}
 

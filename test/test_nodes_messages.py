@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from functools import partial
 from typing import Any, TYPE_CHECKING
 
@@ -226,7 +225,7 @@ def test_an_estimate_that_is_not_finite_is_not_published(loop: RosLoop) -> None:
     for k in range(5):
         bench.answered(k)
     good, update = bench.answers[-1].inertia.m, bench.node.estimator.update
-    bench.node.estimator.update = lambda *sample: replace(update(*sample), variance=np.nan)
+    bench.node.estimator.update = lambda *sample: update(*sample)._replace(variance=np.nan)
     bench.answered(5)
     assert bench.answers[-1].inertia.m == good
     bench.node.estimator.update = _raise

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from flex_plant_sim.arm.second_order import Array
 
 
-@dataclass(frozen=True)
-class Estimate:
+class Estimate(NamedTuple):
     """
     What an estimator says after one sample.
 

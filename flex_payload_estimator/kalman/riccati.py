@@ -32,14 +32,17 @@ def _solve_by_loops(matrix: Array, right: Array) -> tuple[Array, bool]:
                 lower[i, i] = np.sqrt(rest)
             else:
                 return found, False
-    for c in range(width):
-        for i in range(size):
-            for k in range(i):
+    for i in range(size):
+        for k in range(i):
+            for c in range(width):
                 found[i, c] -= lower[i, k] * found[k, c]
+        for c in range(width):
             found[i, c] /= lower[i, i]
-        for i in range(size - 1, -1, -1):
-            for k in range(i + 1, size):
+    for i in range(size - 1, -1, -1):
+        for k in range(i + 1, size):
+            for c in range(width):
                 found[i, c] -= lower[k, i] * found[k, c]
+        for c in range(width):
             found[i, c] /= lower[i, i]
     return found, True
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Protocol
 
 from flex_payload_estimator.model.delta import halvings_for
-from flex_payload_estimator.model.rates import rates_at, second_order_rates
+from flex_payload_estimator.model.rates import rates_at, Tables
 from flex_payload_estimator.model.split import (
     check_kind,
+    check_second_order,
     compact_state,
     CompactTerms,
     second_order_state,
@@ -25,6 +26,8 @@ from flex_plant_sim.arm.second_order import Array, SecondOrderForm, Shapes
 from msg_config.errors import InputError
 import numpy as np
 
+# In the place of tables that a model has not.
+NO_TABLE = np.zeros((0, 0))
 MODEL_NAMES = ('paper_reduced', 'paper', 'assumed_modes')
 
 
@@ -47,9 +50,12 @@ class PayloadModel(Protocol):
         signal where there are fewer gauges than modes; (n,).
     halvings : int
         What (19) needs for full accuracy.
+    tables : tuple of Array
+        What `rates.rates_at` makes all of.
 
     """
 
+    tables: Tables
     spread: Array
     states: int
     output: Array
@@ -104,13 +110,13 @@ class ReducedModel:
 
     def __init__(self, robot: Robot, modes: int):
         compact = CompactModel(robot, modes)
-        self._fixed = CompactTerms.of(compact.at_cosine(1.0))[7:]
         self._size = 2 * modes
         self.states = 2 + 4 * modes
         points = np.array([-1.0, 0.0, 1.0])
         values = np.stack([self._row(compact, c) for c in points])
-        self._table: Array = np.asarray(np.linalg.solve(
-            np.vander(points, increasing=True), values.reshape(3, -1)), dtype=np.float64)
+        table = np.linalg.solve(np.vander(points, increasing=True), values.reshape(3, -1))
+        self.tables: Tables = (np.asarray(table, dtype=np.float64),
+                               *CompactTerms.of(compact.at_cosine(1.0))[7:])
         beams = robot.links[0].beam(modes), robot.links[1].beam(modes)
         rows = KinematicRows.of(robot, beams, modes)
         self.spread = np.concatenate([_spread(beams), np.zeros(2 * modes)])
@@ -124,7 +130,7 @@ class ReducedModel:
                                for part in CompactTerms.of(compact.at_cosine(cosine))[:7]])
 
     def _terms(self, cosine: float) -> CompactTerms:
-        return terms_at(float(cosine), self._table, *self._fixed)
+        return terms_at(float(cosine), *self.tables)
 
     def matrices(self, cosine: float, mass: float) -> tuple[Array, Array]:
         """Return A and B at cos(theta_2) and m_p, kg."""
@@ -138,8 +144,8 @@ class ReducedModel:
               kind: SplitKind) -> tuple[Array, Array, Array]:
         """Return A, A^m and the rows A x + B u, A^m x + B^m u, A' x + B' u."""
         check_kind(kind)
-        return rates_at(float(cosine), self._table, *self._fixed, float(mass), float(other),
-                        state, command, kind == 'paper', kind == 'resolvent')
+        return rates_at(float(cosine), self.tables, float(mass), float(other), state, command,
+                        kind == 'paper', kind == 'resolvent')
 
 
 class SecondOrderModel:
@@ -151,8 +157,9 @@ class SecondOrderModel:
         self.states = 2 * order
         fixed = np.zeros((3, order, order + 2))
         fixed[0] = np.hstack([-form.damping, form.input_matrix])
-        self._table = np.concatenate(
+        table = np.concatenate(
             [form.mass, form.payload_mass, -form.stiffness, fixed], axis=2).reshape(3, -1)
+        self.tables: Tables = (table, NO_TABLE, NO_TABLE, NO_TABLE)
         self._order = order
         rows = KinematicRows.of(robot, shapes, modes)
         self.spread = np.concatenate([_spread(shapes), np.zeros(order)])
@@ -163,12 +170,12 @@ class SecondOrderModel:
 
     def _terms(self, cosine: float) -> tuple[Array, Array, Array]:
         n = self._order
-        row = np.array([1.0, cosine, cosine * cosine]).dot(self._table).reshape(n, -1)
+        row = np.array([1.0, cosine, cosine * cosine]).dot(self.tables[0]).reshape(n, -1)
         return row[:, :n], row[:, n:2 * n], row[:, 2 * n:]
 
     def matrices(self, cosine: float, mass: float) -> tuple[Array, Array]:
         """Return A and B at cos(theta_2) and m_p, kg."""
-        return second_order_state(self._table, self._order, float(cosine), float(mass))
+        return second_order_state(self.tables[0], self._order, float(cosine), float(mass))
 
     def split(self, cosine: float, mass: float, kind: SplitKind) -> Split:
         """Return A, B and the split at cos(theta_2) and m_p, kg."""
@@ -177,7 +184,9 @@ class SecondOrderModel:
     def rates(self, cosine: float, mass: float, other: float, state: Array, command: Array,
               kind: SplitKind) -> tuple[Array, Array, Array]:
         """Return A, A^m and the rows A x + B u, A^m x + B^m u, A' x + B' u."""
-        return second_order_rates(*self._terms(cosine), mass, other, state, command, kind)
+        check_second_order(kind)
+        return rates_at(float(cosine), self.tables, float(mass), float(other), state, command,
+                        False, kind == 'resolvent')
 
 
 def end_point_row(rows: KinematicRows) -> Array:

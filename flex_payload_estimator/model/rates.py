@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from flex_payload_estimator.model.split import (
-    inverse,
-    solved_second_order,
-    SplitKind,
-    terms_at,
-)
+from flex_payload_estimator.model.split import inverse, terms_at
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import COMPILED, compiled
 import numpy as np
-from scipy.linalg.lapack import dgesv
+
+# Of a model: those of `split.terms_at`; of a second-order one `split.second_order_state`'s and
+# three empty ones.
+Tables = tuple[Array, Array, Array, Array]
 
 
 @compiled
@@ -28,9 +26,9 @@ times = _times_by_loops if COMPILED else np.dot
 
 
 @compiled
-def rates_at(cosine: float, table: Array, m_6: Array, m_7: Array, frame: Array, mass: float,
-             other: float, state: Array, command: Array, as_printed: bool, resolvent: bool
-             ) -> tuple[Array, Array, Array]:
+def _compact_rates(cosine: float, tables: Tables, mass: float, other: float, state: Array,
+                   command: Array, as_printed: bool, resolvent: bool
+                   ) -> tuple[Array, Array, Array]:
     """
     Return A of (12), A^m and the columns of `PayloadModel.rates` at cos(theta_2).
 
@@ -38,7 +36,7 @@ def rates_at(cosine: float, table: Array, m_6: Array, m_7: Array, frame: Array, 
     another payload, whose Lambda and M_2 are primed, is j' = Lambda' (M_3^m j + M_5^m u) and
     r' = Lambda' (M_3^m r + M_2^m v + M_2' j'); where both payloads are one, it is the tangent.
     """
-    terms = terms_at(cosine, table, m_6, m_7, frame)
+    terms = terms_at(cosine, *tables)
     f, lam = len(terms.m_1), inverse(terms.mass_0 - mass * terms.mass_m)
     q, z = np.ascontiguousarray(state[2:2 + f]), np.ascontiguousarray(state[2 + f:])
     m_2 = terms.m_20 + mass * terms.m_2m
@@ -75,30 +73,39 @@ def rates_at(cosine: float, table: Array, m_6: Array, m_7: Array, frame: Array, 
     return a, a_m, columns
 
 
-def second_order_rates(mass_0: Array, mass_m: Array, right: Array, mass: float, other: float,
-                       state: Array, command: Array, kind: SplitKind
-                       ) -> tuple[Array, Array, Array]:
+@compiled
+def _second_order_rates(cosine: float, table: Array, mass: float, other: float, state: Array,
+                        command: Array, resolvent: bool) -> tuple[Array, Array, Array]:
     """
     Return A, A^m and the columns of `PayloadModel.rates` of x = (p, p').
 
     With r = p'' the secant to another payload is -Lambda' M^m r; the resolvent's, from none,
     -Lambda M^m r(m_p = 0).
-
-    Raises
-    ------
-    InputError
-        kind is 'paper'.
-
     """
-    n, joined = len(mass_0), np.concatenate([state, command])
-    solved, through, share = solved_second_order(mass_0, mass_m, right, mass, kind)
-    change = solved.dot(joined)
+    n = len(state) // 2
+    row = np.dot(np.array([1.0, cosine, cosine * cosine]), table).reshape(n, 4 * n + 2)
+    mass_0, mass_m = row[:, :n].copy(), row[:, n:2 * n].copy()
+    right, joined = row[:, 2 * n:].copy(), np.concatenate((state, command))
+    lam = inverse(mass_0 + mass * mass_m)
+    solved, through = np.dot(lam, right), -np.dot(lam, mass_m)
+    base = np.dot(inverse(mass_0), right) if resolvent else solved
+    share, change = np.dot(through, base), times(solved, joined)
+    beyond = lam if other == mass else inverse(mass_0 + other * mass_m)
     columns = np.zeros((3, 2 * n))
     columns[0, :n], columns[0, n:] = state[n:], change
-    columns[1, n:] = share.dot(joined)
-    columns[2, n:] = through.dot(change) if other == mass else dgesv(
-        mass_0 + other * mass_m, -mass_m.dot(change))[2]
+    columns[1, n:] = times(share, joined)
+    columns[2, n:] = -times(beyond, times(mass_m, change))
     a, a_m = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, 2 * n))
-    a[:n, n:].flat[::n + 1] = 1.0
+    for i in range(n):
+        a[i, n + i] = 1.0
     a[n:], a_m[n:] = solved[:, :2 * n], share[:, :2 * n]
     return a, a_m, columns
+
+
+@compiled
+def rates_at(cosine: float, tables: Tables, mass: float, other: float, state: Array,
+             command: Array, as_printed: bool, resolvent: bool) -> tuple[Array, Array, Array]:
+    """Return what `PayloadModel.rates` does, of either kind of model, at cos(theta_2)."""
+    if tables[3].size == 0:
+        return _second_order_rates(cosine, tables[0], mass, other, state, command, resolvent)
+    return _compact_rates(cosine, tables, mass, other, state, command, as_printed, resolvent)

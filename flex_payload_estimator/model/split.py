@@ -150,6 +150,22 @@ def check_kind(kind: str) -> None:
         raise InputError(f'split: expected one of {", ".join(KINDS)}, got {kind!r}')
 
 
+def check_second_order(kind: str) -> None:
+    """
+    Raise where a second-order model has no such split.
+
+    Raises
+    ------
+    InputError
+        kind is 'paper', or not one of KINDS.
+
+    """
+    check_kind(kind)
+    if kind == 'paper':
+        raise InputError('split: expected resolvent or tangent for a second-order model, got '
+                         "'paper', which needs model paper_reduced")
+
+
 def split_compact(terms: CompactTerms, mass: float, kind: SplitKind = 'resolvent') -> Split:
     """
     Return the split of (12).
@@ -267,33 +283,13 @@ def split_second_order(mass_0: Array, mass_m: Array, right: Array, mass: float,
         kind is 'paper'.
 
     """
-    n = len(mass_0)
-    solved, through, share = solved_second_order(mass_0, mass_m, right, mass, kind)
-    secant, slope = (_stacked(bottom, np.zeros((n, n))) for bottom in (
-        share, through.dot(solved)))
-    return Split(*_stacked(solved, np.eye(n)), *secant, *slope, mass)
-
-
-def solved_second_order(mass_0: Array, mass_m: Array, right: Array, mass: float, kind: SplitKind
-                        ) -> tuple[Array, Array, Array]:
-    """
-    Return Lambda [-K, -D, B], -Lambda M^m, and the split's slope of the first, see above.
-
-    Raises
-    ------
-    InputError
-        kind is 'paper'.
-
-    """
-    check_kind(kind)
-    if kind == 'paper':
-        raise InputError('split: expected resolvent or tangent for a second-order model, got '
-                         "'paper', which needs model paper_reduced")
+    check_second_order(kind)
     n = len(mass_0)
     whole = dgesv(mass_0 + mass * mass_m, np.hstack([right, mass_m]))[2]
     solved, through = whole[:, :2 * n + 2], -whole[:, 2 * n + 2:]
     base = dgesv(mass_0, right)[2] if kind == 'resolvent' else solved
-    return solved, through, through.dot(base)
+    secant, slope = (_stacked(through.dot(bottom), np.zeros((n, n))) for bottom in (base, solved))
+    return Split(*_stacked(solved, np.eye(n)), *secant, *slope, mass)
 
 
 def _stacked(bottom: Array, identity: Array) -> tuple[Array, Array]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 import math
 from typing import Any
@@ -117,7 +116,7 @@ class PayloadEstimatorNode(SampleNode):
         estimate = self._computed(sample.time, partial(
             self.estimator.update, sample.time, sample.output, sample.command))
         return estimate or (
-            self._estimate and replace(self._estimate, time=sample.time, status='restarted'))
+            self._estimate and self._estimate._replace(time=sample.time, status='restarted'))
 
     def _computed(self, time: float, compute: Callable[[], Estimate | None]) -> Estimate | None:
         """Return what the estimator computes; where that is no number, it begins again."""

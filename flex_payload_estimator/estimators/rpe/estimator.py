@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 import math
 
 from flex_payload_estimator.estimators.base import Estimate, Event
@@ -338,4 +337,4 @@ class RecursivePredictionError:
 
     def _reject(self, time: float) -> Estimate:
         self.rejected += 1
-        return replace(self._last, time=time, status='input_rejected')
+        return self._last._replace(time=time, status='input_rejected')

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 import math
+from typing import Any
 
 from flex_payload_estimator.estimators.base import Estimate, Event
 from flex_payload_estimator.estimators.sf1.joint import at_start, moved, Track
 from flex_payload_estimator.estimators.sf1.regression import (
     Adapted,
+    advanced,
     CompositeMeasurement,
     Law,
     MEMORY,
@@ -76,7 +77,7 @@ class SF1Estimator:
         self.pace = Pace.of(self.step, settings.regression)
         self.halvings = self.model.halvings if settings.exact else 0
         self.composite = CompositeMeasurement.end_point(self.model)
-        self._resolvent = settings.regression == 'resolvent'
+        self._kind = settings.regression == 'paper', settings.regression == 'resolvent'
         self._columns = np.ascontiguousarray(self.model.output.T)
         self._room = DeltaOperator(self.model.states, self.step, settings.terms,
                                    self.halvings).room
@@ -103,16 +104,16 @@ class SF1Estimator:
         count = self.pace.samples
         # Their deviations add at most.
         unseen = 1.0 if count == 1 else (count / (count - 1.0))**2
-        self._law = Law(weights, np.append(self.composite.row, 0.0),
-                        np.pad(self.model.output, ((0, 0), (0, 1))), self._sensors,
-                        self.model.scale, float(weights**2 @ self._sensors),
-                        given.r_2 / share * float(weights @ weights),
-                        self._settled_noise(), given.sf1.alpha_0 * share, given.sf1.alpha_1,
-                        given.mass_max, min(1.0, pace / MEMORY), unseen, self._resolvent)
+        self._law = tuple(Law(
+            weights, np.append(self.composite.row, 0.0),
+            np.pad(self.model.output, ((0, 0), (0, 1))), self._sensors, self.model.scale,
+            float(weights**2 @ self._sensors), given.r_2 / share * float(weights @ weights),
+            self._settled_noise(), given.sf1.alpha_0 * share, given.sf1.alpha_1, given.mass_max,
+            min(1.0, pace / MEMORY), unseen, self._kind[1]))
 
     def _settled_noise(self) -> float:
         """Return the composite innovation's variance that (30) settles to, straight, unloaded."""
-        if not self._resolvent:
+        if not self._kind[1]:
             return 1.0
         a, b = self.model.matrices(1.0, 0.0)
         radius = float(np.max(np.abs(np.linalg.eigvals(a))))
@@ -131,7 +132,7 @@ class SF1Estimator:
         self.track: Track | None = None
         self._tracks: tuple[Track, ...] = ()
         self._measured, self._command, self._angle = NO_SAMPLE, np.zeros(2), 0.0
-        self._ahead: tuple[Array, Track] | None = None
+        self._ahead: Array | None = None
         self._since, self._level = 0, 1.0
         nothing = np.stack([0.0 * self.model.scale, 1.0 / self.model.scale])
         self._last = self._estimate(0.0, nothing, 'not_excited')
@@ -166,14 +167,21 @@ class SF1Estimator:
         good = sent and is_finite(scaled)
         if sent:
             self._command = command
-        track = self.predict(self.track) if self.track is not None else None
         if not good:
-            return self._reject(time, track)
-        if track is None:
+            return self._reject(time)
+        if self.track is None:
             return self._begin(time, scaled)
         due = self._since + 1 >= self.pace.samples
         reading = np.empty((2, len(scaled)))
-        surprise, known = sampled(track, scaled, due, self.known, self._law, reading)
+        track, ahead = self._next_track(), self._take_ahead()
+        sample = scaled, due, tuple(self.known), self._law, reading
+        try:
+            surprise, found = sampled(tuple(track), *sample) if ahead else advanced(
+                self._onward(track), *sample)
+        except FloatingPointError:
+            # n' terms may not hold A T: the state then starts again at the sample.
+            surprise, found = math.nan, self.known
+        known = Adapted(*found)
         if not (math.isfinite(surprise + known.mass + known.p)
                 and 0.0 < known.variance < math.inf):
             return self._begin(time, scaled, 'model_suspect')
@@ -191,7 +199,7 @@ class SF1Estimator:
         self.track = self._tracks[0]
         self._angle, self._measured, self._since = float(scaled[1]), scaled, 0
         reading = np.empty((2, len(scaled)))
-        sampled(self.track, scaled, False, self.known, self._law, reading)
+        sampled(tuple(self.track), scaled, False, tuple(self.known), self._law, reading)
         self._last = self._estimate(time, reading, status)
         return self._last
 
@@ -217,30 +225,37 @@ class SF1Estimator:
         command = np.array(command, dtype=float)
         if self.track is not None and self._ahead is None and is_finite(command):
             self._command = command
-            self._ahead = command, self.predict(self.track)
+            self._ahead = command if self._predicted() else None
 
-    def predict(self, track: Track) -> Track:
-        """Return the track at the next sample."""
-        if self._ahead is not None:
-            command, ahead = self._ahead
-            self._ahead = None
-            if command.tolist() == self._command.tolist():
-                return ahead
+    def _take_ahead(self) -> bool:
+        """Tell whether the next track has been predicted, with the command that was applied."""
+        ahead, self._ahead = self._ahead, None
+        return ahead is not None and ahead.tolist() == self._command.tolist()
+
+    def _next_track(self) -> Track:
+        """Return where the next sample's track is written."""
+        assert self.track is not None
+        return self._tracks[self.track.joint is self._tracks[0].joint]
+
+    def _predicted(self) -> bool:
+        """Write the track at the next sample, and tell whether that could be done."""
+        try:
+            moved(*self._onward(self._next_track()))
+            return True
+        except FloatingPointError:
+            return False
+
+    def _onward(self, after: Track) -> tuple[Any, ...]:
+        """Return what joint.moved takes."""
+        assert self.track is not None
         # V is carried on by the secant to where the payload may be: a heavier one shows less.
         mass = self.known.mass
         heavier = mass + MEAN_DEVIATION * math.sqrt(self.known.variance)
-        a, a_m, rates = self.model.rates(math.cos(self._angle), mass, heavier, track.state,
-                                         self._command, self.settings.regression)
         noisy = (self._since + 1) % self.pace.samples == 0
-        after = self._tracks[track.joint is self._tracks[0].joint]
-        try:
-            moved(track, after, self._since, a, a_m, rates, self._measured, self._columns,
-                  self._process if noisy else self._no_process, self._measurement,
-                  self._sensors, self._room, self.step)
-            return after
-        except FloatingPointError:
-            # n' terms may not hold A T: the state then starts again at the sample.
-            return track._replace(state=np.full(len(a), math.nan))
+        return (tuple(self.track), tuple(after), self._since, math.cos(self._angle),
+                self.model.tables, mass, heavier, *self._kind, self._command, self._measured,
+                self._columns, self._process if noisy else self._no_process, self._measurement,
+                self._sensors, self._room, self.step)
 
     def _say(self, time: float, reading: Array) -> Estimate:
         """Return the estimate with what is to be thought of it."""
@@ -254,13 +269,16 @@ class SF1Estimator:
         self._last = self._estimate(time, reading, status)
         return self._last
 
-    def _reject(self, time: float, track: Track | None) -> Estimate:
+    def _reject(self, time: float) -> Estimate:
         """Run on without a sample; where that leads nowhere, start again at the next."""
         self.rejected += 1
-        lost = track is None or not is_finite(track.state)
-        self.track, self._measured = None if lost else track, NO_SAMPLE
+        if self.track is not None:
+            track = self._next_track()
+            found = (self._take_ahead() or self._predicted()) and is_finite(track.state)
+            self.track = track if found else None
+        self._measured = NO_SAMPLE
         self._since += 1
-        self._last = replace(self._last, time=time, status='input_rejected')
+        self._last = self._last._replace(time=time, status='input_rejected')
         return self._last
 
     def _estimate(self, time: float, reading: Array, status: str) -> Estimate:

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 from flex_payload_estimator.kalman.riccati import lyapunov_step, riccati_step
 from flex_payload_estimator.model.delta import series
+from flex_payload_estimator.model.rates import rates_at, Tables
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import COMPILED, compiled
 import numpy as np
@@ -142,20 +143,24 @@ def at_known_payload(whole: Array) -> Array:
 
 
 @compiled
-def moved(track: Track, after: Track, since: int, a: Array, a_m: Array, rates: Array,
-          measured: Array, columns: Array, process: Array, measurement: Array, noise: Array,
-          room: tuple[Any, ...], step: float) -> None:
+def moved(before: tuple[Any, ...], ahead: tuple[Any, ...], since: int, cosine: float,
+          tables: Tables, mass: float, other: float, as_printed: bool, resolvent: bool,
+          command: Array, measured: Array, columns: Array, process: Array, measurement: Array,
+          noise: Array, room: tuple[Any, ...], step: float) -> None:
     """
     Write the track one sample on: Omega of (19), the gain of (23), (25), and what they do.
 
     Parameters
     ----------
-    track, after : Track
-        Before, and where to write.
+    before, ahead : tuple
+        A Track, and the one to write, as plain tuples: Numba takes a microsecond to see what a
+        named one is.
     since : int
         Samples since the last regression.
-    a, a_m, rates : Array
-        A and A^m (n, n), and the rows A x + B u, A^m x + B^m u, A' x + B' u, (3, n).
+    cosine, tables, mass, other, as_printed, resolvent
+        See rates.rates_at.
+    command : Array
+        u, (2,).
     measured : Array
         y of x, (m,), or (0,) where there is none.
     columns, process, measurement : Array
@@ -168,6 +173,9 @@ def moved(track: Track, after: Track, since: int, a: Array, a_m: Array, rates: A
         T, s.
 
     """
+    track, after = Track(*before), Track(*ahead)
+    a, a_m, rates = rates_at(cosine, tables, mass, other, track.state, command, as_printed,
+                             resolvent)
     big = series(a, *room)
     found = np.dot(rates, big.T) * step
     put(after.state, track.state)

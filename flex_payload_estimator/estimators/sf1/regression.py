@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from flex_payload_estimator.estimators.sf1.adaptation import sf1_step
 from flex_payload_estimator.estimators.sf1.joint import (
     add,
     add_symmetric,
     at_known_payload,
+    moved,
     put,
     take_gain,
     take_slope,
@@ -149,32 +150,36 @@ class Adapted(NamedTuple):
 
 
 @compiled
-def sampled(track: Track, scaled: Array, due: bool, known: Adapted, law: Law, reading: Array
-            ) -> tuple[float, Adapted]:
+def sampled(predicted: tuple[Any, ...], scaled: Array, due: bool, before: tuple[float, ...],
+            laws: tuple[Any, ...], reading: Array
+            ) -> tuple[float, tuple[float, float, float, float]]:
     """
     Write what (28), (29) make of a prediction and a sample.
 
+    Named tuples come and go as plain ones, see joint.moved.
+
     Parameters
     ----------
-    track : Track
-        Predicted; where due, regressed on return.
+    predicted : tuple
+        A Track; where due, regressed on return.
     scaled : Array
         The sample, rad and V, (m,).
     due : bool
         Whether to regress on it.
-    known : Adapted
-        Before.
-    law : Law
-        What stays the same.
+    before : tuple
+        An Adapted.
+    laws : tuple
+        A Law.
     reading : Array
         Becomes innovation and its standard deviation in rad and m/m, (2, m).
 
     Returns
     -------
     tuple
-        The mean of their ratio's square, and what is known.
+        The mean of their ratio's square, and what is known: an Adapted.
 
     """
+    track, known, law = Track(*predicted), Adapted(*before), Law(*laws)
     n, surprise, joint = len(track.state), 0.0, track.joint
     for k in range(len(scaled)):
         row = law.rows[k]
@@ -190,7 +195,16 @@ def sampled(track: Track, scaled: Array, due: bool, known: Adapted, law: Law, re
         surprise += innovation * innovation / variance
     if due:
         known = _regressed(track, scaled, known, law)
-    return surprise / len(scaled), known
+    return surprise / len(scaled), (known.mass, known.p, known.variance, known.excitation)
+
+
+@compiled
+def advanced(onward: tuple[Any, ...], scaled: Array, due: bool, before: tuple[float, ...],
+             laws: tuple[Any, ...], reading: Array
+             ) -> tuple[float, tuple[float, float, float, float]]:
+    """Do what joint.moved does, of the arguments `onward`, and then `sampled`: one call less."""
+    moved(*onward)
+    return sampled(onward[1], scaled, due, before, laws, reading)
 
 
 @compiled
