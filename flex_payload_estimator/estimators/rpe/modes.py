@@ -44,7 +44,6 @@ from flex_payload_estimator.estimators.rpe.replay import (
     MISFIT,
     Replay,
     ROUNDS,
-    SETTLES_S,
     SIMPLER,
     strays,
 )
@@ -176,15 +175,8 @@ class Modes:
         trial.count(step if tells else 0.0, trial.gained(incumbent))
         if trial.any_time(incumbent) and trial.gain <= 0.0:
             trial.begin(sample.time)
-        elif self._settles(trial):
+        elif trial.settles:
             trial.gain = 0.0
-
-    @staticmethod
-    def _settles(trial: Trial) -> bool:
-        """Tell whether a trial that began afresh still pays for what the incumbent knows."""
-        if trial.kind == 'other':
-            return not trial.runner.mode.parts and trial.runner.age < SETTLES_S
-        return trial.kind == 'still' and trial.age < SETTLES_S
 
     def _again(self, f: Filter) -> Replay | None:
         """Return those that learn the past again, where it is time."""

@@ -17,7 +17,7 @@ from flex_payload_estimator.estimators.rpe.hypothesis import (
 )
 from flex_payload_estimator.estimators.rpe.kernel import CORIOLIS
 from flex_payload_estimator.estimators.rpe.past import Moment, Past
-from flex_payload_estimator.estimators.rpe.trial import Trial
+from flex_payload_estimator.estimators.rpe.trial import SETTLES_S, Trial
 import numpy as np
 
 # Samples that are learnt again while one comes.
@@ -28,9 +28,9 @@ PACE = 4
 # afresh and forgets nothing; `coarse`, whose first seconds were linearised about what a wrong
 # model had found, learns again from the prior on.
 HOLD_S, ROUNDS = 0.5, 3
-# An exact model does at once where its misfit is beyond this and it had the time, s, to settle:
-# it may not have found where to linearise. A wronger one goes on trial.
-MISFIT, SETTLES_S = 1.4, 0.1
+# An exact model does at once where its misfit is beyond this and it had the time to settle: it may
+# not have found where to linearise. A wronger one goes on trial.
+MISFIT = 1.4
 # A payload that stands still may be behind one that walks by this.
 SIMPLER = 3.0
 # The payload of a fresh start is known to this share of (m + soft mass): closely where it is

@@ -6,6 +6,9 @@ from dataclasses import dataclass
 
 from flex_payload_estimator.estimators.rpe.hypothesis import Filter, level
 
+# What begins afresh takes so long, s, to know what it can.
+SETTLES_S = 0.1
+
 
 @dataclass(eq=False)
 class Trial:
@@ -46,6 +49,13 @@ class Trial:
         """Count from now on."""
         self.gain = self.age = 0.0
         self.since = time
+
+    @property
+    def settles(self) -> bool:
+        """Whether it began afresh just now, and pays for what the incumbent knows already."""
+        if self.kind == 'other':
+            return not self.runner.mode.parts and self.runner.age < SETTLES_S
+        return self.kind == 'still' and self.age < SETTLES_S
 
     def any_time(self, incumbent: Filter) -> bool:
         """Tell whether what it takes to be may have begun at any time."""
