@@ -54,16 +54,17 @@ class Arm:
         piece = self.schedule.cut(mass)
         beta = np.array([mass, 0.0])
         x, _, sens = predict(
-            state[:n].copy(), np.zeros((n, n)), np.zeros((n, 2)), beta, self.schedule.order,
-            piece.value, piece.slopes, np.zeros((0, 1)), mass - piece.payload, command,
-            np.zeros((0, self.arm.form.order)), np.zeros(2), 1)
+            state[:n].copy(), np.zeros((n, n)), np.zeros((n, 2)), beta, piece.series,
+            np.zeros((0, 1)), mass - piece.payload, command, np.zeros((0, self.arm.form.order)),
+            np.zeros(2), 1)
         jacobian = np.eye(n + 1)
         jacobian[:n, n] = sens[:, 0]
-        wave = np.cos(state[1] * self.schedule.order)
-        increment = (wave @ piece.value).reshape(n, -1)
-        slope = -self.schedule.order * np.sin(state[1] * self.schedule.order)
+        value = np.split(piece.series, 3, axis=1)[0]
+        order = np.arange(len(value))
+        increment = (np.cos(state[1] * order) @ value).reshape(n, -1)
+        slope = -order * np.sin(state[1] * order)
         jacobian[:n, :n] += increment[:, :n]
-        jacobian[:n, 1] += (slope @ piece.value).reshape(n, -1)[:, :n + 2] \
+        jacobian[:n, 1] += (slope @ value).reshape(n, -1)[:, :n + 2] \
             @ np.r_[state[:n], command]
         return np.r_[x, mass], jacobian, increment[:, n:n + 2]
 

@@ -31,13 +31,11 @@ TOGETHER_S = 0.01
 LARGEST_ANGLE, LARGEST_STRAIN, LARGEST_COMMAND = 1e6, 1.0, 1e6
 # Where a variance is to be multiplied by this, no model that is known holds.
 SUSPECT = 3.0
-# Variance of a command that was not lost.
-_CERTAIN = np.zeros(2)
 
 
-def _within(values: Array, limit: float) -> bool:
+def _within(values: list[float], limit: float) -> bool:
     """Tell whether all are finite, and less than a limit; quicker than by NumPy for a few."""
-    for value in values.tolist():
+    for value in values:
         # A comparison with NaN is false.
         if not -limit < value < limit:
             return False
@@ -151,9 +149,9 @@ class RecursivePredictionError:
         if output.shape != (self._channels,) or command.shape != (2,):
             raise InputError(f'output, command: expected {self._channels} and 2 numbers, got '
                              f'shapes {output.shape} and {command.shape}')
-        sent = _within(command, LARGEST_COMMAND)
-        good = sent and math.isfinite(time) and _within(output[:2], LARGEST_ANGLE) \
-            and _within(output[2:], LARGEST_STRAIN)
+        sent, measured = _within(command.tolist(), LARGEST_COMMAND), output.tolist()
+        good = sent and math.isfinite(time) and _within(measured[:2], LARGEST_ANGLE) \
+            and _within(measured[2:], LARGEST_STRAIN)
         if math.isnan(self._time):
             return self._begin(time, output) if good else self._reject(time)
         if sent:
@@ -177,7 +175,8 @@ class RecursivePredictionError:
         """
         self.conclude()
         command = np.array(command, dtype=float)
-        if math.isnan(self._time) or self._ahead or not _within(command, LARGEST_COMMAND):
+        if math.isnan(self._time) or self._ahead \
+                or not _within(command.tolist(), LARGEST_COMMAND):
             return
         history, filters = self.stepper.effects.history, self._filters()
         saved = [f.copy() for f in filters]
@@ -230,17 +229,9 @@ class RecursivePredictionError:
         """Bring the filters to the time of a sample, across a gap if there is one, and learn."""
         step, ahead = self.arm.step_time, self._take_back(time)
         steps = max(1, round((time - self._time) / step))
-        start, self._time = self._time, max(time, self._time)
-        doubt = self._doubt(steps)
-        if steps * step > LONGEST_GAP_S:
-            for f in self._filters():
-                self.stepper.relocate(f, output)
-            self._modes.clear()
-            steps = 1
-        for sample in self._missing(start, steps - 1, doubt):
-            for f in self._filters():
-                self.stepper.predict(f, sample, self._motion.loads)
-            self._modes.missed(sample, self._motion.loads, self._motion.excited)
+        if steps > 1:
+            self._cross(steps, output)
+        self._time = max(time, self._time)
         self._loads, filters = self._motion.loads, self._filters()
         if ahead:
             sample, before = ahead[0]._replace(measured=output), ahead[1][0]
@@ -266,6 +257,18 @@ class RecursivePredictionError:
             self._drift()
         self._open = sample
 
+    def _cross(self, steps: int, output: Array | None) -> None:
+        """Predict across a gap of so many samples, or begin anew after it."""
+        if steps * self.arm.step_time > LONGEST_GAP_S:
+            for f in self._filters():
+                self.stepper.relocate(f, output)
+            self._modes.clear()
+            return
+        for sample in self._missing(steps):
+            for f in self._filters():
+                self.stepper.predict(f, sample, self._motion.loads)
+            self._modes.missed(sample, self._motion.loads, self._motion.excited)
+
     def _advancing(self, output: Array | None, predicted: bool
                    ) -> Callable[[Filter, Sample, Loads], None]:
         """Return what brings a filter to a sample, and lets it learn."""
@@ -273,14 +276,14 @@ class RecursivePredictionError:
             return self.stepper.correct
         return self.stepper.predict if output is None else self.stepper.step
 
-    def _missing(self, start: float, count: int, doubt: Array) -> Iterator[Sample]:
+    def _missing(self, steps: int) -> Iterator[Sample]:
         """Yield what a gap of so many samples lacks: together while the arm hardly turns."""
-        step, effects = self.arm.step_time, self.stepper.effects
+        step, effects, doubt = self.arm.step_time, self.stepper.effects, self._doubt(steps)
         most = 1 if effects.moves or effects.memory else max(1, round(TOGETHER_S / step))
-        for done in range(0, count, most):
-            steps = min(most, count - done)
-            yield self._sample(start + (done + steps) * step, None, self._command)._replace(
-                doubt=doubt, steps=steps)
+        for done in range(0, steps - 1, most):
+            some = min(most, steps - 1 - done)
+            yield self._sample(self._time + (done + some) * step, None, self._command)._replace(
+                doubt=doubt, steps=some)
 
     def _doubt(self, steps: int) -> Array:
         """
@@ -288,8 +291,6 @@ class RecursivePredictionError:
 
         It lasts for the gap: as white noise of each sample it counts so many times as much.
         """
-        if steps == 1:
-            return _CERTAIN
         change = self._command - self._before
         return steps * (change * change + self._loads.drive)
 

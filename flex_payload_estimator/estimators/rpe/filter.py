@@ -104,19 +104,19 @@ class FilterStep:
         parts = self._no_parts
         if f.model is not None:
             if f.mode.parts:
-                parts = f.model.parts_at(f.x[1])
-            return (f.model.anchor, self.schedule.order, f.model.value, f.model.slopes, parts,
-                    0.0, f.model.motion)
-        piece = self.schedule.cut(f.beta[MASS], f.spread[MASS, MASS])
+                parts = f.model.parts_at(f.x.item(1))
+            return f.model.anchor, f.model.series, parts, 0.0, f.model.motion
+        # Plain numbers are quicker than NumPy's.
+        mass = f.mass
+        piece = self.schedule.cut(mass, f.variance)
         if f.mode.parts:
-            parts = self.schedule.parts_at(f.beta[MASS], f.x[1])
-        return (f.beta, self.schedule.order, piece.value, piece.slopes, parts,
-                f.beta[MASS] - piece.payload, self.motion[f.mode.bent])
+            parts = self.schedule.parts_at(mass, f.x.item(1))
+        return f.beta, piece.series, parts, mass - piece.payload, self.motion[f.mode.bent]
 
     def _pushed(self, f: Filter, sample: Sample, loads: Loads) -> tuple[Any, ...]:
-        return (sample.command, self._torque + sample.doubt, self._speed,
-                f.mode.drive**2 * self._density, f.mode.walk**2 * self.step_time,
-                loads.table, sample.steps)
+        doubt = self._torque if sample.doubt is None else self._torque + sample.doubt
+        return (sample.command, doubt, self._speed, f.mode.drive**2 * self._density,
+                f.mode.walk**2 * self.step_time, loads.table, sample.steps)
 
     def predict(self, f: Filter, sample: Sample, loads: Loads) -> None:
         """Advance to a sample; a state that is lost stays so until a measurement tells it."""
@@ -165,7 +165,7 @@ class FilterStep:
 
     def step(self, f: Filter, sample: Sample, loads: Loads) -> None:
         """Advance one sample, and learn from it."""
-        if self._apart or sample.measured is None or not math.isfinite(f.x[1]):
+        if self._apart or sample.measured is None or not math.isfinite(f.x.item(1)):
             self.predict(f, sample, loads)
             self.correct(f, sample, loads)
             return

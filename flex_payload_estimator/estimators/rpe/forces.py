@@ -103,8 +103,8 @@ def rigid_force(rows: Array, mass: float, middle: Array) -> tuple[Array, Array, 
     slope[0, :n], slope[1, :n] = cosine * along * rows[ANGLE], cosine * beside * rows[ANGLE]
     slope[0, n:2 * n] = sine * (sigma * rows[ROOT_2] + w_2 * across)
     slope[1, n:2 * n] = -sine * (epsilon * rows[ROOT_1] + w_1 * rows[ELBOW])
-    over_state = (product(rows[ELBOW].copy().reshape(-1, 1), slope[:1])
-                  + product(across.reshape(-1, 1), slope[1:]))
+    over_state = (rows[ELBOW].copy().reshape(-1, 1) * slope[0]
+                  + across.reshape(-1, 1) * slope[1])
     over_mass = sine * (inner(rows[PER_KG], rate) * w_2 * rows[ELBOW] + beside * rows[PER_KG])
     return sine * (along * rows[ELBOW] + beside * across), over_state, over_mass
 

@@ -67,14 +67,14 @@ class Sample(NamedTuple):
     """
     A sample: time, s; outputs, rad and m/m, (m,), or None; command at the drives, (2,).
 
-    `doubt` is the variance of that command, (2,) or 0; `steps` are the sampling times since the
-    sample before.
+    `doubt` is the variance of that command, (2,), or None; `steps` are the sampling times since
+    the sample before.
     """
 
     time: float
     measured: Array | None
     command: Array
-    doubt: Array | float = 0.0
+    doubt: Array | None = None
     steps: int = 1
 
 
@@ -133,12 +133,12 @@ class Filter:
     @property
     def mass(self) -> float:
         """Return the payload, kg."""
-        return float(self.beta[MASS])
+        return self.beta.item(MASS)
 
     @property
     def variance(self) -> float:
         """Return the variance of the payload's error, kg^2."""
-        return float(self.spread[MASS, MASS])
+        return self.spread.item(MASS, MASS)
 
     def copy(self) -> Filter:
         """Return an independent filter that knows the same."""

@@ -61,22 +61,22 @@ def _off_nominal(parts: Array, anchor: Array, drive: Array, moved: Array, jacobi
 
 
 @compiled
-def _at(angles: Array, order: Array, value: Array, slopes: Array, away: float
-        ) -> tuple[Array, Array, Array]:
+def _at(angle: float, series: Array, away: float) -> tuple[Array, Array, Array]:
     """Return M and its derivatives over the angle and over the payload, all flat."""
+    order, width = np.arange(float(len(series))), series.shape[1] // 3
     waves = np.empty((2, order.size))
-    waves[0], waves[1] = np.cos(angles), -order * np.sin(angles)
-    found, over_m = product(waves, value), combined(waves[0], slopes[0])
+    waves[0], waves[1] = np.cos(angle * order), -order * np.sin(angle * order)
+    found = product(waves, series)
+    flat, over_m = found[0, :width], found[0, width:2 * width]
     if away != 0.0:
-        bend = away * combined(waves[0], slopes[1])
-        found[0] += away * (over_m + 0.5 * bend)
-        over_m = over_m + bend
-    return found[0], found[1], over_m
+        bend = away * found[0, 2 * width:]
+        flat, over_m = flat + away * (over_m + 0.5 * bend), over_m + bend
+    return flat, found[1, :width], over_m
 
 
 @compiled
-def _stepped(x: Array, anchor: Array, order: Array, value: Array, slopes: Array, parts: Array,
-             away: float, command: Array, motion: Array) -> tuple[Array, Array, Array, Array]:
+def _stepped(x: Array, anchor: Array, series: Array, parts: Array, away: float,
+             command: Array, motion: Array) -> tuple[Array, Array, Array, Array]:
     """Return M d, its derivatives over state and parameters, and what of M commands meet."""
     n, moves, share = x.size, len(motion) > 0, anchor[CORIOLIS]
     lean = scheduling_row(motion, n) if moves else np.zeros(n)
@@ -84,7 +84,7 @@ def _stepped(x: Array, anchor: Array, order: Array, value: Array, slopes: Array,
         last = _first_part(anchor.size, len(parts))
         command = command + anchor[last - 2:last]
     beyond = inner(lean, x)
-    flat, flat_angle, flat_m = _at((x[1] + share * beyond) * order, order, value, slopes, away)
+    flat, flat_angle, flat_m = _at(x[1] + share * beyond, series, away)
     held = flat.size // n
     matrix, drive = flat.reshape(n, held), np.zeros(held)
     drive[:n], drive[n:n + 2] = x, command
@@ -113,7 +113,7 @@ def _stepped(x: Array, anchor: Array, order: Array, value: Array, slopes: Array,
     moved[:, CORIOLIS] += beyond * turned
     lean *= share
     lean[1] += 1.0
-    jacobian += product(turned.reshape(-1, 1), lean.reshape(1, -1))
+    jacobian += turned.reshape(-1, 1) * lean
     if moves:
         # What changes the step changes the forces over it.
         over_x = over_x + over_after + product(over_after, jacobian)
@@ -154,9 +154,9 @@ def _composed(jacobian: Array, given: Array, noise: Array, steps: int
 
 
 @compiled
-def predict(x: Array, cov: Array, sens: Array, anchor: Array, order: Array, value: Array,
-            slopes: Array, parts: Array, away: float, command: Array, motion: Array,
-            torque: Array, steps: int) -> tuple[Array, Array, Array]:
+def predict(x: Array, cov: Array, sens: Array, anchor: Array, series: Array, parts: Array,
+            away: float, command: Array, motion: Array, torque: Array, steps: int
+            ) -> tuple[Array, Array, Array]:
     """
     Return state, covariance and sensitivity so many samples later, delta form.
 
@@ -168,9 +168,7 @@ def predict(x: Array, cov: Array, sens: Array, anchor: Array, order: Array, valu
     ----------
     x, cov, sens, anchor : Array
         (n,), (n, n), (n, B) and the parameters that the model is evaluated at, (B,).
-    order : Array
-        0, 1, ... of the cosine series, (K,).
-    value, slopes : Array
+    series : Array
         See PayloadSlice.
     parts : Array
         dM/d(part) of states and commands at this angle, (p, n (n + 2)), p = 0 for exact parts.
@@ -186,8 +184,8 @@ def predict(x: Array, cov: Array, sens: Array, anchor: Array, order: Array, valu
         How many samples.
 
     """
-    increment, jacobian, moved, given = _stepped(x, anchor, order, value, slopes, parts, away,
-                                                 command, motion)
+    increment, jacobian, moved, given = _stepped(x, anchor, series, parts, away, command,
+                                                 motion)
     given = given * torque
     noise = squared(given, given)
     if steps > 1:
@@ -210,8 +208,8 @@ def walk(cov: Array, sens: Array, spread: Array, variance: float
     row = inverse_column(spread)
     share = variance / (1.0 + variance * row[MASS])
     column = sens[:, MASS].copy()
-    cov = cov + share * squared(column.reshape(-1, 1), column.reshape(-1, 1))
-    sens = sens - share * squared(column.reshape(-1, 1), row.reshape(-1, 1))
+    cov = cov + share * (column.reshape(-1, 1) * column)
+    sens = sens - share * (column.reshape(-1, 1) * row)
     spread = spread.copy()
     spread[MASS, MASS] += variance
     return cov, sens, spread

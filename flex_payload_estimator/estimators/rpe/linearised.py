@@ -37,8 +37,8 @@ class Linearised:
     ----------
     anchor : Array
         Parameters about which, the parts' deviations zero: the tables have them; (B,).
-    value, slopes : Array
-        As of a PayloadSlice; no second derivative, (1, K, W), for the payload is held.
+    series : Array
+        As of a PayloadSlice, without the second derivative, for the payload is held.
     parts : Array
         Derivatives of T [A B], (K', p n (n + 2)).
     count : int
@@ -49,8 +49,7 @@ class Linearised:
     """
 
     anchor: Array
-    value: Array
-    slopes: Array
+    series: Array
     parts: Array
     count: int
     motion: Array
@@ -105,8 +104,8 @@ class Lineariser:
         rows = self._slopes(robot, base, mass)
         bare = anchor.copy()
         bare[columns] = 0.0
-        return Linearised(bare, np.ascontiguousarray(value),
-                          slope[None], rows, len(self.parts), motion_rows(arm))
+        return Linearised(bare, np.hstack([value, slope, 0.0 * slope]), rows, len(self.parts),
+                          motion_rows(arm))
 
     def _slopes(self, robot: Robot, base: Array, mass: float) -> Array:
         """Return the derivatives over the parts, (K', p n (n + 2))."""
@@ -132,6 +131,7 @@ class Lineariser:
 def held(schedule: PayloadSchedule, anchor: Array, motion: Array) -> Linearised:
     """Return the robot file's arm about parameters, (B,); motion as of forces.motion_rows."""
     piece = schedule.cut(max(float(anchor[MASS]), 0.0))
-    away, (slope, bend) = float(anchor[MASS]) - piece.payload, piece.slopes
-    return Linearised(anchor, piece.value + away * (slope + 0.5 * away * bend),
-                      (slope + away * bend)[None], np.zeros((0, 1)), 0, motion)
+    away, (value, slope, bend) = float(anchor[MASS]) - piece.payload, np.split(
+        piece.series, 3, axis=1)
+    series = np.hstack([value + away * (slope + 0.5 * away * bend), slope + away * bend, bend])
+    return Linearised(anchor, series, np.zeros((0, 1)), 0, motion)

@@ -182,14 +182,15 @@ class Modes:
         """Return those that learn the past again, where it is time."""
         if f.mode.walk > 0.0 or self._past.first == self._past.end:
             return None
-        exact = [trial for trial in self.trials if trial.kind == 'other' and f.mode.parts
-                 and not trial.runner.mode.parts]
+        if not f.mode.parts:
+            return again(f, self._past, self.stepper) if f.rounds < ROUNDS else None
+        exact = [t for t in self.trials if t.kind == 'other' and not t.runner.mode.parts]
         for trial in exact:
             if trial.gain > self._rare or f.rounds == ROUNDS and trial.age >= TRIAL_S:
                 return judged(trial.runner, f, self._past, self.stepper, trial)
         if f.rounds < ROUNDS:
             return again(f, self._past, self.stepper)
-        if not f.mode.parts or exact or self._past.lived < 2.0 * max(self._tried, HOLD_S):
+        if exact or self._past.lived < 2.0 * max(self._tried, HOLD_S):
             return None
         self._tried = self._past.lived
         if level(f.mode) < 2:
@@ -226,15 +227,15 @@ class Modes:
         return self.stepper.freed(new) if last else new
 
     def _wins(self, trial: Trial, incumbent: Filter) -> bool:
-        if self._outdone(trial, incumbent):
-            return False
         if trial.kind == 'still':
-            return trial.age >= self._patience and trial.gain > -SIMPLER
+            return trial.age >= self._patience and trial.gain > -SIMPLER \
+                and not self._outdone(trial, incumbent)
         if trial.kind == 'moved':
             # One that still seeks where to linearise does not: its errors look like a change.
             fits = self._lived >= OPEN_S if not incumbent.mode.parts else (
                 incumbent.rounds == ROUNDS and misfit_of(incumbent.record) < UNFIT)
-            return fits and trial.gain > self._rare * WRONG[level(incumbent.mode)]
+            return fits and trial.gain > self._rare * WRONG[level(incumbent.mode)] \
+                and not self._outdone(trial, incumbent)
         # What is exact is judged over all that it explains, see `_again`.
         if not trial.runner.mode.parts or trial.age < self._shortest(trial, incumbent):
             return False
@@ -242,9 +243,8 @@ class Modes:
 
     def _outdone(self, trial: Trial, incumbent: Filter) -> bool:
         """Tell whether others explain what a payload is said to do better."""
-        return trial.kind != 'other' and any(
-            other.gain > trial.gain for other in self.trials
-            if other.any_time(incumbent) or other.kind == trial.kind)
+        return any(other.gain > trial.gain for other in self.trials
+                   if other.any_time(incumbent) or other.kind == trial.kind)
 
     def _shortest(self, trial: Trial, incumbent: Filter) -> float:
         """Return how long a trial of another mode must have run to win, s."""
@@ -254,11 +254,12 @@ class Modes:
 
     def _over(self, trial: Trial, incumbent: Filter) -> bool:
         """Tell whether a trial that has not won is at its end."""
-        if trial.kind == 'other' and trial.any_time(incumbent):
+        if trial.kind != 'other':
+            return trial.kind == 'still' and trial.gain < -self._rare
+        if trial.any_time(incumbent):
             return trial.time >= TRIAL_S and trial.gain == 0.0
-        aged = trial.kind == 'other' and trial.runner.mode.parts \
-            and trial.age >= self._shortest(trial, incumbent)
-        return trial.kind != 'moved' and (aged or trial.gain < -self._rare)
+        aged = trial.runner.mode.parts and trial.age >= self._shortest(trial, incumbent)
+        return aged or trial.gain < -self._rare
 
     def _promote(self, trial: Trial, incumbent: Filter, time: float) -> Filter:
         """Return the new incumbent; one of another mode that it follows stays beside it."""
@@ -297,7 +298,7 @@ class Modes:
 
     def _begin(self, incumbent: Filter, time: float) -> None:
         """Begin the trials that should run and do not."""
-        kinds = {trial.kind for trial in self.trials}
+        kinds = [trial.kind for trial in self.trials]
         walking = incumbent.mode.walk > 0.0
         if walking and 'still' not in kinds:
             for f in self._still(incumbent):

@@ -64,9 +64,9 @@ def followed(table: Array, share: float, output: Array, command: Array, speed: A
 
 @compiled
 def ahead(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor: Array,
-          held: bool, about: Array, order: Array, value: Array, slopes: Array, parts: Array,
-          away: float, motion: Array, command: Array, doubt: Array, speed: Array, error: float,
-          walked: float, loads: Array, steps: int) -> None:
+          held: bool, about: Array, series: Array, parts: Array, away: float, motion: Array,
+          command: Array, doubt: Array, speed: Array, error: float, walked: float, loads: Array,
+          steps: int) -> None:
     """
     Bring a filter some sampling times on, with one command: x, P, s and V.
 
@@ -74,7 +74,7 @@ def ahead(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor:
     ----------
     x, cov, sens, beta, spread, anchor, held
         See kernel.correct.
-    about, order, value, slopes, parts, away, motion
+    about, series, parts, away, motion
         The model; see kernel.predict, whose anchor `about` is.
     command, doubt : Array
         u, (2,), and the variance of its disturbance, (2,).
@@ -93,8 +93,8 @@ def ahead(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor:
     if error > 0.0:
         net = command - applied(speed, state_of(x, sens, beta, anchor, held))
         doubt = doubt + error * np.maximum(loads[DRIVE, :2], net * net)
-    x[:], cov[:], sens[:] = predict(x, cov, sens, about, order, value, slopes, parts, away,
-                                    command, motion, np.sqrt(doubt), steps)
+    x[:], cov[:], sens[:] = predict(x, cov, sens, about, series, parts, away, command,
+                                    motion, np.sqrt(doubt), steps)
     if walked > 0.0:
         cov[:], sens[:], spread[:] = walk(cov, sens, spread, steps * walked)
 
@@ -149,14 +149,13 @@ def learnt(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor
 
 @compiled
 def stepped(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor: Array,
-            held: bool, about: Array, order: Array, value: Array, slopes: Array, parts: Array,
-            away: float, motion: Array, command: Array, doubt: Array, speed: Array, push: float,
-            walked: float, loads: Array, steps: int, record: Array, reading: Array,
-            measured: Array, offset: Array, output: Array, told: Array, error: float,
-            least: float, gains: int, heaviest: float, step: float
-            ) -> tuple[float, float, float]:
+            held: bool, about: Array, series: Array, parts: Array, away: float, motion: Array,
+            command: Array, doubt: Array, speed: Array, push: float, walked: float, loads: Array,
+            steps: int, record: Array, reading: Array, measured: Array, offset: Array,
+            output: Array, told: Array, error: float, least: float, gains: int, heaviest: float,
+            step: float) -> tuple[float, float, float]:
     """Do both: `push` is the error of `ahead`, `error` that of `learnt`."""
-    ahead(x, cov, sens, beta, spread, anchor, held, about, order, value, slopes, parts, away,
-          motion, command, doubt, speed, push, walked, loads, steps)
+    ahead(x, cov, sens, beta, spread, anchor, held, about, series, parts, away, motion, command,
+          doubt, speed, push, walked, loads, steps)
     return learnt(x, cov, sens, beta, spread, anchor, held, loads, record, reading, measured,
                   offset, output, told, error, least, gains, heaviest, step)

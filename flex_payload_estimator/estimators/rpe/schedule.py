@@ -60,17 +60,15 @@ class PayloadSlice:
         Which slice.
     payload : float
         kg.
-    value : Array
-        T [A B E], (K, W), W = n (n + 2 + N), N = 0 without forces of motion.
-    slopes : Array
-        d/dm and d^2/dm^2, (2, K, W).
+    series : Array
+        T [A B E], d/dm and d^2/dm^2 side by side, (K, 3 W), W = n (n + 2 + N), N = 0 without
+        forces of motion: one product gives all at an angle.
 
     """
 
     index: int
     payload: float
-    value: Array
-    slopes: Array
+    series: Array
 
 
 class Kept:
@@ -109,8 +107,6 @@ class PayloadSchedule:
         n and p.
     soft_mass, span : float
         kg, and the largest xi = m / (m + soft mass).
-    order : Array
-        0, 1, … of the cosine series, (K,).
 
     """
 
@@ -123,7 +119,6 @@ class PayloadSchedule:
     parameters: int
     soft_mass: float
     span: float
-    order: Array
     slices: Kept = field(default_factory=lambda: Kept(KEPT_SLICES))
     part_slices: Kept = field(default_factory=lambda: Kept(KEPT_PARTS))
     part_layers: Kept = field(default_factory=lambda: Kept(KEPT_LAYERS))
@@ -158,8 +153,7 @@ class PayloadSchedule:
                         for variant, share in mixture)
             parts[:, :, k] = np.reshape(found, (COARSE_NODES, COARSE_TERMS, width))
         return cls(axis, coarse, whole, parts.reshape(COARSE_NODES, -1),
-                   differentiation_matrix(axis), arm.states, len(variants), soft, span,
-                   np.arange(float(ANGLE_TERMS)))
+                   differentiation_matrix(axis), arm.states, len(variants), soft, span)
 
     def index(self, payload: float, step: float = SLICE_STEP) -> int:
         """Return which slice serves a payload, kg."""
@@ -181,7 +175,7 @@ class PayloadSchedule:
         second = slope**2 * first @ self.slope - 2.0 * slope / total * first
         cuts = (np.stack([weights, slope * first, second]) @ self.table).reshape(
             3, ANGLE_TERMS, -1)
-        return PayloadSlice(index, payload, cuts[0].copy(), cuts[1:].copy())
+        return PayloadSlice(index, payload, np.concatenate(cuts, axis=1))
 
     def parts_at(self, payload: float, angle: float) -> Array:
         """Return derivatives over the part parameters near a payload, kg, and angle: (p, W')."""
