@@ -220,6 +220,8 @@ def test_the_paper_s_model_hides_all_that_it_leaves_out() -> None:
     assert both == ('modal_truncation', 'coriolis_centripetal')
     assert score.exact(line(list(both), dict.fromkeys(both, 0.9)))
     assert not score.exact(line(list(both), {'coriolis_centripetal': 0.9}))
+    slow = BankCase('one', ('modal_truncation',), 'quanser_2dsfl', 1000).hidden
+    assert slow == ('modal_truncation',)
 
 
 @pytest.mark.parametrize('size', SIZES)

@@ -146,8 +146,9 @@ class BankCase:
 
     @property
     def hidden(self) -> tuple[str, ...]:
-        """Return all that is to be found: what the told model leaves out besides as well."""
-        besides = [other for name in self.names for other in LEFT_OUT_TOO.get(name, ())]
+        """Return all that is to be found: what the told model leaves out besides, if it shows."""
+        besides = [other for name in self.names for other in LEFT_OUT_TOO.get(name, ())
+                   if other not in IMPOSSIBLE.get(self.robot, ())]
         return (*self.names, *besides)
 
     @property
