@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 import math
 
@@ -118,6 +118,8 @@ class Fit:
     changing : float
         What the evidence gains where one of the causes changes over the record, nats; -inf where
         that was not asked.
+    by_window : Array
+        ln p of each window at the values and the parts, but for what is the same in all, (W,).
 
     """
 
@@ -130,6 +132,7 @@ class Fit:
     moments: Moments
     log_evidence: float
     changing: float = -math.inf
+    by_window: Array = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True)
@@ -302,19 +305,17 @@ class Descent:
         moments = self.moments(point)
         scale = moments.scaled()
         parts, covariance = moments.parts(scale).mean, moments.joined(scale).covariance
+        left = -(point.residual + np.tensordot(parts, self.likelihood.columns, 1))
+        weighted = left / (TEMPER * scale**2)[:, None]
         if np.any(scale > EXCESS):
             # Larger errors than any model's are no white ones: they go with the motion.
-            covariance = not_surer_than_windows(covariance, self._scores(point, parts, scale))
+            scores = np.concatenate([by_window(rows, weighted, self.windows)
+                                     for rows in (point.columns, self.likelihood.columns)])
+            covariance = not_surer_than_windows(covariance, scores)
         return Fit(self.causes.hypotheses, self.likelihood.base.discrepancy, point.values, parts,
                    scale, covariance, moments, moments.log_evidence(scale),
-                   self._changing(point, moments, scale))
-
-    def _scores(self, point: Point, parts: Array, scale: Array) -> Array:
-        """Return d ln p / d (values, parts) of each window, (k + p, W)."""
-        columns = self.likelihood.columns
-        left = -(point.residual + np.tensordot(parts, columns, 1)) / (TEMPER * scale**2)[:, None]
-        return np.concatenate([by_window(rows, left, self.windows)
-                               for rows in (point.columns, columns)])
+                   self._changing(point, moments, scale),
+                   -0.5 * by_window(left[None], weighted, self.windows)[0])
 
     @property
     def windows(self) -> int:

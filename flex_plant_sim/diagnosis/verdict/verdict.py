@@ -6,8 +6,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.causes.fit import Causes, Fit
 from flex_plant_sim.diagnosis.causes.hypothesis import Hypothesis
+from flex_plant_sim.diagnosis.causes.over_sets import (
+    deviations_of_parts,
+    deviations_of_sizes,
+    places_of,
+)
 from flex_plant_sim.diagnosis.causes.posterior import is_unknown, Key, Posterior
 from flex_plant_sim.diagnosis.causes.search import Progress, Search, search
 from flex_plant_sim.diagnosis.likelihood.prior import deviated
@@ -127,8 +133,7 @@ def _diagnosis(found: Search, data: Data, nominal: Base, jobs: int) -> Diagnosis
 
 def part_estimates(found: Search) -> tuple[PartEstimate, ...]:
     """Return all parts with prior and posterior."""
-    fit, k = found.best.fit, len(found.best.fit.values)
-    spread = np.sqrt(np.diagonal(fit.covariance)[k:])
+    fit, spread = found.best.fit, deviations_of_parts(found.posterior)
     return tuple(PartEstimate(part.name, part.unit, part.tolerance, float(m), float(s))
                  for part, m, s in zip(found.best.likelihood.parts, fit.deviations, spread))
 
@@ -155,7 +160,7 @@ def causes_of(posterior: Posterior, best: Fit) -> tuple[Cause, ...]:
         name = hypothesis.effect.identifier
         alike = dict.fromkeys(label.partition(':')[0]
                               for label in posterior.credible(hypothesis.label))
-        sizes = parameter_values(best, hypothesis)
+        sizes = parameter_values(best, hypothesis, deviations_of_sizes(posterior, hypothesis))
         found.append(Cause(
             name, hypothesis.site, cause_sentence(hypothesis, sizes),
             posterior.of_effect(name), sizes,
@@ -164,11 +169,12 @@ def causes_of(posterior: Posterior, best: Fit) -> tuple[Cause, ...]:
     return tuple(found)
 
 
-def parameter_values(fit: Fit, hypothesis: Hypothesis) -> tuple[ParameterValue, ...]:
-    """Return a cause's values with 95 % intervals, within what each can be."""
-    places = Causes(fit.hypotheses, 1.0).split(np.arange(1.0 * len(fit.values)))
-    place = places[fit.hypotheses.index(hypothesis)].astype(int)
-    reach = Z95 * np.sqrt(np.diagonal(fit.covariance)[place])
+def parameter_values(fit: Fit, hypothesis: Hypothesis, deviations: Array | None = None
+                     ) -> tuple[ParameterValue, ...]:
+    """Return a cause's values with 95 % intervals, of one set or as told, in what each can be."""
+    place = places_of(fit, hypothesis)
+    reach = Z95 * (np.sqrt(np.diagonal(fit.covariance)[place])
+                   if deviations is None else deviations)
     return tuple(
         ParameterValue(p.name, float(v), float(max(v - r, a)), float(min(v + r, b)), p.unit)
         for p, v, r, a, b in zip(hypothesis.parameters, fit.values[place], reach,
