@@ -11,7 +11,7 @@ from flex_plant_sim.diagnosis.causes.fit import Fit, with_far_part
 from flex_plant_sim.diagnosis.causes.hypothesis import hypotheses, Hypothesis
 from flex_plant_sim.diagnosis.causes.looks import Look, Looker
 from flex_plant_sim.diagnosis.causes.pool import attempt, each
-from flex_plant_sim.diagnosis.causes.posterior import judged, Key, log_prior, Posterior
+from flex_plant_sim.diagnosis.causes.posterior import judged, Key, log_prior, ORDINARY, Posterior
 from flex_plant_sim.diagnosis.causes.promise import Beside, Closer, Promise
 from flex_plant_sim.diagnosis.causes.sets import AGAIN, Fitter, Settled, Trial
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
@@ -264,8 +264,9 @@ def search(data: Data, nominal: Base, jobs: int, progress: Progress,
     """
     Return where a search among sets of causes ends.
 
-    Where errors exceed what every model may lack, what is unmodelled is no small part of the
-    strain, and a hypothesis's sensors see it like the rest: then it is searched again so.
+    Where gauges err by more than every model may, what is unmodelled is no small part of the
+    strain, and a hypothesis's sensors see it like the rest: then it is searched again so, and as
+    soon as no set of as many causes as are ordinary does without.
 
     Parameters
     ----------
@@ -283,17 +284,16 @@ def search(data: Data, nominal: Base, jobs: int, progress: Progress,
     """
     course = _Course(data, nominal, jobs, exclude, progress)
     found = _searched(course)
-    best = found.posterior.best
-    if not (best.discrepancy.more and np.any(best.scale > 1.0)):
-        return found
-    course = course.sensed()
-    del found, best  # With them goes what the second search has no use for.
-    return _searched(course)
+    if found is None:
+        course = course.sensed()
+        found = _searched(course)
+    assert found is not None
+    return found
 
 
-def _searched(course: _Course) -> Search:
+def _searched(course: _Course) -> Search | None:
     """
-    Return where one search ends.
+    Return where one search ends; None where it is to begin anew, see `search`.
 
     The most probable set is linearised around itself and its neighbours are fitted, until the
     most probable set is one whose neighbours are known.
@@ -311,6 +311,9 @@ def _searched(course: _Course) -> Search:
         best = max(course.settled.values(), key=lambda s: course.score(s.fit))
         if Key.of(best.fit) in promises:
             break
+        if len(best.fit.hypotheses) >= ORDINARY and _lacking(
+                max(judged(best.fit), key=course.score)):
+            return None
         promises[Key.of(best.fit)] = course.around(best)
     last = max((course.settled[key] for key in promises), key=lambda c: course.score(c.fit))
     progress('unknown', 0.9)
@@ -318,7 +321,15 @@ def _searched(course: _Course) -> Search:
     course.settle_leading(last)
     beside = promises[Key.of(last.fit)]
     posterior = course.ranked(last, beside)
+    if _lacking(posterior.best):
+        return None
     best = course.settled.get(Key.of(posterior.best).plain, last)
     closer = Closer(Looker(course.thin, course.data.duration), course.beside(last))
     return Search(replace(best, fit=posterior.best), tuple(beside), closer, posterior, nothing.fit,
                   tuple(len(key.labels) for key in promises))
+
+
+def _lacking(fit: Fit) -> bool:
+    """Tell whether what a set, as judged, leaves is no small part of the strain."""
+    level = fit.discrepancy
+    return level.more and not level.sensed and bool(np.any(fit.scale[2:] > 1.0))
