@@ -66,6 +66,12 @@ def judged(fit: Fit) -> tuple[Fit, ...]:
                     log_evidence=fit.log_evidence + gain))
 
 
+def lacking(fit: Fit) -> bool:
+    """Tell whether what a set, as judged, leaves is no small part of the strain."""
+    level = fit.discrepancy
+    return level.more and not level.sensed and bool(np.any(fit.scale[2:] > 1.0))
+
+
 def log_prior(fit: Fit, nominal: Base) -> float:
     """
     Return the logarithm of a set's prior odds against `nothing`, nats.

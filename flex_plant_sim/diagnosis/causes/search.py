@@ -11,7 +11,14 @@ from flex_plant_sim.diagnosis.causes.fit import Fit, with_far_part
 from flex_plant_sim.diagnosis.causes.hypothesis import hypotheses, Hypothesis
 from flex_plant_sim.diagnosis.causes.looks import Look, Looker
 from flex_plant_sim.diagnosis.causes.pool import attempt, each
-from flex_plant_sim.diagnosis.causes.posterior import judged, Key, log_prior, ORDINARY, Posterior
+from flex_plant_sim.diagnosis.causes.posterior import (
+    judged,
+    Key,
+    lacking,
+    log_prior,
+    ORDINARY,
+    Posterior,
+)
 from flex_plant_sim.diagnosis.causes.promise import Beside, Closer, Promise
 from flex_plant_sim.diagnosis.causes.sets import AGAIN, Fitter, Settled, Trial
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
@@ -225,22 +232,33 @@ class _Course:
             for k, p in enumerate(promises) if not self.worth(k, p)}
         return Posterior.of(list(self.known.values()), self.nominal, promised)
 
+    @property
+    def best(self) -> Settled:
+        """Return the most probable of the sets that were linearised around themselves."""
+        return max(self.settled.values(), key=lambda s: self.score(s.fit))
+
     def settle_leading(self, centre: Settled) -> None:
         """Linearise the sets that may lead around themselves, so that they compare."""
         ranked = self.ranked()
-        reach = self.reach(ranked.best, centre, -np.log(SHARE))
-        for leading in ranked.fits[:LEADING]:
-            fit = self.known.get(Key.of(leading).plain)
-            if (fit is None or self._settled(fit)
-                    or self.score(leading) < self.score(ranked.best) - reach):
+        self._settle(ranked.fits[:LEADING], ranked.best, centre)
+
+    def settle_rivals(self, best: Settled, centre: Settled) -> None:
+        """Linearise what is likeliest in the place of each cause of a set around itself."""
+        ranked, labels = self.ranked(), Key.of(best.fit).labels
+        rivals = {label: fit for fit in reversed(ranked.fits) for label in labels
+                  if labels - Key.of(fit).labels == {label}}
+        self._settle(tuple(rivals.values()), ranked.best, centre)
+
+    def _settle(self, fits: Sequence[Fit], best: Fit, centre: Settled) -> None:
+        """Linearise sets, as judged, around themselves that may lead for all a centre knows."""
+        reach = self.reach(best, centre, -np.log(SHARE))
+        for judged_so in fits:
+            fit = self.known.get(Key.of(judged_so).plain)
+            if (fit is None or any(s.fit is fit for s in self.settled.values())
+                    or self.score(judged_so) < self.score(best) - reach):
                 continue
             if attempt(lambda f: self.settle(Trial.of(f), f.discrepancy, f.scale), fit) is None:
                 del self.known[Key.of(fit)]
-
-    def _settled(self, fit: Fit) -> bool:
-        """Tell whether a fit is one around itself."""
-        found = self.settled.get(Key.of(fit))
-        return found is not None and found.fit is fit
 
     def try_far_parts(self) -> None:
         """
@@ -284,10 +302,9 @@ def search(data: Data, nominal: Base, jobs: int, progress: Progress,
     """
     course = _Course(data, nominal, jobs, exclude, progress)
     found = _searched(course)
-    if found is None:
+    while found is None:
         course = course.sensed()
         found = _searched(course)
-    assert found is not None
     return found
 
 
@@ -308,11 +325,14 @@ def _searched(course: _Course) -> Search | None:
     while len(promises) < EXPLORED:
         course.settle_leading(best)
         # What was fitted around another set and turns out worse around itself has fallen back.
-        best = max(course.settled.values(), key=lambda s: course.score(s.fit))
+        best = course.best
+        if Key.of(best.fit) in promises:
+            course.settle_rivals(best, nothing)
+            best = course.best
         if Key.of(best.fit) in promises:
             break
-        if len(best.fit.hypotheses) >= ORDINARY and _lacking(
-                max(judged(best.fit), key=course.score)):
+        likeliest = max(judged(best.fit), key=course.score)
+        if len(best.fit.hypotheses) >= ORDINARY and lacking(likeliest):
             return None
         promises[Key.of(best.fit)] = course.around(best)
     last = max((course.settled[key] for key in promises), key=lambda c: course.score(c.fit))
@@ -321,15 +341,9 @@ def _searched(course: _Course) -> Search | None:
     course.settle_leading(last)
     beside = promises[Key.of(last.fit)]
     posterior = course.ranked(last, beside)
-    if _lacking(posterior.best):
+    if lacking(posterior.best):
         return None
     best = course.settled.get(Key.of(posterior.best).plain, last)
     closer = Closer(Looker(course.thin, course.data.duration), course.beside(last))
     return Search(replace(best, fit=posterior.best), tuple(beside), closer, posterior, nothing.fit,
                   tuple(len(key.labels) for key in promises))
-
-
-def _lacking(fit: Fit) -> bool:
-    """Tell whether what a set, as judged, leaves is no small part of the strain."""
-    level = fit.discrepancy
-    return level.more and not level.sensed and bool(np.any(fit.scale[2:] > 1.0))
