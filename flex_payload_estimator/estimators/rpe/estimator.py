@@ -103,7 +103,7 @@ class RecursivePredictionError:
         self._incumbent: Filter | None = None
         self._motion = Motion(self.stepper)
         self._loads = self._motion.loads
-        self._ahead: tuple[Array, list[Filter], Sample, Array] | None = None
+        self._ahead: tuple[Array, Sample, Array] | None = None
         self._open: Sample | None = None
         self._command, self._before, self._time = np.zeros(2), np.zeros(2), math.nan
         mass, channels = 0.5 * self.stepper.heaviest, self._channels
@@ -178,12 +178,11 @@ class RecursivePredictionError:
         if math.isnan(self._time) or self._ahead \
                 or not _within(command.tolist(), LARGEST_COMMAND):
             return
-        history, filters = self.stepper.effects.history, self._filters()
-        saved = [f.copy() for f in filters]
+        history = self.stepper.effects.history
         sample = self._sample(self._time + self.arm.step_time, None, command)
-        for f in filters:
+        for f in self._filters():
             self.stepper.predict(f, sample, self._motion.loads)
-        self._ahead = command, saved, sample, history
+        self._ahead = command, sample, history
 
     def conclude(self) -> None:
         """
@@ -234,16 +233,15 @@ class RecursivePredictionError:
         self._time = max(time, self._time)
         self._loads, filters = self._motion.loads, self._filters()
         if ahead:
-            sample, before = ahead[0]._replace(measured=output), ahead[1][0]
+            sample = ahead._replace(measured=output)
         else:
-            # Of a bank nobody asks what it was.
-            sample, before = self._sample(self._time, output, self._command), filters[0].copy()
+            sample = self._sample(self._time, output, self._command)
         advance = self._advancing(output, ahead is not None)
         for f in filters:
             advance(f, sample, self._loads)
         if self._incumbent is not None:
             self._incumbent, sample, lost = self._shocks.taken(
-                before, self._incumbent, sample, self._loads)
+                self._incumbent, sample, self._loads)
             if lost:
                 self._modes.clear()
         # Loads count from the next sample on, so that a prediction ahead knows them too.
@@ -251,8 +249,9 @@ class RecursivePredictionError:
         # Where one filter does not fit, its noise may hide a motion.
         if self._start.at_rest and (self._motion.excited
                                     or misfit_of(self.incumbent.record) > MISFIT):
-            self._start.leave_rest(before, sample, self._loads)
-            self._modes.leave_rest(before)
+            rested = filters[0].before()
+            self._start.leave_rest(rested, sample, self._loads)
+            self._modes.leave_rest(rested)
         if not self._motion.excited:
             self._drift()
         self._open = sample
@@ -294,23 +293,18 @@ class RecursivePredictionError:
         change = self._command - self._before
         return steps * (change * change + self._loads.drive)
 
-    def _take_back(self, time: float) -> tuple[Sample, list[Filter]] | None:
-        """
-        Return the sample that was predicted for, where it is this one; else undo that.
-
-        With it come the filters as they were before.
-        """
+    def _take_back(self, time: float) -> Sample | None:
+        """Return the sample that was predicted for, where it is this one; else undo that."""
         if self._ahead is None:
             return None
-        command, saved, sample, history = self._ahead
+        command, sample, history = self._ahead
         self._ahead = None
         if command.tolist() == self._command.tolist() and \
                 round((time - self._time) / self.arm.step_time) <= 1:
-            return sample, saved
+            return sample
         self.stepper.effects.history = history
-        for f, before in zip(self._filters(), saved):
-            f.x[:], f.cov[:], f.sens[:] = before.x, before.cov, before.sens
-            f.spread[:] = before.spread
+        for f in self._filters():
+            f.take_back()
         return None
 
     def _drift(self) -> None:

@@ -111,7 +111,7 @@ def _read_noise(found: Array, place: int, first: int, last: int, innovation: Arr
 
 def misfit_of(record: Array) -> float:
     """Return the larger of the angles' and the gauges' mean square of whitened innovations."""
-    return float(max(record[-3], record[-2]))
+    return max(record.item(-3), record.item(-2))
 
 
 def belief(record: Array) -> float:

@@ -120,13 +120,14 @@ class FilterStep:
 
     def predict(self, f: Filter, sample: Sample, loads: Loads) -> None:
         """Advance to a sample; a state that is lost stays so until a measurement tells it."""
-        if not math.isfinite(f.x[1]):
+        if not math.isfinite(f.x.item(1)):
+            f.kept = None
             return
         before, payload = f.x, float(f.beta[MASS] if f.model is None else f.anchor[MASS])
         if self.effects.moves:
             before = before.copy()
-        ahead(f.x, f.cov, f.sens, f.beta, f.spread, f.anchor, f.model is not None,
-              *self._model(f), *self._pushed(f, sample, loads))
+        ahead(f.room(), f.record, f.reading, f.x, f.cov, f.sens, f.beta, f.spread, f.anchor,
+              f.model is not None, *self._model(f), *self._pushed(f, sample, loads))
         if self.effects.moves:
             f.x[:] = self.effects.push(self.schedule.cut(payload).payload, before, f.x,
                                        sample.command, sample.time - self.step_time)
@@ -170,10 +171,11 @@ class FilterStep:
             self.correct(f, sample, loads)
             return
         self._weighed(f, sample, stepped(
-            f.x, f.cov, f.sens, f.beta, f.spread, f.anchor, f.model is not None, *self._model(f),
-            *self._pushed(f, sample, loads), *self._sensed(f, sample)))
+            f.room(), f.record, f.reading, f.x, f.cov, f.sens, f.beta, f.spread, f.anchor,
+            f.model is not None, *self._model(f), *self._pushed(f, sample, loads),
+            *self._sensed(f, sample)))
 
-    def jumped(self, before: Filter, after: Filter, sample: Sample, loads: Loads) -> Filter:
+    def jumped(self, after: Filter, sample: Sample, loads: Loads) -> Filter:
         """
         Return a filter of a walking payload after a sample.
 
@@ -182,25 +184,24 @@ class FilterStep:
 
         Parameters
         ----------
-        before, after : Filter
-            One that has not predicted the sample yet, and the same after it.
+        after : Filter
+            One that has learnt it.
         sample, loads : Sample, Loads
             What it learnt from, and the loads then.
 
         """
         if after.square * self.told_variance.size < GATE:
             return after
-        return max([after, *(self._jumped(before, *cell, sample, loads)
+        return max([after, *(self._jumped(after.before(), *cell, sample, loads)
                              for cell in self.cells(CELLS))], key=lambda f: f.stated)
 
     def _jumped(self, f: Filter, low: float, high: float, sample: Sample, loads: Loads) -> Filter:
-        """Return what a filter knows after a sample before which its payload jumped, kg."""
-        new = f.copy()
-        self.drift(new, self.heaviest**2)
-        new.beta[MASS], new.spread[MASS], new.spread[:, MASS] = 0.5 * (low + high), 0.0, 0.0
-        new.spread[MASS, MASS] = 0.25 * (high - low)**2
-        self.step(new, sample, loads)
-        return new
+        """Let a filter's payload jump, kg, before it learns a sample."""
+        self.drift(f, self.heaviest**2)
+        f.beta[MASS], f.spread[MASS], f.spread[:, MASS] = 0.5 * (low + high), 0.0, 0.0
+        f.spread[MASS, MASS] = 0.25 * (high - low)**2
+        self.step(f, sample, loads)
+        return f
 
     def cells(self, count: int) -> list[tuple[float, float]]:
         """Return the range of payloads in parts over which an arm changes alike, kg."""
@@ -214,15 +215,14 @@ class FilterStep:
             return
         self._weighed(f, sample, learnt(
             f.x, f.cov, f.sens, f.beta, f.spread, f.anchor, f.model is not None, loads.table,
-            *self._sensed(f, sample)))
+            f.record, f.reading, *self._sensed(f, sample)))
 
     def _sensed(self, f: Filter, sample: Sample) -> tuple[Any, ...]:
-        """Return what `onward.learnt` takes, from record to step."""
+        """Return what `onward.learnt` takes, from the measurement to the step."""
         # One that expects more than it sees cannot tell how much less the noise is.
         least, gains = (1.0, self.prior.gains) if f.mode.parts else (0.0, 0)
-        return (f.record, f.reading, sample.measured, self._offset(f.x, sample.time), self.output,
-                self.told_variance, f.mode.gauge**2 * self._density, least, gains, self.heaviest,
-                self.step_time)
+        return (sample.measured, self._offset(f.x, sample.time), self.output, self.told_variance,
+                f.mode.gauge**2 * self._density, least, gains, self.heaviest, self.step_time)
 
     def _weighed(self, f: Filter, sample: Sample, found: tuple[float, float, float]) -> None:
         gained, stated, square = found

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from flex_payload_estimator.estimators.rpe.kernel import MASS
 from flex_payload_estimator.estimators.rpe.linearised import Linearised
 from flex_plant_sim.arm.second_order import Array
+import numpy as np
 
 
 class Mode(NamedTuple):
@@ -103,6 +104,8 @@ class Filter:
         How often it has been linearised afresh, see `FilterStep.again`.
     age, linearised : float
         How long it has learnt in motion, s, and how long it had when it was linearised.
+    kept : Array or None
+        Its knowledge before the last prediction, one behind the other, see onward.ahead.
 
     """
 
@@ -124,6 +127,33 @@ class Filter:
     rounds: int = 0
     age: float = 0.0
     linearised: float = 0.0
+    kept: Array | None = None
+
+    @property
+    def knowledge(self) -> tuple[Array, ...]:
+        """Return what a step writes."""
+        return (self.x, self.cov, self.sens, self.beta, self.spread, self.record, self.reading)
+
+    def room(self) -> Array:
+        """Return where a prediction keeps what is known before it."""
+        if self.kept is None:
+            self.kept = np.empty(sum(known.size for known in self.knowledge))
+        return self.kept
+
+    def take_back(self) -> None:
+        """Know what was known before the last prediction, if there was one."""
+        if self.kept is not None:
+            parts = np.split(self.kept, np.cumsum([known.size for known in self.knowledge]))
+            for known, before in zip(self.knowledge, parts):
+                known[:] = before.reshape(known.shape)
+
+    def before(self) -> Filter:
+        """Return an independent filter as it was before the last prediction."""
+        found = self.copy()
+        found.kept = self.kept
+        found.take_back()
+        found.kept = None
+        return found
 
     @property
     def state(self) -> Array:

@@ -166,10 +166,9 @@ class Modes:
               excited: bool) -> None:
         """Let a trial learn a sample, and count what it gains."""
         step = self.stepper.step_time
-        before = trial.runner.copy() if trial.kind == 'moved' else trial.runner
         self.stepper.step(trial.runner, sample, loads)
         if trial.kind == 'moved':
-            trial.runner = self.stepper.jumped(before, trial.runner, sample, loads)
+            trial.runner = self.stepper.jumped(trial.runner, sample, loads)
         trial.runner.age += step if excited else 0.0
         tells = trial.kind != 'other' or self.stepper.tells(incumbent, loads, ROUGH)
         trial.count(step if tells else 0.0, trial.gained(incumbent))

@@ -63,15 +63,34 @@ def followed(table: Array, share: float, output: Array, command: Array, speed: A
 
 
 @compiled
-def ahead(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor: Array,
-          held: bool, about: Array, series: Array, parts: Array, away: float, motion: Array,
-          command: Array, doubt: Array, speed: Array, error: float, walked: float, loads: Array,
-          steps: int) -> None:
+def _put(kept: Array, place: int, known: Array) -> int:
+    kept[place:place + known.size] = known.ravel()
+    return place + known.size
+
+
+@compiled
+def _keep(kept: Array, x: Array, cov: Array, sens: Array, beta: Array, spread: Array,
+          record: Array, reading: Array) -> None:
+    """Keep what a filter knows, in the order of Filter.knowledge."""
+    place = _put(kept, _put(kept, _put(kept, 0, x), cov), sens)
+    place = _put(kept, _put(kept, place, beta), spread)
+    _put(kept, _put(kept, place, record), reading)
+
+
+@compiled
+def ahead(kept: Array, record: Array, reading: Array, x: Array, cov: Array, sens: Array,
+          beta: Array, spread: Array, anchor: Array, held: bool, about: Array, series: Array,
+          parts: Array, away: float, motion: Array, command: Array, doubt: Array, speed: Array,
+          error: float, walked: float, loads: Array, steps: int) -> None:
     """
     Bring a filter some sampling times on, with one command: x, P, s and V.
 
     Parameters
     ----------
+    kept : Array
+        What the filter knew before is left here, see Filter.knowledge.
+    record, reading
+        See `learnt`; they stay.
     x, cov, sens, beta, spread, anchor, held
         See kernel.correct.
     about, series, parts, away, motion
@@ -90,6 +109,7 @@ def ahead(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor:
         How many sampling times.
 
     """
+    _keep(kept, x, cov, sens, beta, spread, record, reading)
     if error > 0.0:
         net = command - applied(speed, state_of(x, sens, beta, anchor, held))
         doubt = doubt + error * np.maximum(loads[DRIVE, :2], net * net)
@@ -148,14 +168,14 @@ def learnt(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor
 
 
 @compiled
-def stepped(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor: Array,
-            held: bool, about: Array, series: Array, parts: Array, away: float, motion: Array,
-            command: Array, doubt: Array, speed: Array, push: float, walked: float, loads: Array,
-            steps: int, record: Array, reading: Array, measured: Array, offset: Array,
-            output: Array, told: Array, error: float, least: float, gains: int, heaviest: float,
-            step: float) -> tuple[float, float, float]:
+def stepped(kept: Array, record: Array, reading: Array, x: Array, cov: Array, sens: Array,
+            beta: Array, spread: Array, anchor: Array, held: bool, about: Array, series: Array,
+            parts: Array, away: float, motion: Array, command: Array, doubt: Array, speed: Array,
+            push: float, walked: float, loads: Array, steps: int, measured: Array,
+            offset: Array, output: Array, told: Array, error: float, least: float, gains: int,
+            heaviest: float, step: float) -> tuple[float, float, float]:
     """Do both: `push` is the error of `ahead`, `error` that of `learnt`."""
-    ahead(x, cov, sens, beta, spread, anchor, held, about, series, parts, away, motion, command,
-          doubt, speed, push, walked, loads, steps)
+    ahead(kept, record, reading, x, cov, sens, beta, spread, anchor, held, about, series, parts,
+          away, motion, command, doubt, speed, push, walked, loads, steps)
     return learnt(x, cov, sens, beta, spread, anchor, held, loads, record, reading, measured,
                   offset, output, told, error, least, gains, heaviest, step)

@@ -56,21 +56,22 @@ class Shocks:
         self._largest, self._last = np.zeros(2), -math.inf
         self._relocated: _Relocated | None = None
 
-    def taken(self, before: Filter, after: Filter, sample: Sample, loads: Loads
+    def taken(self, learnt: Filter, sample: Sample, loads: Loads
               ) -> tuple[Filter, Sample, bool]:
         """
         Return filter and sample as they are to be believed, and whether the state was lost.
 
         Parameters
         ----------
-        before, after : Filter
-            One that has not predicted the sample yet, and the same after it.
+        learnt : Filter
+            One that has just predicted the sample, and learnt from it.
         sample : Sample
             What it learnt from.
         loads : Loads
             Of late.
 
         """
+        after = learnt
         for k, command in enumerate(sample.command.tolist()):
             if abs(command) > self._largest[k]:
                 self._largest[k] = abs(command)
@@ -78,17 +79,17 @@ class Shocks:
             self._relocated = None
             return after, sample, False
         if after.mode.walk > 0.0:
-            after = self._stepper.jumped(before, after, sample, loads)
+            after = self._stepper.jumped(learnt, sample, loads)
         if self._relocated is not None:
             found = self._judged(self._relocated, after, sample, loads)
             return found or after, sample, found is not None
         if sample.time - self._last < MEMORY_S or not self._past_gate(after, sample):
             return after, sample, False
         self._last = sample.time
-        doubted = self._doubted(before, after, sample, loads)
+        doubted = self._doubted(learnt.before(), after, sample, loads)
         if doubted is not None:
             return *doubted, False
-        self._relocated = _Relocated(before.copy())
+        self._relocated = _Relocated(learnt.before())
         self._stepper.relocate(self._relocated.runner, sample.measured)
         return after, sample, False
 
@@ -96,11 +97,11 @@ class Shocks:
         assert sample.measured is not None
         return f.square * sample.measured.size >= GATE
 
-    def _doubted(self, before: Filter, after: Filter, sample: Sample, loads: Loads
+    def _doubted(self, doubted: Filter, after: Filter, sample: Sample, loads: Loads
                  ) -> tuple[Filter, Sample] | None:
         """Return filter and sample with a free command, where that explains the sample."""
         free: Array = self._largest**2
-        doubted, other = before.copy(), sample._replace(doubt=free)
+        other = sample._replace(doubt=free)
         self._stepper.step(doubted, other, loads)
         if self._past_gate(doubted, sample) or not doubted.stated > after.stated + self._rare:
             return None

@@ -106,6 +106,7 @@ class SF1Estimator:
         unseen = 1.0 if count == 1 else (count / (count - 1.0))**2
         self._law = tuple(Law(
             weights, np.append(self.composite.row, 0.0),
+            np.ascontiguousarray(self.model.output),
             np.pad(self.model.output, ((0, 0), (0, 1))), self._sensors, self.model.scale,
             float(weights**2 @ self._sensors), given.r_2 / share * float(weights @ weights),
             self._settled_noise(), given.sf1.alpha_0 * share, given.sf1.alpha_1, given.mass_max,

@@ -123,7 +123,7 @@ def _symmetric_by_loops(matrix: Array, x: Array, y: Array) -> None:
 
 
 def _symmetric_by_outer(matrix: Array, x: Array, y: Array) -> None:
-    product = np.outer(x, y)
+    product = x[:, None] * y
     matrix += product
     matrix += product.T
 

@@ -93,8 +93,8 @@ class Law(NamedTuple):
     ----------
     weights, row : Array
         See CompositeMeasurement; the row with a 0 for the payload at its end, (n + 1,).
-    rows : Array
-        C-bar with such a column, (m, n + 1).
+    output, rows : Array
+        C-bar, (m, n), and the same with such a column, (m, n + 1).
     sensors : Array
         Variances of v, (m,).
     scale : Array
@@ -116,6 +116,7 @@ class Law(NamedTuple):
 
     weights: Array
     row: Array
+    output: Array
     rows: Array
     sensors: Array
     scale: Array
@@ -180,19 +181,16 @@ def sampled(predicted: tuple[Any, ...], scaled: Array, due: bool, before: tuple[
 
     """
     track, known, law = Track(*predicted), Adapted(*before), Law(*laws)
-    n, surprise, joint = len(track.state), 0.0, track.joint
-    for k in range(len(scaled)):
-        row = law.rows[k]
-        image, shown = np.dot(joint, row), np.dot(row[:n], track.part[1])
-        innovation = scaled[k] - np.dot(row[:n], track.state)
-        # The payload's error also shows in what it has added to the state since: `take_slope`.
-        variance = (np.dot(row, image) + shown * (2.0 * image[n] + joint[n, n] * shown)
-                    + law.sensors[k])
-        # A model that explodes has left no digit of its covariance.
-        variance = variance if variance > 0.0 else np.nan
-        reading[0, k] = innovation / law.scale[k]
-        reading[1, k] = math.sqrt(variance) / law.scale[k]
-        surprise += innovation * innovation / variance
+    n, joint = len(track.state), track.joint
+    image, shown = np.dot(law.rows, joint), np.dot(law.output, track.part[1])
+    innovation = scaled - np.dot(law.output, track.state)
+    # The payload's error also shows in what it has added to the state since: `take_slope`.
+    variance = ((image * law.rows).sum(1) + shown * (2.0 * image[:, n] + joint[n, n] * shown)
+                + law.sensors)
+    # A model that explodes has left no digit of its covariance.
+    variance = np.where(variance > 0.0, variance, np.nan)
+    reading[0], reading[1] = innovation / law.scale, np.sqrt(variance) / law.scale
+    surprise = np.dot(innovation, innovation / variance)
     if due:
         known = _regressed(track, scaled, known, law)
     return surprise / len(scaled), (known.mass, known.p, known.variance, known.excitation)
