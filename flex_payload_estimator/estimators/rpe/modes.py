@@ -58,17 +58,14 @@ WRONG = (1.0, 4.0, math.inf)
 UNFIT = 2.0
 # A model is wrong for longer than a moment, s: a change of the payload shows at once.
 PERSISTS_S = 0.2
-# Modes are told apart by this long in motion, s; before that no change is told.
-OPEN_S = 1.0
-# A walking payload may be anywhere after WALK_S.
-WALK_S = 1.0
+# Modes are told apart by this long in motion, s; before that no change is told. A walking payload
+# may be anywhere after WALK_S.
+OPEN_S, WALK_S = 1.0, 1.0
 # So much of the past is kept at least, s.
 PAST_S = 10.0
-# Trials of other modes: their length, s, and how often one begins.
-TRIAL_S = 2.0
-# Between two modes that are both wrong a trial takes so long, s, and even the simpler must gain:
-# else they would take turns.
-LONGER_S = 32.0
+# Trials of other modes: their length, s, and how often one begins. Between two modes that are both
+# wrong a trial takes longer, and even the simpler must gain: else they would take turns.
+TRIAL_S, LONGER_S = 2.0, 32.0
 # A payload stands still when it has for STILL_S; where that lasts less than LASTS_S, for twice as
 # long the next time.
 STILL_S, LASTS_S = 0.1, 2.0
@@ -187,12 +184,15 @@ class Modes:
         for trial in exact:
             if trial.gain > self._rare or f.rounds == ROUNDS and trial.age >= TRIAL_S:
                 return judged(trial.runner, f, self._past, self.stepper, trial)
-        if f.rounds < ROUNDS:
+        due = not exact and self._past.lived >= 2.0 * max(self._tried, HOLD_S)
+        # An exact one needs to know roughly where to linearise, and no more of that.
+        beside = due and level(f.mode) < 2 and f.rounds > 0
+        if f.rounds < ROUNDS and not beside:
             return again(f, self._past, self.stepper)
-        if exact or self._past.lived < 2.0 * max(self._tried, HOLD_S):
+        if not due:
             return None
         self._tried = self._past.lived
-        if level(f.mode) < 2:
+        if beside:
             return exact_beside(f, self._past, self.stepper)
         # Begun in the midst of a motion, its parts are thrown far off.
         return again(f, self._past, self.stepper) if self._past.whole else None
