@@ -10,7 +10,6 @@ from flex_payload_estimator.estimators.rpe.filter import FilterStep
 from flex_payload_estimator.estimators.rpe.hypothesis import Filter, Sample
 from flex_payload_estimator.estimators.rpe.onward import GATE
 from flex_payload_estimator.estimators.rpe.sensors import Loads
-from flex_plant_sim.arm.second_order import Array
 import numpy as np
 
 # Two samples of six channels tell the ten numbers of a state of two modes a link; one more judges.
@@ -53,7 +52,7 @@ class Shocks:
 
     def clear(self) -> None:
         """Forget everything."""
-        self._largest, self._last = np.zeros(2), -math.inf
+        self._largest, self._last = [0.0, 0.0], -math.inf
         self._relocated: _Relocated | None = None
 
     def taken(self, learnt: Filter, sample: Sample, loads: Loads
@@ -72,9 +71,8 @@ class Shocks:
 
         """
         after = learnt
-        for k, command in enumerate(sample.command.tolist()):
-            if abs(command) > self._largest[k]:
-                self._largest[k] = abs(command)
+        self._largest = [max(most, abs(command)) for most, command
+                         in zip(self._largest, sample.command.tolist())]
         if sample.measured is None:
             self._relocated = None
             return after, sample, False
@@ -100,8 +98,7 @@ class Shocks:
     def _doubted(self, doubted: Filter, after: Filter, sample: Sample, loads: Loads
                  ) -> tuple[Filter, Sample] | None:
         """Return filter and sample with a free command, where that explains the sample."""
-        free: Array = self._largest**2
-        other = sample._replace(doubt=free)
+        other = sample._replace(doubt=np.square(self._largest))
         self._stepper.step(doubted, other, loads)
         if self._past_gate(doubted, sample) or not doubted.stated > after.stated + self._rare:
             return None

@@ -159,9 +159,10 @@ class SF1Estimator:
             Wrong number of outputs.
 
         """
-        if np.shape(output) != self.model.scale.shape:
+        output = np.asarray(output)
+        if output.shape != self.model.scale.shape:
             raise InputError(f'output: expected {len(self.model.scale)} numbers, '
-                             f'got shape {np.shape(output)}')
+                             f'got shape {output.shape}')
         # Another layout in memory would be compiled for while the sample waits.
         scaled, command = self.model.scale * output, np.array(command, dtype=float)
         sent = is_finite(command)
