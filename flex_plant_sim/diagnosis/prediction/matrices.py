@@ -8,6 +8,8 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import compiled
 import numpy as np
 
+# Of an entry's largest: a tenth of what the schedule's nodes leave of the matrices.
+LEFT = 1e-5
 # Samples whose matrices are made at once where many are stepped without a loop over them.
 BLOCK = 1000
 
@@ -31,6 +33,27 @@ class Matrices:
 
     weights: Array
     table: Array
+
+    @classmethod
+    def of(cls, weights: Array, table: Array) -> Matrices:
+        """
+        Return the same with as few nodes as these samples need; weights sum to one.
+
+        An elbow that turns little sees little of the schedule: the mean of its matrices, which
+        keeps what is constant exactly, and the first singular vectors of what is left. To mix
+        nodes is most of what a step costs.
+        """
+        flat = table.reshape(len(table), -1)
+        mean, largest = weights.mean(axis=0) @ flat, np.abs(flat).max(axis=0)
+        orthogonal, root = np.linalg.qr(weights)
+        moved = (flat - mean) / np.where(largest > 0.0, largest, 1.0)
+        left, size, right = np.linalg.svd(root @ moved, full_matrices=False)
+        basis = orthogonal @ left
+        most = np.abs(basis).max(axis=0) * size * np.abs(right).max(axis=1)
+        kept = slice(int(np.sum(np.cumsum(most[::-1])[::-1] > LEFT)))
+        return cls(np.column_stack([np.ones(len(weights)), basis[:, kept]]),
+                   np.concatenate([mean[None], size[kept, None] * right[kept] * largest]
+                                  ).reshape(-1, *table.shape[1:]))
 
     def stepped(self, state: Array, drive: Array) -> Array:
         """Return each sample's state a step later, (N, B, n), from (N, B, n) and (N, B, d)."""

@@ -36,12 +36,13 @@ class Trajectory(Protocol):
 def matrices_of(trajectory: Trajectory, arm: ExtendedArm, gain: Array, used: Indices) -> Matrices:
     """Return an arm's matrices with a gain (nodes, n, m) at the samples used, (N,)."""
     n = arm.states
-    weights, table = payload_schedule(arm, trajectory.record.time[used],
-                                      trajectory.weights_of(arm)[used])
+    weights, table = payload_schedule(arm, trajectory.record.time, trajectory.weights_of(arm))
     table = table.reshape(len(table), n, -1)
     k = np.tile(gain, (len(table) // arm.nodes.size, 1, 1))
     rows = np.concatenate([table[..., :n] - k @ arm.output_matrix, table[..., n:], k], axis=-1)
-    return Matrices(np.ascontiguousarray(weights), np.ascontiguousarray(np.swapaxes(rows, 1, 2)))
+    # What of a record is asked must not change the matrices: what does nothing changes nothing.
+    found = Matrices.of(weights, np.swapaxes(rows, 1, 2))
+    return Matrices(found.weights[used], found.table)
 
 
 class Run:
