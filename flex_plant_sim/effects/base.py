@@ -121,6 +121,8 @@ class Effect(ABC):
     contact: ClassVar[str] = ''
     # The parameter that says when it happens, if it is an event.
     event_time: ClassVar[str] = ''
+    # The one that says how long that takes.
+    event_duration: ClassVar[str] = ''
     # Whether what it adds is proportional to its sizes.
     linear: ClassVar[bool] = False
     # Whether every arm has it, so that what may be hidden is that a model leaves it out.

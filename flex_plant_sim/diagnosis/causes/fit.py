@@ -80,6 +80,10 @@ class Causes:
         """Return the effects with values (k,), or batches of them with (B, k)."""
         return tuple(h.at(v) for h, v in zip(self.hypotheses, self.split(values)))
 
+    def sudden(self, values: Array) -> Array:
+        """Return values (k,) with all events at once, see Hypothesis."""
+        return self._joined([h.sudden(v) for h, v in zip(self.hypotheses, self.split(values))])
+
     def steps(self, values: Array) -> Array:
         """Return difference steps at values, (k,)."""
         return self._joined([h.steps(v) for h, v in zip(self.hypotheses, self.split(values))])
@@ -233,9 +237,13 @@ class Descent:
         """
         Return the minimum found from the best of some starts, linearised near it.
 
-        Where much is left, also from where each arm's own filter errs least.
+        Where much is left, also from where each arm's own filter errs least; and what takes its
+        time also from all of it at once: between the two are side valleys.
         """
         point = self._down(starts, rough)
+        sudden = self.causes.sudden(point.values)
+        if not rough and np.any(sudden != point.values):
+            point = min(point, self._down([sudden], rough), key=lambda p: p.cost)
         if (self.likelihood.alike and point.values.size
                 and np.any(self.moments(point).scaled() > EXCESS)):
             afar = Descent(self.likelihood.smooth, self.causes, self.scale)._down(starts, rough)

@@ -85,6 +85,15 @@ class Hypothesis:
         names = [p.name for p in self.parameters]
         return names.index(self.effect.event_time) if self.effect.event_time else None
 
+    def sudden(self, values: Array) -> Array:
+        """Return values (k,) with an event that takes its time at once in the middle of it."""
+        found, names = values.copy(), [p.name for p in self.parameters]
+        if self.effect.event_duration:
+            place = names.index(self.effect.event_duration)
+            found[names.index(self.effect.event_time)] += 0.5 * values[place]
+            found[place] = 0.0
+        return found
+
     def slab(self, duration: float) -> Slab:
         """Return the prior of the parameters in a record of a duration, s."""
         anywhere = [not math.isfinite(p.typical) for p in self.parameters]

@@ -22,6 +22,7 @@ class PayloadChange(Effect):
         Parameter('duration_s', 's', 0.0, 0.0, 1e6, (0.0, 3.0, 12.0), np.inf, 2.0))
     sites = 'arm'
     event_time = 'time_s'
+    event_duration = 'duration_s'
     structural = True
 
     def payload_at(self, time: Any, payload: Any) -> Any:
