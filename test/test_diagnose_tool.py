@@ -136,8 +136,9 @@ def _wait_for_children(run: subprocess.Popen[str]) -> None:
         time.sleep(0.05)
 
 
-def test_linear_algebra_keeps_to_one_thread_unless_told_otherwise() -> None:
-    program = ('import flex_plant_sim.tools, os, sys; '
+@pytest.mark.parametrize('module', ['flex_plant_sim.tools', 'msg_config.node_start'])
+def test_linear_algebra_keeps_to_one_thread_unless_told_otherwise(module: str) -> None:
+    program = (f'import {module}, os, sys; '
                "print(os.environ['OPENBLAS_NUM_THREADS'], 'numpy' in sys.modules)")
     for told, expected in ((None, '1 False'), ('3', '3 False')):
         environment = {k: v for k, v in os.environ.items() if k != 'OPENBLAS_NUM_THREADS'}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 import math
 from typing import Any
 
@@ -43,6 +44,7 @@ def differentiation_matrix(nodes: Array) -> Array:
     return matrix
 
 
+@lru_cache
 def cosine_transform(count: int) -> Array:
     """Return what turns values at Chebyshev nodes of c into a_k of sum a_k cos(k theta)."""
     angle = np.arccos(np.clip(chebyshev_nodes(count), -1.0, 1.0))
