@@ -54,10 +54,9 @@ import numpy as np
 # A change must gain in each mode so many times what is rare: a model's errors last, and each
 # counts again (benchmarks/hidden_effects.py: with 1, 3 of 49 arms with a hidden effect jump).
 WRONG = (1.0, 4.0, math.inf)
-# And a wrong model that does not fit either, by this, tells of no change.
-UNFIT = 2.0
-# A model is wrong for longer than a moment, s: a change of the payload shows at once.
-PERSISTS_S = 0.2
+# And a wrong model that does not fit either, by this, tells of no change. A model is wrong for
+# longer than a moment, s: a change of the payload shows at once.
+UNFIT, PERSISTS_S = 2.0, 0.2
 # Modes are told apart by this long in motion, s; before that no change is told. A walking payload
 # may be anywhere after WALK_S.
 OPEN_S, WALK_S = 1.0, 1.0
@@ -248,7 +247,10 @@ class Modes:
     def _shortest(self, trial: Trial, incumbent: Filter) -> float:
         """Return how long a trial of another mode must have run to win, s."""
         if trial.any_time(incumbent):
-            return PERSISTS_S
+            # A burst of noise looks so as well, until it is known for noise and over.
+            noisy = level(trial.runner.mode) == 2 and self._past.noisier(
+                incumbent, round(trial.age / self.stepper.step_time))
+            return OPEN_S if noisy else PERSISTS_S
         return LONGER_S if trial.runner.mode.parts else TRIAL_S
 
     def _over(self, trial: Trial, incumbent: Filter) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from flex_payload_estimator.estimators.rpe.evidence import NOISIER
 from flex_payload_estimator.estimators.rpe.hypothesis import Filter, Sample
 from flex_payload_estimator.estimators.rpe.sensors import Loads
 from flex_plant_sim.arm.second_order import Array
@@ -62,6 +63,11 @@ class Past:
     def __getitem__(self, number: int) -> Moment:
         """Return what is kept of a sample."""
         return self._moments[number - self.first]
+
+    def noisier(self, f: Filter, ago: int) -> bool:
+        """Tell whether a filter has found far more noise than there was so many samples ago."""
+        before = self[max(self.first, self.end - 1 - ago)].noise
+        return bool((f.record[:-5] > NOISIER * before).any())
 
     def add(self, moment: Moment) -> None:
         """
