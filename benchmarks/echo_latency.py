@@ -43,7 +43,7 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-TARGETS = {50: 1.3, 99: 1.5}
+TARGETS = {50: 1.2, 99: 1.5}
 WARM_UP = 1.0
 SETTLING = 3.0
 PATIENCE = 30.0
