@@ -77,7 +77,8 @@ class SF1Estimator:
         self.pace = Pace.of(self.step, settings.regression)
         self.halvings = self.model.halvings if settings.exact else 0
         self.composite = CompositeMeasurement.end_point(self.model)
-        self._kind = settings.regression == 'paper', settings.regression == 'resolvent'
+        self._as_printed = settings.regression == 'paper'
+        self._resolvent = settings.regression == 'resolvent'
         self._columns = np.ascontiguousarray(self.model.output.T)
         self._room = DeltaOperator(self.model.states, self.step, settings.terms,
                                    self.halvings).room
@@ -110,11 +111,11 @@ class SF1Estimator:
             np.pad(self.model.output, ((0, 0), (0, 1))), self._sensors, self.model.scale,
             float(weights**2 @ self._sensors), given.r_2 / share * float(weights @ weights),
             self._settled_noise(), given.sf1.alpha_0 * share, given.sf1.alpha_1, given.mass_max,
-            min(1.0, pace / MEMORY), unseen, self._kind[1]))
+            min(1.0, pace / MEMORY), unseen, self._resolvent))
 
     def _settled_noise(self) -> float:
         """Return the composite innovation's variance that (30) settles to, straight, unloaded."""
-        if not self._kind[1]:
+        if not self._resolvent:
             return 1.0
         a, b = self.model.matrices(1.0, 0.0)
         radius = float(np.max(np.abs(np.linalg.eigvals(a))))
@@ -171,8 +172,10 @@ class SF1Estimator:
             self._command = command
         if not good:
             return self._reject(time)
-        if self.track is None:
-            return self._begin(time, scaled)
+        return self._begin(time, scaled) if self.track is None else self._learn(time, scaled)
+
+    def _learn(self, time: float, scaled: Array) -> Estimate:
+        """Predict, and regress where that is due; a model that explodes starts again."""
         due = self._since + 1 >= self.pace.samples
         reading = np.empty((2, len(scaled)))
         track, ahead = self._next_track(), self._take_ahead()
@@ -255,9 +258,10 @@ class SF1Estimator:
         heavier = mass + MEAN_DEVIATION * math.sqrt(self.known.variance)
         noisy = (self._since + 1) % self.pace.samples == 0
         return (tuple(self.track), tuple(after), self._since, math.cos(self._angle),
-                self.model.tables, mass, heavier, *self._kind, self._command, self._measured,
-                self._columns, self._process if noisy else self._no_process, self._measurement,
-                self._sensors, self._room, self.step)
+                self.model.tables, mass, heavier, self._as_printed, self._resolvent,
+                self._command, self._measured, self._columns,
+                self._process if noisy else self._no_process, self._measurement, self._sensors,
+                self._room, self.step)
 
     def _say(self, time: float, reading: Array) -> Estimate:
         """Return the estimate with what is to be thought of it."""

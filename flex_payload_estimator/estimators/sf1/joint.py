@@ -183,10 +183,16 @@ def moved(before: tuple[Any, ...], ahead: tuple[Any, ...], since: int, cosine: f
     onward = _corrected(track, after, np.dot(big, a), measured, columns, process, measurement,
                         noise, step)
     put(after.part, found[1:])
-    put(after.sway, np.dot(big, a_m) * step)
-    put(after.start, track.start)
     if since > 0:
         add(after.part, np.dot(track.part, onward.T))
+    put(after.sway, np.dot(big, a_m) * step)
+    _carry_start(track, after, onward, since)
+
+
+@compiled
+def _carry_start(track: Track, after: Track, onward: Array, since: int) -> None:
+    """Write how the errors at the last regression sway the state since: start, sway, reach."""
+    put(after.start, track.start)
     if since == 1:
         # The measurement has been taken in: what it leaves of the errors sways the rest.
         put(after.start, at_known_payload(track.joint.copy()))
