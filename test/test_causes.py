@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
-from flex_plant_sim.diagnosis.causes.fit import Causes, Descent, fitted
+from dataclasses import replace
+
+from flex_plant_sim.diagnosis.causes.fit import Causes, Descent, Fit, fitted
 from flex_plant_sim.diagnosis.causes.hypothesis import hypotheses
 from flex_plant_sim.diagnosis.causes.pool import each
-from flex_plant_sim.diagnosis.causes.posterior import Key
+from flex_plant_sim.diagnosis.causes.posterior import judged, Key, lacking
 from flex_plant_sim.diagnosis.causes.search import Search, search
 from flex_plant_sim.diagnosis.causes.sets import Fitter, Settled, Trial
+from flex_plant_sim.diagnosis.likelihood.evidence import Slab
+from flex_plant_sim.diagnosis.likelihood.moments import Moments
+from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude
 from flex_plant_sim.diagnosis.prediction.predictor import Base, Predictor
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.verdict.detection import detection_limits
 from flex_plant_sim.effects import catalogue
 import numpy as np
 import pytest
+from scipy.stats import norm
 from simulated_records import effects, REFERENCE, simulated, SLOWEST
 
 # Friction and what imitates it while the gauge is wrong, too; what parts may undo; an event.
@@ -163,3 +169,58 @@ def test_workers_give_what_one_process_gives_and_say_what_went_wrong() -> None:
     assert together == alone and len(alone) == 7
     with pytest.raises(ValueError, match='ten'):
         each(root, range(12), 2)
+
+
+@pytest.mark.parametrize('change, start, duration', [
+    (-0.08, 9.0, 4.0), (0.16, 2.5, 12.0), (0.05, 6.0, 0.0)])
+def test_a_sudden_change_carries_as_much_for_as_long_as_the_slow_one(
+        change: float, start: float, duration: float) -> None:
+    """The same mass at both ends, and the same integral of it over time."""
+    event, = (h for h in hypotheses(REFERENCE) if h.label == 'payload_change:arm')
+    slow, time = np.array([change, start, duration]), np.arange(0.0005, 20.0, 0.001)
+    before, sudden = slow.copy(), event.sudden(slow)
+    assert np.array_equal(slow, before), 'the values asked about are kept'
+    carried = [event.at(values).payload_at(time, 0.2) for values in (slow, sudden)]
+    assert carried[1].sum() == pytest.approx(carried[0].sum(), rel=1e-9)
+    assert set(np.round(carried[1], 12)) == {0.2, round(0.2 + change, 12)}
+
+
+def test_what_is_no_event_is_as_sudden_as_it_is_and_each_event_has_its_own_time() -> None:
+    known = {h.label: h for h in hypotheses(REFERENCE)}
+    ripple, event = known['torque_ripple:joint_1'], known['payload_change:arm']
+    values = np.array([0.1, 0.2, 7.0])
+    assert np.array_equal(ripple.sudden(values), values)
+    both = Causes((ripple, event), 20.0).sudden(np.array([*values, 0.1, 5.0, 3.0]))
+    assert both == pytest.approx([*values, 0.1, 6.5, 0.0])
+
+
+def plain_fit(scale: tuple[float, ...], samples: int = 4) -> Fit:
+    """Return a fit without causes and parts whose errors are so much larger than stated."""
+    moments = Moments(np.zeros((len(scale), 1, 1)), np.zeros(0), Slab(*np.zeros((4, 0))),
+                      np.zeros(0), samples, np.zeros(len(scale)))
+    return Fit((), Amplitude(more=True), np.zeros(0), np.zeros(0), np.array(scale),
+               np.zeros((0, 0)), moments, -7.0)
+
+
+def test_only_gauges_beyond_what_is_stated_lack_more_than_a_small_part() -> None:
+    much = plain_fit((1.0, 1.0, 1.0, 1.5))
+    assert lacking(much)
+    assert not lacking(replace(much, discrepancy=Amplitude(more=False)))
+    assert not lacking(replace(much, discrepancy=Amplitude(more=True, sensed=True)))
+    assert not lacking(replace(much, scale=np.array([3.0, 1.5, 1.0, 1.0]))), 'joints alone'
+
+
+def test_a_set_pays_what_white_errors_as_large_are_less_likely() -> None:
+    errors, scale = np.random.default_rng(8).standard_normal(50), (1.0, 1.7, 1.2)
+    errors /= np.sqrt(np.mean(errors**2))
+    dear = sum(float(np.sum(norm.logpdf(s * errors) - norm.logpdf(s * errors, scale=s)))
+               for s in scale)
+    fit = replace(plain_fit(scale, 50), discrepancy=Amplitude(), changing=2.0)
+    whole, more = judged(fit)
+    assert whole.log_evidence == pytest.approx(-7.0 + dear) and not whole.discrepancy.more
+    assert more.log_evidence == pytest.approx(-7.0 + 2.0) and more.discrepancy.more
+    # Where errors are large a change over the record may help, and costs nothing.
+    assert judged(replace(fit, changing=-3.0))[1].log_evidence == pytest.approx(-7.0)
+    small = replace(fit, scale=np.ones(3))
+    assert [f.log_evidence for f in judged(replace(small, changing=-3.0))] == [-7.0, -10.0]
+    assert judged(replace(small, changing=-np.inf)) == (replace(small, changing=-np.inf),)
