@@ -28,6 +28,9 @@ HIDDEN = ('viscous_friction:joint_2:damping_n_m_s=3', 'strain_gain:strain_2a:fac
 # Of the whole catalogue about 350, see benchmarks/diagnosis_time.py; of these five effects:
 MOST_PASSES = 400
 
+# Evenly in probability.
+NORMAL = norm.ppf((np.arange(1000) + 0.5) / 1000)
+
 
 def searched(hidden: tuple[str, ...], data: Data | None = None, asked: tuple[str, ...] = ASKED
              ) -> tuple[Search, Data]:
@@ -109,8 +112,15 @@ def test_a_limit_is_what_parts_cannot_undo(clean: tuple[Search, Data]) -> None:
     found, data = clean
     with np.errstate(all='ignore'):
         limits = detection_limits(found.promises, REFERENCE, data.duration, found.closer)
+    # What one Gaussian that is wider promises over the tolerance's own, on average, is the price.
+    effect, tolerance = catalogue()['link_stiffness'], REFERENCE.tolerances.stiffness
+    wide = np.hypot(tolerance, effect.parameters[0].typical)
+    # Of all identifiers none is at work in every second record; links are two.
+    price = np.log(2.0 / (2.0**(1.0 / len(catalogue())) - 1.0))
     for link in ('link_1', 'link_2'):
-        assert limits[f'link_stiffness:{link}'][0] > REFERENCE.tolerances.stiffness
+        x = limits[f'link_stiffness:{link}'][0] + tolerance * NORMAL
+        gained = np.mean(norm.logpdf(x, scale=wide) - norm.logpdf(x, scale=tolerance))
+        assert price - 0.1 < gained < price + 1.0
     for gauge in REFERENCE.gauge_names:
         assert limits[f'strain_gain:{gauge}'][0] > REFERENCE.tolerances.strain_gain
 

@@ -94,6 +94,21 @@ def _said_by(robot: Robot, part: str) -> str:
     return SAID_BY.get(kind if number.isdigit() else whole, whole)
 
 
+def factors_on_parts(robot: Robot) -> dict[str, float]:
+    """
+    Return 'identifier:site' of what is a factor on a part of a robot, to the part's tolerance.
+
+    What such an effect does the part does as well, at any size: no record parts the two.
+    """
+    found = {}
+    for part in robot_parts(robot):
+        effect = catalogue().get(_said_by(robot, part.name))
+        if effect is not None and effect.parameters[0].null == 1.0:
+            site, = (site for site in sites(effect, robot) if site[-1] == part.name[-1])
+            found[f'{effect.identifier}:{site}'] = part.tolerance
+    return found
+
+
 def deviated(robot: Robot, parts: Sequence[PartPrior], deviations: Array
              ) -> tuple[Robot, tuple[Effect, ...]]:
     """Return a robot with deviations (p,), and the effects that stand for the others of them."""

@@ -9,7 +9,7 @@ from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.diagnosis.causes.pool import each
 from flex_plant_sim.diagnosis.causes.promise import Closer, Promise
 from flex_plant_sim.diagnosis.likelihood.evidence import detectable
-from flex_plant_sim.diagnosis.likelihood.prior import log_odds
+from flex_plant_sim.diagnosis.likelihood.prior import factors_on_parts, log_odds
 import numpy as np
 
 # Each halves the error of the logarithm where information is constant: 1e-6 is left.
@@ -83,14 +83,22 @@ def _size(promise: Promise) -> int:
 
 
 def _limit(promise: Promise, robot: Robot, duration: float) -> float:
-    """Return the size that is as large as what its own information makes detectable."""
+    """
+    Return the size that is as large as what its own information makes detectable.
+
+    Parts are taken as linear, which leaves of a large factor what a part undoes in full: of that
+    a record knows no more than the part's tolerance does.
+    """
     slab, k = promise.hypothesis.slab(duration), _size(promise)
     # A one-sided slab is twice as dense.
     price = -log_odds(promise.hypothesis.effect, robot) - np.log(2.0) * (slab.sided[k] != 0.0)
     known = promise.information > 0.0
     if not known.any():
         return float('inf')
-    where, what = np.log(promise.magnitudes[known]), np.log(promise.information[known])
+    tolerance = factors_on_parts(robot).get(promise.hypothesis.label, 0.0)
+    most = tolerance**-2 if tolerance else np.inf
+    where = np.log(promise.magnitudes[known])
+    what = np.log(np.minimum(promise.information[known], most))
     size = float(promise.magnitudes[known][0])
     for _ in range(ITERATIONS):
         information = float(np.exp(np.interp(np.log(size), where, what)))

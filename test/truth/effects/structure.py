@@ -17,10 +17,13 @@ from truth.effects.hidden_effect import (
     with_link,
 )
 
+LEAST_LEFT = 0.2
+
 
 def draw_link_stiffness(rng: np.random.Generator, arm: Arm, severity: float) -> Parameters:
-    """Draw a change of 12-25 % either way, of one link's EI."""
-    return {'link': any_joint(rng), 'factor': 1.0 + severity * either_sign(rng, 0.12, 0.25)}
+    """Draw a change of 12-25 % either way, of one link's EI; some is always left."""
+    link, change = any_joint(rng), severity * either_sign(rng, 0.12, 0.25)
+    return {'link': link, 'factor': max(1.0 + change, LEAST_LEFT)}
 
 
 def apply_link_stiffness(arm: Arm, size: Parameters) -> Arm:
