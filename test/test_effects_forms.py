@@ -17,7 +17,9 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 from truth.configuration import reference_arm
+from truth.effects import CATALOGUE
 from truth.excitation import set_points
+from truth.forms import FORMS
 from truth.records import draw_case, HAVE_MUJOCO, make_record, MUJOCO, NO_MUJOCO
 
 # Nothing but the rotors has inertia.
@@ -183,6 +185,26 @@ def fitted_spring(command: Array, elbow: Array) -> Array:
         extended = arm('coriolis_centripetal:arm:share=1', text)
         return np.asarray(simulate(Simulator(extended), command)[0][:, 1] - elbow)
     return np.asarray(least_squares(error, [1.0, 0.0], diff_step=1e-3).x)
+
+
+@pytest.mark.parametrize('joint, rest', [(2, 0.3), (1, -0.2)])
+def test_the_hose_of_the_bank_is_as_stiff_as_the_spring_where_it_is_loose(
+        joint: int, rest: float) -> None:
+    sprung = CATALOGUE['joint_spring'].apply(reference_arm(0.1), {
+        'joint': joint, 'rest': rest, 'stiffness': 1.7})
+    hose = FORMS['hose'](sprung)
+    assert not any(joint.spring for joint in hose.joints)
+    s = hose.structure
+
+    def energy(angle: float) -> float:
+        """Return that of a spring from beside the upper link's end to a point on the lower."""
+        def length(at: float) -> float:
+            return float(abs(1j * s.hose_reach - s.hose_reach * np.exp(1j * at)))
+        return 0.5 * s.hose_stiffness * (length(angle) - length(s.hose_rest))**2
+    step = 1e-3
+    around = [energy(rest + k * step) for k in (-1, 0, 1)]
+    assert around[1] == pytest.approx(0.0, abs=1e-15)
+    assert (around[0] - 2.0 * around[1] + around[2]) / step**2 == pytest.approx(1.7, rel=1e-4)
 
 
 @pytest.mark.skipif(not HAVE_MUJOCO, reason=NO_MUJOCO)

@@ -66,7 +66,11 @@ FORMS_OF: dict[str, tuple[Realisation, ...]] = {
     'strain_delay': LATE_FORMS,
     'payload_change': (*PLAIN, Realisation(FINITE_ELEMENTS, 'leak')),
     'loose_payload': (*PLAIN, Realisation(MUJOCO, 'half_loose')),
+    'joint_spring': (*PLAIN, Realisation(MUJOCO, 'hose')),
 }
+# Joined when rounds had been scored: behind the others in a round, and in no other's case, so
+# that those keep their records.
+LATER = ('joint_spring',)
 # What an effect in a certain form may be called as well, because it is that, too.
 ALSO_RIGHT: dict[tuple[str, str], str] = {
     ('coulomb_friction', 'bristles'): 'presliding_friction',
@@ -89,7 +93,8 @@ PAIRS = (
     ('actuator_gain', 'modal_damping'), ('backlash', 'strain_bias'),
     ('torque_ripple', 'payload_inertia'), ('angle_gain', 'clamp_compliance'),
     ('actuator_dead_zone', 'loose_payload'), ('stribeck_friction', 'payload_change'))
-TAKEN_OUT = tuple(name for name in CATALOGUE if name not in (*MODEL_OPTIONS, 'base_sliding'))
+TAKEN_OUT = tuple(name for name in CATALOGUE
+                  if name not in (*MODEL_OPTIONS, 'base_sliding', *LATER))
 CONTROLS = ('noise_only', 'shuffled_residuals', 'swapped_strain_labels', 'swapped_joint_labels')
 POOR = ('coulomb_friction', 'link_stiffness', 'payload_mass', 'strain_filter')
 SEEDS_PER_ROUND = 100
@@ -168,7 +173,7 @@ def realisations(name: str, use: str = 'scoring') -> tuple[Realisation, ...]:
 
 def possible(robot: str) -> list[str]:
     """Return the identifiers of what can be hidden in a robot in any simulator's plain form."""
-    return [name for name in CATALOGUE if name not in IMPOSSIBLE.get(robot, ())
+    return [name for name in CATALOGUE if name not in (*LATER, *IMPOSSIBLE.get(robot, ()))
             and set(PLAIN) <= set(realisations(name))]
 
 
@@ -193,22 +198,33 @@ def all_cases(use: str = 'scoring', rounds: int = 9) -> Iterator[BankCase]:
         for seed, k in enumerate(np.random.default_rng(first_seed).permutation(len(cases)),
                                  start=first_seed):
             yield replace(cases[k], seed=seed)
+        for seed, case in enumerate(_later(number, use), start=first_seed + len(cases)):
+            yield replace(case, seed=seed)
 
 
 def _singles(number: int, use: str) -> Iterator[BankCase]:
-    for place, name in enumerate(CATALOGUE):
-        # All pairs of form and size, in an order that the identifier's place decides.
-        pairs = [(form, size) for form in realisations(name, use) for size in SIZES]
-        if not pairs:
-            continue
-        order = np.random.default_rng([place, 19]).permutation(len(pairs))
-        form, size = pairs[order[number % len(pairs)]]
-        yield BankCase('one', (name,), 'reference', 0, form, size)
+    for place, name in enumerate(name for name in CATALOGUE if name not in LATER):
+        if realisations(name, use):
+            yield _in_turn(name, place, number, use)
     names = possible('quanser_2dsfl')
     for k in range(number * SECOND_ROBOT, (number + 1) * SECOND_ROBOT):
         name = names[k % len(names)]
         forms = realisations(name, use)
         yield BankCase('one', (name,), 'quanser_2dsfl', 0, forms[number % len(forms)])
+
+
+def _in_turn(name: str, place: int, number: int, use: str) -> BankCase:
+    """Return one of all pairs of form and size, in an order that the place decides."""
+    pairs = [(form, size) for form in realisations(name, use) for size in SIZES]
+    order = np.random.default_rng([place, 19]).permutation(len(pairs))
+    form, size = pairs[order[number % len(pairs)]]
+    return BankCase('one', (name,), 'reference', 0, form, size)
+
+
+def _later(number: int, use: str) -> Iterator[BankCase]:
+    for place, name in enumerate(LATER, start=len(CATALOGUE) - len(LATER)):
+        yield _in_turn(name, place, number, use)
+        yield BankCase('one', (name,), 'quanser_2dsfl', 0, _plain(use)[number % len(_plain(use))])
 
 
 def _plain(use: str) -> list[Realisation]:

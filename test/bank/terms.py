@@ -119,6 +119,13 @@ def _ripple(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], floa
                        'periods_per_turn': p['order']}, p['torque']
 
 
+def _spring(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], float]:
+    # A hose across the elbow is no line over the angle.
+    hose = 'hose' in case.forms
+    values = {} if hose else {'stiffness_n_m_per_rad': p['stiffness'], 'rest_rad': p['rest']}
+    return 'joint_2' if hose else _joint(p), values, p['stiffness']
+
+
 def _saturation(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], float]:
     return _joint(p), {'inverse_limit': 1.0 / p['limit']}, 1.0 / p['limit']
 
@@ -188,6 +195,7 @@ _SAID: dict[str, Said] = {
     'backlash': _at_joint('gap', 'gap_rad'),
     'gear_compliance': _flexible(_joint),
     'torque_ripple': _ripple,
+    'joint_spring': _spring,
     'actuator_gain': _at_joint('factor', 'factor', 1.0),
     'actuator_bias': _at_joint('bias', 'bias'),
     'actuator_dead_zone': _at_joint('half_width', 'half_width'),

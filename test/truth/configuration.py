@@ -58,8 +58,9 @@ class Joint:
 
     Units: inertia kg m^2, torque_gain N m per command unit, damping and viscous N m s/rad,
     coulomb_forward, coulomb_backward, stribeck and ripple N m, stribeck_speed rad/s,
-    ripple_order cycles per radian of the joint, lag s, backlash rad (whole gap),
-    gear_stiffness N m/rad; bias, dead_zone and saturation in the command's unit.
+    ripple_order cycles per radian of the joint, lag s, backlash rad (whole gap), gear_stiffness
+    and spring (about spring_rest rad) N m/rad; bias, dead_zone and saturation in the command's
+    unit.
 
     In what form nature has them: `presliding` rad is the travel over which dry friction builds
     up, `bristle` lets it do so as LuGre's bristles do; the lag delays the command or, with
@@ -85,6 +86,8 @@ class Joint:
     lag: float = 0.0
     backlash: float = 0.0
     gear_stiffness: float = float('inf')
+    spring: float = 0.0
+    spring_rest: float = 0.0
     presliding: float = INVISIBLE_TRAVEL
     bristle: bool = False
     lag_inside: bool = False

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+import math
 from typing import Any
 
 from truth.configuration import Arm
@@ -13,6 +14,8 @@ from truth.configuration import Arm
 SHORT_TRAVEL = 3e-4
 # A tenth of the other contact's: a link of the reference arm sinks in by a milliradian.
 SOFT_CONTACT = 6e3
+# How far from the elbow a hose is tied to the links, m.
+HOSE_REACH = 0.1
 
 
 def _joints(**changes: Any) -> Callable[[Arm], Arm]:
@@ -42,6 +45,20 @@ def _leak(arm: Arm) -> Arm:
         arm.payload, leak=max(arm.payload.event_duration / 3.0, 1.0)))
 
 
+def _hose(arm: Arm) -> Arm:
+    """
+    Span the elbow with a hose in place of a spring: as stiff where it is loose.
+
+    Its length is 2 reach sin(pi/4 - angle/2): the pull's lever is that length's slope.
+    """
+    found = max(arm.joints, key=lambda joint: joint.spring)
+    first, second = (replace(joint, spring=0.0) for joint in arm.joints)
+    lever = HOSE_REACH * math.cos(math.pi / 4.0 - 0.5 * found.spring_rest)
+    return replace(arm, joints=(first, second), structure=replace(
+        arm.structure, hose_stiffness=found.spring / lever**2, hose_reach=HOSE_REACH,
+        hose_rest=found.spring_rest))
+
+
 FORMS: dict[str, Callable[[Arm], Arm]] = {
     'bristles': _joints(bristle=True, presliding=SHORT_TRAVEL),
     'springs': _joints(presliding=SHORT_TRAVEL),
@@ -55,4 +72,5 @@ FORMS: dict[str, Callable[[Arm], Arm]] = {
     'one_gauge': _sensors(late=(0,)),
     'half_loose': _payload(loose_share=0.5),
     'leak': _leak,
+    'hose': _hose,
 }

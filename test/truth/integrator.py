@@ -10,9 +10,10 @@ from truth.beam_elements import Array
 from truth.compiled import acceleration, compiled
 from truth.equations import LinkTerms
 
-# Columns of the drive table (2, 14).
+# Columns of the drive table (2, 16).
 GAIN, DAMPING, FORWARD, BACKWARD, STRIBECK, STRIBECK_SPEED = range(6)
 RIPPLE, RIPPLE_ORDER, RIPPLE_PHASE, BIAS, DEAD_ZONE, SATURATION, LAG, TRAVEL = range(6, 14)
+SPRING, SPRING_REST = range(14, 16)
 
 
 class Plant(NamedTuple):
@@ -74,6 +75,7 @@ def drive_torque(row: Array, command: float, theta: float, speed: float,
         u = np.sign(u) * max(abs(u) - row[DEAD_ZONE], 0.0)
     u = min(max(u, -row[SATURATION]), row[SATURATION])
     torque = row[GAIN] * u - row[DAMPING] * speed - dry_friction(row, travel, speed)
+    torque -= row[SPRING] * (theta - row[SPRING_REST])
     return torque + row[RIPPLE] * np.sin(row[RIPPLE_ORDER] * theta + row[RIPPLE_PHASE])
 
 

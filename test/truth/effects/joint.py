@@ -132,6 +132,18 @@ def apply_presliding(arm: Arm, size: Parameters) -> Arm:
     return with_joint(rubbing, size['joint'], presliding=size['travel'])
 
 
+def draw_spring(rng: np.random.Generator, arm: Arm, severity: float) -> Parameters:
+    """Draw 20-40 % of the drive's viscous torque at 1 rad/s, a radian; loose near straight."""
+    joint = any_joint(rng)
+    return {'joint': joint, 'rest': rng.uniform(-0.3, 0.3),
+            'stiffness': severity * viscous_scale(arm, joint) * rng.uniform(0.2, 0.4)}
+
+
+def apply_spring(arm: Arm, size: Parameters) -> Arm:
+    """Let a cable or a hose pull the joint, N m/rad, to where it hangs loose, rad."""
+    return with_joint(arm, size['joint'], spring=size['stiffness'], spring_rest=size['rest'])
+
+
 EFFECTS = (
     HiddenEffect('coulomb_friction', draw_coulomb, apply_coulomb),
     HiddenEffect('viscous_friction', draw_viscous, apply_viscous),
@@ -141,4 +153,5 @@ EFFECTS = (
     HiddenEffect('backlash', draw_backlash, apply_backlash),
     HiddenEffect('gear_compliance', draw_gear_compliance, apply_gear_compliance),
     HiddenEffect('torque_ripple', draw_torque_ripple, apply_torque_ripple),
+    HiddenEffect('joint_spring', draw_spring, apply_spring),
 )

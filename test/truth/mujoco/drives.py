@@ -34,6 +34,7 @@ class Drive:
         if joint.lag_inside:
             torque = self._lag(torque - joint.damping * speed, step)
         ripple = joint.ripple * math.sin(joint.ripple_order * theta + joint.ripple_phase)
+        torque -= joint.spring * (theta - joint.spring_rest)
         return torque + ripple - (self._bristles(speed, step) if self.bristles else 0.0)
 
     def _lag(self, signal: float, step: float) -> float:
