@@ -15,7 +15,8 @@ from pathlib import Path
 import sys
 
 from flex_plant_sim.arm.robot_file import load_robot
-from flex_plant_sim.diagnosis.causes.fit import Causes, fitted
+from flex_plant_sim.diagnosis.causes.fit import fitted
+from flex_plant_sim.diagnosis.causes.hypothesis import Causes
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
 from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude
 from flex_plant_sim.diagnosis.record.data import Data

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from flex_plant_sim.diagnosis.causes.fit import Causes, Fit, fitted
-from flex_plant_sim.diagnosis.causes.hypothesis import hypotheses, Hypothesis
+from flex_plant_sim.diagnosis.causes.fit import Fit, fitted
+from flex_plant_sim.diagnosis.causes.hypothesis import Causes, hypotheses, Hypothesis
 from flex_plant_sim.diagnosis.causes.posterior import Key, Posterior
 from flex_plant_sim.diagnosis.likelihood.evidence import (
     channel_products,

@@ -4,96 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 import math
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.causes.hypothesis import Hypothesis
+from flex_plant_sim.diagnosis.causes.hypothesis import Causes, Hypothesis
 from flex_plant_sim.diagnosis.likelihood.constancy import by_window, gained
 from flex_plant_sim.diagnosis.likelihood.evidence import (
     channel_products,
     Marginal,
     not_surer_than_windows,
-    Slab,
 )
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
 from flex_plant_sim.diagnosis.likelihood.moments import Moments, TEMPER
 from flex_plant_sim.diagnosis.likelihood.prior import FAR_OFF
 from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude
-from flex_plant_sim.effects.base import Effect
 import numpy as np
 
 # Steps at most, of a fit and of one that only ranks.
 ITERATIONS, ROUGH = 8, 3
-# Arms that run at once: memory goes with them.
-BATCH = 8
 # A step that promises less is not worth a pass, nats.
 ENOUGH = 0.3
 # Errors that exceed what is stated by less leave nothing to explain.
 EXCESS = 1.05
 # Of Levenberg and Marquardt, tried until the cost falls.
 DAMPINGS = (1e-4, 0.1, 10.0)
-
-
-class Causes:
-    """
-    Some hypotheses at once; their parameters lie side by side, (k,).
-
-    Parameters
-    ----------
-    hypotheses : sequence of Hypothesis
-    duration : float
-        Of the longest record, s.
-
-    """
-
-    def __init__(self, hypotheses: Sequence[Hypothesis], duration: float):
-        self.hypotheses, self.duration = tuple(hypotheses), duration
-        self.ends = np.cumsum([0, *(len(h.parameters) for h in self.hypotheses)])
-
-    def _joined(self, parts: Sequence[Array]) -> Array:
-        return np.concatenate([np.zeros(0), *parts])
-
-    @cached_property
-    def slab(self) -> Slab:
-        """Return the prior of all parameters."""
-        slabs = [h.slab(self.duration) for h in self.hypotheses]
-        return Slab(*(self._joined([getattr(s, part) for s in slabs])
-                      for part in ('centre', 'width', 'sided', 'spiked')))
-
-    @property
-    def bounds(self) -> tuple[Array, Array]:
-        """Return the lower and the upper bounds, (k,) each."""
-        return (self._joined([h.low for h in self.hypotheses]),
-                self._joined([h.high for h in self.hypotheses]))
-
-    @property
-    def structural(self) -> bool:
-        """Tell whether values must come one by one."""
-        return any(h.effect.structural for h in self.hypotheses)
-
-    def split(self, values: Array) -> list[Array]:
-        """Return values (…, k) as each hypothesis has them."""
-        return [values[..., a:b] for a, b in zip(self.ends, self.ends[1:])]
-
-    def effects(self, values: Array) -> tuple[Effect, ...]:
-        """Return the effects with values (k,), or batches of them with (B, k)."""
-        return tuple(h.at(v) for h, v in zip(self.hypotheses, self.split(values)))
-
-    def sudden(self, values: Array) -> Array:
-        """Return values (k,) with all events at once, see Hypothesis."""
-        return self._joined([h.sudden(v) for h, v in zip(self.hypotheses, self.split(values))])
-
-    def steps(self, values: Array) -> Array:
-        """Return difference steps at values, (k,)."""
-        return self._joined([h.steps(v) for h, v in zip(self.hypotheses, self.split(values))])
-
-    def residual(self, likelihood: Likelihood, values: Array) -> Array:
-        """Return the residuals at values (B, k): (B, m, N)."""
-        if self.structural or not self.hypotheses:
-            return np.concatenate([likelihood.residual(self.effects(v)) for v in values])
-        return np.concatenate([likelihood.residual(self.effects(values[k:k + BATCH]))
-                               for k in range(0, len(values), BATCH)])
 
 
 @dataclass(frozen=True)
@@ -210,6 +144,12 @@ class Descent:
         """Return residual (m, N) and cost at values, (k,)."""
         residual = self.causes.residual(self.likelihood, values[None])[0]
         return residual, self.cost(values, residual)
+
+    def checked(self, point: Point, deviations: Array) -> Point:
+        """Return a point with the residual such that it is exact with deviations, (p,)."""
+        exact = self.likelihood.at(self.causes.effects(point.values), deviations)[0]
+        residual = exact - np.tensordot(deviations, self.likelihood.columns, 1)
+        return replace(point, residual=residual, cost=self.cost(point.values, residual))
 
     def linearise(self, values: Array, residual: Array, cost: float) -> Point:
         """

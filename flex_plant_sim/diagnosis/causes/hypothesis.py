@@ -1,15 +1,17 @@
-"""A hypothesis: one effect of the catalogue at one site, and where its fit starts."""
+"""A hypothesis: one effect of the catalogue at one site, where its fit starts; and several."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 import math
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.likelihood.evidence import Slab
+from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
 from flex_plant_sim.effects import catalogue, sites
 from flex_plant_sim.effects.base import Effect, Parameter
 import numpy as np
@@ -20,6 +22,8 @@ DIFFERENCE = 0.05
 GRID, TIMES = 5, 30
 # Of its unit: the slab of a parameter that is held is as good as a point.
 POINT = 1e-9
+# Arms that run at once: memory goes with them.
+BATCH = 8
 
 
 @dataclass(frozen=True)
@@ -148,6 +152,67 @@ class Hypothesis:
         if values.ndim == 1:
             return self.effect(self.site, tuple(float(v) for v in values))
         return self.effect(self.site, tuple(values[:, k:k + 1] for k in range(values.shape[1])))
+
+
+class Causes:
+    """
+    Some hypotheses at once; their parameters lie side by side, (k,).
+
+    Parameters
+    ----------
+    hypotheses : sequence of Hypothesis
+    duration : float
+        Of the longest record, s.
+
+    """
+
+    def __init__(self, hypotheses: Sequence[Hypothesis], duration: float):
+        self.hypotheses, self.duration = tuple(hypotheses), duration
+        self.ends = np.cumsum([0, *(len(h.parameters) for h in self.hypotheses)])
+
+    def _joined(self, parts: Sequence[Array]) -> Array:
+        return np.concatenate([np.zeros(0), *parts])
+
+    @cached_property
+    def slab(self) -> Slab:
+        """Return the prior of all parameters."""
+        slabs = [h.slab(self.duration) for h in self.hypotheses]
+        return Slab(*(self._joined([getattr(s, part) for s in slabs])
+                      for part in ('centre', 'width', 'sided', 'spiked')))
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Return the lower and the upper bounds, (k,) each."""
+        return (self._joined([h.low for h in self.hypotheses]),
+                self._joined([h.high for h in self.hypotheses]))
+
+    @property
+    def structural(self) -> bool:
+        """Tell whether values must come one by one."""
+        return any(h.effect.structural for h in self.hypotheses)
+
+    def split(self, values: Array) -> list[Array]:
+        """Return values (…, k) as each hypothesis has them."""
+        return [values[..., a:b] for a, b in zip(self.ends, self.ends[1:])]
+
+    def effects(self, values: Array) -> tuple[Effect, ...]:
+        """Return the effects with values (k,), or batches of them with (B, k)."""
+        return tuple(h.at(v) for h, v in zip(self.hypotheses, self.split(values)))
+
+    def sudden(self, values: Array) -> Array:
+        """Return values (k,) with all events at once, see Hypothesis."""
+        return self._joined([h.sudden(v) for h, v in zip(self.hypotheses, self.split(values))])
+
+    def steps(self, values: Array) -> Array:
+        """Return difference steps at values, (k,)."""
+        return self._joined([h.steps(v) for h, v in zip(self.hypotheses, self.split(values))])
+
+    def residual(self, likelihood: Likelihood, values: Array) -> Array:
+        """Return the residuals at values (B, k): (B, m, N)."""
+        if self.structural or not self.hypotheses:
+            return np.concatenate([likelihood.residual(self.effects(v)) for v in values])
+        return np.concatenate([likelihood.residual(self.effects(values[k:k + BATCH]))
+                               for k in range(0, len(values), BATCH)])
 
 
 def hypotheses(robot: Robot, exclude: Sequence[str] = ()) -> tuple[Hypothesis, ...]:

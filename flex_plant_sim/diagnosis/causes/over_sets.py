@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.causes.fit import Causes, EXCESS, Fit
-from flex_plant_sim.diagnosis.causes.hypothesis import Hypothesis
+from flex_plant_sim.diagnosis.causes.fit import EXCESS, Fit
+from flex_plant_sim.diagnosis.causes.hypothesis import Causes, Hypothesis
 from flex_plant_sim.diagnosis.causes.posterior import Posterior
 import numpy as np
 

@@ -6,31 +6,31 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.causes.fit import Causes, Descent, Fit, fitted, Point
-from flex_plant_sim.diagnosis.causes.hypothesis import Hypothesis
+from flex_plant_sim.diagnosis.causes.fit import Descent, Fit, fitted, Point
+from flex_plant_sim.diagnosis.causes.hypothesis import Causes, Hypothesis
 from flex_plant_sim.diagnosis.causes.promise import Promise
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
 from flex_plant_sim.diagnosis.prediction.predictor import Base
 from flex_plant_sim.diagnosis.record.data import Data
 import numpy as np
 
-# A fit that gains more than this, nats, around where it came is fitted around that again.
+# What a linearisation misstates by more than this, nats, where it says the best fit is, is
+# linearised there again, up to so many times.
 AGAIN, AROUND = 1.0, 4
-# So much of its width may a part that is far off be from where its differences reach.
-NEAR = 0.03
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A set of causes to fit, and where to start, (k,) each."""
+    """A set of causes to fit, and where to start: values (k,) each, deviations of the parts."""
 
     hypotheses: tuple[Hypothesis, ...]
     starts: tuple[Array, ...]
+    deviations: Array | None = None
 
     @classmethod
     def of(cls, fit: Fit) -> Trial:
         """Return a fit as a trial."""
-        return cls(fit.hypotheses, (fit.values,))
+        return cls(fit.hypotheses, (fit.values,), fit.deviations)
 
     @property
     def labels(self) -> frozenset[str]:
@@ -60,31 +60,31 @@ class Settled:
 
     @classmethod
     def at(cls, trial: Trial, base: Base, data: Data, scale: Array | None = None) -> Settled:
-        """Return a set fitted around itself, anew where that leads on."""
+        """
+        Return a set fitted around itself: around its values and its parts, Gauss-Newton in both.
+
+        Each fit is judged by what the record leaves with its own values and parts, so that two of
+        them compare wherever they were linearised; of several the best counts.
+        """
         causes, starts = Causes(trial.hypotheses, data.duration), trial.starts
-        found: Settled | None = None
         known = np.ones(len(data.noise[0])) if scale is None else scale
-        far = 0.0
+        best: Settled | None = None
+        about = trial.deviations
         for _ in range(AROUND):
             likelihood = Likelihood(base, data.windows, data.noise, causes.effects(starts[0]),
-                                    far)
+                                    about)
             descent = Descent(likelihood, causes, known)
-            point, before = descent.run(starts), found
+            linear = descent.run(starts)
+            about = descent.fit(linear).deviations
+            point = descent.checked(linear, about)
             found = cls(likelihood, point, descent.fit(point))
-            if base.discrepancy.far:
-                # Differences that reach as far as the part does are right where it is.
-                moved = far - found.fit.deviations[likelihood.far_part]
-                if abs(moved) < NEAR * likelihood.tolerances[likelihood.far_part]:
-                    break
-                far, starts, before = far - moved, (point.values,), None
-                continue
-            if before is not None and found.fit.log_evidence < before.fit.log_evidence:
-                return before
-            if point.cost > descent.at(starts[0])[1] - AGAIN:
+            if best is None or found.fit.log_evidence > best.fit.log_evidence:
+                best = found
+            if abs(point.cost - linear.cost) < AGAIN:
                 break
             starts = (point.values,)
-        assert found is not None
-        return found
+        assert best is not None
+        return best
 
     @cached_property
     def from_afar(self) -> Settled:

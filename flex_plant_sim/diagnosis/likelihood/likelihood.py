@@ -33,19 +33,21 @@ class Likelihood:
         Sensor noise per record, (m,).
     around : sequence of Effect
         On while sensitivities are taken; smooth forces follow the trajectory that they give.
-    far : float
-        About where the part is that is not as its file says, see Amplitude; 0 if not known.
+    about : Array, optional
+        Deviations around which it is linear, (p,); none by default.
 
     """
 
     def __init__(self, base: Base, windows: Sequence[Windows], noise: Sequence[Array],
-                 around: Sequence[Effect] = (), far: float = 0.0):
-        self.base, self.around, self.far = base, tuple(around), far
+                 around: Sequence[Effect] = (), about: Array | None = None):
+        self.base, self.around = base, tuple(around)
         self.parts: tuple[PartPrior, ...] = part_priors(base.robot, windows[0].record.payload)
         self.tolerances = np.array([
             part.tolerance * (FAR_OFF if part.name == base.discrepancy.far else 1.0)
             for part in self.parts])
-        self.predictors = [Predictor(base, w, s, True, self.around)
+        self.about = np.zeros(len(self.parts)) if about is None else about
+        robot, sensors = deviated(base.robot, self.parts, self.about)
+        self.predictors = [Predictor(base, w, s, True, (*self.around, *sensors), robot)
                            for w, s in zip(windows, noise)]
         # Samples that each stands for, and which they are, where only some windows are asked.
         self.weight = 1.0
@@ -53,8 +55,7 @@ class Likelihood:
         # Whether errors are judged in one covariance or in each arm's own.
         self.alike = True
 
-    def residual(self, effects: Sequence[Effect], deviations: Array | None = None,
-                 keep: bool = False) -> Array:
+    def at(self, effects: Sequence[Effect], deviations: Array, keep: bool = False) -> Array:
         """
         Return whitened prediction errors of all windows, (B, m, N).
 
@@ -62,17 +63,25 @@ class Likelihood:
         ----------
         effects : sequence of Effect
             All that are on beside the base's, in place of `around`.
-        deviations : Array, optional
+        deviations : Array
             Of the parts, (p,).
         keep : bool
             Whether filters keep the gain of `around` where that can be, see Predictor.whitened.
 
         """
-        values = np.zeros(len(self.parts)) if deviations is None else deviations
-        robot, sensors = deviated(self.base.robot, self.parts, values)
+        robot, sensors = deviated(self.base.robot, self.parts, deviations)
         found = [_channels(p.whitened((*effects, *sensors), robot, keep, self.alike))
                  for p in self.predictors]
         return np.sqrt(self.weight) * np.concatenate(found, axis=-1)
+
+    def residual(self, effects: Sequence[Effect]) -> Array:
+        """Return what is linear in the deviations for none of them, with effects on, (B, m, N)."""
+        return self.at(effects, self.about) - self.moved
+
+    @cached_property
+    def moved(self) -> Array:
+        """Return what the deviations around which it is linear do, by the columns, (m, N)."""
+        return np.tensordot(self.about, self.columns, 1)
 
     @cached_property
     def present(self) -> Array:
@@ -82,20 +91,14 @@ class Likelihood:
     @cached_property
     def columns(self) -> Array:
         """Return d white / d deviations, (p, m, N), by differences."""
-        found = np.empty((len(self.parts), *self.present.shape))
-        steps = STEP * self.tolerances
-        if self.far:
-            steps[self.far_part] = self.far
-        for k, step in enumerate(steps):
-            moved = np.zeros(len(self.parts))
-            moved[k] = step
-            found[k] = (self.residual(self.around, moved, keep=True)[0] - self.present) / step
+        here = self.at(self.around, self.about)[0]
+        found = np.empty((len(self.parts), *here.shape))
+        for k, part in enumerate(self.parts):
+            step = STEP * part.tolerance
+            moved = self.about.copy()
+            moved[k] += step
+            found[k] = (self.at(self.around, moved, keep=True)[0] - here) / step
         return found
-
-    @property
-    def far_part(self) -> int:
-        """Return the place of the part that is not as its file says."""
-        return [part.name for part in self.parts].index(self.base.discrepancy.far)
 
     @cached_property
     def products(self) -> Array:
@@ -112,7 +115,7 @@ class Likelihood:
     @cached_property
     def smooth(self) -> Likelihood:
         """Return what each arm's own filter errs: no likelihood, but without its side valleys."""
-        return self._copied('present', 'columns', 'products', 'smooth', alike=False)
+        return self._copied('present', 'columns', 'moved', 'products', 'smooth', alike=False)
 
     def at_rest(self, effects: Sequence[Effect]) -> bool:
         """Tell whether effects have coordinates that the trajectory does not move."""
@@ -121,8 +124,9 @@ class Likelihood:
 
     def along(self, effects: Sequence[Effect]) -> Likelihood:
         """Return the likelihood with the trajectory that effects give, its columns the same."""
-        predictors = [Predictor(self.base, p.windows, p.noise, p.judging, effects)
-                      for p in self.predictors]
+        robot, sensors = deviated(self.base.robot, self.parts, self.about)
+        predictors = [Predictor(self.base, p.windows, p.noise, p.judging, (*effects, *sensors),
+                                robot) for p in self.predictors]
         return self._copied('present', 'smooth', around=tuple(effects), predictors=predictors)
 
     def _copied(self, *less: str, **changed: object) -> Likelihood:
@@ -150,7 +154,8 @@ class Likelihood:
             'products', 'surprise', 'smooth',
             predictors=[p.thinned(every) for p in self.predictors], kept=kept,
             weight=self.weight * weight, present=np.sqrt(weight) * self.present[:, kept],
-            columns=np.sqrt(weight) * self.columns[..., kept])
+            columns=np.sqrt(weight) * self.columns[..., kept],
+            moved=np.sqrt(weight) * self.moved[:, kept])
 
 
 def _channels(errors: Array) -> Array:

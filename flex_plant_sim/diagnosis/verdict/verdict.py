@@ -7,8 +7,8 @@ from dataclasses import replace
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.causes.fit import Causes, Fit
-from flex_plant_sim.diagnosis.causes.hypothesis import Hypothesis
+from flex_plant_sim.diagnosis.causes.fit import Fit
+from flex_plant_sim.diagnosis.causes.hypothesis import Causes, Hypothesis
 from flex_plant_sim.diagnosis.causes.over_sets import (
     deviations_of_parts,
     deviations_of_sizes,
