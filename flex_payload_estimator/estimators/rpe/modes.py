@@ -35,6 +35,7 @@ from flex_payload_estimator.estimators.rpe.hypothesis import (
 from flex_payload_estimator.estimators.rpe.past import Moment, Past
 from flex_payload_estimator.estimators.rpe.replay import (
     again,
+    exact_again,
     exact_beside,
     HOLD_S,
     judged,
@@ -145,7 +146,7 @@ class Modes:
             if self._wins(trial, incumbent):
                 return self._promote(trial, incumbent, sample.time)
             if self._over(trial, incumbent):
-                self.trials.remove(trial)
+                self._give_up(trial, incumbent)
         if self._replay and self._replay.place < self._past.first:
             # What it was to learn next has been dropped.
             self._replay = None
@@ -206,12 +207,15 @@ class Modes:
     def _relearnt(self, replay: Replay, incumbent: Filter, time: float) -> Filter:
         """Return who is next when the past has been learnt again."""
         self._replay, new = None, replay.best.runner
+        # One that does not fit is likelier than another that does not, and no more.
+        fits = misfit_of(new.record) <= MISFIT
         if replay.sought:
-            self._replay = judged(new, incumbent, self._past, self.stepper)
+            # Where it does not, one of parts learns its own past again first.
+            if fits or incumbent.rounds > 0:
+                self._replay = judged(new, incumbent, self._past, self.stepper)
             return incumbent
         if replay.judged:
-            # One that does not fit is likelier than another that does not, and no more.
-            if new.mode.parts or misfit_of(new.record) > MISFIT:
+            if new.mode.parts or not fits:
                 self._refuse(replay)
                 return incumbent
             replay.hand_in(self._past)
@@ -263,6 +267,13 @@ class Modes:
             return trial.time >= TRIAL_S and trial.gain == 0.0
         aged = trial.runner.mode.parts and trial.age >= self._shortest(trial, incumbent)
         return aged or trial.gain < -self._rare
+
+    def _give_up(self, trial: Trial, incumbent: Filter) -> None:
+        """End a trial; an exact one may not have found where to linearise, and seeks that."""
+        self.trials.remove(trial)
+        exact = trial.kind == 'other' and not trial.runner.mode.parts
+        if exact and incumbent.mode.walk == 0.0 and not self._replay:
+            self._replay = exact_again(trial.runner, self._past, self.stepper)
 
     def _promote(self, trial: Trial, incumbent: Filter, time: float) -> Filter:
         """Return the new incumbent; one of another mode that it follows stays beside it."""

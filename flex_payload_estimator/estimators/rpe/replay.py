@@ -184,6 +184,11 @@ def exact_beside(f: Filter, past: Past, stepper: FilterStep) -> Replay:
     return Replay([Relearner(new)], past.first + 1, sought=True)
 
 
+def exact_again(exact: Filter, past: Past, stepper: FilterStep) -> Replay:
+    """Return an exact model that one of parts has outdone, linearised about what it found."""
+    return Replay(_forms(exact, past, stepper), past.first + 1, sought=True)
+
+
 def judged(exact: Filter, f: Filter, past: Past, stepper: FilterStep,
            former: Trial | None = None) -> Replay:
     """
