@@ -6,8 +6,19 @@ from collections.abc import Callable
 
 from extended_arms import arm, ROBOT
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
-from flex_payload_estimator.estimators.rpe.hypothesis import Filter, NATURAL, PARTS, ROUGH
+from flex_payload_estimator.estimators.rpe.evidence import rare
+from flex_payload_estimator.estimators.rpe.hypothesis import (
+    EXACT,
+    Filter,
+    NATURAL,
+    PARTS,
+    ROUGH,
+    Sample,
+)
+from flex_payload_estimator.estimators.rpe.motion import Motion
+from flex_payload_estimator.estimators.rpe.past import Moment, Past
 from flex_payload_estimator.estimators.rpe.prior import tolerances_off
+from flex_payload_estimator.estimators.rpe.replay import exact_again, Relearner, Replay
 from flex_plant_sim.arm.parts import drawn
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.payload_profile import PayloadProfile
@@ -43,6 +54,22 @@ def unlucky(estimator: RecursivePredictionError) -> Filter:
     return f
 
 
+def remembering(noise: list[float], most: int = 1000) -> Past:
+    """Return a past in which the noise's variance was so many times the told one."""
+    past, loads = Past(most), Motion(estimator_of().stepper).loads
+    for k, variance in enumerate(noise):
+        sample = Sample(0.01 * k, np.zeros(6), np.zeros(2))
+        past.add(Moment(sample, loads, 0.01, 0.0, np.full(6, variance)))
+    return past
+
+
+def noisy(variance: float) -> Filter:
+    """Return a filter that takes the noise's variance for so many times the told one."""
+    f = estimator_of().stepper.begin(ROUGH, np.zeros(6), 0.1, 0.1)
+    f.record[:6] = variance
+    return f
+
+
 @pytest.mark.parametrize(('wrong', 'seconds'), [(misled, 1.3), (astray, 4.0), (unlucky, 1.2)])
 def test_an_exact_model_that_went_wrong_or_was_left_comes_back(
         wrong: Callable[[RecursivePredictionError], Filter], seconds: float) -> None:
@@ -60,6 +87,59 @@ def test_an_exact_model_that_went_wrong_or_was_left_comes_back(
         simulator.step(command)
     assert estimator.incumbent.mode.name == 'exact' and not estimator.events
     assert abs(found.mass - MASS) < 4.0 * found.variance**0.5 < 4e-4
+
+
+def test_an_exact_model_that_its_start_led_astray_is_back_within_half_a_second() -> None:
+    # A light payload under little noise: what the first samples tell is far from linear.
+    robot = robot_with(1.2e-4)
+    estimator = estimator_of(robot, modes=3)
+    run = Run(estimator, PayloadProfile.constant(0.05), 0.6, seed=5,
+              arm=ExtendedArm(robot, 'assumed_modes', 3, 0.05))
+    assert run.std[30] > 1e-3 and estimator.incumbent.mode.name == 'exact'
+    assert abs(run.mass[-1] - 0.05) < 4.0 * run.std[-1] < 4e-5
+
+
+def test_an_exact_model_that_does_not_fit_is_judged_only_after_parts_learn_again() -> None:
+    estimator = estimator_of()
+    Run(estimator, PayloadProfile.constant(MASS), 0.4)
+    modes, rough = estimator._modes, astray(estimator)
+    replay = exact_again(estimator.incumbent, modes._past, estimator.stepper)
+    for misfit, rounds, judges in ((1.0, 0, True), (2.0, 0, False), (2.0, 1, True)):
+        replay.best.runner.record[-3:-1], rough.rounds = misfit, rounds
+        assert modes._relearnt(replay, rough, 0.4) is rough
+        assert bool(modes._replay and modes._replay.judged) is judges
+
+
+def test_an_exact_model_is_given_up_where_parts_lead_by_what_it_must_gain() -> None:
+    # It begins as far behind as it must lead in the end: level with parts, it has lost nothing.
+    stepper, past = estimator_of().stepper, remembering([1.0] * 100)
+    must = rare(stepper.step_time)
+    exact, parts = (Relearner(stepper.begin(mode, np.zeros(6), 0.1, 0.1))
+                    for mode in (EXACT, PARTS))
+    exact.runner.log = -must
+    replay = Replay([exact, parts], past.first + 60, judged=True)
+    for lead, lost in ((0.0, False), (0.9 * must, False), (1.1 * must, True)):
+        parts.runner.log = lead
+        assert replay.lost(past, must) is lost
+    # Not in the first half, nor where nobody judges.
+    assert not Replay([exact, parts], past.first + 40, judged=True).lost(past, must)
+    assert not Replay([exact, parts], past.first + 60, sought=True).lost(past, must)
+
+
+def test_noise_counts_as_grown_from_four_times_its_variance_on_then() -> None:
+    # Variances 1, 2, 3, …, over the robot file's; twenty samples, ten of them kept.
+    past, f = remembering([1.0 + k for k in range(20)], most=10), noisy(1.0)
+    assert past.first == 10
+    for ago in (0, 3, 9):
+        then = 20.0 - ago
+        assert not past.noisier(noisy(3.9 * then), ago) and past.noisier(noisy(4.1 * then), ago)
+    # Before the oldest one nothing is known: it stands for what was.
+    assert past.noisier(noisy(4.1 * 11.0), 500) and not past.noisier(noisy(3.9 * 11.0), 500)
+    # Gauges alone are enough; what else the record has does not count.
+    f.record[2:6], f.record[6:] = 81.0, 1e9
+    assert past.noisier(f, 0)
+    f.record[2:6] = 1.0
+    assert not past.noisier(f, 0)
 
 
 def test_what_bent_links_add_is_found_where_the_robot_file_has_none_of_it() -> None:
