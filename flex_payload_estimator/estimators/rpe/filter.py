@@ -17,11 +17,11 @@ from flex_payload_estimator.estimators.rpe.kernel import (
     walk,
 )
 from flex_payload_estimator.estimators.rpe.linearised import held, Lineariser
+from flex_payload_estimator.estimators.rpe.model_average import model_averaged
 from flex_payload_estimator.estimators.rpe.onward import ahead, followed, GATE, learnt, stepped
 from flex_payload_estimator.estimators.rpe.prior import Prior, SHARE_STD, SHARES, tolerances_off
 from flex_payload_estimator.estimators.rpe.schedule import PayloadSchedule
 from flex_payload_estimator.estimators.rpe.sensors import Loads, speed_feedback
-from flex_payload_estimator.estimators.rpe.without_bias import without_bias
 from flex_plant_sim.arm.second_order import Array
 import numpy as np
 
@@ -140,7 +140,7 @@ class FilterStep:
 
     def payload(self, f: Filter, doubt: float | None = None) -> tuple[float, float]:
         """Return payload and variance, kg and kg^2; `doubt`, where it is known, is f's."""
-        mass, variance = without_bias(f.beta, f.spread, self._lasting[f.mode.parts])
+        mass, variance = model_averaged(f.beta, f.spread, self._lasting[f.mode.parts])
         variance = float(variance)
         if f.mode.parts:
             variance += (LASTING * float(mass))**2

@@ -1,4 +1,4 @@
-"""The payload where the gauges may as well have no bias, and no force may last."""
+"""The payload averaged over two models: with biases and forces that last, and with none."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ import numpy as np
 
 
 @compiled
-def without_bias(beta: Array, spread: Array, std: Array) -> tuple[float, float]:
+def model_averaged(beta: Array, spread: Array, std: Array) -> tuple[float, float]:
     """
     Return payload, kg, and its variance where what lasts may as well be none.
 
-    The gauges' biases, with parts forces at the tip and in the drives as well.
-
-    'No bias' is the posterior given that they vanish, and the evidence for it is the ratio of
-    posterior to prior density there (Savage and Dickey), exact as they act linearly; both
-    hypotheses are equally likely before.
+    The gauges' biases, with parts forces at the tip and in the drives as well. Their prior is a
+    spike and slab (Mitchell and Beauchamp, J. Am. Stat. Assoc. 83, 1988): half of it says none.
+    That model is the posterior given that they vanish, and the evidence for it the ratio of
+    posterior to prior density there (Savage and Dickey), exact as they act linearly. The mean and
+    variance are those of Bayesian model averaging.
 
     Parameters
     ----------
