@@ -1,10 +1,11 @@
 """
 Compare SF1's stated variance with its errors, on matched models.
 
-`python benchmarks/sf1_variance.py --runs 500` draws payloads of 0.03-0.3 kg and noise of 1e-4-1e-2
-(rad, and V on the gauges) and prints, at 1, 3, 5 and 10 s, the root mean square of error over
-stated standard deviation, the share inside the 95 % interval and the median error; then the stated
-standard deviation at other sampling intervals, each sample with the same noise.
+`python benchmarks/sf1_variance.py --runs 500` draws payloads of 0.03-0.3 kg, with `--prior` from
+the prior that `sf1` states, and noise of 1e-4-1e-2 (rad, and V on the gauges) and prints, at 1, 3,
+5 and 10 s, the root mean square of error over stated standard deviation, the share inside the 95 %
+interval and the median error; then the stated standard deviation at other sampling intervals, each
+sample with the same noise.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from dataclasses import replace
 from functools import lru_cache
 
 from flex_payload_estimator.estimators.factory import make_estimator
+from flex_payload_estimator.estimators.sf1.settings import SF1Settings
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.interval import Z95
@@ -32,9 +34,13 @@ def arm_of(model: str, step: float) -> ExtendedArm:
     return ExtendedArm(replace(load_robot('reference'), sample_time=step), model, 2)
 
 
-def run(name: str, model: str, seed: int) -> Array:
+def run(name: str, model: str, seed: int, prior: bool) -> Array:
     """Return error and stated standard deviation, kg, at TIMES_S, (2, 4)."""
     case = Case.draw(seed, 0.0)
+    if prior:
+        given, random = SF1Settings(), np.random.default_rng([seed, 2])
+        mass = abs(random.normal(given.mass_0, given.variance_0**0.5))
+        case = replace(case, mass=float(mass))
     data = record(arm_of(model, 0.01), case, TIMES_S[-1])
     estimator = make_estimator(name, case.robot(), model, 2)
     command, estimates = np.zeros(2), []
@@ -67,6 +73,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
     parser.add_argument('--runs', type=int, default=500)
     parser.add_argument('--seed', type=int, default=0, help='first')
+    parser.add_argument('--prior', action='store_true', help="payloads from sf1's prior")
     parser.add_argument('--estimators', nargs='+', default=['sf1'])
     parser.add_argument('--models', nargs='+', default=['paper_reduced', 'assumed_modes'])
     parser.add_argument('--steps', type=float, nargs='*', default=STEPS_S)
@@ -74,7 +81,7 @@ def main() -> None:
     for model in given.models:
         for name in given.estimators:
             seeds = range(given.seed, given.seed + given.runs)
-            found = np.array([run(name, model, seed) for seed in seeds])
+            found = np.array([run(name, model, seed, given.prior) for seed in seeds])
             ratio = found[:, 0] / found[:, 1]
             print(f'{name}, {model}, {given.runs} runs')
             for k, time in enumerate(TIMES_S):

@@ -130,7 +130,7 @@ class SF1Estimator:
         """Forget everything."""
         self.rejected = 0
         given = self.settings.sf1
-        self.known = Adapted(given.mass_0, given.p_0, given.variance_0, 1.0)
+        self.known = Adapted(given.mass_0, given.p_0, given.variance_0, 1.0, 0.0, 1.0)
         self.track: Track | None = None
         self._tracks: tuple[Track, ...] = ()
         self._measured, self._command, self._angle = NO_SAMPLE, np.zeros(2), 0.0
@@ -202,6 +202,7 @@ class SF1Estimator:
         self._tracks = tuple(at_start(scaled, self._sensors, start, self.known.variance)
                              for _ in range(2))
         self.track = self._tracks[0]
+        self.known = self.known._replace(lag=0.0, spread=1.0)
         self._angle, self._measured, self._since = float(scaled[1]), scaled, 0
         reading = np.empty((2, len(scaled)))
         sampled(tuple(self.track), scaled, False, tuple(self.known), self._law, reading)
@@ -255,7 +256,7 @@ class SF1Estimator:
         assert self.track is not None
         # V is carried on by the secant to where the payload may be: a heavier one shows less.
         mass = self.known.mass
-        heavier = mass + MEAN_DEVIATION * math.sqrt(self.known.variance)
+        heavier = mass + MEAN_DEVIATION * math.sqrt(self._variance())
         noisy = (self._since + 1) % self.pace.samples == 0
         return (tuple(self.track), tuple(after), self._since, math.cos(self._angle),
                 self.model.tables, mass, heavier, self._as_printed, self._resolvent,
@@ -288,10 +289,15 @@ class SF1Estimator:
         return self._last
 
     def _estimate(self, time: float, reading: Array, status: str) -> Estimate:
+        return Estimate(time, self.known.mass, self._variance(), self.known.p, reading[0],
+                        reading[1], status)
+
+    def _variance(self) -> float:
+        """Return the payload's, kg^2: never more than one who has seen no sample would say."""
+        given = self.settings.sf1
         # Birge's ratio: noise above the file's, or a model that is wrong, widens the interval.
-        variance = self.known.variance * max(self._level, 1.0)
-        return Estimate(time, self.known.mass, variance, self.known.p, reading[0], reading[1],
-                        status)
+        return min(self.known.variance * max(self._level, 1.0),
+                   (self.known.mass - given.mass_0)**2 + given.variance_0)
 
 
 def check_usable(robot: Robot, model: str, modes: int, settings: SF1EstimatorSettings) -> None:

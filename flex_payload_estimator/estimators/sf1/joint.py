@@ -43,6 +43,8 @@ class Track(NamedTuple):
         P of (23), (n, n).
     joint : Array
         Covariance of (xi, epsilon) without what the last noise v did, (n + 1, n + 1).
+    doubt : Array
+        What of them one standard deviation of the payload's prior has become, (n + 1,).
     noisy : Array
         What v did to them, (n + 1, m).
     start : Array
@@ -56,6 +58,7 @@ class Track(NamedTuple):
     reach: Array
     covariance: Array
     joint: Array
+    doubt: Array
     noisy: Array
     start: Array
 
@@ -80,13 +83,15 @@ def at_start(scaled: Array, noise: Array, covariance: Array, variance: float) ->
     state, joint, noisy = np.zeros(n), np.zeros((n + 1, n + 1)), np.zeros((n + 1, m))
     state[:2] = scaled[:2]
     joint[:n, :n], joint[n, n] = covariance, variance
+    doubt = np.zeros(n + 1)
+    doubt[n] = variance**0.5
     joint[:2] = 0.0
     joint[:, :2] = 0.0
     noisy[:2, :2] = -np.eye(2)
     start = joint[:n, :n].copy()
     start[:2, :2] = np.diag(noise[:2])
     return Track(state, np.zeros((2, n)), np.zeros((n, n)), np.eye(n), covariance.copy(), joint,
-                 noisy, start)
+                 doubt, noisy, start)
 
 
 @compiled
@@ -223,6 +228,7 @@ def _corrected(track: Track, after: Track, a_bar: Array, measured: Array, column
         whole = _whole(onward)
     put(after.covariance, covariance)
     put(after.joint, carried(whole, track.joint))
+    put(after.doubt, np.dot(whole, track.doubt))
     add(after.joint, np.dot(noisy * noise, noisy.T))
     after.noisy[:] = 0.0
     return onward

@@ -141,6 +141,9 @@ class Adapted(NamedTuple):
         m_p (kg), P of (29), and the variance of the error of mass (kg^2).
     excitation : float
         Power of the regressor phi over what noise alone would give it, over MEMORY.
+    lag, spread : float
+        By how many of Track.doubt the payload is off, as the innovations have it, and the
+        variance of that.
 
     """
 
@@ -148,12 +151,13 @@ class Adapted(NamedTuple):
     p: float
     variance: float
     excitation: float
+    lag: float
+    spread: float
 
 
 @compiled
 def sampled(predicted: tuple[Any, ...], scaled: Array, due: bool, before: tuple[float, ...],
-            laws: tuple[Any, ...], reading: Array
-            ) -> tuple[float, tuple[float, float, float, float]]:
+            laws: tuple[Any, ...], reading: Array) -> tuple[float, tuple[float, ...]]:
     """
     Write what (28), (29) make of a prediction and a sample.
 
@@ -187,19 +191,21 @@ def sampled(predicted: tuple[Any, ...], scaled: Array, due: bool, before: tuple[
     # The payload's error also shows in what it has added to the state since: `take_slope`.
     variance = ((image * law.rows).sum(1) + shown * (2.0 * image[:, n] + joint[n, n] * shown)
                 + law.sensors)
+    variance += (np.dot(law.rows, track.doubt) + shown * track.doubt[n])**2 * (
+        known.lag**2 + known.spread - 1.0)
     # A model that explodes has left no digit of its covariance.
     variance = np.where(variance > 0.0, variance, np.nan)
     reading[0], reading[1] = innovation / law.scale, np.sqrt(variance) / law.scale
     surprise = np.dot(innovation, innovation / variance)
     if due:
         known = _regressed(track, scaled, known, law)
-    return surprise / len(scaled), (known.mass, known.p, known.variance, known.excitation)
+    return surprise / len(scaled), (
+        known.mass, known.p, known.variance, known.excitation, known.lag, known.spread)
 
 
 @compiled
 def advanced(onward: tuple[Any, ...], scaled: Array, due: bool, before: tuple[float, ...],
-             laws: tuple[Any, ...], reading: Array
-             ) -> tuple[float, tuple[float, float, float, float]]:
+             laws: tuple[Any, ...], reading: Array) -> tuple[float, tuple[float, ...]]:
     """Do what joint.moved does, of the arguments `onward`, and then `sampled`: one call less."""
     moved(*onward)
     return sampled(onward[1], scaled, due, before, laws, reading)
@@ -219,7 +225,7 @@ def _regressed(track: Track, scaled: Array, known: Adapted, law: Law) -> Adapted
     shown = excitation > SIGNIFICANT or ratio > EVIDENT
     part_0 = track.state - part * known.mass
     psi, phi = regression(row, np.dot(law.weights, scaled), part_0, part)
-    weight = 1.0
+    innovation, weight = psi - phi * known.mass, 1.0
     if law.resolvent:
         weight = law.reference / (np.dot(row, np.dot(track.covariance, row)) + law.tuned)
         phi = phi if shown else 0.0
@@ -237,10 +243,44 @@ def _regressed(track: Track, scaled: Array, known: Adapted, law: Law) -> Adapted
         put(change[:n], part * gain)
         add(track.state, part * (mass - known.mass))
     take_slope(track.joint, slope)
+    add(track.doubt, slope * track.doubt[n])
+    seen, lag, spread = np.dot(law.row, track.doubt), known.lag, known.spread
+    if shown:
+        noise = np.dot(law.row, np.dot(track.joint, law.row)) - seen * seen + law.noise
+        lag, spread = measured(lag, spread, innovation, seen, noise, 1.0 - law.fading)
     take_gain(track.joint, law.row, change)
+    add(track.doubt, change * -seen)
     noisy = track.joint.copy()
     add_symmetric(noisy, change, change * (0.5 * law.noise))
     put(track.noisy, np.dot(change.reshape(n + 1, 1), law.weights.reshape(1, -1)) * -1.0)
-    variance = noisy[n, n]
+    left = track.doubt[n]
+    off, unsure = lag * left, max(noisy[n, n] - left * left, 0.0) + spread * left * left
+    if mass + off < 0.0:
+        # Less than nothing: so far off, errors are not linear, and what they told is forgotten.
+        lag, spread, off, unsure = 0.0, 1.0, 0.0, noisy[n, n]
     put(track.start, at_known_payload(noisy))
-    return Adapted(mass, p, variance, excitation)
+    return Adapted(mass, p, off * off + unsure, excitation, lag, spread)
+
+
+@compiled
+def measured(lag: float, spread: float, innovation: float, seen: float, noise: float,
+             kept: float) -> tuple[float, float]:
+    """
+    Return Adapted.lag and its variance after one more composite innovation.
+
+    Errors that are not small are not linear, so that what the doubt has become is right for a
+    MEMORY only: what is forgotten of the lag is added to its variance, their second moment stays.
+
+    Parameters
+    ----------
+    lag, spread : float
+        Before.
+    innovation, seen, noise : float
+        What one lag shows in it, and the variance of all the rest, rad and rad^2.
+    kept : float
+        Share that is not forgotten.
+
+    """
+    spread += (1.0 - kept * kept) * lag * lag
+    gain = spread * seen / (seen * seen * spread + noise)
+    return kept * lag + gain * (innovation - seen * kept * lag), spread * (1.0 - gain * seen)
