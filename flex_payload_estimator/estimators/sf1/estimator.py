@@ -256,7 +256,8 @@ class SF1Estimator:
         assert self.track is not None
         # V is carried on by the secant to where the payload may be: a heavier one shows less.
         mass = self.known.mass
-        heavier = mass + MEAN_DEVIATION * math.sqrt(self._variance())
+        variance = self._last.variance if self._resolvent else self.known.variance
+        heavier = mass + MEAN_DEVIATION * math.sqrt(variance)
         noisy = (self._since + 1) % self.pace.samples == 0
         return (tuple(self.track), tuple(after), self._since, math.cos(self._angle),
                 self.model.tables, mass, heavier, self._as_printed, self._resolvent,
@@ -289,15 +290,13 @@ class SF1Estimator:
         return self._last
 
     def _estimate(self, time: float, reading: Array, status: str) -> Estimate:
-        return Estimate(time, self.known.mass, self._variance(), self.known.p, reading[0],
-                        reading[1], status)
-
-    def _variance(self) -> float:
-        """Return the payload's, kg^2: never more than one who has seen no sample would say."""
-        given = self.settings.sf1
+        known, given = self.known, self.settings.sf1
         # Birge's ratio: noise above the file's, or a model that is wrong, widens the interval.
-        return min(self.known.variance * max(self._level, 1.0),
-                   (self.known.mass - given.mass_0)**2 + given.variance_0)
+        variance = known.variance * max(self._level, 1.0)
+        if self._resolvent:
+            # As much is known without any sample.
+            variance = min(variance, (known.mass - given.mass_0)**2 + given.variance_0)
+        return Estimate(time, known.mass, variance, known.p, reading[0], reading[1], status)
 
 
 def check_usable(robot: Robot, model: str, modes: int, settings: SF1EstimatorSettings) -> None:

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 from flex_payload_estimator.kalman.riccati import lyapunov_step, riccati_step
 from flex_payload_estimator.model.delta import series
-from flex_payload_estimator.model.rates import rates_at, Tables
+from flex_payload_estimator.model.rates import rates_at, Tables, times
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import COMPILED, compiled
 import numpy as np
@@ -228,7 +228,7 @@ def _corrected(track: Track, after: Track, a_bar: Array, measured: Array, column
         whole = _whole(onward)
     put(after.covariance, covariance)
     put(after.joint, carried(whole, track.joint))
-    put(after.doubt, np.dot(whole, track.doubt))
+    put(after.doubt, times(whole, track.doubt))
     add(after.joint, np.dot(noisy * noise, noisy.T))
     after.noisy[:] = 0.0
     return onward
@@ -261,7 +261,6 @@ def take_slope(joint: Array, slope: Array) -> None:
 
 
 @compiled
-def take_gain(joint: Array, row: Array, change: Array) -> None:
-    """Change the joint covariance by (xi, epsilon) -= change (row xi), both (n + 1,)."""
-    beside = np.dot(joint, row)
-    add_symmetric(joint, change, change * (0.5 * np.dot(beside, row)) - beside)
+def take_gain(joint: Array, beside: Array, square: float, change: Array) -> None:
+    """Change the joint covariance J by (xi, epsilon) -= change (row xi), of J row, row' J row."""
+    add_symmetric(joint, change, change * (0.5 * square) - beside)

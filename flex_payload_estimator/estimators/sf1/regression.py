@@ -18,6 +18,7 @@ from flex_payload_estimator.estimators.sf1.joint import (
     Track,
 )
 from flex_payload_estimator.model.payload_model import PayloadModel
+from flex_payload_estimator.model.rates import times
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import compiled
 import numpy as np
@@ -110,7 +111,8 @@ class Law(NamedTuple):
     unseen : float
         By how much sway's variance is larger for the one sample that it leaves out.
     resolvent : bool
-        Normalise, leave alone what noise explains, and carry the state on by (24).
+        Normalise, leave alone what noise explains, carry the state on by (24), and ask the
+        innovations for the lag.
 
     """
 
@@ -191,7 +193,7 @@ def sampled(predicted: tuple[Any, ...], scaled: Array, due: bool, before: tuple[
     # The payload's error also shows in what it has added to the state since: `take_slope`.
     variance = ((image * law.rows).sum(1) + shown * (2.0 * image[:, n] + joint[n, n] * shown)
                 + law.sensors)
-    variance += (np.dot(law.rows, track.doubt) + shown * track.doubt[n])**2 * (
+    variance += (times(law.rows, track.doubt) + shown * track.doubt[n])**2 * (
         known.lag**2 + known.spread - 1.0)
     # A model that explodes has left no digit of its covariance.
     variance = np.where(variance > 0.0, variance, np.nan)
@@ -217,7 +219,7 @@ def _regressed(track: Track, scaled: Array, known: Adapted, law: Law) -> Adapted
     n, part = len(track.state), track.part[0]
     row = law.row[:n]
     swayed = np.dot(row, track.sway)
-    swaying = law.unseen * np.dot(np.dot(track.start, swayed), swayed)
+    swaying = law.unseen * np.dot(times(track.start, swayed), swayed)
     ratio = np.dot(row, part)**2 / max(swaying, TINY)
     # Bounded, so that it is over one MEMORY after the arm has come to rest.
     excitation = min((1.0 - law.fading) * known.excitation + law.fading * ratio,
@@ -227,7 +229,7 @@ def _regressed(track: Track, scaled: Array, known: Adapted, law: Law) -> Adapted
     psi, phi = regression(row, np.dot(law.weights, scaled), part_0, part)
     innovation, weight = psi - phi * known.mass, 1.0
     if law.resolvent:
-        weight = law.reference / (np.dot(row, np.dot(track.covariance, row)) + law.tuned)
+        weight = law.reference / (np.dot(row, times(track.covariance, row)) + law.tuned)
         phi = phi if shown else 0.0
     # Of phi^2 so much is noise, of which the arm knows nothing: it tells nothing either.
     true = 1.0 if phi == 0.0 else max(1.0 - 1.0 / ratio, 0.0) if shown else 0.0
@@ -244,11 +246,13 @@ def _regressed(track: Track, scaled: Array, known: Adapted, law: Law) -> Adapted
         add(track.state, part * (mass - known.mass))
     take_slope(track.joint, slope)
     add(track.doubt, slope * track.doubt[n])
-    seen, lag, spread = np.dot(law.row, track.doubt), known.lag, known.spread
-    if shown:
-        noise = np.dot(law.row, np.dot(track.joint, law.row)) - seen * seen + law.noise
+    beside = times(track.joint, law.row)
+    seen, square = np.dot(law.row, track.doubt), np.dot(law.row, beside)
+    lag, spread = known.lag, known.spread
+    if shown and law.resolvent:
+        noise = square - seen * seen + law.noise
         lag, spread = measured(lag, spread, innovation, seen, noise, 1.0 - law.fading)
-    take_gain(track.joint, law.row, change)
+    take_gain(track.joint, beside, square, change)
     add(track.doubt, change * -seen)
     noisy = track.joint.copy()
     add_symmetric(noisy, change, change * (0.5 * law.noise))
