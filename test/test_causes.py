@@ -27,8 +27,9 @@ from simulated_records import effects, REFERENCE, simulated, SLOWEST
 # Friction and what imitates it while the gauge is wrong, too; what parts may undo; an event.
 ASKED = ('viscous_friction', 'actuator_gain', 'strain_gain', 'link_stiffness', 'payload_change')
 HIDDEN = ('viscous_friction:joint_2:damping_n_m_s=3', 'strain_gain:strain_2a:factor=0.8')
-# Of these five effects; 33 are of what is linearised once more, around its parts.
-MOST_PASSES = 450
+# Of these five effects; 33 are of what is linearised once more, around its parts, and as many of
+# a factor in place of a part.
+MOST_PASSES = 500
 
 # Evenly in probability.
 NORMAL = norm.ppf((np.arange(1000) + 0.5) / 1000)
@@ -103,6 +104,17 @@ def test_a_part_that_no_effect_asked_speaks_of_is_told_where_it_is() -> None:
     assert best.fit.deviations[parts.index('drive_damping_2')] == pytest.approx(
         -np.log(2.0), abs=0.1)
     assert found.posterior.of_unknown > 0.9
+
+
+@pytest.mark.parametrize('link, factor', [('link_1', 1.3), ('link_2', 0.75)])
+def test_what_a_part_far_off_does_as_well_is_named_with_its_whole_size(link: str, factor: float
+                                                                       ) -> None:
+    found, _ = searched((f'link_stiffness:{link}:factor={factor}',))
+    cause, = found.posterior.best.hypotheses
+    assert cause.label == f'link_stiffness:{link}'
+    # All but a seventieth is the cause's, as variances are; a nat leaves the part 1.4 tolerances.
+    assert found.posterior.best.values == pytest.approx([factor], rel=1.4 * 0.03)
+    assert found.posterior.of_effect('link_stiffness') > 0.9
 
 
 def test_nothing_is_found_where_nothing_is_hidden(clean: tuple[Search, Data]) -> None:

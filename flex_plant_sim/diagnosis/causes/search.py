@@ -7,6 +7,7 @@ from copy import copy
 from dataclasses import dataclass, replace
 
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.diagnosis.causes.factors import in_place_of_parts
 from flex_plant_sim.diagnosis.causes.fit import Fit, with_far_part
 from flex_plant_sim.diagnosis.causes.hypothesis import hypotheses, Hypothesis
 from flex_plant_sim.diagnosis.causes.looks import Look, Looker
@@ -42,10 +43,8 @@ WORTH, LEAST, BEHIND, SHARE = -1.0, 2, 30.0, 0.05
 # linearised. So many of those that may lead are linearised around themselves at a time.
 KNOWN, LEADING = 0.3, 3
 # What promises less than this share of a cause cannot stand in its place; one that promises more
-# than this, nats, is not dropped.
-RIVAL, SURE = 0.3, 60.0
-# Parts further off than this, in tolerances, may stand for a cause.
-FAR = 3.0
+# than this, nats, is not dropped. Parts further off than this, in tolerances, may stand for one.
+RIVAL, SURE, FAR = 0.3, 60.0, 3.0
 
 
 @dataclass(frozen=True)
@@ -187,6 +186,8 @@ class _Course:
 
     def around(self, centre: Settled) -> list[Promise]:
         """Fit the sets near a set; return what further causes promise beside it."""
+        for trial in in_place_of_parts(centre, self.catalogue):
+            attempt(lambda t: self.settle(t, centre.fit.discrepancy, centre.fit.scale), trial)
         promises, step = self.promises(centre), f'cause {len(centre.fit.hypotheses) + 1}'
         if Key.of(centre.fit) not in self.rough:
             self.rough[Key.of(centre.fit)] = self._rough(centre, promises, step)

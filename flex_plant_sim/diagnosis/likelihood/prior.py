@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import math
 import sys
 
-from flex_plant_sim.arm.parts import robot_parts
+from flex_plant_sim.arm.parts import Part, robot_parts
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
@@ -94,9 +94,9 @@ def _said_by(robot: Robot, part: str) -> str:
     return SAID_BY.get(kind if number.isdigit() else whole, whole)
 
 
-def factors_on_parts(robot: Robot) -> dict[str, float]:
+def factors_on_parts(robot: Robot) -> dict[str, Part]:
     """
-    Return 'identifier:site' of what is a factor on a part of a robot, to the part's tolerance.
+    Return 'identifier:site' of what is a factor on a part of a robot, to that part.
 
     What such an effect does the part does as well, at any size: no record parts the two.
     """
@@ -105,7 +105,7 @@ def factors_on_parts(robot: Robot) -> dict[str, float]:
         effect = catalogue().get(_said_by(robot, part.name))
         if effect is not None and effect.parameters[0].null == 1.0:
             site, = (site for site in sites(effect, robot) if site[-1] == part.name[-1])
-            found[f'{effect.identifier}:{site}'] = part.tolerance
+            found[f'{effect.identifier}:{site}'] = part
     return found
 
 
