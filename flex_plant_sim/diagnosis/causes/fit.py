@@ -145,11 +145,11 @@ class Descent:
         residual = self.causes.residual(self.likelihood, values[None])[0]
         return residual, self.cost(values, residual)
 
-    def checked(self, point: Point, deviations: Array) -> Point:
-        """Return a point with the residual such that it is exact with deviations, (p,)."""
-        exact = self.likelihood.at(self.causes.effects(point.values), deviations)[0]
+    def checked(self, point: Point, values: Array, deviations: Array) -> Point:
+        """Return a point's columns at other values, exact there with deviations, (p,)."""
+        exact = self.likelihood.at(self.causes.effects(values), deviations)[0]
         residual = exact - np.tensordot(deviations, self.likelihood.columns, 1)
-        return replace(point, residual=residual, cost=self.cost(point.values, residual))
+        return Point(values, residual, point.columns, self.cost(values, residual))
 
     def linearise(self, values: Array, residual: Array, cost: float) -> Point:
         """
@@ -180,17 +180,18 @@ class Descent:
         Where much is left, also from where each arm's own filter errs least; and what takes its
         time also from all of it at once: between the two are side valleys.
         """
-        point = self._down(starts, rough)
+        point = self.down(starts, rough)
         sudden = self.causes.sudden(point.values)
         if not rough and np.any(sudden != point.values):
-            point = min(point, self._down([sudden], rough), key=lambda p: p.cost)
+            point = min(point, self.down([sudden], rough), key=lambda p: p.cost)
         if (self.likelihood.alike and point.values.size
                 and np.any(self.moments(point).scaled() > EXCESS)):
-            afar = Descent(self.likelihood.smooth, self.causes, self.scale)._down(starts, rough)
-            point = min(point, self._down([afar.values], rough), key=lambda p: p.cost)
+            afar = Descent(self.likelihood.smooth, self.causes, self.scale).down(starts, rough)
+            point = min(point, self.down([afar.values], rough), key=lambda p: p.cost)
         return point
 
-    def _down(self, starts: Sequence[Array], rough: bool) -> Point:
+    def down(self, starts: Sequence[Array], rough: bool = False) -> Point:
+        """Return where the way down from the best of some starts ends."""
         tried = [(start, *self.at(start)) for start in starts]
         point = self.linearise(*min(tried, key=lambda found: found[2]))
         fresh, again = True, not rough

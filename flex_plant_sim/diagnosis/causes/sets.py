@@ -68,19 +68,18 @@ class Settled:
         """
         causes, starts = Causes(trial.hypotheses, data.duration), trial.starts
         known = np.ones(len(data.noise[0])) if scale is None else scale
-        best: Settled | None = None
-        about = trial.deviations
+        about, best = trial.deviations, None
         for _ in range(AROUND):
             likelihood = Likelihood(base, data.windows, data.noise, causes.effects(starts[0]),
                                     about)
             descent = Descent(likelihood, causes, known)
-            linear = descent.run(starts)
-            about = descent.fit(linear).deviations
-            point = descent.checked(linear, about)
+            said = descent.run(starts) if best is None else descent.down(starts)
+            point, about = _checked(descent, starts[0], said)
             found = cls(likelihood, point, descent.fit(point))
-            if best is None or found.fit.log_evidence > best.fit.log_evidence:
+            gained = np.inf if best is None else found.fit.log_evidence - best.fit.log_evidence
+            if best is None or gained > 0.0:
                 best = found
-            if abs(point.cost - linear.cost) < AGAIN:
+            if gained < AGAIN or abs(point.cost - said.cost) < AGAIN:
                 break
             starts = (point.values,)
         assert best is not None
@@ -98,6 +97,17 @@ class Settled:
     def causes(self) -> Causes:
         """Return the causes that are on."""
         return Causes(self.fit.hypotheses, 1.0)
+
+
+def _checked(descent: Descent, start: Array, said: Point) -> tuple[Point, Array]:
+    """Return where a descent ends with its parts, exact there; the middle if that leaves less."""
+    about, former = descent.fit(said).deviations, descent.likelihood.about
+    point, halfway = descent.checked(said, said.values, about), 0.5 * (former + about)
+    if point.cost > said.cost + AGAIN:
+        nearer = descent.checked(said, 0.5 * (start + said.values), halfway)
+        if nearer.cost < point.cost:
+            return nearer, halfway
+    return point, about
 
 
 @dataclass(frozen=True)

@@ -201,7 +201,8 @@ def _before_sensors(arm: ExtendedArm, record: Record) -> Array:
     zero = arm.sense(np.zeros((len(time), 1, m)), time)
     # One inverse for all samples: a sensor's gain does not change with time.
     inverse = np.linalg.inv(sensor_gain(arm, record))
-    return np.asarray(np.matmul(inverse, (measured - zero)[..., None])[..., 0], dtype=float)
+    apart = np.matmul(np.swapaxes(measured - zero, 0, 1), np.swapaxes(inverse[0], 1, 2))
+    return np.asarray(np.swapaxes(apart, 0, 1), dtype=float)
 
 
 def payload_schedule(arm: ExtendedArm, time: Array, weights: Array) -> tuple[Array, Array]:

@@ -103,6 +103,7 @@ class Predictor:
         self.around, self.robot = tuple(around), robot or base.robot
         self._filters: dict[bytes, Steady] = {}
         self._stated: tuple[tuple[Effect, ...], Common] | None = None
+        self._shift: tuple[ExtendedArm, Array] | None = None
         self.record: Record = windows.record
         period = windows.warm_up * base.robot.sample_time
         self.discrepancy = Discrepancy.of(base.discrepancy, period)
@@ -302,7 +303,10 @@ class Predictor:
         """Return how far the joints are from where the base sees them, (N, 2)."""
         if not arm.acts_on_output:
             return np.zeros((len(self.record.time), 2))
-        return undo_sensors(arm, self.record)[:, 0, :2] - self.own_angle
+        # Asked three times in a pass.
+        if self._shift is None or self._shift[0] is not arm:
+            self._shift = arm, undo_sensors(arm, self.record)[:, 0, :2] - self.own_angle
+        return self._shift[1]
 
     @cached_property
     def own_angle(self) -> Array:
@@ -312,7 +316,8 @@ class Predictor:
     def started(self, arm: ExtendedArm, rows: Indices) -> Array:
         """Return the trajectory's states at samples (N,), (N, n); what it lacks is at zero."""
         states = self._started(arm, rows)
-        states[:, :2] += self._angle_shift(arm)[rows]
+        if arm.acts_on_output:
+            states[:, :2] += self._angle_shift(arm)[rows]
         return states
 
     def _started(self, arm: ExtendedArm, rows: Indices) -> Array:
