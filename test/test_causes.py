@@ -6,7 +6,6 @@ from dataclasses import replace
 
 from flex_plant_sim.diagnosis.causes.fit import Descent, Fit, fitted
 from flex_plant_sim.diagnosis.causes.hypothesis import Causes, hypotheses
-from flex_plant_sim.diagnosis.causes.pool import each
 from flex_plant_sim.diagnosis.causes.posterior import judged, Key, lacking
 from flex_plant_sim.diagnosis.causes.search import Search, search
 from flex_plant_sim.diagnosis.causes.sets import Fitter, Settled, Trial
@@ -14,6 +13,7 @@ from flex_plant_sim.diagnosis.likelihood.evidence import Slab
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
 from flex_plant_sim.diagnosis.likelihood.moments import Moments
 from flex_plant_sim.diagnosis.likelihood.prior import deviated, part_priors
+from flex_plant_sim.diagnosis.pool import each
 from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude
 from flex_plant_sim.diagnosis.prediction.predictor import Base, Predictor
 from flex_plant_sim.diagnosis.record.data import Data

@@ -11,7 +11,6 @@ from flex_plant_sim.diagnosis.causes.factors import in_place_of_parts
 from flex_plant_sim.diagnosis.causes.fit import Fit, with_far_part
 from flex_plant_sim.diagnosis.causes.hypothesis import hypotheses, Hypothesis
 from flex_plant_sim.diagnosis.causes.looks import Look, Looker
-from flex_plant_sim.diagnosis.causes.pool import attempt, each
 from flex_plant_sim.diagnosis.causes.posterior import (
     judged,
     Key,
@@ -25,6 +24,7 @@ from flex_plant_sim.diagnosis.causes.sets import AGAIN, Fitter, Settled, Trial
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
 from flex_plant_sim.diagnosis.likelihood.moments import TEMPER
 from flex_plant_sim.diagnosis.likelihood.prior import far_parts, log_odds
+from flex_plant_sim.diagnosis.pool import attempt, each
 from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude
 from flex_plant_sim.diagnosis.prediction.predictor import Base
 from flex_plant_sim.diagnosis.record.data import Data
@@ -34,10 +34,10 @@ Level = Amplitude
 Progress = Callable[[str, float], None]
 
 # A budget, no judgement: sets whose neighbours are fitted, hypotheses tried beside a set and in
-# each one's place, sets fitted to all windows, samples of those windows that proposals come from.
+# place of each, sets fitted to all windows, samples of those windows that proposals come from.
 EXPLORED, ADDED, RIVALS, FITTED, REFITTED, SAMPLES = 5, 12, 5, 6, 1, 1600
-# What promises less than this, nats with its price, has no share that is worth stating, but for
-# the few best; nor has what a fit to some windows leaves so far behind, nor a set less probable.
+# What promises less than this, nats with its price, has no share worth stating, but for the few
+# best; nor has what a fit to some windows leaves so far behind, nor a set less probable.
 WORTH, LEAST, BEHIND, SHARE = -1.0, 2, 30.0, 0.05
 # Around another set, a fit knows its gain over that to such a share: parts go where they were not
 # linearised. So many of those that may lead are linearised around themselves at a time.
@@ -109,10 +109,10 @@ class _Course:
         return other
 
     def settle(self, trial: Trial, level: Level, scale: Array | None = None) -> Settled:
-        """Return a set fitted around itself, known from now on."""
-        found = Settled.at(trial, replace(self.nominal, discrepancy=level), self.data, scale)
+        """Return a set fitted around itself, the best of its ends, known from now on."""
+        found = Settled.at(trial, replace(self.nominal, discrepancy=level), self.data, scale,
+                           self.jobs)
         key = Key.of(found.fit)
-        # Where a descent ends hangs on where it began.
         found = max(found, self.settled.get(key, found), key=lambda s: self.score(s.fit))
         self.known[key], self.settled[key] = found.fit, found
         return found

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.causes.fit import Descent, Fit, fitted, Point
+from flex_plant_sim.diagnosis.causes.fit import Descent, EXCESS, Fit, fitted, Point
 from flex_plant_sim.diagnosis.causes.hypothesis import Causes, Hypothesis
 from flex_plant_sim.diagnosis.causes.promise import Promise
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
@@ -59,7 +59,8 @@ class Settled:
     fit: Fit
 
     @classmethod
-    def at(cls, trial: Trial, base: Base, data: Data, scale: Array | None = None) -> Settled:
+    def at(cls, trial: Trial, base: Base, data: Data, scale: Array | None = None,
+           jobs: int = 1) -> Settled:
         """
         Return a set fitted around itself: around its values and its parts, Gauss-Newton in both.
 
@@ -71,15 +72,16 @@ class Settled:
         about, best = trial.deviations, None
         for _ in range(AROUND):
             likelihood = Likelihood(base, data.windows, data.noise, causes.effects(starts[0]),
-                                    about)
+                                    about, jobs)
             descent = Descent(likelihood, causes, known)
             said = descent.run(starts) if best is None else descent.down(starts)
-            point, about = _checked(descent, starts[0], said)
+            told = descent.fit(said)
+            point, about = _checked(descent, starts[0], said, told.deviations)
             found = cls(likelihood, point, descent.fit(point))
-            gained = np.inf if best is None else found.fit.log_evidence - best.fit.log_evidence
-            if best is None or gained > 0.0:
+            rises = best is None or _apart(found.fit, best.fit) > 0.0
+            if best is None or found.fit.log_evidence > best.fit.log_evidence:
                 best = found
-            if gained < AGAIN or abs(point.cost - said.cost) < AGAIN:
+            if not rises or _apart(found.fit, told) == 0.0:
                 break
             starts = (point.values,)
         assert best is not None
@@ -99,10 +101,20 @@ class Settled:
         return Causes(self.fit.hypotheses, 1.0)
 
 
-def _checked(descent: Descent, start: Array, said: Point) -> tuple[Point, Array]:
+def _apart(fit: Fit, other: Fit) -> float:
+    """Return by how much one has more evidence, nats; 0 where that is not known."""
+    more, unsure = fit.log_evidence - other.log_evidence, AGAIN
+    if np.any(fit.scale > EXCESS):
+        # Such errors are no white ones: their nats are known as far as windows agree.
+        each = fit.by_window - other.by_window
+        unsure = max(unsure, float(np.sqrt(each.size) * np.std(each)))
+    return more if abs(more) > unsure else 0.0
+
+
+def _checked(descent: Descent, start: Array, said: Point, about: Array) -> tuple[Point, Array]:
     """Return where a descent ends with its parts, exact there; the middle if that leaves less."""
-    about, former = descent.fit(said).deviations, descent.likelihood.about
-    point, halfway = descent.checked(said, said.values, about), 0.5 * (former + about)
+    halfway, point = 0.5 * (descent.likelihood.about + about), descent.checked(
+        said, said.values, about)
     if point.cost > said.cost + AGAIN:
         nearer = descent.checked(said, 0.5 * (start + said.values), halfway)
         if nearer.cost < point.cost:

@@ -8,6 +8,7 @@ from functools import cached_property
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.likelihood.evidence import channel_products
 from flex_plant_sim.diagnosis.likelihood.prior import deviated, FAR_OFF, part_priors, PartPrior
+from flex_plant_sim.diagnosis.pool import each
 from flex_plant_sim.diagnosis.prediction.predictor import Base, Predictor
 from flex_plant_sim.diagnosis.record.windows import Indices, Windows
 from flex_plant_sim.effects.base import Effect
@@ -35,12 +36,14 @@ class Likelihood:
         On while sensitivities are taken; smooth forces follow the trajectory that they give.
     about : Array, optional
         Deviations around which it is linear, (p,); none by default.
+    jobs : int
+        Processes that take its columns.
 
     """
 
     def __init__(self, base: Base, windows: Sequence[Windows], noise: Sequence[Array],
-                 around: Sequence[Effect] = (), about: Array | None = None):
-        self.base, self.around = base, tuple(around)
+                 around: Sequence[Effect] = (), about: Array | None = None, jobs: int = 1):
+        self.base, self.around, self.jobs = base, tuple(around), jobs
         self.parts: tuple[PartPrior, ...] = part_priors(base.robot, windows[0].record.payload)
         self.tolerances = np.array([
             part.tolerance * (FAR_OFF if part.name == base.discrepancy.far else 1.0)
@@ -92,13 +95,17 @@ class Likelihood:
     def columns(self) -> Array:
         """Return d white / d deviations, (p, m, N), by differences."""
         here = self.at(self.around, self.about)[0]
-        found = np.empty((len(self.parts), *here.shape))
-        for k, part in enumerate(self.parts):
-            step = STEP * part.tolerance
+
+        def column(k: int) -> Array:
+            step = STEP * self.parts[k].tolerance
             moved = self.about.copy()
             moved[k] += step
-            found[k] = (self.at(self.around, moved, keep=True)[0] - here) / step
-        return found
+            return np.asarray((self.at(self.around, moved, keep=True)[0] - here) / step)
+
+        found = each(column, range(len(self.parts)), self.jobs)
+        if len(found) < len(self.parts):
+            raise np.linalg.LinAlgError('no finite prediction')
+        return np.array(found)
 
     @cached_property
     def products(self) -> Array:
@@ -127,7 +134,9 @@ class Likelihood:
         robot, sensors = deviated(self.base.robot, self.parts, self.about)
         predictors = [Predictor(self.base, p.windows, p.noise, p.judging, (*effects, *sensors),
                                 robot) for p in self.predictors]
-        return self._copied('present', 'smooth', around=tuple(effects), predictors=predictors)
+        # Asked for in a process that may have none of its own.
+        return self._copied('present', 'smooth', around=tuple(effects), predictors=predictors,
+                            jobs=1)
 
     def _copied(self, *less: str, **changed: object) -> Likelihood:
         other = object.__new__(Likelihood)

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 import math
 
 from flex_plant_sim.arm.robot import Robot
-from flex_plant_sim.diagnosis.causes.pool import each
 from flex_plant_sim.diagnosis.causes.promise import Closer, Promise
 from flex_plant_sim.diagnosis.likelihood.evidence import detectable
 from flex_plant_sim.diagnosis.likelihood.prior import factors_on_parts, log_odds
+from flex_plant_sim.diagnosis.pool import each
 import numpy as np
 
 # Each halves the error of the logarithm where information is constant: 1e-6 is left.
