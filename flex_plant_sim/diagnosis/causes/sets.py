@@ -14,8 +14,8 @@ from flex_plant_sim.diagnosis.prediction.predictor import Base
 from flex_plant_sim.diagnosis.record.data import Data
 import numpy as np
 
-# What a linearisation misstates by more than this, nats, where it says the best fit is, or what
-# lies further off by its own account, is linearised there again, up to so many times.
+# What a linearisation misstates by more than this, nats, where it says the best fit is, or values
+# that are so unlikely where it was made, are linearised around again, up to so many times.
 AGAIN, AROUND = 1.0, 6
 
 
@@ -81,8 +81,8 @@ class Settled:
             rises = best is None or _apart(found.fit, best.fit) > 0.0
             if best is None or found.fit.log_evidence > best.fit.log_evidence:
                 best = found
-            way = np.concatenate([point.values - starts[0], about - likelihood.about])
-            gone = 0.5 * float(way @ np.linalg.solve(told.covariance, way))
+            way, k = point.values - starts[0], point.values.size
+            gone = 0.5 * float(way @ np.linalg.solve(told.covariance[:k, :k], way))
             if not rises or (_apart(found.fit, told) == 0.0 and gone < AGAIN):
                 break
             starts = (point.values,)
