@@ -218,9 +218,7 @@ def _regressed(track: Track, scaled: Array, known: Adapted, law: Law) -> Adapted
     """Regress; return what is known then."""
     n, part = len(track.state), track.part[0]
     row = law.row[:n]
-    swayed = np.dot(row, track.sway)
-    swaying = law.unseen * np.dot(times(track.start, swayed), swayed)
-    ratio = np.dot(row, part)**2 / max(swaying, TINY)
+    ratio = _excited(track, row, law)
     # Bounded, so that it is over one MEMORY after the arm has come to rest.
     excitation = min((1.0 - law.fading) * known.excitation + law.fading * ratio,
                      math.e * SIGNIFICANT)
@@ -257,13 +255,21 @@ def _regressed(track: Track, scaled: Array, known: Adapted, law: Law) -> Adapted
     noisy = track.joint.copy()
     add_symmetric(noisy, change, change * (0.5 * law.noise))
     put(track.noisy, np.dot(change.reshape(n + 1, 1), law.weights.reshape(1, -1)) * -1.0)
-    left = track.doubt[n]
-    off, unsure = lag * left, max(noisy[n, n] - left * left, 0.0) + spread * left * left
-    if mass + off < 0.0:
+    if mass + lag * track.doubt[n] < 0.0:
         # Less than nothing: so far off, errors are not linear, and what they told is forgotten.
-        lag, spread, off, unsure = 0.0, 1.0, 0.0, noisy[n, n]
+        lag, spread = 0.0, 1.0
+    doubt = track.doubt[n]**2
+    variance = max(noisy[n, n] - doubt, 0.0) + (lag * lag + spread) * doubt
     put(track.start, at_known_payload(noisy))
-    return Adapted(mass, p, off * off + unsure, excitation, lag, spread)
+    return Adapted(mass, p, variance, excitation, lag, spread)
+
+
+@compiled
+def _excited(track: Track, row: Array, law: Law) -> float:
+    """Return the regressor's power over what errors at the last regression give it alone."""
+    swayed = np.dot(row, track.sway)
+    swaying = law.unseen * np.dot(times(track.start, swayed), swayed)
+    return float(np.dot(row, track.part[0])**2 / max(swaying, TINY))
 
 
 @compiled
