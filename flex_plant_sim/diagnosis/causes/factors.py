@@ -22,17 +22,15 @@ def in_place_of_parts(centre: Settled, catalogue: Sequence[Hypothesis]) -> Itera
     factors, names = factors_on_parts(robot), [part.name for part in centre.likelihood.parts]
     now = Trial.of(fit)
     for h in catalogue:
-        part = factors.get(h.label)
-        if part is None or h.label in now.labels:
+        if h.label not in factors or h.label in now.labels:
             continue
+        part, power = factors[h.label]
         place, wider = names.index(part.name), (h.parameters[0].typical / part.tolerance)**2
         share, deviations = wider / (1.0 + wider), fit.deviations.copy()
         gain = 0.5 * (share * (deviations[place] / part.tolerance)**2 - np.log1p(wider))
         if gain + log_odds(h.effect, robot) < 0.0:
             continue
-        # A loop that is slower by a factor damps less by it.
-        sign = -1.0 if h.effect.identifier == 'drive_bandwidth' else 1.0
-        start = h.null * np.exp(sign * share * deviations[place])
+        start = h.null * np.exp(power * share * deviations[place])
         deviations[place] *= 1.0 - share
         yield Trial((*now.hypotheses, h), (np.concatenate([
             fit.values, np.clip(start, h.low, h.high)]),), deviations)

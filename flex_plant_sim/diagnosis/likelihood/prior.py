@@ -10,6 +10,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 import math
 import sys
+from typing import NamedTuple
 
 from flex_plant_sim.arm.parts import Part, robot_parts
 from flex_plant_sim.arm.robot import Robot
@@ -94,7 +95,14 @@ def _said_by(robot: Robot, part: str) -> str:
     return SAID_BY.get(kind if number.isdigit() else whole, whole)
 
 
-def factors_on_parts(robot: Robot) -> dict[str, Part]:
+class FactorOnPart(NamedTuple):
+    """A part, and the power of a factor that does what the part's deviation d does: exp(p d)."""
+
+    part: Part
+    power: float
+
+
+def factors_on_parts(robot: Robot) -> dict[str, FactorOnPart]:
     """
     Return 'identifier:site' of what is a factor on a part of a robot, to that part.
 
@@ -105,7 +113,9 @@ def factors_on_parts(robot: Robot) -> dict[str, Part]:
         effect = catalogue().get(_said_by(robot, part.name))
         if effect is not None and effect.parameters[0].null == 1.0:
             site, = (site for site in sites(effect, robot) if site[-1] == part.name[-1])
-            found[f'{effect.identifier}:{site}'] = part
+            # A velocity loop that is slower by a factor damps less by it.
+            power = -1.0 if effect.identifier == 'drive_bandwidth' else 1.0
+            found[f'{effect.identifier}:{site}'] = FactorOnPart(part, power)
     return found
 
 

@@ -95,8 +95,8 @@ def _limit(promise: Promise, robot: Robot, duration: float) -> float:
     known = promise.information > 0.0
     if not known.any():
         return float('inf')
-    part = factors_on_parts(robot).get(promise.hypothesis.label)
-    most = np.inf if part is None else part.tolerance**-2
+    found = factors_on_parts(robot).get(promise.hypothesis.label)
+    most = np.inf if found is None else found.part.tolerance**-2
     where = np.log(promise.magnitudes[known])
     what = np.log(np.minimum(promise.information[known], most))
     size = float(promise.magnitudes[known][0])
