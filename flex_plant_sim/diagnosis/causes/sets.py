@@ -115,9 +115,9 @@ def _apart(fit: Fit, other: Fit) -> float:
 
 def _checked(descent: Descent, start: Array, said: Point, about: Array) -> tuple[Point, Array]:
     """Return where a descent ends with its parts, exact there; the middle if that leaves less."""
-    halfway, point = 0.5 * (descent.likelihood.about + about), descent.checked(
-        said, said.values, about)
+    point = descent.checked(said, said.values, about)
     if point.cost > said.cost + AGAIN:
+        halfway = 0.5 * (descent.likelihood.about + about)
         nearer = descent.checked(said, 0.5 * (start + said.values), halfway)
         if nearer.cost < point.cost:
             return nearer, halfway

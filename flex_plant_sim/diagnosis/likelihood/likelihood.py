@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 
 from flex_plant_sim.arm.second_order import Array
@@ -49,14 +49,19 @@ class Likelihood:
             part.tolerance * (FAR_OFF if part.name == base.discrepancy.far else 1.0)
             for part in self.parts])
         self.about = np.zeros(len(self.parts)) if about is None else about
-        robot, sensors = deviated(base.robot, self.parts, self.about)
-        self.predictors = [Predictor(base, w, s, True, (*self.around, *sensors), robot)
-                           for w, s in zip(windows, noise)]
+        self.predictors = self._following(self.around, zip(windows, noise))
         # Samples that each stands for, and which they are, where only some windows are asked.
         self.weight = 1.0
         self.kept: slice | Indices = slice(None)
         # Whether errors are judged in one covariance or in each arm's own.
         self.alike = True
+
+    def _following(self, effects: Sequence[Effect], records: Iterable[tuple[Windows, Array]]
+                   ) -> list[Predictor]:
+        """Return predictors along the trajectories that effects give, about the deviations."""
+        robot, sensors = deviated(self.base.robot, self.parts, self.about)
+        return [Predictor(self.base, windows, noise, True, (*effects, *sensors), robot)
+                for windows, noise in records]
 
     def at(self, effects: Sequence[Effect], deviations: Array, keep: bool = False) -> Array:
         """
@@ -131,9 +136,7 @@ class Likelihood:
 
     def along(self, effects: Sequence[Effect]) -> Likelihood:
         """Return the likelihood with the trajectory that effects give, its columns the same."""
-        robot, sensors = deviated(self.base.robot, self.parts, self.about)
-        predictors = [Predictor(self.base, p.windows, p.noise, p.judging, (*effects, *sensors),
-                                robot) for p in self.predictors]
+        predictors = self._following(effects, ((p.windows, p.noise) for p in self.predictors))
         # Asked for in a process that may have none of its own.
         return self._copied('present', 'smooth', around=tuple(effects), predictors=predictors,
                             jobs=1)
