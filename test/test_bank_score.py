@@ -249,6 +249,18 @@ def test_a_size_beyond_reach_stays_at_the_largest() -> None:
     assert sized.size == pytest.approx(4.0 * drawn.size, rel=1e-4)
 
 
+def test_a_third_is_one_more_than_two_and_not_there() -> None:
+    hidden = ['viscous_friction', 'strain_gain']
+    both = {'viscous_friction': 0.9, 'strain_gain': 0.9}
+    third = line(hidden, {**both, 'air_drag': 0.06}, kind='pair')
+    assert score.one_too_many(third) and score.named_wrongly(third)
+    there = {**third, 'distractors': ['air_drag']}
+    assert not score.one_too_many(there) and score.named_wrongly(there)
+    exchanged = line(hidden, {'viscous_friction': 0.9, 'strain_crosstalk': 0.6}, kind='pair')
+    assert not score.one_too_many(exchanged) and score.named_wrongly(exchanged)
+    assert not score.named_wrongly(line(hidden, both, kind='pair'))
+
+
 def test_distractors_stay_below_half_a_detection_limit() -> None:
     limits = {f'{name}:{site}': 1e-3 for name in CATALOGUE
               for site in ('arm', 'elbow', 'joint_1', 'joint_2', 'link_1', 'link_2',

@@ -138,6 +138,18 @@ def surely_wrong(line: Line) -> bool:
         for cause in line.get('causes', []))
 
 
+def named_wrongly(line: Line) -> bool:
+    """Tell whether a cause is named that is not hidden, a distractor or not."""
+    return any(not is_hidden(line, name) for name in named(line))
+
+
+def one_too_many(line: Line) -> bool:
+    """Tell whether more is named than is hidden, and that is not there; a distractor is."""
+    there = line.get('distractors', [])
+    return len(named(line)) > len(line['names']) and any(
+        not is_hidden(line, name) and name not in there for name in named(line))
+
+
 def doubt_stated(line: Line) -> bool:
     """Tell whether the answer sees that something is wrong and doubts every name for it."""
     return line.get('verdict') != 'nothing_wrong' and doubtful(line)

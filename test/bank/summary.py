@@ -35,8 +35,8 @@ def figures(lines: Sequence[Line]) -> list[tuple[str, str, str, bool | None]]:
         _told('effect missing from the catalogue: others explain it whole',
               score.share(missing, score.imitated)),
         _at_least('pairs: both named', 0.80, score.share(pair, score.both_named)),
-        _at_most('pairs: a wrong third', 0.05, score.share(pair, lambda line: any(
-            not score.is_hidden(line, name) for name in score.named(line)))),
+        _at_most('pairs: a wrong third', 0.05, score.share(pair, score.one_too_many)),
+        _told('pairs: any name but the two', score.share(pair, score.named_wrongly)),
         _told('arm at rest: `data_cannot_answer`', score.share(
             [line for line in poor if line['seed'] % 2],
             lambda line: line.get('verdict') == 'data_cannot_answer')),
