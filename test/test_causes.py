@@ -6,7 +6,9 @@ from dataclasses import replace
 
 from flex_plant_sim.diagnosis.causes.fit import Descent, Fit, fitted
 from flex_plant_sim.diagnosis.causes.hypothesis import Causes, hypotheses
+from flex_plant_sim.diagnosis.causes.looks import Look
 from flex_plant_sim.diagnosis.causes.posterior import judged, Key, lacking
+from flex_plant_sim.diagnosis.causes.promise import Beside
 from flex_plant_sim.diagnosis.causes.search import Search, search
 from flex_plant_sim.diagnosis.causes.sets import Fitter, Settled, Trial
 from flex_plant_sim.diagnosis.likelihood.evidence import Slab
@@ -34,13 +36,13 @@ MOST_PASSES = 500
 NORMAL = norm.ppf((np.arange(1000) + 0.5) / 1000)
 
 
-def searched(hidden: tuple[str, ...], data: Data | None = None, asked: tuple[str, ...] = ASKED
-             ) -> tuple[Search, Data]:
+def searched(hidden: tuple[str, ...], data: Data | None = None, asked: tuple[str, ...] = ASKED,
+             base: Base | None = None) -> tuple[Search, Data]:
     """Return what a search among the asked effects finds in a record of 28 s."""
     data = data or Data.of([simulated(effects(*hidden), 28.0)], SLOWEST, REFERENCE.sample_time)
     others = [name for name in catalogue() if name not in asked]
     with np.errstate(all='ignore'):
-        return search(data, Base(REFERENCE), 1, lambda step, share: None, others), data
+        return search(data, base or Base(REFERENCE), 1, lambda *told: None, others), data
 
 
 @pytest.fixture(scope='module')
@@ -114,6 +116,29 @@ def test_what_a_part_far_off_does_as_well_is_named_with_its_whole_size(link: str
     # All but a seventieth is the cause's, as variances are; a nat leaves the part 1.4 tolerances.
     assert found.posterior.best.values == pytest.approx([factor], rel=1.4 * 0.03)
     assert found.posterior.of_effect('link_stiffness') > 0.9
+
+
+def test_a_cause_is_found_that_parts_far_off_stand_for() -> None:
+    # One clamped-free shape a link of an arm that has three: with parts alone 7 tolerances off.
+    asked = ('modal_truncation', 'strain_gain', 'link_stiffness', 'clamp_compliance')
+    found, _ = searched((), None, asked, Base(REFERENCE, 'paper', 1))
+    cause, = found.posterior.best.hypotheses
+    assert cause.label == 'modal_truncation:arm' and cause.held[0] >= 3.0
+    tolerances = found.best.likelihood.tolerances
+    assert np.max(np.abs(found.nothing.deviations / tolerances)) > 5.0
+    assert np.max(np.abs(found.best.fit.deviations / tolerances)) < 2.0
+
+
+def test_what_nature_has_few_values_of_promises_what_that_value_does() -> None:
+    # ln N of rows (8) less twice (3) a change: 0.5 |r|^2 - 0.5 |r + 2 c|^2; no more is asked.
+    rng, known = np.random.default_rng(3), hypotheses(REFERENCE)
+    two, = (h for h in known if h.label == 'modal_truncation:arm' and h.held == (3.0,))
+    residual, change = rng.normal(size=(2, 8))
+    look = Look(two.null, np.array([2.0]), (2.0 * change[None]).astype(np.float32))
+    beside = Beside(residual[None], np.zeros(0), np.ones(8), 28.0)
+    gain = 0.5 * residual @ residual - 0.5 * np.sum((residual + 2.0 * change)**2)
+    assert beside.promise(two, [look]).gain == pytest.approx(gain, abs=1e-5)
+    assert np.all(np.array(beside.promise(two, [look]).starts) == 3.0)
 
 
 def test_nothing_is_found_where_nothing_is_hidden(clean: tuple[Search, Data]) -> None:

@@ -17,7 +17,7 @@ under `effects:` (a list of `name`, `site` and the parameters), and `plant_sim` 
 `identifier:site:parameter=number,…`. A null value means that the effect is absent. `smallest` is
 the deviation from null that matters in practice on robots of this size; where it is empty, the
 parameter only shapes the effect. `typical` is the standard deviation of the prior around null; a
-time may be anywhere in the record, and `either` stands where nature has one of the starts only.
+time may be anywhere in the record, and `one of them` stands where nature has one of the starts.
 """
 TABLE = """
 | effect | acts on | parameter | unit | null | bounds | fits start at | smallest | typical |
@@ -51,7 +51,7 @@ def _row(effect: type[Effect], k: int) -> str:
     sites = _sites(effect) if k == 0 else ''
     smallest = f'{parameter.smallest:g}' if math.isfinite(parameter.smallest) else ''
     typical = f'{parameter.typical:g}' if math.isfinite(parameter.typical) else ''
-    typical = 'either' if parameter.discrete else typical
+    typical = 'one of them' if parameter.discrete else typical
     return (f'| {name} | {sites} | `{parameter.name}` | {parameter.unit} | {parameter.null:g} '
             f'| {parameter.low:g} to {parameter.high:g} | {_starts(parameter)} | {smallest} '
             f'| {typical} |\n')

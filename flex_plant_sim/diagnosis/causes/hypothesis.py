@@ -134,8 +134,9 @@ class Hypothesis:
 
     def magnitudes(self) -> list[Array]:
         """Return deviations from null at which to look, one set for all sizes at once, (k,)."""
-        some = [sorted({s - p.null for s in p.starts} - {0.0}, key=abs)
-                if size else [0.0] for p, size in zip(self.parameters, self.sizes)]
+        some = [sorted({s - p.null for s in p.starts if low <= s <= high} - {0.0}, key=abs)
+                if size else [0.0]
+                for p, size, (low, high) in zip(self.parameters, self.sizes, self.bounds)]
         most = max(map(len, some))
         return [np.array([s[min(m, len(s) - 1)] for s in some]) for m in range(most)]
 

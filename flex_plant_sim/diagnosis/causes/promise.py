@@ -123,18 +123,21 @@ class Beside:
                 ) -> list[_Place]:
         """Return the linear optimum of the sizes of a shape, and the sizes looked at."""
         sizes, shape = np.flatnonzero(hypothesis.sizes), look.shape
-        away, width = look.away[sizes], hypothesis.slab(self.duration).width[sizes]
+        away, slab = look.away[sizes], hypothesis.slab(self.duration)
+        width, likely = slab.width[sizes], (slab.centre - shape)[sizes]
         hessian = products[0] / away[:, None] / away
         gradient = products[1] / away
         total = hessian + np.diag(width**-2.0)
-        best = np.clip(-np.linalg.solve(total, gradient), (hypothesis.low - shape)[sizes],
-                       (hypothesis.high - shape)[sizes])
+        best = np.clip(np.linalg.solve(total, likely / width**2 - gradient),
+                       (hypothesis.low - shape)[sizes], (hypothesis.high - shape)[sizes])
         occam = 0.5 * float(np.linalg.slogdet(width[:, None] * total * width)[1])
         information = np.zeros(shape.size)
         information[sizes] = np.diagonal(hessian)
 
         def gain(change: Array) -> float:
-            return -float(gradient @ change + 0.5 * change @ total @ change) - occam
+            unlikely = (change - likely) / width
+            return -float(gradient @ change + 0.5 * change @ hessian @ change
+                          + 0.5 * unlikely @ unlikely) - occam
 
         found = [_Place(gain(best), _moved(shape, sizes, best), information)]
         if sizes.size == 1:

@@ -30,7 +30,6 @@ from flex_plant_sim.diagnosis.prediction.predictor import Base
 from flex_plant_sim.diagnosis.record.data import Data
 import numpy as np
 
-Level = Amplitude
 Progress = Callable[[str, float], None]
 
 # A budget, no judgement: sets whose neighbours are fitted, hypotheses tried beside a set and in
@@ -43,8 +42,8 @@ WORTH, LEAST, BEHIND, SHARE = -1.0, 2, 30.0, 0.05
 # linearised. So many of those that may lead are linearised around themselves at a time.
 KNOWN, LEADING = 0.3, 3
 # What promises less than this share of a cause cannot stand in its place; one that promises more
-# than this, nats, is not dropped. Parts further off than this, in tolerances, may stand for one.
-RIVAL, SURE, FAR = 0.3, 60.0, 3.0
+# than this, nats, is not dropped.
+RIVAL, SURE = 0.3, 60.0
 
 
 @dataclass(frozen=True)
@@ -87,6 +86,7 @@ class _Course:
                           if not any(h.effect is type(e) for e in nominal.effects)]
         self.known: dict[Key, Fit] = {}
         self.settled: dict[Key, Settled] = {}
+        self.latest: tuple[Key, Settled] | None = None
         self.thin: Likelihood
         self.looks: list[tuple[Hypothesis, tuple[Look, ...]]] = []
         self.rough: dict[Key, list[Fit]] = {}
@@ -100,34 +100,39 @@ class _Course:
         def moved(fit: Fit) -> Fit:
             return replace(fit, discrepancy=replace(fit.discrepancy, sensed=True))
 
-        other = copy(self)
-        level = replace(self.nominal.discrepancy, sensed=True)
-        other.nominal, other.known, other.settled = replace(
-            self.nominal, discrepancy=level), {}, {}
+        other, level = copy(self), replace(self.nominal.discrepancy, sensed=True)
+        other.nominal = replace(self.nominal, discrepancy=level)
+        other.known, other.settled, other.latest = {}, {}, None
         nothing = Key(frozenset(), self.nominal.discrepancy)
         other.rough = {replace(nothing, level=level): [moved(f) for f in self.rough[nothing]]}
         return other
 
-    def settle(self, trial: Trial, level: Level, scale: Array | None = None) -> Settled:
+    def settle(self, trial: Trial, level: Amplitude, scale: Array | None = None) -> Settled:
         """Return a set fitted around itself, the best of its ends, known from now on."""
-        found = Settled.at(trial, replace(self.nominal, discrepancy=level), self.data, scale,
-                           self.jobs)
+        base = replace(self.nominal, discrepancy=level)
+        found = Settled.at(trial, base, self.data, scale, self.jobs)
         key = Key.of(found.fit)
         found = max(found, self.settled.get(key, found), key=lambda s: self.score(s.fit))
         self.known[key], self.settled[key] = found.fit, found
         return found
 
+    def start(self, centre: Settled) -> Settled:
+        """Return a set as those near it are proposed and fitted from; the latest is kept."""
+        key, base = Key.of(centre.fit), replace(self.nominal, discrepancy=centre.fit.discrepancy)
+        if self.latest is None or self.latest[0] != key:
+            self.latest = key, centre.near_file(base, self.data, self.jobs)
+        return self.latest[1]
+
     def look(self, nothing: Settled) -> None:
         """Look at all hypotheses."""
-        self.thin = nothing.from_afar.likelihood.thinned(SAMPLES)
+        self.thin = self.start(nothing).from_afar.likelihood.thinned(SAMPLES)
         self.looks = each(Looker(self.thin, self.data.duration), self.catalogue, self.jobs,
                           lambda share: self.progress('looking at all causes', 0.4 * share))
 
-    def beside(self, centre: Settled, left_out: int | None = None, held: bool = False) -> Beside:
+    def beside(self, centre: Settled, left_out: int | None = None) -> Beside:
         """
-        Return what promises beside a set are measured against, or beside it without one cause.
+        Return what promises beside a set, or beside it without one cause, are measured against.
 
-        With the parts held at their file, those lead as well that far-off parts stand for.
         Proposals and rough fits go by the arms' own filters: what those err has fewer side
         valleys, and no error of one channel drowns it. Evidence does not.
         """
@@ -139,20 +144,19 @@ class _Course:
             rest[ends[left_out]:ends[left_out + 1]] = False
             effects = centre.causes.effects(fit.values)
             residual = likelihood.residual(effects[:left_out] + effects[left_out + 1:])[0]
-        columns, parts = centre.point.columns[rest], slice(0, 0) if held else slice(None)
+        columns = centre.point.columns[rest]
         plain = residual - np.tensordot(fit.moments.away[rest], columns, 1)
-        rows = np.concatenate([plain[None], columns, likelihood.columns[parts]])[
+        rows = np.concatenate([plain[None], columns, likelihood.columns])[
             ..., self.thin.kept]
         weight = np.repeat(1.0 / (fit.scale * np.sqrt(TEMPER)), rows.shape[-1])
         return Beside(
             np.sqrt(self.thin.weight) * rows.reshape(len(rows), -1) * weight,
-            np.concatenate([fit.moments.slab.width[rest], likelihood.tolerances[parts]]), weight,
+            np.concatenate([fit.moments.slab.width[rest], likelihood.tolerances]), weight,
             self.data.duration)
 
-    def promises(self, centre: Settled, left_out: int | None = None, held: bool = False
-                 ) -> list[Promise]:
+    def promises(self, centre: Settled, left_out: int | None = None) -> list[Promise]:
         """Return what all others promise beside a set, see `beside`, the best first."""
-        beside, on = self.beside(centre, left_out, held), centre.fit.hypotheses
+        beside, on = self.beside(centre, left_out), centre.fit.hypotheses
         labels = {h.label for k, h in enumerate(on) if k != left_out}
         found = [beside.promise(h, looks) for h, looks in self.looks if h.label not in labels]
         return sorted(found, key=lambda p: -self.hope(p))
@@ -170,9 +174,6 @@ class _Course:
         now = Trial.of(centre.fit)
         yield now
         added = [p for k, p in enumerate(promises) if self.worth(k, p)]
-        off = np.abs(centre.fit.deviations / centre.likelihood.tolerances)
-        if np.max(off, initial=0.0) > FAR:
-            added += self.promises(centre, held=True)[:RIVALS]
         for promise in {p.hypothesis.label: p for p in reversed(added)}.values():
             yield now.with_one(promise)
         for place, cause in enumerate(now.hypotheses):
@@ -188,6 +189,7 @@ class _Course:
         """Fit the sets near a set; return what further causes promise beside it."""
         for trial in in_place_of_parts(centre, self.catalogue):
             attempt(lambda t: self.settle(t, centre.fit.discrepancy, centre.fit.scale), trial)
+        centre = self.start(centre)
         promises, step = self.promises(centre), f'cause {len(centre.fit.hypotheses) + 1}'
         if Key.of(centre.fit) not in self.rough:
             self.rough[Key.of(centre.fit)] = self._rough(centre, promises, step)
@@ -241,7 +243,7 @@ class _Course:
     def settle_leading(self, centre: Settled) -> None:
         """Linearise the sets that may lead around themselves, so that they compare."""
         ranked = self.ranked()
-        self._settle(ranked.fits[:LEADING], ranked.best, centre)
+        self._settle(ranked.fits[:LEADING], ranked.best, self.start(centre))
 
     def settle_rivals(self, best: Settled, centre: Settled) -> None:
         """Linearise what is likeliest in the place of each cause of a set around itself."""
@@ -302,10 +304,8 @@ def search(data: Data, nominal: Base, jobs: int, progress: Progress,
 
     """
     course = _Course(data, nominal, jobs, exclude, progress)
-    found = _searched(course)
-    while found is None:
+    while (found := _searched(course)) is None:
         course = course.sensed()
-        found = _searched(course)
     return found
 
 

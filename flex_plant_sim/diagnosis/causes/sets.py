@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from flex_plant_sim.arm.second_order import Array
@@ -17,6 +17,8 @@ import numpy as np
 # What a linearisation misstates by more than this, nats, where it says the best fit is, or values
 # that are so unlikely where it was made, are linearised around again, up to so many times.
 AGAIN, AROUND = 1.0, 6
+# Parts further off than this, in tolerances, stand for a cause.
+FAR = 3.0
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,8 @@ class Settled:
     likelihood: Likelihood
     point: Point
     fit: Fit
+    # With the same values and the file's parts, where those were asked on the way.
+    first: Likelihood | None = None
 
     @classmethod
     def at(cls, trial: Trial, base: Base, data: Data, scale: Array | None = None,
@@ -69,10 +73,12 @@ class Settled:
         """
         causes, starts = Causes(trial.hypotheses, data.duration), trial.starts
         known = np.ones(len(data.noise[0])) if scale is None else scale
-        about, best = trial.deviations, None
+        about, best, first = trial.deviations, None, None
         for _ in range(AROUND):
             likelihood = Likelihood(base, data.windows, data.noise, causes.effects(starts[0]),
                                     about, jobs)
+            if about is None:
+                first = likelihood
             descent = Descent(likelihood, causes, known)
             said = descent.run(starts) if best is None else descent.down(starts)
             told = descent.fit(said)
@@ -87,7 +93,24 @@ class Settled:
                 break
             starts = (point.values,)
         assert best is not None
-        return best
+        return best if causes.hypotheses else replace(best, first=first)
+
+    def near_file(self, base: Base, data: Data, jobs: int = 1) -> Settled:
+        """
+        Return the set as those near it are proposed and fitted from.
+
+        Parts far off stand for a cause that is not in the set: with it they are near their file,
+        and from where they are nothing tells so (one mode a link: 480 nats from the file, -54
+        from parts that are 7 tolerances off). Then it is linearised around the file's parts.
+        """
+        if np.max(np.abs(self.fit.deviations / self.likelihood.tolerances), initial=0.0) <= FAR:
+            return self
+        causes = Causes(self.fit.hypotheses, data.duration)
+        likelihood = self.first or Likelihood(
+            base, data.windows, data.noise, causes.effects(self.fit.values), None, jobs)
+        descent = Descent(likelihood, causes, self.fit.scale)
+        point = descent.run((self.fit.values,))
+        return Settled(likelihood, point, descent.fit(point))
 
     @cached_property
     def from_afar(self) -> Settled:

@@ -20,7 +20,8 @@ class ModalTruncation(Effect):
     identifier = 'modal_truncation'
     family = 'links and structure'
     explanation = 'The model lets the links bend in too few shapes.'
-    parameters = (Parameter('modes', 'modes a link', 1.0, 1.0, 12.0, (3.0, 4.0), 0.5, 3.0),)
+    parameters = (Parameter('modes', 'modes a link', 1.0, 1.0, 12.0, (2.0, 3.0, 4.0), 0.5, 3.0,
+                            discrete=True),)
     sites = 'arm'
     in_nature = True
     structural = True
