@@ -10,7 +10,6 @@ from __future__ import annotations
 from flex_payload_estimator.estimators.rpe.evidence import weigh
 from flex_payload_estimator.estimators.rpe.kernel import correct, predict, walk
 from flex_payload_estimator.estimators.rpe.products import applied, inner
-from flex_payload_estimator.kalman.in_place import add, add_matrix, put
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import compiled
 import numpy as np
@@ -25,11 +24,7 @@ GATE = 44.0
 @compiled
 def state_of(x: Array, sens: Array, beta: Array, anchor: Array, held: bool) -> Array:
     """Return the state for the parameters believed, (n,)."""
-    if not held:
-        return x
-    state = applied(sens, beta - anchor)
-    add(state, 1.0, x)
-    return state
+    return x + applied(sens, beta - anchor) if held else x
 
 
 @compiled
@@ -53,12 +48,11 @@ def followed(table: Array, share: float, output: Array, command: Array, speed: A
         Variance of a gauge over that of its noise that is a swing.
 
     """
-    found, held_by = np.zeros_like(table), applied(speed, state_of(x, sens, beta, anchor, held))
-    add_matrix(found, 1.0 - share, table)
+    found = (1.0 - share) * table
+    net = command - applied(speed, state_of(x, sens, beta, anchor, held))
+    found[DRIVE, :2] += share * net * net
     swings = False
     for i in range(output.size):
-        if i < 2:
-            found[DRIVE, i] += share * (command[i] - held_by[i])**2
         off = output[i] - table[MEAN, i]
         found[MEAN, i] = table[MEAN, i] + share * off
         if i > 1:
@@ -70,7 +64,7 @@ def followed(table: Array, share: float, output: Array, command: Array, speed: A
 
 @compiled
 def _put(kept: Array, place: int, known: Array) -> int:
-    put(kept[place:place + known.size], known.ravel())
+    kept[place:place + known.size] = known.ravel()
     return place + known.size
 
 
@@ -119,9 +113,10 @@ def ahead(kept: Array, record: Array, reading: Array, x: Array, cov: Array, sens
     if error > 0.0:
         net = command - applied(speed, state_of(x, sens, beta, anchor, held))
         doubt = doubt + error * np.maximum(loads[DRIVE, :2], net * net)
-    predict(x, cov, sens, about, series, parts, away, command, motion, np.sqrt(doubt), steps)
+    x[:], cov[:], sens[:] = predict(x, cov, sens, about, series, parts, away, command,
+                                    motion, np.sqrt(doubt), steps)
     if walked > 0.0:
-        walk(cov, sens, spread, steps * walked)
+        cov[:], sens[:], spread[:] = walk(cov, sens, spread, steps * walked)
 
 
 @compiled
@@ -160,15 +155,15 @@ def learnt(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor
         seen = measured * measured
         seen[:2] = 0.0
         noise = noise + error * np.maximum(loads[STRAIN], seen)
-    innovation, variances, scores, log_det = correct(
+    (after, shorter, slope, learned, left), innovation, variances, scores, log_det = correct(
         x, cov, sens, beta, spread, anchor, held, measured, offset, output, noise, gains, GATE,
         heaviest)
-    if np.isnan(log_det):
+    if not np.isfinite(log_det + after.sum() + left[0, 0]):
         return 0.0, 0.0, np.nan
-    gained, stated = weigh(record, innovation, reading[0], variances, scores, log_det, told, GATE,
-                           step)
-    put(reading[0], innovation)
-    put(reading[1], variances)
+    x[:], cov[:], sens[:], beta[:], spread[:] = after, shorter, slope, learned, left
+    record[:], gained, stated = weigh(record, innovation, reading[0], variances, scores, log_det,
+                                      told, GATE, step)
+    reading[0], reading[1] = innovation, variances
     return gained, stated, min(inner(scores, scores), GATE) / channels
 
 

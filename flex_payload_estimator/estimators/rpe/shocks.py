@@ -71,9 +71,8 @@ class Shocks:
 
         """
         after = learnt
-        for joint, command in enumerate(sample.command.tolist()):
-            if abs(command) > self._largest[joint]:
-                self._largest[joint] = abs(command)
+        self._largest = [max(most, abs(command)) for most, command
+                         in zip(self._largest, sample.command.tolist())]
         if sample.measured is None:
             self._relocated = None
             return after, sample, False

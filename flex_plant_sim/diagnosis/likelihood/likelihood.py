@@ -152,6 +152,11 @@ class Likelihood:
         return np.concatenate([p.record.time[p.windows.indices[:, p.windows.warm_up:]].ravel()
                                for p in self.predictors])
 
+    @property
+    def duration(self) -> float:
+        """Return the end of the longest record, s."""
+        return max(float(p.record.time[-1]) for p in self.predictors)
+
     def thinned(self, samples: int) -> Likelihood:
         """Return the likelihood of evenly chosen windows, so few that about `samples` count."""
         sizes = [p.windows.starts.size for p in self.predictors]

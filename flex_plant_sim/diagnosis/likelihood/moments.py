@@ -96,10 +96,14 @@ class Moments:
         """Return the same with some values at the centres of their slabs for certain."""
         move = np.eye(len(self.products[0]))
         move[1 + np.array(places, dtype=int), 0] = -self.away[list(places)]
-        move = np.delete(move, [1 + place for place in places], axis=1)
+        return replace(self, products=move.T @ self.products @ move).without(places)
+
+    def without(self, places: Collection[int]) -> Moments:
+        """Return the same with some values as they are for certain."""
+        kept = np.delete(np.arange(len(self.products[0])), [1 + place for place in places])
         rest = np.setdiff1d(np.arange(self.away.size), list(places))
-        return replace(self, products=move.T @ self.products @ move, away=self.away[rest],
-                       slab=self.slab.kept(rest))
+        return replace(self, products=self.products[:, kept[:, None], kept],
+                       away=self.away[rest], slab=self.slab.kept(rest))
 
     def log_evidence(self, scale: Array, temper: float = TEMPER) -> float:
         """

@@ -19,7 +19,8 @@ class PayloadChange(Effect):
                   0.005, 0.08),
         Parameter('time_s', 's', 0.0, 0.0, 1e6, tuple(float(t) for t in range(2, 60, 2)),
                   np.inf, np.inf),
-        Parameter('duration_s', 's', 0.0, 0.0, 1e6, (0.0, 3.0, 12.0), np.inf, 2.0))
+        Parameter('duration_s', 's', 0.0, 0.0, 1e6, (0.0, 3.0, 12.0), np.inf, 2.0,
+                  optional=True))
     sites = 'arm'
     event_time = 'time_s'
     event_duration = 'duration_s'
