@@ -53,8 +53,9 @@ class Arm:
         mass = min(max(state[n], 0.0), HEAVIEST_KG)
         piece = self.schedule.cut(mass)
         beta = np.array([mass, 0.0])
-        x, _, sens = predict(
-            state[:n].copy(), np.zeros((n, n)), np.zeros((n, 2)), beta, piece.series,
+        x, sens = state[:n].copy(), np.zeros((n, 2))
+        predict(
+            x, np.zeros((n, n)), sens, beta, piece.series,
             np.zeros((0, 1)), mass - piece.payload, command, np.zeros((0, self.arm.form.order)),
             np.zeros(2), 1)
         jacobian = np.eye(n + 1)

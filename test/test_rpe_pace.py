@@ -117,9 +117,9 @@ def test_many_samples_of_a_linear_arm_are_one_power_of_its_matrix(steps: int) ->
     random, n = np.random.default_rng(steps), 4
     matrix, over_mass = 0.1 * random.standard_normal((2, n, n + 2))
     x, command, cov = random.standard_normal(n), random.standard_normal(2), np.eye(n)
-    found = predict(x, cov, np.zeros((n, 2)), np.zeros(2),
-                    np.stack([matrix, over_mass, 0.0 * matrix]).reshape(1, -1),
-                    np.zeros((0, 1)), 0.0, command, np.zeros((0, 2)), np.ones(2), steps)
+    found = x.copy(), cov.copy(), np.zeros((n, 2))
+    predict(*found, np.zeros(2), np.stack([matrix, over_mass, 0.0 * matrix]).reshape(1, -1),
+            np.zeros((0, 1)), 0.0, command, np.zeros((0, 2)), np.ones(2), steps)
     moves, push = np.eye(n) + matrix[:, :n], matrix[:, n:]
     sens = np.zeros(n)
     turned = over_mass @ np.r_[x, command]

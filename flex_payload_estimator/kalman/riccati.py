@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from flex_payload_estimator.kalman.in_place import add_both, add_matrix
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import COMPILED, compiled
 import numpy as np
@@ -80,24 +81,30 @@ def riccati_step(a: Array, b: Array, q_1: Array, q_2: Array, s: Array,
         W is not positive definite, or not finite.
 
     """
-    product = np.dot(s, b)
-    weight = q_2 + step * np.dot(b.T, product)
-    gain, positive = solve_positive(weight, (product + step * np.dot(a.T, product)).T)
+    image = np.dot(s, b)
+    weight = q_2.copy()
+    add_matrix(weight, step, np.dot(b.T, image))
+    add_matrix(image, step, np.dot(a.T, image))
+    gain, positive = solve_positive(weight, image.T)
     if not positive:
         raise FloatingPointError('riccati: expected a positive definite weight')
     closed = a - np.dot(b, gain)
-    half = np.dot(s, closed)
-    change = half + (0.5 * step) * np.dot(closed.T, half) \
-        + 0.5 * (q_1 + np.dot(gain.T, np.dot(q_2, gain)))
-    return gain, s + step * (change + change.T), closed
+    half, found = np.dot(s, closed), s.copy()
+    add_matrix(half, 0.5 * step, np.dot(closed.T, half))
+    add_matrix(half, 0.5, np.dot(gain.T, np.dot(q_2, gain)))
+    add_matrix(half, 0.5, q_1)
+    add_both(found, step, half)
+    return gain, found, closed
 
 
 @compiled
 def lyapunov_step(a: Array, q_1: Array, s: Array, step: float) -> Array:
     """Return S+ = S + T (S A + A' S + T A' S A + Q_1): an iteration without an input."""
-    half = np.dot(s, a)
-    change = half + (0.5 * step) * np.dot(a.T, half) + 0.5 * q_1
-    return s + step * (change + change.T)
+    half, found = np.dot(s, a), s.copy()
+    add_matrix(half, 0.5 * step, np.dot(a.T, half))
+    add_matrix(half, 0.5, q_1)
+    add_both(found, step, half)
+    return found
 
 
 def settled(a: Array, b: Array, q_1: Array, q_2: Array, step: float) -> tuple[Array, Array]:

@@ -39,9 +39,9 @@ def new_record(channels: int) -> Array:
 
 @compiled
 def weigh(record: Array, innovation: Array, before: Array, variances: Array, scores: Array,
-          log_det: float, told: Array, gate: float, step: float) -> tuple[Array, float, float]:
+          log_det: float, told: Array, gate: float, step: float) -> tuple[float, float]:
     """
-    Return the record and the log-likelihoods of a sample: as judged, and as stated.
+    Bring the record up to date; return a sample's log-likelihoods: as judged, and as stated.
 
     What changes from one innovation to the next is noise, what stays is the model's error:
     (e_k - e_{k-1})^2 / 2 is compared with what the filter expects of it. A filter that expects
@@ -65,7 +65,7 @@ def weigh(record: Array, innovation: Array, before: Array, variances: Array, sco
 
     """
     channels = innovation.size
-    found, most = record.copy(), max(MEMORY_S / step, FEWEST)
+    most = max(MEMORY_S / step, FEWEST)
     steps = record[channels + 4]
     cut = min(1.0, gate / max(inner(scores, scores), 1e-300))
     log = stated = log_det
@@ -73,14 +73,14 @@ def weigh(record: Array, innovation: Array, before: Array, variances: Array, sco
         first, last = (0, 2) if kind == 0 else (2, channels)
         count, place = last - first, channels + 2 + kind
         square = cut / count * inner(scores[first:last], scores[first:last])
-        fit = min(max(found[place], SMALLEST_MISFIT), 1.0)
+        fit = min(max(record[place], SMALLEST_MISFIT), 1.0)
         log += count * (square / fit + np.log(fit))
         stated += count * square
-        found[place] += max(1.0 / (steps + 10.0), 1.0 / most) * (square - found[place])
-        _read_noise(found, channels + kind, first, last, innovation, before, variances, told,
-                    found[place] - 1.0, most)
-    found[channels + 4] = steps + 1.0
-    return found, -0.5 * log, -0.5 * stated
+        record[place] += max(1.0 / (steps + 10.0), 1.0 / most) * (square - record[place])
+        _read_noise(record, channels + kind, first, last, innovation, before, variances, told,
+                    record[place] - 1.0, most)
+    record[channels + 4] = steps + 1.0
+    return -0.5 * log, -0.5 * stated
 
 
 @compiled

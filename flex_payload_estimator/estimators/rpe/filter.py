@@ -135,7 +135,7 @@ class FilterStep:
     def drift(self, f: Filter, variance: float) -> None:
         """Let the payload walk at random, kg^2."""
         state = f.state
-        f.cov[:], f.sens[:], f.spread[:] = walk(f.cov, f.sens, f.spread, variance)
+        walk(f.cov, f.sens, f.spread, variance)
         f.x += state - f.state
 
     def payload(self, f: Filter, doubt: float | None = None) -> tuple[float, float]:

@@ -8,6 +8,7 @@ here for one step of a filter, with the payload that it believes.
 from __future__ import annotations
 
 from flex_payload_estimator.estimators.rpe.products import applied, inner, inverse, product
+from flex_payload_estimator.kalman.in_place import add, add_column, add_outer, put
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import compiled
 from flex_plant_sim.effects.mechanics.bending import bending_terms, BendingTerms
@@ -91,22 +92,30 @@ def rigid_force(rows: Array, mass: float, middle: Array) -> tuple[Array, Array, 
 
     Then its derivatives over the state, (N, n), and over the payload, (N,).
     """
-    n = rows.shape[1]
-    rate = middle[n:2 * n].copy()
-    across = rows[ACROSS] + mass * rows[PER_KG]
-    epsilon, sigma = inner(rows[ELBOW], rate), inner(across, rate)
+    n, per_kg, elbow = rows.shape[1], rows[PER_KG], rows[ELBOW]
+    rate, across = middle[n:2 * n], rows[ACROSS].copy()
+    add(across, mass, per_kg)
+    epsilon, sigma = inner(elbow, rate), inner(across, rate)
     w_1, w_2 = inner(rows[ROOT_1], rate), inner(rows[ROOT_2], rate)
-    angle = inner(rows[ANGLE], middle[:n].copy())
+    angle = inner(rows[ANGLE], middle[:n])
     sine, cosine = np.sin(angle), np.cos(angle)
     along, beside = sigma * w_2, -epsilon * w_1
-    slope = np.zeros((2, middle.size))
-    slope[0, :n], slope[1, :n] = cosine * along * rows[ANGLE], cosine * beside * rows[ANGLE]
-    slope[0, n:2 * n] = sine * (sigma * rows[ROOT_2] + w_2 * across)
-    slope[1, n:2 * n] = -sine * (epsilon * rows[ROOT_1] + w_1 * rows[ELBOW])
-    over_state = (rows[ELBOW].copy().reshape(-1, 1) * slope[0]
-                  + across.reshape(-1, 1) * slope[1])
-    over_mass = sine * (inner(rows[PER_KG], rate) * w_2 * rows[ELBOW] + beside * rows[PER_KG])
-    return sine * (along * rows[ELBOW] + beside * across), over_state, over_mass
+    # Of what acts along the elbow's row, and of what does across.
+    by_elbow, by_across = np.zeros(middle.size), np.zeros(middle.size)
+    add(by_elbow[:n], cosine * along, rows[ANGLE])
+    add(by_across[:n], cosine * beside, rows[ANGLE])
+    add(by_elbow[n:2 * n], sine * sigma, rows[ROOT_2])
+    add(by_elbow[n:2 * n], sine * w_2, across)
+    add(by_across[n:2 * n], -sine * epsilon, rows[ROOT_1])
+    add(by_across[n:2 * n], -sine * w_1, elbow)
+    over_state, over_mass, force = np.zeros((n, middle.size)), np.zeros(n), np.zeros(n)
+    add_outer(over_state, elbow, by_elbow)
+    add_outer(over_state, across, by_across)
+    add(over_mass, sine * inner(per_kg, rate) * w_2, elbow)
+    add(over_mass, sine * beside, per_kg)
+    add(force, sine * along, elbow)
+    add(force, sine * beside, across)
+    return force, over_state, over_mass
 
 
 @compiled
@@ -216,18 +225,22 @@ def tip_force(rows: Array, x: Array, force: Array, push: Array) -> tuple[Array, 
 
     """
     n = rows.shape[1]
-    elbow, tip = applied(push, rows[ELBOW].copy()), applied(push, rows[PER_KG].copy())
+    elbow, tip = applied(push, rows[ELBOW]), applied(push, rows[PER_KG])
     first = x[0]
-    second = first + inner(rows[ANGLE].copy(), x[:n].copy())
-    over_force = np.empty((x.size, 2))
-    over_force[:, 0] = -np.sin(first) * elbow - np.sin(second) * tip
-    over_force[:, 1] = np.cos(first) * elbow + np.cos(second) * tip
+    second = first + inner(rows[ANGLE], x[:n])
+    over_force, over_x = np.zeros((x.size, 2)), np.zeros((x.size, x.size))
+    add_column(over_force, 0, -np.sin(first), elbow)
+    add_column(over_force, 0, -np.sin(second), tip)
+    add_column(over_force, 1, np.cos(first), elbow)
+    add_column(over_force, 1, np.cos(second), tip)
     # Across a link that turns the force falls by what acts along it.
-    beside = -(np.cos(first) * force[0] + np.sin(first) * force[1]) * elbow
-    beyond = -(np.cos(second) * force[0] + np.sin(second) * force[1]) * tip
-    over_x = np.zeros((x.size, x.size))
-    over_x[:, :n] = product(beyond.reshape(-1, 1), rows[ANGLE].copy().reshape(1, -1))
-    over_x[:, 0] += beside + beyond
+    beside = -(np.cos(first) * force[0] + np.sin(first) * force[1])
+    beyond, turning = np.zeros(x.size), np.zeros(x.size)
+    add(beyond, -(np.cos(second) * force[0] + np.sin(second) * force[1]), tip)
+    put(turning[:n], rows[ANGLE])
+    turning[0] += 1.0
+    add_outer(over_x, beyond, turning)
+    add_column(over_x, 0, beside, elbow)
     return applied(over_force, force), over_x, over_force
 
 
@@ -240,8 +253,8 @@ def scheduling_row(rows: Array, states: int) -> Array:
     middle of the step.
     """
     row, order = np.zeros(states), rows.shape[1]
-    row[:order] = rows[ANGLE]
+    put(row[:order], rows[ANGLE])
     row[1] -= 1.0
     if len(rows) > NUMBERS:
-        row[order:2 * order] = 0.5 * rows[NUMBERS, 3] * rows[ANGLE]
+        add(row[order:2 * order], 0.5 * rows[NUMBERS, 3], rows[ANGLE])
     return row

@@ -25,8 +25,20 @@ from flex_payload_estimator.estimators.rpe.products import (
     squared,
     whitener,
 )
+from flex_payload_estimator.kalman.in_place import (
+    add,
+    add_both,
+    add_column,
+    add_diagonal,
+    add_matrix,
+    add_outer,
+    logarithms,
+    put,
+    put_mean,
+    scaled,
+)
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.compiled import compiled
+from flex_plant_sim.compiled import COMPILED, compiled
 import numpy as np
 
 # Columns of s before the gauges' biases.
@@ -61,17 +73,32 @@ def _off_nominal(parts: Array, anchor: Array, drive: Array, moved: Array, jacobi
 
 
 @compiled
+def _waves_by_loops(angle: float, count: int) -> Array:
+    waves = np.empty((2, count))
+    for k in range(count):
+        waves[0, k], waves[1, k] = np.cos(angle * k), -k * np.sin(angle * k)
+    return waves
+
+
+def _waves_by_numpy(angle: float, count: int) -> Array:
+    order = np.arange(float(count))
+    return np.stack([np.cos(angle * order), -order * np.sin(angle * order)])
+
+
+# cos(k angle) and their derivatives, (2, K).
+_waves = _waves_by_loops if COMPILED else _waves_by_numpy
+
+
+@compiled
 def _at(angle: float, series: Array, away: float) -> tuple[Array, Array, Array]:
     """Return M and its derivatives over the angle and over the payload, all flat."""
-    order, width = np.arange(float(len(series))), series.shape[1] // 3
-    waves = np.empty((2, order.size))
-    waves[0], waves[1] = np.cos(angle * order), -order * np.sin(angle * order)
-    found = product(waves, series)
-    flat, over_m = found[0, :width], found[0, width:2 * width]
+    width, found = series.shape[1] // 3, product(_waves(angle, len(series)), series)
+    flat, over_m, bend = found[0][:width], found[0][width:2 * width], found[0][2 * width:]
     if away != 0.0:
-        bend = away * found[0, 2 * width:]
-        flat, over_m = flat + away * (over_m + 0.5 * bend), over_m + bend
-    return flat, found[1, :width], over_m
+        add(flat, away, over_m)
+        add(flat, 0.5 * away * away, bend)
+        add(over_m, away, bend)
+    return flat, found[1][:width], over_m
 
 
 @compiled
@@ -80,54 +107,67 @@ def _stepped(x: Array, anchor: Array, series: Array, parts: Array, away: float,
     """Return M d, its derivatives over state and parameters, and what of M commands meet."""
     n, moves, share = x.size, len(motion) > 0, anchor[CORIOLIS]
     lean = scheduling_row(motion, n) if moves else np.zeros(n)
-    if len(parts) > 0:
-        last = _first_part(anchor.size, len(parts))
-        command = command + anchor[last - 2:last]
     beyond = inner(lean, x)
-    flat, flat_angle, flat_m = _at(x[1] + share * beyond, series, away)
+    flat, over_angle, over_m = _at(x[1] + share * beyond, series, away)
     held = flat.size // n
     matrix, drive = flat.reshape(n, held), np.zeros(held)
-    drive[:n], drive[n:n + 2] = x, command
+    put(drive[:n], x)
+    put(drive[n:n + 2], command)
     moved, jacobian = np.zeros((n, anchor.size)), matrix[:, :n].copy()
+    entry, given = matrix[:, n + 2:].copy(), matrix[:, n:n + 2].copy()
+    if len(parts) > 0:
+        last = _first_part(anchor.size, len(parts))
+        add(drive[n:n + 2], 1.0, anchor[last - 2:last])
     increment = applied(matrix, drive)
     if len(parts) > 0:
-        increment = increment + _off_nominal(parts, anchor, drive, moved, jacobian)
-        last = _first_part(anchor.size, len(parts))
-        moved[:, last - 2:last] = matrix[:, n:n + 2]
-        if moves:
-            blown, turned_by, moved[:, last - 4:last - 2] = tip_force(
-                motion, x, anchor[last - 4:last - 2], matrix[:, n + 2:].copy())
-            increment = increment + blown
-            jacobian += turned_by
-    push = share * matrix[:, n + 2:]
-    over_x = over_after = np.zeros((0, n))
-    over_mass = np.zeros(0)
+        _add_parts(increment, jacobian, moved, parts, x, anchor, drive, motion, entry, given)
     if moves:
-        force, over_x, over_after, over_mass = forces_of_motion(
-            motion, anchor[MASS], x, x + increment, push)
-        increment = increment + applied(push, force)
-        drive[n + 2:] = share * force
-        moved[:, CORIOLIS] = applied(matrix[:, n + 2:].copy(), force)
-    moved[:, MASS] += applied(flat_m.reshape(n, held), drive)
-    turned = applied(flat_angle.reshape(n, held), drive)
-    moved[:, CORIOLIS] += beyond * turned
+        push = share * entry
+        after = x + increment
+        force, over_x, over_after, over_mass = forces_of_motion(motion, anchor[MASS], x, after,
+                                                                push)
+        driven = applied(entry, force)
+        add(increment, share, driven)
+        add(drive[n + 2:], share, force)
+        add_column(moved, CORIOLIS, 1.0, driven)
+    turned = applied(over_angle.reshape(n, held), drive)
+    add_column(moved, MASS, 1.0, applied(over_m.reshape(n, held), drive))
+    add_column(moved, CORIOLIS, beyond, turned)
     lean *= share
     lean[1] += 1.0
-    jacobian += turned.reshape(-1, 1) * lean
+    add_outer(jacobian, turned, lean)
     if moves:
         # What changes the step changes the forces over it.
-        over_x = over_x + over_after + product(over_after, jacobian)
-        moved += product(push, product(over_after, moved))
-        moved[:, MASS] += applied(push, over_mass)
-        jacobian += product(push, over_x)
-    return increment, jacobian, moved, matrix[:, n:n + 2]
+        over_state = product(over_after, jacobian)
+        add_matrix(over_state, 1.0, over_x)
+        add_matrix(over_state, 1.0, over_after)
+        add_matrix(moved, 1.0, product(push, product(over_after, moved)))
+        add_column(moved, MASS, 1.0, applied(push, over_mass))
+        add_matrix(jacobian, 1.0, product(push, over_state))
+    return increment, jacobian, moved, given
 
 
 @compiled
-def _carried(jacobian: Array, cov: Array, noise: Array) -> Array:
-    """Return (I + J) P (I + J)' + Q."""
+def _add_parts(increment: Array, jacobian: Array, moved: Array, parts: Array, x: Array,
+               anchor: Array, drive: Array, motion: Array, entry: Array, given: Array) -> None:
+    """Add what parts and forces that last do to M d and to its derivatives."""
+    add(increment, 1.0, _off_nominal(parts, anchor, drive, moved, jacobian))
+    last = _first_part(anchor.size, len(parts))
+    moved[:, last - 2:last] = given
+    if len(motion) > 0:
+        blown, turned, moved[:, last - 4:last - 2] = tip_force(
+            motion, x, anchor[last - 4:last - 2], entry)
+        add(increment, 1.0, blown)
+        add_matrix(jacobian, 1.0, turned)
+
+
+@compiled
+def _carry(jacobian: Array, cov: Array, noise: Array) -> None:
+    """Make P (I + J) P (I + J)' + Q."""
     half = product(jacobian, cov)
-    return cov + half + half.T + squared(half, jacobian) + noise
+    add_both(cov, 1.0, half)
+    add_matrix(cov, 1.0, squared(half, jacobian))
+    add_matrix(cov, 1.0, noise)
 
 
 @compiled
@@ -143,22 +183,23 @@ def _composed(jacobian: Array, given: Array, noise: Array, steps: int
     while True:
         if steps % 2 == 1:
             added = added + given + product(jacobian, added)
-            spread = _carried(jacobian, spread, noise)
+            _carry(jacobian, spread, noise)
             far = far + jacobian + product(jacobian, far)
         steps //= 2
         if steps == 0:
             return far, added, spread
         given = 2.0 * given + product(jacobian, given)
-        noise = _carried(jacobian, noise, noise)
+        noise, once = noise.copy(), noise
+        _carry(jacobian, noise, once)
         jacobian = 2.0 * jacobian + product(jacobian, jacobian)
 
 
 @compiled
 def predict(x: Array, cov: Array, sens: Array, anchor: Array, series: Array, parts: Array,
             away: float, command: Array, motion: Array, torque: Array, steps: int
-            ) -> tuple[Array, Array, Array]:
+            ) -> None:
     """
-    Return state, covariance and sensitivity so many samples later, delta form.
+    Bring state, covariance and sensitivity so many samples on, in delta form.
 
     x+ = x + M d with d = (x, u, forces of motion) and M = sum_k cos(k angle) M_k(m) + parts' dM,
     s+ = s + J s + dM/dbeta d, P+ = (I + J) P (I + J)' + Q, J = d(M d)/dx. Several samples go by
@@ -186,21 +227,22 @@ def predict(x: Array, cov: Array, sens: Array, anchor: Array, series: Array, par
     """
     increment, jacobian, moved, given = _stepped(x, anchor, series, parts, away, command,
                                                  motion)
-    given = given * torque
+    given = scaled(given, torque)
     noise = squared(given, given)
     if steps > 1:
         columns = np.column_stack((increment, moved))
         jacobian, columns, noise = _composed(jacobian, columns, noise, steps)
         increment, moved = columns[:, 0].copy(), columns[:, 1:].copy()
-    return (x + increment, _carried(jacobian, cov, noise),
-            sens + product(jacobian, sens) + moved)
+    add(x, 1.0, increment)
+    _carry(jacobian, cov, noise)
+    add_matrix(moved, 1.0, product(jacobian, sens))
+    add_matrix(sens, 1.0, moved)
 
 
 @compiled
-def walk(cov: Array, sens: Array, spread: Array, variance: float
-         ) -> tuple[Array, Array, Array]:
+def walk(cov: Array, sens: Array, spread: Array, variance: float) -> None:
     """
-    Return P, s and V after the payload walked at random by `variance`, kg^2, since the sample.
+    Let the payload walk at random by `variance`, kg^2, since the sample: changes P, s and V.
 
     Exact for the joint covariance: of what x was thought to owe to the payload, the part that
     the walk makes doubtful goes to P.
@@ -208,11 +250,10 @@ def walk(cov: Array, sens: Array, spread: Array, variance: float
     row = inverse_column(spread)
     share = variance / (1.0 + variance * row[MASS])
     column = sens[:, MASS].copy()
-    cov = cov + share * (column.reshape(-1, 1) * column)
-    sens = sens - share * (column.reshape(-1, 1) * row)
-    spread = spread.copy()
+    much = share * column
+    add_outer(cov, much, column)
+    add_outer(sens, -much, row)
     spread[MASS, MASS] += variance
-    return cov, sens, spread
 
 
 @compiled
@@ -220,65 +261,53 @@ def _seen(x: Array, sens: Array, anchor: Array, offset: Array, output: Array, ga
           ) -> tuple[Array, Array, Array]:
     """Return what is expected of the outputs at the anchor, its slopes over x and over beta."""
     size, gauges, seen = anchor.size, len(output) - 2, output
-    expected = applied(output, x) + offset
-    base = expected
+    expected = applied(output, x)
+    add(expected, 1.0, offset)
+    base = expected.copy()
     if gains > 0:
-        factor = np.ones(len(output))
-        factor[2:] += anchor[size - gains:]
-        expected, seen = base * factor, output * factor.reshape(-1, 1)
+        seen = output.copy()
+        for g in range(gauges):
+            more = anchor[size - gains + g]
+            expected[2 + g] += more * base[2 + g]
+            add(seen[2 + g], more, output[2 + g])
     psi = product(seen, sens)
     for g in range(gauges):
         psi[2 + g, FIRST_BIAS + g] += 1.0
         if gains > 0:
             psi[2 + g, size - gains + g] += base[2 + g]
-    expected[2:] += anchor[FIRST_BIAS:FIRST_BIAS + gauges]
+    add(expected[2:], 1.0, anchor[FIRST_BIAS:FIRST_BIAS + gauges])
     return expected, seen, psi
 
 
 @compiled
 def _gain(projected: Array, known: Array, noise: Array) -> Array:
     """Return the gain for known parameters, (n, m), of P C', C P C' and the noise's variances."""
-    inverse = whitener(known + np.diag(noise))
+    total = known.copy()
+    add_diagonal(total, noise)
+    inverse = whitener(total)
     return product(squared(projected, inverse), inverse)
 
 
 @compiled
-def _shorter(cov: Array, gain: Array, seen: Array, noise: Array) -> Array:
-    """Return P after a measurement, in Joseph's form."""
-    keep = np.eye(len(cov)) - product(gain, seen)
-    cov = squared(product(keep, cov), keep) + squared(gain * noise, gain)
-    cov = 0.5 * (cov + cov.T)
-    for i in range(len(cov)):
-        cov[i, i] *= 1.0 + JITTER
-    return cov
-
-
-@compiled
-def _learn(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor: Array,
-           held: bool, alone: Array, innovation: Array, seen: Array, psi: Array,
-           projected: Array, known: Array, learnt: Array, white: Array, noise: Array,
-           heaviest: float) -> tuple[Array, Array, Array, Array, Array]:
-    """Return x, P, s, beta and V after a measurement; L^-1 of Sigma is `white`."""
-    gain, learnt = _gain(projected, known, noise), squared(learnt, white)
-    after = beta + applied(learnt, applied(white, innovation))
-    after[MASS] = min(max(after[MASS], 0.0), heaviest)
-    spread, sens = spread - squared(learnt, learnt), sens - product(gain, psi)
-    x = x + applied(gain, alone)
-    if not held:
-        x = x + applied(sens, after - anchor)
-    return x, _shorter(cov, gain, seen, noise), sens, after, 0.5 * (spread + spread.T)
+def _shorten(cov: Array, gain: Array, seen: Array, noise: Array) -> None:
+    """Make P what it is after a measurement, in Joseph's form."""
+    lost = product(gain, seen)
+    add_diagonal(lost, np.full(len(lost), -1.0))
+    after = squared(product(lost, cov), lost)
+    add_matrix(after, 1.0, squared(scaled(gain, noise), gain))
+    put_mean(cov, after, 1.0 + JITTER)
 
 
 @compiled
 def correct(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor: Array,
             held: bool, measured: Array, offset: Array, output: Array, noise: Array, gains: int,
             gate: float, heaviest: float
-            ) -> tuple[tuple[Array, Array, Array, Array, Array], Array, Array, Array, float]:
+            ) -> tuple[Array, Array, Array, float]:
     """
-    Return the posterior after a measurement, and what the measurement says of the model.
+    Learn from a measurement, x, P, s, beta and V, and return what it says of the model.
 
-    That is x, P, s, beta, V; the innovation e; the variances of its channels; L^-1 e with L L' =
-    Sigma before the gate, (m,); ln |Sigma| as it was used, NaN where the state is lost.
+    That is the innovation e; the variances of its channels; L^-1 e with L L' = Sigma before the
+    gate, (m,); ln |Sigma| as it was used, NaN where the state is lost: then nothing is learnt.
 
     Parameters
     ----------
@@ -303,16 +332,33 @@ def correct(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, ancho
     innovation = alone - applied(psi, beta - anchor) if held else alone
     projected, learnt = squared(cov, seen), squared(spread, psi)
     known = product(seen, projected)
-    total = known + product(psi, learnt) + np.diag(noise)
+    total = product(psi, learnt)
+    add_matrix(total, 1.0, known)
+    add_diagonal(total, noise)
     white, variances = whitener(total), np.diag(total).copy()
     scores = applied(white, innovation)
     misfit = inner(scores, scores)
     if not misfit >= 0.0:
-        return (x, cov, sens, beta, spread), innovation, variances, scores, np.nan
+        return innovation, variances, scores, np.nan
     if misfit > gate:
         more = (misfit / gate - 1.0) * variances
         noise = noise + more
-        white = whitener(total + np.diag(more))
-    found = _learn(x, cov, sens, beta, spread, anchor, held, alone, innovation, seen, psi,
-                   projected, known, learnt, white, noise, heaviest)
-    return found, innovation, variances, scores, -2.0 * np.log(np.diag(white)).sum()
+        add_diagonal(total, more)
+        white = whitener(total)
+    gain, learnt = _gain(projected, known, noise), squared(learnt, white)
+    moved, after, less = applied(gain, alone), beta.copy(), spread.copy()
+    add(after, 1.0, applied(learnt, applied(white, innovation)))
+    after[MASS] = min(max(after[MASS], 0.0), heaviest)
+    add_matrix(less, -1.0, squared(learnt, learnt))
+    log_det = -2.0 * logarithms(white)
+    if not np.isfinite(log_det + inner(moved, moved) + less[MASS, MASS]):
+        return innovation, variances, scores, np.nan
+    add_matrix(sens, -1.0, product(gain, psi))
+    add(x, 1.0, moved)
+    if not held:
+        add(x, 1.0, applied(sens, after - anchor))
+    # Now, for the anchor may be beta itself.
+    put(beta, after)
+    put_mean(spread, less, 1.0)
+    _shorten(cov, gain, seen, noise)
+    return innovation, variances, scores, log_det

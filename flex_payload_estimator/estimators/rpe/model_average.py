@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from flex_payload_estimator.estimators.rpe.kernel import FIRST_BIAS, MASS
 from flex_payload_estimator.estimators.rpe.products import applied, inner, whitener
+from flex_payload_estimator.kalman.in_place import logarithms
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import compiled
 import numpy as np
@@ -33,7 +34,7 @@ def model_averaged(beta: Array, spread: Array, std: Array) -> tuple[float, float
     white = whitener(spread[FIRST_BIAS:last, FIRST_BIAS:last].copy())
     bias = applied(white, beta[FIRST_BIAS:last])
     cross = applied(white, spread[FIRST_BIAS:last, MASS].copy())
-    evidence = np.log(np.diag(white)).sum() + np.log(std).sum() - 0.5 * inner(bias, bias)
+    evidence = logarithms(white) + np.log(std).sum() - 0.5 * inner(bias, bias)
     if not np.isfinite(evidence):
         return mass, variance
     share = 1.0 / (1.0 + np.exp(-min(max(evidence, -30.0), 30.0)))

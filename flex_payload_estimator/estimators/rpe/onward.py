@@ -10,6 +10,7 @@ from __future__ import annotations
 from flex_payload_estimator.estimators.rpe.evidence import weigh
 from flex_payload_estimator.estimators.rpe.kernel import correct, predict, walk
 from flex_payload_estimator.estimators.rpe.products import applied, inner
+from flex_payload_estimator.kalman.in_place import add, add_matrix, put
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import compiled
 import numpy as np
@@ -24,7 +25,11 @@ GATE = 44.0
 @compiled
 def state_of(x: Array, sens: Array, beta: Array, anchor: Array, held: bool) -> Array:
     """Return the state for the parameters believed, (n,)."""
-    return x + applied(sens, beta - anchor) if held else x
+    if not held:
+        return x
+    state = applied(sens, beta - anchor)
+    add(state, 1.0, x)
+    return state
 
 
 @compiled
@@ -48,11 +53,12 @@ def followed(table: Array, share: float, output: Array, command: Array, speed: A
         Variance of a gauge over that of its noise that is a swing.
 
     """
-    found = (1.0 - share) * table
-    net = command - applied(speed, state_of(x, sens, beta, anchor, held))
-    found[DRIVE, :2] += share * net * net
+    found, held_by = np.zeros_like(table), applied(speed, state_of(x, sens, beta, anchor, held))
+    add_matrix(found, 1.0 - share, table)
     swings = False
     for i in range(output.size):
+        if i < 2:
+            found[DRIVE, i] += share * (command[i] - held_by[i])**2
         off = output[i] - table[MEAN, i]
         found[MEAN, i] = table[MEAN, i] + share * off
         if i > 1:
@@ -64,7 +70,7 @@ def followed(table: Array, share: float, output: Array, command: Array, speed: A
 
 @compiled
 def _put(kept: Array, place: int, known: Array) -> int:
-    kept[place:place + known.size] = known.ravel()
+    put(kept[place:place + known.size], known.ravel())
     return place + known.size
 
 
@@ -113,10 +119,9 @@ def ahead(kept: Array, record: Array, reading: Array, x: Array, cov: Array, sens
     if error > 0.0:
         net = command - applied(speed, state_of(x, sens, beta, anchor, held))
         doubt = doubt + error * np.maximum(loads[DRIVE, :2], net * net)
-    x[:], cov[:], sens[:] = predict(x, cov, sens, about, series, parts, away, command,
-                                    motion, np.sqrt(doubt), steps)
+    predict(x, cov, sens, about, series, parts, away, command, motion, np.sqrt(doubt), steps)
     if walked > 0.0:
-        cov[:], sens[:], spread[:] = walk(cov, sens, spread, steps * walked)
+        walk(cov, sens, spread, steps * walked)
 
 
 @compiled
@@ -155,15 +160,15 @@ def learnt(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor
         seen = measured * measured
         seen[:2] = 0.0
         noise = noise + error * np.maximum(loads[STRAIN], seen)
-    (after, shorter, slope, learned, left), innovation, variances, scores, log_det = correct(
+    innovation, variances, scores, log_det = correct(
         x, cov, sens, beta, spread, anchor, held, measured, offset, output, noise, gains, GATE,
         heaviest)
-    if not np.isfinite(log_det + after.sum() + left[0, 0]):
+    if np.isnan(log_det):
         return 0.0, 0.0, np.nan
-    x[:], cov[:], sens[:], beta[:], spread[:] = after, shorter, slope, learned, left
-    record[:], gained, stated = weigh(record, innovation, reading[0], variances, scores, log_det,
-                                      told, GATE, step)
-    reading[0], reading[1] = innovation, variances
+    gained, stated = weigh(record, innovation, reading[0], variances, scores, log_det, told, GATE,
+                           step)
+    put(reading[0], innovation)
+    put(reading[1], variances)
     return gained, stated, min(inner(scores, scores), GATE) / channels
 
 

@@ -71,8 +71,9 @@ class Shocks:
 
         """
         after = learnt
-        self._largest = [max(most, abs(command)) for most, command
-                         in zip(self._largest, sample.command.tolist())]
+        for joint, command in enumerate(sample.command.tolist()):
+            if abs(command) > self._largest[joint]:
+                self._largest[joint] = abs(command)
         if sample.measured is None:
             self._relocated = None
             return after, sample, False

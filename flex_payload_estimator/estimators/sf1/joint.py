@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+from flex_payload_estimator.kalman.in_place import add, add_matrix, put, put_matrix, scaled
 from flex_payload_estimator.kalman.riccati import lyapunov_step, riccati_step
 from flex_payload_estimator.model.delta import series
 from flex_payload_estimator.model.rates import rates_at, Tables, times
@@ -95,26 +96,6 @@ def at_start(scaled: Array, noise: Array, covariance: Array, variance: float) ->
 
 
 @compiled
-def _put_by_loops(out: Array, value: Array) -> None:
-    for place, number in np.ndenumerate(value):
-        out[place] = number
-
-
-@compiled
-def _add_by_loops(out: Array, value: Array) -> None:
-    for place, number in np.ndenumerate(value):
-        out[place] += number
-
-
-def _add(out: Array, value: Array) -> None:
-    out += value
-
-
-# Loops are compiled in a second, what they stand for in many.
-put, add = (_put_by_loops, _add_by_loops) if COMPILED else (np.copyto, _add)
-
-
-@compiled
 def carried(onward: Array, covariance: Array) -> Array:
     """Return F P F'."""
     return np.dot(np.dot(onward, covariance), onward.T)
@@ -184,28 +165,28 @@ def moved(before: tuple[Any, ...], ahead: tuple[Any, ...], since: int, cosine: f
     big = series(a, *room)
     found = np.dot(rates, big.T) * step
     put(after.state, track.state)
-    add(after.state, found[0])
+    add(after.state, 1.0, found[0])
     onward = _corrected(track, after, np.dot(big, a), measured, columns, process, measurement,
                         noise, step)
-    put(after.part, found[1:])
+    put_matrix(after.part, found[1:])
     if since > 0:
-        add(after.part, np.dot(track.part, onward.T))
-    put(after.sway, np.dot(big, a_m) * step)
+        add_matrix(after.part, 1.0, np.dot(track.part, onward.T))
+    put_matrix(after.sway, np.dot(big, a_m) * step)
     _carry_start(track, after, onward, since)
 
 
 @compiled
 def _carry_start(track: Track, after: Track, onward: Array, since: int) -> None:
     """Write how the errors at the last regression sway the state since: start, sway, reach."""
-    put(after.start, track.start)
+    put_matrix(after.start, track.start)
     if since == 1:
         # The measurement has been taken in: what it leaves of the errors sways the rest.
-        put(after.start, at_known_payload(track.joint.copy()))
+        put_matrix(after.start, at_known_payload(track.joint.copy()))
     if since > 1:
-        put(after.sway, np.dot(after.sway, track.reach))
-        add(after.sway, np.dot(onward, track.sway))
+        put_matrix(after.sway, np.dot(after.sway, track.reach))
+        add_matrix(after.sway, 1.0, np.dot(onward, track.sway))
         onward = np.dot(onward, track.reach)
-    put(after.reach, onward)
+    put_matrix(after.reach, onward)
 
 
 @compiled
@@ -218,18 +199,18 @@ def _corrected(track: Track, after: Track, a_bar: Array, measured: Array, column
                                                 track.covariance, step)
         onward = _onward(closed.T, step)
         innovation = measured - np.dot(track.state, columns)
-        add(after.state, np.dot(innovation, gain) * step)
+        add(after.state, step, np.dot(innovation, gain))
         whole = _whole(onward)
         noisy = np.dot(whole, noisy)
-        add(noisy[:len(a_bar)], gain.T * -step)
+        add_matrix(noisy[:len(a_bar)], -step, gain.T)
     else:
         covariance = lyapunov_step(a_bar.T, process, track.covariance, step)
         onward = _onward(a_bar, step)
         whole = _whole(onward)
-    put(after.covariance, covariance)
-    put(after.joint, carried(whole, track.joint))
+    put_matrix(after.covariance, covariance)
+    put_matrix(after.joint, carried(whole, track.joint))
     put(after.doubt, times(whole, track.doubt))
-    add(after.joint, np.dot(noisy * noise, noisy.T))
+    add_matrix(after.joint, 1.0, np.dot(scaled(noisy, noise), noisy.T))
     after.noisy[:] = 0.0
     return onward
 
@@ -237,8 +218,8 @@ def _corrected(track: Track, after: Track, a_bar: Array, measured: Array, column
 @compiled
 def _onward(rate: Array, step: float) -> Array:
     """Return I + T A, (n, n)."""
-    onward = np.empty(rate.shape)
-    put(onward, rate * step)
+    onward = np.zeros(rate.shape)
+    add_matrix(onward, step, rate)
     for i in range(len(onward)):
         onward[i, i] += 1.0
     return onward
@@ -249,7 +230,8 @@ def _whole(onward: Array) -> Array:
     """Return the same for (xi, epsilon): the payload stays, (n + 1, n + 1)."""
     n = len(onward)
     whole = np.zeros((n + 1, n + 1))
-    whole[:n, :n], whole[n, n] = onward, 1.0
+    put_matrix(whole[:n, :n], onward)
+    whole[n, n] = 1.0
     return whole
 
 

@@ -8,15 +8,14 @@ from typing import Any, NamedTuple
 
 from flex_payload_estimator.estimators.sf1.adaptation import sf1_step
 from flex_payload_estimator.estimators.sf1.joint import (
-    add,
     add_symmetric,
     at_known_payload,
     moved,
-    put,
     take_gain,
     take_slope,
     Track,
 )
+from flex_payload_estimator.kalman.in_place import add, add_outer, put_matrix, row_products
 from flex_payload_estimator.model.payload_model import PayloadModel
 from flex_payload_estimator.model.rates import times
 from flex_plant_sim.arm.second_order import Array
@@ -191,7 +190,7 @@ def sampled(predicted: tuple[Any, ...], scaled: Array, due: bool, before: tuple[
     image, shown = np.dot(law.rows, joint), np.dot(law.output, track.part[1])
     innovation = scaled - np.dot(law.output, track.state)
     # The payload's error also shows in what it has added to the state since: `take_slope`.
-    variance = ((image * law.rows).sum(1) + shown * (2.0 * image[:, n] + joint[n, n] * shown)
+    variance = (row_products(image, law.rows) + shown * (2.0 * image[:, n] + joint[n, n] * shown)
                 + law.sensors)
     variance += (times(law.rows, track.doubt) + shown * track.doubt[n])**2 * (
         known.lag**2 + known.spread - 1.0)
@@ -223,7 +222,8 @@ def _regressed(track: Track, scaled: Array, known: Adapted, law: Law) -> Adapted
     excitation = min((1.0 - law.fading) * known.excitation + law.fading * ratio,
                      math.e * SIGNIFICANT)
     shown = excitation > SIGNIFICANT or ratio > EVIDENT
-    part_0 = track.state - part * known.mass
+    part_0 = track.state.copy()
+    add(part_0, -known.mass, part)
     psi, phi = regression(row, np.dot(law.weights, scaled), part_0, part)
     innovation, weight = psi - phi * known.mass, 1.0
     if law.resolvent:
@@ -237,13 +237,13 @@ def _regressed(track: Track, scaled: Array, known: Adapted, law: Law) -> Adapted
         # A payload at its limit has moved by a part of the gain only, and so has its error.
         gain *= (mass - known.mass) / (free - known.mass)
     slope, change = np.zeros(n + 1), np.zeros(n + 1)
-    put(slope[:n], track.part[1] * true)
+    add(slope[:n], true, track.part[1])
     change[n] = gain
     if law.resolvent:
-        put(change[:n], part * gain)
-        add(track.state, part * (mass - known.mass))
+        add(change[:n], gain, part)
+        add(track.state, mass - known.mass, part)
     take_slope(track.joint, slope)
-    add(track.doubt, slope * track.doubt[n])
+    add(track.doubt, track.doubt[n], slope)
     beside = times(track.joint, law.row)
     seen, square = np.dot(law.row, track.doubt), np.dot(law.row, beside)
     lag, spread = known.lag, known.spread
@@ -251,16 +251,17 @@ def _regressed(track: Track, scaled: Array, known: Adapted, law: Law) -> Adapted
         noise = square - seen * seen + law.noise
         lag, spread = measured(lag, spread, innovation, seen, noise, 1.0 - law.fading)
     take_gain(track.joint, beside, square, change)
-    add(track.doubt, change * -seen)
+    add(track.doubt, -seen, change)
     noisy = track.joint.copy()
     add_symmetric(noisy, change, change * (0.5 * law.noise))
-    put(track.noisy, np.dot(change.reshape(n + 1, 1), law.weights.reshape(1, -1)) * -1.0)
+    track.noisy[:] = 0.0
+    add_outer(track.noisy, -change, law.weights)
     if mass + lag * track.doubt[n] < 0.0:
         # Less than nothing: so far off, errors are not linear, and what they told is forgotten.
         lag, spread = 0.0, 1.0
     doubt = track.doubt[n]**2
     variance = max(noisy[n, n] - doubt, 0.0) + (lag * lag + spread) * doubt
-    put(track.start, at_known_payload(noisy))
+    put_matrix(track.start, at_known_payload(noisy))
     return Adapted(mass, p, variance, excitation, lag, spread)
 
 
