@@ -25,6 +25,7 @@ from flex_payload_estimator.estimators.rpe.products import (
     squared,
     whitener,
 )
+from flex_payload_estimator.estimators.rpe.series import series_at
 from flex_payload_estimator.kalman.in_place import (
     add,
     add_both,
@@ -38,7 +39,7 @@ from flex_payload_estimator.kalman.in_place import (
     scaled,
 )
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.compiled import COMPILED, compiled
+from flex_plant_sim.compiled import compiled
 import numpy as np
 
 # Columns of s before the gauges' biases.
@@ -73,42 +74,13 @@ def _off_nominal(parts: Array, anchor: Array, drive: Array, moved: Array, jacobi
 
 
 @compiled
-def _waves_by_loops(angle: float, count: int) -> Array:
-    waves = np.empty((2, count))
-    for k in range(count):
-        waves[0, k], waves[1, k] = np.cos(angle * k), -k * np.sin(angle * k)
-    return waves
-
-
-def _waves_by_numpy(angle: float, count: int) -> Array:
-    order = np.arange(float(count))
-    return np.stack([np.cos(angle * order), -order * np.sin(angle * order)])
-
-
-# cos(k angle) and their derivatives, (2, K).
-_waves = _waves_by_loops if COMPILED else _waves_by_numpy
-
-
-@compiled
-def _at(angle: float, series: Array, away: float) -> tuple[Array, Array, Array]:
-    """Return M and its derivatives over the angle and over the payload, all flat."""
-    width, found = series.shape[1] // 3, product(_waves(angle, len(series)), series)
-    flat, over_m, bend = found[0][:width], found[0][width:2 * width], found[0][2 * width:]
-    if away != 0.0:
-        add(flat, away, over_m)
-        add(flat, 0.5 * away * away, bend)
-        add(over_m, away, bend)
-    return flat, found[1][:width], over_m
-
-
-@compiled
 def _stepped(x: Array, anchor: Array, series: Array, parts: Array, away: float,
              command: Array, motion: Array) -> tuple[Array, Array, Array, Array]:
     """Return M d, its derivatives over state and parameters, and what of M commands meet."""
     n, moves, share = x.size, len(motion) > 0, anchor[CORIOLIS]
     lean = scheduling_row(motion, n) if moves else np.zeros(n)
     beyond = inner(lean, x)
-    flat, over_angle, over_m = _at(x[1] + share * beyond, series, away)
+    flat, over_angle, over_m = series_at(x[1] + share * beyond, series, away)
     held = flat.size // n
     matrix, drive = flat.reshape(n, held), np.zeros(held)
     put(drive[:n], x)

@@ -1,0 +1,50 @@
+"""A slice of the schedule at an angle: a cosine series and its derivatives."""
+
+from __future__ import annotations
+
+from flex_payload_estimator.estimators.rpe.products import product
+from flex_payload_estimator.kalman.in_place import add
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.compiled import COMPILED, compiled
+import numpy as np
+
+
+@compiled
+def _waves_by_loops(angle: float, count: int) -> Array:
+    waves = np.empty((2, count))
+    for k in range(count):
+        waves[0, k], waves[1, k] = np.cos(angle * k), -k * np.sin(angle * k)
+    return waves
+
+
+def _waves_by_numpy(angle: float, count: int) -> Array:
+    order = np.arange(float(count))
+    return np.stack([np.cos(angle * order), -order * np.sin(angle * order)])
+
+
+# cos(k angle) and their derivatives, (2, K).
+_waves = _waves_by_loops if COMPILED else _waves_by_numpy
+
+
+@compiled
+def series_at(angle: float, series: Array, away: float) -> tuple[Array, Array, Array]:
+    """
+    Return M and its derivatives over the angle and over the payload, each flat, (W,).
+
+    Parameters
+    ----------
+    angle : float
+        rad.
+    series : Array
+        See PayloadSlice.
+    away : float
+        Payload beyond the slice's, kg.
+
+    """
+    width, found = series.shape[1] // 3, product(_waves(angle, len(series)), series)
+    flat, over_m, bend = found[0][:width], found[0][width:2 * width], found[0][2 * width:]
+    if away != 0.0:
+        add(flat, away, over_m)
+        add(flat, 0.5 * away * away, bend)
+        add(over_m, away, bend)
+    return flat, found[1][:width], over_m
