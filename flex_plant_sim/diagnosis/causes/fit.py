@@ -177,17 +177,12 @@ class Descent:
         """
         Return the minimum found from the best of some starts, linearised near it.
 
-        Where much is left, also from where each arm's own filter errs least; and what takes its
-        time also from all of it at once: between the two are side valleys.
+        What takes its time is tried from all of it at once, too: between are side valleys.
         """
         point = self.down(starts, rough)
         sudden = self.causes.sudden(point.values)
         if not rough and np.any(sudden != point.values):
             point = min(point, self.down([sudden], rough), key=lambda p: p.cost)
-        if (self.likelihood.alike and point.values.size
-                and np.any(self.moments(point).scaled() > EXCESS)):
-            afar = Descent(self.likelihood.smooth, self.causes, self.scale).down(starts, rough)
-            point = min(point, self.down([afar.values], rough), key=lambda p: p.cost)
         return point
 
     def down(self, starts: Sequence[Array], rough: bool = False) -> Point:

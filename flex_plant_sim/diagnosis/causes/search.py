@@ -88,6 +88,7 @@ class _Course:
         self.settled: dict[Key, Settled] = {}
         self.latest: tuple[Key, Settled] | None = None
         self.thin: Likelihood
+        self.about: Array | None = None
         self.looks: list[tuple[Hypothesis, tuple[Look, ...]]] = []
         self.rough: dict[Key, list[Fit]] = {}
 
@@ -105,6 +106,7 @@ class _Course:
         other.known, other.settled, other.latest = {}, {}, None
         nothing = Key(frozenset(), self.nominal.discrepancy)
         other.rough = {replace(nothing, level=level): [moved(f) for f in self.rough[nothing]]}
+        other.about = self.settled[nothing].fit.deviations
         return other
 
     def settle(self, trial: Trial, level: Amplitude, scale: Array | None = None) -> Settled:
@@ -318,7 +320,7 @@ def _searched(course: _Course) -> Search | None:
     """
     nominal, progress = course.nominal, course.progress
     progress('nothing', 0.0)
-    nothing = course.settle(Trial((), (np.zeros(0),)), nominal.discrepancy)
+    nothing = course.settle(Trial((), (np.zeros(0),), course.about), nominal.discrepancy)
     if not course.looks:
         course.look(nothing)
     promises = {Key.of(nothing.fit): course.around(nothing)}
