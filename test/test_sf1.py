@@ -11,10 +11,14 @@ from flex_payload_estimator.estimators.base import Estimate
 from flex_payload_estimator.estimators.factory import make_estimator
 from flex_payload_estimator.estimators.sf1.adaptation import sf1_step
 from flex_payload_estimator.estimators.sf1.estimator import SF1Estimator
+from flex_payload_estimator.estimators.sf1.joint import at_start
 from flex_payload_estimator.estimators.sf1.regression import (
+    Adapted,
     CompositeMeasurement,
+    Law,
     measured,
     regression,
+    sampled,
 )
 from flex_payload_estimator.estimators.sf1.settings import (
     Pace,
@@ -131,6 +135,51 @@ def test_the_lag_is_what_least_squares_say_and_forgetting_keeps_its_second_momen
     later, wider = measured(lag, spread, 0.7, 0.0, 1.0, 0.9)
     assert later == pytest.approx(0.9 * lag)
     assert later**2 + wider == pytest.approx(lag**2 + spread)
+
+
+@pytest.mark.parametrize('level, own', [(0.5, 3.0), (4.0, 3.0), (4.0, 1.0)])
+@pytest.mark.parametrize('lag, spread', [(0.0, 1.0), (0.4, 0.3)])
+def test_birges_ratio_widens_variances_and_leaves_the_lag(
+        level: float, own: float, lag: float, spread: float) -> None:
+    """One regression on two states, beside the Gaussian written out; own: J over the doubt's."""
+    random, ratio = np.random.default_rng(11), max(level, 1.0)
+    output, sensors = np.array([[1.0, 0.3], [0.2, 1.0]]), np.array([0.01, 0.02])
+    weights, doubt = np.array([0.7, 0.5]), np.array([0.06, -0.04, 0.2])
+    row, part, slope = weights @ output, np.array([0.3, 0.2]), np.array([0.5, -0.1, 0.0])
+    start = random.standard_normal((3, 3))
+    joint = 1e-3 * start @ start.T + own / 3.0 * np.outer(doubt, doubt)
+    track = at_start(np.zeros(2), sensors, np.eye(2), 0.04)
+    track.joint[:], track.doubt[:], track.part[0], track.part[1] = joint, doubt, part, slope[:2]
+    noise = float(weights**2 @ sensors)
+    law = Law(weights, np.append(row, 0.0), output, np.pad(output, ((0, 0), (0, 1))), sensors,
+              np.ones(2), noise, 1.0, float(row @ row) + 1.0, 0.1, 2.0, 2.0, 0.0, 0.1, 1.0, True)
+    known = Adapted(0.1, 0.5, 0.04, 8.0, lag, spread, level)
+    scaled, reading = np.array([0.05, 0.11]), np.empty((2, 2))
+    surprise, found = sampled(tuple(track), scaled, True, tuple(known), tuple(law), reading)
+    # What was stated of the innovations.
+    add = np.eye(3) + np.outer(slope, [0.0, 0.0, 1.0])
+    rows = np.pad(output, ((0, 0), (0, 1))) @ add
+    swung = (rows @ doubt)**2
+    rest = np.maximum(np.diagonal(rows @ joint @ rows.T) - swung, 0.0)
+    stated = rest + sensors + (lag**2 + spread) * swung
+    np.testing.assert_allclose(reading[1]**2, stated, rtol=1e-12)
+    assert surprise == pytest.approx(np.mean(scaled**2 / stated))
+    # What the sample says, and what (29) makes of it.
+    if lag == 0.0:
+        doubt = doubt * np.array([ratio**-0.5, ratio**-0.5, 1.0])
+    joint, doubt, line = add @ joint @ add.T, add @ doubt, np.append(row, 0.0)
+    e, phi, seen = weights @ scaled, row @ part, line @ doubt
+    other = max(line @ joint @ line - seen**2, 0.0) + noise
+    weight = 1.0 / spread + seen**2 / other
+    lag, spread = (lag / spread + seen * e / other) / weight, 1.0 / weight
+    theta, _ = printed_sf1(e + phi * 0.1, phi, 0.1, 0.5)
+    kappa = (theta - 0.1) / e
+    change = kappa * np.append(part, 1.0)
+    onward = np.eye(3) - np.outer(change, line)
+    left, last = (onward @ doubt)[2], onward @ joint @ onward.T + noise * np.outer(change, change)
+    variance = ratio * (max(last[2, 2] - left**2, 0.0) + spread * left**2) + (lag * left)**2
+    expected = theta, variance, lag, spread, level + 0.1 * (surprise - level)
+    np.testing.assert_allclose([found[k] for k in (0, 2, 4, 5, 6)], expected, rtol=1e-10)
 
 
 @pytest.mark.parametrize('step, model', [

@@ -111,7 +111,7 @@ class SF1Estimator:
             np.pad(self.model.output, ((0, 0), (0, 1))), self._sensors, self.model.scale,
             float(weights**2 @ self._sensors), given.r_2 / share * float(weights @ weights),
             self._settled_noise(), given.sf1.alpha_0 * share, given.sf1.alpha_1, given.mass_max,
-            min(1.0, pace / MEMORY), unseen, self._resolvent))
+            min(1.0, pace / MEMORY), min(1.0, self.step / MEMORY), unseen, self._resolvent))
 
     def _settled_noise(self) -> float:
         """Return the composite innovation's variance that (30) settles to, straight, unloaded."""
@@ -130,12 +130,12 @@ class SF1Estimator:
         """Forget everything."""
         self.rejected = 0
         given = self.settings.sf1
-        self.known = Adapted(given.mass_0, given.p_0, given.variance_0, 1.0, 0.0, 1.0)
+        self.known = Adapted(given.mass_0, given.p_0, given.variance_0, 1.0, 0.0, 1.0, 1.0)
         self.track: Track | None = None
         self._tracks: tuple[Track, ...] = ()
         self._measured, self._command, self._angle = NO_SAMPLE, np.zeros(2), 0.0
         self._ahead: Array | None = None
-        self._since, self._level = 0, 1.0
+        self._since = 0
         nothing = np.stack([0.0 * self.model.scale, 1.0 / self.model.scale])
         self._last = self._estimate(0.0, nothing, 'not_excited')
 
@@ -190,7 +190,6 @@ class SF1Estimator:
         if not (math.isfinite(surprise + known.mass + known.p)
                 and 0.0 < known.variance < math.inf):
             return self._begin(time, scaled, 'model_suspect')
-        self._level += min(1.0, self.step / MEMORY) * (surprise - self._level)
         self.track, self.known, self._angle = track, known, float(scaled[1])
         self._measured, self._since = (scaled, 0) if due else (NO_SAMPLE, self._since + 1)
         return self._say(time, reading)
@@ -199,7 +198,7 @@ class SF1Estimator:
         """Start the state at a sample; the payload stays what it was."""
         start = INITIAL_VARIANCE * np.eye(self.model.states)
         # One to read while the other is written.
-        self._tracks = tuple(at_start(scaled, self._sensors, start, self.known.variance)
+        self._tracks = tuple(at_start(scaled, self._sensors, start, self._variance())
                              for _ in range(2))
         self.track = self._tracks[0]
         self.known = self.known._replace(lag=0.0, spread=1.0)
@@ -256,8 +255,7 @@ class SF1Estimator:
         assert self.track is not None
         # V is carried on by the secant to where the payload may be: a heavier one shows less.
         mass = self.known.mass
-        variance = self._last.variance if self._resolvent else self.known.variance
-        heavier = mass + MEAN_DEVIATION * math.sqrt(variance)
+        heavier = mass + MEAN_DEVIATION * math.sqrt(self._variance())
         noisy = (self._since + 1) % self.pace.samples == 0
         return (tuple(self.track), tuple(after), self._since, math.cos(self._angle),
                 self.model.tables, mass, heavier, self._as_printed, self._resolvent,
@@ -268,7 +266,7 @@ class SF1Estimator:
     def _say(self, time: float, reading: Array) -> Estimate:
         """Return the estimate with what is to be thought of it."""
         status = 'ok'
-        if self._level > SUSPECT:
+        if self.known.level > SUSPECT:
             status = 'model_suspect'
         elif (self.known.excitation <= SIGNIFICANT
               or self.known.variance > 0.5 * self.settings.sf1.variance_0):
@@ -290,13 +288,17 @@ class SF1Estimator:
         return self._last
 
     def _estimate(self, time: float, reading: Array, status: str) -> Estimate:
-        known, given = self.known, self.settings.sf1
-        # Birge's ratio: noise above the file's, or a model that is wrong, widens the interval.
-        variance = known.variance * max(self._level, 1.0)
-        if self._resolvent:
-            # As much is known without any sample.
-            variance = min(variance, (known.mass - given.mass_0)**2 + given.variance_0)
+        known, variance = self.known, self._variance()
+        if not self._resolvent:
+            variance *= max(known.level, 1.0)
         return Estimate(time, known.mass, variance, known.p, reading[0], reading[1], status)
+
+    def _variance(self) -> float:
+        """Return the payload's variance, kg^2: as much is known without any sample."""
+        known, given = self.known, self.settings.sf1
+        if not self._resolvent:
+            return known.variance
+        return min(known.variance, (known.mass - given.mass_0)**2 + given.variance_0)
 
 
 def check_usable(robot: Robot, model: str, modes: int, settings: SF1EstimatorSettings) -> None:

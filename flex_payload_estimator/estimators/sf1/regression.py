@@ -107,6 +107,8 @@ class Law(NamedTuple):
         Of (29), and the largest payload, kg.
     fading : float
         Share of MEMORY from one regression to the next.
+    passing : float
+        From one sample to the next.
     unseen : float
         By how much sway's variance is larger for the one sample that it leaves out.
     resolvent : bool
@@ -128,6 +130,7 @@ class Law(NamedTuple):
     alpha_1: float
     largest: float
     fading: float
+    passing: float
     unseen: float
     resolvent: bool
 
@@ -145,6 +148,8 @@ class Adapted(NamedTuple):
     lag, spread : float
         By how many of Track.doubt the payload is off, as the innovations have it, and the
         variance of that.
+    level : float
+        Mean square of innovations over what was stated of them, over MEMORY: Birge's ratio.
 
     """
 
@@ -154,6 +159,7 @@ class Adapted(NamedTuple):
     excitation: float
     lag: float
     spread: float
+    level: float
 
 
 @compiled
@@ -192,16 +198,19 @@ def sampled(predicted: tuple[Any, ...], scaled: Array, due: bool, before: tuple[
     # The payload's error also shows in what it has added to the state since: `take_slope`.
     variance = (row_products(image, law.rows) + shown * (2.0 * image[:, n] + joint[n, n] * shown)
                 + law.sensors)
-    variance += (times(law.rows, track.doubt) + shown * track.doubt[n])**2 * (
-        known.lag**2 + known.spread - 1.0)
     # A model that explodes has left no digit of its covariance.
     variance = np.where(variance > 0.0, variance, np.nan)
+    # Instead of what one doubt shows, what so many of them do.
+    swung = (times(law.rows, track.doubt) + shown * track.doubt[n])**2
+    lags = known.lag**2 + known.spread
+    variance = np.maximum(variance - swung, law.sensors) + lags * swung
     reading[0], reading[1] = innovation / law.scale, np.sqrt(variance) / law.scale
-    surprise = np.dot(innovation, innovation / variance)
+    surprise = np.dot(innovation, innovation / variance) / len(scaled)
     if due:
         known = _regressed(track, scaled, known, law)
-    return surprise / len(scaled), (
-        known.mass, known.p, known.variance, known.excitation, known.lag, known.spread)
+    level = known.level + law.passing * (surprise - known.level)
+    return surprise, (known.mass, known.p, known.variance, known.excitation, known.lag,
+                      known.spread, level)
 
 
 @compiled
@@ -242,13 +251,18 @@ def _regressed(track: Track, scaled: Array, known: Adapted, law: Law) -> Adapted
     if law.resolvent:
         add(change[:n], gain, part)
         add(track.state, mass - known.mass, part)
+    lag, spread = known.lag, known.spread
+    level = max(known.level, 1.0) if law.resolvent else 1.0
+    if shown and lag == 0.0 and spread == 1.0:
+        # Nothing is learnt as yet. What was stated is 1 / level of what innovations were: no more
+        # of the state's error is what the doubt did to it. The rest has lost its phase.
+        add(track.doubt[:n], level**-0.5 - 1.0, track.doubt[:n])
     take_slope(track.joint, slope)
     add(track.doubt, track.doubt[n], slope)
     beside = times(track.joint, law.row)
     seen, square = np.dot(law.row, track.doubt), np.dot(law.row, beside)
-    lag, spread = known.lag, known.spread
     if shown and law.resolvent:
-        noise = square - seen * seen + law.noise
+        noise = max(square - seen * seen, 0.0) + law.noise
         lag, spread = measured(lag, spread, innovation, seen, noise, 1.0 - law.fading)
     take_gain(track.joint, beside, square, change)
     add(track.doubt, -seen, change)
@@ -260,9 +274,10 @@ def _regressed(track: Track, scaled: Array, known: Adapted, law: Law) -> Adapted
         # Less than nothing: so far off, errors are not linear, and what they told is forgotten.
         lag, spread = 0.0, 1.0
     doubt = track.doubt[n]**2
-    variance = max(noisy[n, n] - doubt, 0.0) + (lag * lag + spread) * doubt
+    # Birge's ratio, for noise above the file's or a model that is wrong; the lag is a mean.
+    variance = level * (max(noisy[n, n] - doubt, 0.0) + spread * doubt) + lag * lag * doubt
     put_matrix(track.start, at_known_payload(noisy))
-    return Adapted(mass, p, variance, excitation, lag, spread)
+    return Adapted(mass, p, variance, excitation, lag, spread, known.level)
 
 
 @compiled
