@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.diagnosis.causes.course import Progress
 from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.causes.hypothesis import Causes, Hypothesis
 from flex_plant_sim.diagnosis.causes.over_sets import (
@@ -15,7 +16,7 @@ from flex_plant_sim.diagnosis.causes.over_sets import (
     places_of,
 )
 from flex_plant_sim.diagnosis.causes.posterior import is_unknown, Key, Posterior
-from flex_plant_sim.diagnosis.causes.search import Progress, Search, search
+from flex_plant_sim.diagnosis.causes.search import Search, search
 from flex_plant_sim.diagnosis.likelihood.prior import deviated
 from flex_plant_sim.diagnosis.prediction.predictor import Base
 from flex_plant_sim.diagnosis.record.data import Data
