@@ -49,7 +49,6 @@ class Course:
                           if not any(h.effect is type(e) for e in nominal.effects)]
         self.known: dict[Key, Fit] = {}
         self.settled: dict[Key, Settled] = {}
-        self.latest: tuple[Key, Settled] | None = None
         self.thin: Likelihood
         self.about: Array | None = None
         self.looks: list[tuple[Hypothesis, tuple[Look, ...]]] = []
@@ -66,7 +65,7 @@ class Course:
 
         other, level = copy(self), replace(self.nominal.discrepancy, sensed=True)
         other.nominal = replace(self.nominal, discrepancy=level)
-        other.known, other.settled, other.latest = {}, {}, None
+        other.known, other.settled = {}, {}
         nothing = Key(frozenset(), self.nominal.discrepancy)
         other.rough = {replace(nothing, level=level): [moved(f) for f in self.rough[nothing]]}
         other.about = self.settled[nothing].fit.deviations
@@ -81,16 +80,9 @@ class Course:
         self.known[key], self.settled[key] = found.fit, found
         return found
 
-    def start(self, centre: Settled) -> Settled:
-        """Return a set as those near it are proposed and fitted from; the latest is kept."""
-        key, base = Key.of(centre.fit), replace(self.nominal, discrepancy=centre.fit.discrepancy)
-        if self.latest is None or self.latest[0] != key:
-            self.latest = key, centre.near_file(base, self.data, self.jobs)
-        return self.latest[1]
-
     def look(self, nothing: Settled) -> None:
         """Look at all hypotheses."""
-        self.thin = self.start(nothing).from_afar.likelihood.thinned(SAMPLES)
+        self.thin = nothing.from_afar.likelihood.thinned(SAMPLES)
         self.looks = each(Looker(self.thin, self.data.duration), self.catalogue, self.jobs,
                           lambda share: self.progress('looking at all causes', 0.4 * share))
 
@@ -152,9 +144,9 @@ class Course:
 
     def around(self, centre: Settled) -> list[Promise]:
         """Fit the sets near a set; return what further causes promise beside it."""
-        for trial in in_place_of_parts(centre, self.catalogue):
-            attempt(lambda t: self.settle(t, centre.fit.discrepancy, centre.fit.scale), trial)
-        centre = self.start(centre)
+        settled = self.settled[Key.of(centre.fit)]
+        for trial in in_place_of_parts(settled, self.catalogue):
+            attempt(lambda t: self.settle(t, centre.fit.discrepancy, settled.fit.scale), trial)
         promises, step = self.promises(centre), f'cause {len(centre.fit.hypotheses) + 1}'
         if Key.of(centre.fit) not in self.rough:
             self.rough[Key.of(centre.fit)] = self._rough(centre, promises, step)
@@ -208,7 +200,7 @@ class Course:
     def settle_leading(self, centre: Settled) -> None:
         """Linearise the sets that may lead around themselves, so that they compare."""
         ranked = self.ranked()
-        self._settle(ranked.fits[:LEADING], ranked.best, self.start(centre))
+        self._settle(ranked.fits[:LEADING], ranked.best, centre)
 
     def settle_rivals(self, best: Settled, centre: Settled) -> None:
         """Linearise what is likeliest in the place of each cause of a set around itself."""

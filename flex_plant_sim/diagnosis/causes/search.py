@@ -88,10 +88,10 @@ def _searched(course: Course) -> Search | None:
     nominal, progress = course.nominal, course.progress
     progress('nothing', 0.0)
     nothing = course.settle(Trial((), (np.zeros(0),), course.about), nominal.discrepancy)
+    best = nothing.near_file(nominal, course.data, course.jobs)
     if not course.looks:
-        course.look(nothing)
-    promises = {Key.of(nothing.fit): course.around(nothing)}
-    best = nothing
+        course.look(best)
+    promises = {Key.of(nothing.fit): course.around(best)}
     while len(promises) < EXPLORED:
         course.settle_leading(best)
         # What was fitted around another set and turns out worse around itself has fallen back.

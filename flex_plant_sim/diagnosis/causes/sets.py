@@ -118,18 +118,16 @@ class Settled:
 
     def near_file(self, base: Base, data: Data, jobs: int = 1) -> Settled:
         """
-        Return the set as those near it are proposed and fitted from.
+        Return no cause as sets of one are proposed and fitted from.
 
-        Parts far off stand for a cause that is not in the set: with it they are near their file,
-        and from where they are nothing tells so (one mode a link: 480 nats from the file, -54
-        from parts that are 7 tolerances off). Then it is linearised around the file's parts.
+        Parts far off stand for a cause: with it they are near their file, and from where they are
+        nothing tells so (one mode a link: 480 nats from the file, -54 from parts that are 7
+        tolerances off). Then it is linearised around the file's parts.
         """
-        if np.max(np.abs(self.fit.deviations / self.likelihood.tolerances), initial=0.0) <= FAR:
+        if np.max(np.abs(self.fit.deviations / self.likelihood.tolerances)) <= FAR:
             return self
-        causes = Causes(self.fit.hypotheses, data.duration)
-        likelihood = self.first or Likelihood(
-            base, data.windows, data.noise, causes.effects(self.fit.values), None, jobs)
-        descent = Descent(likelihood, causes, self.fit.scale)
+        likelihood = self.first or Likelihood(base, data.windows, data.noise, (), None, jobs)
+        descent = Descent(likelihood, self.causes, self.fit.scale)
         point = descent.run((self.fit.values,))
         return Settled(likelihood, point, descent.fit(point))
 
