@@ -251,21 +251,15 @@ def _regressed(track: Track, scaled: Array, known: Adapted, law: Law) -> Adapted
     if law.resolvent:
         add(change[:n], gain, part)
         add(track.state, mass - known.mass, part)
-    lag, spread = known.lag, known.spread
     level = max(known.level, 1.0) if law.resolvent else 1.0
+    lag, spread = known.lag, known.spread
     if shown and lag == 0.0 and spread == 1.0:
         # Nothing is learnt as yet. What was stated is 1 / level of what innovations were: no more
         # of the state's error is what the doubt did to it. The rest has lost its phase.
         add(track.doubt[:n], level**-0.5 - 1.0, track.doubt[:n])
-    take_slope(track.joint, slope)
-    add(track.doubt, track.doubt[n], slope)
-    beside = times(track.joint, law.row)
-    seen, square = np.dot(law.row, track.doubt), np.dot(law.row, beside)
+    seen, noise = _carried(track, slope, change, law)
     if shown and law.resolvent:
-        noise = max(square - seen * seen, 0.0) + law.noise
         lag, spread = measured(lag, spread, innovation, seen, noise, 1.0 - law.fading)
-    take_gain(track.joint, beside, square, change)
-    add(track.doubt, -seen, change)
     noisy = track.joint.copy()
     add_symmetric(noisy, change, change * (0.5 * law.noise))
     track.noisy[:] = 0.0
@@ -278,6 +272,18 @@ def _regressed(track: Track, scaled: Array, known: Adapted, law: Law) -> Adapted
     variance = level * (max(noisy[n, n] - doubt, 0.0) + spread * doubt) + lag * lag * doubt
     put_matrix(track.start, at_known_payload(noisy))
     return Adapted(mass, p, variance, excitation, lag, spread, known.level)
+
+
+@compiled
+def _carried(track: Track, slope: Array, change: Array, law: Law) -> tuple[float, float]:
+    """Carry covariance and doubt through a regression; return doubt and noise of its residual."""
+    take_slope(track.joint, slope)
+    add(track.doubt, track.doubt[-1], slope)
+    beside = times(track.joint, law.row)
+    seen, square = np.dot(law.row, track.doubt), np.dot(law.row, beside)
+    take_gain(track.joint, beside, square, change)
+    add(track.doubt, -seen, change)
+    return float(seen), float(max(square - seen * seen, 0.0) + law.noise)
 
 
 @compiled
