@@ -198,9 +198,16 @@ class Course:
         return max(self.settled.values(), key=lambda s: self.score(s.fit))
 
     def settle_leading(self, centre: Settled) -> None:
-        """Linearise the sets that may lead around themselves, so that they compare."""
-        ranked = self.ranked()
-        self._settle(ranked.fits[:LEADING], ranked.best, centre)
+        """
+        Linearise the sets that may lead around themselves, so that they compare.
+
+        Those around the file's parts compare with one another alone.
+        """
+        fits = self.ranked().fits
+        if centre.fit is not self.settled[Key.of(centre.fit)].fit:
+            fits = tuple(fit for fit in fits if Key.of(fit).plain not in self.settled)
+        if fits:
+            self._settle(fits[:LEADING], fits[0], centre)
 
     def settle_rivals(self, best: Settled, centre: Settled) -> None:
         """Linearise what is likeliest in the place of each cause of a set around itself."""
