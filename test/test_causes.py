@@ -129,6 +129,17 @@ def test_a_cause_is_found_that_parts_far_off_stand_for() -> None:
     assert np.max(np.abs(found.best.fit.deviations / tolerances)) < 2.0
 
 
+def test_a_payload_told_wrong_is_found_though_parts_undo_most_of_it() -> None:
+    # Around the file's parts 40 g are behind no cause, whose parts are where they fit best.
+    found, _ = searched(('payload_mass:arm:deviation_kg=0.04',), None,
+                        ('payload_mass', 'strain_gain', 'link_stiffness', 'strain_filter'))
+    cause, = found.posterior.best.hypotheses
+    assert cause.label == 'payload_mass:arm'
+    best = found.posterior.best
+    assert abs(best.values[0] - 0.04) < 2.0 * np.sqrt(best.covariance[0, 0]) < 0.01
+    assert np.max(np.abs(found.nothing.deviations / found.best.likelihood.tolerances)) > 3.0
+
+
 def test_what_nature_has_few_values_of_promises_what_that_value_does() -> None:
     # ln N of rows (8) less twice (3) a change: 0.5 |r|^2 - 0.5 |r + 2 c|^2; no more is asked.
     rng, known = np.random.default_rng(3), hypotheses(REFERENCE)
