@@ -44,6 +44,7 @@ def test_the_demo_estimates_the_payload_and_says_what_to_look_at(
 ) -> None:
     folder, words = output
     summary = json.loads((folder / 'summary.json').read_text())
+    assert summary['robot'] == 'arm.yaml' and (folder / 'arm.yaml').is_file()
     assert abs(summary['mass_kg'] - 0.1) < 2.5 * summary['std_kg'] < 0.02
     assert summary['at_s']['3'] == pytest.approx(0.1, rel=0.1)
     first = words.splitlines()[0]

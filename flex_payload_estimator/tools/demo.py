@@ -211,7 +211,11 @@ def write_output(experiment: Experiment, record: LoopRecord, folder: Path,
     write_bag(folder / BAG, log, inputs=inputs)
     save_figures(record, folder, figures)
     draw(record, answers, folder / PICTURE)
-    command_line.write_json(folder / SUMMARY, summary_of(experiment, record))
+    summary = summary_of(experiment, record)
+    if (folder / ARM).exists():
+        # Beside the summary, for this folder is renamed.
+        summary['robot'] = ARM
+    command_line.write_json(folder / SUMMARY, summary)
 
 
 def opening_words(options: argparse.Namespace) -> str:
