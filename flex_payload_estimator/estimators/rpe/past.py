@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import comb
 
-from flex_payload_estimator.estimators.rpe.evidence import NOISIER
+from flex_payload_estimator.estimators.rpe.evidence import FEWEST, NOISIER
 from flex_payload_estimator.estimators.rpe.hypothesis import Filter, Sample
 from flex_payload_estimator.estimators.rpe.sensors import Loads
 from flex_plant_sim.arm.second_order import Array
+import numpy as np
+
+# Differences of measurements that are taken for noise: noise passes all, a motion few.
+ORDERS = (1, 2, 3)
 
 
 @dataclass(slots=True)
@@ -68,6 +73,22 @@ class Past:
         """Tell whether a filter has found far more noise than there was so many samples ago."""
         before = self[max(self.first, self.end - 1 - ago)].noise
         return bool((f.record[:-5] > NOISIER * before).any())
+
+    def most_noise(self, told: Array) -> Array:
+        """
+        Return what the last samples' noise may be at most, over the told variances, (m,).
+
+        The mean square of differences, over what unit noise has; motion is in it as well.
+        """
+        late = [moment.sample.measured for moment in self._moments[-int(FEWEST):]]
+        values = np.array([measured for measured in late if measured is not None])
+        orders = [k for k in ORDERS if k < len(values)]
+        if not orders:
+            return np.ones(told.size)
+        squares = np.array([np.mean(np.diff(values, k, axis=0)**2, axis=0) / comb(2 * k, k)
+                            for k in orders]) / told
+        kinds = squares[:, :2].mean(1).min(), squares[:, 2:].mean(1).min()
+        return np.repeat(kinds, (2, told.size - 2))
 
     def add(self, moment: Moment) -> None:
         """

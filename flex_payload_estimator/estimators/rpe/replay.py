@@ -178,8 +178,10 @@ def _from_prior(f: Filter, mode: Mode, share: float, past: Past, stepper: Filter
 def exact_beside(f: Filter, past: Past, stepper: FilterStep) -> Replay:
     """Return an exact model that begins about what one of parts has found."""
     moment, new = past[past.first], stepper.renewed(f, EXACT, CLOSE, 0.0)
-    # One of parts knows no noise that is less than it was told.
-    new.record[:-5] = np.maximum(new.record[:-5], np.maximum(moment.noise, 1.0))
+    # One of parts takes noise for its model error. What begins with too little is sure of a
+    # state that is wrong, and all it sees then looks like a motion; too much soon shows.
+    new.record[:-5] = np.maximum(np.maximum(new.record[:-5], moment.noise),
+                                 past.most_noise(stepper.told_variance))
     stepper.begin_at(new, moment.sample, moment.loads, past.rested)
     return Replay([Relearner(new)], past.first + 1, sought=True)
 
