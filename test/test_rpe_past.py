@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from extended_arms import arm, ROBOT
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
@@ -140,6 +141,41 @@ def test_noise_counts_as_grown_from_four_times_its_variance_on_then() -> None:
     assert past.noisier(f, 0)
     f.record[2:6] = 1.0
     assert not past.noisier(f, 0)
+
+
+def test_the_noise_at_most_is_that_of_differences_and_no_motion_hides_any() -> None:
+    random, told = np.random.default_rng(3), np.array([1e-3] * 2 + [1e-6] * 4)
+    sizes = np.repeat([2.0, 50.0], (2, 4)) * told
+    loads = Motion(estimator_of().stepper).loads
+    for swing, most in ((0.0, 2.0), (1e4, 4.0)):
+        past, squares = Past(1000), []
+        assert (past.most_noise(told**2) == 1.0).all()
+        for k in range(400):
+            outputs = sizes * random.standard_normal(6) + swing * told * np.sin(0.03 * k)
+            # Every seventh is no measurement.
+            sample = Sample(0.01 * k, None if k % 7 == 0 else outputs, np.zeros(2))
+            past.add(Moment(sample, loads, 0.01, 0.0, np.ones(6)))
+            squares += [past.most_noise(told**2) * told**2 / sizes**2] if k > 40 else []
+        assert (0.5 < np.median(squares, axis=0)).all()
+        assert (np.median(squares, axis=0)[2:] < most).all()
+
+
+def test_an_exact_model_is_found_under_fifty_times_the_noise_told() -> None:
+    # Little noise: its own model error hides it from one of parts.
+    robot, truth = robot_with(1.8e-4), PayloadProfile.constant(0.2372)
+    told = replace(robot, angle_noise=robot.angle_noise / 50.0,
+                   strain_noise=robot.strain_noise / 50.0)
+    estimator = estimator_of(told, modes=3)
+    simulator = Simulator(ExtendedArm(robot, 'assumed_modes', 3, truth.at(0.0)), truth,
+                          Noise(robot.angle_noise, robot.strain_noise), 95006)
+    command = np.zeros(2)
+    for _ in range(300):
+        sample = simulator.measure()
+        found = estimator.update(sample.time, sample.output, command)
+        command = 4.0 * (square(sample.time) - sample.angle)
+        simulator.step(command)
+    assert estimator.incumbent.mode.name == 'exact' and not estimator.events
+    assert abs(found.mass - truth.at(0.0)) < 4.0 * found.variance**0.5 < 4e-5
 
 
 def test_what_bent_links_add_is_found_where_the_robot_file_has_none_of_it() -> None:

@@ -49,6 +49,8 @@ MASS, CORIOLIS, FIRST_BIAS = 0, 1, 2
 FORCES = 4
 # P's diagonal grows by this share a sample, above what rounding takes: a memory of 1e12 samples.
 JITTER = 1e-12
+# And no rounding takes more than this share of a variance below zero.
+ROUNDING = 1e-8
 
 
 @compiled
@@ -323,8 +325,11 @@ def correct(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, ancho
     after[MASS] = min(max(after[MASS], 0.0), heaviest)
     add_matrix(less, -1.0, squared(learnt, learnt))
     log_det = -2.0 * logarithms(white)
-    if not np.isfinite(log_det + inner(moved, moved) + less[MASS, MASS]):
+    # Beyond rounding, what is left of the variance is negative where P is no covariance any more.
+    lost = less[MASS, MASS] < -ROUNDING * spread[MASS, MASS]
+    if lost or not np.isfinite(log_det + inner(moved, moved) + less[MASS, MASS]):
         return innovation, variances, scores, np.nan
+    less[MASS, MASS] = max(less[MASS, MASS], 0.0)
     add_matrix(sens, -1.0, product(gain, psi))
     add(x, 1.0, moved)
     if not held:

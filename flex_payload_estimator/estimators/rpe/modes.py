@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import math
 
-from flex_payload_estimator.estimators.rpe.evidence import belief, misfit_of, rare
+from flex_payload_estimator.estimators.rpe.evidence import belief, misfit_of, NOISIER, rare
 from flex_payload_estimator.estimators.rpe.filter import FilterStep
 from flex_payload_estimator.estimators.rpe.hypothesis import (
     Filter,
@@ -187,8 +187,10 @@ class Modes:
             if trial.gain > self._rare or f.rounds == ROUNDS and trial.age >= TRIAL_S:
                 return judged(trial.runner, f, self._past, self.stepper, trial)
         due = not exact and self._past.lived >= 2.0 * max(self._tried, HOLD_S)
-        # An exact one needs to know roughly where to linearise, and no more of that.
-        beside = due and level(f.mode) < 2 and f.rounds > 0
+        # An exact one needs to know roughly where to linearise, and no more of that. `coarse` is
+        # beside it only where noise, and not the model, may have misled all: angles tell.
+        sound = level(f.mode) < 2 or f.record.item(0) > NOISIER
+        beside = due and sound and f.rounds > 0
         if f.rounds < ROUNDS and not beside:
             return again(f, self._past, self.stepper)
         if not due:
