@@ -131,16 +131,16 @@ def test_noise_counts_as_grown_from_four_times_its_variance_on_then() -> None:
     # Variances 1, 2, 3, …, over the robot file's; twenty samples, ten of them kept.
     past, f = remembering([1.0 + k for k in range(20)], most=10), noisy(1.0)
     assert past.first == 10
-    for ago in (0, 3, 9):
-        then = 20.0 - ago
-        assert not past.noisier(noisy(3.9 * then), ago) and past.noisier(noisy(4.1 * then), ago)
+    for since, then in ((0.195, 20.0), (0.165, 17.0), (0.105, 11.0)):
+        assert not past.noisier(noisy(3.9 * then), since)
+        assert past.noisier(noisy(4.1 * then), since)
     # Before the oldest one nothing is known: it stands for what was.
-    assert past.noisier(noisy(4.1 * 11.0), 500) and not past.noisier(noisy(3.9 * 11.0), 500)
+    assert past.noisier(noisy(4.1 * 11.0), -5.0) and not past.noisier(noisy(3.9 * 11.0), -5.0)
     # Gauges alone are enough; what else the record has does not count.
     f.record[2:6], f.record[6:] = 81.0, 1e9
-    assert past.noisier(f, 0)
+    assert past.noisier(f, 0.19)
     f.record[2:6] = 1.0
-    assert not past.noisier(f, 0)
+    assert not past.noisier(f, 0.19)
 
 
 def test_the_noise_at_most_is_that_of_differences_and_no_motion_hides_any() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from flex_payload_estimator.estimators.rpe.evidence import rare
 from flex_payload_estimator.estimators.rpe.hypothesis import (
     EXACT,
     Filter,
@@ -66,5 +67,23 @@ def test_where_the_noise_has_grown_no_model_is_soon_wrong_beyond_its_parts(
     for moment in modes._past._moments:
         moment.noise = np.ones(6)
     incumbent.record[:6] = noise
-    assert modes._wins(Trial('other', of_mode(mode), 0.0, 0.1, gain=1e3, age=age),
-                       incumbent) is wins
+    trial = Trial('other', of_mode(mode), 0.0, 0.1, gain=1e3, age=age)
+    assert modes._wins(trial, incumbent) is wins
+    # What is given back after it was a burst's, which by the time in motion may be just over.
+    trial.best = 1e3 + 1.1 * rare(estimator.stepper.step_time)
+    assert modes._wins(trial, incumbent) is (wins and not (mode == COARSE and noise > 4.0))
+    trial.begin(0.0)
+    assert trial.best == trial.gain == 0.0
+
+
+def test_a_burst_counts_as_long_as_it_is_ago_however_little_the_arm_moved() -> None:
+    # Where modes hardly differ a trial ages slower than time passes.
+    estimator = estimator_of()
+    Run(estimator, PayloadProfile.constant(0.15), 1.2)
+    modes, incumbent = estimator._modes, of_mode(ROUGH)
+    for moment in modes._past._moments:
+        moment.noise = np.full(6, 100.0 if moment.sample.time > 0.5 else 1.0)
+    incumbent.record[:6] = 100.0
+    for since, wins in ((0.4, False), (0.8, True)):
+        trial = Trial('other', of_mode(COARSE), since, 0.1, gain=1e3, age=0.3)
+        assert modes._wins(trial, incumbent) is wins

@@ -255,10 +255,11 @@ class Modes:
     def _shortest(self, trial: Trial, incumbent: Filter) -> float:
         """Return how long a trial of another mode must have run to win, s."""
         if trial.any_time(incumbent):
-            # A burst of noise looks so as well, until it is known for noise and over.
-            noisy = level(trial.runner.mode) == 2 and self._past.noisier(
-                incumbent, round(trial.age / self.stepper.step_time))
-            return OPEN_S if noisy else PERSISTS_S
+            # A burst of noise looks so as well, until it is known for noise and over: what is
+            # gained by then is given back, that over a wrong model is not.
+            if level(trial.runner.mode) < 2 or not self._past.noisier(incumbent, trial.since):
+                return PERSISTS_S
+            return OPEN_S if trial.gain > trial.best - self._rare else math.inf
         return LONGER_S if trial.runner.mode.parts else TRIAL_S
 
     def _over(self, trial: Trial, incumbent: Filter) -> bool:

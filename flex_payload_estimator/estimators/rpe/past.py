@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from dataclasses import dataclass
 from math import comb
 
@@ -69,9 +70,10 @@ class Past:
         """Return what is kept of a sample."""
         return self._moments[number - self.first]
 
-    def noisier(self, f: Filter, ago: int) -> bool:
-        """Tell whether a filter has found far more noise than there was so many samples ago."""
-        before = self[max(self.first, self.end - 1 - ago)].noise
+    def noisier(self, f: Filter, since: float) -> bool:
+        """Tell whether a filter has found far more noise than there was at a time, s."""
+        later = bisect_right(self._moments, since, key=lambda moment: moment.sample.time)
+        before = self._moments[max(later, 1) - 1].noise
         return bool((f.record[:-5] > NOISIER * before).any())
 
     def most_noise(self, told: Array) -> Array:

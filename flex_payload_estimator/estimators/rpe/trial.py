@@ -30,6 +30,8 @@ class Trial:
         For how long that is, s; of a trial of another mode, while the modes differ.
     time : float
         For how long it has run, s, counted alike.
+    best : float
+        The largest gain since it counts.
 
     """
 
@@ -40,14 +42,16 @@ class Trial:
     gain: float = 0.0
     age: float = 0.0
     time: float = 0.0
+    best: float = 0.0
 
     def count(self, took: float, gain: float) -> None:
         """Count a sample that took so long, s, and gained so much."""
         self.time, self.age, self.gain = self.time + took, self.age + took, self.gain + gain
+        self.best = max(self.best, self.gain)
 
     def begin(self, time: float) -> None:
         """Count from now on."""
-        self.gain = self.age = 0.0
+        self.gain = self.age = self.best = 0.0
         self.since = time
 
     @property
