@@ -65,7 +65,7 @@ def build(spec: EffectSpec, robot: Robot | None = None) -> Effect:
     spec : EffectSpec
         Name, site and values.
     robot : Robot, optional
-        Needed to check the name of a gauge.
+        Needed to check the name of a gauge, and what is conceivable on it.
 
     Raises
     ------
@@ -77,7 +77,8 @@ def build(spec: EffectSpec, robot: Robot | None = None) -> Effect:
         raise InputError(f'effects: expected one of {", ".join(kinds())}, got {spec.name!r}')
     effect = kinds()[spec.name]
     _check_site(effect, spec, robot)
-    return effect(spec.site, effect.read(spec.values))
+    allowed = effect.parameters if robot is None else effect.at(spec.site, robot)
+    return effect(spec.site, effect.read(spec.values, allowed))
 
 
 def _check_site(effect: type[Effect], spec: EffectSpec, robot: Robot | None) -> None:

@@ -15,9 +15,16 @@ folder of `flex_plant_sim/effects/`.
 The same object extends the simulator, the predictor and the diagnosis. A robot file names effects
 under `effects:` (a list of `name`, `site` and the parameters), and `plant_sim` takes them as
 `identifier:site:parameter=number,…`. A null value means that the effect is absent. `smallest` is
-the deviation from null that matters in practice on robots of this size; where it is empty, the
+the deviation from null that matters in practice; where it is empty, the
 parameter only shapes the effect. `typical` is the standard deviation of the prior around null; a
 time may be anywhere in the record, and `one of them` stands where nature has one of the starts.
+
+All numbers are those of the reference robot (0.98 kg, 1.1 m of reach). On another they are
+multiplied by what their unit is worth there, at the same pace (`robot_scale.py`): kg by the mass m
+of links and elbow, kg m^2, N m and N m/rad by m times the reach squared, rad/(N m) and m/N by the
+inverses; N m s/rad by that torque with the drive's own damping, commands by what asks the drive
+for as much. So an arm three times as long and twenty times as heavy gets the same answers.
+`python -m flex_plant_sim.diagnosis.likelihood.prior ROBOT` prints what holds for a robot.
 """
 TABLE = """
 | effect | acts on | parameter | unit | null | bounds | fits start at | smallest | typical |

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from abc import ABC
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 from typing import Any, ClassVar
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array, SecondOrderForm
 from flex_plant_sim.arm.state_space import StateSpace
+from flex_plant_sim.effects.robot_scale import robot_scale
 from msg_config.errors import InputError
 import numpy as np
 
@@ -20,7 +21,7 @@ FRICTION, GAP = 'friction', 'gap'
 @dataclass(frozen=True)
 class Parameter:
     """
-    A parameter of an effect.
+    A parameter of an effect; sizes are those of the reference robot, see robot_scale.
 
     Attributes
     ----------
@@ -57,6 +58,15 @@ class Parameter:
     typical: float
     optional: bool = False
     discrete: bool = False
+
+    def scaled(self, factor: float) -> Parameter:
+        """Return the parameter of a robot on which its unit is worth a factor more."""
+        if factor == 1.0:
+            return self
+        return replace(self, null=factor * self.null, low=factor * self.low,
+                       high=factor * self.high, smallest=factor * self.smallest,
+                       typical=factor * self.typical,
+                       starts=tuple(factor * start for start in self.starts))
 
 
 @dataclass(frozen=True)
@@ -149,9 +159,16 @@ class Effect(ABC):
         return 0
 
     @classmethod
-    def read(cls, values: Mapping[str, Any]) -> tuple[Any, ...]:
+    def read(cls, values: Mapping[str, Any], parameters: Sequence[Parameter]) -> tuple[Any, ...]:
         """
         Return the effect's values from what a robot file says, by parameter name.
+
+        Parameters
+        ----------
+        values : Mapping
+            By parameter name.
+        parameters : sequence of Parameter
+            With the bounds that are allowed.
 
         Raises
         ------
@@ -159,22 +176,22 @@ class Effect(ABC):
             A parameter that is missing, unknown or out of bounds.
 
         """
-        known = [parameter.name for parameter in cls.parameters]
+        known = [parameter.name for parameter in parameters]
         values = {_full(name, known): value for name, value in values.items()}
         for name in values:
             if name not in known:
                 raise InputError(f'effects: {cls.identifier}: expected {", ".join(known)}, '
                                  f'got {name!r}')
-        return tuple(_value(cls.identifier, parameter, values) for parameter in cls.parameters)
+        return tuple(_value(cls.identifier, parameter, values) for parameter in parameters)
 
     def written(self) -> dict[str, Any]:
         """Return what a robot file says of the effect, by parameter name."""
         return {p.name: float(value) for p, value in zip(self.parameters, self.values)}
 
     @classmethod
-    def bounds(cls, site: str, robot: Robot) -> tuple[tuple[float, float], ...]:
-        """Return what each parameter can be on a robot."""
-        return tuple((p.low, p.high) for p in cls.parameters)
+    def at(cls, site: str, robot: Robot) -> tuple[Parameter, ...]:
+        """Return the parameters at a site of a robot: what each can be, what is conceivable."""
+        return tuple(p.scaled(robot_scale(p.unit, site, robot)) for p in cls.parameters)
 
     def on_robot(self, robot: Robot) -> Robot:
         """Return the robot with changed parameters."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 import math
@@ -29,7 +29,7 @@ BATCH = 8
 @dataclass(frozen=True)
 class Hypothesis:
     """
-    An effect at a site; bounds are what each parameter can be on the robot.
+    An effect at a site, with its parameters as they can be on the robot.
 
     One of few values (`Parameter.discrete`) is held: its bounds coincide, and each value is a
     hypothesis of its own, under the same label.
@@ -37,17 +37,12 @@ class Hypothesis:
 
     effect: type[Effect]
     site: str
-    bounds: tuple[tuple[float, float], ...]
+    parameters: tuple[Parameter, ...]
 
     @property
     def label(self) -> str:
         """Return identifier:site."""
         return f'{self.effect.identifier}:{self.site}'
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Return the effect's parameters."""
-        return self.effect.parameters
 
     @property
     def null(self) -> Array:
@@ -57,17 +52,17 @@ class Hypothesis:
     @property
     def low(self) -> Array:
         """Return the lower bounds, (k,)."""
-        return np.array([low for low, _ in self.bounds])
+        return np.array([p.low for p in self.parameters])
 
     @property
     def high(self) -> Array:
         """Return the upper bounds, (k,)."""
-        return np.array([high for _, high in self.bounds])
+        return np.array([p.high for p in self.parameters])
 
     @property
     def held(self) -> tuple[float, ...]:
         """Return the values of the parameters that are held."""
-        return tuple(low for low, high in self.bounds if low == high)
+        return tuple(p.low for p in self.parameters if p.low == p.high)
 
     @property
     def scale(self) -> Array:
@@ -128,15 +123,14 @@ class Hypothesis:
 
     def shapes(self, duration: float) -> Array:
         """Return the grid over the parameters that are no size, sizes at null, (S, k)."""
-        grids = [(p.null,) if size else (low,) if low == high else self._grid(p, duration)
-                 for p, size, (low, high) in zip(self.parameters, self.sizes, self.bounds)]
+        grids = [(p.null,) if size else (p.low,) if p.low == p.high else self._grid(p, duration)
+                 for p, size in zip(self.parameters, self.sizes)]
         return np.array(list(product(*grids)))
 
     def magnitudes(self) -> list[Array]:
         """Return deviations from null at which to look, one set for all sizes at once, (k,)."""
-        some = [sorted({s - p.null for s in p.starts if low <= s <= high} - {0.0}, key=abs)
-                if size else [0.0]
-                for p, size, (low, high) in zip(self.parameters, self.sizes, self.bounds)]
+        some = [sorted({s - p.null for s in p.starts if p.low <= s <= p.high} - {0.0}, key=abs)
+                if size else [0.0] for p, size in zip(self.parameters, self.sizes)]
         most = max(map(len, some))
         return [np.array([s[min(m, len(s) - 1)] for s in some]) for m in range(most)]
 
@@ -218,8 +212,8 @@ class Causes:
 
 def hypotheses(robot: Robot, exclude: Sequence[str] = ()) -> tuple[Hypothesis, ...]:
     """Return every effect of the catalogue at every site of a robot, each value of those held."""
-    return tuple(Hypothesis(effect, site, bounds)
+    return tuple(Hypothesis(effect, site, parameters)
                  for name, effect in catalogue().items() if name not in exclude
-                 for site in sites(effect, robot) for bounds in product(*(
-                     [(value, value) for value in p.starts] if p.discrete else [allowed]
-                     for p, allowed in zip(effect.parameters, effect.bounds(site, robot)))))
+                 for site in sites(effect, robot) for parameters in product(*(
+                     [replace(p, low=value, high=value) for value in p.starts]
+                     if p.discrete else [p] for p in effect.at(site, robot))))

@@ -180,9 +180,10 @@ def prior_table(robot: Robot) -> str:
     lines += ['', f'{"effect":<24}{"parameter":<30}{"null":>8}{"typical":>10}  '
               f'{"odds a site":<12} unit']
     for name, effect in catalogue().items():
-        odds = math.exp(log_odds(effect, robot))
-        lines += [f'{name:<24}{p.name:<30}{p.null:>8.3g}{p.typical:>10.3g}  {odds:<12.2g} {p.unit}'
-                  for p in effect.parameters]
+        for found in dict.fromkeys(effect.at(site, robot) for site in sites(effect, robot)):
+            odds = math.exp(log_odds(effect, robot))
+            lines += [f'{name:<24}{p.name:<30}{p.null:>8.3g}{p.typical:>10.3g}  {odds:<12.2g} '
+                      f'{p.unit}' for p in found]
     lines.append(f'something that no catalogue knows: {UNKNOWN:g}')
     return '\n'.join(lines)
 

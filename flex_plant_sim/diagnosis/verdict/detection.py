@@ -105,6 +105,5 @@ def _limit(promise: Promise, robot: Robot, duration: float) -> float:
         size = float(np.sqrt(size * detectable(information, float(slab.width[k]), price)))
         if not np.isfinite(size):
             return size
-    low, high = promise.hypothesis.bounds[k]
-    null = promise.hypothesis.parameters[k].null
-    return size if size <= max(high - null, null - low) else float('inf')
+    one = promise.hypothesis.parameters[k]
+    return size if size <= max(one.high - one.null, one.null - one.low) else float('inf')

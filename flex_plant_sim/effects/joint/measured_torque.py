@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array, SecondOrderForm
-from flex_plant_sim.effects.base import Effect, FRICTION, Motion, one_hot
+from flex_plant_sim.effects.base import Effect, FRICTION, Motion, one_hot, Parameter
 from msg_config.errors import InputError
 import numpy as np
 
@@ -42,7 +42,7 @@ class MeasuredTorque(Effect):
         return np.array(self.values[1]), np.array(self.values[2])
 
     @classmethod
-    def read(cls, values: Mapping[str, Any]) -> tuple[Any, ...]:
+    def read(cls, values: Mapping[str, Any], parameters: Sequence[Parameter]) -> tuple[Any, ...]:
         """Return variable, knots and torques from a robot file's keys."""
         name = f'effects: {cls.identifier}'
         for key in ('variable', 'knots', 'torques_n_m'):

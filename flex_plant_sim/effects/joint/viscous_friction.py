@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.effects.base import Effect, Parameter
 
-# N m s/rad; what is left where the effect would take more than all of it.
-LEAST_DAMPING = 1e-3
+# Share of a drive's damping that is left where the effect would take more than all of it.
+LEAST = 1e-4
 
 
 class ViscousFriction(Effect):
@@ -23,13 +25,14 @@ class ViscousFriction(Effect):
     structural = True
 
     @classmethod
-    def bounds(cls, site: str, robot: Robot) -> tuple[tuple[float, float], ...]:
-        """Return bounds that leave the drive some damping."""
-        (low, high), = super().bounds(site, robot)
-        least = LEAST_DAMPING - robot.drives[cls(site, (0.0,)).index].damping
-        return ((max(low, least), high),)
+    def at(cls, site: str, robot: Robot) -> tuple[Parameter, ...]:
+        """Return the parameter with bounds that leave the drive some damping."""
+        damping, = super().at(site, robot)
+        own = robot.drives[cls(site, (0.0,)).index].damping
+        return (replace(damping, low=max(damping.low, (LEAST - 1.0) * own)),)
 
     def on_robot(self, robot: Robot) -> Robot:
         """Return the robot with the drive's damping changed (it stays positive)."""
-        damping = robot.drives[self.index].damping + self['damping_n_m_s']
-        return robot.with_drive(self.index, damping=max(damping, LEAST_DAMPING))
+        own = robot.drives[self.index].damping
+        damping = max(own + self['damping_n_m_s'], LEAST * own)
+        return robot.with_drive(self.index, damping=damping)
