@@ -31,8 +31,9 @@ def _damping(robot: Robot, site: str) -> float:
 
 
 def _command(robot: Robot, site: str) -> float:
-    """Return the command that asks for such a torque: its unit is the drive's own."""
-    return _damping(robot, site) / robot.drives[int(site[-1]) - 1].torque_gain
+    """Return the command that asks for such a torque, or the largest that the drive takes."""
+    drive = robot.drives[int(site[-1]) - 1]
+    return min(_damping(robot, site) / drive.torque_gain, drive.command_limit)
 
 
 # How large a quantity in each unit is on a robot, at a site, at a pace of a second.
