@@ -23,7 +23,8 @@ All numbers are those of the reference robot (0.98 kg, 1.1 m of reach). On anoth
 multiplied by what their unit is worth there, at the same pace (`robot_scale.py`): kg by the mass m
 of links and elbow, kg m^2, N m and N m/rad by m times the reach squared, rad/(N m) and m/N by the
 inverses; N m s/rad by that torque with the drive's own damping, commands by what asks the drive
-for as much, or its limit. So an arm three times as long and twenty times as heavy gets the same answers.
+for as much, or its limit. So an arm three times as long and twenty times as heavy gets the same
+answers.
 `python -m flex_plant_sim.diagnosis.likelihood.prior ROBOT` prints what holds for a robot.
 """
 TABLE = """
