@@ -25,7 +25,7 @@ of links and elbow, kg m^2, N m and N m/rad by m times the reach squared, rad/(N
 inverses; N m s/rad by that torque with the drive's own damping, commands by what asks the drive
 for as much, or its limit. So an arm three times as long and twenty times as heavy gets the same
 answers.
-`python -m flex_plant_sim.diagnosis.likelihood.prior ROBOT` prints what holds for a robot.
+`flex_robot prior ROBOT` prints what holds for a robot.
 """
 TABLE = """
 | effect | acts on | parameter | unit | null | bounds | fits start at | smallest | typical |
