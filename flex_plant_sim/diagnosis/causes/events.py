@@ -11,14 +11,15 @@ at some times tell the evidence of every pair of a start and an end.
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.causes.fit import Descent, Fit, Point
-from flex_plant_sim.diagnosis.causes.hypothesis import TIMES
+from flex_plant_sim.diagnosis.causes.hypothesis import BATCH, TIMES
 from flex_plant_sim.diagnosis.causes.ramps import Ramps
 from flex_plant_sim.diagnosis.likelihood.moments import TEMPER
+from flex_plant_sim.diagnosis.pool import each
 import numpy as np
 
 # Times at most.
@@ -70,7 +71,10 @@ class Events:
         # After the last sample there is nothing left to change.
         seen = times <= likelihood.times.max()
         if seen.any():
-            found[seen] = self.descent.causes.residual(likelihood, values[seen]) - nothing
+            pieces = np.split(values[seen], np.arange(BATCH, seen.sum(), BATCH))
+            more = each(partial(self.descent.causes.residual, likelihood), pieces,
+                        likelihood.jobs)
+            found[seen] = np.concatenate(more) - nothing if len(more) == len(pieces) else np.inf
         if not np.all(np.isfinite(found)):
             raise np.linalg.LinAlgError('no finite prediction')
         return found
