@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import replace
 
@@ -52,6 +52,8 @@ class Course:
         self.thin: Likelihood
         self.about: Array | None = None
         self.looks: list[tuple[Hypothesis, tuple[Look, ...]]] = []
+        # Labels of what has a coordinate of its own: its size is a frequency.
+        self.swinging: frozenset[str] = frozenset()
         self.rough: dict[Key, list[Fit]] = {}
 
     def sensed(self) -> Course:
@@ -74,17 +76,28 @@ class Course:
     def settle(self, trial: Trial, level: Amplitude, scale: Array | None = None) -> Settled:
         """Return a set fitted around itself, the best of its ends, known from now on."""
         base = replace(self.nominal, discrepancy=level)
-        found = Settled.at(trial, base, self.data, scale, self.jobs)
+        found = Settled.at(trial, base, self.data, scale, self.jobs, self.matters)
         key = Key.of(found.fit)
         found = max(found, self.settled.get(key, found), key=lambda s: self.score(s.fit))
         self.known[key], self.settled[key] = found.fit, found
         return found
+
+    def matters(self, fit: Fit, more: float = 0.0) -> bool:
+        """Tell whether a fit has a share worth stating beside the best, had it more nats."""
+        best = max((self._judged(s.fit) for s in self.settled.values()), default=-np.inf)
+        return self._judged(fit) + more > best + np.log(SHARE)
+
+    def _judged(self, fit: Fit) -> float:
+        """Return the score of the likelier of what a fit stands for, nats."""
+        return max(map(self.score, judged(fit)))
 
     def look(self, nothing: Settled) -> None:
         """Look at all hypotheses."""
         self.thin = nothing.from_afar.likelihood.thinned(SAMPLES)
         self.looks = each(Looker(self.thin, self.data.duration), self.catalogue, self.jobs,
                           lambda share: self.progress('looking at all causes', 0.4 * share))
+        self.swinging = frozenset(h.label for h, (look, *_) in self.looks
+                                  if self.thin.at_rest((h.at(look.shape + look.away),)))
 
     def beside(self, centre: Settled, left_out: int | None = None) -> Beside:
         """
@@ -132,7 +145,7 @@ class Course:
         yield now
         added = [p for k, p in enumerate(promises) if self.worth(k, p)]
         for promise in {p.hypothesis.label: p for p in reversed(added)}.values():
-            yield now.with_one(promise)
+            yield from self._with(now, promise)
         for place, cause in enumerate(now.hypotheses):
             rest, others = now.without(place), self.promises(centre, place)
             own = max((self.hope(p) for p in others if p.hypothesis == cause), default=0.0)
@@ -140,13 +153,16 @@ class Course:
                 yield rest
             rivals = [p for p in others if p.hypothesis != cause and self.hope(p) > RIVAL * own]
             for promise in rivals[:RIVALS]:
-                yield rest.with_one(promise)
+                yield from self._with(rest, promise)
+
+    def _with(self, trial: Trial, promise: Promise) -> Iterable[Trial]:
+        """Return a set with one cause more; of one that swings, from each of its sizes."""
+        if promise.hypothesis.label in self.swinging:
+            return trial.with_each(promise)
+        return [trial.with_one(promise)]
 
     def around(self, centre: Settled) -> list[Promise]:
         """Fit the sets near a set; return what further causes promise beside it."""
-        settled = self.settled[Key.of(centre.fit)]
-        for trial in in_place_of_parts(settled, self.catalogue):
-            attempt(lambda t: self.settle(t, centre.fit.discrepancy, settled.fit.scale), trial)
         promises, step = self.promises(centre), f'cause {len(centre.fit.hypotheses) + 1}'
         if Key.of(centre.fit) not in self.rough:
             self.rough[Key.of(centre.fit)] = self._rough(centre, promises, step)
@@ -156,19 +172,23 @@ class Course:
         fits = each(Fitter(centre.likelihood, centre.fit.scale, self.data.duration),
                     [Trial.of(fit) for fit in self._chosen(near)], self.jobs,
                     lambda share: self.progress(step, 0.7 + 0.2 * share))
-        for fit in fits:
+        in_place = tuple(in_place_of_parts(self.settled[Key.of(centre.fit)], self.catalogue))
+        for fit in (*fits, *in_place):
             known = self.known.get(Key.of(fit), fit)
             if Key.of(fit) not in self.settled or self.score(fit) > self.score(known) + AGAIN:
                 self.known[Key.of(fit)] = fit
+        self._settle(in_place, self.ranked().best, centre)
         return promises
 
     def _rough(self, centre: Settled, promises: Sequence[Promise], step: str) -> list[Fit]:
         """Return the sets near a set as some windows and the arms' own filters see them."""
         afar = centre.from_afar
-        return each(Fitter(afar.likelihood.thinned(SAMPLES), afar.fit.scale,
+        fits = each(Fitter(afar.likelihood.thinned(SAMPLES), afar.fit.scale,
                            self.data.duration, True),
                     list(self.trials(centre, promises)), self.jobs,
                     lambda share: self.progress(step, 0.4 + 0.3 * share))
+        # Of those that were fitted from several sizes, the best.
+        return list({Key.of(fit): fit for fit in sorted(fits, key=self.score)}.values())
 
     def _chosen(self, near: Sequence[Fit]) -> list[Fit]:
         """Return the first of what is not settled, and of what is, from where it came now."""
@@ -188,7 +208,7 @@ class Course:
         """Return all sets with their probabilities, and what promised too little to be fitted."""
         promised = {} if centre is None else {
             Key.of(centre.fit).labels | {p.hypothesis.label}:
-            max(map(self.score, judged(centre.fit))) + self.hope(p)
+            self._judged(centre.fit) + self.hope(p)
             for k, p in enumerate(promises) if not self.worth(k, p)}
         return Posterior.of(list(self.known.values()), self.nominal, promised)
 

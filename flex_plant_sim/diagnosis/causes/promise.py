@@ -28,6 +28,9 @@ class Promise:
         Nats, by the best of its shapes, linearly or at a start itself.
     starts : tuple of Array
         Values to fit from, best first, (k,) each.
+    of_sizes : tuple of Array
+        Each size that was looked at, in its best shape, (k,) each: where a size is a frequency,
+        nothing between two of them is linear.
     magnitudes, information : Array
         Deviations of the first size from null, (L,), and what the record knows of it there, one
         over its variance: what three of four shapes surpass, (L,).
@@ -37,6 +40,7 @@ class Promise:
     hypothesis: Hypothesis
     gain: float
     starts: tuple[Array, ...]
+    of_sizes: tuple[Array, ...]
     magnitudes: Array
     information: Array
 
@@ -65,11 +69,12 @@ class Closer:
 
 @dataclass(frozen=True)
 class _Place:
-    """One place that was looked at: its gain, its values, what it knows of each size."""
+    """A place: its gain, its values, what it knows of each size, whether it was looked at."""
 
     gain: float
     values: Array
     information: Array
+    looked: bool
 
 
 class Beside:
@@ -106,6 +111,8 @@ class Beside:
         first = int(np.argmax(hypothesis.sizes))
         return Promise(
             hypothesis, places[0].gain, tuple(p.values for p in places[:KEPT]),
+            tuple(max(some, key=lambda p: p.gain).values for group in groups.values()
+                  if (some := [p for p in group if p.looked])),
             np.array([abs(away[first]) for away in groups]),
             np.array([np.quantile([p.information[first] for p in group], 0.25)
                       for group in groups.values()]))
@@ -139,9 +146,9 @@ class Beside:
             return -float(gradient @ change + 0.5 * change @ hessian @ change
                           + 0.5 * unlikely @ unlikely) - occam
 
-        found = [_Place(gain(best), _moved(shape, sizes, best), information)]
+        found = [_Place(gain(best), _moved(shape, sizes, best), information, False)]
         if sizes.size == 1:
-            found.append(_Place(gain(away), _moved(shape, sizes, away), information))
+            found.append(_Place(gain(away), _moved(shape, sizes, away), information, True))
         return found
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -52,6 +53,11 @@ class Trial:
         return Trial((*self.hypotheses, promise.hypothesis),
                      tuple(np.concatenate([self.starts[0], start]) for start in promise.starts))
 
+    def with_each(self, promise: Promise) -> Iterator[Trial]:
+        """Return the set with one cause more from each of its sizes: between are side valleys."""
+        for start in promise.of_sizes:
+            yield self.with_one(replace(promise, starts=(start,)))
+
 
 @dataclass(frozen=True)
 class Settled:
@@ -65,17 +71,35 @@ class Settled:
 
     @classmethod
     def at(cls, trial: Trial, base: Base, data: Data, scale: Array | None = None,
-           jobs: int = 1) -> Settled:
+           jobs: int = 1, matters: Callable[[Fit, float], bool] = lambda fit, more: True
+           ) -> Settled:
         """
         Return a set fitted around itself: around its values and its parts, Gauss-Newton in both.
 
         Each fit is judged by what the record leaves with its own values and parts, so that two of
         them compare wherever they were linearised; of several the best counts. What says when an
         event happened is integrated over, and where another time is likelier it is fitted there.
+
+        Parameters
+        ----------
+        trial : Trial
+            The set and where to start.
+        base : Base
+            What it is added to.
+        data : Data
+            The records.
+        scale : Array, optional
+            By how much errors exceed what is stated, (m,).
+        jobs : int
+            Processes.
+        matters : Callable
+            Told a fit and how many nats more the set may have, whether it is to be settled on.
+
         """
-        found, gained = cls._around(trial, base, data, scale, jobs)._over_time()
-        if gained > AGAIN:
-            again, _ = cls._around(Trial.of(found.fit), base, data, scale, jobs)._over_time()
+        found, gained = cls._around(trial, base, data, scale, jobs, matters)._over_time()
+        if gained > AGAIN and matters(found.fit, gained):
+            again, _ = cls._around(Trial.of(found.fit), base, data, scale, jobs,
+                                   matters)._over_time()
             found = max(again, found, key=lambda s: s.fit.log_evidence)
         return found
 
@@ -89,9 +113,14 @@ class Settled:
         return replace(self, point=point, fit=fit), gained
 
     @classmethod
-    def _around(cls, trial: Trial, base: Base, data: Data, scale: Array | None, jobs: int
-                ) -> Settled:
-        """Return a set fitted around itself, by the curvature there."""
+    def _around(cls, trial: Trial, base: Base, data: Data, scale: Array | None, jobs: int,
+                matters: Callable[[Fit, float], bool]) -> Settled:
+        """
+        Return a set fitted around itself, by the curvature there.
+
+        What a linearisation promised and what is there tell how wrong it may be: a set that by so
+        much more than was promised would still not matter is left there.
+        """
         causes, starts = Causes(trial.hypotheses, data.duration), trial.starts
         known = np.ones(len(data.noise[0])) if scale is None else scale
         about, best, first = trial.deviations, None, None
@@ -111,6 +140,9 @@ class Settled:
             way, k = point.values - starts[0], point.values.size
             gone = 0.5 * float(way @ np.linalg.solve(told.covariance[:k, :k], way))
             if not rises or (_apart(found.fit, told) == 0.0 and gone < AGAIN):
+                break
+            missed = told.log_evidence - found.fit.log_evidence
+            if not matters(found.fit, max(missed, 0.0) + abs(missed)):
                 break
             starts = (point.values,)
         assert best is not None
