@@ -257,7 +257,7 @@ class Modes:
         if trial.any_time(incumbent):
             # A burst of noise looks so as well, until it is known for noise and over: what is
             # gained by then is given back, that over a wrong model is not.
-            if level(trial.runner.mode) < 2 or not self._past.noisier(incumbent, trial.since):
+            if not self._past.noisier(incumbent, trial.since):
                 return PERSISTS_S
             return OPEN_S if trial.gain > trial.best - self._rare else math.inf
         return LONGER_S if trial.runner.mode.parts else TRIAL_S
