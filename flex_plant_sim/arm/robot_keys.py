@@ -166,7 +166,8 @@ SECTIONS = (
 
 TOLERANCES_ABOUT = (
     'How far the arm may be from the numbers above: standard deviations, relative unless a unit '
-    'is named. `flex_robot prior` lists the parts that they belong to. Too small a tolerance '
+    'is named. `flex_robot prior` lists the parts that they belong to, '
+    'and how large effects may be on the robot. Too small a tolerance '
     'makes the tools blame something else; `flex_robot calibrate` shrinks what a log can tell.')
 
 # Of an arm that nobody has calibrated yet, and what it belongs to.

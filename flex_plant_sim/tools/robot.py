@@ -20,6 +20,7 @@ from flex_plant_sim.commissioning.robot_text import with_numbers
 from flex_plant_sim.commissioning.standard_move import simulated_move, STROKES
 from flex_plant_sim.commissioning.template import reference_page, template
 from flex_plant_sim.commissioning.urdf import urdf
+from flex_plant_sim.diagnosis.likelihood.prior import effects_table
 from flex_plant_sim.logs.csv_log import write_csv
 from flex_plant_sim.simulation.replay import replay
 from flex_plant_sim.tools import command_line
@@ -73,7 +74,8 @@ def _prior(arguments: argparse.Namespace) -> None:
     robot = load_robot(arguments.file)
     for item in items_of(robot):
         print(f'{item.name:<24} ± {item.size(item.tolerance)}')
-    print(f'{"payload":<24} ± {100.0 * robot.tolerances.payload:.2f} %')
+    print(f'{"payload":<24} ± {100.0 * robot.tolerances.payload:.2f} %\n')
+    print(effects_table(robot))
 
 
 def _move(arguments: argparse.Namespace) -> None:
@@ -156,7 +158,7 @@ def options() -> argparse.ArgumentParser:
     _add_move(add)
     _add_calibrate(add)
     _add_urdf(add)
-    _add_file(add('prior', _prior, 'every part and how far it may be from the file'))
+    _add_file(add('prior', _prior, 'how far parts may be from the file, and effects from nothing'))
     return parser
 
 

@@ -1,7 +1,7 @@
 """
 The prior: parts of the arm, sizes of effects, and how likely a cause is before any data.
 
-`python -m flex_plant_sim.diagnosis.likelihood.prior [ROBOT]` prints it.
+`flex_robot prior ROBOT` prints it.
 """
 
 from __future__ import annotations
@@ -9,12 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 import math
-import sys
 from typing import NamedTuple
 
 from flex_plant_sim.arm.parts import Part, robot_parts
 from flex_plant_sim.arm.robot import Robot
-from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.effects import catalogue, sites
 from flex_plant_sim.effects.base import Effect
@@ -172,21 +170,13 @@ def imitation_odds(further: int = 0) -> float:
     return IMITATED * UNKNOWN / (1.0 - UNKNOWN) / some * FURTHER**min(further, MOST)
 
 
-def prior_table(robot: Robot) -> str:
-    """Return the prior of a robot as text: parts, then effects."""
-    lines = [f'{"part":<28}{"standard deviation":>20}  unit']
-    lines += [f'{part.name:<28}{part.tolerance:>20.3g}  {part.unit or "relative"}'
-              for part in part_priors(robot, robot.payload_mass)]
-    lines += ['', f'{"effect":<24}{"parameter":<30}{"null":>8}{"typical":>10}  '
-              f'{"odds a site":<12} unit']
+def effects_table(robot: Robot) -> str:
+    """Return what is conceivable on a robot as text, a line a parameter; `flex_robot prior`."""
+    lines = [f'{"effect":<30}{"parameter":<32}{"null":>8}{"typical":>10}  odds a site  unit']
     for name, effect in catalogue().items():
-        for found in dict.fromkeys(effect.at(site, robot) for site in sites(effect, robot)):
-            odds = math.exp(log_odds(effect, robot))
-            lines += [f'{name:<24}{p.name:<30}{p.null:>8.3g}{p.typical:>10.3g}  {odds:<12.2g} '
-                      f'{p.unit}' for p in found]
-    lines.append(f'something that no catalogue knows: {UNKNOWN:g}')
-    return '\n'.join(lines)
-
-
-if __name__ == '__main__':
-    print(prior_table(load_robot(sys.argv[1] if len(sys.argv) > 1 else 'reference')))
+        known = {effect.at(site, robot): site for site in reversed(sites(effect, robot))}
+        for found, site in reversed(known.items()):
+            label, odds = f'{name}:{site}' * (len(known) > 1) or name, log_odds(effect, robot)
+            lines += [f'{label:<30}{p.name:<32}{p.null:>8.3g}{p.typical:>10.3g}  '
+                      f'{math.exp(odds):<11.2g}  {p.unit}' for p in found]
+    return '\n'.join([*lines, f'something that no catalogue knows: {UNKNOWN:g}'])
