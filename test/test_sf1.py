@@ -152,7 +152,7 @@ def test_birges_ratio_widens_variances_and_leaves_the_lag(
     track.joint[:], track.doubt[:], track.part[0], track.part[1] = joint, doubt, part, slope[:2]
     noise = float(weights**2 @ sensors)
     law = Law(weights, np.append(row, 0.0), output, np.pad(output, ((0, 0), (0, 1))), sensors,
-              np.ones(2), noise, 1.0, float(row @ row) + 1.0, 0.1, 2.0, 2.0, 0.0, 0.1, 1.0, True)
+              np.ones(2), noise, 1.0, float(row @ row) + 1.0, 0.1, 2.0, 2.0, 0.0, 0.1, True)
     known = Adapted(0.1, 0.5, 0.04, 8.0, lag, spread, level)
     scaled, reading = np.array([0.05, 0.11]), np.empty((2, 2))
     surprise, found = sampled(tuple(track), scaled, True, tuple(known), tuple(law), reading)
@@ -188,6 +188,16 @@ def test_the_answer_does_not_depend_on_the_sampling_rate(step: float, model: str
     slow, fast = (driven(each, 0.12, 1e-3, 1, 3.0, model=model)[-1] for each in (0.01, step))
     assert fast.variance**0.5 == pytest.approx(slow.variance**0.5, rel=0.05)
     assert abs(fast.mass - 0.12) < 4.0 * fast.variance**0.5 < 0.004
+
+
+@pytest.mark.parametrize('model', ['paper_reduced', 'assumed_modes'])
+def test_faster_samples_start_alike(model: str) -> None:
+    """What the first second tells of a payload is one step of 10 ms each, however many samples."""
+    slow, fast = (driven(each, 0.12, 1e-4, 1, 1.0, model=model) for each in (0.01, 1e-3))
+    for time in (0.1, 0.2, 0.5, 1.0):
+        one, other = slow[round(time / 0.01)], fast[round(time / 1e-3)]
+        assert other.variance == pytest.approx(one.variance, rel=0.15)
+        assert abs(other.mass - one.mass) < 0.5 * one.variance**0.5
 
 
 def test_a_payload_held_at_its_limit_is_not_known_better_for_it() -> None:

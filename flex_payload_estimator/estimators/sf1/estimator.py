@@ -102,16 +102,13 @@ class SF1Estimator:
         measurement = given.r_2 / share * np.eye(len(self.model.scale))
         self._measurement = self.step * measurement
         weights, pace = self.composite.weights, self.pace.samples * self.step
-        count = self.pace.samples
-        # Their deviations add at most.
-        unseen = 1.0 if count == 1 else (count / (count - 1.0))**2
         self._law = tuple(Law(
             weights, np.append(self.composite.row, 0.0),
             np.ascontiguousarray(self.model.output),
             np.pad(self.model.output, ((0, 0), (0, 1))), self._sensors, self.model.scale,
             float(weights**2 @ self._sensors), given.r_2 / share * float(weights @ weights),
             self._settled_noise(), given.sf1.alpha_0 * share, given.sf1.alpha_1, given.mass_max,
-            min(1.0, pace / MEMORY), min(1.0, self.step / MEMORY), unseen, self._resolvent))
+            min(1.0, pace / MEMORY), min(1.0, self.step / MEMORY), self._resolvent))
 
     def _settled_noise(self) -> float:
         """Return the composite innovation's variance that (30) settles to, straight, unloaded."""

@@ -37,9 +37,9 @@ class Track(NamedTuple):
     part : Array
         Rows, (2, n): x^m of (25) and s, rad/kg…, grown since the last regression.
     sway : Array
-        What errors of the state at the last regression, or one sample on, do to x^m, (n, n).
-    reach : Array
-        What they do to the state, (n, n).
+        What errors of the state at the last regression do to x^m, (n, n).
+    held : Array
+        The state then, (n,): (25) takes one step of it, in however many samples.
     covariance : Array
         P of (23), (n, n).
     joint : Array
@@ -56,7 +56,7 @@ class Track(NamedTuple):
     state: Array
     part: Array
     sway: Array
-    reach: Array
+    held: Array
     covariance: Array
     joint: Array
     doubt: Array
@@ -91,7 +91,7 @@ def at_start(scaled: Array, noise: Array, covariance: Array, variance: float) ->
     noisy[:2, :2] = -np.eye(2)
     start = joint[:n, :n].copy()
     start[:2, :2] = np.diag(noise[:2])
-    return Track(state, np.zeros((2, n)), np.zeros((n, n)), np.eye(n), covariance.copy(), joint,
+    return Track(state, np.zeros((2, n)), np.zeros((n, n)), state.copy(), covariance.copy(), joint,
                  doubt, noisy, start)
 
 
@@ -160,8 +160,10 @@ def moved(before: tuple[Any, ...], ahead: tuple[Any, ...], since: int, cosine: f
 
     """
     track, after = Track(*before), Track(*ahead)
-    a, a_m, rates = rates_at(cosine, tables, mass, other, track.state, command, as_printed,
+    put(after.held, track.held if since > 0 else track.state)
+    a, a_m, rates = rates_at(cosine, tables, mass, other, after.held, command, as_printed,
                              resolvent)
+    add(rates[0], 1.0, times(a, track.state - after.held))
     big = series(a, *room)
     found = np.dot(rates, big.T) * step
     put(after.state, track.state)
@@ -169,24 +171,11 @@ def moved(before: tuple[Any, ...], ahead: tuple[Any, ...], since: int, cosine: f
     onward = _corrected(track, after, np.dot(big, a), measured, columns, process, measurement,
                         noise, step)
     put_matrix(after.part, found[1:])
+    put_matrix(after.sway, np.dot(big, a_m) * step)
+    put_matrix(after.start, track.start)
     if since > 0:
         add_matrix(after.part, 1.0, np.dot(track.part, onward.T))
-    put_matrix(after.sway, np.dot(big, a_m) * step)
-    _carry_start(track, after, onward, since)
-
-
-@compiled
-def _carry_start(track: Track, after: Track, onward: Array, since: int) -> None:
-    """Write how the errors at the last regression sway the state since: start, sway, reach."""
-    put_matrix(after.start, track.start)
-    if since == 1:
-        # The measurement has been taken in: what it leaves of the errors sways the rest.
-        put_matrix(after.start, at_known_payload(track.joint.copy()))
-    if since > 1:
-        put_matrix(after.sway, np.dot(after.sway, track.reach))
         add_matrix(after.sway, 1.0, np.dot(onward, track.sway))
-        onward = np.dot(onward, track.reach)
-    put_matrix(after.reach, onward)
 
 
 @compiled

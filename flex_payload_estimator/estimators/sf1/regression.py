@@ -109,8 +109,6 @@ class Law(NamedTuple):
         Share of MEMORY from one regression to the next.
     passing : float
         From one sample to the next.
-    unseen : float
-        By how much sway's variance is larger for the one sample that it leaves out.
     resolvent : bool
         Normalise, leave alone what noise explains, carry the state on by (24), and ask the
         innovations for the lag.
@@ -131,7 +129,6 @@ class Law(NamedTuple):
     largest: float
     fading: float
     passing: float
-    unseen: float
     resolvent: bool
 
 
@@ -290,7 +287,7 @@ def _carried(track: Track, slope: Array, change: Array, law: Law) -> tuple[float
 def _excited(track: Track, row: Array, law: Law) -> float:
     """Return the regressor's power over what errors at the last regression give it alone."""
     swayed = np.dot(row, track.sway)
-    swaying = law.unseen * np.dot(times(track.start, swayed), swayed)
+    swaying = np.dot(times(track.start, swayed), swayed)
     return float(np.dot(row, track.part[0])**2 / max(swaying, TINY))
 
 
