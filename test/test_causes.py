@@ -242,8 +242,14 @@ def test_what_swings_is_fitted_from_each_size_that_was_looked_at() -> None:
     for trial in course.trials(nothing, course.promises(nothing)):
         for h in trial.hypotheses:
             starts.setdefault(h.label, []).append(trial.starts[0][0])
-    assert sorted(starts['loose_payload:arm']) == [0.005, 0.02, 0.06]
+    swings, = (h for h, _ in course.looks if h.label == 'loose_payload:arm')
+    asked_at = [size for size in swings.parameters[0].starts if size > 0.0]
+    assert sorted(starts[swings.label]) == pytest.approx(asked_at)
     assert len(starts['clamp_compliance:link_1']) == 1
+    # Nor does a line tell how much it gains.
+    worth = {p.hypothesis.label: course.worth(50, replace(p, gain=100.0))
+             for p in course.promises(nothing)}
+    assert worth[swings.label] and not worth['clamp_compliance:link_1']
 
 
 def test_a_set_that_cannot_matter_is_not_linearised_again() -> None:

@@ -136,8 +136,13 @@ class Course:
         return promise.gain + log_odds(promise.hypothesis.effect, self.nominal.robot)
 
     def worth(self, place: int, promise: Promise) -> bool:
-        """Tell whether a promise is worth a fit, by its place among the promises."""
-        return place < LEAST or (place < ADDED and self.hope(promise) > WORTH)
+        """
+        Tell whether a promise is worth a fit, by its place among the promises.
+
+        What swings gains more than a line tells: its place is not known.
+        """
+        placed = place < ADDED or promise.hypothesis.label in self.swinging
+        return place < LEAST or (placed and self.hope(promise) > WORTH)
 
     def trials(self, centre: Settled, promises: Sequence[Promise]) -> Iterator[Trial]:
         """Return a set and those near it that may be worth a fit."""
