@@ -55,11 +55,10 @@ def anywhere(estimator: RecursivePredictionError) -> Filter:
     f = estimator.stepper.begin(ROUGH, np.array([0.2, 0.9, 0.0, 0.0, 0.0, 0.0]), 0.12, 0.05)
     n, size = f.x.size, f.beta.size
     spread = np.sqrt(np.diag(f.cov))
-    f.x = f.x + 0.1 * spread * random.standard_normal(n)
+    f.x += 0.1 * spread * random.standard_normal(n)
     f.x[1] = 0.9
-    f.beta = f.beta + 0.3 * np.sqrt(np.diag(f.spread)) * random.standard_normal(size)
-    f.anchor = f.beta
-    f.sens = np.outer(spread, 1.0 / np.sqrt(np.diag(f.spread))) \
+    f.beta += 0.3 * np.sqrt(np.diag(f.spread)) * random.standard_normal(size)
+    f.sens[:] = np.outer(spread, 1.0 / np.sqrt(np.diag(f.spread))) \
         * random.standard_normal((n, size))
     return f
 
@@ -72,7 +71,7 @@ def test_a_prediction_moves_the_joint_covariance_by_its_own_derivatives() -> Non
 
     def predicted(change: Array) -> Array:
         g = f.copy()
-        g.x, g.beta = f.x + change[:n], f.beta + change[n:]
+        g.x[:], g.beta[:] = f.x + change[:n], f.beta + change[n:]
         stepper.predict(g, sample, loads)
         return g.x
 
@@ -83,7 +82,7 @@ def test_a_prediction_moves_the_joint_covariance_by_its_own_derivatives() -> Non
     after.mode = f.mode._replace(drive=0.0)
     stepper.predict(after, sample, loads)
     # What a wrong model says of the parts fades: not what is tested here.
-    after.spread = f.spread
+    after.spread[:] = f.spread
     expected, found = move @ joint(f) @ move.T, joint(after)
     scale = np.sqrt(np.diag(expected))
     np.testing.assert_allclose(found / np.outer(scale, scale),

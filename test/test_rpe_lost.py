@@ -54,7 +54,7 @@ def test_a_filter_that_diverged_begins_again_with_its_payload(spoilt: float) -> 
     estimator = estimator_of()
     run = Run(estimator, PayloadProfile.constant(0.12), 3.0)
     last, f = run.estimates[-1], estimator.incumbent
-    f.cov = np.full_like(f.cov, spoilt)
+    f.cov[:] = spoilt
     output = estimator.arm.output(run.states[-1], last.time)
     found = estimator.update(last.time + 0.01, output, run.commands[-1])
     assert found.mass == pytest.approx(last.mass, rel=1e-3)

@@ -218,7 +218,7 @@ def test_tolerances_count_as_off_by_what_the_posterior_says_of_the_parts() -> No
     assert found == pytest.approx(expected, rel=0.02)
     stepper = estimator_of().stepper
     f = stepper.begin(ROUGH, np.zeros(6), 0.1, 0.1)
-    f.beta, f.spread = beta, root @ root.T
+    f.beta[:], f.spread[:] = beta, root @ root.T
     assert stepper.doubt(f) == pytest.approx(expected, rel=0.02)
     # Nothing learnt: as told.
     spread = np.diag(prior.std**2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 import math
 from typing import Any
 
@@ -16,6 +17,7 @@ from flex_payload_estimator.estimators.rpe.kernel import (
     MASS,
     walk,
 )
+from flex_payload_estimator.estimators.rpe.knowledge import joined
 from flex_payload_estimator.estimators.rpe.linearised import held, Lineariser
 from flex_payload_estimator.estimators.rpe.model_average import model_averaged
 from flex_payload_estimator.estimators.rpe.onward import ahead, followed, GATE, learnt, stepped
@@ -95,9 +97,10 @@ class FilterStep:
         x[:2], beta[MASS] = measured[:2], mass
         if share is not None:
             beta[CORIOLIS] = share
-        return Filter(mode, x, self.start_cov.copy(), np.zeros((x.size, beta.size)), beta,
-                      prior.spread(std), beta, new_record(channels),
-                      np.stack([np.zeros(channels), np.full(channels, np.inf)]))
+        known = joined(x, self.start_cov, np.zeros((x.size, beta.size)), beta, prior.spread(std),
+                       new_record(channels),
+                       np.stack([np.zeros(channels), np.full(channels, np.inf)]))
+        return Filter(mode, known, (x.size, beta.size, channels))
 
     def _model(self, f: Filter) -> tuple[Any, ...]:
         """Return what kernel.predict takes of the model, from its anchor to its motion rows."""
@@ -105,7 +108,7 @@ class FilterStep:
         if f.model is not None:
             if f.mode.parts:
                 parts = f.model.parts_at(f.x.item(1))
-            return f.model.anchor, f.model.series, parts, 0.0, f.model.motion
+            return f.model.nominal, f.model.series, parts, 0.0, f.model.motion
         # Plain numbers are quicker than NumPy's.
         mass = f.mass
         piece = self.schedule.cut(mass, f.variance)
@@ -126,8 +129,8 @@ class FilterStep:
         before, payload = f.x, float(f.beta[MASS] if f.model is None else f.anchor[MASS])
         if self.effects.moves:
             before = before.copy()
-        ahead(f.room(), f.record, f.reading, f.x, f.cov, f.sens, f.beta, f.spread, f.anchor,
-              f.model is not None, *self._model(f), *self._pushed(f, sample, loads))
+        ahead(f.room(), f.known, f.anchor, f.model is not None, *self._model(f),
+              *self._pushed(f, sample, loads))
         if self.effects.moves:
             f.x[:] = self.effects.push(self.schedule.cut(payload).payload, before, f.x,
                                        sample.command, sample.time - self.step_time)
@@ -171,9 +174,8 @@ class FilterStep:
             self.correct(f, sample, loads)
             return
         self._weighed(f, sample, stepped(
-            f.room(), f.record, f.reading, f.x, f.cov, f.sens, f.beta, f.spread, f.anchor,
-            f.model is not None, *self._model(f), *self._pushed(f, sample, loads),
-            *self._sensed(f, sample)))
+            f.room(), f.known, f.anchor, f.model is not None, *self._model(f),
+            *self._pushed(f, sample, loads), *self._sensed(f, sample)))
 
     def jumped(self, after: Filter, sample: Sample, loads: Loads) -> Filter:
         """
@@ -214,8 +216,7 @@ class FilterStep:
         if sample.measured is None:
             return
         self._weighed(f, sample, learnt(
-            f.x, f.cov, f.sens, f.beta, f.spread, f.anchor, f.model is not None, loads.table,
-            f.record, f.reading, *self._sensed(f, sample)))
+            f.known, f.anchor, f.model is not None, loads.table, *self._sensed(f, sample)))
 
     def _sensed(self, f: Filter, sample: Sample) -> tuple[Any, ...]:
         """Return what `onward.learnt` takes, from the measurement to the step."""
@@ -240,9 +241,8 @@ class FilterStep:
     def followed(self, f: Filter, command: Array, output: Array, loads: Loads, swing: float
                  ) -> tuple[Loads, bool]:
         """Return the loads after a sample, and whether it swings; see onward.followed."""
-        table, swings = followed(loads.table, loads.share, output, command, self._speed, f.x,
-                                 f.sens, f.beta, f.anchor, f.model is not None,
-                                 self.told_variance, f.record, swing)
+        table, swings = followed(f.known, f.anchor, f.model is not None, loads.table, loads.share,
+                                 output, command, self._speed, self.told_variance, swing)
         return Loads(loads.share, table), swings
 
     def renewed(self, f: Filter, mode: Mode, fresh: float, doubt: float) -> Filter:
@@ -261,41 +261,40 @@ class FilterStep:
             Of the state, as a share of a start's, beyond all that f says.
 
         """
-        prior, new = self.prior_of(mode), self.freed(f)
+        prior = self.prior_of(mode)
         std = max(3.0 * math.sqrt(f.variance), fresh * (f.mass + self.schedule.soft_mass))
-        new.mode, new.beta, new.spread = mode, prior.mean.copy(), prior.spread(std)
-        new.beta[MASS] = f.beta[MASS]
+        beta = prior.mean.copy()
+        beta[MASS] = f.beta[MASS]
         if not mode.parts:
-            new.beta[CORIOLIS] = min(self.shares, key=lambda told: abs(told - f.beta[CORIOLIS]))
-        new.anchor, new.rounds = new.beta, 0
-        self._begin_again(new, f, doubt)
-        return new
+            beta[CORIOLIS] = min(self.shares, key=lambda told: abs(told - f.beta[CORIOLIS]))
+        return self._begun_again(replace(f, mode=mode, model=None, rounds=0), f, f.state, beta,
+                                 prior.spread(std), doubt)
 
-    def _begin_again(self, new: Filter, f: Filter, doubt: float) -> None:
-        """Take the state of a filter, and what it knows of the noise; forget the parameters."""
-        new.cov = f.cov + f.sens @ f.spread @ f.sens.T + doubt**2 * self.start_cov
-        new.sens = np.zeros((f.x.size, new.beta.size))
-        new.record = new_record(self.told_variance.size)
-        new.record[:-5] = f.record[:-5]
-        new.age = new.linearised = 0.0
+    def _begun_again(self, new: Filter, f: Filter, x: Array, beta: Array, spread: Array,
+                     doubt: float) -> Filter:
+        """Return a filter that knows of f's what it does of state and noise, and nothing else."""
+        states, _, channels = f.sizes
+        cov = f.cov + f.sens @ f.spread @ f.sens.T + doubt**2 * self.start_cov
+        record = new_record(channels)
+        record[:-5] = f.record[:-5]
+        known = joined(x, cov, np.zeros((states, beta.size)), beta, spread, record, f.reading)
+        return replace(new, known=known, sizes=(states, beta.size, channels), age=0.0,
+                       linearised=0.0, kept=None)
 
     def freed(self, f: Filter) -> Filter:
         """Return the same filter, linearised about its estimate at every sample."""
-        new, new.x = f.copy(), f.state.copy()
-        new.anchor, new.model = new.beta, None
+        new = replace(f, known=f.known.copy(), model=None, kept=None)
+        new.x[:] = f.state
         return new
 
     def about(self, f: Filter) -> Filter:
         """Return the same filter, linearised about its estimate from now on."""
-        new = f.copy()
         if f.mode.parts:
-            anchor = self.prior.within(f.beta)
-            new.model = self.lineariser.about(anchor)
+            model = self.lineariser.about(self.prior.within(f.beta))
         else:
-            anchor = f.beta.copy()
-            new.model = held(self.schedule, anchor, self.motion[f.mode.bent])
-        new.x += f.sens @ (anchor - f.anchor)
-        new.anchor, new.linearised = anchor, f.age
+            model = held(self.schedule, f.beta.copy(), self.motion[f.mode.bent])
+        new = replace(f, known=f.known.copy(), model=model, linearised=f.age, kept=None)
+        new.x += f.sens @ (new.anchor - f.anchor)
         return new
 
     def again(self, f: Filter, fresh: float, first: Sample, loads: Loads,
@@ -316,12 +315,13 @@ class FilterStep:
 
         """
         prior, new = self.prior_of(f.mode), self.about(f)
-        new.rounds, new.beta, new.log = f.rounds + 1, prior.mean.copy(), 0.0
-        new.beta[MASS] = new.anchor[MASS]
+        beta = prior.mean.copy()
+        beta[MASS] = new.anchor[MASS]
         if not f.mode.parts:
-            new.beta[CORIOLIS] = new.anchor[CORIOLIS]
-        new.spread = prior.spread(fresh * (f.mass + self.schedule.soft_mass))
-        self._begin_again(new, f, 0.0)
+            beta[CORIOLIS] = new.anchor[CORIOLIS]
+        spread = prior.spread(fresh * (f.mass + self.schedule.soft_mass))
+        new = self._begun_again(new, f, new.x, beta, spread, 0.0)
+        new.rounds, new.log = f.rounds + 1, 0.0
         self.begin_at(new, first, loads, rested)
         return new
 
@@ -344,7 +344,6 @@ class FilterStep:
 
     def relocate(self, f: Filter, measured: Array | None) -> None:
         """Keep what is known of payload and parts, and start the state again."""
-        x = np.zeros_like(f.x)
+        f.x[:], f.cov[:], f.sens[:] = 0.0, self.start_cov, 0.0
         if measured is not None:
-            x[:2] = measured[:2]
-        f.x, f.cov, f.sens = x, self.start_cov.copy(), np.zeros_like(f.sens)
+            f.x[:2] = measured[:2]

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from flex_payload_estimator.estimators.rpe.kernel import MASS
+from flex_payload_estimator.estimators.rpe.knowledge import parted
 from flex_payload_estimator.estimators.rpe.linearised import Linearised
 from flex_plant_sim.arm.second_order import Array
 import numpy as np
@@ -87,12 +88,18 @@ class Filter:
     Attributes
     ----------
     mode : Mode
-    x, cov, sens, beta, spread, anchor : Array
-        See kernel.py; the anchor is beta itself where it follows the estimate.
+    known : Array
+        All that a step writes, see knowledge.parted.
+    sizes : tuple of int
+        Numbers of states, of parameters and of channels.
+    x, cov, sens, beta, spread : Array
+        See kernel.py; parts of `known`, as are record and reading: to be written in place.
     record : Array
         What `evidence.weigh` remembers.
     reading : Array
         Innovation of the last sample, rad and m/m, and its expected variances, (2, m).
+    anchor : Array
+        The model's, or beta itself where that follows the estimate.
     log, recent, gained, stated : float
         Log-likelihood since it began, of late, and of the last sample as judged and as stated, see
         `evidence.weigh`.
@@ -105,19 +112,13 @@ class Filter:
     age, linearised : float
         How long it has learnt in motion, s, and how long it had when it was linearised.
     kept : Array or None
-        Its knowledge before the last prediction, one behind the other, see onward.ahead.
+        What was known before the last prediction.
 
     """
 
     mode: Mode
-    x: Array
-    cov: Array
-    sens: Array
-    beta: Array
-    spread: Array
-    anchor: Array
-    record: Array
-    reading: Array
+    known: Array
+    sizes: tuple[int, int, int]
     log: float = 0.0
     recent: float = 0.0
     gained: float = 0.0
@@ -128,32 +129,36 @@ class Filter:
     age: float = 0.0
     linearised: float = 0.0
     kept: Array | None = None
+    x: Array = field(init=False)
+    cov: Array = field(init=False)
+    sens: Array = field(init=False)
+    beta: Array = field(init=False)
+    spread: Array = field(init=False)
+    record: Array = field(init=False)
+    reading: Array = field(init=False)
+    anchor: Array = field(init=False)
 
-    @property
-    def knowledge(self) -> tuple[Array, ...]:
-        """Return what a step writes."""
-        return (self.x, self.cov, self.sens, self.beta, self.spread, self.record, self.reading)
+    def __post_init__(self) -> None:
+        """Find the parts."""
+        (self.x, self.cov, self.sens, self.beta, self.spread, self.record,
+         self.reading) = parted(self.known, *self.sizes)
+        self.anchor = self.beta if self.model is None else self.model.anchor
 
     def room(self) -> Array:
         """Return where a prediction keeps what is known before it."""
         if self.kept is None:
-            self.kept = np.empty(sum(known.size for known in self.knowledge))
+            self.kept = np.empty_like(self.known)
         return self.kept
 
     def take_back(self) -> None:
         """Know what was known before the last prediction, if there was one."""
         if self.kept is not None:
-            parts = np.split(self.kept, np.cumsum([known.size for known in self.knowledge]))
-            for known, before in zip(self.knowledge, parts):
-                known[:] = before.reshape(known.shape)
+            self.known[:] = self.kept
 
     def before(self) -> Filter:
         """Return an independent filter as it was before the last prediction."""
-        found = self.copy()
-        found.kept = self.kept
-        found.take_back()
-        found.kept = None
-        return found
+        known = self.known if self.kept is None else self.kept
+        return replace(self, known=known.copy(), kept=None)
 
     @property
     def state(self) -> Array:
@@ -172,9 +177,4 @@ class Filter:
 
     def copy(self) -> Filter:
         """Return an independent filter that knows the same."""
-        beta = self.beta.copy()
-        return Filter(
-            self.mode, self.x.copy(), self.cov.copy(), self.sens.copy(), beta,
-            self.spread.copy(), beta if self.model is None else self.anchor, self.record.copy(),
-            self.reading.copy(), self.log, self.recent, self.gained, self.stated, self.square,
-            self.model, self.rounds, self.age, self.linearised)
+        return replace(self, known=self.known.copy(), kept=None)

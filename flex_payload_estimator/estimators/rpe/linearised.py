@@ -35,8 +35,9 @@ class Linearised:
 
     Attributes
     ----------
-    anchor : Array
-        Parameters about which, the parts' deviations zero: the tables have them; (B,).
+    anchor, nominal : Array
+        Parameters about which, (B,), and the same with parts that do not deviate: the tables
+        have them.
     series : Array
         As of a PayloadSlice, without the second derivative, for the payload is held.
     parts : Array
@@ -49,6 +50,7 @@ class Linearised:
     """
 
     anchor: Array
+    nominal: Array
     series: Array
     parts: Array
     count: int
@@ -102,10 +104,10 @@ class Lineariser:
         slope = (above - below) / (mass + step - low)
         base = coefficients(arm, COARSE_TERMS, np.array([mass]), forces=False)
         rows = self._slopes(robot, base, mass)
-        bare = anchor.copy()
-        bare[columns] = 0.0
-        return Linearised(bare, np.hstack([value, slope, 0.0 * slope]), rows, len(self.parts),
-                          motion_rows(arm))
+        nominal = anchor.copy()
+        nominal[columns] = 0.0
+        return Linearised(anchor, nominal, np.hstack([value, slope, 0.0 * slope]), rows,
+                          len(self.parts), motion_rows(arm))
 
     def _slopes(self, robot: Robot, base: Array, mass: float) -> Array:
         """Return the derivatives over the parts, (K', p n (n + 2))."""
@@ -134,4 +136,4 @@ def held(schedule: PayloadSchedule, anchor: Array, motion: Array) -> Linearised:
     away, (value, slope, bend) = float(anchor[MASS]) - piece.payload, np.split(
         piece.series, 3, axis=1)
     series = np.hstack([value + away * (slope + 0.5 * away * bend), slope + away * bend, bend])
-    return Linearised(anchor, series, np.zeros((0, 1)), 0, motion)
+    return Linearised(anchor, anchor, series, np.zeros((0, 1)), 0, motion)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from flex_payload_estimator.estimators.rpe.evidence import weigh
 from flex_payload_estimator.estimators.rpe.kernel import correct, predict, walk
+from flex_payload_estimator.estimators.rpe.knowledge import parts_of
 from flex_payload_estimator.estimators.rpe.products import applied, inner
 from flex_payload_estimator.kalman.in_place import add, add_matrix, put
 from flex_plant_sim.arm.second_order import Array
@@ -33,26 +34,26 @@ def state_of(x: Array, sens: Array, beta: Array, anchor: Array, held: bool) -> A
 
 
 @compiled
-def followed(table: Array, share: float, output: Array, command: Array, speed: Array, x: Array,
-             sens: Array, beta: Array, anchor: Array, held: bool, told: Array, record: Array,
-             swing: float) -> tuple[Array, bool]:
+def followed(known: Array, anchor: Array, held: bool, table: Array, share: float, output: Array,
+             command: Array, speed: Array, told: Array, swing: float) -> tuple[Array, bool]:
     """
     Return the loads after a sample, and whether a gauge swings beyond its noise.
 
     Parameters
     ----------
+    known, anchor, held, told
+        Of the incumbent, see `learnt`.
     table, share : Array, float
         See sensors.Loads.
     output, command : Array
         (m,) and (2,).
     speed : Array
         See sensors.speed_feedback.
-    x, sens, beta, anchor, held, told, record
-        Of the incumbent, see `learnt`.
     swing : float
         Variance of a gauge over that of its noise that is a swing.
 
     """
+    x, _, sens, beta, _, record, _ = parts_of(known, speed.shape[1], anchor.size, output.size)
     found, held_by = np.zeros_like(table), applied(speed, state_of(x, sens, beta, anchor, held))
     add_matrix(found, 1.0 - share, table)
     swings = False
@@ -69,23 +70,7 @@ def followed(table: Array, share: float, output: Array, command: Array, speed: A
 
 
 @compiled
-def _put(kept: Array, place: int, known: Array) -> int:
-    put(kept[place:place + known.size], known.ravel())
-    return place + known.size
-
-
-@compiled
-def _keep(kept: Array, x: Array, cov: Array, sens: Array, beta: Array, spread: Array,
-          record: Array, reading: Array) -> None:
-    """Keep what a filter knows, in the order of Filter.knowledge."""
-    place = _put(kept, _put(kept, _put(kept, 0, x), cov), sens)
-    place = _put(kept, _put(kept, place, beta), spread)
-    _put(kept, _put(kept, place, record), reading)
-
-
-@compiled
-def ahead(kept: Array, record: Array, reading: Array, x: Array, cov: Array, sens: Array,
-          beta: Array, spread: Array, anchor: Array, held: bool, about: Array, series: Array,
+def ahead(kept: Array, known: Array, anchor: Array, held: bool, about: Array, series: Array,
           parts: Array, away: float, motion: Array, command: Array, doubt: Array, speed: Array,
           error: float, walked: float, loads: Array, steps: int) -> None:
     """
@@ -94,10 +79,10 @@ def ahead(kept: Array, record: Array, reading: Array, x: Array, cov: Array, sens
     Parameters
     ----------
     kept : Array
-        What the filter knew before is left here, see Filter.knowledge.
-    record, reading
-        See `learnt`; they stay.
-    x, cov, sens, beta, spread, anchor, held
+        What the filter knew before is left here.
+    known : Array
+        What it knows, see knowledge.parted.
+    anchor, held
         See kernel.correct.
     about, series, parts, away, motion
         The model; see kernel.predict, whose anchor `about` is.
@@ -115,7 +100,9 @@ def ahead(kept: Array, record: Array, reading: Array, x: Array, cov: Array, sens
         How many sampling times.
 
     """
-    _keep(kept, x, cov, sens, beta, spread, record, reading)
+    put(kept, known)
+    x, cov, sens, beta, spread, _, _ = parts_of(known, speed.shape[1], anchor.size,
+                                                loads.shape[1])
     if error > 0.0:
         net = command - applied(speed, state_of(x, sens, beta, anchor, held))
         doubt = doubt + error * np.maximum(loads[DRIVE, :2], net * net)
@@ -125,23 +112,20 @@ def ahead(kept: Array, record: Array, reading: Array, x: Array, cov: Array, sens
 
 
 @compiled
-def learnt(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor: Array,
-           held: bool, loads: Array, record: Array, reading: Array, measured: Array,
-           offset: Array, output: Array, told: Array, error: float, least: float, gains: int,
-           heaviest: float, step: float) -> tuple[float, float, float]:
+def learnt(known: Array, anchor: Array, held: bool, loads: Array, measured: Array, offset: Array,
+           output: Array, told: Array, error: float, least: float, gains: int, heaviest: float,
+           step: float) -> tuple[float, float, float]:
     """
-    Let a filter learn from a measurement: x, P, s, beta, V, record and reading.
+    Let a filter learn from a measurement; its reading is the innovation and its variances.
 
     Parameters
     ----------
-    x, cov, sens, beta, spread, anchor, held, measured, offset, output, gains, heaviest
-        See kernel.correct.
-    loads
+    known, loads
         See `ahead`.
-    record, told, step
+    anchor, held, measured, offset, output, gains, heaviest
+        See kernel.correct.
+    told, step
         See evidence.weigh.
-    reading : Array
-        Innovation and its variances, (2, m).
     error : float
         Variance of the model error of a gauge over the square of what it sees.
     least : float
@@ -155,6 +139,8 @@ def learnt(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor
 
     """
     channels = measured.size
+    x, cov, sens, beta, spread, record, reading = parts_of(known, output.shape[1], anchor.size,
+                                                           channels)
     noise = told * np.maximum(record[:channels], least)
     if error > 0.0:
         seen = measured * measured
@@ -173,14 +159,13 @@ def learnt(x: Array, cov: Array, sens: Array, beta: Array, spread: Array, anchor
 
 
 @compiled
-def stepped(kept: Array, record: Array, reading: Array, x: Array, cov: Array, sens: Array,
-            beta: Array, spread: Array, anchor: Array, held: bool, about: Array, series: Array,
+def stepped(kept: Array, known: Array, anchor: Array, held: bool, about: Array, series: Array,
             parts: Array, away: float, motion: Array, command: Array, doubt: Array, speed: Array,
             push: float, walked: float, loads: Array, steps: int, measured: Array,
             offset: Array, output: Array, told: Array, error: float, least: float, gains: int,
             heaviest: float, step: float) -> tuple[float, float, float]:
     """Do both: `push` is the error of `ahead`, `error` that of `learnt`."""
-    ahead(kept, record, reading, x, cov, sens, beta, spread, anchor, held, about, series, parts,
-          away, motion, command, doubt, speed, push, walked, loads, steps)
-    return learnt(x, cov, sens, beta, spread, anchor, held, loads, record, reading, measured,
-                  offset, output, told, error, least, gains, heaviest, step)
+    ahead(kept, known, anchor, held, about, series, parts, away, motion, command, doubt, speed,
+          push, walked, loads, steps)
+    return learnt(known, anchor, held, loads, measured, offset, output, told, error, least, gains,
+                  heaviest, step)
