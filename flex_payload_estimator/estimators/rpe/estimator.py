@@ -252,6 +252,7 @@ class RecursivePredictionError:
             rested = filters[0].before()
             self._start.leave_rest(rested, sample, self._loads)
             self._modes.leave_rest(rested)
+            self._motion.said = None
         if not self._motion.excited:
             self._drift()
         self._open = sample
@@ -312,22 +313,23 @@ class RecursivePredictionError:
         variance = self.settings.rest_drift**2 * self.arm.step_time
         for f in self._filters():
             self.stepper.drift(f, variance)
+        self._motion.said = None
 
     def _estimate(self, time: float) -> Estimate:
         best = self.incumbent
-        doubt = self.stepper.doubt(best)
+        doubt, said = self.stepper.doubt(best), self._motion.said or self.stepper.said(best)
         if not self._motion.moved:
             # Noise alone tells which payload explains less, not which it is.
             mass, variance = self._start.moments_before
         elif self._incumbent is None:
             mass, variance = self._start.moments()
         else:
-            mass, variance = self.stepper.payload(best, doubt)
+            mass, variance = self.stepper.payload(best, said, doubt)
         suspect = doubt > SUSPECT
         status = 'model_suspect' if suspect else 'ok' if self._motion.excited \
             and self._incumbent is not None else 'not_excited'
-        self._last = Estimate(time, mass, variance, best.variance, best.reading[0].copy(),
-                              np.sqrt(best.reading[1]), status)
+        innovation, deviation = said[2]
+        self._last = Estimate(time, mass, variance, best.variance, innovation, deviation, status)
         return self._last
 
     def _reject(self, time: float) -> Estimate:

@@ -6,6 +6,7 @@ from dataclasses import replace
 import math
 from typing import Any
 
+from flex_payload_estimator.estimators.rpe import onward
 from flex_payload_estimator.estimators.rpe.effects import EffectStep
 from flex_payload_estimator.estimators.rpe.evidence import misfit_of, new_record, NOISIER
 from flex_payload_estimator.estimators.rpe.hand_over import hand_over
@@ -19,8 +20,6 @@ from flex_payload_estimator.estimators.rpe.kernel import (
 )
 from flex_payload_estimator.estimators.rpe.knowledge import joined
 from flex_payload_estimator.estimators.rpe.linearised import held, Lineariser
-from flex_payload_estimator.estimators.rpe.model_average import model_averaged
-from flex_payload_estimator.estimators.rpe.onward import ahead, followed, GATE, learnt, stepped
 from flex_payload_estimator.estimators.rpe.prior import Prior, SHARE_STD, SHARES, tolerances_off
 from flex_payload_estimator.estimators.rpe.schedule import PayloadSchedule
 from flex_payload_estimator.estimators.rpe.sensors import Loads, speed_feedback
@@ -67,7 +66,6 @@ class FilterStep:
                  lineariser: Lineariser, prior: Prior, effects: EffectStep, told: Array,
                  torque: Array, heaviest: float, start: Array):
         self.schedule, self.motion, self.prior, self.effects = schedule, motion, prior, effects
-        self.lineariser = lineariser
         # An arm without forces of motion has none to add, and one may be told all.
         self.bends = len(motion[False]) < len(motion[True])
         self.exact, self.heaviest, self.start_cov = prior.exact(), heaviest, np.diag(start**2)
@@ -78,7 +76,7 @@ class FilterStep:
         self.told_variance, self._torque = told**2, torque**2
         self._told: list[float] = self.told_variance.tolist()
         self.output = np.ascontiguousarray(effects.output_matrix())
-        self.step_time = effects.arm.step_time
+        self.lineariser, self.step_time = lineariser, effects.arm.step_time
         self._density = ERROR_STEP_S / self.step_time
         self._speed, self._offsets = speed_feedback(effects.arm), effects.arm.acts_on_output
         # Whether an effect acts between prediction and measurement.
@@ -98,8 +96,7 @@ class FilterStep:
         if share is not None:
             beta[CORIOLIS] = share
         known = joined(x, self.start_cov, np.zeros((x.size, beta.size)), beta, prior.spread(std),
-                       new_record(channels),
-                       np.stack([np.zeros(channels), np.full(channels, np.inf)]))
+                       new_record(channels), np.repeat([[0.0], [np.inf]], channels, axis=1))
         return Filter(mode, known, (x.size, beta.size, channels))
 
     def _model(self, f: Filter) -> tuple[Any, ...]:
@@ -129,8 +126,8 @@ class FilterStep:
         before, payload = f.x, float(f.beta[MASS] if f.model is None else f.anchor[MASS])
         if self.effects.moves:
             before = before.copy()
-        ahead(f.room(), f.known, f.anchor, f.model is not None, *self._model(f),
-              *self._pushed(f, sample, loads))
+        onward.ahead(f.room(), f.known, f.anchor, f.model is not None, *self._model(f),
+                     *self._pushed(f, sample, loads))
         if self.effects.moves:
             f.x[:] = self.effects.push(self.schedule.cut(payload).payload, before, f.x,
                                        sample.command, sample.time - self.step_time)
@@ -141,19 +138,23 @@ class FilterStep:
         walk(f.cov, f.sens, f.spread, variance)
         f.x += state - f.state
 
-    def payload(self, f: Filter, doubt: float | None = None) -> tuple[float, float]:
-        """Return payload and variance, kg and kg^2; `doubt`, where it is known, is f's."""
-        mass, variance = model_averaged(f.beta, f.spread, self._lasting[f.mode.parts])
-        variance = float(variance)
+    def said(self, f: Filter) -> onward.Said:
+        """Return what a filter says, see onward.said."""
+        return onward.said(f.known, *f.sizes, self._lasting[f.mode.parts])
+
+    def payload(self, f: Filter, told: onward.Said | None = None, doubt: float | None = None
+                ) -> tuple[float, float]:
+        """Return payload and variance, kg and kg^2; the rest of f, where it is known."""
+        mass, variance = map(float, (told or self.said(f))[:2])
         if f.mode.parts:
-            variance += (LASTING * float(mass))**2
+            variance += (LASTING * mass)**2
             if f.rounds == 0:
                 variance += self.prior.considered(f.spread)
             # Gauss and Newton's last step: the next is smaller, if at all.
-            variance += float(mass - f.anchor[MASS])**2
-            variance += self.prior.scale_variance * float(mass)**2
+            variance += (mass - f.anchor.item(MASS))**2
+            variance += self.prior.scale_variance * mass**2
             variance *= self.doubt(f) if doubt is None else doubt
-        return float(mass), variance
+        return mass, variance
 
     def doubt(self, f: Filter) -> float:
         """
@@ -173,7 +174,7 @@ class FilterStep:
             self.predict(f, sample, loads)
             self.correct(f, sample, loads)
             return
-        self._weighed(f, sample, stepped(
+        self._weighed(f, sample, onward.stepped(
             f.room(), f.known, f.anchor, f.model is not None, *self._model(f),
             *self._pushed(f, sample, loads), *self._sensed(f, sample)))
 
@@ -192,7 +193,7 @@ class FilterStep:
             What it learnt from, and the loads then.
 
         """
-        if after.square * self.told_variance.size < GATE:
+        if after.square * self.told_variance.size < onward.GATE:
             return after
         return max([after, *(self._jumped(after.before(), *cell, sample, loads)
                              for cell in self.cells(CELLS))], key=lambda f: f.stated)
@@ -215,7 +216,7 @@ class FilterStep:
         """Learn from a sample that was predicted."""
         if sample.measured is None:
             return
-        self._weighed(f, sample, learnt(
+        self._weighed(f, sample, onward.learnt(
             f.known, f.anchor, f.model is not None, loads.table, *self._sensed(f, sample)))
 
     def _sensed(self, f: Filter, sample: Sample) -> tuple[Any, ...]:
@@ -239,11 +240,12 @@ class FilterStep:
         return np.asarray(self.effects.arm.output(x, time) - self.output @ x)
 
     def followed(self, f: Filter, command: Array, output: Array, loads: Loads, swing: float
-                 ) -> tuple[Loads, bool]:
-        """Return the loads after a sample, and whether it swings; see onward.followed."""
-        table, swings = followed(f.known, f.anchor, f.model is not None, loads.table, loads.share,
-                                 output, command, self._speed, self.told_variance, swing)
-        return Loads(loads.share, table), swings
+                 ) -> tuple[Loads, bool, onward.Said]:
+        """Return the loads after a sample, whether it swings, and what is said then."""
+        table, swings, told = onward.followed(
+            f.known, f.anchor, f.model is not None, self._lasting[f.mode.parts], loads.table,
+            loads.share, output, command, self._speed, self.told_variance, swing)
+        return Loads(loads.share, table), swings, told
 
     def renewed(self, f: Filter, mode: Mode, fresh: float, doubt: float) -> Filter:
         """
@@ -339,8 +341,7 @@ class FilterStep:
         """Tell whether a mode's model error is beyond the noise now, so that modes differ."""
         # All gauges have one scale of noise; plain numbers are quicker for a few.
         scale = TELLING**2 / (mode.gauge**2 * self._density) * float(f.record[2])
-        return any(load > scale * told
-                   for load, told in zip(loads.strain.tolist(), self._told))
+        return any(load > scale * told for load, told in zip(loads.strain.tolist(), self._told))
 
     def relocate(self, f: Filter, measured: Array | None) -> None:
         """Keep what is known of payload and parts, and start the state again."""

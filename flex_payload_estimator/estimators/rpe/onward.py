@@ -10,12 +10,15 @@ from __future__ import annotations
 from flex_payload_estimator.estimators.rpe.evidence import weigh
 from flex_payload_estimator.estimators.rpe.kernel import correct, predict, walk
 from flex_payload_estimator.estimators.rpe.knowledge import parts_of
+from flex_payload_estimator.estimators.rpe.model_average import model_averaged
 from flex_payload_estimator.estimators.rpe.products import applied, inner
 from flex_payload_estimator.kalman.in_place import add, add_matrix, put
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import compiled
 import numpy as np
 
+# What `said` returns.
+Said = tuple[float, float, Array]
 # Rows of Loads' table.
 MEAN, STRAIN, SWING, DRIVE = range(4)
 # e' Sigma^-1 e beyond which a sample's noise counts as larger: six normal draws squared sum to
@@ -34,15 +37,39 @@ def state_of(x: Array, sens: Array, beta: Array, anchor: Array, held: bool) -> A
 
 
 @compiled
-def followed(known: Array, anchor: Array, held: bool, table: Array, share: float, output: Array,
-             command: Array, speed: Array, told: Array, swing: float) -> tuple[Array, bool]:
+def said(known: Array, states: int, size: int, channels: int, lasting: Array
+         ) -> Said:
     """
-    Return the loads after a sample, and whether a gauge swings beyond its noise.
+    Return what a filter says: payload, kg, and its variance; innovation and its deviation, (2, m).
+
+    Parameters
+    ----------
+    known, states, size, channels
+        See knowledge.parted.
+    lasting : Array
+        See model_averaged.
+
+    """
+    _, _, _, beta, spread, _, reading = parts_of(known, states, size, channels)
+    mass, variance = model_averaged(beta, spread, lasting)
+    found = reading.copy()
+    put(found[1], np.sqrt(reading[1]))
+    return mass, variance, found
+
+
+@compiled
+def followed(known: Array, anchor: Array, held: bool, lasting: Array, table: Array, share: float,
+             output: Array, command: Array, speed: Array, told: Array, swing: float
+             ) -> tuple[Array, bool, Said]:
+    """
+    Return the loads after a sample, whether a gauge swings beyond its noise, and `said`.
 
     Parameters
     ----------
     known, anchor, held, told
         Of the incumbent, see `learnt`.
+    lasting
+        See `said`.
     table, share : Array, float
         See sensors.Loads.
     output, command : Array
@@ -66,7 +93,7 @@ def followed(known: Array, anchor: Array, held: bool, table: Array, share: float
             found[STRAIN, i] += share * output[i] * output[i]
         found[SWING, i] += (1.0 - share) * share * off * off
         swings |= i > 1 and found[SWING, i] > swing * told[i] * record[i]
-    return found, swings
+    return found, swings, said(known, speed.shape[1], anchor.size, output.size, lasting)
 
 
 @compiled
