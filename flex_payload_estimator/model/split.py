@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Literal, NamedTuple
 
 from flex_plant_sim.arm.paper_model import CompactForm
@@ -103,9 +104,14 @@ def terms_at(cosine: float, table: Array, m_6: Array, m_7: Array, frame: Array) 
                         narrow[1], m_6, m_7, frame)
 
 
+@lru_cache
+def _unit(size: int) -> Array:
+    return np.eye(size)
+
+
 def _inverse_by_lapack(matrix: Array) -> Array:
     # Transposed twice: LAPACK works by columns, and what follows is faster by rows.
-    found: Array = dgesv(matrix.T, np.eye(len(matrix)))[2].T
+    found: Array = dgesv(matrix.T, _unit(len(matrix)))[2].T
     return found
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 from flex_payload_estimator.estimators.rpe.products import product
 from flex_payload_estimator.kalman.in_place import add
 from flex_plant_sim.arm.second_order import Array
@@ -20,9 +22,18 @@ def _waves_by_loops(angle: float, count: int) -> Array:
     return waves
 
 
+@lru_cache
+def _orders(count: int) -> Array:
+    return np.arange(float(count))
+
+
 def _waves_by_numpy(angle: float, count: int) -> Array:
-    order = np.arange(float(count))
-    return np.stack([np.cos(angle * order), -order * np.sin(angle * order)])
+    order, waves = _orders(count), np.empty((2, count))
+    np.multiply(angle, order, waves[1])
+    np.cos(waves[1], waves[0])
+    np.sin(waves[1], waves[1])
+    waves[1] *= -order
+    return waves
 
 
 # cos(k angle) and their derivatives, (2, K).
