@@ -244,7 +244,8 @@ def test_what_swings_is_fitted_from_each_size_that_was_looked_at() -> None:
             starts.setdefault(h.label, []).append(trial.starts[0][0])
     swings, = (h for h, _ in course.looks if h.label == 'loose_payload:arm')
     asked_at = [size for size in swings.parameters[0].starts if size > 0.0]
-    assert sorted(starts[swings.label]) == pytest.approx(asked_at)
+    # And where a line says: a gap may be smaller than all that were looked at.
+    assert set(np.round(asked_at, 9)) < set(np.round(starts[swings.label], 9))
     assert len(starts['clamp_compliance:link_1']) == 1
     # Nor does a line tell how much it gains.
     worth = {p.hypothesis.label: course.worth(50, replace(p, gain=100.0))

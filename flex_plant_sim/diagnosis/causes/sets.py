@@ -54,7 +54,8 @@ class Trial:
                      tuple(np.concatenate([self.starts[0], start]) for start in promise.starts))
 
     def with_each(self, promise: Promise) -> Iterator[Trial]:
-        """Return the set with one cause more from each of its sizes: between are side valleys."""
+        """Return the set with one cause more, and from each of its sizes: between are valleys."""
+        yield self.with_one(promise)
         for start in promise.of_sizes:
             yield self.with_one(replace(promise, starts=(start,)))
 
