@@ -219,8 +219,9 @@ class Course:
 
     @property
     def best(self) -> Settled:
-        """Return the most probable of the sets that were linearised around themselves."""
-        return max(self.settled.values(), key=lambda s: self.score(s.fit))
+        """Return the most probable set linearised around itself, all parts as their file says."""
+        return max((s for s in self.settled.values() if not s.fit.discrepancy.far),
+                   key=lambda s: self.score(s.fit))
 
     def settle_leading(self, centre: Settled) -> None:
         """

@@ -97,7 +97,10 @@ def _searched(course: Course) -> Search | None:
         # What was fitted around another set and turns out worse around itself has fallen back.
         best = course.best
         if Key.of(best.fit) in promises:
+            progress('unknown', 0.9)
             course.settle_rivals(best, nothing)
+            course.try_far_parts()
+            course.settle_leading(course.best)
             best = course.best
         if Key.of(best.fit) in promises:
             break
@@ -105,10 +108,10 @@ def _searched(course: Course) -> Search | None:
         if len(best.fit.hypotheses) >= ORDINARY and lacking(likeliest):
             return None
         promises[Key.of(best.fit)] = course.around(best)
+    else:
+        course.try_far_parts()
+        course.settle_leading(best)
     last = max((course.settled[key] for key in promises), key=lambda c: course.score(c.fit))
-    progress('unknown', 0.9)
-    course.try_far_parts()
-    course.settle_leading(last)
     beside = promises[Key.of(last.fit)]
     posterior = course.ranked(last, beside)
     if lacking(posterior.best):
