@@ -97,10 +97,12 @@ def _searched(course: Course) -> Search | None:
         # What was fitted around another set and turns out worse around itself has fallen back.
         best = course.best
         if Key.of(best.fit) in promises:
-            progress('unknown', 0.9)
             course.settle_rivals(best, nothing)
+            best = course.best
+        if Key.of(best.fit) in promises:
+            progress('unknown', 0.9)
             course.try_far_parts()
-            course.settle_leading(course.best)
+            course.settle_leading(best)
             best = course.best
         if Key.of(best.fit) in promises:
             break
