@@ -66,7 +66,7 @@ fleet: .venv/.$(DISTRO)-test  ## 64 logs on one worker, on two, and with one kil
 	$(FAULTS)/fleet_run.py --page
 
 soak: .venv/.$(DISTRO)-test  ## an hour in real time at 1 kHz, one in lock-step: memory, latency, loss
-	$(FAULTS)/soak.py --minutes 120 --page
+	$(FAULTS)/soak.py --minutes 120 --page --picture docs/figures/soak.png
 
 clean:  ## remove the virtual environment and everything built
 	rm -rf .venv build install log *.egg-info .coverage .mypy_cache .pytest_cache .ruff_cache

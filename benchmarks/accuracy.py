@@ -28,7 +28,6 @@ import numpy as np
 TIMES_S = (1.0, 3.0, 10.0)
 NAMES = ('no process noise', 'process noise')
 LIMIT = 1.5
-FIGURE = Path(__file__).resolve().parents[1] / 'docs' / 'figures' / 'accuracy.png'
 
 
 @dataclass(frozen=True)
@@ -100,7 +99,7 @@ def report(name: str, found: Array) -> None:
               f'{np.max(np.abs(error[:, k]) / std[:, k]):17.1f}', flush=True)
 
 
-def draw(studies: dict[str, Array]) -> None:
+def draw(studies: dict[str, Array], path: Path) -> None:
     """Plot every run's error against its bound."""
     figure = Figure(figsize=(9, 4.2), layout='constrained')
     axes = figure.subplots(1, 2, sharex=True, sharey=True)
@@ -120,11 +119,11 @@ def draw(studies: dict[str, Array]) -> None:
         axis.grid(alpha=0.3)
     axes[0].set(ylabel='error of the payload, g')
     axes[0].legend(fontsize=8)
-    figure.savefig(FIGURE, dpi=150)
+    figure.savefig(path, dpi=150)
 
 
 def main() -> None:
-    """Run, print and draw."""
+    """Run, print and draw if asked."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
     parser.add_argument('--runs', type=int, default=500)
     parser.add_argument('--modes', type=int, default=3)
@@ -136,7 +135,7 @@ def main() -> None:
     parser.add_argument('--parts', action='store_true')
     parser.add_argument('--told', type=float, default=1.0)
     parser.add_argument('--torque', nargs='*', type=float, default=(0.0, TORQUE_NOISE))
-    parser.add_argument('--no-figure', action='store_true')
+    parser.add_argument('--figure', type=Path, metavar='PNG', help='where to draw it')
     options = parser.parse_args()
     study = Study(options.model, options.modes, options.step, options.until, options.parts,
                   options.told)
@@ -147,8 +146,8 @@ def main() -> None:
             job = partial(run, torque=torque, study=study)
             studies[name] = np.array(pool.map(job, seeds, chunksize=5))
             report(name, studies[name])
-    if not options.no_figure:
-        draw(studies)
+    if options.figure:
+        draw(studies, options.figure)
 
 
 if __name__ == '__main__':

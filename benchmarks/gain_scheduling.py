@@ -40,7 +40,6 @@ DESIGNS = ('fixed 0 kg', 'fixed 0.1 kg', 'fixed 0.3 kg', 'adaptive', 'true paylo
 MEASURES = ('settling time / s (2: not settled before the next step)', 'bending energy / mJ',
             'command effort / (rad$^2$/s)')
 COLOURS = ('#9aa5b1', '#5f7488', '#2f3e4e', '#d1622b', '#1f5fa8')
-FIGURE = Path(__file__).parents[1] / 'docs' / 'figures' / 'gain_scheduling.png'
 
 
 @dataclass(frozen=True)
@@ -180,15 +179,15 @@ def _bars(axes: Axes, results: dict[tuple[float, str], list[Run]], index: int) -
 
 
 def main() -> None:
-    """Print the table and write the figure."""
+    """Print the table and draw if asked."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--seeds', type=int, default=5)
     parser.add_argument('--q-2', type=float, default=LQGSettings.q_2,
                         help='weight of the commands; smaller is faster')
     parser.add_argument('--drawn', action='store_true',
-                        help='an arm that is not its model; no figure')
-    parser.add_argument('--figure', type=Path, default=FIGURE)
+                        help='an arm that is not its model; nothing to draw')
+    parser.add_argument('--figure', type=Path, metavar='PNG', help='where to draw it')
     arguments = parser.parse_args()
     if arguments.drawn:
         print_drawn(arguments.seeds, arguments.q_2)
@@ -197,7 +196,8 @@ def main() -> None:
                                    for seed in range(arguments.seeds)]
                for payload in PAYLOADS for design in DESIGNS}
     print_table(results)
-    draw(results, arguments.figure)
+    if arguments.figure:
+        draw(results, arguments.figure)
 
 
 if __name__ == '__main__':

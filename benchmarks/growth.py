@@ -26,7 +26,6 @@ from matplotlib.figure import Figure
 import numpy as np
 from numpy.typing import ArrayLike
 
-FIGURE = Path(__file__).resolve().parents[1] / 'docs' / 'figures' / 'growth.png'
 MASS, SETTLED_S = 0.12, 3.0
 
 
@@ -119,26 +118,33 @@ def many_steps(robot: Robot, modes: int, steps: int) -> None:
           f'kg^2, error {error:+.2f} standard deviations, status {loop.estimate.status}')
 
 
-def main() -> None:
-    """Print and draw."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
-    parser.add_argument('--samples', type=int, default=800, help='per number of modes')
-    parser.add_argument('--steps', type=int, default=1_000_000, help='of 1e-4 s; 0 for none')
-    options = parser.parse_args()
-    robot = load_robot('reference')
-    modes, by_modes = over_modes(robot, options.samples)
-    lengths, by_length = over_length(robot, 3)
-    for n in (2, 3):
-        one_step(robot, n, 120.0)
+def draw(by_modes: tuple[Array, Array], by_length: tuple[Array, Array], path: Path) -> None:
+    """Plot the time of a step over the modes and of a log over its length."""
     figure = Figure(figsize=(9, 3.6), layout='constrained')
     left, right = figure.subplots(1, 2)
-    left.plot(modes, by_modes, 'o-')
+    left.plot(*by_modes, 'o-')
     left.set(xlabel='modes a link, n', ylabel='one step, µs', ylim=(0, None))
-    right.plot(lengths, by_length, 'o-')
+    right.plot(*by_length, 'o-')
     right.set(xlabel='length of the log, s', ylabel='processor time, s', ylim=(0, None))
     for axis in (left, right):
         axis.grid(alpha=0.3)
-    figure.savefig(FIGURE, dpi=150)
+    figure.savefig(path, dpi=150)
+
+
+def main() -> None:
+    """Print and draw if asked."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
+    parser.add_argument('--samples', type=int, default=800, help='per number of modes')
+    parser.add_argument('--steps', type=int, default=1_000_000, help='of 1e-4 s; 0 for none')
+    parser.add_argument('--figure', type=Path, metavar='PNG', help='where to draw it')
+    options = parser.parse_args()
+    robot = load_robot('reference')
+    by_modes = over_modes(robot, options.samples)
+    by_length = over_length(robot, 3)
+    for n in (2, 3):
+        one_step(robot, n, 120.0)
+    if options.figure:
+        draw(by_modes, by_length, options.figure)
     if options.steps:
         many_steps(robot, 2, options.steps)
 

@@ -32,7 +32,6 @@ TIMES_S = (1.0, 3.0, 10.0)
 KINDS = ('model', 'process noise', 'parts drawn')
 FIRST_SEED = 100_000
 ROOT = Path(__file__).resolve().parents[1]
-FIGURE = ROOT / 'docs' / 'figures' / 'coverage.png'
 BENCH = ROOT.parent / 'shared' / 'data' / 'bench'
 
 
@@ -123,7 +122,7 @@ def bench_records() -> Iterator[tuple[str, Array]]:
         yield truth['name'], np.stack([time, error, std])
 
 
-def draw(studies: dict[str, Array], records: dict[str, Array]) -> None:
+def draw(studies: dict[str, Array], records: dict[str, Array], path: Path) -> None:
     """Plot the quantiles of error over standard deviation, and the records over time."""
     figure = Figure(figsize=(11, 8), layout='constrained')
     grid = figure.add_gridspec(3, 12)
@@ -149,18 +148,19 @@ def draw(studies: dict[str, Array], records: dict[str, Array]) -> None:
         axis.set(xlabel='time, s')
     for axis in axes[::4]:
         axis.set(ylabel='error, %')
-    figure.savefig(FIGURE, dpi=150)
+    figure.savefig(path, dpi=150)
 
 
 def main() -> None:
-    """Run, print and draw."""
+    """Run, print and draw if asked."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
     parser.add_argument('--runs', type=int, default=300)
     parser.add_argument('--modes', type=int, default=3)
     parser.add_argument('--jobs', type=int, default=2)
     parser.add_argument('--seed', type=int, default=0, help='first')
     parser.add_argument('--kinds', nargs='+', default=KINDS, choices=KINDS,
-                        help='all draw the figure')
+                        help='the bench records follow all')
+    parser.add_argument('--figure', type=Path, metavar='PNG', help='where to draw them all')
     options = parser.parse_args()
     print(f'{"truth":18s}{"at s":>5s}{"runs":>6s}{"in 95 %":>9s}{"its interval":>15s}'
           f'{"RMSE %":>13s}{"median std %":>14s}')
@@ -175,7 +175,9 @@ def main() -> None:
     if not BENCH.is_dir():
         print(f'the bench records are absent: expected {BENCH.relative_to(ROOT.parent)}')
         return
-    draw(studies, dict(bench_records()))
+    records = dict(bench_records())
+    if options.figure:
+        draw(studies, records, options.figure)
 
 
 if __name__ == '__main__':

@@ -8,7 +8,7 @@ taken out of the catalogue makes up as many as of a round of the bank. Each case
 to see what the fit is worth. Then other answers are read with them: the calibration error beside
 what it would be on average if every stated probability were right.
 
-    python test/run_bank.py --use calibration --rounds 1 --docs build --results build/odds.jsonl
+    python test/run_bank.py --use calibration --rounds 1 --results build/odds.jsonl
     python test/run_bank.py --use calibration --rounds 7 --only missing --results build/odds.jsonl
     python benchmarks/stated.py build/odds.jsonl --score build/bank.jsonl
 """

@@ -45,7 +45,7 @@ def options() -> argparse.Namespace:
     parser.add_argument('--against', type=Path, help='results of another run to compare with')
     parser.add_argument('--limits', action='store_true',
                         help=f'find the detection limits anew and keep them in {LIMITS_FILE.name}')
-    parser.add_argument('--docs', type=Path, default=REPOSITORY / 'docs',
+    parser.add_argument('--docs', type=Path, default=RESULTS.parent,
                         help='folder for bank.md and bank.png')
     return parser.parse_args()
 
@@ -137,7 +137,7 @@ def report(lines: list[dict[str, Any]], chosen: argparse.Namespace) -> None:
 
 
 def main() -> int:
-    """Run what is still to run, print the figures and write docs/bank.md."""
+    """Run what is still to run, print the figures and write bank.md and bank.png."""
     chosen = options()
     if chosen.limits:
         write_limits({robot: limits_answer(robot) for robot in read_limits()})

@@ -1,4 +1,4 @@
-"""The bank's report: docs/bank.md."""
+"""The bank's report, as docs/bank.md begins."""
 
 from __future__ import annotations
 

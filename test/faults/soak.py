@@ -262,13 +262,13 @@ def draw(found: dict[str, list[dict[str, float]]], path: Path) -> None:
 
 
 def main() -> int:
-    """Run both modes, print a line each, and draw."""
+    """Run the modes, print a line each, and draw if asked."""
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument('--minutes', type=float, default=60.0)
     options.add_argument('--rate', type=float, default=1000.0)
     options.add_argument('--domain', type=int, default=94)
     options.add_argument('--modes', nargs='+', choices=MODES, default=list(MODES))
-    options.add_argument('--picture', type=Path, default=Path('docs/figures/soak.png'))
+    options.add_argument('--picture', type=Path, metavar='PNG', help='where to draw it')
     options.add_argument('--spinners', type=int, default=0, help='processes that do nothing else')
     options.add_argument('--block', choices=('soak', 'busy'), default='soak')
     options.add_argument('--page', action='store_true', help='write it into docs/faults.md')
@@ -284,7 +284,8 @@ def main() -> int:
             break
         if len(rows) > FEWEST:
             found[mode] = rows
-            draw(found, chosen.picture)
+            if chosen.picture:
+                draw(found, chosen.picture)
             record(chosen.block, [f'At {chosen.rate:g} Hz:', '', *HEADER, *(
                 verdict(name, each, chosen.rate) for name, each in found.items()),
                 *([] if chosen.block == 'busy' else PICTURE)], chosen.page)
