@@ -12,10 +12,13 @@ from finite_elements import natural_frequencies
 from flex_payload_estimator.kalman.cramer_rao import linearise, payload_bound
 from flex_plant_sim.arm.robot import EffectSpec, Robot, Tolerances
 from flex_plant_sim.arm.robot_file import load_robot, robot_text
+from flex_plant_sim.arm.robot_keys import TOLERANCES
 from flex_plant_sim.commissioning.observability import observability
 from flex_plant_sim.commissioning.plausibility import hints
 from flex_plant_sim.commissioning.standard_move import standard_move
 from flex_plant_sim.commissioning.summary import locked_modes, tip_force
+from flex_plant_sim.diagnosis.likelihood.prior import part_priors
+from flex_plant_sim.effects import catalogue
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.simulator import Simulator
 from flex_plant_sim.tools.robot import main
@@ -24,6 +27,14 @@ import numpy as np
 import pytest
 
 REFERENCE, QUANSER = load_robot('reference'), load_robot('quanser_2dsfl')
+GAUGES = ('strain_1a', 'strain_1b', 'strain_2a', 'strain_2b')
+# What the prior calls the parts of a tolerance, its key itself where none is named.
+OF_LINKS = ('stiffness', 'damping', 'link_mass', 'length', 'drive_inertia', 'drive_gain',
+            'drive_damping')
+NAMED = {'gauge_position_m': ('position_', GAUGES), 'strain_gain': ('strain_gain:', GAUGES),
+         'strain_bias': ('strain_bias:', GAUGES), 'payload': ('payload_mass:', ('arm',)),
+         'payload_inertia_kg_m2': ('payload_inertia', ('',))}
+UNITS = {'gauge_position_m': 'm', 'strain_bias': 'm/m', 'payload_inertia_kg_m2': 'kg m^2'}
 
 
 @pytest.mark.parametrize('robot', [REFERENCE, QUANSER], ids=['reference', 'quanser'])
@@ -132,11 +143,30 @@ def test_the_tool_prints_draws_and_writes(tmp_path: Path,
     assert f'± {1e3 * found["payload_std_kg"]["parts_within_tolerances"]:.2g} g' in text
     assert main(['show', str(arm), '--output', str(picture)]) == 0
     assert '<svg' in picture.read_text(encoding='utf-8')
-    assert main(['prior', str(arm)]) == 0
-    rows = capsys.readouterr().out.splitlines()
-    assert any(row.startswith('strain_gain:strain_1') and row.endswith('10.00 %') for row in rows)
     assert main(['show', str(arm), '--output', str(tmp_path / 'a.txt')]) == 2
     assert 'expected an image suffix' in capsys.readouterr().err
+
+
+def test_the_whole_prior_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    # Each width differs, so that none can stand in another's place.
+    widths = {key: size * (1.0 + 0.01 * k) for k, (key, (size, _)) in enumerate(
+        TOLERANCES.items())}
+    arm = tmp_path / 'arm.yaml'
+    arm.write_text(robot_text('reference') + 'tolerances:\n' + ''.join(
+        f'  {key}: {width:.6g}\n' for key, width in widths.items()))
+    assert main(['prior', str(arm)]) == 0
+    parts, effects = capsys.readouterr().out.split('\n\n')
+    expected: dict[str, tuple[object, str]] = {}
+    for key, width in widths.items():
+        kind, named = NAMED.get(key, (key, ('_1', '_2') if key in OF_LINKS else ('',)))
+        unit = UNITS.get(key, '%')
+        shown = pytest.approx(width * (100.0 if unit == '%' else 1.0), rel=5e-3)
+        expected |= {kind + name: (shown, unit) for name in named}
+    lines = [line.split(maxsplit=3) for line in parts.splitlines()]
+    assert {name: (float(size), unit) for name, _, size, unit in lines} == expected
+    assert {part.name for part in part_priors(load_robot(arm), 0.1)} == set(expected)
+    assert {line.split()[0].partition(':')[0] for line in effects.splitlines()[1:-1]} == set(
+        catalogue())
 
 
 def test_what_a_cut_file_lost_is_listed_with_what_stands_in(

@@ -8,7 +8,7 @@ from flex_plant_sim.arm.robot import EffectSpec, Link, Robot
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.diagnosis.causes.hypothesis import hypotheses
 from flex_plant_sim.diagnosis.causes.search import search
-from flex_plant_sim.diagnosis.likelihood.prior import effects_table
+from flex_plant_sim.diagnosis.likelihood.prior import prior_table
 from flex_plant_sim.diagnosis.prediction.predictor import Base
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.effects import build, catalogue
@@ -111,7 +111,7 @@ def test_a_robot_file_may_name_what_is_conceivable_on_its_robot() -> None:
 
 @pytest.mark.parametrize('robot', [REFERENCE, CURRENT], ids=lambda robot: robot.name)
 def test_the_prior_is_printed_for_the_robot(robot: Robot) -> None:
-    lines = [line.split() for line in effects_table(robot).splitlines()]
+    lines = [line.split() for line in prior_table(robot).splitlines()]
     levels = [float(line[3]) for line in lines if line[:2] == ['coulomb_friction', 'level_n_m']]
     known = {h.parameters[0].typical for h in hypotheses(robot)
              if h.effect.identifier == 'coulomb_friction'}

@@ -14,13 +14,12 @@ from flex_plant_sim.commissioning.calibration import calibrate
 from flex_plant_sim.commissioning.check import Check
 from flex_plant_sim.commissioning.drawing import write_drawing
 from flex_plant_sim.commissioning.earned import calibration_text, earned
-from flex_plant_sim.commissioning.items import items_of
 from flex_plant_sim.commissioning.residuals import MODEL, MODES
 from flex_plant_sim.commissioning.robot_text import with_numbers
 from flex_plant_sim.commissioning.standard_move import simulated_move, STROKES
 from flex_plant_sim.commissioning.template import reference_page, template
 from flex_plant_sim.commissioning.urdf import urdf
-from flex_plant_sim.diagnosis.likelihood.prior import effects_table
+from flex_plant_sim.diagnosis.likelihood.prior import prior_table
 from flex_plant_sim.logs.csv_log import write_csv
 from flex_plant_sim.simulation.replay import replay
 from flex_plant_sim.tools import command_line
@@ -71,11 +70,7 @@ def _show(arguments: argparse.Namespace) -> None:
 
 
 def _prior(arguments: argparse.Namespace) -> None:
-    robot = load_robot(arguments.file)
-    for item in items_of(robot):
-        print(f'{item.name:<24} ± {item.size(item.tolerance)}')
-    print(f'{"payload":<24} ± {100.0 * robot.tolerances.payload:.2f} %\n')
-    print(effects_table(robot))
+    print(prior_table(load_robot(arguments.file)))
 
 
 def _move(arguments: argparse.Namespace) -> None:

@@ -170,9 +170,13 @@ def imitation_odds(further: int = 0) -> float:
     return IMITATED * UNKNOWN / (1.0 - UNKNOWN) / some * FURTHER**min(further, MOST)
 
 
-def effects_table(robot: Robot) -> str:
-    """Return what is conceivable on a robot as text, a line a parameter; `flex_robot prior`."""
-    lines = [f'{"effect":<30}{"parameter":<32}{"null":>8}{"typical":>10}  odds a site  unit']
+def prior_table(robot: Robot) -> str:
+    """Return the prior of a robot as text, a line a part, then one a parameter of an effect."""
+    sizes = ((part.name, part.tolerance, part.unit) if part.unit else
+             (part.name, 100.0 * part.tolerance, '%')
+             for part in part_priors(robot, robot.payload_mass))
+    lines = [f'{name:<24} ± {size:.3g} {unit}' for name, size, unit in sizes]
+    lines += ['', f'{"effect":<30}{"parameter":<32}{"null":>8}{"typical":>10}  odds a site  unit']
     for name, effect in catalogue().items():
         known = {effect.at(site, robot): site for site in reversed(sites(effect, robot))}
         for found, site in reversed(known.items()):
