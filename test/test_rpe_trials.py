@@ -53,6 +53,21 @@ def test_what_a_trial_loses_while_it_settles_does_not_count() -> None:
         assert (trial.gain < 0.0) is counts
 
 
+@pytest.mark.parametrize(('former', 'mode', 'counts'), [
+    (EXACT, ROUGH, True), (ROUGH, COARSE, True), (COARSE, ROUGH, False), (ROUGH, EXACT, False)])
+def test_a_wronger_model_counts_in_noise_that_hides_its_error(
+        former: Mode, mode: Mode, counts: bool) -> None:
+    # It gained 40 nats on an arm of other parts, and won 2 s later, when that moved faster.
+    estimator = estimator_of()
+    Run(estimator, PayloadProfile.constant(0.15), 0.5)
+    modes, incumbent = estimator._modes, of_mode(former)
+    last = modes._past[modes._past.end - 1]
+    incumbent.record[:6] = 1e8
+    trial = Trial('other', of_mode(mode), 0.0, 0.1, gain=40.0)
+    modes._step(trial, incumbent, last.sample, last.loads, True)
+    assert trial.gain > 0.0 and (trial.age > 0.0) is counts
+
+
 @pytest.mark.parametrize(('mode', 'noise', 'age', 'wins'), [
     (COARSE, 1.0, 0.1, False), (COARSE, 1.0, 0.3, True), (COARSE, 3.9, 0.3, True),
     # A burst of noise, which looks like a wronger model until it is over.

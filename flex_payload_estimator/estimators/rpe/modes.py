@@ -169,7 +169,9 @@ class Modes:
         if trial.kind == 'moved':
             trial.runner = self.stepper.jumped(trial.runner, sample, loads)
         trial.runner.age += step if excited else 0.0
-        tells = trial.kind != 'other' or self.stepper.tells(incumbent, loads, ROUGH)
+        # A wronger model that gains differs, however little of its error the noise lets show.
+        tells = trial.kind != 'other' or trial.any_time(incumbent) \
+            or self.stepper.tells(incumbent, loads, ROUGH)
         trial.count(step if tells else 0.0, trial.gained(incumbent))
         if trial.any_time(incumbent) and trial.gain <= 0.0:
             trial.begin(sample.time)

@@ -27,7 +27,7 @@ class Trial:
     gain : float
         Log-likelihood over the incumbent's: since it began, or since when it was best to begin.
     age : float
-        For how long that is, s; of a trial of another mode, while the modes differ.
+        For how long that is, s; of a trial of a simpler mode, while the modes differ.
     time : float
         For how long it has run, s, counted alike.
     best : float
