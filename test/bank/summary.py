@@ -123,7 +123,8 @@ def text(lines: Sequence[Line], commit: str, picture: str | None = None) -> str:
              'reached; Stribeck friction is as large as all of it near rest, by the limit of dry '
              'friction: what parts the two, its extra, may be much less. Where '
              '`modal_truncation` is hidden the model is that of the paper, which leaves out '
-             "Coriolis forces too: both are to be named. Intervals are Wilson's, 95 %. Seeds: "
+             'Coriolis forces too: both are to be named. A name is stated surely from '
+             f"{score.SURE:g} on. Intervals are Wilson's, 95 %. Seeds: "
              f'{_seeds(lines)}.', '',
              f'{len(lines)} cases.', '',
              '| | demanded | measured | |', '|---|---|---|---|']
