@@ -9,6 +9,7 @@ from flex_plant_sim.arm.paper_model import CompactModel, paper_model
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.arm.state_space import state_space
+from msg_config.errors import InputError
 import numpy as np
 from paper_equations import paper_residual
 import pytest
@@ -32,6 +33,11 @@ def test_affine_in_the_payload_14(payload: float) -> None:
              + form.m_4 @ command + form.at('m_5', payload) @ command_rate)
     np.testing.assert_allclose(swing - right, residual, rtol=1e-9,
                                atol=1e-10 * np.max(np.abs(residual)))
+
+
+def test_a_drive_that_nothing_damps_is_refused_in_one_line() -> None:
+    with pytest.raises(InputError, match='paper_reduced divides by the damping .* got 0$'):
+        CompactModel(ROBOT.with_drive(1, damping=0.0), 2)
 
 
 def test_m_4_vanishes() -> None:

@@ -7,6 +7,7 @@ from dataclasses import replace
 from extended_arms import arm, COMMANDS, effect, frequencies, moving, outputs, ROBOT, stiff
 from flex_plant_sim.arm.assumed_modes import assumed_modes
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.effects import catalogue
 from flex_plant_sim.effects.mechanics.elastic_root import root_moment
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.simulator import simulate, Simulator
@@ -53,6 +54,16 @@ def test_steady_speed_with_viscous_and_with_dry_friction() -> None:
         speeds.append(sim.state[sim.arm.form.order + 1])
     np.testing.assert_allclose(speeds, [drive.torque_gain / (drive.damping + 2.0),
                                         (drive.torque_gain - 2.0) / drive.damping], rtol=1e-3)
+
+
+def test_what_is_left_of_a_drive_s_damping_is_as_good_as_none() -> None:
+    drive, low = ROBOT.drives[1], catalogue()['viscous_friction'].at('joint_2', ROBOT)[0].low
+    left = arm(f'viscous_friction:joint_2:damping_n_m_s={low}')
+    none, less = (outputs(arm(robot=ROBOT.with_drive(1, damping=damping))) for damping in (
+        0.0, ROBOT.tolerances.drive_damping * drive.damping))
+    assert left.robot.drives[1].damping > 0.0
+    assert np.all(np.abs(outputs(left) - none).max(axis=0)
+                  < 0.01 * np.abs(less - none).max(axis=0))
 
 
 def test_a_joint_comes_to_rest_where_spring_and_drive_balance() -> None:

@@ -16,6 +16,7 @@ from flex_plant_sim.arm.second_order import (
     strain_rows,
 )
 from flex_plant_sim.arm.state_space import StateSpace
+from msg_config.errors import InputError
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -155,12 +156,23 @@ class CompactForm:
 
 
 class CompactModel:
-    """Appendix F for one robot: builds the compact form at any theta_2."""
+    """
+    Appendix F for one robot: builds the compact form at any theta_2.
+
+    Raises
+    ------
+    InputError
+        Where a drive has no damping.
+
+    """
 
     def __init__(self, robot: Robot, modes: int, sign: Sign = 'corrected'):
         self.robot, self.modes, self.sign = robot, modes, sign
         self.form = paper_model(robot, modes, sign)
         damping = np.array([drive.damping for drive in robot.drives])
+        if not np.all(damping > 0.0):
+            raise InputError('model: paper_reduced divides by the damping of each drive, expected '
+                             f'more than 0 N m s/rad, got {damping.min():g}')
         blocks = PaperBlocks(robot, modes, sign)
         self.p_2 = blocks.root_moment[0] / damping[0]
         self.p_4 = blocks.root_moment[1] / damping[1]

@@ -7,7 +7,8 @@ from dataclasses import replace
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.effects.base import Effect, Parameter
 
-# Share of a drive's damping that is left where the effect would take more than all of it.
+# Share of a drive's damping that is left where the effect would take all of it, as the reduced
+# model divides by it: a five-hundredth of the tolerance to which that damping is known.
 LEAST = 1e-4
 
 
