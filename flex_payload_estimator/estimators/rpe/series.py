@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from functools import lru_cache
 
-from flex_payload_estimator.estimators.rpe.products import product
 from flex_payload_estimator.kalman.in_place import add
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import COMPILED, compiled
@@ -41,6 +40,23 @@ _waves = _waves_by_loops if COMPILED else _waves_by_numpy
 
 
 @compiled
+def _summed_by_loops(waves: Array, series: Array) -> Array:
+    found, width = np.zeros((2, series.shape[1])), series.shape[1] // 3
+    for k in range(len(series)):
+        wave, slope = waves[0, k], waves[1, k]
+        # Row by row, as the table lies in memory; of two rows BLAS would make a copy of it first.
+        for j in range(found.shape[1]):
+            found[0, j] += wave * series[k, j]
+        for j in range(width):
+            found[1, j] += slope * series[k, j]
+    return found
+
+
+# What the series are at an angle, (2, 3 W), with the derivative of their first third.
+_summed = _summed_by_loops if COMPILED else np.dot
+
+
+@compiled
 def series_at(angle: float, series: Array, away: float) -> tuple[Array, Array, Array]:
     """
     Return M and its derivatives over the angle and over the payload, each flat, (W,).
@@ -55,7 +71,7 @@ def series_at(angle: float, series: Array, away: float) -> tuple[Array, Array, A
         Payload beyond the slice's, kg.
 
     """
-    width, found = series.shape[1] // 3, product(_waves(angle, len(series)), series)
+    width, found = series.shape[1] // 3, _summed(_waves(angle, len(series)), series)
     flat, over_m, bend = found[0][:width], found[0][width:2 * width], found[0][2 * width:]
     if away != 0.0:
         add(flat, away, over_m)
