@@ -59,7 +59,7 @@ def weigh(record: Array, innovation: Array, before: Array, variances: Array, sco
     told : Array
         Variances of the noise as the robot file has them, (m,).
     gate : float
-        See kernel.correct.
+        See correction.correct.
     step : float
         T, s.
 

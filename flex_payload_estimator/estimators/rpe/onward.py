@@ -7,8 +7,9 @@ arrays. So all that a step needs is worked out inside, and what a filter knows i
 
 from __future__ import annotations
 
+from flex_payload_estimator.estimators.rpe.correction import correct
 from flex_payload_estimator.estimators.rpe.evidence import weigh
-from flex_payload_estimator.estimators.rpe.kernel import correct, predict, walk
+from flex_payload_estimator.estimators.rpe.kernel import predict, walk
 from flex_payload_estimator.estimators.rpe.knowledge import parts_of
 from flex_payload_estimator.estimators.rpe.model_average import model_averaged
 from flex_payload_estimator.estimators.rpe.products import applied, inner
@@ -110,7 +111,7 @@ def ahead(kept: Array, known: Array, anchor: Array, held: bool, about: Array, se
     known : Array
         What it knows, see knowledge.parted.
     anchor, held
-        See kernel.correct.
+        See correction.correct.
     about, series, parts, away, motion
         The model; see kernel.predict, whose anchor `about` is.
     command, doubt : Array
@@ -150,7 +151,7 @@ def learnt(known: Array, anchor: Array, held: bool, loads: Array, measured: Arra
     known, loads
         See `ahead`.
     anchor, held, measured, offset, output, gains, heaviest
-        See kernel.correct.
+        See correction.correct.
     told, step
         See evidence.weigh.
     error : float
