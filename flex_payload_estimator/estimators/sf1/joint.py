@@ -172,16 +172,21 @@ def moved(before: tuple[Any, ...], ahead: tuple[Any, ...], since: int, cosine: f
                         noise, step)
     put_matrix(after.part, found[1:])
     put_matrix(after.sway, np.dot(big, a_m) * step)
-    put_matrix(after.start, track.start)
     if since > 0:
-        add_matrix(after.part, 1.0, np.dot(track.part, onward.T))
-        add_matrix(after.sway, 1.0, np.dot(onward, track.sway))
+        _grow(after.part, after.sway, track.part, track.sway, onward)
+
+
+@compiled
+def _grow(part: Array, sway: Array, part_before: Array, sway_before: Array, onward: Array) -> None:
+    """Add to x^m and s, and to what errors do to x^m, what those of a sample ago have become."""
+    add_matrix(part, 1.0, np.dot(part_before, onward.T))
+    add_matrix(sway, 1.0, np.dot(onward, sway_before))
 
 
 @compiled
 def _corrected(track: Track, after: Track, a_bar: Array, measured: Array, columns: Array,
                process: Array, measurement: Array, noise: Array, step: float) -> Array:
-    """Correct the state by a measurement, if there is one; write both P; return F - T K C."""
+    """Correct the state by a measurement, if there is one; write each P; return F - T K C."""
     noisy = track.noisy
     if measured.size > 0:
         gain, covariance, closed = riccati_step(a_bar.T, columns, process, measurement,
@@ -196,6 +201,7 @@ def _corrected(track: Track, after: Track, a_bar: Array, measured: Array, column
         covariance = lyapunov_step(a_bar.T, process, track.covariance, step)
         onward = _onward(a_bar, step)
         whole = _whole(onward)
+    put_matrix(after.start, track.start)
     put_matrix(after.covariance, covariance)
     put_matrix(after.joint, carried(whole, track.joint))
     put(after.doubt, times(whole, track.doubt))

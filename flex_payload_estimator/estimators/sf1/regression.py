@@ -189,18 +189,9 @@ def sampled(predicted: tuple[Any, ...], scaled: Array, due: bool, before: tuple[
 
     """
     track, known, law = Track(*predicted), Adapted(*before), Law(*laws)
-    n, joint = len(track.state), track.joint
-    image, shown = np.dot(law.rows, joint), np.dot(law.output, track.part[1])
     innovation = scaled - np.dot(law.output, track.state)
-    # The payload's error also shows in what it has added to the state since: `take_slope`.
-    variance = (row_products(image, law.rows) + shown * (2.0 * image[:, n] + joint[n, n] * shown)
-                + law.sensors)
-    # A model that explodes has left no digit of its covariance.
-    variance = np.where(variance > 0.0, variance, np.nan)
-    # Instead of what one doubt shows, what so many of them do.
-    swung = (times(law.rows, track.doubt) + shown * track.doubt[n])**2
-    lags = known.lag**2 + known.spread
-    variance = np.maximum(variance - swung, law.sensors) + lags * swung
+    variance = _expected(track.joint, track.part[1], track.doubt,
+                         known.lag * known.lag + known.spread, law.output, law.rows, law.sensors)
     reading[0], reading[1] = innovation / law.scale, np.sqrt(variance) / law.scale
     surprise = np.dot(innovation, innovation / variance) / len(scaled)
     if due:
@@ -208,6 +199,22 @@ def sampled(predicted: tuple[Any, ...], scaled: Array, due: bool, before: tuple[
     level = known.level + law.passing * (surprise - known.level)
     return surprise, (known.mass, known.p, known.variance, known.excitation, known.lag,
                       known.spread, level)
+
+
+@compiled
+def _expected(joint: Array, slope: Array, doubt: Array, lags: float, output: Array, rows: Array,
+              sensors: Array) -> Array:
+    """Return the variance of the innovation, rad^2 and V^2, (m,), of `lags` times the doubt's."""
+    n = slope.size
+    image, shown = np.dot(rows, joint), np.dot(output, slope)
+    # The payload's error also shows in what it has added to the state since: `take_slope`.
+    variance = (row_products(image, rows) + shown * (2.0 * image[:, n] + joint[n, n] * shown)
+                + sensors)
+    # A model that explodes has left no digit of its covariance.
+    variance = np.where(variance > 0.0, variance, np.nan)
+    # Instead of what one doubt shows, what so many of them do.
+    swung = (times(rows, doubt) + shown * doubt[n])**2
+    return np.maximum(variance - swung, sensors) + lags * swung
 
 
 @compiled
@@ -242,12 +249,7 @@ def _regressed(track: Track, scaled: Array, known: Adapted, law: Law) -> Adapted
     if mass != free:
         # A payload at its limit has moved by a part of the gain only, and so has its error.
         gain *= (mass - known.mass) / (free - known.mass)
-    slope, change = np.zeros(n + 1), np.zeros(n + 1)
-    add(slope[:n], true, track.part[1])
-    change[n] = gain
-    if law.resolvent:
-        add(change[:n], gain, part)
-        add(track.state, mass - known.mass, part)
+    slope, change = _changed(track.state, track.part, true, gain, mass - known.mass, law.resolvent)
     level = max(known.level, 1.0) if law.resolvent else 1.0
     lag, spread = known.lag, known.spread
     if shown and lag == 0.0 and spread == 1.0:
@@ -257,8 +259,7 @@ def _regressed(track: Track, scaled: Array, known: Adapted, law: Law) -> Adapted
     seen, noise = _carried(track, slope, change, law)
     if shown and law.resolvent:
         lag, spread = measured(lag, spread, innovation, seen, noise, 1.0 - law.fading)
-    noisy = track.joint.copy()
-    add_symmetric(noisy, change, change * (0.5 * law.noise))
+    told = _noised(track.joint, track.start, change, law.noise)
     track.noisy[:] = 0.0
     add_outer(track.noisy, -change, law.weights)
     if mass + lag * track.doubt[n] < 0.0:
@@ -266,9 +267,32 @@ def _regressed(track: Track, scaled: Array, known: Adapted, law: Law) -> Adapted
         lag, spread = 0.0, 1.0
     doubt = track.doubt[n]**2
     # Birge's ratio, for noise above the file's or a model that is wrong; the lag is a mean.
-    variance = level * (max(noisy[n, n] - doubt, 0.0) + spread * doubt) + lag * lag * doubt
-    put_matrix(track.start, at_known_payload(noisy))
+    variance = level * (max(told - doubt, 0.0) + spread * doubt) + lag * lag * doubt
     return Adapted(mass, p, variance, excitation, lag, spread, known.level)
+
+
+@compiled
+def _changed(state: Array, part: Array, true: float, gain: float, change: float, carry: bool
+             ) -> tuple[Array, Array]:
+    """Carry the state on by a change of the payload; return slope and gain for (xi, epsilon)."""
+    n = state.size
+    slope, gains = np.zeros(n + 1), np.zeros(n + 1)
+    add(slope[:n], true, part[1])
+    gains[n] = gain
+    if carry:
+        add(gains[:n], gain, part[0])
+        add(state, change, part[0])
+    return slope, gains
+
+
+@compiled
+def _noised(joint: Array, start: Array, change: Array, noise: float) -> float:
+    """Write what is known of xi after a regression; return the payload's variance, kg^2."""
+    noisy = joint.copy()
+    add_symmetric(noisy, change, change * (0.5 * noise))
+    variance = float(noisy[-1, -1])
+    put_matrix(start, at_known_payload(noisy))
+    return variance
 
 
 @compiled
