@@ -40,6 +40,8 @@ def _power(axis: Any, lines: Sequence[Line]) -> None:
             axis.errorbar(sizes, [share.value for share in shares], ends, color=colour,
                           linestyle=style, capsize=2, label=f'{simulator}, {what}')
     axis.set(xscale='log', xlabel='size, detection limits', ylabel='share', ylim=(-0.02, 1.02))
+    axis.set_xticks([1.0, 2.0, 4.0], ['1', '2', '4'])
+    axis.minorticks_off()
     axis.legend(fontsize=7)
 
 
