@@ -104,7 +104,7 @@ def test_an_exact_model_that_does_not_fit_is_judged_only_after_parts_learn_again
     estimator = estimator_of()
     Run(estimator, PayloadProfile.constant(MASS), 0.4)
     modes, rough = estimator._modes, astray(estimator)
-    replay = exact_again(estimator.incumbent, modes._past, estimator.stepper)
+    replay = exact_again(estimator.incumbent, modes.past, estimator.stepper)
     for misfit, rounds, judges in ((1.0, 0, True), (2.0, 0, False), (2.0, 1, True)):
         replay.best.runner.record[-3:-1], rough.rounds = misfit, rounds
         assert modes._relearnt(replay, rough, 0.4) is rough
@@ -237,9 +237,26 @@ def test_who_learns_again_gives_up_where_the_past_is_dropped() -> None:
         estimator.update(sample.time, sample.output, command)
         estimator.conclude()
         learner = modes._replay
-        assert learner is None or learner.place >= modes._past.first
+        assert learner is None or learner.place >= modes.past.first
         if learner and not given_up:
-            modes._past.most, given_up = (modes._past.end - modes._past.first) // 2, 1
+            modes.past.most, given_up = (modes.past.end - modes.past.first) // 2, 1
         command = 4.0 * (square(sample.time) - sample.angle)
         simulator.step(command)
     assert given_up
+
+
+def test_a_start_under_fifty_times_the_noise_told_is_not_led_astray() -> None:
+    # It took the noise for a swing, and was sure of no payload at all within 50 ms.
+    robot, truth = replace(robot_with(8.8e-4), sample_time=0.001), PayloadProfile.constant(0.238)
+    told = replace(robot, angle_noise=robot.angle_noise / 50.0,
+                   strain_noise=robot.strain_noise / 50.0)
+    estimator, command = estimator_of(told), np.zeros(2)
+    simulator = Simulator(ExtendedArm(robot, 'assumed_modes', 2, truth.at(0.0)), truth,
+                          Noise(robot.angle_noise, robot.strain_noise), 96501)
+    for _ in range(700):
+        sample = simulator.measure()
+        found = estimator.update(sample.time, sample.output, command)
+        command = 4.0 * (square(sample.time) - sample.angle)
+        simulator.step(command)
+    assert estimator.incumbent.mode.name == 'exact' and not estimator.events
+    assert abs(found.mass - truth.at(0.0)) < 4.0 * found.variance**0.5 < 1e-3

@@ -43,7 +43,7 @@ def test_what_a_trial_loses_while_it_settles_does_not_count() -> None:
     estimator = estimator_of()
     Run(estimator, PayloadProfile.constant(0.15), 0.4)
     modes, exact = estimator._modes, estimator.incumbent.copy()
-    rough, last = of_mode(ROUGH), modes._past[modes._past.end - 1]
+    rough, last = of_mode(ROUGH), modes.past[modes.past.end - 1]
     # So likely as no exact one is.
     rough.gained = 1e6
     for learnt, counts in ((0.0, False), (0.5, True)):
@@ -61,7 +61,7 @@ def test_a_wronger_model_counts_in_noise_that_hides_its_error(
     estimator = estimator_of()
     Run(estimator, PayloadProfile.constant(0.15), 0.5)
     modes, incumbent = estimator._modes, of_mode(former)
-    last = modes._past[modes._past.end - 1]
+    last = modes.past[modes.past.end - 1]
     incumbent.record[:6] = 1e8
     trial = Trial('other', of_mode(mode), 0.0, 0.1, gain=40.0)
     modes._step(trial, incumbent, last.sample, last.loads, True)
@@ -78,7 +78,7 @@ def test_where_the_noise_has_grown_no_model_is_soon_wrong(
     estimator = estimator_of()
     Run(estimator, PayloadProfile.constant(0.15), 1.2)
     modes, incumbent = estimator._modes, of_mode(ROUGH if mode == COARSE else EXACT)
-    for moment in modes._past._moments:
+    for moment in modes.past._moments:
         moment.noise = np.ones(6)
     incumbent.record[:6] = noise
     trial = Trial('other', of_mode(mode), 0.0, 0.1, gain=1e3, age=age)
@@ -95,7 +95,7 @@ def test_a_burst_counts_as_long_as_it_is_ago_however_little_the_arm_moved() -> N
     estimator = estimator_of()
     Run(estimator, PayloadProfile.constant(0.15), 1.2)
     modes, incumbent = estimator._modes, of_mode(ROUGH)
-    for moment in modes._past._moments:
+    for moment in modes.past._moments:
         moment.noise = np.full(6, 100.0 if moment.sample.time > 0.5 else 1.0)
     incumbent.record[:6] = 100.0
     for since, wins in ((0.4, False), (0.8, True)):

@@ -197,6 +197,7 @@ class RecursivePredictionError:
             if not self._motion.moved:
                 self._modes.clear()
             self._modes.remember(sample, self._loads, self._motion.excited)
+            self._start.heed(self._modes.past, sample, self._loads)
             left = self._start.decide(self._motion.excited)
             for f in left[1:]:
                 self._modes.keep(f, sample.time)

@@ -83,6 +83,8 @@ class Modes:
 
     Attributes
     ----------
+    past : Past
+        The samples of late.
     trials : list of Trial
     moved : Trial or None
         The one that told of the change that goes on.
@@ -96,13 +98,13 @@ class Modes:
         self.stepper, self._rare = stepper, rare(stepper.step_time)
         self.walk = stepper.heaviest / math.sqrt(WALK_S) / 4.0
         self._told = np.ones(stepper.told_variance.size)
-        self._past = Past(round(PAST_S / stepper.step_time))
+        self.past = Past(round(PAST_S / stepper.step_time))
         self.clear()
 
     def clear(self) -> None:
         """Forget everything."""
         self.trials: list[Trial] = []
-        self._past.clear()
+        self.past.clear()
         self._replay: Replay | None = None
         self._tried = 0.0
         self._next, self._lived = -math.inf, 0.0
@@ -115,11 +117,11 @@ class Modes:
         """Keep a sample, and what it told of a filter, for those that begin again."""
         lived = sample.steps * self.stepper.step_time if excited else 0.0
         gained, noise = (f.gained, f.record[:-5].copy()) if f else (0.0, self._told)
-        self._past.add(Moment(sample, loads, lived, gained, noise))
+        self.past.add(Moment(sample, loads, lived, gained, noise))
 
     def leave_rest(self, rested: Filter) -> None:
         """Know what an arm that rested has told until the sample that was kept last."""
-        self._past.rested = rested
+        self.past.rested = rested
 
     def missed(self, sample: Sample, loads: Loads, excited: bool) -> None:
         """Bring the trials across a sample without a measurement."""
@@ -147,12 +149,12 @@ class Modes:
                 return self._promote(trial, incumbent, sample.time)
             if self._over(trial, incumbent):
                 self._give_up(trial, incumbent)
-        if self._replay and self._replay.place < self._past.first:
+        if self._replay and self._replay.place < self.past.first:
             # What it was to learn next has been dropped.
             self._replay = None
-        if self._replay and self._replay.advance(self._past, self.stepper):
+        if self._replay and self._replay.advance(self.past, self.stepper):
             incumbent = self._relearnt(self._replay, incumbent, sample.time)
-        elif self._replay and self._replay.lost(self._past, self._rare):
+        elif self._replay and self._replay.lost(self.past, self._rare):
             self._refuse(self._replay)
         if excited:
             self._begin(incumbent, sample.time)
@@ -180,28 +182,28 @@ class Modes:
 
     def _again(self, f: Filter) -> Replay | None:
         """Return those that learn the past again, where it is time."""
-        if f.mode.walk > 0.0 or self._past.first == self._past.end:
+        if f.mode.walk > 0.0 or self.past.first == self.past.end:
             return None
         if not f.mode.parts:
-            return again(f, self._past, self.stepper) if f.rounds < ROUNDS else None
+            return again(f, self.past, self.stepper) if f.rounds < ROUNDS else None
         exact = [t for t in self.trials if t.kind == 'other' and not t.runner.mode.parts]
         for trial in exact:
             if trial.gain > self._rare or f.rounds == ROUNDS and trial.age >= TRIAL_S:
-                return judged(trial.runner, f, self._past, self.stepper, trial)
-        due = not exact and self._past.lived >= 2.0 * max(self._tried, HOLD_S)
+                return judged(trial.runner, f, self.past, self.stepper, trial)
+        due = not exact and self.past.lived >= 2.0 * max(self._tried, HOLD_S)
         # An exact one needs to know roughly where to linearise, and no more of that. `coarse` is
         # beside it only where noise, and not the model, may have misled all: angles tell.
         sound = level(f.mode) < 2 or f.record.item(0) > NOISIER
         beside = due and sound and f.rounds > 0
         if f.rounds < ROUNDS and not beside:
-            return again(f, self._past, self.stepper)
+            return again(f, self.past, self.stepper)
         if not due:
             return None
-        self._tried = self._past.lived
+        self._tried = self.past.lived
         if beside:
-            return exact_beside(f, self._past, self.stepper)
+            return exact_beside(f, self.past, self.stepper)
         # Begun in the midst of a motion, its parts are thrown far off.
-        return again(f, self._past, self.stepper) if self._past.whole else None
+        return again(f, self.past, self.stepper) if self.past.whole else None
 
     def _refuse(self, replay: Replay) -> None:
         """Give up an exact model that one of parts has outdone."""
@@ -216,21 +218,21 @@ class Modes:
         if replay.sought:
             # Where it does not, one of parts learns its own past again first.
             if fits or incumbent.rounds > 0:
-                self._replay = judged(new, incumbent, self._past, self.stepper)
+                self._replay = judged(new, incumbent, self.past, self.stepper)
             return incumbent
         if replay.judged:
             if new.mode.parts or not fits:
                 self._refuse(replay)
                 return incumbent
-            replay.hand_in(self._past)
+            replay.hand_in(self.past)
             former = replay.former if replay.former in self.trials else None
             return self._promote(former or Trial('other', new, time, incumbent.mass), incumbent,
                                  time)
         # What walks, walks from what is known now; a wrong model must beat the better one.
         self.trials = [trial for trial in self.trials if trial.kind == 'other']
         for trial in self.trials:
-            trial.gain -= replay.lead(self._past, trial.since)
-        replay.hand_in(self._past)
+            trial.gain -= replay.lead(self.past, trial.since)
+        replay.hand_in(self.past)
         last = new.rounds == ROUNDS and not new.mode.parts
         return self.stepper.freed(new) if last else new
 
@@ -259,7 +261,7 @@ class Modes:
         if trial.any_time(incumbent):
             # A burst of noise looks so as well, until it is known for noise and over: what is
             # gained by then is given back, that over a wrong model is not.
-            if not self._past.noisier(incumbent, trial.since):
+            if not self.past.noisier(incumbent, trial.since):
                 return PERSISTS_S
             return OPEN_S if trial.gain > trial.best - self._rare else math.inf
         return LONGER_S if trial.runner.mode.parts else TRIAL_S
@@ -278,7 +280,7 @@ class Modes:
         self.trials.remove(trial)
         exact = trial.kind == 'other' and not trial.runner.mode.parts
         if exact and incumbent.mode.walk == 0.0 and not self._replay:
-            self._replay = exact_again(trial.runner, self._past, self.stepper)
+            self._replay = exact_again(trial.runner, self.past, self.stepper)
 
     def _promote(self, trial: Trial, incumbent: Filter, time: float) -> Filter:
         """Return the new incumbent; one of another mode that it follows stays beside it."""
@@ -293,7 +295,7 @@ class Modes:
             hasty = time - self._stood < LASTS_S
             self._patience = min(2.0 * self._patience, LASTS_S) if hasty else STILL_S
             self.moved, self._moved = trial, time
-            self._past.clear()
+            self.past.clear()
         elif trial.runner.mode.walk == 0.0:
             if trial.kind == 'still':
                 self.change = self.moved
@@ -304,7 +306,7 @@ class Modes:
             self.moved, self._stood = None, time
             # What `coarse` allows for may have been there all the time.
             if trial.kind == 'still' or level(trial.runner.mode) == 1:
-                self._past.clear()
+                self.past.clear()
         self._replay, self._tried = None, 0.0
         if new:
             self.keep(incumbent, time)

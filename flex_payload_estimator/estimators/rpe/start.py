@@ -10,6 +10,7 @@ from flex_payload_estimator.estimators.rpe.hand_over import hand_over
 from flex_payload_estimator.estimators.rpe.hypothesis import EXACT, Filter, PARTS, Sample, SEEK
 from flex_payload_estimator.estimators.rpe.kernel import CORIOLIS
 from flex_payload_estimator.estimators.rpe.modes import OPEN_S
+from flex_payload_estimator.estimators.rpe.past import Past
 from flex_payload_estimator.estimators.rpe.replay import CLOSE, DOUBT, FRESH, MISFIT
 from flex_payload_estimator.estimators.rpe.sensors import Loads
 from flex_plant_sim.arm.second_order import Array
@@ -53,6 +54,7 @@ class Start:
         """Forget everything."""
         self.filters: list[Filter] = []
         self.at_rest = True
+        self._noise = np.ones(self.stepper.told_variance.size)
 
     def begin(self, measured: Array) -> None:
         """Begin at rest, anywhere on the range of payloads."""
@@ -84,10 +86,39 @@ class Start:
 
         """
         self.at_rest = False
+        self._noise = rested.record[:-5].copy()
         self.filters = self.bank(rested.reading[0])
         for f in self.filters:
             hand_over(rested, f)
             self.stepper.step(f, sample, loads)
+
+    def heed(self, past: Past, sample: Sample, loads: Loads) -> None:
+        """
+        Begin the bank anew where it has found that it began with far too little noise.
+
+        What it was sure of by then is wrong, and what it saw next it took for a motion. What is
+        dropped is learnt again, see modes.py. Angles tell: links that swing look like noise of
+        the gauges, in differences as well.
+
+        Parameters
+        ----------
+        past : Past
+            The samples of late.
+        sample, loads : Sample, Loads
+            The last one.
+
+        """
+        known = NOISIER * self._noise.item(0)
+        if self.at_rest or sample.measured is None or self.best().record.item(0) < known:
+            return
+        noise = past.most_noise(self.stepper.told_variance)
+        if noise.item(0) < known:
+            return
+        self._noise = np.maximum(noise, self._noise)
+        self.filters = self.bank(sample.measured)
+        for f in self.filters:
+            f.record[:-5] = self._noise
+            self.stepper.begin_at(f, sample, loads, None)
 
     def best(self) -> Filter:
         """Return the likeliest filter."""
@@ -133,7 +164,8 @@ class Start:
 
     def _learnt_well(self, f: Filter) -> bool:
         """Tell whether the noise was about what it was taken for while it learnt."""
-        return misfit_of(f.record) < MISFIT and bool((f.record[:-5] < NOISIER).all())
+        known = NOISIER * self._noise
+        return misfit_of(f.record) < MISFIT and bool((f.record[:-5] < known).all())
 
     def _again(self, f: Filter) -> Filter:
         """Return a filter that begins afresh where one is, knowing the noise."""
