@@ -15,7 +15,7 @@ from flex_plant_sim.diagnosis.prediction.smoother import LatentSystem, smooth
 from flex_plant_sim.diagnosis.record.sensor_noise import measurement_noise
 from flex_plant_sim.diagnosis.record.windows import Record, Windows
 from flex_plant_sim.diagnosis.report.improvement import measure_gain
-from flex_plant_sim.diagnosis.verdict.unknown import sentences_of, tables
+from flex_plant_sim.diagnosis.verdict.unknown import sentences_of
 from flex_plant_sim.effects import catalogue
 from flex_plant_sim.effects.base import Effect, Motion
 import numpy as np
@@ -112,7 +112,7 @@ def test_law_carried_into_the_model_gains_where_it_was_not_fitted(rubbing: Recor
     view = latent_view([nominal])
     assert sentences_of(view)[0].startswith(
         'An unnamed torque of joint 2 (0.37 N·m rms) is a law over its speed, which explains')
-    extended = predictor(rubbing, (*nominal.base.effects, *tables(view)))
+    extended = predictor(rubbing, (*nominal.base.effects, *view.tables))
     left, = (f for f in latent_view([extended]).torques if f.series.site == 'joint_2')
     assert not left.law.stated and left.series.size < 0.1 * view.torques[1].series.size
     gains = {(g.channel, g.horizon): g.ratio for g in measure_gain([nominal], [extended])}

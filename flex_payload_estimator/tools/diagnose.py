@@ -28,7 +28,7 @@ from flex_plant_sim.diagnosis.report.payload_gain import payload_gain, PayloadGa
 from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual, describe
 from flex_plant_sim.diagnosis.verdict.experiments import with_experiment
 from flex_plant_sim.diagnosis.verdict.results import Diagnosis
-from flex_plant_sim.diagnosis.verdict.unknown import tables, UNNAMED, with_unknown
+from flex_plant_sim.diagnosis.verdict.unknown import UNNAMED, with_unknown
 from flex_plant_sim.diagnosis.verdict.verdict import diagnose, nominal_base
 from flex_plant_sim.effects import catalogue
 from flex_plant_sim.effects.base import Effect
@@ -118,7 +118,7 @@ def run(logs: Sequence[Log], robot: Robot, arguments: argparse.Namespace,
     added: tuple[Effect, ...] = ()
     if diagnosis.verdict in UNNAMED:
         latent['after'] = latent_view(after)
-        diagnosis, added = with_unknown(diagnosis, latent['after']), tables(latent['after'])
+        diagnosis, added = with_unknown(diagnosis, latent['after']), latent['after'].tables
     if added:
         extended = replace(extended, effects=(*extended.effects, *added))
         after = predictors(extended)

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.causes.factors import in_place_of_parts
-from flex_plant_sim.diagnosis.causes.fit import Fit, with_far_part
+from flex_plant_sim.diagnosis.causes.fit import EXCESS, Fit, with_far_part
 from flex_plant_sim.diagnosis.causes.hypothesis import hypotheses, Hypothesis
 from flex_plant_sim.diagnosis.causes.looks import Look, Looker
 from flex_plant_sim.diagnosis.causes.posterior import judged, Key, log_prior, Posterior
@@ -19,7 +19,8 @@ from flex_plant_sim.diagnosis.likelihood.moments import TEMPER
 from flex_plant_sim.diagnosis.likelihood.prior import far_parts, log_odds
 from flex_plant_sim.diagnosis.pool import attempt, each
 from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude
-from flex_plant_sim.diagnosis.prediction.predictor import Base
+from flex_plant_sim.diagnosis.prediction.latent_view import latent_view
+from flex_plant_sim.diagnosis.prediction.predictor import Base, Predictor
 from flex_plant_sim.diagnosis.record.data import Data
 import numpy as np
 
@@ -90,6 +91,23 @@ class Course:
     def _judged(self, fit: Fit) -> float:
         """Return the score of the likelier of what a fit stands for, nats."""
         return max(map(self.score, judged(fit)))
+
+    def try_laws(self, centre: Settled) -> None:
+        """
+        Fit a set once more with the laws of the torques that it leaves, where joints err too much.
+
+        A further cause must explain more than the table of a torque that has no name.
+        """
+        level = centre.fit.discrepancy
+        if level.laws or not np.any(self.best.fit.scale[:2] > EXCESS):
+            return
+        base = centre.extended(self.nominal)
+        view = latent_view([Predictor(base, windows, noise) for windows, noise
+                            in zip(self.data.locked, self.data.noise)])
+        if view.laws:
+            level = replace(level, laws=view.tables, asked=sum(law.asked for law in view.laws))
+            attempt(lambda trial: self.settle(trial, level, centre.fit.scale),
+                    Trial.of(centre.fit))
 
     def look(self, nothing: Settled) -> None:
         """Look at all hypotheses."""

@@ -81,7 +81,7 @@ def log_prior(fit: Fit, nominal: Base) -> float:
     price = sum(log_odds(h.effect, nominal.robot) for h in fit.hypotheses)
     if is_unknown(fit, nominal):
         kinds = fit.moments.tolerances.size if fit.discrepancy.far else 1
-        price += math.log(0.5 * unknown_odds() / kinds)
+        price += math.log(0.5 * unknown_odds() / kinds) - fit.discrepancy.asked
     return price
 
 

@@ -94,6 +94,7 @@ def _searched(course: Course) -> Search | None:
     promises = {Key.of(nothing.fit): course.around(best)}
     while len(promises) < EXPLORED:
         course.settle_leading(best)
+        course.try_laws(best)
         # What was fitted around another set and turns out worse around itself has fallen back.
         best = course.best
         if Key.of(best.fit) in promises:

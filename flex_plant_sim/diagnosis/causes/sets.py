@@ -12,6 +12,7 @@ from flex_plant_sim.diagnosis.causes.fit import Descent, EXCESS, Fit, fitted, Po
 from flex_plant_sim.diagnosis.causes.hypothesis import Causes, Hypothesis
 from flex_plant_sim.diagnosis.causes.promise import Promise
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
+from flex_plant_sim.diagnosis.likelihood.prior import deviated
 from flex_plant_sim.diagnosis.prediction.predictor import Base
 from flex_plant_sim.diagnosis.record.data import Data
 import numpy as np
@@ -103,6 +104,14 @@ class Settled:
                                    matters)._over_time()
             found = max(again, found, key=lambda s: s.fit.log_evidence)
         return found
+
+    def extended(self, nominal: Base) -> Base:
+        """Return the nominal base with the parts as re-estimated and the causes on."""
+        parts, fit = self.likelihood.parts, self.fit
+        kept = np.where([part.settles for part in parts], fit.deviations, 0.0)
+        robot, sensors = deviated(nominal.robot, parts, kept)
+        causes = Causes(fit.hypotheses, 1.0).effects(fit.values)
+        return replace(nominal, robot=robot, effects=(*nominal.effects, *sensors, *causes))
 
     def _over_time(self) -> tuple[Settled, float]:
         """Return the set with its event at the likeliest time, and what that gains, nats."""

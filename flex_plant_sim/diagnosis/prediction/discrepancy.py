@@ -32,6 +32,10 @@ class Amplitude:
         Whether it lacks more than that, to which errors of any size are due.
     far : str
         Name of the part that is not as its file says, within tolerances or not; none if empty.
+    laws : tuple of Effect
+        Torques that it follows, as tables.
+    asked : float
+        What is left to chance with them, nats, see Law.asked.
 
     """
 
@@ -45,6 +49,8 @@ class Amplitude:
     sensed: bool = False
     more: bool = False
     far: str = ''
+    laws: tuple[Effect, ...] = ()
+    asked: float = 0.0
 
 
 class Discrepancy(Effect):

@@ -10,10 +10,22 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.prediction.latent_forces import latent_forces, LatentForces
 from flex_plant_sim.diagnosis.prediction.latent_line import Line, line_of
 from flex_plant_sim.diagnosis.prediction.latent_series import gauge_series, torque_series
-from flex_plant_sim.diagnosis.prediction.law import Law, law_of, LEAST_SHARE, Series, Trial, tried
+from flex_plant_sim.diagnosis.prediction.law import (
+    CONSTANT,
+    Law,
+    law_of,
+    LEAST_SHARE,
+    Series,
+    Trial,
+    tried,
+)
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
+from flex_plant_sim.effects.base import Effect
+from flex_plant_sim.effects.joint.measured_torque import MeasuredTorque
 import numpy as np
 
+# Of a number in a table: finer than any law is known.
+DIGITS = 5
 # Of pictures and JSON alone: bins of as many samples each, and how many make a spread.
 BINS, LEAST_IN_BIN = 24, 5
 
@@ -88,6 +100,16 @@ class LatentView:
         """Return torques and gauges."""
         return (*self.torques, *self.gauges)
 
+    @property
+    def laws(self) -> tuple[Law, ...]:
+        """Return the laws of torques that hold on stretches left out."""
+        return tuple(finding.law for finding in self.torques if finding.law.holds)
+
+    @property
+    def tables(self) -> tuple[Effect, ...]:
+        """Return them as effects for the extended robot."""
+        return tuple(table(law) for law in self.laws)
+
     def results(self) -> dict[str, Any]:
         """Return the figures for JSON, by joint and gauge."""
         return {finding.series.site: finding.results() for finding in self.findings}
@@ -108,6 +130,13 @@ def latent_view(predictors: Sequence[Predictor]) -> LatentView:
     torques, gauges = torque_series(forces, robot), gauge_series(forces, robot)
     return LatentView(forces, tuple(_finding(s, step) for s in torques),
                       tuple(_finding(s, step) for s in gauges))
+
+
+def table(law: Law) -> MeasuredTorque:
+    """Return a law as the effect that a robot file carries; a constant is one knot of time."""
+    variable = 'time' if law.variable == CONSTANT else law.variable
+    return MeasuredTorque(law.site, (variable, *(
+        tuple(float(f'{x:.{DIGITS}g}') for x in column) for column in (law.knots, law.values))))
 
 
 def _finding(series: Series, step: float) -> Finding:

@@ -99,6 +99,20 @@ class Law:
         """Tell whether it counts."""
         return self.relevant and self.clear
 
+    @property
+    def holds(self) -> bool:
+        """Tell whether it is better than nothing, beyond chance, where it was not fitted."""
+        return self.relevant and self.share > CLEAR * self.share_error
+
+    @property
+    def asked(self) -> float:
+        """
+        Return what a record must show for its table, nats.
+
+        By Laplace's method, ln(w / s) a knot: known to s, and before as large as the force, w.
+        """
+        return float(np.sum(np.log1p((self.size / self.deviations)**2))) / 2.0
+
     def at(self, x: Array) -> Array:
         """Return the force at values of the variable, (N,)."""
         return np.asarray(hats(x, self.knots) @ self.values)

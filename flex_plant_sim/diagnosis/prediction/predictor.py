@@ -122,7 +122,8 @@ class Predictor:
         if not self.judging:
             return self.base.arm(self.record.payload, effects, robot)
         # The discrepancy comes first, so that its states are behind the arm's own.
-        judged = replace(self.base, effects=(self.discrepancy, *self.base.effects))
+        known = *self.base.effects, *self.base.discrepancy.laws
+        judged = replace(self.base, effects=(self.discrepancy, *known))
         return judged.arm(self.record.payload, effects, robot, in_step=True)
 
     def _force_variance(self, arm: ExtendedArm) -> Array:

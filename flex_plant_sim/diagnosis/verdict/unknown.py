@@ -6,29 +6,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from flex_plant_sim.diagnosis.prediction.latent_view import Finding, LatentView
-from flex_plant_sim.diagnosis.prediction.law import CONSTANT, Law
+from flex_plant_sim.diagnosis.prediction.law import CONSTANT
 from flex_plant_sim.diagnosis.verdict.results import Diagnosis
-from flex_plant_sim.effects.base import Effect
-from flex_plant_sim.effects.joint.measured_torque import MeasuredTorque
 
 UNNAMED = ('not_in_catalogue', 'cause_and_remainder')
-# Of a number in the table: finer than any law is known.
-DIGITS = 5
 OVER = {'speed': 'its speed', 'angle': 'its angle', 'load': 'the load on its link',
         'command': 'its command', 'time': 'time', 'strain': 'its own strain',
         'strain rate': 'the rate of its strain'}
-
-
-def tables(view: LatentView) -> tuple[Effect, ...]:
-    """Return the torques whose law is clear as effects for the extended robot."""
-    return tuple(table(finding.law) for finding in view.torques if finding.law.stated)
-
-
-def table(law: Law) -> MeasuredTorque:
-    """Return a law as the effect that a robot file carries; a constant is one knot of time."""
-    variable = 'time' if law.variable == CONSTANT else law.variable
-    return MeasuredTorque(law.site, (variable, *(
-        tuple(float(f'{x:.{DIGITS}g}') for x in column) for column in (law.knots, law.values))))
 
 
 def with_unknown(diagnosis: Diagnosis, view: LatentView) -> Diagnosis:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
@@ -17,7 +16,6 @@ from flex_plant_sim.diagnosis.causes.over_sets import (
 )
 from flex_plant_sim.diagnosis.causes.posterior import is_unknown, Key, Posterior
 from flex_plant_sim.diagnosis.causes.search import Search, search
-from flex_plant_sim.diagnosis.likelihood.prior import deviated
 from flex_plant_sim.diagnosis.prediction.predictor import Base
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
@@ -91,11 +89,7 @@ def slowest_frequency(base: Base, payload: float) -> float:
 
 def extended_base(found: Search, nominal: Base) -> Base:
     """Return the nominal base with the parts as re-estimated and the causes on."""
-    parts, fit = found.best.likelihood.parts, found.best.fit
-    kept = np.where([part.settles for part in parts], fit.deviations, 0.0)
-    robot, sensors = deviated(nominal.robot, parts, kept)
-    causes = Causes(fit.hypotheses, 1.0).effects(fit.values)
-    return replace(nominal, robot=robot, effects=(*nominal.effects, *sensors, *causes))
+    return found.best.extended(nominal)
 
 
 def _still(records: Sequence[Record], data: Data) -> tuple[str, ...]:
