@@ -92,20 +92,29 @@ class Course:
         """Return the score of the likelier of what a fit stands for, nats."""
         return max(map(self.score, judged(fit)))
 
-    def try_laws(self, centre: Settled) -> None:
+    def try_laws(self, explored: Settled) -> None:
         """
-        Fit a set once more with the laws of the torques that it leaves, where joints err too much.
+        Fit a set with the laws of the torques that it leaves, where joints err too much.
 
-        A further cause must explain more than the table of a torque that has no name.
+        A further cause must explain more than the tables of torques that have no name. And what
+        leads with those of another set has its own.
         """
-        level = centre.fit.discrepancy
-        if level.laws or not np.any(self.best.fit.scale[:2] > EXCESS):
+        if not np.any(self.best.fit.scale[:2] > EXCESS):
             return
+        if not explored.fit.discrepancy.laws:
+            self._settle_with_laws(explored)
+        best = self.best
+        if best.fit.discrepancy.laws and best.fit.hypotheses != explored.fit.hypotheses:
+            self._settle_with_laws(best)
+
+    def _settle_with_laws(self, centre: Settled) -> None:
+        """Linearise a set with the laws that hold of what it leaves around itself."""
         base = centre.extended(self.nominal)
         view = latent_view([Predictor(base, windows, noise) for windows, noise
                             in zip(self.data.locked, self.data.noise)])
         if view.laws:
-            level = replace(level, laws=view.tables, asked=sum(law.asked for law in view.laws))
+            level = replace(centre.fit.discrepancy, laws=view.tables,
+                            asked=sum(law.asked for law in view.laws))
             attempt(lambda trial: self.settle(trial, level, centre.fit.scale),
                     Trial.of(centre.fit))
 
