@@ -19,7 +19,7 @@ from flex_plant_sim.diagnosis.likelihood.moments import TEMPER
 from flex_plant_sim.diagnosis.likelihood.prior import far_parts, log_odds
 from flex_plant_sim.diagnosis.pool import attempt, each
 from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude
-from flex_plant_sim.diagnosis.prediction.latent_view import latent_view
+from flex_plant_sim.diagnosis.prediction.latent_view import latent_view, table
 from flex_plant_sim.diagnosis.prediction.predictor import Base, Predictor
 from flex_plant_sim.diagnosis.record.data import Data
 import numpy as np
@@ -108,13 +108,19 @@ class Course:
             self._settle_with_laws(best)
 
     def _settle_with_laws(self, centre: Settled) -> None:
-        """Linearise a set with the laws that hold of what it leaves around itself."""
+        """
+        Linearise a set with the laws that hold of what it leaves around itself.
+
+        Of joints that err too much: another's may be an echo, or a part within its tolerance.
+        """
         base = centre.extended(self.nominal)
         view = latent_view([Predictor(base, windows, noise) for windows, noise
                             in zip(self.data.locked, self.data.noise)])
-        if view.laws:
-            level = replace(centre.fit.discrepancy, laws=view.tables,
-                            asked=sum(law.asked for law in view.laws))
+        wrong = {f'joint_{k + 1}' for k in np.flatnonzero(centre.fit.scale[:2] > EXCESS)}
+        laws = [law for law in view.laws if law.site in wrong]
+        if laws:
+            level = replace(centre.fit.discrepancy, laws=tuple(map(table, laws)),
+                            asked=sum(law.asked for law in laws))
             attempt(lambda trial: self.settle(trial, level, centre.fit.scale),
                     Trial.of(centre.fit))
 
