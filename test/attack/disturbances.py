@@ -140,6 +140,34 @@ def repeated(rng: np.random.Generator, table: Table) -> Table:
     return table
 
 
+def locked(rng: np.random.Generator, table: Table) -> Table:
+    """Hold a joint, or let it move for a while alone; its command may go on."""
+    k = int(rng.integers(2))
+    rows = slice(None) if rng.random() < 0.5 else _stretch(rng, table)
+    for column in (1 + k, 3 + k)[int(rng.integers(2)):]:
+        table[rows, column] = table[rows, column][0]
+    return table
+
+
+def blind(rng: np.random.Generator, table: Table) -> Table:
+    """Let all gauges of a link stand still."""
+    gauges = np.array_split(np.arange(5, table.shape[1]), 2)[int(rng.integers(2))]
+    table[:, gauges] = table[0, gauges]
+    return table
+
+
+def not_a_number(rng: np.random.Generator, table: Table) -> Table:
+    """Let a channel say nothing here and there, or for up to a second."""
+    k = _some(rng, table)
+    if rng.random() < 0.5:
+        table[rng.random(len(table)) < rng.uniform(0.0, 0.05), k] = np.nan
+    else:
+        rows = _stretch(rng, table)
+        table[rows.start:min(rows.stop, rows.start + 100), k] = np.nan
+    return table
+
+
+# Of a table whose columns are time, two commands, two angles, and the gauges.
 DISTURBANCES: tuple[Disturbance, ...] = (
     stuck, dead, scaled, exchanged, shifted, noisy, spikes, quantised, clipped, drifting, lost,
-    jittered, another_rate, resting, short, repeated)
+    jittered, another_rate, resting, short, repeated, locked, blind, not_a_number)

@@ -2,14 +2,15 @@
 Logs that were disturbed and can still be read, each diagnosed: a verdict or one line, always.
 
 `python test/faults/disturbed_logs.py [--count N] [--seed S] [--page]`; one to three disturbances
-of `attack/disturbances.py` a log, of two arms in motion.
+of `attack/disturbances.py` a log, of two arms in motion, with and without torques that no effect
+of the catalogue has.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import json
 import os
 from pathlib import Path
@@ -21,12 +22,17 @@ from tempfile import TemporaryDirectory
 
 from attack.disturbances import DISTURBANCES, Table
 from faults.page import record
+from flex_plant_sim.arm.robot import EffectSpec, Robot
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.commissioning.standard_move import simulated_move
 from flex_plant_sim.logs.csv_log import write_csv
 import numpy as np
 
 STROKES = {'reference': 24, 'quanser_2dsfl': 12}  # 24 s each
+# A brake of joint 2 that saturates with its speed, and a detent of joint 1, as shares of what
+# the drives take at 1 rad/s.
+UNNAMED = (('joint_2', 'speed', (-0.2, -0.05, 0.05, 0.2), (0.15, 0.1, -0.1, -0.15)),
+           ('joint_1', 'angle', (-0.1, 0.0, 0.1), (0.0, 0.12, 0.0)))
 LONGEST = 300  # s of CPU
 MOST = 300  # characters of a line that refuses
 
@@ -41,14 +47,24 @@ class Outcome:
     memory: float
 
 
-def good(folder: Path) -> dict[str, tuple[str, Table]]:
-    """Return the header and the table of each arm's log."""
+def pushed(robot: Robot) -> Robot:
+    """Return a robot with torques that no effect of the catalogue has."""
+    return replace(robot, effects=tuple(EffectSpec('measured_torque', site, {
+        'variable': variable, 'knots': knots, 'torques_n_m': tuple(
+            share * robot.drives[int(site[-1]) - 1].damping for share in shares)})
+        for site, variable, knots, shares in UNNAMED))
+
+
+def good(folder: Path) -> dict[tuple[str, bool], tuple[str, Table]]:
+    """Return header and table of each arm's log, without and with torques that have no name."""
     found = {}
     for arm, strokes in STROKES.items():
-        path = folder / f'{arm}.csv'
-        write_csv(path, simulated_move(load_robot(arm), strokes, 3, 1))
-        lines = [line for line in path.read_text().splitlines() if line[:1] != '#']
-        found[arm] = lines[0], np.loadtxt(lines[1:], delimiter=',')
+        robot = load_robot(arm)
+        for unnamed, moved in ((False, robot), (True, pushed(robot))):
+            path = folder / f'{arm}_{unnamed}.csv'
+            write_csv(path, replace(simulated_move(moved, strokes, 3, 1), velocity=None))
+            lines = [line for line in path.read_text().splitlines() if line[:1] != '#']
+            found[arm, unnamed] = lines[0], np.loadtxt(lines[1:], delimiter=',')
     return found
 
 
@@ -80,13 +96,13 @@ def _kind(code: int, words: str, results: Path) -> str:
     return str(json.loads(results.read_text())['verdict']) if not code else f'ended with {code}'
 
 
-def disturb(number: int, seed: int, logs: dict[str, tuple[str, Table]], path: Path
+def disturb(number: int, seed: int, logs: dict[tuple[str, bool], tuple[str, Table]], path: Path
             ) -> tuple[str, str]:
     """Write a disturbed log; return its arm, and what was done to it."""
     rng = np.random.default_rng([seed, number])
-    arm = sorted(STROKES)[int(rng.integers(len(STROKES)))]
-    header, table = logs[arm][0], logs[arm][1].copy()
-    done = []
+    arm, unnamed = sorted(logs)[int(rng.integers(len(logs)))]
+    header, table = logs[arm, unnamed][0], logs[arm, unnamed][1].copy()
+    done = ['unnamed torques'] if unnamed else []
     for k in rng.integers(0, len(DISTURBANCES), int(rng.integers(1, 4))):
         if len(table) > 3:
             table = DISTURBANCES[k](rng, table)
