@@ -10,8 +10,9 @@ from flex_plant_sim.diagnosis.causes.looks import Look
 from flex_plant_sim.diagnosis.causes.posterior import judged, Key, lacking
 from flex_plant_sim.diagnosis.causes.promise import Beside
 from flex_plant_sim.diagnosis.causes.search import Search, search
-from flex_plant_sim.diagnosis.likelihood.evidence import Slab
+from flex_plant_sim.diagnosis.likelihood.evidence import detectable, Slab
 from flex_plant_sim.diagnosis.likelihood.moments import Moments
+from flex_plant_sim.diagnosis.likelihood.prior import log_odds
 from flex_plant_sim.diagnosis.pool import each
 from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude
 from flex_plant_sim.diagnosis.prediction.predictor import Base, Predictor
@@ -182,6 +183,24 @@ def test_a_limit_of_commands_shows_only_where_commands_reach_it(
     for joint, reached in enumerate(np.abs(data.windows[0].record.command).max(axis=0)):
         inverse = limits[f'actuator_saturation:joint_{joint + 1}'][0]
         assert 0.3 * reached < 1.0 / inverse < reached
+
+
+def test_a_limit_is_where_the_evidence_turns_however_steeply_information_rises(
+        clean: tuple[Search, Data]) -> None:
+    """Of a clean bench record (case_8009d8b8), whose commands reach 0.857: said was 0.012."""
+    saturation, = (h for h in hypotheses(REFERENCE) if h.label == 'actuator_saturation:joint_1')
+    sizes = np.array([1.0, 1.14, 1.18, 1.22, 1.3, 1.7, 2.8, 5.0])
+    known = np.array([0.0, 0.0, 1.1e-4, 2.35, 39.9, 344.5, 390.6, 171.3])
+    promise = replace(clean[0].promises[0], hypothesis=saturation, magnitudes=sizes,
+                      information=known)
+    # Nothing is looked at again.
+    found, = detection_limits([promise], REFERENCE, 40.0, lambda item: item[0]).values()
+    assert 1.22 < found[0] < 1.3
+    at = np.exp(np.interp(np.log(found[0]), np.log(sizes[2:]), np.log(known[2:])))
+    # One-sided, so the prior is twice as dense.
+    price = -log_odds(saturation.effect, REFERENCE) - np.log(2.0)
+    assert found[0] == pytest.approx(
+        detectable(float(at), float(saturation.slab(40.0).width[0]), price), rel=1e-4)
 
 
 def test_what_diverges_is_no_prediction_though_its_last_sample_is_finite(

@@ -6,13 +6,14 @@ from collections.abc import Sequence
 import math
 
 from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.causes.promise import Closer, Promise
 from flex_plant_sim.diagnosis.likelihood.evidence import detectable
 from flex_plant_sim.diagnosis.likelihood.prior import factors_on_parts, log_odds
 from flex_plant_sim.diagnosis.pool import each
 import numpy as np
 
-# Each halves the error of the logarithm where information is constant: 1e-6 is left.
+# Each halves the interval of the logarithm between two looks: 1e-6 is left.
 ITERATIONS = 20
 # Looks nearer by, and what is far: information is interpolated between sizes.
 CLOSER, FAR = 2, 0.7
@@ -50,7 +51,9 @@ def detection_limits(promises: Sequence[Promise], robot: Robot, duration: float,
     found: dict[str, tuple[float, str]] = {}
     for p in promises:
         size, (hidden, shown) = _limit(p, robot, duration), _shown(p)
-        limit = (size if size > hidden else shown, p.hypothesis.parameters[_size(p)].unit)
+        # What changes nothing at some size shows first between that and the next.
+        least = size if hidden == 0.0 else max(size, shown)
+        limit = (least, p.hypothesis.parameters[_size(p)].unit)
         # Of what nature has one of two values of, the one that is harder to see.
         found[p.hypothesis.label] = max(limit, found.get(p.hypothesis.label, limit))
     return found
@@ -64,7 +67,7 @@ def _closer_by(promise: Promise, robot: Robot, duration: float, below: bool) -> 
     there: a limit that no command reaches.
     """
     size, (hidden, shown) = _limit(promise, robot, duration), _shown(promise)
-    if hidden > size:
+    if hidden > 0.0 and size < shown:
         return math.sqrt(hidden * shown)
     far = below and not promise.hypothesis.effect.linear and size < FAR * shown
     return size if far else None
@@ -97,13 +100,29 @@ def _limit(promise: Promise, robot: Robot, duration: float) -> float:
         return float('inf')
     found = factors_on_parts(robot).get(promise.hypothesis.label)
     most = np.inf if found is None else found.part.tolerance**-2
-    where = np.log(promise.magnitudes[known])
-    what = np.log(np.minimum(promise.information[known], most))
-    size = float(promise.magnitudes[known][0])
-    for _ in range(ITERATIONS):
-        information = float(np.exp(np.interp(np.log(size), where, what)))
-        size = float(np.sqrt(size * detectable(information, float(slab.width[k]), price)))
-        if not np.isfinite(size):
-            return size
+    sizes = promise.magnitudes[known]
+    information = np.minimum(promise.information[known], most)
+    size = _turning(np.log(sizes), np.log(information), float(slab.width[k]), price)
     one = promise.hypothesis.parameters[k]
     return size if size <= max(one.high - one.null, one.null - one.low) else float('inf')
+
+
+def _turning(sizes: Array, information: Array, width: float, price: float) -> float:
+    """
+    Return the least size that its own information makes detectable; logarithms are given.
+
+    Halved between the looks on its two sides: information may rise with any power of the size, as
+    of a limit that commands just reach, so that to go from size to size need not converge.
+    """
+    def needed(at: float) -> float:
+        known = float(np.exp(np.interp(at, sizes, information)))
+        return float(np.log(detectable(known, width, price)))
+
+    shows = [k for k, at in enumerate(sizes) if needed(at) <= at]
+    if not shows or shows[0] == 0:
+        return float(np.exp(needed(sizes[0 if shows else -1])))
+    low, high = sizes[shows[0] - 1:shows[0] + 1]
+    for _ in range(ITERATIONS):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if needed(middle) <= middle else (middle, high)
+    return float(np.exp(high))
