@@ -193,8 +193,7 @@ def test_a_limit_is_where_the_evidence_turns_however_steeply_information_rises(
     known = np.array([0.0, 0.0, 1.1e-4, 2.35, 39.9, 344.5, 390.6, 171.3])
     promise = replace(clean[0].promises[0], hypothesis=saturation, magnitudes=sizes,
                       information=known)
-    # Nothing is looked at again.
-    found, = detection_limits([promise], REFERENCE, 40.0, lambda item: item[0]).values()
+    found, = detection_limits([promise], REFERENCE, 40.0, clean[0].closer).values()
     assert 1.22 < found[0] < 1.3
     at = np.exp(np.interp(np.log(found[0]), np.log(sizes[2:]), np.log(known[2:])))
     # One-sided, so the prior is twice as dense.
