@@ -15,6 +15,7 @@ from flex_payload_estimator.estimators.factory import make_estimator
 from flex_payload_estimator.tools.estimate import estimate
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import load_robot
+from flex_plant_sim.diagnosis.pool import all_of
 from flex_plant_sim.diagnosis.prediction.latent_view import latent_view, LatentView
 from flex_plant_sim.diagnosis.prediction.predictor import Base, Predictor
 from flex_plant_sim.diagnosis.record.windows import Record
@@ -114,16 +115,17 @@ def run(logs: Sequence[Log], robot: Robot, arguments: argparse.Namespace,
     before = predictors(nominal)
     # Where nothing was found nothing is measured twice.
     after = before if extended == nominal else predictors(extended)
-    latent, diagnosis = {'before': latent_view(before)}, with_experiment(diagnosis)
+    asked = {'before': before, **({'after': after} if diagnosis.verdict in UNNAMED else {})}
+    latent = dict(zip(asked, all_of(latent_view, [*asked.values()], arguments.jobs)))
+    diagnosis = with_experiment(diagnosis)
     added: tuple[Effect, ...] = ()
-    if diagnosis.verdict in UNNAMED:
-        latent['after'] = latent_view(after)
+    if 'after' in latent:
         diagnosis, added = with_unknown(diagnosis, latent['after']), latent['after'].tables
     if added:
         extended = replace(extended, effects=(*extended.effects, *added))
         after = predictors(extended)
     progress('measuring the gain', MEASURING_SHARE)
-    gains = measure_gain(before, after, seed=arguments.seed)
+    gains = measure_gain(before, after, seed=arguments.seed, jobs=arguments.jobs)
     wrong = describe(before)
     found = Findings(
         with_gain(diagnosis, gains, len(added)), extended, (before, after), gains,

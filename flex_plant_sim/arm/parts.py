@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from math import exp
 
 from flex_plant_sim.arm.robot import Robot
@@ -42,18 +43,16 @@ def robot_parts(robot: Robot) -> tuple[Part, ...]:
     found: list[Part] = []
     for j in (0, 1):
         found += [
-            Part(f'stiffness_{j + 1}', t.stiffness, _of_link(j, 'youngs_modulus')),
-            Part(f'damping_{j + 1}', t.damping, _of_link(j, 'damping_ratio')),
-            Part(f'link_mass_{j + 1}', t.link_mass, _of_link(j, 'density')),
-            Part(f'length_{j + 1}', t.length, _of_link(j, 'length')),
+            Part(f'stiffness_{j + 1}', t.stiffness, partial(_of_link, j, 'youngs_modulus')),
+            Part(f'damping_{j + 1}', t.damping, partial(_of_link, j, 'damping_ratio')),
+            Part(f'link_mass_{j + 1}', t.link_mass, partial(_of_link, j, 'density')),
+            Part(f'length_{j + 1}', t.length, partial(_of_link, j, 'length')),
             *_gauge_positions(robot, j),
-            Part(f'drive_inertia_{j + 1}', t.drive_inertia, _of_drive(j, 'inertia')),
-            Part(f'drive_gain_{j + 1}', t.drive_gain, _of_drive(j, 'torque_gain')),
-            Part(f'drive_damping_{j + 1}', t.drive_damping, _drive_damping(j))]
-    found += [Part('elbow_mass', t.elbow_mass, lambda r, v: replace(
-                  r, elbow_mass=r.elbow_mass * exp(v))),
-              Part('elbow_inertia', t.elbow_inertia, lambda r, v: replace(
-                  r, elbow_inertia=r.elbow_inertia * exp(v))),
+            Part(f'drive_inertia_{j + 1}', t.drive_inertia, partial(_of_drive, j, 'inertia')),
+            Part(f'drive_gain_{j + 1}', t.drive_gain, partial(_of_drive, j, 'torque_gain')),
+            Part(f'drive_damping_{j + 1}', t.drive_damping, partial(_drive_damping, j))]
+    found += [Part('elbow_mass', t.elbow_mass, partial(_of_elbow, 'elbow_mass')),
+              Part('elbow_inertia', t.elbow_inertia, partial(_of_elbow, 'elbow_inertia')),
               Part('payload_inertia', t.payload_inertia_kg_m2, _payload_inertia, 'kg m^2')]
     return tuple(part for part in found if part.tolerance > 0.0)
 
@@ -71,38 +70,37 @@ def _payload_inertia(r: Robot, v: float) -> Robot:
     return replace(r, payload_inertia=max(r.payload_inertia + v, 0.0))
 
 
-def _of_link(j: int, name: str) -> Change:
-    return lambda r, v: r.with_link(j, **{name: getattr(r.links[j], name) * exp(v)})
+def _of_elbow(name: str, r: Robot, v: float) -> Robot:
+    return replace(r, **{name: getattr(r, name) * exp(v)})
+
+
+def _of_link(j: int, name: str, r: Robot, v: float) -> Robot:
+    return r.with_link(j, **{name: getattr(r.links[j], name) * exp(v)})
 
 
 def _gauge_positions(robot: Robot, j: int) -> list[Part]:
     first = 0 if j == 0 else len(robot.links[0].gauge_positions)
-    return [Part(f'position_{name}', robot.tolerances.gauge_position_m, _gauge_position(j, k), 'm')
+    return [Part(f'position_{name}', robot.tolerances.gauge_position_m,
+                 partial(_gauge_position, j, k), 'm')
             for k, name in enumerate(robot.gauge_names[first:][:len(
                 robot.links[j].gauge_positions)])]
 
 
-def _gauge_position(j: int, k: int) -> Change:
-    def change(r: Robot, v: float) -> Robot:
-        positions = list(r.links[j].gauge_positions)
-        positions[k] = min(max(positions[k] + v, 0.0), r.links[j].length)
-        return r.with_link(j, gauge_positions=tuple(positions))
-
-    return change
+def _gauge_position(j: int, k: int, r: Robot, v: float) -> Robot:
+    positions = list(r.links[j].gauge_positions)
+    positions[k] = min(max(positions[k] + v, 0.0), r.links[j].length)
+    return r.with_link(j, gauge_positions=tuple(positions))
 
 
-def _of_drive(j: int, name: str) -> Change:
-    return lambda r, v: r.with_drive(j, **{name: getattr(r.drives[j], name) * exp(v)})
+def _of_drive(j: int, name: str, r: Robot, v: float) -> Robot:
+    return r.with_drive(j, **{name: getattr(r.drives[j], name) * exp(v)})
 
 
-def _drive_damping(j: int) -> Change:
-    def change(r: Robot, v: float) -> Robot:
-        drive = r.drives[j]
-        # A velocity loop that damps more pulls as much harder: its steady gain stays.
-        gain = drive.torque_gain * (exp(v) if drive.closed_loop else 1.0)
-        return r.with_drive(j, damping=drive.damping * exp(v), torque_gain=gain)
-
-    return change
+def _drive_damping(j: int, r: Robot, v: float) -> Robot:
+    drive = r.drives[j]
+    # A velocity loop that damps more pulls as much harder: its steady gain stays.
+    gain = drive.torque_gain * (exp(v) if drive.closed_loop else 1.0)
+    return r.with_drive(j, damping=drive.damping * exp(v), torque_gain=gain)
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 import gc
+from multiprocessing import current_process
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import ForkContext, ForkProcess
 from typing import Any, TypeVar
@@ -17,9 +18,13 @@ Found = TypeVar('Found')
 
 def each(task: Callable[[Any], Found], items: Sequence[Any], jobs: int,
          progress: Callable[[float], None] = lambda share: None) -> list[Found]:
-    """Return what the task finds where it succeeds, in the order of the items."""
+    """
+    Return what the task finds where it succeeds, in the order of the items.
+
+    A worker has none of its own: what it is asked for it does alone.
+    """
     found: list[Found | None] = [None] * len(items)
-    if jobs <= 1 or len(items) < 2:
+    if jobs <= 1 or len(items) < 2 or current_process().daemon:
         for k, item in enumerate(items):
             found[k] = attempt(task, item)
             progress((k + 1) / len(items))
@@ -29,6 +34,22 @@ def each(task: Callable[[Any], Found], items: Sequence[Any], jobs: int,
             found[k] = result
             progress(done / len(items))
     return [result for result in found if result is not None]
+
+
+def all_of(task: Callable[[Any], Found], items: Sequence[Any], jobs: int) -> list[Found]:
+    """
+    Return what the task finds for each item.
+
+    Raises
+    ------
+    LinAlgError
+        Where it fails for one.
+
+    """
+    found = each(task, items, jobs)
+    if len(found) < len(items):
+        raise np.linalg.LinAlgError('no finite prediction')
+    return found
 
 
 def attempt(task: Callable[[Any], Found], item: Any) -> Found | None:

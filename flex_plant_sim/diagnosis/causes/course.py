@@ -76,8 +76,20 @@ class Course:
 
     def settle(self, trial: Trial, level: Amplitude, scale: Array | None = None) -> Settled:
         """Return a set fitted around itself, the best of its ends, known from now on."""
+        return self._kept(self._settled(trial, level, scale))
+
+    def _settled(self, trial: Trial, level: Amplitude, scale: Array | None) -> Settled:
         base = replace(self.nominal, discrepancy=level)
-        found = Settled.at(trial, base, self.data, scale, self.jobs, self.matters)
+        return Settled.at(trial, base, self.data, scale, self.jobs, self.matters)
+
+    def _settle_each(self, fits: Sequence[Fit]) -> None:
+        """Settle what was fitted, side by side: none is told what another finds."""
+        for found in each(lambda fit: self._settled(Trial.of(fit), fit.discrepancy, fit.scale),
+                          fits, self.jobs):
+            self._kept(found)
+
+    def _kept(self, found: Settled) -> Settled:
+        """Return the better of what was found and what is known of the set, known from now on."""
         key = Key.of(found.fit)
         found = max(found, self.settled.get(key, found), key=lambda s: self.score(s.fit))
         self.known[key], self.settled[key] = found.fit, found
@@ -277,14 +289,13 @@ class Course:
 
     def _settle(self, fits: Sequence[Fit], best: Fit, centre: Settled) -> None:
         """Linearise sets, as judged, around themselves that may lead for all a centre knows."""
-        reach = self.reach(best, centre, -np.log(SHARE))
-        for judged_so in fits:
-            fit = self.known.get(Key.of(judged_so).plain)
-            if (fit is None or any(s.fit is fit for s in self.settled.values())
-                    or self.score(judged_so) < self.score(best) - reach):
-                continue
-            if attempt(lambda f: self.settle(Trial.of(f), f.discrepancy, f.scale), fit) is None:
-                del self.known[Key.of(fit)]
+        least = self.score(best) - self.reach(best, centre, -np.log(SHARE))
+        settled = [found.fit for found in self.settled.values()]
+        leading = dict.fromkeys(Key.of(fit).plain for fit in fits if self.score(fit) >= least)
+        # What cannot be settled is known no more.
+        self._settle_each([
+            self.known.pop(key) for key in leading
+            if key in self.known and not any(self.known[key] is fit for fit in settled)])
 
     def try_far_parts(self) -> None:
         """
@@ -294,10 +305,12 @@ class Course:
         """
         asked = {h.effect.identifier for h in self.catalogue}
         best = max(map(self.score, self.known.values()))
-        for centre in tuple(self.settled.values()):
+        may_lead = []
+        for centre in self.settled.values():
             parts = centre.likelihood.parts
             names = far_parts(self.nominal.robot, parts, asked)
             found = max((with_far_part(centre.fit, part.name, k) for k, part in enumerate(parts)
                          if part.name in names), key=self.score)
             if self.score(found) > best - self.reach(found, centre, -np.log(SHARE)):
-                attempt(lambda f: self.settle(Trial.of(f), f.discrepancy, f.scale), found)
+                may_lead.append(found)
+        self._settle_each(may_lead)

@@ -19,7 +19,7 @@ from flex_plant_sim.diagnosis.causes.fit import Descent, Fit, Point
 from flex_plant_sim.diagnosis.causes.hypothesis import BATCH, TIMES
 from flex_plant_sim.diagnosis.causes.ramps import Ramps
 from flex_plant_sim.diagnosis.likelihood.moments import TEMPER
-from flex_plant_sim.diagnosis.pool import each
+from flex_plant_sim.diagnosis.pool import all_of
 import numpy as np
 
 # Times at most.
@@ -72,9 +72,9 @@ class Events:
         seen = times <= likelihood.times.max()
         if seen.any():
             pieces = np.split(values[seen], np.arange(BATCH, seen.sum(), BATCH))
-            more = each(partial(self.descent.causes.residual, likelihood), pieces,
-                        likelihood.jobs)
-            found[seen] = np.concatenate(more) - nothing if len(more) == len(pieces) else np.inf
+            more = all_of(partial(self.descent.causes.residual, likelihood), pieces,
+                          likelihood.jobs)
+            found[seen] = np.concatenate(more) - nothing
         if not np.all(np.isfinite(found)):
             raise np.linalg.LinAlgError('no finite prediction')
         return found

@@ -8,7 +8,7 @@ from functools import cached_property
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.likelihood.evidence import channel_products
 from flex_plant_sim.diagnosis.likelihood.prior import deviated, FAR_OFF, part_priors, PartPrior
-from flex_plant_sim.diagnosis.pool import each
+from flex_plant_sim.diagnosis.pool import all_of
 from flex_plant_sim.diagnosis.prediction.predictor import Base, Predictor
 from flex_plant_sim.diagnosis.record.windows import Indices, Windows
 from flex_plant_sim.effects.base import Effect
@@ -107,10 +107,7 @@ class Likelihood:
             moved[k] += step
             return np.asarray((self.at(self.around, moved, keep=True)[0] - here) / step)
 
-        found = each(column, range(len(self.parts)), self.jobs)
-        if len(found) < len(self.parts):
-            raise np.linalg.LinAlgError('no finite prediction')
-        return np.array(found)
+        return np.array(all_of(column, range(len(self.parts)), self.jobs))
 
     @cached_property
     def products(self) -> Array:
@@ -137,9 +134,7 @@ class Likelihood:
     def along(self, effects: Sequence[Effect]) -> Likelihood:
         """Return the likelihood with the trajectory that effects give, its columns the same."""
         predictors = self._following(effects, ((p.windows, p.noise) for p in self.predictors))
-        # Asked for in a process that may have none of its own.
-        return self._copied('present', 'smooth', around=tuple(effects), predictors=predictors,
-                            jobs=1)
+        return self._copied('present', 'smooth', around=tuple(effects), predictors=predictors)
 
     def _copied(self, *less: str, **changed: object) -> Likelihood:
         other = object.__new__(Likelihood)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from functools import partial
 import math
 from typing import NamedTuple
 
@@ -131,8 +132,17 @@ def deviated(robot: Robot, parts: Sequence[PartPrior], deviations: Array
 
 def _of_effect(identifier: str, site: str, tolerance: float, null: float, scale: float,
                unit: str = '', settles: bool = True) -> PartPrior:
-    return PartPrior(f'{identifier}:{site}', tolerance, unit, lambda r, v: r,
-                     lambda v: catalogue()[identifier](site, (null + scale * v,)), settles)
+    return PartPrior(f'{identifier}:{site}', tolerance, unit, _as_it_is,
+                     partial(_stands_for, identifier, site, null, scale), settles)
+
+
+def _as_it_is(robot: Robot, deviation: float) -> Robot:
+    return robot
+
+
+def _stands_for(identifier: str, site: str, null: float, scale: float, deviation: float
+                ) -> Effect:
+    return catalogue()[identifier](site, (null + scale * deviation,))
 
 
 def log_odds(effect: type[Effect], robot: Robot) -> float:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.diagnosis.pool import all_of
 from flex_plant_sim.diagnosis.prediction.free_run import errors, horizon_samples, start_instants
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from msg_config.errors import InputError
@@ -94,7 +95,8 @@ def locked_rows(predictor: Predictor) -> tuple[int, int]:
 
 
 def measure_gain(nominal: Sequence[Predictor], extended: Sequence[Predictor],
-                 horizons: Sequence[float] = HORIZONS, seed: int = 0) -> tuple[Gain, ...]:
+                 horizons: Sequence[float] = HORIZONS, seed: int = 0, jobs: int = 1
+                 ) -> tuple[Gain, ...]:
     """
     Return the errors before and after per channel and horizon.
 
@@ -109,6 +111,8 @@ def measure_gain(nominal: Sequence[Predictor], extended: Sequence[Predictor],
         s; those that no record is long enough for are left out.
     seed : int
         Of the bootstrap.
+    jobs : int
+        Processes.
 
     Raises
     ------
@@ -119,8 +123,9 @@ def measure_gain(nominal: Sequence[Predictor], extended: Sequence[Predictor],
     if not nominal or len(nominal) != len(extended):
         raise InputError(f'records: expected the same number before and after, at least one, '
                          f'got {len(nominal)} and {len(extended)}')
-    before = [horizon_errors(p, horizons) for p in nominal]
-    after = before if extended is nominal else [horizon_errors(p, horizons) for p in extended]
+    models = [*nominal] if extended is nominal else [*nominal, *extended]
+    found = all_of(lambda p: horizon_errors(p, horizons), models, jobs)
+    before, after = found[:len(nominal)], found[-len(nominal):]
     names, step = nominal[0].base.robot.output_names, nominal[0].base.robot.sample_time
     spacing = [start_spacing(p) * step for p in nominal]
     rng, gains = np.random.default_rng(seed), []
