@@ -35,12 +35,12 @@ NORMAL = norm.ppf((np.arange(1000) + 0.5) / 1000)
 
 
 def searched(hidden: tuple[str, ...], data: Data | None = None, asked: tuple[str, ...] = ASKED,
-             base: Base | None = None) -> tuple[Search, Data]:
+             base: Base | None = None, jobs: int = 1) -> tuple[Search, Data]:
     """Return what a search among the asked effects finds in a record of 28 s."""
     data = data or Data.of([simulated(effects(*hidden), 28.0)], SLOWEST, REFERENCE.sample_time)
     others = [name for name in catalogue() if name not in asked]
     with np.errstate(all='ignore'):
-        return search(data, base or Base(REFERENCE), 1, lambda *told: None, others), data
+        return search(data, base or Base(REFERENCE), jobs, lambda *told: None, others), data
 
 
 @pytest.fixture(scope='module')
@@ -229,6 +229,20 @@ def test_workers_give_what_one_process_gives_and_say_what_went_wrong() -> None:
     assert together == alone and len(alone) == 7
     with pytest.raises(ValueError, match='ten'):
         each(root, range(12), 2)
+    # A worker may have none of its own, and does alone what it is asked for.
+    assert each(lambda k: sum(each(root, range(k), 2)), range(4), 2) == pytest.approx(
+        [0.0, 0.0, 1.0, 1.0 + 2.0**0.5])
+
+
+def test_a_search_ends_alike_in_one_process_and_in_several() -> None:
+    few = ('viscous_friction', 'strain_gain')
+    (alone, _), (together, _) = (searched(HIDDEN, None, few, jobs=jobs) for jobs in (1, 3))
+    assert {h.label for h in together.best.fit.hypotheses} == {
+        'viscous_friction:joint_2', 'strain_gain:strain_2a'}
+    for one, other in zip(alone.posterior.fits, together.posterior.fits, strict=True):
+        assert one.hypotheses == other.hypotheses
+        assert other.log_evidence == one.log_evidence
+        assert np.array_equal(one.values, other.values)
 
 
 @pytest.mark.parametrize('change, start, duration', [
