@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from flex_plant_sim.diagnosis.causes.course import Course
 from flex_plant_sim.diagnosis.causes.factors import in_place_of_parts
-from flex_plant_sim.diagnosis.causes.fit import Fit, fitted
+from flex_plant_sim.diagnosis.causes.fit import Descent, Fit, fitted
 from flex_plant_sim.diagnosis.causes.hypothesis import Causes, hypotheses
 from flex_plant_sim.diagnosis.causes.sets import Fitter, Settled, Trial
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
@@ -108,3 +108,16 @@ def test_a_set_that_cannot_matter_is_not_linearised_again() -> None:
                    for how in (matters, lambda fit, more: True))
     # The file's columns promised more than is there, by less than it was told may be.
     assert len(asked) == 1 and once + 1.0 < again < once + asked[0]
+
+
+@pytest.mark.parametrize('start', [(-0.05, 2.0, 18.0), (-0.03, 4.0, 14.0)])
+def test_what_seemed_to_take_its_time_is_tried_at_once_too(start: tuple[float, ...]) -> None:
+    dropped = effects('payload_change:arm:change_kg=-0.06,time_s=12,duration_s=0')
+    data = Data.of([simulated(dropped, 28.0)], SLOWEST, REFERENCE.sample_time)
+    event = [h for h in hypotheses(REFERENCE) if h.label == 'payload_change:arm']
+    descent = Descent(Likelihood(Base(REFERENCE), data.windows, data.noise),
+                      Causes(event, data.duration), np.ones(len(REFERENCE.output_names)))
+    slow, found = (way((np.array(start),)) for way in (descent.down, descent.run))
+    # Between a change of ten seconds and one at once is a valley of its own.
+    assert slow.values[2] > 8.0 and slow.cost > found.cost + 200.0
+    assert found.values[2] < 0.1 and found.values[0] == pytest.approx(-0.06, abs=1e-3)
