@@ -4,7 +4,8 @@ Compare the default estimator's error with the Cramer-Rao bound, on matched mode
 `python benchmarks/accuracy.py` runs 500 random cases without and 500 with process noise:
 payload 0.03-0.3 kg, noise 1e-4-1e-2 (rad, and V on the gauges), assumed modes, n = 3; --model,
 --step and --until, s, change that, --parts draws the parts from their tolerances (a bound that
-knows them), --told says of how many times less noise the estimator is told.
+knows them), --told says of how many times less noise the estimator is told, --burst adds so many
+times the noise from 3 to 3.5 s (the bound is that without).
 The bound has the same vague start as the estimator; with process noise it is the posterior one.
 """
 
@@ -21,18 +22,19 @@ from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.interval import Z95
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
-from matched import bound, Case, record, TORQUE_NOISE, wilson, workers
+from matched import bound, Case, Record, record, TORQUE_NOISE, wilson, workers
 from matplotlib.figure import Figure
 import numpy as np
 
-TIMES_S = (1.0, 3.0, 10.0)
+TIMES_S, AFTER_S = (1.0, 3.0, 10.0), (3.0, 4.0, 5.0, 6.0, 6.5)
+BURST_S = (3.0, 3.5)
 NAMES = ('no process noise', 'process noise')
 LIMIT = 1.5
 
 
 @dataclass(frozen=True)
 class Study:
-    """What all runs have in common: model, modes, step, s, end, s, parts drawn, noise untold."""
+    """What runs have in common: model, modes, step, end, s, parts drawn, noise untold, burst."""
 
     model: str = 'assumed_modes'
     modes: int = 3
@@ -40,11 +42,12 @@ class Study:
     until: float = TIMES_S[-1]
     parts: bool = False
     told: float = 1.0
+    burst: float = 0.0
 
     @property
     def times(self) -> tuple[float, ...]:
-        """Return which of TIMES_S are reached."""
-        return tuple(t for t in TIMES_S if t <= self.until)
+        """Return which of the times asked about are reached, s."""
+        return tuple(t for t in (AFTER_S if self.burst else TIMES_S) if t <= self.until)
 
     def arm(self, seed: int) -> ExtendedArm:
         """Return the true arm of a run."""
@@ -75,7 +78,7 @@ def run(seed: int, torque: float, study: Study) -> Array:
     estimator = make_estimator('rpe', robot, study.model, study.modes,
                                torque_noise=(torque, torque))
     command, estimates = np.zeros(2), []
-    for time, output, after in zip(data.time, data.outputs, data.commands):
+    for time, output, after in zip(data.time, _measured(case, data, study), data.commands):
         estimates.append(estimator.update(time, output, command))
         command = after
     limit = bound(arm, case, data)
@@ -83,13 +86,22 @@ def run(seed: int, torque: float, study: Study) -> Array:
                      for k in (round(time / study.step) for time in study.times)]).T
 
 
-def report(name: str, found: Array) -> None:
+def _measured(case: Case, data: Record, study: Study) -> Array:
+    """Return what the estimator is given: the outputs, with a burst of noise if asked."""
+    during = (data.time > BURST_S[0] - 1e-9) & (data.time < BURST_S[1] - 1e-9)
+    robot, random = case.robot(), np.random.default_rng([case.seed, 3])
+    size = np.array([robot.angle_noise] * 2 + [robot.strain_noise] * (data.outputs.shape[1] - 2))
+    more = study.burst * size * random.standard_normal(data.outputs.shape)
+    return data.outputs + np.where(during[:, None], more, 0.0)
+
+
+def report(name: str, found: Array, times: tuple[float, ...]) -> None:
     """Print RMSE over bound and coverage; found is (runs, 3, times)."""
     error, std, limit = found[:, 0], found[:, 1], found[:, 2]
     print(f'{name}, {len(found)} runs')
     print(f'{"at s":>6s}{"RMSE/CRB":>10s}{"median CRB g":>14s}{"std/CRB":>9s}{"in 95 %":>9s}'
           f'{"its interval":>16s}{"worst error/std":>17s}')
-    for k, time in enumerate(TIMES_S[:error.shape[1]]):
+    for k, time in enumerate(times):
         ratio = np.sqrt(np.mean((error[:, k] / limit[:, k])**2))
         inside = int(np.sum(np.abs(error[:, k]) < Z95 * std[:, k]))
         low, high = wilson(inside, len(found))
@@ -99,7 +111,7 @@ def report(name: str, found: Array) -> None:
               f'{np.max(np.abs(error[:, k]) / std[:, k]):17.1f}', flush=True)
 
 
-def draw(studies: dict[str, Array], path: Path) -> None:
+def draw(studies: dict[str, Array], path: Path, times: tuple[float, ...]) -> None:
     """Plot every run's error against its bound."""
     figure = Figure(figsize=(9, 4.2), layout='constrained')
     axes = figure.subplots(1, 2, sharex=True, sharey=True)
@@ -108,7 +120,7 @@ def draw(studies: dict[str, Array], path: Path) -> None:
         axis.loglog([low, high], [low, high], 'k-', lw=1, label='bound')
         axis.loglog([low, high], [LIMIT * low, LIMIT * high], 'k--', lw=1,
                     label=f'{LIMIT:g} × bound')
-        for k, time in enumerate(TIMES_S[:found.shape[2]]):
+        for k, time in enumerate(times):
             bins = np.array_split(np.argsort(found[:, 2, k]), max(1, len(found) // 50))
             rms = [np.sqrt(np.mean(found[b, :, k]**2, axis=0))[[2, 0]] for b in bins]
             axis.loglog(1e3 * found[:, 2, k], 1e3 * np.abs(found[:, 0, k]), '.', ms=2, alpha=0.4,
@@ -134,20 +146,21 @@ def main() -> None:
     parser.add_argument('--until', type=float, default=TIMES_S[-1])
     parser.add_argument('--parts', action='store_true')
     parser.add_argument('--told', type=float, default=1.0)
+    parser.add_argument('--burst', type=float, default=0.0, metavar='TIMES')
     parser.add_argument('--torque', nargs='*', type=float, default=(0.0, TORQUE_NOISE))
     parser.add_argument('--figure', type=Path, metavar='PNG', help='where to draw it')
     options = parser.parse_args()
     study = Study(options.model, options.modes, options.step, options.until, options.parts,
-                  options.told)
+                  options.told, options.burst)
     studies = {}
     with workers(options.jobs) as pool:
         for torque in options.torque:
             seeds, name = range(options.seed, options.seed + options.runs), NAMES[torque > 0.0]
             job = partial(run, torque=torque, study=study)
             studies[name] = np.array(pool.map(job, seeds, chunksize=5))
-            report(name, studies[name])
+            report(name, studies[name], study.times)
     if options.figure:
-        draw(studies, options.figure)
+        draw(studies, options.figure, study.times)
 
 
 if __name__ == '__main__':

@@ -226,8 +226,8 @@ class FilterStep:
         return (sample.measured, self._offset(f.x, sample.time), self.output, self.told_variance,
                 f.mode.gauge**2 * self._density, least, gains, self.heaviest, self.step_time)
 
-    def _weighed(self, f: Filter, sample: Sample, found: tuple[float, float, float]) -> None:
-        gained, stated, square = found
+    def _weighed(self, f: Filter, sample: Sample, found: tuple[float, ...]) -> None:
+        gained, stated, square, f.fallen = found
         if math.isnan(square):
             self.relocate(f, sample.measured)
         else:
@@ -278,7 +278,7 @@ class FilterStep:
         states, _, channels = f.sizes
         cov = f.cov + f.sens @ f.spread @ f.sens.T + doubt**2 * self.start_cov
         record = new_record(channels)
-        record[:-5] = f.record[:-5]
+        record[:channels] = f.noise
         known = joined(x, cov, np.zeros((states, beta.size)), beta, spread, record, f.reading)
         return replace(new, known=known, sizes=(states, beta.size, channels), age=0.0,
                        linearised=0.0, kept=None)
@@ -329,7 +329,7 @@ class FilterStep:
 
     def begin_at(self, new: Filter, first: Sample, loads: Loads, rested: Filter | None) -> None:
         """Let a filter begin at a sample, with what a rest told if its noise was known."""
-        if rested is not None and (new.record[:-5] < NOISIER * rested.record[:-5]).all():
+        if rested is not None and (new.noise < NOISIER * rested.noise).all():
             hand_over(rested, new)
             new.x -= new.sens @ (new.beta - new.anchor)
             return

@@ -105,6 +105,9 @@ class Filter:
         `evidence.weigh`.
     square : float
         Mean square of the last sample's whitened innovations.
+    fallen : float
+        What the last samples gained where the noise was found to have fallen, see
+        `evidence.weigh`.
     model : Linearised or None
         What all is linearised about where that is held; None follows the estimate.
     rounds : int
@@ -124,6 +127,7 @@ class Filter:
     gained: float = 0.0
     stated: float = 0.0
     square: float = 1.0
+    fallen: float = 0.0
     model: Linearised | None = None
     rounds: int = 0
     age: float = 0.0
@@ -164,6 +168,11 @@ class Filter:
     def state(self) -> Array:
         """Return the state for the parameters believed, (n,)."""
         return self.x if self.model is None else self.x + self.sens @ (self.beta - self.anchor)
+
+    @property
+    def noise(self) -> Array:
+        """Return the noise's variances over the told ones, (m,), to be written in place."""
+        return self.record[:self.sizes[2]]
 
     @property
     def mass(self) -> float:

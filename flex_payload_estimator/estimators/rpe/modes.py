@@ -116,7 +116,7 @@ class Modes:
                  ) -> None:
         """Keep a sample, and what it told of a filter, for those that begin again."""
         lived = sample.steps * self.stepper.step_time if excited else 0.0
-        gained, noise = (f.gained, f.record[:-5].copy()) if f else (0.0, self._told)
+        gained, noise = (f.gained, f.noise.copy()) if f else (0.0, self._told)
         self.past.add(Moment(sample, loads, lived, gained, noise))
 
     def leave_rest(self, rested: Filter) -> None:
@@ -144,6 +144,9 @@ class Modes:
             self.trials = [trial for trial in self.trials if trial.kind == 'still']
         for trial in self.trials:
             self._step(trial, incumbent, sample, loads, excited)
+        # Whoever is told first that the noise has fallen gains by that alone, until the other is.
+        self.trials = [trial for trial in self.trials if trial.simpler(incumbent)
+                       or trial.runner.fallen == incumbent.fallen == 0.0]
         for trial in list(self.trials):
             if self._wins(trial, incumbent):
                 return self._promote(trial, incumbent, sample.time)

@@ -142,7 +142,7 @@ def ahead(kept: Array, known: Array, anchor: Array, held: bool, about: Array, se
 @compiled
 def learnt(known: Array, anchor: Array, held: bool, loads: Array, measured: Array, offset: Array,
            output: Array, told: Array, error: float, least: float, gains: int, heaviest: float,
-           step: float) -> tuple[float, float, float]:
+           step: float) -> tuple[float, float, float, float]:
     """
     Let a filter learn from a measurement; its reading is the innovation and its variances.
 
@@ -178,12 +178,12 @@ def learnt(known: Array, anchor: Array, held: bool, loads: Array, measured: Arra
         x, cov, sens, beta, spread, anchor, held, measured, offset, output, noise, gains, GATE,
         heaviest)
     if np.isnan(log_det):
-        return 0.0, 0.0, np.nan
-    gained, stated = weigh(record, innovation, reading[0], variances, scores, log_det, told, GATE,
-                           step)
+        return 0.0, 0.0, np.nan, 0.0
+    gained, stated, fallen = weigh(record, innovation, reading[0], variances, scores, log_det,
+                                   told, GATE, step)
     put(reading[0], innovation)
     put(reading[1], variances)
-    return gained, stated, min(inner(scores, scores), GATE) / channels
+    return gained, stated, min(inner(scores, scores), GATE) / channels, fallen
 
 
 @compiled
@@ -191,7 +191,7 @@ def stepped(kept: Array, known: Array, anchor: Array, held: bool, about: Array, 
             parts: Array, away: float, motion: Array, command: Array, doubt: Array, speed: Array,
             push: float, walked: float, loads: Array, steps: int, measured: Array,
             offset: Array, output: Array, told: Array, error: float, least: float, gains: int,
-            heaviest: float, step: float) -> tuple[float, float, float]:
+            heaviest: float, step: float) -> tuple[float, float, float, float]:
     """Do both: `push` is the error of `ahead`, `error` that of `learnt`."""
     ahead(kept, known, anchor, held, about, series, parts, away, motion, command, doubt, speed,
           push, walked, loads, steps)

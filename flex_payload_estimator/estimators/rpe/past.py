@@ -74,7 +74,7 @@ class Past:
         """Tell whether a filter has found far more noise than there was at a time, s."""
         later = bisect_right(self._moments, since, key=lambda moment: moment.sample.time)
         before = self._moments[max(later, 1) - 1].noise
-        return bool((f.record[:-5] > NOISIER * before).any())
+        return bool((f.noise > NOISIER * before).any())
 
     def most_noise(self, told: Array) -> Array:
         """

@@ -171,7 +171,7 @@ def _from_prior(f: Filter, mode: Mode, share: float, past: Past, stepper: Filter
     moment, base = past[past.first], f.copy()
     base.mode, base.beta[CORIOLIS] = mode, share
     # The noise may have been larger than it is now.
-    base.record[:-5] = np.maximum(base.record[:-5], moment.noise)
+    base.noise[:] = np.maximum(base.noise, moment.noise)
     return Relearner(stepper.again(base, FRESH, moment.sample, moment.loads, past.rested))
 
 
@@ -180,8 +180,8 @@ def exact_beside(f: Filter, past: Past, stepper: FilterStep) -> Replay:
     moment, new = past[past.first], stepper.renewed(f, EXACT, CLOSE, 0.0)
     # One of parts takes noise for its model error. What begins with too little is sure of a
     # state that is wrong, and all it sees then looks like a motion; too much soon shows.
-    new.record[:-5] = np.maximum(np.maximum(new.record[:-5], moment.noise),
-                                 past.most_noise(stepper.told_variance))
+    new.noise[:] = np.maximum(np.maximum(new.noise, moment.noise),
+                              past.most_noise(stepper.told_variance))
     stepper.begin_at(new, moment.sample, moment.loads, past.rested)
     return Replay([Relearner(new)], past.first + 1, sought=True)
 

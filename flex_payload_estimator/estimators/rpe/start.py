@@ -86,7 +86,7 @@ class Start:
 
         """
         self.at_rest = False
-        self._noise = rested.record[:-5].copy()
+        self._noise = rested.noise.copy()
         self.filters = self.bank(rested.reading[0])
         for f in self.filters:
             hand_over(rested, f)
@@ -117,7 +117,7 @@ class Start:
         self._noise = np.maximum(noise, self._noise)
         self.filters = self.bank(sample.measured)
         for f in self.filters:
-            f.record[:-5] = self._noise
+            f.noise[:] = self._noise
             self.stepper.begin_at(f, sample, loads, None)
 
     def best(self) -> Filter:
@@ -165,7 +165,7 @@ class Start:
     def _learnt_well(self, f: Filter) -> bool:
         """Tell whether the noise was about what it was taken for while it learnt."""
         known = NOISIER * self._noise
-        return misfit_of(f.record) < MISFIT and bool((f.record[:-5] < known).all())
+        return misfit_of(f.record) < MISFIT and bool((f.noise < known).all())
 
     def _again(self, f: Filter) -> Filter:
         """Return a filter that begins afresh where one is, knowing the noise."""

@@ -65,6 +65,10 @@ class Trial:
         """Tell whether what it takes to be may have begun at any time."""
         return self.kind == 'moved' or level(self.runner.mode) > level(incumbent.mode)
 
+    def simpler(self, incumbent: Filter) -> bool:
+        """Tell whether its mode has less freedom than the incumbent's."""
+        return level(self.runner.mode) < level(incumbent.mode)
+
     def gained(self, incumbent: Filter) -> float:
         """Return what it gained over the incumbent with the last sample, nats."""
         if self.runner.mode.name == incumbent.mode.name:
