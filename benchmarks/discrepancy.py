@@ -28,7 +28,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / 'test'))
 from truth.records import draw_case, make_record  # noqa: E402
 
 FIRST_SEED, BLOCKS = 700, 48
-AMPLITUDES = (Amplitude(0.03, 0.01), Amplitude(0.03, 0.02), Amplitude(0.03, 0.05))
+AMPLITUDES = tuple(Amplitude(gauge=share) for share in (0.01, 0.02, 0.05))
 
 
 def whitened(seed: int, amplitude: Amplitude) -> tuple[np.ndarray, np.ndarray]:
@@ -64,7 +64,7 @@ def main() -> None:
         pairs = [whitened(FIRST_SEED + k, amplitude) for k in range(runs)]
         rms = np.sqrt(np.mean([np.mean(errors**2, axis=0) for errors, _ in pairs], axis=0))
         found = [temper(*pair) for pair in pairs]
-        print(f'{amplitude.torque:6.2f} {amplitude.gauge:6.2f}   '
+        print(f'{amplitude.torque[0]:6.2f} {amplitude.gauge:6.2f}   '
               f'{" ".join(f"{r:6.2f}" for r in rms)}   {np.mean(found):6.2f} '
               f'({min(found):.2f} to {max(found):.2f})', flush=True)
 

@@ -137,10 +137,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--arms', type=int, default=3, help='of each kind (default: 3)')
-    parser.add_argument('--torque', type=float, default=Amplitude().torque)
+    parser.add_argument('--torque', type=float, default=Amplitude().torque[0])
     parser.add_argument('--gauge', type=float, default=Amplitude().gauge)
     chosen = parser.parse_args()
-    amplitude = Amplitude(torque=chosen.torque, gauge=chosen.gauge)
+    amplitude = Amplitude(torque=(chosen.torque,) * 2, gauge=chosen.gauge)
     print('temper            ' + ' '.join(f'{t:8.0f}' for t in TEMPERS))
     seed = FIRST_SEED
     for robot in ('reference', 'quanser_2dsfl'):

@@ -21,8 +21,10 @@ class Amplitude:
 
     Attributes
     ----------
-    torque, gauge : float
-        Shares of the drive's root-mean-square torque and of what the gauge shows.
+    torque : tuple of float
+        Of each joint, a share of its drive's root-mean-square torque.
+    gauge : float
+        Share of what the gauge shows.
     torque_periods, gauge_periods : float
         Correlation times in periods of the slowest mode.
     sensed : bool
@@ -42,7 +44,7 @@ class Amplitude:
     # On clean arms of other simulators no channel errs by more than this states: joints by 0.9 of
     # it, gauges by a quarter to a half (benchmarks/discrepancy.py: with 1 % by half to three
     # quarters). Less lets the parts soak up what is systematic.
-    torque: float = 0.03
+    torque: tuple[float, float] = (0.03, 0.03)
     gauge: float = 0.05
     torque_periods: float = 1.0
     gauge_periods: float = 0.3
@@ -90,7 +92,7 @@ class Discrepancy(Effect):
         variance, first = np.zeros(arm.states), arm.own_states
         command, output = record.deviations
         drives = [d.torque_gain * spread for d, spread in zip(arm.robot.drives, command)]
-        sizes = np.concatenate([amplitude.torque * np.array(drives),
+        sizes = np.concatenate([np.multiply(amplitude.torque, drives),
                                 amplitude.gauge * output[2:]])
         times = np.array([self['torque_time_s']] * 2 + [self['gauge_time_s']] * (sizes.size - 2))
         kept = np.exp(-2.0 * arm.step_time / times)
