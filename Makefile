@@ -46,7 +46,7 @@ docs: .venv/.$(DISTRO)-test  ## the documentation as a site, in build/docs
 lock: .venv/.$(DISTRO)-test  ## pin every dependency anew, with hashes
 	$(BIN)/python -m pip install -q uv
 	for kind in run test; do $(BIN)/uv -q pip compile setup.py --upgrade --universal --generate-hashes \
-	  --python-version 3.10 --no-annotate --no-header -o requirements/$$kind.txt \
+	  --no-strip-extras --python-version 3.10 --no-annotate --no-header -o requirements/$$kind.txt \
 	  $$(test $$kind = run || echo --extra test) $(foreach extra,$(LOCKED),--extra $(extra)); done
 
 sbom: .venv/.$(DISTRO)-test  ## software bill of materials of what make demo installs, as sbom.json

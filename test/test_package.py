@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from configparser import ConfigParser
 from importlib import import_module
-from importlib.metadata import distribution
+from importlib.metadata import distribution, distributions
 import os
 from pathlib import Path
 import re
@@ -13,6 +13,8 @@ import subprocess
 import sys
 from xml.etree import ElementTree
 
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 import pytest
 
 EXECUTABLES = {
@@ -80,6 +82,27 @@ def test_the_security_policy_names_the_contract(repository: Path) -> None:
         assert named - ros == set(load_topics()) - unheard
     named = {service.text for service in policy.findall('.//profile[@node="plant_sim"]//service')}
     assert set(load_services()) < named
+
+
+@pytest.mark.parametrize('kind', ['run', 'test'])
+def test_every_extra_that_a_locked_package_asks_for_is_locked(repository: Path, kind: str) -> None:
+    """Without the extra pip takes the newest release for it, which has no hash in the lock."""
+    text = (repository / 'requirements' / f'{kind}.txt').read_text(encoding='utf-8')
+    lines = [Requirement(line.rstrip(' \\')) for line in text.splitlines() if line[:1].isalnum()]
+    locked = {canonicalize_name(line.name): line.extras for line in lines
+              if line.marker is None or line.marker.evaluate()}
+    assert {'numpy', 'scipy'} <= set(locked)
+    missing = set()
+    for package in distributions():
+        owner = canonicalize_name(package.name)
+        for line in package.requires or ():
+            wanted = Requirement(line)
+            applies = owner in locked and (wanted.marker is None or any(
+                wanted.marker.evaluate({'extra': extra}) for extra in {'', *locked[owner]}))
+            for extra in wanted.extras if applies else ():
+                if extra not in locked[canonicalize_name(wanted.name)]:
+                    missing.add(f'{owner} asks for {wanted.name}[{extra}]')
+    assert not missing
 
 
 def test_every_folder_of_code_is_a_package(repository: Path) -> None:
