@@ -87,7 +87,7 @@ def passes(path: Path) -> None:
     log, base = read_log(path, ROBOT), nominal_base(ROBOT, 'assumed_modes', 3)
     record = Record(path.name, log.time, log.command, log.output, 0.1)
     data = Data.of([record], slowest_frequency(base, 0.1), ROBOT.sample_time)
-    count, whitened, started = [0], Predictor.whitened, time.process_time()
+    count, whitened, started = [0], Predictor.whitened_residual, time.process_time()
     seen: set[str] = set()
 
     def counted(*arguments: Any, **named: Any) -> Any:
@@ -99,7 +99,7 @@ def passes(path: Path) -> None:
             print(f'{count[0]:6d} passes {time.process_time() - started:6.1f} s before: {step}')
         seen.add(step)
 
-    Predictor.whitened = counted  # type: ignore[method-assign]
+    Predictor.whitened_residual = counted  # type: ignore[method-assign]
     with np.errstate(all='ignore'):
         search(data, base, 1, told)
     told('the end', 1.0)

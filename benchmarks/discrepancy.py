@@ -1,5 +1,5 @@
 """
-How much a good model lacks: innovations of clean arms of another simulator, by amplitude.
+How much a good model lacks: innovations of clean arms of another simulator, by discrepancy.
 
 For clean MuJoCo arms (calibration seeds from 700; score on others) and some amplitudes of the
 discrepancy: the root mean square of the whitened innovations per channel with the parts
@@ -15,10 +15,10 @@ from pathlib import Path
 import sys
 
 from flex_plant_sim.arm.robot_file import load_robot
-from flex_plant_sim.diagnosis.causes.fit import fitted
-from flex_plant_sim.diagnosis.causes.hypothesis import Causes
+from flex_plant_sim.diagnosis.causes.fit import fit_set
+from flex_plant_sim.diagnosis.causes.hypothesis import CauseSet
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
-from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude
+from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.diagnosis.verdict.verdict import nominal_base, slowest_frequency
@@ -28,22 +28,22 @@ sys.path.insert(0, str(Path(__file__).parents[1] / 'test'))
 from truth.records import draw_case, make_record  # noqa: E402
 
 FIRST_SEED, BLOCKS = 700, 48
-AMPLITUDES = tuple(Amplitude(gauge=share) for share in (0.01, 0.02, 0.05))
+DISCREPANCIES = tuple(DiscrepancyModel(gauge_share=share) for share in (0.01, 0.02, 0.05))
 
 
-def whitened(seed: int, amplitude: Amplitude) -> tuple[np.ndarray, np.ndarray]:
+def whitened(seed: int, discrepancy: DiscrepancyModel) -> tuple[np.ndarray, np.ndarray]:
     """Return untempered innovations (N, m) of a clean arm and their columns (N, m, p)."""
     case = replace(draw_case(None, seed), simulator='mujoco')
     truth = make_record(case)
     robot = load_robot('reference')
-    base = replace(nominal_base(robot, 'assumed_modes', 3), discrepancy=amplitude)
+    base = replace(nominal_base(robot, 'assumed_modes', 3), discrepancy=discrepancy)
     record = Record('clean', truth.time, truth.command, np.hstack([truth.joint, truth.strain]),
                     case.payload_told)
     data = Data.of([record], slowest_frequency(base, record.payload), robot.sample_time)
     likelihood = Likelihood(base, data.windows, data.noise)
-    fit = fitted(likelihood, Causes((), data.duration), (np.zeros(0),))
-    left = likelihood.present + np.tensordot(fit.deviations, likelihood.columns, 1)
-    return left.T, (likelihood.columns.T * likelihood.tolerances)
+    fit = fit_set(likelihood, CauseSet((), data.duration), (np.zeros(0),))
+    left = likelihood.centre_residual + np.tensordot(fit.deviations, likelihood.part_jacobian, 1)
+    return left.T, (likelihood.part_jacobian.T * likelihood.tolerances)
 
 
 def temper(errors: np.ndarray, columns: np.ndarray) -> float:
@@ -55,16 +55,16 @@ def temper(errors: np.ndarray, columns: np.ndarray) -> float:
 
 
 def main() -> None:
-    """Print one line an amplitude."""
+    """Print one line an discrepancy."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
     parser.add_argument('--runs', type=int, default=2)
     runs = parser.parse_args().runs
     print('torque  gauge   rms of whitened innovations per channel       temper')
-    for amplitude in AMPLITUDES:
-        pairs = [whitened(FIRST_SEED + k, amplitude) for k in range(runs)]
+    for discrepancy in DISCREPANCIES:
+        pairs = [whitened(FIRST_SEED + k, discrepancy) for k in range(runs)]
         rms = np.sqrt(np.mean([np.mean(errors**2, axis=0) for errors, _ in pairs], axis=0))
         found = [temper(*pair) for pair in pairs]
-        print(f'{amplitude.torque[0]:6.2f} {amplitude.gauge:6.2f}   '
+        print(f'{discrepancy.torque_share[0]:6.2f} {discrepancy.gauge_share:6.2f}   '
               f'{" ".join(f"{r:6.2f}" for r in rms)}   {np.mean(found):6.2f} '
               f'({min(found):.2f} to {max(found):.2f})', flush=True)
 

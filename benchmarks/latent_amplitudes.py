@@ -19,9 +19,9 @@ import sys
 
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.diagnosis.prediction.latent_forces import (
-    Amplitudes,
     latent_forces,
     LatentForces,
+    LatentPrior,
 )
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.record.sensor_noise import measurement_noise
@@ -75,7 +75,7 @@ def main() -> None:
     records = list(predictors(parser.parse_args().runs))
     print('torque gauge time   within 95 %: joint 1, joint 2   rms in sigma: joint 1, joint 2')
     for torque, gauge, time in product(TORQUE, GAUGE, GAUGE_TIME):
-        amplitudes = Amplitudes(torque, gauge, time)
+        amplitudes = LatentPrior(torque, gauge, time)
         errors = [standard_errors(case, latent_forces(predictor, amplitudes))
                   for case, predictor in records]
         joints = [np.concatenate(e) for e in zip(*errors)]

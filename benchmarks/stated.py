@@ -26,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
 from bank import score  # noqa: E402
 from bank.cases import all_cases  # noqa: E402
 from bank.summary import JUDGED  # noqa: E402
-from flex_plant_sim.diagnosis.likelihood.prior import imitation_odds, MOST  # noqa: E402
+from flex_plant_sim.diagnosis.likelihood.prior import imitation_odds, MAX_FURTHER_FAULTS  # noqa: E402
 import numpy as np  # noqa: E402
 from run_bank import read_results  # noqa: E402
 from scipy.optimize import minimize  # noqa: E402
@@ -61,7 +61,7 @@ def claims(line: score.Line) -> list[Claim]:
 def further(labels: Sequence[str]) -> int:
     """Return how many faults a set asks for beyond one or two named ones."""
     named = [label for label in labels if label != UNKNOWN]
-    return min(max(len(named) - ORDINARY, 0) + (UNKNOWN in labels), MOST)
+    return min(max(len(named) - ORDINARY, 0) + (UNKNOWN in labels), MAX_FURTHER_FAULTS)
 
 
 def weights(lines: Sequence[score.Line]) -> dict[str, float]:

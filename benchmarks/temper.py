@@ -27,8 +27,8 @@ from bank.records import write_record  # noqa: E402
 from bank.sizes import read_limits, sized_truth  # noqa: E402
 from flex_plant_sim.arm.robot import Robot  # noqa: E402
 from flex_plant_sim.arm.robot_file import load_robot  # noqa: E402
-from flex_plant_sim.diagnosis.causes.sets import Settled, Trial  # noqa: E402
-from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude  # noqa: E402
+from flex_plant_sim.diagnosis.causes.refined_fit import CandidateSet, RefinedFit  # noqa: E402
+from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel  # noqa: E402
 from flex_plant_sim.diagnosis.record.data import Data  # noqa: E402
 from flex_plant_sim.diagnosis.record.windows import Record  # noqa: E402
 from flex_plant_sim.diagnosis.verdict.verdict import (  # noqa: E402
@@ -88,30 +88,30 @@ def true_parts(truth: TruthCase, robot: Robot) -> dict[str, float]:
 class CleanArm:
     """A clean arm's parts, re-estimated, beside what they are."""
 
-    def __init__(self, case: BankCase, amplitude: Amplitude):
+    def __init__(self, case: BankCase, discrepancy: DiscrepancyModel):
         data, robot, truth = data_of(case)
-        base = replace(nominal_base(robot, 'assumed_modes', 3), discrepancy=amplitude)
-        settled = Settled.at(Trial((), (np.zeros(0),)), base, data)
-        self.likelihood, self.fit = settled.likelihood, settled.fit
+        base = replace(nominal_base(robot, 'assumed_modes', 3), discrepancy=discrepancy)
+        refined = RefinedFit.refine(CandidateSet((), (np.zeros(0),)), base, data)
+        self.likelihood, self.fit = refined.likelihood, refined.fit
         true = true_parts(truth, robot)
         self.true = np.array([true.get(p.name, 0.0) for p in self.likelihood.parts])
 
     def at(self, temper: float) -> tuple[float, float]:
         """Return chi^2 of the true parts over their number, and nats over their prior."""
-        moments = self.fit.moments
-        found = moments.parts(moments.scaled(temper), temper)
+        statistics = self.fit.statistics
+        found = statistics.part_marginal(statistics.likeliest_error_scale(temper), temper)
         root = np.linalg.cholesky(found.covariance)
         away = np.linalg.solve(root, self.true - found.mean)
-        prior = self.true / moments.tolerances
+        prior = self.true / statistics.tolerances
         nats = 0.5 * (prior @ prior - away @ away) - float(np.sum(
-            np.log(np.diagonal(root) / moments.tolerances)))
+            np.log(np.diagonal(root) / statistics.tolerances)))
         return float(away @ away) / away.size, nats
 
     def errors(self) -> tuple[np.ndarray, np.ndarray]:
         """Return what each channel errs over what is stated, and its correlation, samples."""
         windows = sum(p.windows.starts.size for p in self.likelihood.predictors)
-        left = self.likelihood.present + np.tensordot(
-            self.fit.deviations, self.likelihood.columns, 1)
+        left = self.likelihood.centre_residual + np.tensordot(
+            self.fit.deviations, self.likelihood.part_jacobian, 1)
         left = left.reshape(len(left), windows, -1)
         power = np.abs(np.fft.rfft(left, 2 * left.shape[-1]))**2
         like = np.fft.irfft(power).sum(axis=1)[:, :left.shape[-1]]
@@ -137,16 +137,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--arms', type=int, default=3, help='of each kind (default: 3)')
-    parser.add_argument('--torque', type=float, default=Amplitude().torque[0])
-    parser.add_argument('--gauge', type=float, default=Amplitude().gauge)
+    parser.add_argument('--torque', type=float, default=DiscrepancyModel().torque_share[0])
+    parser.add_argument('--gauge', type=float, default=DiscrepancyModel().gauge_share)
     chosen = parser.parse_args()
-    amplitude = Amplitude(torque=(chosen.torque,) * 2, gauge=chosen.gauge)
+    discrepancy = DiscrepancyModel(torque_share=(chosen.torque,) * 2, gauge_share=chosen.gauge)
     print('temper            ' + ' '.join(f'{t:8.0f}' for t in TEMPERS))
     seed = FIRST_SEED
     for robot in ('reference', 'quanser_2dsfl'):
         for form in (ELEMENTS, CHAIN):
             print_group(robot, form, [
-                CleanArm(BankCase('clean', (), robot, seed + k, form, 0.0), amplitude)
+                CleanArm(BankCase('clean', (), robot, seed + k, form, 0.0), discrepancy)
                 for k in range(chosen.arms)])
             seed += chosen.arms
 

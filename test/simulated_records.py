@@ -8,7 +8,7 @@ from pathlib import Path
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.prediction.predictor import Base, Predictor
+from flex_plant_sim.diagnosis.prediction.predictor import BaseModel, Predictor
 from flex_plant_sim.diagnosis.record.sensor_noise import measurement_noise
 from flex_plant_sim.diagnosis.record.windows import Record, Windows
 from flex_plant_sim.effects import build, parse
@@ -40,7 +40,7 @@ def commands(robot: Robot, duration: float, seed: int = 0) -> Array:
 def simulated(hidden: Sequence[Effect] = (), duration: float = 24.0, noise: float = 1.0,
               robot: Robot = REFERENCE, seed: int = 0, substeps: int = 1) -> Record:
     """Return the record of an arm with effects; its sensors' noise is scaled."""
-    arm = Base(robot, effects=tuple(hidden)).arm(robot.payload_mass).finer(substeps)
+    arm = BaseModel(robot, effects=tuple(hidden)).arm(robot.payload_mass).finer(substeps)
     simulator = Simulator(arm, noise=Noise(noise * 1e-4, noise * 5e-7), seed=seed)
     command = commands(robot, duration, seed)
     output, _ = simulate(simulator, command)
@@ -49,11 +49,11 @@ def simulated(hidden: Sequence[Effect] = (), duration: float = 24.0, noise: floa
 
 
 def predictor(record: Record, assumed: Sequence[Effect] = (), robot: Robot = REFERENCE,
-              locked: bool = True, level: tuple[float, float] = Base.level) -> Predictor:
+              locked: bool = True, noise_shares: tuple[float, float] = BaseModel.noise_shares) -> Predictor:
     """Return the predictor of an arm with effects over a record's locked or other windows."""
     cut = Windows.cut(record, SLOWEST, robot.sample_time)
     noise = np.maximum(measurement_noise(record.output), 1e-9)
-    base = Base(robot, effects=tuple(assumed), level=level)
+    base = BaseModel(robot, effects=tuple(assumed), noise_shares=noise_shares)
     return Predictor(base, cut[1 if locked else 0], noise)
 
 

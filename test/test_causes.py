@@ -4,18 +4,22 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from flex_plant_sim.diagnosis.causes.fit import Descent, Fit
-from flex_plant_sim.diagnosis.causes.hypothesis import Causes, hypotheses
-from flex_plant_sim.diagnosis.causes.looks import Look
-from flex_plant_sim.diagnosis.causes.posterior import judged, Key, lacking
-from flex_plant_sim.diagnosis.causes.promise import Beside
-from flex_plant_sim.diagnosis.causes.search import Search, search
-from flex_plant_sim.diagnosis.likelihood.evidence import detectable, Slab
-from flex_plant_sim.diagnosis.likelihood.moments import Moments
-from flex_plant_sim.diagnosis.likelihood.prior import log_odds
+from flex_plant_sim.diagnosis.causes.fit import Fit, GaussNewton
+from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses, CauseSet
+from flex_plant_sim.diagnosis.causes.posterior import (
+    interpretations,
+    leaves_strain_unexplained,
+    SetKey,
+)
+from flex_plant_sim.diagnosis.causes.proposal import ProposalScorer
+from flex_plant_sim.diagnosis.causes.search import search, SearchResult
+from flex_plant_sim.diagnosis.causes.sensitivity import Sensitivity
+from flex_plant_sim.diagnosis.likelihood.evidence import detectable_size, ParameterPrior
+from flex_plant_sim.diagnosis.likelihood.prior import log_prior_odds
+from flex_plant_sim.diagnosis.likelihood.sufficient_statistics import SufficientStatistics
 from flex_plant_sim.diagnosis.pool import each
-from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude
-from flex_plant_sim.diagnosis.prediction.predictor import Base, Predictor
+from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
+from flex_plant_sim.diagnosis.prediction.predictor import BaseModel, Predictor
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.verdict.detection import detection_limits
 from flex_plant_sim.effects import catalogue
@@ -35,39 +39,39 @@ NORMAL = norm.ppf((np.arange(1000) + 0.5) / 1000)
 
 
 def searched(hidden: tuple[str, ...], data: Data | None = None, asked: tuple[str, ...] = ASKED,
-             base: Base | None = None, jobs: int = 1) -> tuple[Search, Data]:
+             base: BaseModel | None = None, jobs: int = 1) -> tuple[SearchResult, Data]:
     """Return what a search among the asked effects finds in a record of 28 s."""
     data = data or Data.of([simulated(effects(*hidden), 28.0)], SLOWEST, REFERENCE.sample_time)
     others = [name for name in catalogue() if name not in asked]
     with np.errstate(all='ignore'):
-        return search(data, base or Base(REFERENCE), jobs, lambda *told: None, others), data
+        return search(data, base or BaseModel(REFERENCE), jobs, lambda *told: None, others), data
 
 
 @pytest.fixture(scope='module')
-def clean() -> tuple[Search, Data]:
+def clean() -> tuple[SearchResult, Data]:
     """Return what is found where nothing is hidden."""
     return searched(())
 
 
 def test_two_causes_are_found_together_in_few_passes(monkeypatch: pytest.MonkeyPatch) -> None:
-    passes, whitened = [0], Predictor.whitened
+    passes, whitened = [0], Predictor.whitened_residual
 
     def counted(*arguments: object, **named: object) -> object:
         passes[0] += 1
         return whitened(*arguments, **named)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(Predictor, 'whitened', counted)
+    monkeypatch.setattr(Predictor, 'whitened_residual', counted)
     found, _ = searched(HIDDEN)
     best = found.posterior.best
-    pieces = Causes(best.hypotheses, 28.0).split(best.values)
+    pieces = CauseSet(best.hypotheses, 28.0).split(best.values)
     sizes = {h.label: float(v[0]) for h, v in zip(best.hypotheses, pieces)}
     assert sizes == {'viscous_friction:joint_2': pytest.approx(3.0, rel=0.05),
                      'strain_gain:strain_2a': pytest.approx(0.8, rel=0.05)}
-    assert all(found.posterior.of_effect(name) > 0.9 for name in (
+    assert all(found.posterior.effect_probability(name) > 0.9 for name in (
         'viscous_friction', 'strain_gain'))
     posterior = found.posterior
     assert posterior.probability.sum() + sum(posterior.unfitted.values()) == pytest.approx(1.0)
-    assert Key.of(found.best.fit) == Key.of(best)
+    assert SetKey.of(found.best.fit) == SetKey.of(best)
     assert passes[0] < MOST_PASSES
 
 
@@ -98,11 +102,11 @@ def test_a_part_that_no_effect_asked_speaks_of_is_told_where_it_is() -> None:
     found, _ = searched(('drive_bandwidth:joint_2:time_constant_factor=2',), None,
                         ('strain_gain',))
     best = found.best
-    assert best.fit.hypotheses == () and best.fit.discrepancy.far == 'drive_damping_2'
+    assert best.fit.hypotheses == () and best.fit.discrepancy.far_part == 'drive_damping_2'
     parts = [part.name for part in best.likelihood.parts]
     assert best.fit.deviations[parts.index('drive_damping_2')] == pytest.approx(
         -np.log(2.0), abs=0.1)
-    assert found.posterior.of_unknown > 0.9
+    assert found.posterior.unknown_probability > 0.9
 
 
 @pytest.mark.parametrize('link, factor', [('link_1', 1.3), ('link_2', 0.75)])
@@ -113,15 +117,15 @@ def test_what_a_part_far_off_does_as_well_is_named_with_its_whole_size(link: str
     assert cause.label == f'link_stiffness:{link}'
     # All but a seventieth is the cause's, as variances are; a nat leaves the part 1.4 tolerances.
     assert found.posterior.best.values == pytest.approx([factor], rel=1.4 * 0.03)
-    assert found.posterior.of_effect('link_stiffness') > 0.9
+    assert found.posterior.effect_probability('link_stiffness') > 0.9
 
 
 def test_a_cause_is_found_that_parts_far_off_stand_for() -> None:
     # One clamped-free shape a link of an arm that has three: with parts alone 7 tolerances off.
     asked = ('modal_truncation', 'strain_gain', 'link_stiffness', 'clamp_compliance')
-    found, _ = searched((), None, asked, Base(REFERENCE, 'paper', 1))
+    found, _ = searched((), None, asked, BaseModel(REFERENCE, 'paper', 1))
     cause, = found.posterior.best.hypotheses
-    assert cause.label == 'modal_truncation:arm' and cause.held[0] >= 3.0
+    assert cause.label == 'modal_truncation:arm' and cause.fixed_values[0] >= 3.0
     tolerances = found.best.likelihood.tolerances
     assert np.max(np.abs(found.nothing.deviations / tolerances)) > 5.0
     assert np.max(np.abs(found.best.fit.deviations / tolerances)) < 2.0
@@ -140,27 +144,27 @@ def test_a_payload_told_wrong_is_found_though_parts_undo_most_of_it() -> None:
 
 def test_what_nature_has_few_values_of_promises_what_that_value_does() -> None:
     # ln N of rows (8) less twice (3) a change: 0.5 |r|^2 - 0.5 |r + 2 c|^2; no more is asked.
-    rng, known = np.random.default_rng(3), hypotheses(REFERENCE)
-    two, = (h for h in known if h.label == 'modal_truncation:arm' and h.held == (3.0,))
+    rng, known = np.random.default_rng(3), all_hypotheses(REFERENCE)
+    two, = (h for h in known if h.label == 'modal_truncation:arm' and h.fixed_values == (3.0,))
     residual, change = rng.normal(size=(2, 8))
-    look = Look(two.null, np.array([2.0]), (2.0 * change[None]).astype(np.float32))
-    beside = Beside(residual[None], np.zeros(0), np.ones(8), 28.0)
+    look = Sensitivity(two.null, np.array([2.0]), (2.0 * change[None]).astype(np.float32))
+    scorer = ProposalScorer(residual[None], np.zeros(0), np.ones(8), 28.0)
     gain = 0.5 * residual @ residual - 0.5 * np.sum((residual + 2.0 * change)**2)
-    assert beside.promise(two, [look]).gain == pytest.approx(gain, abs=1e-5)
-    assert np.all(np.array(beside.promise(two, [look]).starts) == 3.0)
+    assert scorer.propose(two, [look]).linear_gain == pytest.approx(gain, abs=1e-5)
+    assert np.all(np.array(scorer.propose(two, [look]).starts) == 3.0)
 
 
-def test_nothing_is_found_where_nothing_is_hidden(clean: tuple[Search, Data]) -> None:
+def test_nothing_is_found_where_nothing_is_hidden(clean: tuple[SearchResult, Data]) -> None:
     found, _ = clean
-    assert found.posterior.of_nothing > 0.9
-    assert found.posterior.of_unknown < 0.01
-    assert found.best.fit.scale == pytest.approx(1.0)
+    assert found.posterior.nothing_probability > 0.9
+    assert found.posterior.unknown_probability < 0.01
+    assert found.best.fit.error_scale == pytest.approx(1.0)
 
 
-def test_a_limit_is_what_parts_cannot_undo(clean: tuple[Search, Data]) -> None:
+def test_a_limit_is_what_parts_cannot_undo(clean: tuple[SearchResult, Data]) -> None:
     found, data = clean
     with np.errstate(all='ignore'):
-        limits = detection_limits(found.promises, REFERENCE, data.duration, found.closer)
+        limits = detection_limits(found.proposals, REFERENCE, data.duration, found.refiner)
     # What one Gaussian that is wider promises over the tolerance's own, on average, is the price.
     effect, tolerance = catalogue()['link_stiffness'], REFERENCE.tolerances.stiffness
     wide = np.hypot(tolerance, effect.parameters[0].typical)
@@ -175,44 +179,44 @@ def test_a_limit_is_what_parts_cannot_undo(clean: tuple[Search, Data]) -> None:
 
 
 def test_a_limit_of_commands_shows_only_where_commands_reach_it(
-        clean: tuple[Search, Data]) -> None:
+        clean: tuple[SearchResult, Data]) -> None:
     _, data = clean
     found, _ = searched((), data, ('actuator_saturation',))
     with np.errstate(all='ignore'):
-        limits = detection_limits(found.promises, REFERENCE, data.duration, found.closer)
+        limits = detection_limits(found.proposals, REFERENCE, data.duration, found.refiner)
     for joint, reached in enumerate(np.abs(data.windows[0].record.command).max(axis=0)):
         inverse = limits[f'actuator_saturation:joint_{joint + 1}'][0]
         assert 0.3 * reached < 1.0 / inverse < reached
 
 
 def test_a_limit_is_where_the_evidence_turns_however_steeply_information_rises(
-        clean: tuple[Search, Data]) -> None:
+        clean: tuple[SearchResult, Data]) -> None:
     """Of a clean bench record (case_8009d8b8), whose commands reach 0.857: said was 0.012."""
-    saturation, = (h for h in hypotheses(REFERENCE) if h.label == 'actuator_saturation:joint_1')
+    saturation, = (h for h in all_hypotheses(REFERENCE) if h.label == 'actuator_saturation:joint_1')
     sizes = np.array([1.0, 1.14, 1.18, 1.22, 1.3, 1.7, 2.8, 5.0])
     known = np.array([0.0, 0.0, 1.1e-4, 2.35, 39.9, 344.5, 390.6, 171.3])
-    promise = replace(clean[0].promises[0], hypothesis=saturation, magnitudes=sizes,
+    proposal = replace(clean[0].proposals[0], hypothesis=saturation, probed_sizes=sizes,
                       information=known)
-    found, = detection_limits([promise], REFERENCE, 40.0, clean[0].closer).values()
+    found, = detection_limits([proposal], REFERENCE, 40.0, clean[0].refiner).values()
     assert 1.22 < found[0] < 1.3
     at = np.exp(np.interp(np.log(found[0]), np.log(sizes[2:]), np.log(known[2:])))
     # One-sided, so the prior is twice as dense.
-    price = -log_odds(saturation.effect, REFERENCE) - np.log(2.0)
+    price = -log_prior_odds(saturation.effect, REFERENCE) - np.log(2.0)
     assert found[0] == pytest.approx(
-        detectable(float(at), float(saturation.slab(40.0).width[0]), price), rel=1e-4)
+        detectable_size(float(at), float(saturation.prior(40.0).width[0]), price), rel=1e-4)
 
 
 def test_what_diverges_is_no_prediction_though_its_last_sample_is_finite(
-        clean: tuple[Search, Data], monkeypatch: pytest.MonkeyPatch) -> None:
+        clean: tuple[SearchResult, Data], monkeypatch: pytest.MonkeyPatch) -> None:
     found, data = clean
-    hypothesis = next(p.hypothesis for p in found.promises)
-    causes = Causes([hypothesis], data.duration)
-    descent = Descent(found.best.likelihood, causes, found.nothing.scale)
-    values = causes.slab.centre
-    residual = descent.at(values)[0]
-    assert np.any(descent.linearise(values, residual, 0.0).columns)
-    step = causes.steps(values)[0]
-    monkeypatch.setattr(Causes, 'residual', lambda *_: (residual + 1e200 * step)[None])
+    hypothesis = next(p.hypothesis for p in found.proposals)
+    causes = CauseSet([hypothesis], data.duration)
+    descent = GaussNewton(found.best.likelihood, causes, found.nothing.error_scale)
+    values = causes.prior.centre
+    residual = descent.residual_and_cost(values)[0]
+    assert np.any(descent.linearise(values, residual, 0.0).jacobian)
+    step = causes.difference_steps(values)[0]
+    monkeypatch.setattr(CauseSet, 'residual', lambda *_: (residual + 1e200 * step)[None])
     with pytest.raises(np.linalg.LinAlgError, match='no finite prediction'):
         descent.linearise(values, residual, 0.0)
 
@@ -250,38 +254,38 @@ def test_a_search_ends_alike_in_one_process_and_in_several() -> None:
 def test_a_sudden_change_carries_as_much_for_as_long_as_the_slow_one(
         change: float, start: float, duration: float) -> None:
     """The same mass at both ends, and the same integral of it over time."""
-    event, = (h for h in hypotheses(REFERENCE) if h.label == 'payload_change:arm')
+    event, = (h for h in all_hypotheses(REFERENCE) if h.label == 'payload_change:arm')
     slow, time = np.array([change, start, duration]), np.arange(0.0005, 20.0, 0.001)
-    before, sudden = slow.copy(), event.sudden(slow)
+    before, sudden = slow.copy(), event.as_sudden(slow)
     assert np.array_equal(slow, before), 'the values asked about are kept'
-    carried = [event.at(values).payload_at(time, 0.2) for values in (slow, sudden)]
+    carried = [event.effect_at(values).payload_at(time, 0.2) for values in (slow, sudden)]
     assert carried[1].sum() == pytest.approx(carried[0].sum(), rel=1e-9)
     assert set(np.round(carried[1], 12)) == {0.2, round(0.2 + change, 12)}
 
 
 def test_what_is_no_event_is_as_sudden_as_it_is_and_each_event_has_its_own_time() -> None:
-    known = {h.label: h for h in hypotheses(REFERENCE)}
+    known = {h.label: h for h in all_hypotheses(REFERENCE)}
     ripple, event = known['torque_ripple:joint_1'], known['payload_change:arm']
     values = np.array([0.1, 0.2, 7.0])
-    assert np.array_equal(ripple.sudden(values), values)
-    both = Causes((ripple, event), 20.0).sudden(np.array([*values, 0.1, 5.0, 3.0]))
+    assert np.array_equal(ripple.as_sudden(values), values)
+    both = CauseSet((ripple, event), 20.0).as_sudden(np.array([*values, 0.1, 5.0, 3.0]))
     assert both == pytest.approx([*values, 0.1, 6.5, 0.0])
 
 
 def plain_fit(scale: tuple[float, ...], samples: int = 4) -> Fit:
     """Return a fit without causes and parts whose errors are so much larger than stated."""
-    moments = Moments(np.zeros((len(scale), 1, 1)), np.zeros(0), Slab(*np.zeros((4, 0))),
+    statistics = SufficientStatistics(np.zeros((len(scale), 1, 1)), np.zeros(0), ParameterPrior(*np.zeros((4, 0))),
                       np.zeros(0), samples, np.zeros(len(scale)))
-    return Fit((), Amplitude(more=True), np.zeros(0), np.zeros(0), np.array(scale),
-               np.zeros((0, 0)), moments, -7.0)
+    return Fit((), DiscrepancyModel(remainder=True), np.zeros(0), np.zeros(0), np.array(scale),
+               np.zeros((0, 0)), statistics, -7.0)
 
 
 def test_only_gauges_beyond_what_is_stated_lack_more_than_a_small_part() -> None:
     much = plain_fit((1.0, 1.0, 1.0, 1.5))
-    assert lacking(much)
-    assert not lacking(replace(much, discrepancy=Amplitude(more=False)))
-    assert not lacking(replace(much, discrepancy=Amplitude(more=True, sensed=True)))
-    assert not lacking(replace(much, scale=np.array([3.0, 1.5, 1.0, 1.0]))), 'joints alone'
+    assert leaves_strain_unexplained(much)
+    assert not leaves_strain_unexplained(replace(much, discrepancy=DiscrepancyModel(remainder=False)))
+    assert not leaves_strain_unexplained(replace(much, discrepancy=DiscrepancyModel(remainder=True, behind_sensors=True)))
+    assert not leaves_strain_unexplained(replace(much, error_scale=np.array([3.0, 1.5, 1.0, 1.0]))), 'joints alone'
 
 
 def test_a_set_pays_what_white_errors_as_large_are_less_likely() -> None:
@@ -289,12 +293,12 @@ def test_a_set_pays_what_white_errors_as_large_are_less_likely() -> None:
     errors /= np.sqrt(np.mean(errors**2))
     dear = sum(float(np.sum(norm.logpdf(s * errors) - norm.logpdf(s * errors, scale=s)))
                for s in scale)
-    fit = replace(plain_fit(scale, 50), discrepancy=Amplitude(), changing=2.0)
-    whole, more = judged(fit)
-    assert whole.log_evidence == pytest.approx(-7.0 + dear) and not whole.discrepancy.more
-    assert more.log_evidence == pytest.approx(-7.0 + 2.0) and more.discrepancy.more
+    fit = replace(plain_fit(scale, 50), discrepancy=DiscrepancyModel(), varying_gain=2.0)
+    whole, more = interpretations(fit)
+    assert whole.log_evidence == pytest.approx(-7.0 + dear) and not whole.discrepancy.remainder
+    assert more.log_evidence == pytest.approx(-7.0 + 2.0) and more.discrepancy.remainder
     # Where errors are large a change over the record may help, and costs nothing.
-    assert judged(replace(fit, changing=-3.0))[1].log_evidence == pytest.approx(-7.0)
-    small = replace(fit, scale=np.ones(3))
-    assert [f.log_evidence for f in judged(replace(small, changing=-3.0))] == [-7.0, -10.0]
-    assert judged(replace(small, changing=-np.inf)) == (replace(small, changing=-np.inf),)
+    assert interpretations(replace(fit, varying_gain=-3.0))[1].log_evidence == pytest.approx(-7.0)
+    small = replace(fit, error_scale=np.ones(3))
+    assert [f.log_evidence for f in interpretations(replace(small, varying_gain=-3.0))] == [-7.0, -10.0]
+    assert interpretations(replace(small, varying_gain=-np.inf)) == (replace(small, varying_gain=-np.inf),)

@@ -6,14 +6,19 @@ from dataclasses import replace
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.causes.fit import Fit
-from flex_plant_sim.diagnosis.causes.hypothesis import hypotheses
+from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses
 from flex_plant_sim.diagnosis.causes.posterior import Posterior
-from flex_plant_sim.diagnosis.likelihood.constancy import CHANGES, gained, HOLDS, SLOWLY
-from flex_plant_sim.diagnosis.likelihood.evidence import Slab
-from flex_plant_sim.diagnosis.likelihood.moments import Moments, TEMPER
+from flex_plant_sim.diagnosis.likelihood.constancy import (
+    CONSTANT_SPREAD,
+    CORRELATION_SHARE,
+    varying_cause_gain,
+    VARYING_SPREAD,
+)
+from flex_plant_sim.diagnosis.likelihood.evidence import ParameterPrior
 from flex_plant_sim.diagnosis.likelihood.prior import imitation_odds
-from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude
-from flex_plant_sim.diagnosis.prediction.predictor import Base
+from flex_plant_sim.diagnosis.likelihood.sufficient_statistics import SufficientStatistics, TEMPER
+from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
+from flex_plant_sim.diagnosis.prediction.predictor import BaseModel
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
@@ -25,10 +30,10 @@ SCALE, WIDTH, TOLERANCE = np.array([1.0, 1.5]), 3.0, 0.5
 ROW = 10.0 * RNG.standard_normal((CHANNELS, WINDOWS * LENGTH))
 PART = RNG.standard_normal((CHANNELS, WINDOWS * LENGTH))
 NOISE = SCALE[:, None] * RNG.standard_normal(ROW.shape)
-NO_SLAB = Slab(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0, bool))
-NOTHING = Fit((), Amplitude(), np.zeros(0), np.zeros(0), np.ones(1), np.eye(1), Moments(
-    np.zeros((1, 1, 1)), np.zeros(0), NO_SLAB, np.zeros(0), 1.0, np.zeros(1)), 0.0)
-MASS, = (h for h in hypotheses(REFERENCE) if h.label == 'payload_mass:arm')
+NO_PRIOR = ParameterPrior(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0, bool))
+NOTHING = Fit((), DiscrepancyModel(), np.zeros(0), np.zeros(0), np.ones(1), np.eye(1), SufficientStatistics(
+    np.zeros((1, 1, 1)), np.zeros(0), NO_PRIOR, np.zeros(0), 1.0, np.zeros(1)), 0.0)
+MASS, = (h for h in all_hypotheses(REFERENCE) if h.label == 'payload_mass:arm')
 
 
 def answer(sizes: Array, value: float = 0.8) -> float:
@@ -36,10 +41,10 @@ def answer(sizes: Array, value: float = 0.8) -> float:
     seen = NOISE - 0.3 * PART - np.repeat(sizes, LENGTH) * ROW
     residual = seen + value * ROW
     rows = np.stack([residual, ROW, PART])
-    slab = Slab(np.zeros(1), np.array([WIDTH]), np.zeros(1), np.zeros(1, bool))
-    moments = Moments(np.einsum('amn,bmn->mab', rows, rows), np.array([value]), slab,
+    prior = ParameterPrior(np.zeros(1), np.array([WIDTH]), np.zeros(1), np.zeros(1, bool))
+    statistics = SufficientStatistics(np.einsum('amn,bmn->mab', rows, rows), np.array([value]), prior,
                       np.array([TOLERANCE]), ROW.shape[1], np.zeros(CHANNELS))
-    return gained(moments, SCALE, (residual, rows[1:2], rows[2:]), WINDOWS, [np.array([value])])
+    return varying_cause_gain(statistics, SCALE, (residual, rows[1:2], rows[2:]), WINDOWS, [np.array([value])])
 
 
 def test_the_gain_is_that_of_the_gaussian_it_stands_for() -> None:
@@ -51,12 +56,12 @@ def test_the_gain_is_that_of_the_gaussian_it_stands_for() -> None:
 
     def log_density(spread: float) -> float:
         each = 0.8 * spread * same * ROW.ravel()[:, None]
-        between = np.exp(-apart / (SLOWLY * WINDOWS))
+        between = np.exp(-apart / (CORRELATION_SHARE * WINDOWS))
         whole = (np.diag(np.repeat(TEMPER * SCALE**2, ROW.shape[1])) + each @ between @ each.T
                  + WIDTH**2 * np.outer(ROW, ROW) + TOLERANCE**2 * np.outer(PART, PART))
         return float(multivariate_normal(np.zeros(ROW.size), whole).logpdf(seen))
 
-    assert answer(sizes) == pytest.approx(log_density(CHANGES) - log_density(HOLDS), rel=1e-9)
+    assert answer(sizes) == pytest.approx(log_density(VARYING_SPREAD) - log_density(CONSTANT_SPREAD), rel=1e-9)
 
 
 def test_sizes_that_hold_speak_for_a_cause_and_those_that_change_against_it() -> None:
@@ -69,15 +74,15 @@ def test_a_cause_that_nothing_shows_says_nothing() -> None:
 
 
 def test_what_is_not_as_large_in_every_window_is_not_a_cause_alone() -> None:
-    base = Base(REFERENCE)
+    base = BaseModel(REFERENCE)
     cause = replace(NOTHING, hypotheses=(MASS,), log_evidence=50.0)
-    changing, holding = (Posterior.of([NOTHING, replace(cause, changing=c)], base)
+    changing, holding = (Posterior.of([NOTHING, replace(cause, varying_gain=c)], base)
                          for c in (10.0, -10.0))
-    assert changing.best.discrepancy.more and not holding.best.discrepancy.more
-    assert changing.of_effect('payload_mass') == pytest.approx(
+    assert changing.best.discrepancy.remainder and not holding.best.discrepancy.remainder
+    assert changing.effect_probability('payload_mass') == pytest.approx(
         1.0 / (1.0 + imitation_odds(1)), abs=0.01)
     # Where errors are too large as well, they are paid for once.
-    loud = replace(cause, scale=np.array([1.1]), moments=replace(NOTHING.moments, samples=3000.0))
-    again = [Posterior.of([NOTHING, replace(loud, changing=c)], base).fits[0].log_evidence
+    loud = replace(cause, error_scale=np.array([1.1]), statistics=replace(NOTHING.statistics, samples=3000.0))
+    again = [Posterior.of([NOTHING, replace(loud, varying_gain=c)], base).fits[0].log_evidence
              for c in (-10.0, 10.0)]
     assert again == [50.0, 60.0]

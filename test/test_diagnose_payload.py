@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from flex_payload_estimator.tools.diagnose import default_estimator
-from flex_plant_sim.diagnosis.prediction.predictor import Base
+from flex_plant_sim.diagnosis.prediction.predictor import BaseModel
 from flex_plant_sim.diagnosis.report.payload_gain import payload_gain
 from flex_plant_sim.logs.log import Log
 import pytest
@@ -21,8 +21,8 @@ def log() -> Log:
 
 
 def test_the_right_effect_brings_the_payload_right(log: Log) -> None:
-    right = Base(REFERENCE, effects=effects('strain_gain:strain_2a:factor=1.2'))
-    row, = payload_gain([log], TRUE, Base(REFERENCE), right, *default_estimator())
+    right = BaseModel(REFERENCE, effects=effects('strain_gain:strain_2a:factor=1.2'))
+    row, = payload_gain([log], TRUE, BaseModel(REFERENCE), right, *default_estimator())
     assert abs(row.after_percent) < 2.0
     assert abs(row.after_percent) < 0.5 * abs(row.before_percent)
     found = row.results()
@@ -31,6 +31,6 @@ def test_the_right_effect_brings_the_payload_right(log: Log) -> None:
 
 
 def test_a_payload_that_was_found_is_not_told_to_the_estimator(log: Log) -> None:
-    told = Base(REFERENCE, effects=effects('payload_mass:arm:deviation_kg=0.05'))
-    row, = payload_gain([log], TRUE, Base(REFERENCE), told, *default_estimator())
+    told = BaseModel(REFERENCE, effects=effects('payload_mass:arm:deviation_kg=0.05'))
+    row, = payload_gain([log], TRUE, BaseModel(REFERENCE), told, *default_estimator())
     assert (row.after, row.after_std) == (row.before, row.before_std)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from flex_plant_sim.compiled import COMPILED
-from flex_plant_sim.diagnosis.prediction import passage
+from flex_plant_sim.diagnosis.prediction import filter_run
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def test_compiled_gaps_open_and_close_as_step_by_step(
         more: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
     p, hidden = predictor(simulated(duration=24.0), locked=False), effects(*GAPS, *more)
     fast = p.innovations(hidden)
-    monkeypatch.setattr(passage, 'COMPILED', False)
+    monkeypatch.setattr(filter_run, 'COMPILED', False)
     slow = p.innovations(hidden)
     moved = np.max(np.abs(slow - p.innovations()), axis=(0, 1, 2))
     # One opens at the angle of the base's trajectory, the other at that of its own state.
@@ -36,8 +36,8 @@ def test_a_known_gap_leaves_no_more_than_the_sensors_err(side: int) -> None:
     """Teeth meet between samples, and no torque of the drive reaches a link that is free."""
     true = effects(f'backlash:joint_2:gap_rad=0.012,sensor_behind_gear={side},hub_share=0.1')
     p = predictor(simulated(true, substeps=20), locked=False)
-    judging = Predictor(p.base, p.windows, p.noise, judging=True, around=true)
-    assert np.all(np.std(judging.whitened(true)[0], axis=(0, 1)) < 1.0)
+    comparing = Predictor(p.base, p.windows, p.noise, for_comparison=True, trajectory_effects=true)
+    assert np.all(np.std(comparing.whitened_residual(true)[0], axis=(0, 1)) < 1.0)
 
 
 @pytest.mark.parametrize('hidden', [
@@ -59,7 +59,7 @@ def test_a_late_gauge_is_predicted_as_if_it_were_in_time() -> None:
     p = predictor(record, locked=False)
     own, found = (
         Predictor(replace(p.base, effects=effects(*hidden)), replace(p.windows, record=r),
-                  p.noise, judging=True).innovations()[0]
+                  p.noise, for_comparison=True).innovations()[0]
         for r, hidden in ((record, ()), (replace(record, output=delayed),
                                          ('strain_delay:arm:delay_s=0.03',))))
     # Loads are judged by the record's own spread, which lacks its last three samples.
@@ -72,5 +72,5 @@ def test_arms_start_where_a_trajectory_with_other_coordinates_puts_them() -> Non
     own = np.std(p.innovations()[0], axis=(0, 1))
     for other in ('base_compliance:arm:compliance_rad_per_n_m=0.003,inertia_kg_m2=0.1',
                   'loose_payload:arm:compliance_m_per_n=0.01,damping_ratio=0.05'):
-        along = Predictor(p.base, p.windows, p.noise, around=effects(other))
+        along = Predictor(p.base, p.windows, p.noise, trajectory_effects=effects(other))
         assert np.all(np.std(along.innovations()[0], axis=(0, 1)) < 1.2 * own)

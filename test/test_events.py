@@ -6,10 +6,10 @@ from dataclasses import replace
 
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.causes.hypothesis import hypotheses
-from flex_plant_sim.diagnosis.causes.ramps import Ramps
-from flex_plant_sim.diagnosis.causes.sets import Settled, Trial
-from flex_plant_sim.diagnosis.prediction.predictor import Base
+from flex_plant_sim.diagnosis.causes.event_grid import EventGrid
+from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses
+from flex_plant_sim.diagnosis.causes.refined_fit import CandidateSet, RefinedFit
+from flex_plant_sim.diagnosis.prediction.predictor import BaseModel
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.diagnosis.verdict.verdict import (
@@ -26,61 +26,61 @@ from truth.records import draw_case, make_record
 TIME = np.linspace(0.0, 4.0, 9)
 
 
-def some_ramps(sudden: float = 0.5) -> Ramps:
+def some_grid(sudden: float = 0.5) -> EventGrid:
     """Return events of nine times in a record of two channels, one of them 3 s long in it."""
     rng = np.random.default_rng(4)
     seen = np.arange(40) / 10.0
-    rows = 0.3 * rng.standard_normal((2, 40)) * (seen >= TIME[:, None, None])
+    responses = 0.3 * rng.standard_normal((2, 40)) * (seen >= TIME[:, None, None])
     columns = 0.2 * rng.standard_normal((2, 2, 40))
-    said = -np.mean(rows[1:8], axis=0) - 0.4 * columns[0] + rng.standard_normal((2, 40))
-    return Ramps(TIME, rows, np.concatenate([said[None], columns]), np.array([0.5, 0.7]),
+    said = -np.mean(responses[1:8], axis=0) - 0.4 * columns[0] + rng.standard_normal((2, 40))
+    return EventGrid(TIME, responses, np.concatenate([said[None], columns]), np.array([0.5, 0.7]),
                  (2.0, 1.5), 0.8, sudden, np.array([1.0, 0.25]))
 
 
-def log_likelihood(ramps: Ramps, response: Array) -> float:
+def log_likelihood(grid: EventGrid, response: Array) -> float:
     """Return ln p of the residual with a response to a unit size, all Gaussian, written out."""
-    root = np.sqrt(ramps.weight)[:, None]
-    said, *columns = ((row * root).ravel() for row in ramps.rest)
-    wide = np.column_stack([(response * root).ravel() * ramps.slab[0],
-                            *(ramps.prior[k] * row for k, row in enumerate(columns))])
+    root = np.sqrt(grid.channel_weight)[:, None]
+    said, *columns = ((row * root).ravel() for row in grid.background)
+    wide = np.column_stack([(response * root).ravel() * grid.event_widths[0],
+                            *(grid.prior_widths[k] * row for k, row in enumerate(columns))])
     return float(multivariate_normal(cov=np.eye(said.size) + wide @ wide.T).logpdf(said))
 
 
-def response_at(ramps: Ramps, start: float, duration: float) -> Array:
+def response_at(grid: EventGrid, start: float, duration: float) -> Array:
     """Return the mean of what sudden events of a unit size add between two times."""
     late = start + duration * (np.arange(200) + 0.5) / 200.0
     every = np.apply_along_axis(
-        lambda row: np.interp(late, ramps.time, row).mean(), 0, ramps.rows)
-    return np.asarray(every / ramps.size)
+        lambda row: np.interp(late, grid.time, row).mean(), 0, grid.responses)
+    return np.asarray(every / grid.size)
 
 
 def test_a_slow_event_s_likelihood_is_that_of_the_mean_of_sudden_ones() -> None:
-    ramps = some_ramps()
-    none = log_likelihood(ramps, np.zeros((2, 40)))
+    grid = some_grid()
+    none = log_likelihood(grid, np.zeros((2, 40)))
     for start, duration in ((0.5, 3.0), (1.7, 1.1), (3.2, 0.0), (0.0, 4.0)):
-        told = float(ramps.likelihood_of(ramps.shares_of(start, duration)))
-        response = response_at(ramps, start, duration)
-        assert told == pytest.approx(log_likelihood(ramps, response) - none, abs=2e-3)
-    assert ramps.likely[1, 7] == pytest.approx(ramps.likelihood_of(ramps.shares_of(0.5, 3.0)))
+        told = float(grid.log_likelihood_of(grid.averaging_weights_of(start, duration)))
+        response = response_at(grid, start, duration)
+        assert told == pytest.approx(log_likelihood(grid, response) - none, abs=2e-3)
+    assert grid.log_likelihood[1, 7] == pytest.approx(grid.log_likelihood_of(grid.averaging_weights_of(0.5, 3.0)))
 
 
 def test_times_and_durations_are_integrated_over_as_the_prior_says() -> None:
-    ramps = some_ramps()
+    grid = some_grid()
 
     def slow(duration: float, start: float) -> float:
         density = np.sqrt(2.0 / np.pi) / 1.5 * np.exp(-0.5 * (duration / 1.5)**2)
-        return float(density * np.exp(ramps.likelihood_of(ramps.shares_of(start, duration))))
+        return float(density * np.exp(grid.log_likelihood_of(grid.averaging_weights_of(start, duration))))
 
-    at_once, _ = quad(lambda t: float(np.exp(ramps.likelihood_of(ramps.shares_of(t, 0.0)))),
+    at_once, _ = quad(lambda t: float(np.exp(grid.log_likelihood_of(grid.averaging_weights_of(t, 0.0)))),
                       0.0, 4.0, limit=200)
     taking, _ = dblquad(slow, 0.0, 4.0, 0.0, lambda start: 4.0 - start, epsabs=1e-2)
-    assert ramps.log_mass == pytest.approx(np.log(0.5 * (at_once + taking) / 4.0), abs=0.1)
-    assert ramps.probability[0].sum() == pytest.approx(at_once / (at_once + taking), abs=0.05)
-    assert some_ramps(0.0).probability[0].sum() == 0.0
+    assert grid.log_integral == pytest.approx(np.log(0.5 * (at_once + taking) / 4.0), abs=0.1)
+    assert grid.probability[0].sum() == pytest.approx(at_once / (at_once + taking), abs=0.05)
+    assert some_grid(0.0).probability[0].sum() == 0.0
 
 
 @pytest.fixture(scope='module', params=[0.0, 3.7])
-def arm(request: pytest.FixtureRequest) -> tuple[Data, Base, Array]:
+def arm(request: pytest.FixtureRequest) -> tuple[Data, BaseModel, Array]:
     """Return the record of an arm of finite elements, the model, and its payload's change."""
     case = draw_case('payload_change', 1, duration_s=30.0)
     (name, _), = case.effects
@@ -96,12 +96,12 @@ def arm(request: pytest.FixtureRequest) -> tuple[Data, Base, Array]:
 
 
 def test_a_change_of_the_payload_is_told_as_slow_as_it_may_be(
-        arm: tuple[Data, Base, Array]) -> None:
+        arm: tuple[Data, BaseModel, Array]) -> None:
     """From a sudden one in the middle of it, and from one that is seconds too early."""
     data, base, true = arm
-    event, = (h for h in hypotheses(base.robot) if h.label == 'payload_change:arm')
-    starts = [event.sudden(true), np.array([0.5 * true[0], true[1] - 3.0, 0.0])]
-    found = [Settled.at(Trial((event,), (start,)), base, data).fit for start in starts]
+    event, = (h for h in all_hypotheses(base.robot) if h.label == 'payload_change:arm')
+    starts = [event.as_sudden(true), np.array([0.5 * true[0], true[1] - 3.0, 0.0])]
+    found = [RefinedFit.refine(CandidateSet((event,), (start,)), base, data).fit for start in starts]
     assert found[1].log_evidence == pytest.approx(found[0].log_evidence, abs=2.0)
     for fit in found:
         for value, truth in zip(parameter_values(fit, event), true):

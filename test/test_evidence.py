@@ -4,31 +4,31 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from flex_plant_sim.diagnosis.causes.fit import Fit, fitted
-from flex_plant_sim.diagnosis.causes.hypothesis import Causes, hypotheses, Hypothesis
-from flex_plant_sim.diagnosis.causes.posterior import Key, Posterior
+from flex_plant_sim.diagnosis.causes.fit import Fit, fit_set
+from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses, CauseSet, Hypothesis
+from flex_plant_sim.diagnosis.causes.posterior import Posterior, SetKey
 from flex_plant_sim.diagnosis.likelihood.evidence import (
     channel_products,
-    detectable,
-    Marginal,
-    not_surer_than_windows,
-    Slab,
+    detectable_size,
+    GaussianMarginal,
+    ParameterPrior,
+    sandwich_covariance,
 )
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
-from flex_plant_sim.diagnosis.likelihood.moments import Moments
 from flex_plant_sim.diagnosis.likelihood.prior import (
-    ANY_CAUSE,
-    deviated,
-    far_parts,
     imitation_odds,
-    log_odds,
+    log_prior_odds,
     part_priors,
-    UNKNOWN,
+    parts_without_effect,
+    PROBABILITY_ANY_CAUSE,
+    PROBABILITY_UNKNOWN,
     unknown_odds,
+    with_deviations,
 )
-from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude
+from flex_plant_sim.diagnosis.likelihood.sufficient_statistics import SufficientStatistics
+from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
 from flex_plant_sim.diagnosis.prediction.noise import steady_filter
-from flex_plant_sim.diagnosis.prediction.predictor import Base
+from flex_plant_sim.diagnosis.prediction.predictor import BaseModel
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.verdict.verdict import doubt
 from flex_plant_sim.effects import catalogue
@@ -40,36 +40,36 @@ from scipy.stats import multivariate_normal, norm
 from simulated_records import effects, REFERENCE, simulated
 
 RNG = np.random.default_rng(7)
-COLUMNS, PRIOR = RNG.standard_normal((30, 4)), np.array([0.5, 1.0, 2.0, 1e-9])
+COLUMNS, PRIOR_WIDTHS = RNG.standard_normal((30, 4)), np.array([0.5, 1.0, 2.0, 1e-9])
 RESIDUAL = RNG.standard_normal(30) + COLUMNS @ np.array([0.4, -1.0, 2.5, 0.0])
-SLAB = Slab(np.array([1.0]), np.array([0.7]), np.zeros(1), np.zeros(1, bool))
-NO_SLAB = Slab(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0, bool))
-EMPTY = Moments(np.zeros((1, 1, 1)), np.zeros(0), NO_SLAB, np.zeros(0), 1.0,
+PRIOR = ParameterPrior(np.array([1.0]), np.array([0.7]), np.zeros(1), np.zeros(1, bool))
+NO_PRIOR = ParameterPrior(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0, bool))
+EMPTY = SufficientStatistics(np.zeros((1, 1, 1)), np.zeros(0), NO_PRIOR, np.zeros(0), 1.0,
                 np.zeros(1))
-NOTHING = Fit((), Amplitude(), np.zeros(0), np.zeros(0), np.ones(1), np.eye(1), EMPTY, 0.0)
+NOTHING = Fit((), DiscrepancyModel(), np.zeros(0), np.zeros(0), np.ones(1), np.eye(1), EMPTY, 0.0)
 
 
 def test_evidence_is_that_of_the_gaussian_it_stands_for() -> None:
-    marginal = Marginal.of(RESIDUAL, COLUMNS, PRIOR)
-    whole = np.eye(30) + COLUMNS @ np.diag(PRIOR**2) @ COLUMNS.T
+    marginal = GaussianMarginal.of(RESIDUAL, COLUMNS, PRIOR_WIDTHS)
+    whole = np.eye(30) + COLUMNS @ np.diag(PRIOR_WIDTHS**2) @ COLUMNS.T
     direct = multivariate_normal(np.zeros(30), whole).logpdf(RESIDUAL)
     assert marginal.log_evidence - 15.0 * np.log(2.0 * np.pi) == pytest.approx(
         direct, rel=1e-12)
 
 
 def test_posterior_of_the_parts_is_that_of_ridge_regression() -> None:
-    marginal = Marginal.of(RESIDUAL, COLUMNS, PRIOR)
-    precision = COLUMNS.T @ COLUMNS + np.diag(PRIOR**-2.0)
+    marginal = GaussianMarginal.of(RESIDUAL, COLUMNS, PRIOR_WIDTHS)
+    precision = COLUMNS.T @ COLUMNS + np.diag(PRIOR_WIDTHS**-2.0)
     # The residual is what is left: r = e + J b is explained by b of the other sign.
     assert marginal.mean == pytest.approx(
         -np.linalg.solve(precision, COLUMNS.T @ RESIDUAL), rel=1e-6, abs=1e-12)
     assert marginal.covariance == pytest.approx(np.linalg.inv(precision), rel=1e-6, abs=1e-12)
 
 
-def moments(scale: float = 1.0) -> Moments:
+def statistics(scale: float = 1.0) -> SufficientStatistics:
     """Return two channels of 15 samples, one value at 1.2 and three parts, unit temper aside."""
     rows = np.vstack([RESIDUAL, COLUMNS.T]).reshape(5, 2, 15) * scale
-    return Moments(channel_products(rows, rows), np.array([0.2]), SLAB, PRIOR[1:], 15.0,
+    return SufficientStatistics(channel_products(rows, rows), np.array([0.2]), PRIOR, PRIOR_WIDTHS[1:], 15.0,
                    np.array([3.0, 4.0]))
 
 
@@ -77,46 +77,46 @@ def test_moments_hold_the_evidence_of_the_gaussian_they_stand_for() -> None:
     """Linear: r = y + J (value - 1.2) + K b with both Gaussian, channels of two scales."""
     scale, temper = np.array([1.5, 2.0]), 3.0
     deviation = np.repeat(scale * np.sqrt(temper), 15)
-    prior = np.concatenate([SLAB.width, PRIOR[1:]])
+    prior = np.concatenate([PRIOR.width, PRIOR_WIDTHS[1:]])
     mean = RESIDUAL - 0.2 * COLUMNS[:, 0]
     whole = np.diag(deviation**2) + COLUMNS @ np.diag(prior**2) @ COLUMNS.T
     direct = multivariate_normal(np.zeros(30), whole).logpdf(mean) + 15.0 * np.log(2.0 * np.pi)
     tempered = direct + 30.0 * 0.5 * np.log(temper) + np.sum(np.log(np.repeat(scale, 15)))
     paid = (15.0 * np.sum(np.log(scale)) + 7.0) / temper
-    found = moments().joined(scale, temper)
+    found = statistics().joint_marginal(scale, temper)
     assert found.log_evidence - paid == pytest.approx(tempered - paid, rel=1e-10)
     # At the optimum Laplace's method is exact.
-    best = replace(moments(), away=found.mean[:1])
+    best = replace(statistics(), offsets=found.mean[:1])
     move = np.eye(5)
     move[1, 0] = found.mean[0] - 0.2
-    best = replace(best, products=move.T @ moments().products @ move)
+    best = replace(best, products=move.T @ statistics().products @ move)
     assert best.log_evidence(scale, temper) == pytest.approx(found.log_evidence - paid)
 
 
 def test_the_scale_is_the_likeliest_and_never_below_one() -> None:
-    bare = replace(moments(3.0), tolerances=np.full(3, 1e-9))
+    bare = replace(statistics(3.0), tolerances=np.full(3, 1e-9))
     power = np.sum((3.0 * RESIDUAL.reshape(2, 15))**2, axis=1)
-    assert bare.scaled() == pytest.approx(np.sqrt(power / 15.0), rel=1e-6)
-    assert moments(1e-3).scaled() == pytest.approx([1.0, 1.0])
+    assert bare.likeliest_error_scale() == pytest.approx(np.sqrt(power / 15.0), rel=1e-6)
+    assert statistics(1e-3).likeliest_error_scale() == pytest.approx([1.0, 1.0])
 
 
 def test_a_prediction_that_is_not_finite_has_no_evidence() -> None:
     with np.errstate(invalid='ignore'):
-        marginal = Marginal.of(RESIDUAL * np.inf, COLUMNS, PRIOR)
+        marginal = GaussianMarginal.of(RESIDUAL * np.inf, COLUMNS, PRIOR_WIDTHS)
     assert marginal.log_evidence == -np.inf
 
 
 def test_a_one_sided_slab_keeps_the_mass_on_its_side() -> None:
     column, width = COLUMNS[:, :1], 0.7
-    marginal = Marginal.of(RESIDUAL, column, np.array([width]))
+    marginal = GaussianMarginal.of(RESIDUAL, column, np.array([width]))
 
     def density(theta: float) -> float:
         left = RESIDUAL + column[:, 0] * theta
         prior = 2.0 * norm.pdf(theta, scale=width)
         return float(np.exp(-0.5 * left @ left + 0.5 * RESIDUAL @ RESIDUAL) * prior)
 
-    slab = Slab(np.zeros(1), np.array([width]), np.array([-1.0]), np.zeros(1, bool))
-    inside = slab.log_inside(marginal.mean, np.diagonal(marginal.covariance))
+    prior = ParameterPrior(np.zeros(1), np.array([width]), np.array([-1.0]), np.zeros(1, bool))
+    inside = prior.log_truncation(marginal.mean, np.diagonal(marginal.covariance))
     assert marginal.log_evidence + 0.5 * RESIDUAL @ RESIDUAL + inside == pytest.approx(
         np.log(quad(density, -8.0, 0.0)[0]), abs=1e-6)
 
@@ -124,119 +124,119 @@ def test_a_one_sided_slab_keeps_the_mass_on_its_side() -> None:
 def test_a_shape_that_nature_may_lack_is_absent_as_likely_as_not() -> None:
     """One value, known badly and near its centre of 1, with half of its prior at 1."""
     column, width, value = 0.3 * COLUMNS[:, 0], 0.7, 1.1
-    spiked = Slab(np.ones(1), np.array([width]), np.zeros(1), np.ones(1, bool))
+    spiked = ParameterPrior(np.ones(1), np.array([width]), np.zeros(1), np.ones(1, bool))
 
     def likelihood(theta: float) -> float:
         left = RESIDUAL + column * (theta - value)
         return float(np.exp(-0.5 * left @ left + 0.5 * RESIDUAL @ RESIDUAL))
 
-    slab = quad(lambda theta: likelihood(theta) * norm.pdf(theta, 1.0, width), -8.0, 10.0)[0]
-    both = 0.5 * likelihood(1.0) + 0.5 * slab
+    prior = quad(lambda theta: likelihood(theta) * norm.pdf(theta, 1.0, width), -8.0, 10.0)[0]
+    both = 0.5 * likelihood(1.0) + 0.5 * prior
     best = optimum(RESIDUAL, column, value, spiked)
     assert best.log_evidence(np.ones(1), 1.0) + 0.5 * RESIDUAL @ RESIDUAL == pytest.approx(
         np.log(both), abs=1e-6)
 
 
-def optimum(residual: np.ndarray, column: np.ndarray, value: float, slab: Slab) -> Moments:
+def optimum(residual: np.ndarray, column: np.ndarray, value: float, prior: ParameterPrior) -> SufficientStatistics:
     """Return the moments of one value where its posterior is greatest."""
-    precision = column @ column + slab.width[0]**-2
-    best = (column @ (column * value - residual) + slab.centre[0] * slab.width[0]**-2) / precision
+    precision = column @ column + prior.width[0]**-2
+    best = (column @ (column * value - residual) + prior.centre[0] * prior.width[0]**-2) / precision
     rows = np.stack([residual + column * (best - value), column])[:, None]
-    return Moments(channel_products(rows, rows), best - slab.centre, slab, np.zeros(0), 30.0,
+    return SufficientStatistics(channel_products(rows, rows), best - prior.centre, prior, np.zeros(0), 30.0,
                    np.zeros(1))
 
 
 def test_the_evidence_turns_at_the_detection_limit() -> None:
     column, width, price = COLUMNS[:, 0], 3.0, 5.0
-    size = detectable(float(column @ column), width, price)
+    size = detectable_size(float(column @ column), width, price)
     draws = RNG.standard_normal((4000, 30)) + size * column
-    gained = [Marginal.of(r, column[:, None], np.array([width])).log_evidence + 0.5 * r @ r
+    gained = [GaussianMarginal.of(r, column[:, None], np.array([width])).log_evidence + 0.5 * r @ r
               for r in draws]
     assert np.mean(gained) == pytest.approx(price, abs=5.0 * np.std(gained) / np.sqrt(4000))
 
 
 def test_the_odds_leave_the_chance_of_no_cause_that_is_stated() -> None:
     odds = dict.fromkeys(catalogue().values(), 0.0)
-    for h in hypotheses(REFERENCE):
-        odds[h.effect] += np.exp(log_odds(h.effect, REFERENCE))
-    assert np.prod(1.0 / (1.0 + np.array(list(odds.values())))) == pytest.approx(1.0 - ANY_CAUSE)
+    for h in all_hypotheses(REFERENCE):
+        odds[h.effect] += np.exp(log_prior_odds(h.effect, REFERENCE))
+    assert np.prod(1.0 / (1.0 + np.array(list(odds.values())))) == pytest.approx(1.0 - PROBABILITY_ANY_CAUSE)
 
 
 def test_what_nature_has_one_of_two_values_of_is_weighed_at_both() -> None:
     """A linear parameter that is 0 or 1: the two hypotheses hold the evidence of the mixture."""
-    gears = [h for h in hypotheses(REFERENCE) if h.label == 'gear_compliance:joint_1']
-    assert sorted(h.held for h in gears) == [(0.0,), (1.0,)]
+    gears = [h for h in all_hypotheses(REFERENCE) if h.label == 'gear_compliance:joint_1']
+    assert sorted(h.fixed_values for h in gears) == [(0.0,), (1.0,)]
     assert {h.low[1] for h in gears} == {h.high[1] for h in gears} == {0.0, 1.0}
     found = []
     for h in gears:
-        slab = h.slab(40.0)
-        residual = RESIDUAL + COLUMNS[:, 1] * slab.centre[1]
-        joint = Marginal.of(residual, COLUMNS[:, :2], slab.width[:2])
-        alone = np.eye(30) + slab.width[0]**2 * np.outer(COLUMNS[:, 0], COLUMNS[:, 0])
+        prior = h.prior(40.0)
+        residual = RESIDUAL + COLUMNS[:, 1] * prior.centre[1]
+        joint = GaussianMarginal.of(residual, COLUMNS[:, :2], prior.width[:2])
+        alone = np.eye(30) + prior.width[0]**2 * np.outer(COLUMNS[:, 0], COLUMNS[:, 0])
         direct = multivariate_normal(np.zeros(30), alone).logpdf(residual)
         assert joint.log_evidence == pytest.approx(direct + 15.0 * np.log(2.0 * np.pi))
-        found.append(Key.of(replace(NOTHING, hypotheses=(h,))))
+        found.append(SetKey.of(replace(NOTHING, hypotheses=(h,))))
     # Both stand in the posterior, under one name.
     assert found[0] != found[1] and found[0].labels == found[1].labels
 
 
 def hypothesis(label: str) -> Hypothesis:
     """Return a hypothesis about the reference robot."""
-    found, = (h for h in hypotheses(REFERENCE) if h.label == label)
+    found, = (h for h in all_hypotheses(REFERENCE) if h.label == label)
     return found
 
 
 def test_probabilities_follow_evidence_and_price() -> None:
-    base, h = Base(REFERENCE), hypothesis('payload_mass:arm')
+    base, h = BaseModel(REFERENCE), hypothesis('payload_mass:arm')
     cause = replace(NOTHING, hypotheses=(h,), log_evidence=6.0)
     found = Posterior.of([NOTHING, cause], base)
-    odds = np.exp(6.0 + log_odds(h.effect, REFERENCE))
+    odds = np.exp(6.0 + log_prior_odds(h.effect, REFERENCE))
     like_it, real = odds / (1.0 + odds), 1.0 / (1.0 + imitation_odds())
-    assert found.of_effect('payload_mass') == pytest.approx(like_it * real)
-    assert found.of_nothing == pytest.approx(1.0 / (1.0 + odds))
-    assert found.of_unknown == pytest.approx(like_it * (1.0 - real))
+    assert found.effect_probability('payload_mass') == pytest.approx(like_it * real)
+    assert found.nothing_probability == pytest.approx(1.0 / (1.0 + odds))
+    assert found.unknown_probability == pytest.approx(like_it * (1.0 - real))
     # What is unknown is as likely as stated, whether it looks like a cause or not.
-    some = sum(np.exp(log_odds(h.effect, REFERENCE)) for h in hypotheses(REFERENCE))
-    assert some * imitation_odds() + unknown_odds() == pytest.approx(UNKNOWN / (1.0 - UNKNOWN))
+    some = sum(np.exp(log_prior_odds(h.effect, REFERENCE)) for h in all_hypotheses(REFERENCE))
+    assert some * imitation_odds() + unknown_odds() == pytest.approx(PROBABILITY_UNKNOWN / (1.0 - PROBABILITY_UNKNOWN))
 
 
 def test_the_more_is_wrong_at_once_the_likelier_one_unknown_thing_imitates_it() -> None:
     labels = [f'{name}:joint_1' for name in (
         'coulomb_friction', 'viscous_friction', 'torque_ripple', 'actuator_bias', 'motor_lag')]
     on = tuple(hypothesis(label) for label in labels)
-    base = Base(REFERENCE)
+    base = BaseModel(REFERENCE)
     stated = [Posterior.of([replace(NOTHING, hypotheses=on[:k])], base) for k in range(1, 6)]
-    chances = [p.of_effect('coulomb_friction') for p in stated]
+    chances = [p.effect_probability('coulomb_friction') for p in stated]
     real = [1.0 / (1.0 + imitation_odds(further)) for further in range(3)]
     # What more than two further faults would do is not known.
     assert chances == pytest.approx([real[0], real[0], real[1], real[2], real[2]])
-    assert [p.of_unknown for p in stated] == pytest.approx(
+    assert [p.unknown_probability for p in stated] == pytest.approx(
         [1.0 - r**k for r, k in zip((real[0], *real, real[2]), range(1, 6))])
     assert [bool(doubt(p)) for p in stated] == [False, False, True, True, True]
     # Something unnamed besides is one more fault.
     besides = Posterior.of([replace(NOTHING, hypotheses=on[:1],
-                                    discrepancy=replace(base.discrepancy, more=True))], base)
-    assert besides.of_effect('coulomb_friction') == pytest.approx(real[1])
+                                    discrepancy=replace(base.discrepancy, remainder=True))], base)
+    assert besides.effect_probability('coulomb_friction') == pytest.approx(real[1])
 
 
 def test_errors_larger_than_every_model_s_are_not_those_of_a_cause_alone() -> None:
-    base, h = Base(REFERENCE), hypothesis('payload_mass:arm')
+    base, h = BaseModel(REFERENCE), hypothesis('payload_mass:arm')
     cause = replace(NOTHING, hypotheses=(h,), log_evidence=50.0)
-    loud = replace(cause, scale=np.array([1.1]), moments=replace(EMPTY, samples=3000.0))
+    loud = replace(cause, error_scale=np.array([1.1]), statistics=replace(EMPTY, samples=3000.0))
     found = Posterior.of([NOTHING, loud], base)
-    assert found.best.discrepancy.more and found.best.hypotheses == (h,)
-    quiet = replace(loud, moments=replace(EMPTY, samples=3.0))
-    assert not Posterior.of([NOTHING, quiet], base).best.discrepancy.more
+    assert found.best.discrepancy.remainder and found.best.hypotheses == (h,)
+    quiet = replace(loud, statistics=replace(EMPTY, samples=3.0))
+    assert not Posterior.of([NOTHING, quiet], base).best.discrepancy.remainder
 
 
 def test_what_was_not_fitted_counts_with_its_linear_evidence() -> None:
     cause = replace(NOTHING, hypotheses=(hypothesis('payload_mass:arm'),), log_evidence=6.0)
     promised = {frozenset({'payload_mass:arm'}): 99.0, frozenset({'air_drag:arm'}): -1.0}
-    found = Posterior.of([NOTHING, cause], Base(REFERENCE), promised)
-    assert found.of_effect('air_drag') * (1.0 + imitation_odds()) == pytest.approx(
-        np.exp(-1.0) * found.of_nothing)
-    assert found.of_nothing + found.of_effect('air_drag') + found.of_effect(
-        'payload_mass') + found.of_unknown == pytest.approx(1.0)
+    found = Posterior.of([NOTHING, cause], BaseModel(REFERENCE), promised)
+    assert found.effect_probability('air_drag') * (1.0 + imitation_odds()) == pytest.approx(
+        np.exp(-1.0) * found.nothing_probability)
+    assert found.nothing_probability + found.effect_probability('air_drag') + found.effect_probability(
+        'payload_mass') + found.unknown_probability == pytest.approx(1.0)
 
 
 def test_a_credible_set_holds_what_may_stand_in_a_cause_s_place() -> None:
@@ -244,20 +244,20 @@ def test_a_credible_set_holds_what_may_stand_in_a_cause_s_place() -> None:
         'coulomb_friction', 'stribeck_friction', 'viscous_friction'))
     fits = [replace(NOTHING, hypotheses=(h,), log_evidence=e) for h, e in (
         (a, 50.0), (b, 49.0), (c, 30.0))]
-    found = Posterior.of([NOTHING, *fits], Base(REFERENCE))
-    assert found.credible(a.label) == (a.label, b.label)
+    found = Posterior.of([NOTHING, *fits], BaseModel(REFERENCE))
+    assert found.credible_alternatives(a.label) == (a.label, b.label)
 
 
 def test_what_stands_beside_a_cause_is_no_look_alike() -> None:
     a, b = hypothesis('coulomb_friction:joint_1'), hypothesis('viscous_friction:joint_1')
     fits = [replace(NOTHING, hypotheses=on, log_evidence=e) for on, e in (
         ((a,), 50.0), ((a, b), 53.0), ((b,), 10.0))]
-    found = Posterior.of([NOTHING, *fits], Base(REFERENCE))
-    assert found.probability[1] > 0.1 and found.credible(a.label) == (a.label,)
+    found = Posterior.of([NOTHING, *fits], BaseModel(REFERENCE))
+    assert found.probability[1] > 0.1 and found.credible_alternatives(a.label) == (a.label,)
 
 
 def test_steady_filter_solves_the_riccati_equation() -> None:
-    arm = Base(REFERENCE).arm(REFERENCE.payload_mass)
+    arm = BaseModel(REFERENCE).arm(REFERENCE.payload_mass)
     noise = np.array([1e-4, 1e-4, 5e-7, 5e-7, 5e-7, 5e-7])
     force = np.full(arm.form.order, 1e-4)
     steady, n = steady_filter(arm, force, noise), arm.states
@@ -277,7 +277,7 @@ def test_parts_are_changed_by_their_deviation() -> None:
     values = np.zeros(len(parts))
     values[names.index('length_2')], values[names.index('strain_bias:strain_1b')] = 0.01, 2e-6
     values[names.index('position_strain_2a')] = 1e-3
-    robot, sensors = deviated(REFERENCE, parts, values)
+    robot, sensors = with_deviations(REFERENCE, parts, values)
     assert robot.links[1].length == pytest.approx(REFERENCE.links[1].length * np.exp(0.01))
     assert robot.links[1].gauge_positions[0] == pytest.approx(
         REFERENCE.links[1].gauge_positions[0] + 1e-3)
@@ -287,12 +287,12 @@ def test_parts_are_changed_by_their_deviation() -> None:
 
 def test_a_part_is_far_off_where_no_effect_asked_says_so() -> None:
     parts = part_priors(REFERENCE, 0.1)
-    far = far_parts(REFERENCE, parts, tuple(catalogue()))
+    far = parts_without_effect(REFERENCE, parts, tuple(catalogue()))
     assert {'link_mass_1', 'length_2', 'elbow_mass', 'position_strain_1a'} <= set(far)
     assert not {'stiffness_1', 'drive_damping_2', 'strain_gain:strain_1a', 'payload_mass:arm',
                 'elbow_inertia', 'payload_inertia'} & set(far)
     others = [name for name in catalogue() if name not in ('drive_bandwidth', 'link_stiffness')]
-    assert set(far_parts(REFERENCE, parts, others)) - set(far) == {
+    assert set(parts_without_effect(REFERENCE, parts, others)) - set(far) == {
         'stiffness_1', 'stiffness_2', 'drive_damping_1', 'drive_damping_2'}
 
 
@@ -300,12 +300,12 @@ def test_a_cause_is_fitted_with_the_evidence_that_its_slab_leaves() -> None:
     hidden = effects('actuator_gain:joint_2:factor=1.2')
     nature = catalogue()['coriolis_centripetal']('arm', (1.0,))
     record = simulated((nature, *hidden), 30.0)
-    base = Base(REFERENCE, effects=(nature,))
+    base = BaseModel(REFERENCE, effects=(nature,))
     data = Data.of([record], 10.0, REFERENCE.sample_time)
     likelihood = Likelihood(base, data.windows, data.noise)
-    causes = Causes((hypothesis('actuator_gain:joint_2'),), data.duration)
-    found = fitted(likelihood, causes, (np.array([1.1]),))
-    nothing = fitted(likelihood, Causes((), data.duration), (np.zeros(0),))
+    causes = CauseSet((hypothesis('actuator_gain:joint_2'),), data.duration)
+    found = fit_set(likelihood, causes, (np.array([1.1]),))
+    nothing = fit_set(likelihood, CauseSet((), data.duration), (np.zeros(0),))
     sure = 1.96 * np.sqrt(found.covariance[0, 0])
     assert abs(found.values[0] - 1.2) < max(sure, 0.01)
     assert found.log_evidence > nothing.log_evidence + 20.0
@@ -314,12 +314,12 @@ def test_a_cause_is_fitted_with_the_evidence_that_its_slab_leaves() -> None:
 def test_what_sensors_see_of_the_unmodelled_is_no_matter_from_afar() -> None:
     nature, hidden = effects('coriolis_centripetal:arm:share=1'), effects(
         'strain_delay:arm:delay_s=0.02')
-    base, record = Base(REFERENCE, effects=nature), simulated(nature, 12.0)
+    base, record = BaseModel(REFERENCE, effects=nature), simulated(nature, 12.0)
     data = Data.of([record], 25.0, REFERENCE.sample_time)
-    sensed = replace(base, discrepancy=replace(base.discrepancy, sensed=True))
+    sensed = replace(base, discrepancy=replace(base.discrepancy, behind_sensors=True))
     one, other = (Likelihood(b, data.windows, data.noise) for b in (base, sensed))
     assert np.abs(one.residual(hidden) - other.residual(hidden)).max() > 1.0
-    np.testing.assert_array_equal(one.smooth.residual(hidden), other.smooth.residual(hidden))
+    np.testing.assert_array_equal(one.with_own_filters.residual(hidden), other.with_own_filters.residual(hidden))
 
 
 def test_intervals_are_as_wide_as_windows_disagree() -> None:
@@ -332,8 +332,8 @@ def test_intervals_are_as_wide_as_windows_disagree() -> None:
         slope = float(np.sum(x * y)) * white[0, 0]
         found.append(slope)
         scores = np.sum(x * (y - slope * x), axis=1)[None]
-        wide = not_surer_than_windows(white, scores)
+        wide = sandwich_covariance(white, scores)
         stated.append(wide[0, 0])
         assert wide[0, 0] > 10.0 * white[0, 0]
-        assert not_surer_than_windows(white, 0.0 * scores) == pytest.approx(white)
+        assert sandwich_covariance(white, 0.0 * scores) == pytest.approx(white)
     assert np.sqrt(np.mean(stated)) == pytest.approx(np.std(found), rel=0.12)

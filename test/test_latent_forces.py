@@ -10,7 +10,7 @@ from flex_plant_sim.diagnosis.prediction.latent_forces import latent_forces, Lat
 from flex_plant_sim.diagnosis.prediction.latent_series import gauge_series, torque_series
 from flex_plant_sim.diagnosis.prediction.latent_view import latent_view
 from flex_plant_sim.diagnosis.prediction.law import Law, law_of
-from flex_plant_sim.diagnosis.prediction.predictor import Base, Predictor
+from flex_plant_sim.diagnosis.prediction.predictor import BaseModel, Predictor
 from flex_plant_sim.diagnosis.prediction.smoother import LatentSystem, smooth
 from flex_plant_sim.diagnosis.record.sensor_noise import measurement_noise
 from flex_plant_sim.diagnosis.record.windows import Record, Windows
@@ -43,15 +43,15 @@ def conditioned(system: LatentSystem) -> tuple[Array, Array, float]:
     """Return mean and deviation of z (N, 5), and the log-likelihood, by one big matrix."""
     count, d = len(system.measured), 5
     mean, covariance = np.zeros(count * d), np.zeros((count * d, count * d))
-    mean[:2], covariance[:d, :d] = system.start, np.diag(system.spread**2)
+    mean[:2], covariance[:d, :d] = system.initial_mean, np.diag(system.initial_deviation**2)
     for k in range(count - 1):
         a, here, after = np.zeros((d, d)), slice(k * d, k * d + d), slice(k * d + d, k * d + 2 * d)
         a[:2, :4] = np.tensordot(system.weights[k], system.table, axes=1)
         a[2, 2] = a[3, 3] = 1.0
         a[4, 4] = system.decay
         q = np.zeros((d, d))
-        q[:2, :2], q[2:, 2:] = system.diffusion, np.diag(system.diffusing[k])
-        mean[after] = a @ mean[here] + np.append(system.known[k], np.zeros(3))
+        q[:2, :2], q[2:, 2:] = system.process_covariance, np.diag(system.walk_variance[k])
+        mean[after] = a @ mean[here] + np.append(system.known_step[k], np.zeros(3))
         covariance[after, :k * d + d] = a @ covariance[here, :k * d + d]
         covariance[:k * d + d, after] = covariance[after, :k * d + d].T
         covariance[after, after] = a @ covariance[here, here] @ a.T + q
@@ -90,7 +90,7 @@ def true_record(case: TruthCase, unseen: Array | None = None) -> Record:
 def latent(record: Record) -> LatentForces:
     """Return the latent forces of a record under the nominal arm with its Coriolis forces."""
     windows = Windows.cut(record, SLOWEST, REFERENCE.sample_time)[0]
-    base = Base(REFERENCE, effects=(catalogue()['coriolis_centripetal']('arm', (1.0,)),))
+    base = BaseModel(REFERENCE, effects=(catalogue()['coriolis_centripetal']('arm', (1.0,)),))
     return latent_forces(Predictor(base, windows, measurement_noise(record.output)))
 
 
@@ -112,9 +112,9 @@ def test_law_carried_into_the_model_gains_where_it_was_not_fitted(rubbing: Recor
     view = latent_view([nominal])
     assert sentences_of(view)[0].startswith(
         'An unnamed torque of joint 2 (0.37 N·m rms) is a law over its speed, which explains')
-    extended = predictor(rubbing, (*nominal.base.effects, *view.tables))
+    extended = predictor(rubbing, (*nominal.base.effects, *view.law_effects))
     left, = (f for f in latent_view([extended]).torques if f.series.site == 'joint_2')
-    assert not left.law.stated and left.series.size < 0.1 * view.torques[1].series.size
+    assert not left.law.stated and left.series.rms < 0.1 * view.torques[1].series.rms
     gains = {(g.channel, g.horizon): g.ratio for g in measure_gain([nominal], [extended])}
     assert gains['joint_2', 1.0] < 0.1 and gains['strain_2a', 1.0] < 0.7
 

@@ -9,11 +9,11 @@ from typing import Any
 
 from flex_payload_estimator.tools.diagnose import main
 from flex_plant_sim.arm.robot_file import load_robot
-from flex_plant_sim.diagnosis.causes.course import torques_left
-from flex_plant_sim.diagnosis.causes.fit import EXCESS, Fit
-from flex_plant_sim.diagnosis.causes.sets import Settled, Trial
-from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude
-from flex_plant_sim.diagnosis.prediction.law import FOLDS, Law, law_of, Series, STRETCHES
+from flex_plant_sim.diagnosis.causes.fit import Fit, NOTABLE_EXCESS
+from flex_plant_sim.diagnosis.causes.refined_fit import CandidateSet, RefinedFit
+from flex_plant_sim.diagnosis.causes.search_state import remaining_torque_shares
+from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
+from flex_plant_sim.diagnosis.prediction.law import FOLDS, LatentSeries, Law, law_of, STRETCHES
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.diagnosis.verdict.verdict import nominal_base, slowest_frequency
@@ -82,34 +82,34 @@ def test_a_knot_is_asked_for_what_laplace_s_method_leaves_to_chance() -> None:
     prior = np.exp(-0.5 * (value / size)**2) / (size * np.sqrt(2.0 * np.pi))
     likelihood = np.exp(-0.5 * (value / deviation)**2)
     mean = float(np.sum(prior * likelihood) * (value[1] - value[0]))
-    assert law.asked == pytest.approx(-np.log(mean), rel=1e-6)
+    assert law.occam_penalty == pytest.approx(-np.log(mean), rel=1e-6)
 
 
 def test_a_joint_that_moves_in_every_fifth_stretch_has_a_law() -> None:
     rng, count = np.random.default_rng(7), 100 * STRETCHES
     moving = np.arange(count) // 100 % FOLDS == 0
     speed = rng.uniform(-1.0, 1.0, count)
-    law = law_of(Series('joint_1', 'N m', np.tanh(4.0 * speed) + 0.01 * rng.normal(size=count),
+    law = law_of(LatentSeries('joint_1', 'N m', np.tanh(4.0 * speed) + 0.01 * rng.normal(size=count),
                         np.full(count, 0.01), {'speed': ('rad/s', speed)}, moving, 0.01))
     assert law.stated and law.variable == 'speed'
 
 
-def settled(torque: tuple[float, float]) -> Fit:
+def fit_of_nothing(torque: tuple[float, float]) -> Fit:
     """Return nothing fitted to a braked arm of elements, told how large its torques may be."""
     made = make_record(TruthCase(93, (BRAKE,), duration_s=22.0, simulator=FINITE_ELEMENTS))
     record = Record('braked', made.time, made.command, np.hstack([made.joint, made.strain]), 0.1)
     base = replace(nominal_base(load_robot('reference'), 'assumed_modes', 3),
-                   discrepancy=Amplitude(torque=torque))
+                   discrepancy=DiscrepancyModel(torque_share=torque))
     data = Data.of([record], slowest_frequency(base, record.payload), base.robot.sample_time)
-    return Settled.at(Trial((), (np.zeros(0),)), base, data).fit
+    return RefinedFit.refine(CandidateSet((), (np.zeros(0),)), base, data).fit
 
 
 def test_a_torque_without_a_name_is_a_torque_and_no_noise_of_its_sensor() -> None:
-    stated = Amplitude().torque
-    scaled = settled(stated)
-    assert scaled.scale[1] > EXCESS
-    told = settled(torques_left(scaled))
-    assert torques_left(scaled)[1] == pytest.approx(stated[1] * scaled.scale[1])
+    stated = DiscrepancyModel().torque_share
+    scaled = fit_of_nothing(stated)
+    assert scaled.error_scale[1] > NOTABLE_EXCESS
+    told = fit_of_nothing(remaining_torque_shares(scaled))
+    assert remaining_torque_shares(scaled)[1] == pytest.approx(stated[1] * scaled.error_scale[1])
     # Errors are as small as stated then, and likelier for it.
-    assert told.scale[1] < 1.0 + 0.5 * (scaled.scale[1] - 1.0)
+    assert told.error_scale[1] < 1.0 + 0.5 * (scaled.error_scale[1] - 1.0)
     assert told.log_evidence > scaled.log_evidence + 10.0

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 from flex_plant_sim.arm.robot import EffectSpec, Link, Robot
 from flex_plant_sim.arm.robot_file import load_robot
-from flex_plant_sim.diagnosis.causes.hypothesis import hypotheses
+from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses
 from flex_plant_sim.diagnosis.causes.search import search
 from flex_plant_sim.diagnosis.likelihood.prior import prior_table
-from flex_plant_sim.diagnosis.prediction.predictor import Base
+from flex_plant_sim.diagnosis.prediction.predictor import BaseModel
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.effects import build, catalogue
 from msg_config.errors import InputError
@@ -55,7 +55,7 @@ def worth(unit: str) -> float:
 
 @pytest.mark.parametrize('robot', [REFERENCE, CURRENT], ids=lambda robot: robot.name)
 def test_what_is_conceivable_grows_as_its_unit_does(robot: Robot) -> None:
-    for one, other in zip(hypotheses(robot), hypotheses(similar(robot)), strict=True):
+    for one, other in zip(all_hypotheses(robot), all_hypotheses(similar(robot)), strict=True):
         assert one.label == other.label
         for small, large in zip(one.parameters, other.parameters, strict=True):
             expected = small.scaled(worth(small.unit))
@@ -64,7 +64,7 @@ def test_what_is_conceivable_grows_as_its_unit_does(robot: Robot) -> None:
 
 
 def test_on_the_reference_robot_sizes_are_as_the_catalogue_says() -> None:
-    for h in hypotheses(REFERENCE):
+    for h in all_hypotheses(REFERENCE):
         if h.label != 'viscous_friction:joint_1':
             assert [p.typical for p in h.parameters] == [p.typical for p in h.effect.parameters]
 
@@ -74,7 +74,7 @@ def test_a_command_in_other_units_asks_for_the_same() -> None:
     for k, drive in enumerate(CURRENT.drives):
         counts = counts.with_drive(k, torque_gain=drive.torque_gain / 1000.0,
                                    command_limit=drive.command_limit * 1000.0)
-    for one, other in zip(hypotheses(CURRENT), hypotheses(counts), strict=True):
+    for one, other in zip(all_hypotheses(CURRENT), all_hypotheses(counts), strict=True):
         for small, large in zip(one.parameters, other.parameters, strict=True):
             power = {'command unit': 1, '1/command unit': -1}.get(small.unit, 0)
             assert large.typical == pytest.approx(1000.0**power * small.typical)
@@ -89,7 +89,7 @@ def test_a_similar_arm_gets_the_same_answer() -> None:
     with np.errstate(all='ignore'):
         one, other = (search(
             Data.of([replace(record, payload=heavier * record.payload)], SLOWEST, 0.01),
-            Base(robot), 1, lambda *told: None, others)
+            BaseModel(robot), 1, lambda *told: None, others)
             for robot, heavier in ((REFERENCE, 1.0), (similar(REFERENCE), HEAVIER)))
     assert {h.label for h in one.best.fit.hypotheses} == {
         'coulomb_friction:joint_1', 'payload_mass:arm'}
@@ -98,8 +98,8 @@ def test_a_similar_arm_gets_the_same_answer() -> None:
     assert other.best.fit.values == pytest.approx(
         one.best.fit.values * [worth(unit) for unit in units], rel=1e-3)
     for identifier in asked:
-        assert other.posterior.of_effect(identifier) == pytest.approx(
-            one.posterior.of_effect(identifier), abs=1e-3)
+        assert other.posterior.effect_probability(identifier) == pytest.approx(
+            one.posterior.effect_probability(identifier), abs=1e-3)
 
 
 def test_a_robot_file_may_name_what_is_conceivable_on_its_robot() -> None:
@@ -113,6 +113,6 @@ def test_a_robot_file_may_name_what_is_conceivable_on_its_robot() -> None:
 def test_the_prior_is_printed_for_the_robot(robot: Robot) -> None:
     lines = [line.split() for line in prior_table(robot).splitlines()]
     levels = [float(line[3]) for line in lines if line[:2] == ['coulomb_friction', 'level_n_m']]
-    known = {h.parameters[0].typical for h in hypotheses(robot)
+    known = {h.parameters[0].typical for h in all_hypotheses(robot)
              if h.effect.identifier == 'coulomb_friction'}
     assert levels == pytest.approx(sorted(known), rel=5e-3)

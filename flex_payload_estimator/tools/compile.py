@@ -13,7 +13,7 @@ from flex_payload_estimator.nodes.node_setup import controller_of, estimator_of,
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.compiled import COMPILED
 from flex_plant_sim.diagnosis.prediction.latent_forces import latent_forces
-from flex_plant_sim.diagnosis.prediction.predictor import Base, Predictor
+from flex_plant_sim.diagnosis.prediction.predictor import BaseModel, Predictor
 from flex_plant_sim.diagnosis.record.windows import Record, Windows
 from flex_plant_sim.simulation.nominal import nominal_effects
 from flex_plant_sim.simulation.plant_setup import simulator_of
@@ -56,11 +56,11 @@ def smoothing() -> None:
     record = Record('compiling', time, rng.normal(size=(SAMPLES, 2)),
                     1e-3 * rng.normal(size=(SAMPLES, 6)), robot.payload_mass)
     windows = Windows.cut(record, 10.0, robot.sample_time)[0]
-    base = Base(robot, effects=nominal_effects(robot, 'assumed_modes'))
-    predictor = Predictor(base, windows, np.full(6, 1e-4), judging=True)
+    base = BaseModel(robot, effects=nominal_effects(robot, 'assumed_modes'))
+    predictor = Predictor(base, windows, np.full(6, 1e-4), for_comparison=True)
     latent_forces(Predictor(base, windows, np.full(6, 1e-4)))
     # Any robot but the base's, so that what it leaves is whitened anew.
-    predictor.whitened(robot=replace(robot, payload_mass=0.5 * robot.payload_mass))
+    predictor.whitened_residual(robot=replace(robot, payload_mass=0.5 * robot.payload_mass))
 
 
 PARTS: tuple[Callable[[], None], ...] = (estimators, regressions, smoothing)

@@ -17,7 +17,7 @@ from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.diagnosis.pool import all_of
 from flex_plant_sim.diagnosis.prediction.latent_view import latent_view, LatentView
-from flex_plant_sim.diagnosis.prediction.predictor import Base, Predictor
+from flex_plant_sim.diagnosis.prediction.predictor import BaseModel, Predictor
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.diagnosis.report.extended_file import write_extended
 from flex_plant_sim.diagnosis.report.figures import all_pictures
@@ -29,7 +29,7 @@ from flex_plant_sim.diagnosis.report.payload_gain import payload_gain, PayloadGa
 from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual, describe
 from flex_plant_sim.diagnosis.verdict.experiments import with_experiment
 from flex_plant_sim.diagnosis.verdict.results import Diagnosis
-from flex_plant_sim.diagnosis.verdict.unknown import UNNAMED, with_unknown
+from flex_plant_sim.diagnosis.verdict.unknown import UNNAMED_VERDICTS, with_unknown
 from flex_plant_sim.diagnosis.verdict.verdict import diagnose, nominal_base
 from flex_plant_sim.effects import catalogue
 from flex_plant_sim.effects.base import Effect
@@ -58,7 +58,7 @@ class Findings:
     """All that a run found, before anything is written."""
 
     diagnosis: Diagnosis
-    extended: Base
+    extended: BaseModel
     predictors: tuple[list[Predictor], list[Predictor]]
     gains: tuple[Gain, ...]
     before: tuple[ChannelResidual, ...]
@@ -109,18 +109,18 @@ def run(logs: Sequence[Log], robot: Robot, arguments: argparse.Namespace,
             lambda label, share: progress(label, SEARCH_SHARE * share), arguments.exclude)
     progress('latent forces', SEARCH_SHARE)
 
-    def predictors(base: Base) -> list[Predictor]:
+    def predictors(base: BaseModel) -> list[Predictor]:
         return [Predictor(base, windows, noise) for windows, noise in zip(data.locked, data.noise)]
 
     before = predictors(nominal)
     # Where nothing was found nothing is measured twice.
     after = before if extended == nominal else predictors(extended)
-    asked = {'before': before, **({'after': after} if diagnosis.verdict in UNNAMED else {})}
+    asked = {'before': before, **({'after': after} if diagnosis.verdict in UNNAMED_VERDICTS else {})}
     latent = dict(zip(asked, all_of(latent_view, [*asked.values()], arguments.jobs)))
     diagnosis = with_experiment(diagnosis)
     added: tuple[Effect, ...] = ()
     if 'after' in latent:
-        diagnosis, added = with_unknown(diagnosis, latent['after']), latent['after'].tables
+        diagnosis, added = with_unknown(diagnosis, latent['after']), latent['after'].law_effects
     if added:
         extended = replace(extended, effects=(*extended.effects, *added))
         after = predictors(extended)
@@ -140,7 +140,7 @@ def default_estimator() -> tuple[str, Weigh]:
     """Return the package's default payload estimator: its name, and how it weighs."""
     name = str(load_parameters()['payload_estimator']['estimator'].default)
 
-    def weigh(log: Log, told: Base) -> tuple[float, float]:
+    def weigh(log: Log, told: BaseModel) -> tuple[float, float]:
         return estimate(log, make_estimator(name, told.robot, told.model, told.modes)).row(-1)
 
     return name, weigh

@@ -9,7 +9,7 @@ from math import ceil
 from flex_plant_sim.arm.robot import EffectSpec, Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.commissioning.summary import locked_modes
-from flex_plant_sim.diagnosis.prediction.predictor import Base, Predictor
+from flex_plant_sim.diagnosis.prediction.predictor import BaseModel, Predictor
 from flex_plant_sim.diagnosis.record.sensor_noise import measurement_noise
 from flex_plant_sim.diagnosis.record.windows import Record, Windows
 from flex_plant_sim.effects import catalogue, effects_of
@@ -61,8 +61,8 @@ class Residuals:
         return Windows(record, period + length * np.arange(count), length, period)
 
     def _around(self, robot: Robot) -> None:
-        self._robot, base = robot, Base(robot, MODEL, MODES, effects_of(robot))
-        self._predictors = [Predictor(base, w, s, judging=True)
+        self._robot, base = robot, BaseModel(robot, MODEL, MODES, effects_of(robot))
+        self._predictors = [Predictor(base, w, s, for_comparison=True)
                             for w, s in zip(self._windows, self._noise)]
 
     def around(self, robot: Robot) -> Residuals:

@@ -7,27 +7,27 @@ from dataclasses import dataclass, field, replace
 import math
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.causes.hypothesis import Causes, Hypothesis
-from flex_plant_sim.diagnosis.likelihood.constancy import by_window, gained
+from flex_plant_sim.diagnosis.causes.hypothesis import CauseSet, Hypothesis
+from flex_plant_sim.diagnosis.likelihood.constancy import varying_cause_gain, window_sums
 from flex_plant_sim.diagnosis.likelihood.evidence import (
     channel_products,
-    Marginal,
-    not_surer_than_windows,
+    GaussianMarginal,
+    sandwich_covariance,
 )
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
-from flex_plant_sim.diagnosis.likelihood.moments import Moments, TEMPER
-from flex_plant_sim.diagnosis.likelihood.prior import FAR_OFF
-from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude
+from flex_plant_sim.diagnosis.likelihood.prior import FAR_PART_FACTOR
+from flex_plant_sim.diagnosis.likelihood.sufficient_statistics import SufficientStatistics, TEMPER
+from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
 import numpy as np
 
 # Steps at most, of a fit and of one that only ranks.
-ITERATIONS, ROUGH = 8, 3
+MAX_STEPS, MAX_COARSE_STEPS = 8, 3
 # A step that promises less is not worth a pass, nats.
-ENOUGH = 0.3
+MIN_STEP_GAIN = 0.3
 # Errors that exceed what is stated by less leave nothing to explain.
-EXCESS = 1.05
+NOTABLE_EXCESS = 1.05
 # Of Levenberg and Marquardt, tried until the cost falls.
-DAMPINGS = (1e-4, 0.1, 10.0)
+DAMPING_FACTORS = (1e-4, 0.1, 10.0)
 
 
 @dataclass(frozen=True)
@@ -56,46 +56,46 @@ class Fit:
     changing : float
         What the evidence gains where one of the causes changes over the record, nats; -inf where
         that was not asked.
-    by_window : Array
+    window_log_likelihoods : Array
         ln p of each window at the values and the parts, but for what is the same in all, (W,).
 
     """
 
     hypotheses: tuple[Hypothesis, ...]
-    discrepancy: Amplitude
+    discrepancy: DiscrepancyModel
     values: Array
     deviations: Array
-    scale: Array
+    error_scale: Array
     covariance: Array
-    moments: Moments
+    statistics: SufficientStatistics
     log_evidence: float
-    changing: float = -math.inf
-    by_window: Array = field(default_factory=lambda: np.zeros(0))
+    varying_gain: float = -math.inf
+    window_log_likelihoods: Array = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True)
-class Point:
+class LinearisationPoint:
     """A linearisation: values (k,), residual (m, N), its columns (k, m, N), the cost in nats."""
 
     values: Array
     residual: Array
-    columns: Array
+    jacobian: Array
     cost: float
 
 
 def with_far_part(fit: Fit, name: str, place: int) -> Fit:
     """Return a fit as it is judged with one part that is not as its file says."""
-    tolerances = fit.moments.tolerances.copy()
-    tolerances[place] *= FAR_OFF
-    moments = replace(fit.moments, tolerances=tolerances)
-    scale = moments.scaled()
-    return replace(fit, discrepancy=replace(fit.discrepancy, far=name), scale=scale,
-                   deviations=moments.parts(scale).mean, moments=moments,
-                   covariance=moments.joined(scale).covariance,
-                   log_evidence=moments.log_evidence(scale))
+    tolerances = fit.statistics.tolerances.copy()
+    tolerances[place] *= FAR_PART_FACTOR
+    statistics = replace(fit.statistics, tolerances=tolerances)
+    error_scale = statistics.likeliest_error_scale()
+    return replace(fit, discrepancy=replace(fit.discrepancy, far_part=name), error_scale=error_scale,
+                   deviations=statistics.part_marginal(error_scale).mean, statistics=statistics,
+                   covariance=statistics.joint_marginal(error_scale).covariance,
+                   log_evidence=statistics.log_evidence(error_scale))
 
 
-class Descent:
+class GaussNewton:
     """
     Gauss-Newton with damping over the values of some causes, parts integrated out.
 
@@ -112,46 +112,46 @@ class Descent:
 
     """
 
-    def __init__(self, likelihood: Likelihood, causes: Causes, scale: Array):
-        self.likelihood, self.causes, self.slab = likelihood, causes, causes.slab
-        self.scale = scale
+    def __init__(self, likelihood: Likelihood, causes: CauseSet, error_scale: Array):
+        self.likelihood, self.causes, self.prior = likelihood, causes, causes.prior
+        self.error_scale = error_scale
 
     def _products(self, own: Array) -> Array:
         """Return products of own rows (a, m, N) and the parts' columns, (m, a + p, a + p)."""
-        cross = channel_products(own, self.likelihood.columns)
+        cross = channel_products(own, self.likelihood.part_jacobian)
         return np.block([[channel_products(own, own), cross],
-                         [cross.transpose(0, 2, 1), self.likelihood.products]])
+                         [cross.transpose(0, 2, 1), self.likelihood.part_products]])
 
-    def moments(self, point: Point) -> Moments:
+    def statistics(self, point: LinearisationPoint) -> SufficientStatistics:
         """Return the products at a point."""
-        own = np.concatenate([point.residual[None], point.columns])
-        return Moments(self._products(own), point.values - self.slab.centre, self.slab,
+        own = np.concatenate([point.residual[None], point.jacobian])
+        return SufficientStatistics(self._products(own), point.values - self.prior.centre, self.prior,
                        self.likelihood.tolerances,
                        self.likelihood.weight * point.residual.shape[1],
-                       self.likelihood.surprise)
+                       self.likelihood.channel_log_determinants)
 
     def cost(self, values: Array, residual: Array) -> float:
         """Return minus the log-posterior at values, nats; infinite where nothing is predicted."""
         if not np.all(np.isfinite(residual)):
             return float('inf')
-        products = np.tensordot(1.0 / (TEMPER * self.scale**2),
+        products = np.tensordot(1.0 / (TEMPER * self.error_scale**2),
                                 self._products(residual[None]), 1)
-        away = (values - self.slab.centre) / self.slab.width
-        return 0.5 * (Marginal(products, self.likelihood.tolerances).quadratic
-                      + float(away @ away))
+        offsets = (values - self.prior.centre) / self.prior.width
+        return 0.5 * (GaussianMarginal(products, self.likelihood.tolerances).quadratic
+                      + float(offsets @ offsets))
 
-    def at(self, values: Array) -> tuple[Array, float]:
+    def residual_and_cost(self, values: Array) -> tuple[Array, float]:
         """Return residual (m, N) and cost at values, (k,)."""
         residual = self.causes.residual(self.likelihood, values[None])[0]
         return residual, self.cost(values, residual)
 
-    def checked(self, point: Point, values: Array, deviations: Array) -> Point:
+    def exact_at(self, point: LinearisationPoint, values: Array, deviations: Array) -> LinearisationPoint:
         """Return a point's columns at other values, exact there with deviations, (p,)."""
-        exact = self.likelihood.at(self.causes.effects(values), deviations)[0]
-        residual = exact - np.tensordot(deviations, self.likelihood.columns, 1)
-        return Point(values, residual, point.columns, self.cost(values, residual))
+        exact = self.likelihood.whitened_residual(self.causes.effects(values), deviations)[0]
+        residual = exact - np.tensordot(deviations, self.likelihood.part_jacobian, 1)
+        return LinearisationPoint(values, residual, point.jacobian, self.cost(values, residual))
 
-    def linearise(self, values: Array, residual: Array, cost: float) -> Point:
+    def linearise(self, values: Array, residual: Array, cost: float) -> LinearisationPoint:
         """
         Return the columns at values by differences.
 
@@ -163,7 +163,7 @@ class Descent:
         """
         columns = np.zeros((0, *residual.shape))
         if values.size:
-            step = self.causes.steps(values)
+            step = self.causes.difference_steps(values)
             moved = self.causes.residual(self.likelihood, values + np.diag(step))
             columns = (moved - residual) / step[:, None, None]
         with np.errstate(over='ignore'):
@@ -171,61 +171,61 @@ class Descent:
             power = float(np.sum(columns**2))
         if not (np.isfinite(cost) and np.isfinite(power)):
             raise np.linalg.LinAlgError('no finite prediction')
-        return Point(values, residual, columns, cost)
+        return LinearisationPoint(values, residual, columns, cost)
 
-    def run(self, starts: Sequence[Array], rough: bool = False) -> Point:
+    def minimise(self, starts: Sequence[Array], coarse: bool = False) -> LinearisationPoint:
         """
         Return the minimum found from the best of some starts, linearised near it.
 
         What takes its time is tried from all of it at once, too: between are side valleys.
         """
-        point = self.down(starts, rough)
-        sudden = self.causes.sudden(point.values)
-        if not rough and np.any(sudden != point.values):
-            point = min(point, self.down([sudden], rough), key=lambda p: p.cost)
+        point = self.descend(starts, coarse)
+        sudden = self.causes.as_sudden(point.values)
+        if not coarse and np.any(sudden != point.values):
+            point = min(point, self.descend([sudden], coarse), key=lambda p: p.cost)
         return point
 
-    def down(self, starts: Sequence[Array], rough: bool = False) -> Point:
+    def descend(self, starts: Sequence[Array], coarse: bool = False) -> LinearisationPoint:
         """Return where the way down from the best of some starts ends."""
-        tried = [(start, *self.at(start)) for start in starts]
+        tried = [(start, *self.residual_and_cost(start)) for start in starts]
         point = self.linearise(*min(tried, key=lambda found: found[2]))
-        fresh, again = True, not rough
-        for _ in range((ROUGH if rough else ITERATIONS) if point.values.size else 0):
-            better = self._next(point)
+        fresh, may_retry = True, not coarse
+        for _ in range((MAX_COARSE_STEPS if coarse else MAX_STEPS) if point.values.size else 0):
+            better = self._next_point(point)
             if better is not None:
                 point, fresh = better, False
-            elif fresh or not again:
+            elif fresh or not may_retry:
                 break
             else:
                 # What the corrections lack of the truth may have hidden a way down.
                 point = self.linearise(point.values, point.residual, point.cost)
-                fresh, again = True, False
+                fresh, may_retry = True, False
         return point
 
-    def _next(self, point: Point) -> Point | None:
+    def _next_point(self, point: LinearisationPoint) -> LinearisationPoint | None:
         """Return a better point within the bounds, or None where little is to be gained."""
         low, high = self.causes.bounds
-        moments = self.moments(point)
-        joint = moments.weighted(self.scale)
-        k, prior = point.values.size, np.concatenate([self.slab.width, moments.tolerances])
-        pull = np.concatenate([moments.away / self.slab.width**2, np.zeros(len(prior) - k)])
+        statistics = self.statistics(point)
+        joint = statistics.weighted_products(self.error_scale)
+        k, prior = point.values.size, np.concatenate([self.prior.width, statistics.tolerances])
+        pull = np.concatenate([statistics.offsets / self.prior.width**2, np.zeros(len(prior) - k)])
         gradient = prior * (joint[1:, 0] + pull)
         hessian = prior[:, None] * joint[1:, 1:] * prior + np.eye(len(prior))
-        for damping in DAMPINGS:
+        for damping in DAMPING_FACTORS:
             damped = hessian.copy()
             damped[np.arange(k), np.arange(k)] *= 1.0 + damping
             trial = np.clip(point.values - (prior * np.linalg.solve(damped, gradient))[:k],
                             low, high)
             change = trial - point.values
-            if self._promised(hessian, gradient, change / prior[:k]) < ENOUGH:
+            if self._predicted_gain(hessian, gradient, change / prior[:k]) < MIN_STEP_GAIN:
                 return None
-            residual, cost = self.at(trial)
-            if cost < point.cost - 0.1 * ENOUGH:
-                return self._corrected(point, trial, residual, cost)
+            residual, cost = self.residual_and_cost(trial)
+            if cost < point.cost - 0.1 * MIN_STEP_GAIN:
+                return self._broyden_update(point, trial, residual, cost)
         return None
 
     @staticmethod
-    def _promised(hessian: Array, gradient: Array, change: Array) -> float:
+    def _predicted_gain(hessian: Array, gradient: Array, change: Array) -> float:
         """Return what a change of the values, in widths, (k,), gains with the parts following."""
         k = change.size
         rest = np.linalg.solve(hessian[k:, k:], -(gradient[k:] + hessian[k:, :k] @ change))
@@ -236,50 +236,50 @@ class Descent:
 
         return cost(np.r_[np.zeros(k), best]) - cost(np.r_[change, rest])
 
-    def _corrected(self, point: Point, trial: Array, residual: Array, cost: float) -> Point:
+    def _broyden_update(self, point: LinearisationPoint, trial: Array, residual: Array, cost: float) -> LinearisationPoint:
         """Return the point after a step, its columns such that they tell what the step did."""
-        step = (trial - point.values) / self.slab.width
-        missed = residual - point.residual - np.tensordot(trial - point.values, point.columns, 1)
-        columns = point.columns + (
-            step / (step @ step) / self.slab.width)[:, None, None] * missed
-        return Point(trial, residual, columns, cost)
+        step = (trial - point.values) / self.prior.width
+        missed = residual - point.residual - np.tensordot(trial - point.values, point.jacobian, 1)
+        columns = point.jacobian + (
+            step / (step @ step) / self.prior.width)[:, None, None] * missed
+        return LinearisationPoint(trial, residual, columns, cost)
 
-    def fit(self, point: Point) -> Fit:
+    def fit(self, point: LinearisationPoint) -> Fit:
         """Return the evidence at a point, at the scales that are likeliest there."""
-        moments = self.moments(point)
-        scale = moments.scaled()
-        parts, covariance = moments.parts(scale).mean, moments.joined(scale).covariance
-        left = -(point.residual + np.tensordot(parts, self.likelihood.columns, 1))
-        weighted = left / (TEMPER * scale**2)[:, None]
-        if np.any(scale > EXCESS):
+        statistics = self.statistics(point)
+        error_scale = statistics.likeliest_error_scale()
+        parts, covariance = statistics.part_marginal(error_scale).mean, statistics.joint_marginal(error_scale).covariance
+        left = -(point.residual + np.tensordot(parts, self.likelihood.part_jacobian, 1))
+        weighted = left / (TEMPER * error_scale**2)[:, None]
+        if np.any(error_scale > NOTABLE_EXCESS):
             # Larger errors than any model's are no white ones: they go with the motion.
-            scores = np.concatenate([by_window(rows, weighted, self.windows)
-                                     for rows in (point.columns, self.likelihood.columns)])
-            covariance = not_surer_than_windows(covariance, scores)
+            scores = np.concatenate([window_sums(rows, weighted, self.window_count)
+                                     for rows in (point.jacobian, self.likelihood.part_jacobian)])
+            covariance = sandwich_covariance(covariance, scores)
         return Fit(self.causes.hypotheses, self.likelihood.base.discrepancy, point.values, parts,
-                   scale, covariance, moments, moments.log_evidence(scale),
-                   self._changing(point, moments, scale),
-                   -0.5 * by_window(left[None], weighted, self.windows)[0])
+                   error_scale, covariance, statistics, statistics.log_evidence(error_scale),
+                   self._varying_gain(point, statistics, error_scale),
+                   -0.5 * window_sums(left[None], weighted, self.window_count)[0])
 
     @property
-    def windows(self) -> int:
+    def window_count(self) -> int:
         """Return how many windows there are."""
         return sum(p.windows.starts.size for p in self.likelihood.predictors)
 
-    def _changing(self, point: Point, moments: Moments, scale: Array) -> float:
+    def _varying_gain(self, point: LinearisationPoint, statistics: SufficientStatistics, error_scale: Array) -> float:
         """Return what p gains where one of the causes changes over the record, nats."""
-        if not (self.causes.hypotheses and self.likelihood.alike):
+        if not (self.causes.hypotheses and self.likelihood.shared_covariance):
             return -math.inf
-        pieces = self.causes.split(np.diag(moments.away))
-        sizes = [np.where(h.sizes, piece, 0.0).sum(axis=1)
+        pieces = self.causes.split(np.diag(statistics.offsets))
+        sizes = [np.where(h.is_size, piece, 0.0).sum(axis=1)
                  for h, piece in zip(self.causes.hypotheses, pieces)]
-        rows = point.residual, point.columns, self.likelihood.columns
-        return gained(moments, scale, rows, self.windows, sizes)
+        rows = point.residual, point.jacobian, self.likelihood.part_jacobian
+        return varying_cause_gain(statistics, error_scale, rows, self.window_count, sizes)
 
 
-def fitted(likelihood: Likelihood, causes: Causes, starts: Sequence[Array],
-           scale: Array | None = None, rough: bool = False) -> Fit:
+def fit_set(likelihood: Likelihood, causes: CauseSet, starts: Sequence[Array],
+           error_scale: Array | None = None, coarse: bool = False) -> Fit:
     """Return causes fitted around a likelihood's linearisation, from the best of some starts."""
-    scale = np.ones(len(likelihood.present)) if scale is None else scale
-    descent = Descent(likelihood, causes, scale)
-    return descent.fit(descent.run(starts, rough))
+    error_scale = np.ones(len(likelihood.centre_residual)) if error_scale is None else error_scale
+    descent = GaussNewton(likelihood, causes, error_scale)
+    return descent.fit(descent.minimise(starts, coarse))

@@ -9,43 +9,43 @@ from types import MappingProxyType
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.causes.fit import Fit
-from flex_plant_sim.diagnosis.likelihood.prior import imitation_odds, log_odds, unknown_odds
-from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude
-from flex_plant_sim.diagnosis.prediction.predictor import Base
+from flex_plant_sim.diagnosis.likelihood.prior import imitation_odds, log_prior_odds, unknown_odds
+from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
+from flex_plant_sim.diagnosis.prediction.predictor import BaseModel
 import numpy as np
 
 # As all that is stated: 95 %.
-CREDIBLE = 0.95
+CREDIBLE_LEVEL = 0.95
 # So many faults at once are nothing out of the ordinary.
-ORDINARY = 2
+ORDINARY_FAULTS = 2
 
 
 @dataclass(frozen=True)
-class Key:
+class SetKey:
     """What tells sets apart: labels of the causes, the discrepancy, what causes hold."""
 
     labels: frozenset[str]
-    level: Amplitude
-    held: frozenset[tuple[str, tuple[float, ...]]] = frozenset()
+    discrepancy: DiscrepancyModel
+    fixed: frozenset[tuple[str, tuple[float, ...]]] = frozenset()
 
     @classmethod
-    def of(cls, fit: Fit) -> Key:
+    def of(cls, fit: Fit) -> SetKey:
         """Return the key of a fit."""
         return cls(frozenset(h.label for h in fit.hypotheses), fit.discrepancy,
-                   frozenset((h.label, h.held) for h in fit.hypotheses if h.held))
+                   frozenset((h.label, h.fixed_values) for h in fit.hypotheses if h.fixed_values))
 
     @property
-    def plain(self) -> Key:
+    def without_remainder(self) -> SetKey:
         """Return the key of the same set with nothing more lacking."""
-        return replace(self, level=replace(self.level, more=False))
+        return replace(self, discrepancy=replace(self.discrepancy, remainder=False))
 
 
-def is_unknown(fit: Fit, nominal: Base) -> bool:
+def is_unknown(fit: Fit, nominal: BaseModel) -> bool:
     """Tell whether something that no catalogue knows belongs to a set."""
     return fit.discrepancy != nominal.discrepancy
 
 
-def judged(fit: Fit) -> tuple[Fit, ...]:
+def interpretations(fit: Fit) -> tuple[Fit, ...]:
     """
     Return what a fit stands for.
 
@@ -56,37 +56,37 @@ def judged(fit: Fit) -> tuple[Fit, ...]:
     what goes with the motion. And a cause is as large in all of the record: what is not only
     looks like it, see Fit.changing.
     """
-    excess = np.maximum(fit.scale, 1.0)**2 - 1.0
-    cost = 0.5 * fit.moments.samples * float(np.sum(excess - np.log1p(excess)))
-    gain = max(fit.changing, 0.0) if cost else fit.changing
+    excess = np.maximum(fit.error_scale, 1.0)**2 - 1.0
+    cost = 0.5 * fit.statistics.samples * float(np.sum(excess - np.log1p(excess)))
+    gain = max(fit.varying_gain, 0.0) if cost else fit.varying_gain
     if gain == -math.inf:
         return (fit,)
     return (replace(fit, log_evidence=fit.log_evidence - cost),
-            replace(fit, discrepancy=replace(fit.discrepancy, more=True),
+            replace(fit, discrepancy=replace(fit.discrepancy, remainder=True),
                     log_evidence=fit.log_evidence + gain))
 
 
-def lacking(fit: Fit) -> bool:
+def leaves_strain_unexplained(fit: Fit) -> bool:
     """Tell whether what a set, as judged, leaves is no small part of the strain."""
-    level = fit.discrepancy
-    return level.more and not level.sensed and bool(np.any(fit.scale[2:] > 1.0))
+    discrepancy = fit.discrepancy
+    return discrepancy.remainder and not discrepancy.behind_sensors and bool(np.any(fit.error_scale[2:] > 1.0))
 
 
-def log_prior(fit: Fit, nominal: Base) -> float:
+def log_prior(fit: Fit, nominal: BaseModel) -> float:
     """
     Return the logarithm of a set's prior odds against `nothing`, nats.
 
     What no catalogue knows is as likely a part as it is anything else.
     """
-    price = sum(log_odds(h.effect, nominal.robot) for h in fit.hypotheses)
+    price = sum(log_prior_odds(h.effect, nominal.robot) for h in fit.hypotheses)
     if is_unknown(fit, nominal):
-        kinds = fit.moments.tolerances.size if fit.discrepancy.far else 1
-        price += math.log(0.5 * unknown_odds() / kinds) - fit.discrepancy.asked
+        kinds = fit.statistics.tolerances.size if fit.discrepancy.far_part else 1
+        price += math.log(0.5 * unknown_odds() / kinds) - fit.discrepancy.laws_penalty
     return price
 
 
 @dataclass(frozen=True)
-class _Stated:
+class _SetProbability:
     """A set: its causes, its probability if they are real, whether something is unnamed."""
 
     labels: frozenset[str]
@@ -94,9 +94,9 @@ class _Stated:
     unknown: bool
 
     @property
-    def real(self) -> float:
+    def genuine_probability(self) -> float:
         """Return how likely it is that one of its causes is no imitation."""
-        further = max(len(self.labels) - ORDINARY, 0) + self.unknown
+        further = max(len(self.labels) - ORDINARY_FAULTS, 0) + self.unknown
         return 1.0 / (1.0 + imitation_odds(further))
 
 
@@ -118,12 +118,12 @@ class Posterior:
 
     fits: tuple[Fit, ...]
     probability: Array
-    nominal: Base
+    nominal: BaseModel
     unfitted: Mapping[frozenset[str], float] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, fits: Sequence[Fit], nominal: Base,
-           promised: Mapping[frozenset[str], float] = MappingProxyType({})) -> Posterior:
+    def of(cls, fits: Sequence[Fit], nominal: BaseModel,
+           unfitted_scores: Mapping[frozenset[str], float] = MappingProxyType({})) -> Posterior:
         """
         Return the posterior over sets.
 
@@ -137,12 +137,12 @@ class Posterior:
             Further sets by their labels, with their linear evidence and prior odds, nats.
 
         """
-        fits = [each for fit in fits for each in judged(fit)]
+        fits = [each for fit in fits for each in interpretations(fit)]
         score = np.array([fit.log_evidence + log_prior(fit, nominal) for fit in fits])
-        order, known = np.argsort(-score), {Key.of(fit).labels for fit in fits}
+        order, known = np.argsort(-score), {SetKey.of(fit).labels for fit in fits}
         top = score[order[0]]
         weight = np.exp(score[order] - top)
-        others = {labels: math.exp(min(value - top, 0.0)) for labels, value in promised.items()
+        others = {labels: math.exp(min(value - top, 0.0)) for labels, value in unfitted_scores.items()
                   if labels not in known}
         total = weight.sum() + sum(others.values())
         return cls(tuple(fits[k] for k in order), weight / total, nominal,
@@ -154,47 +154,47 @@ class Posterior:
         return self.fits[0]
 
     @property
-    def _stated(self) -> list[_Stated]:
+    def _set_probabilities(self) -> list[_SetProbability]:
         """Return all sets, fitted or not."""
-        return [*(_Stated(Key.of(fit).labels, float(p), is_unknown(fit, self.nominal))
+        return [*(_SetProbability(SetKey.of(fit).labels, float(p), is_unknown(fit, self.nominal))
                   for fit, p in zip(self.fits, self.probability)),
-                *(_Stated(labels, p, False) for labels, p in self.unfitted.items())]
+                *(_SetProbability(labels, p, False) for labels, p in self.unfitted.items())]
 
     @property
-    def real(self) -> float:
+    def genuine_probability(self) -> float:
         """Return how likely it is that a cause of the most probable set is no imitation."""
-        return self._stated[0].real
+        return self._set_probabilities[0].genuine_probability
 
-    def of_effect(self, identifier: str) -> float:
+    def effect_probability(self, identifier: str) -> float:
         """Return the probability that an effect is at work, at whatever site."""
-        return sum(s.probability * s.real for s in self._stated if any(
+        return sum(s.probability * s.genuine_probability for s in self._set_probabilities if any(
             label.partition(':')[0] == identifier for label in s.labels))
 
     @property
-    def of_nothing(self) -> float:
+    def nothing_probability(self) -> float:
         """Return the probability that nothing is wrong."""
         return self._sum(lambda fit: not fit.hypotheses and not is_unknown(fit, self.nominal))
 
     @property
-    def of_unknown(self) -> float:
+    def unknown_probability(self) -> float:
         """Return the probability that something that no catalogue knows is at work."""
-        return 1.0 - sum(s.probability * s.real**len(s.labels) for s in self._stated
+        return 1.0 - sum(s.probability * s.genuine_probability**len(s.labels) for s in self._set_probabilities
                          if not s.unknown)
 
     def _sum(self, holds: Callable[[Fit], bool]) -> float:
         return float(sum(p for fit, p in zip(self.fits, self.probability) if holds(fit)))
 
-    def in_place_of(self, label: str) -> dict[str, float]:
+    def alternatives(self, label: str) -> dict[str, float]:
         """
         Return what may stand where the best set has a cause, with its probability.
 
         Labels of causes ('unknown', 'nothing' too) in sets that are as the best without it; what
         only stands beside it stands for nothing.
         """
-        others = Key.of(self.best).labels - {label}
+        others = SetKey.of(self.best).labels - {label}
         found: dict[str, float] = {}
         for fit, p in zip(self.fits, self.probability):
-            labels = Key.of(fit).labels
+            labels = SetKey.of(fit).labels
             if not others <= labels:
                 continue
             for name in {label} & labels or labels - others or {
@@ -202,13 +202,13 @@ class Posterior:
                 found[name] = found.get(name, 0.0) + float(p)
         return dict(sorted(found.items(), key=lambda item: -item[1]))
 
-    def credible(self, label: str) -> tuple[str, ...]:
+    def credible_alternatives(self, label: str) -> tuple[str, ...]:
         """Return the smallest set of labels in a cause's place that holds CREDIBLE of it."""
-        found, total, kept = self.in_place_of(label), 0.0, []
+        found, total, kept = self.alternatives(label), 0.0, []
         whole = sum(found.values())
         for name, p in found.items():
             kept.append(name)
             total += p
-            if total >= CREDIBLE * whole:
+            if total >= CREDIBLE_LEVEL * whole:
                 break
         return tuple(kept)

@@ -5,22 +5,28 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from flex_plant_sim.diagnosis.causes.course import Course, Progress
 from flex_plant_sim.diagnosis.causes.fit import Fit
-from flex_plant_sim.diagnosis.causes.looks import Looker
-from flex_plant_sim.diagnosis.causes.posterior import judged, Key, lacking, ORDINARY, Posterior
-from flex_plant_sim.diagnosis.causes.promise import Closer, Promise
-from flex_plant_sim.diagnosis.causes.sets import Settled, Trial
-from flex_plant_sim.diagnosis.prediction.predictor import Base
+from flex_plant_sim.diagnosis.causes.posterior import (
+    interpretations,
+    leaves_strain_unexplained,
+    ORDINARY_FAULTS,
+    Posterior,
+    SetKey,
+)
+from flex_plant_sim.diagnosis.causes.proposal import Proposal, ProposalRefiner
+from flex_plant_sim.diagnosis.causes.refined_fit import CandidateSet, RefinedFit
+from flex_plant_sim.diagnosis.causes.search_state import Progress, SearchState
+from flex_plant_sim.diagnosis.causes.sensitivity import SensitivityProbe
+from flex_plant_sim.diagnosis.prediction.predictor import BaseModel
 from flex_plant_sim.diagnosis.record.data import Data
 import numpy as np
 
 # A budget, no judgement: sets whose neighbours are fitted.
-EXPLORED = 5
+MAX_CENTRES = 5
 
 
 @dataclass(frozen=True)
-class Search:
+class SearchResult:
     """
     Where a search ended.
 
@@ -41,16 +47,16 @@ class Search:
 
     """
 
-    best: Settled
-    promises: tuple[Promise, ...]
-    closer: Closer
+    best: RefinedFit
+    proposals: tuple[Proposal, ...]
+    refiner: ProposalRefiner
     posterior: Posterior
     nothing: Fit
-    sizes: tuple[int, ...]
+    round_sizes: tuple[int, ...]
 
 
-def search(data: Data, nominal: Base, jobs: int, progress: Progress,
-           exclude: Sequence[str] = ()) -> Search:
+def search(data: Data, nominal: BaseModel, jobs: int, progress: Progress,
+           exclude: Sequence[str] = ()) -> SearchResult:
     """
     Return where a search among sets of causes ends.
 
@@ -72,54 +78,54 @@ def search(data: Data, nominal: Base, jobs: int, progress: Progress,
         Identifiers to leave out of the catalogue.
 
     """
-    course = Course(data, nominal, jobs, exclude, progress)
-    while (found := _searched(course)) is None:
-        course = course.sensed()
+    state = SearchState(data, nominal, jobs, exclude, progress)
+    while (found := _search_once(state)) is None:
+        state = state.with_discrepancy_behind_sensors()
     return found
 
 
-def _searched(course: Course) -> Search | None:
+def _search_once(state: SearchState) -> SearchResult | None:
     """
     Return where one search ends; None where it is to begin anew, see `search`.
 
     The most probable set is linearised around itself and its neighbours are fitted, until the
     most probable set is one whose neighbours are known.
     """
-    nominal, progress = course.nominal, course.progress
+    nominal, progress = state.nominal, state.progress
     progress('nothing', 0.0)
-    nothing = course.settle(Trial((), (np.zeros(0),), course.about), nominal.discrepancy)
-    best = nothing.near_file(nominal, course.data, course.jobs)
-    if not course.looks:
-        course.look(best)
-    promises = {Key.of(nothing.fit): course.around(best)}
-    while len(promises) < EXPLORED:
-        course.settle_leading(best)
-        course.try_laws(best)
+    nothing = state.refine(CandidateSet((), (np.zeros(0),), state.start_deviations), nominal.discrepancy)
+    best = nothing.near_file_parts(nominal, state.data, state.jobs)
+    if not state.sensitivities:
+        state.probe(best)
+    proposals = {SetKey.of(nothing.fit): state.fit_neighbours(best)}
+    while len(proposals) < MAX_CENTRES:
+        state.refine_leading(best)
+        state.try_laws(best)
         # What was fitted around another set and turns out worse around itself has fallen back.
-        best = course.best
-        if Key.of(best.fit) in promises:
-            course.settle_rivals(best, nothing)
-            best = course.best
-        if Key.of(best.fit) in promises:
+        best = state.best
+        if SetKey.of(best.fit) in proposals:
+            state.refine_alternatives(best, nothing)
+            best = state.best
+        if SetKey.of(best.fit) in proposals:
             progress('unknown', 0.9)
-            course.try_far_parts()
-            course.settle_leading(best)
-            best = course.best
-        if Key.of(best.fit) in promises:
+            state.try_far_parts()
+            state.refine_leading(best)
+            best = state.best
+        if SetKey.of(best.fit) in proposals:
             break
-        likeliest = max(judged(best.fit), key=course.score)
-        if len(best.fit.hypotheses) >= ORDINARY and lacking(likeliest):
+        likeliest = max(interpretations(best.fit), key=state.score)
+        if len(best.fit.hypotheses) >= ORDINARY_FAULTS and leaves_strain_unexplained(likeliest):
             return None
-        promises[Key.of(best.fit)] = course.around(best)
+        proposals[SetKey.of(best.fit)] = state.fit_neighbours(best)
     else:
-        course.try_far_parts()
-        course.settle_leading(best)
-    last = max((course.settled[key] for key in promises), key=lambda c: course.score(c.fit))
-    beside = promises[Key.of(last.fit)]
-    posterior = course.ranked(last, beside)
-    if lacking(posterior.best):
+        state.try_far_parts()
+        state.refine_leading(best)
+    last = max((state.refined[key] for key in proposals), key=lambda c: state.score(c.fit))
+    last_proposals = proposals[SetKey.of(last.fit)]
+    posterior = state.posterior(last, last_proposals)
+    if leaves_strain_unexplained(posterior.best):
         return None
-    best = course.settled.get(Key.of(posterior.best).plain, last)
-    closer = Closer(Looker(course.thin, course.data.duration), course.beside(last))
-    return Search(replace(best, fit=posterior.best), tuple(beside), closer, posterior, nothing.fit,
-                  tuple(len(key.labels) for key in promises))
+    best = state.refined.get(SetKey.of(posterior.best).without_remainder, last)
+    refiner = ProposalRefiner(SensitivityProbe(state.thinned, state.data.duration), state.proposal_scorer(last))
+    return SearchResult(replace(best, fit=posterior.best), tuple(last_proposals), refiner, posterior, nothing.fit,
+                  tuple(len(key.labels) for key in proposals))

@@ -6,22 +6,22 @@ from collections.abc import Sequence
 import math
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.likelihood.moments import Moments, TEMPER
-from flex_plant_sim.diagnosis.prediction.discrepancy import Amplitude
+from flex_plant_sim.diagnosis.likelihood.sufficient_statistics import SufficientStatistics, TEMPER
+from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
 import numpy as np
 
 # A cause is as large in every window, to the share of what shows that every model lacks; what only
 # looks like it on average changes by as much as it is large, slowly: over so much of the record.
-HOLDS, CHANGES, SLOWLY = Amplitude.gauge, 1.0, 0.5
+CONSTANT_SPREAD, VARYING_SPREAD, CORRELATION_SHARE = DiscrepancyModel.gauge_share, 1.0, 0.5
 
 
-def by_window(rows: Array, other: Array, windows: int) -> Array:
+def window_sums(rows: Array, other: Array, windows: int) -> Array:
     """Return the products of rows (a, m, N) and another (m, N) in each window, (a, W)."""
     each = other.reshape(len(other), windows, -1)
     return np.einsum('amwl,mwl->aw', rows.reshape(len(rows), *each.shape), each)
 
 
-def gained_by_changing(score: Array, information: Array, spread: float) -> float:
+def varying_size_gain(score: Array, information: Array, spread: float) -> float:
     """
     Return what p(r) gains where a size is another in each window, nats.
 
@@ -39,13 +39,13 @@ def gained_by_changing(score: Array, information: Array, spread: float) -> float
 
     """
     apart = np.abs(np.subtract.outer(np.arange(score.size), np.arange(score.size)))
-    root = spread * np.linalg.cholesky(np.exp(-apart / (SLOWLY * score.size)))
+    root = spread * np.linalg.cholesky(np.exp(-apart / (CORRELATION_SHARE * score.size)))
     known, axes = np.linalg.eigh(root.T @ information @ root)
     gain = np.maximum(known, 0.0)
     return 0.5 * float(np.sum((axes.T @ root.T @ score)**2 / (1.0 + gain) - np.log1p(gain)))
 
 
-def gained(moments: Moments, scale: Array, rows: tuple[Array, Array, Array], windows: int,
+def varying_cause_gain(statistics: SufficientStatistics, error_scale: Array, rows: tuple[Array, Array, Array], windows: int,
            sizes: Sequence[Array]) -> float:
     """
     Return what p gains where one of the causes changes over the record, nats.
@@ -65,17 +65,17 @@ def gained(moments: Moments, scale: Array, rows: tuple[Array, Array, Array], win
 
     """
     residual, columns, parts = rows
-    wide, weight = moments.joined(scale), 1.0 / (TEMPER * scale[:, None]**2)
+    wide, weight = statistics.joint_marginal(error_scale), 1.0 / (TEMPER * error_scale[:, None]**2)
     moved, deviations = np.split(wide.mean, [len(columns)])
-    left = residual + np.tensordot(moved - moments.away, columns, 1) + np.tensordot(
+    left = residual + np.tensordot(moved - statistics.offsets, columns, 1) + np.tensordot(
         deviations, parts, 1)
     found = []
     for size in sizes:
         row = np.tensordot(size, columns, 1)
         own = weight * row
-        shared = np.concatenate([by_window(columns, own, windows), by_window(parts, own, windows)])
-        score, alone = by_window(np.stack([left, row]), own, windows)
+        shared = np.concatenate([window_sums(columns, own, windows), window_sums(parts, own, windows)])
+        score, alone = window_sums(np.stack([left, row]), own, windows)
         information = np.diag(alone) - shared.T @ wide.covariance @ shared
-        found.append(gained_by_changing(score, information, CHANGES)
-                     - gained_by_changing(score, information, HOLDS))
+        found.append(varying_size_gain(score, information, VARYING_SPREAD)
+                     - varying_size_gain(score, information, CONSTANT_SPREAD))
     return float(np.logaddexp.reduce(found)) - math.log(len(found))

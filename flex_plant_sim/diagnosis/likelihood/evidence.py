@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import log_ndtr
 
 
-class Marginal:
+class GaussianMarginal:
     """
     Residuals e = r + J x with white noise of unit variance and x ~ N(0, diag(prior^2)).
 
@@ -27,19 +27,19 @@ class Marginal:
 
     """
 
-    def __init__(self, products: Array, prior: Array):
-        self.power, self.prior = float(products[0, 0]), prior
-        self.cross = prior * products[1:, 0]
-        self.gram = prior[:, None] * products[1:, 1:] * prior
+    def __init__(self, products: Array, prior_widths: Array):
+        self.residual_power, self.prior_widths = float(products[0, 0]), prior_widths
+        self.scaled_gradient = prior_widths * products[1:, 0]
+        self.scaled_gram = prior_widths[:, None] * products[1:, 1:] * prior_widths
 
     @classmethod
-    def of(cls, residual: Array, columns: Array, prior: Array) -> Marginal:
+    def of(cls, residual: Array, columns: Array, prior_widths: Array) -> GaussianMarginal:
         """Return the marginal of residuals (M,) with columns (M, p)."""
         both = np.column_stack([residual, columns])
-        return cls(both.T @ both, prior)
+        return cls(both.T @ both, prior_widths)
 
     @cached_property
-    def factor(self) -> Array:
+    def inverse_factor(self) -> Array:
         """
         Return L^-1 with L L' = A, (p, p).
 
@@ -49,21 +49,21 @@ class Marginal:
             Where the columns are not finite.
 
         """
-        if not np.all(np.isfinite(self.gram)):
+        if not np.all(np.isfinite(self.scaled_gram)):
             raise np.linalg.LinAlgError('no finite prediction')
-        return np.linalg.inv(np.linalg.cholesky(np.eye(self.prior.size) + self.gram))
+        return np.linalg.inv(np.linalg.cholesky(np.eye(self.prior_widths.size) + self.scaled_gram))
 
     @property
     def half_log_determinant(self) -> float:
         """Return ln|W| / 2."""
-        return -float(np.sum(np.log(np.diagonal(self.factor))))
+        return -float(np.sum(np.log(np.diagonal(self.inverse_factor))))
 
     @property
     def quadratic(self) -> float:
         """Return r' W^-1 r; infinite where r is not finite."""
-        if not (np.isfinite(self.power) and np.all(np.isfinite(self.cross))):
+        if not (np.isfinite(self.residual_power) and np.all(np.isfinite(self.scaled_gradient))):
             return float('inf')
-        return self.power - float(np.sum((self.factor @ self.cross)**2))
+        return self.residual_power - float(np.sum((self.inverse_factor @ self.scaled_gradient)**2))
 
     @property
     def log_evidence(self) -> float:
@@ -73,12 +73,12 @@ class Marginal:
     @property
     def mean(self) -> Array:
         """Return the posterior mean of x, (p,)."""
-        return -self.prior * (self.factor.T @ (self.factor @ self.cross))
+        return -self.prior_widths * (self.inverse_factor.T @ (self.inverse_factor @ self.scaled_gradient))
 
     @property
     def covariance(self) -> Array:
         """Return the posterior covariance of x, (p, p)."""
-        root = self.factor * self.prior
+        root = self.inverse_factor * self.prior_widths
         return root.T @ root
 
 
@@ -87,7 +87,7 @@ def channel_products(left: Array, right: Array) -> Array:
     return np.matmul(left.transpose(1, 0, 2), right.transpose(1, 2, 0))
 
 
-def not_surer_than_windows(covariance: Array, scores: Array) -> Array:
+def sandwich_covariance(covariance: Array, scores: Array) -> Array:
     """
     Return a covariance (p, p), its deviations at least as large as windows disagree by.
 
@@ -111,7 +111,7 @@ def not_surer_than_windows(covariance: Array, scores: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Slab:
+class ParameterPrior:
     """
     The prior of an effect's parameters.
 
@@ -129,14 +129,14 @@ class Slab:
 
     centre: Array
     width: Array
-    sided: Array
+    one_sided: Array
     spiked: Array
 
-    def kept(self, rows: Array) -> Slab:
+    def subset(self, rows: Array) -> ParameterPrior:
         """Return the prior of some of the parameters alone, by places."""
-        return Slab(self.centre[rows], self.width[rows], self.sided[rows], self.spiked[rows])
+        return ParameterPrior(self.centre[rows], self.width[rows], self.one_sided[rows], self.spiked[rows])
 
-    def log_inside(self, mean: Array, variance: Array) -> float:
+    def log_truncation(self, mean: Array, variance: Array) -> float:
         """
         Return the logarithm of posterior over prior mass on the sides that exist, nats.
 
@@ -146,12 +146,12 @@ class Slab:
             Of the posterior of value - centre, (k,).
 
         """
-        ones = self.sided != 0.0
-        reach = (self.sided * mean)[ones] / np.sqrt(variance[ones])
+        ones = self.one_sided != 0.0
+        reach = (self.one_sided * mean)[ones] / np.sqrt(variance[ones])
         return float(np.sum(log_ndtr(reach)) + np.log(2.0) * ones.sum())
 
 
-def detectable(information: float, width: float, price: float) -> float:
+def detectable_size(information: float, width: float, price: float) -> float:
     """
     Return the size at which the evidence for a linear effect turns, in its unit.
 

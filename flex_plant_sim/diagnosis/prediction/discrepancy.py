@@ -15,7 +15,7 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Amplitude:
+class DiscrepancyModel:
     """
     How much a model lacks.
 
@@ -27,10 +27,10 @@ class Amplitude:
         Share of what the gauge shows.
     torque_periods, gauge_periods : float
         Correlation times in periods of the slowest mode.
-    sensed : bool
+    behind_sensors : bool
         Whether it passes the sensors' effects of a hypothesis. A small part of the strain may
         come as it likes; what is no small part of it comes as late as the rest.
-    more : bool
+    remainder : bool
         Whether it lacks more than that, to which errors of any size are due.
     far : str
         Name of the part that is not as its file says, within tolerances or not; none if empty.
@@ -44,15 +44,15 @@ class Amplitude:
     # On clean arms of other simulators no channel errs by more than this states: joints by 0.9 of
     # it, gauges by a quarter to a half (benchmarks/discrepancy.py: with 1 % by half to three
     # quarters). Less lets the parts soak up what is systematic.
-    torque: tuple[float, float] = (0.03, 0.03)
-    gauge: float = 0.05
+    torque_share: tuple[float, float] = (0.03, 0.03)
+    gauge_share: float = 0.05
     torque_periods: float = 1.0
     gauge_periods: float = 0.3
-    sensed: bool = False
-    more: bool = False
-    far: str = ''
+    behind_sensors: bool = False
+    remainder: bool = False
+    far_part: str = ''
     laws: tuple[Effect, ...] = ()
-    asked: float = 0.0
+    laws_penalty: float = 0.0
 
 
 class Discrepancy(Effect):
@@ -72,9 +72,9 @@ class Discrepancy(Effect):
     sites = 'arm'
 
     @classmethod
-    def of(cls, amplitude: Amplitude, period: float) -> Discrepancy:
+    def of(cls, discrepancy: DiscrepancyModel, period: float) -> Discrepancy:
         """Return the discrepancy of an arm whose slowest mode has a period, s."""
-        return cls('arm', (amplitude.torque_periods * period, amplitude.gauge_periods * period))
+        return cls('arm', (discrepancy.torque_periods * period, discrepancy.gauge_periods * period))
 
     def on_state_space(self, plant: StateSpace, robot: Robot) -> StateSpace:
         """Return the plant with two torques and an error of each gauge as its last states."""
@@ -87,13 +87,13 @@ class Discrepancy(Effect):
         wider.c[..., 2:, gauge] = np.eye(gauges)
         return wider
 
-    def step_variance(self, arm: ExtendedArm, record: Record, amplitude: Amplitude) -> Array:
+    def step_variance(self, arm: ExtendedArm, record: Record, discrepancy: DiscrepancyModel) -> Array:
         """Return what a step's noise adds to the variance of an arm's states, (n,)."""
         variance, first = np.zeros(arm.states), arm.own_states
         command, output = record.deviations
         drives = [d.torque_gain * spread for d, spread in zip(arm.robot.drives, command)]
-        sizes = np.concatenate([np.multiply(amplitude.torque, drives),
-                                amplitude.gauge * output[2:]])
+        sizes = np.concatenate([np.multiply(discrepancy.torque_share, drives),
+                                discrepancy.gauge_share * output[2:]])
         times = np.array([self['torque_time_s']] * 2 + [self['gauge_time_s']] * (sizes.size - 2))
         kept = np.exp(-2.0 * arm.step_time / times)
         variance[first:first + sizes.size] = sizes**2 * (1.0 - kept)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from flex_plant_sim.arm.schedule import barycentric_weights
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.prediction.passage import at_drive, payload_schedule
+from flex_plant_sim.diagnosis.prediction.filter_run import drive_command, payload_schedule
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +43,7 @@ def free_run(predictor: Predictor, starts: NDArray[np.int_], steps: int) -> Arra
     record, base = predictor.record, predictor.base
     arm = base.arm(record.payload)
     payload, table = payload_schedule(arm, record.time, np.ones((len(record.time), 1)))
-    command = at_drive(arm, record)[:, 0]
+    command = drive_command(arm, record)[:, 0]
     n, order = arm.states, arm.form.order
     state = predictor.states[starts]
     outputs = np.full((steps, len(starts), predictor.noise.size), np.nan)

@@ -6,28 +6,28 @@ from copy import copy
 from dataclasses import dataclass, replace
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.prediction.noise import load_levels, process_noise
-from flex_plant_sim.diagnosis.prediction.passage import (
-    matrices_of,
+from flex_plant_sim.diagnosis.prediction.filter_run import (
+    FilterRun,
+    invert_sensors,
     payload_schedule,
-    Run,
-    undo_sensors,
+    predictor_matrices,
 )
-from flex_plant_sim.diagnosis.prediction.predictor import LEVEL_STEP, Predictor
+from flex_plant_sim.diagnosis.prediction.noise import process_noise_variance, rms_loads
+from flex_plant_sim.diagnosis.prediction.predictor import Predictor, REFERENCE_STEP
 from flex_plant_sim.diagnosis.prediction.smoother import LatentSystem, smooth, Smoothed
 from flex_plant_sim.effects.joint.measured_torque import load_row
 import numpy as np
 
 # One with Gaussian steps; then these are weighed as Student's t has it.
-PASSES = 4
+EM_PASSES = 4
 # Degrees of freedom of a torque's steps: heavy tails, as friction steps where a joint reverses.
-FREEDOM = 3.0
+STUDENT_FREEDOM = 3.0
 # Of what does not move at all, so that nothing is divided by zero.
-LEAST = 1e-12
+TINY_RMS = 1e-12
 
 
 @dataclass(frozen=True)
-class Amplitudes:
+class LatentPrior:
     """
     How large latent forces are before a record is seen.
 
@@ -95,7 +95,7 @@ class LatentForces:
     log_likelihood: float
 
 
-def latent_forces(predictor: Predictor, amplitudes: Amplitudes = Amplitudes(),
+def latent_forces(predictor: Predictor, prior: LatentPrior = LatentPrior(),
                   stop: int | None = None) -> LatentForces:
     """
     Return the latent forces of a record under the predictor's base.
@@ -114,31 +114,31 @@ def latent_forces(predictor: Predictor, amplitudes: Amplitudes = Amplitudes(),
         First sample that no law may be fitted to; the record's end by default.
 
     """
-    system = latent_system(predictor, amplitudes)
-    least = scale = system.diffusing[0]
+    system = latent_system(predictor, prior)
+    least = scale = system.walk_variance[0]
     smoothed = smooth(system)
-    known = _known(_along(predictor, smoothed.mean[:, :system.states]))
-    for _ in range(PASSES - 1):
-        squared = smoothed.increments
-        scale = np.maximum(np.mean(squared / _stretch(squared, scale), axis=0), least)
-        system = replace(system, known=known, diffusing=scale * _stretch(squared, scale))
+    known = _known_step(_along_states(predictor, smoothed.mean[:, :system.states]))
+    for _ in range(EM_PASSES - 1):
+        squared = smoothed.increment_power
+        scale = np.maximum(np.mean(squared / _student_widening(squared, scale), axis=0), least)
+        system = replace(system, known_step=known, walk_variance=scale * _student_widening(squared, scale))
         smoothed = smooth(system)
-    return _found(predictor, smoothed, len(system.measured) if stop is None else stop)
+    return _latent_forces_of(predictor, smoothed, len(system.measured) if stop is None else stop)
 
 
-def _stretch(squared: Array, scale: Array) -> Array:
+def _student_widening(squared: Array, scale: Array) -> Array:
     """
     Return by how much Student's t widens the variance of steps of these mean squares, (N, m).
 
     Lange, Little and Taylor, Journal of the American Statistical Association 84 (1989). Gauge
     errors do not jump: theirs stays.
     """
-    wider = (FREEDOM + squared / scale) / (FREEDOM + 1.0)
+    wider = (STUDENT_FREEDOM + squared / scale) / (STUDENT_FREEDOM + 1.0)
     wider[:, 2:] = 1.0
     return np.asarray(wider, dtype=float)
 
 
-def latent_system(predictor: Predictor, amplitudes: Amplitudes) -> LatentSystem:
+def latent_system(predictor: Predictor, prior: LatentPrior) -> LatentSystem:
     """Return the predictor's base with latent forces, ready to be smoothed."""
     arm, record = predictor.arm, predictor.record
     step = arm.step_time
@@ -147,67 +147,67 @@ def latent_system(predictor: Predictor, amplitudes: Amplitudes) -> LatentSystem:
     table = table.reshape(len(table), n, -1)
     torques = np.concatenate([table[..., :n], table[..., n + 2:] @ arm.form.force], axis=-1)
     drive = drive_torque(predictor)
-    strain = np.maximum(np.std(record.output[:, 2:], axis=0), LEAST)
-    decay = float(np.exp(-step / amplitudes.gauge_time))
-    gauge = (amplitudes.gauge * strain)**2
-    diffusing = np.concatenate([step * (amplitudes.torque * drive)**2,
+    strain = np.maximum(np.std(record.output[:, 2:], axis=0), TINY_RMS)
+    decay = float(np.exp(-step / prior.gauge_time))
+    gauge = (prior.gauge * strain)**2
+    walk_variance = np.concatenate([step * (prior.torque * drive)**2,
                                 gauge * (1.0 - decay**2)])
     return LatentSystem(
-        weights, np.ascontiguousarray(torques), _known(predictor),
+        weights, np.ascontiguousarray(torques), _known_step(predictor),
         np.ascontiguousarray(arm.output_matrix),
-        np.ascontiguousarray(undo_sensors(arm, record)[:, 0]), predictor.noise**2,
-        _diffusion(predictor, table), decay, np.tile(diffusing, (len(record.time), 1)),
-        _start(predictor), _spread(predictor, drive, gauge))
+        np.ascontiguousarray(invert_sensors(arm, record)[:, 0]), predictor.noise**2,
+        _process_covariance(predictor, table), decay, np.tile(walk_variance, (len(record.time), 1)),
+        _initial_mean(predictor), _initial_deviation(predictor, drive, gauge))
 
 
 def drive_torque(predictor: Predictor) -> Array:
     """Return the root mean square torque of the drives over a record, N m, (2,)."""
     gain = np.array([drive.torque_gain for drive in predictor.arm.robot.drives])
-    return np.maximum(gain * np.std(predictor.record.command, axis=0), LEAST)
+    return np.maximum(gain * np.std(predictor.record.command, axis=0), TINY_RMS)
 
 
-def _along(predictor: Predictor, states: Array) -> Predictor:
+def _along_states(predictor: Predictor, states: Array) -> Predictor:
     """Return the predictor with forces that depend on the motion taken along these states."""
     other = copy(predictor)
     other.states = states
     return other
 
 
-def _known(predictor: Predictor) -> Array:
+def _known_step(predictor: Predictor) -> Array:
     """Return what commands, known forces and contact add to each step, (N, n)."""
     arm, rows = predictor.arm, np.arange(len(predictor.record.time))
-    open_loop = matrices_of(predictor, arm, np.zeros_like(predictor.gain), rows)
-    run = Run(predictor, arm, open_loop, rows, 1)
+    open_loop = predictor_matrices(predictor, arm, np.zeros_like(predictor.gain), rows)
+    run = FilterRun(predictor, arm, open_loop, rows, 1)
     states = run.trajectory
-    inputs = open_loop.stepped(np.zeros_like(states), run.drive)
+    inputs = open_loop.step_states(np.zeros_like(states), run.drive)
     if not arm.has_contact:
         return inputs[:, 0]
-    free = open_loop.stepped(states, run.drive)
+    free = open_loop.step_states(states, run.drive)
     motion = arm.motion(states, run.command, run.time)
-    stopped = arm.apply_contact(run.response[:, None], states, free, motion)
+    stopped = arm.apply_contact(run.force_response[:, None], states, free, motion)
     return np.asarray((inputs + stopped - free)[:, 0], dtype=float)
 
 
-def _diffusion(predictor: Predictor, table: Array) -> Array:
+def _process_covariance(predictor: Predictor, table: Array) -> Array:
     """Return the covariance that force noise on the deflections gives a step, (n, n)."""
     arm, base = predictor.arm, predictor.base
-    loads = load_levels(arm, *predictor.record.deviations)
-    variance = LEVEL_STEP / arm.step_time * process_noise(loads, (0.0, base.level[1]))
+    loads = rms_loads(arm, *predictor.record.deviations)
+    variance = REFERENCE_STEP / arm.step_time * process_noise_variance(loads, (0.0, base.noise_shares[1]))
     e = table[len(table) // 2][:, arm.states + 2:]
     return np.asarray((e * variance) @ e.T, dtype=float)
 
 
-def _start(predictor: Predictor) -> Array:
+def _initial_mean(predictor: Predictor) -> Array:
     return np.concatenate([predictor.record.output[0, :2],
                            np.zeros(predictor.arm.states - 2)])
 
 
-def _spread(predictor: Predictor, drive: Array, gauge: Array) -> Array:
+def _initial_deviation(predictor: Predictor, drive: Array, gauge: Array) -> Array:
     """Return how far the first state may be from rest, (n + m,)."""
     return np.concatenate([np.ones(predictor.arm.states), drive, np.sqrt(gauge)])
 
 
-def _found(predictor: Predictor, smoothed: Smoothed, stop: int) -> LatentForces:
+def _latent_forces_of(predictor: Predictor, smoothed: Smoothed, stop: int) -> LatentForces:
     arm, record, n = predictor.arm, predictor.record, predictor.arm.states
     order = arm.form.order
     state, latent = smoothed.mean[:, :n], smoothed.mean[:, n:]

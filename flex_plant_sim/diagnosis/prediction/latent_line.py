@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from flex_plant_sim.diagnosis.prediction.law import Series
+from flex_plant_sim.diagnosis.prediction.law import LatentSeries
 from flex_plant_sim.diagnosis.prediction.spectrum import power_density
 import numpy as np
 
 # Of Welch: a bin of the mean of so many spectra is known to a third.
-SEGMENTS = 8
+WELCH_SEGMENTS = 8
 # Bins on either side of a Hann window's peak, and of the background beside it.
-PEAK, BESIDE = 2, 10
+PEAK_BINS, BACKGROUND_BINS = 2, 10
 # Ten times a smooth background is one bin in 20 000 of a single segment (chi-squared with two
 # degrees of freedom), and hardly any of the mean of 8; what holds a smaller share matters little.
-ABOVE, SHARE = 10.0, 0.3
+PEAK_RATIO, MIN_POWER_SHARE = 10.0, 0.3
 
 
 @dataclass(frozen=True)
-class Line:
+class SpectralLine:
     """
     A line: where it stands and how much of the power it holds.
 
@@ -36,15 +36,15 @@ class Line:
     share: float
 
 
-def line_of(series: Series, sample_time: float) -> Line | None:
+def line_of(series: LatentSeries, sample_time: float) -> SpectralLine | None:
     """Return the strongest line of a latent force that is no model error; None without one."""
     value = series.value - series.value.mean()
-    if series.size < series.relevant:
+    if series.rms < series.model_error:
         return None
-    frequency, power = power_density(value, sample_time, len(value) // SEGMENTS, level=True)
-    at = int(np.argmax(power[BESIDE:])) + BESIDE
-    beside = np.concatenate([power[at - BESIDE:at - PEAK], power[at + PEAK + 1:at + BESIDE + 1]])
-    share = float(power[at - PEAK:at + PEAK + 1].sum() / power.sum())
-    if power[at] < ABOVE * np.median(beside) or share < SHARE:
+    frequency, power = power_density(value, sample_time, len(value) // WELCH_SEGMENTS, detrend=True)
+    at = int(np.argmax(power[BACKGROUND_BINS:])) + BACKGROUND_BINS
+    background = np.concatenate([power[at - BACKGROUND_BINS:at - PEAK_BINS], power[at + PEAK_BINS + 1:at + BACKGROUND_BINS + 1]])
+    share = float(power[at - PEAK_BINS:at + PEAK_BINS + 1].sum() / power.sum())
+    if power[at] < PEAK_RATIO * np.median(background) or share < MIN_POWER_SHARE:
         return None
-    return Line(series.site, float(frequency[at]), share)
+    return SpectralLine(series.site, float(frequency[at]), share)

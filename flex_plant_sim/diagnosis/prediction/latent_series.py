@@ -7,28 +7,28 @@ from collections.abc import Sequence
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.prediction.latent_forces import LatentForces
-from flex_plant_sim.diagnosis.prediction.law import CONSTANT, Series
+from flex_plant_sim.diagnosis.prediction.law import CONSTANT, LatentSeries
 import numpy as np
 from numpy.typing import NDArray
 
 # Speed below which a joint is taken to rest, as a share of its root-mean-square speed: there dry
 # friction may be anything.
-REST = 0.1
+REST_SPEED_SHARE = 0.1
 # Of the rms drive torque, and of the rms strain: two good models of an arm (finite elements, a
 # chain of rigid segments) stay below, see benchmarks/latent_amplitudes.py.
-TORQUE_SHARE, GAUGE_SHARE = 0.01, 0.05
-LINK_NAME = len('strain_1')
+TORQUE_MODEL_ERROR, GAUGE_MODEL_ERROR = 0.01, 0.05
+LINK_PREFIX = len('strain_1')
 # A joint that moves for less of the record has no law.
-MOVING = 0.1
+MIN_MOVING_SHARE = 0.1
 
 
-def torque_series(found: Sequence[LatentForces], robot: Robot) -> tuple[Series, ...]:
+def torque_series(found: Sequence[LatentForces], robot: Robot) -> tuple[LatentSeries, ...]:
     """Return the latent torque of each joint that moves, all records one after the other."""
     series = []
     for j in range(2):
         unit = 'rad/s' if robot.drives[j].closed_loop else 'A'
         speed = _joined([f.speed[:, j] for f in found])
-        judged = _judged(found) & (np.abs(speed) > REST * np.sqrt(np.mean(speed**2)))
+        scored = _scored(found) & (np.abs(speed) > REST_SPEED_SHARE * np.sqrt(np.mean(speed**2)))
         variables = {
             'speed': ('rad/s', speed), 'angle': ('rad', _joined([f.angle[:, j] for f in found])),
             'command': (unit, _joined([f.command[:, j] for f in found])),
@@ -36,14 +36,14 @@ def torque_series(found: Sequence[LatentForces], robot: Robot) -> tuple[Series, 
         if robot.links[j].gauge_positions:
             variables['load'] = ('N m', _joined([f.load[:, j] for f in found]))
         drive = np.sqrt(np.mean([f.drive[j]**2 for f in found]))
-        series.append(Series(
+        series.append(LatentSeries(
             f'joint_{j + 1}', 'N m', _joined([f.torque[:, j] for f in found]),
-            _joined([f.torque_deviation[:, j] for f in found]), variables, judged,
-            float(TORQUE_SHARE * drive)))
-    return tuple(s for s in series if s.judged.sum() > MOVING * len(s.judged))
+            _joined([f.torque_deviation[:, j] for f in found]), variables, scored,
+            float(TORQUE_MODEL_ERROR * drive)))
+    return tuple(s for s in series if s.scored.sum() > MIN_MOVING_SHARE * len(s.scored))
 
 
-def gauge_series(found: Sequence[LatentForces], robot: Robot) -> tuple[Series, ...]:
+def gauge_series(found: Sequence[LatentForces], robot: Robot) -> tuple[LatentSeries, ...]:
     """Return the latent error of each gauge, all records one after the other."""
     names, series = robot.gauge_names, []
     strain = np.vstack([f.strain for f in found])
@@ -51,13 +51,13 @@ def gauge_series(found: Sequence[LatentForces], robot: Robot) -> tuple[Series, .
     for g, name in enumerate(names):
         # A gauge of the same link reads nearly the same: it is no variable of its own.
         others = {other: ('m/m', strain[:, k]) for k, other in enumerate(names)
-                  if other[:LINK_NAME] != name[:LINK_NAME]}
+                  if other[:LINK_PREFIX] != name[:LINK_PREFIX]}
         variables = {'strain': ('m/m', strain[:, g]), 'strain rate': ('1/s', rate[:, g]),
                      **others, 'time': ('s', _joined([f.time for f in found]))}
-        series.append(Series(
+        series.append(LatentSeries(
             name, 'm/m', _joined([f.gauge[:, g] for f in found]),
-            _joined([f.gauge_deviation[:, g] for f in found]), variables, _judged(found),
-            float(GAUGE_SHARE * np.std(strain[:, g])), (CONSTANT, 'strain')))
+            _joined([f.gauge_deviation[:, g] for f in found]), variables, _scored(found),
+            float(GAUGE_MODEL_ERROR * np.std(strain[:, g])), (CONSTANT, 'strain')))
     return tuple(series)
 
 
@@ -65,7 +65,7 @@ def _joined(parts: Sequence[Array]) -> Array:
     return np.concatenate(parts)
 
 
-def _judged(found: Sequence[LatentForces]) -> NDArray[np.bool_]:
+def _scored(found: Sequence[LatentForces]) -> NDArray[np.bool_]:
     """Return False where a record's first state still matters, and in its locked part, (N,)."""
     rows = [np.arange(len(f.time)) for f in found]
     return np.concatenate([(r >= f.first) & (r < f.stop) for r, f in zip(rows, found)])

@@ -8,16 +8,16 @@ from typing import Any
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.prediction.latent_forces import latent_forces, LatentForces
-from flex_plant_sim.diagnosis.prediction.latent_line import Line, line_of
+from flex_plant_sim.diagnosis.prediction.latent_line import line_of, SpectralLine
 from flex_plant_sim.diagnosis.prediction.latent_series import gauge_series, torque_series
 from flex_plant_sim.diagnosis.prediction.law import (
     CONSTANT,
+    cross_validate,
+    CrossValidation,
+    LatentSeries,
     Law,
     law_of,
-    LEAST_SHARE,
-    Series,
-    Trial,
-    tried,
+    MIN_EXPLAINED_SHARE,
 )
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.effects.base import Effect
@@ -25,9 +25,9 @@ from flex_plant_sim.effects.joint.measured_torque import MeasuredTorque
 import numpy as np
 
 # Of a number in a table: finer than any law is known.
-DIGITS = 5
+TABLE_DIGITS = 5
 # Of pictures and JSON alone: bins of as many samples each, and how many make a spread.
-BINS, LEAST_IN_BIN = 24, 5
+CURVE_BINS, MIN_BIN_SAMPLES = 24, 5
 
 
 @dataclass(frozen=True)
@@ -46,43 +46,43 @@ class Finding:
 
     """
 
-    series: Series
-    trials: tuple[Trial, ...]
+    series: LatentSeries
+    validations: tuple[CrossValidation, ...]
     law: Law
-    line: Line | None
+    line: SpectralLine | None
 
     @property
-    def relevant(self) -> bool:
+    def exceeds_model_error(self) -> bool:
         """Tell whether the force is too large for a model error."""
-        return self.series.size > self.series.relevant
+        return self.series.rms > self.series.model_error
 
     @property
-    def remembers(self) -> bool:
+    def has_memory(self) -> bool:
         """Tell whether it matters although no one variable explains half of it."""
-        return self.relevant and self.trials[0].share < LEAST_SHARE
+        return self.exceeds_model_error and self.validations[0].share < MIN_EXPLAINED_SHARE
 
     def results(self) -> dict[str, Any]:
         """Return the figures for JSON."""
         law, line = self.law, self.line
         return {
-            'unit': self.series.unit, 'rms': self.series.size, 'relevant': self.relevant,
-            'deviation': float(np.median(self.series.deviation[self.series.judged])),
-            'explained': {t.variable: {'share': t.share, 'error': t.error} for t in self.trials},
+            'unit': self.series.unit, 'rms': self.series.rms, 'relevant': self.exceeds_model_error,
+            'deviation': float(np.median(self.series.deviation[self.series.scored])),
+            'explained': {t.variable: {'share': t.share, 'error': t.error} for t in self.validations},
             'law': {'variable': law.variable, 'unit': law.variable_unit, 'stated': law.stated,
                     'knots': law.knots, 'values': law.values, 'deviations': law.deviations,
                     'share': law.share, 'error': law.share_error},
-            'remembers': self.remembers,
+            'remembers': self.has_memory,
             'line': line and {'frequency_hz': line.frequency, 'share': line.share},
             'curves': {name: dict(zip(('at', 'mean', 'deviation'), self.curve(name)))
                        for name in self.series.variables}}
 
     def curve(self, variable: str) -> tuple[Array, Array, Array]:
         """Return the force over a variable: bin centres, means, standard deviations, (K,) each."""
-        judged = self.series.judged
-        x, value = self.series.variables[variable][1][judged], self.series.value[judged]
-        edges = np.quantile(x, np.linspace(0.0, 1.0, BINS + 1))
-        inside = np.clip(np.searchsorted(edges, x, side='right') - 1, 0, BINS - 1)
-        bins = [inside == k for k in range(BINS) if np.sum(inside == k) >= LEAST_IN_BIN]
+        scored = self.series.scored
+        x, value = self.series.variables[variable][1][scored], self.series.value[scored]
+        edges = np.quantile(x, np.linspace(0.0, 1.0, CURVE_BINS + 1))
+        inside = np.clip(np.searchsorted(edges, x, side='right') - 1, 0, CURVE_BINS - 1)
+        bins = [inside == k for k in range(CURVE_BINS) if np.sum(inside == k) >= MIN_BIN_SAMPLES]
         return (np.array([x[b].mean() for b in bins]), np.array([value[b].mean() for b in bins]),
                 np.array([value[b].std() for b in bins]))
 
@@ -106,9 +106,9 @@ class LatentView:
         return tuple(finding.law for finding in self.torques if finding.law.holds)
 
     @property
-    def tables(self) -> tuple[Effect, ...]:
+    def law_effects(self) -> tuple[Effect, ...]:
         """Return them as effects for the extended robot."""
-        return tuple(table(law) for law in self.laws)
+        return tuple(law_effect(law) for law in self.laws)
 
     def results(self) -> dict[str, Any]:
         """Return the figures for JSON, by joint and gauge."""
@@ -132,13 +132,13 @@ def latent_view(predictors: Sequence[Predictor]) -> LatentView:
                       tuple(_finding(s, step) for s in gauges))
 
 
-def table(law: Law) -> MeasuredTorque:
+def law_effect(law: Law) -> MeasuredTorque:
     """Return a law as the effect that a robot file carries; a constant is one knot of time."""
     variable = 'time' if law.variable == CONSTANT else law.variable
     return MeasuredTorque(law.site, (variable, *(
-        tuple(float(f'{x:.{DIGITS}g}') for x in column) for column in (law.knots, law.values))))
+        tuple(float(f'{x:.{TABLE_DIGITS}g}') for x in column) for column in (law.knots, law.values))))
 
 
-def _finding(series: Series, step: float) -> Finding:
-    trials = tuple(tried(series))
-    return Finding(series, trials, law_of(series, trials), line_of(series, step))
+def _finding(series: LatentSeries, step: float) -> Finding:
+    validations = tuple(cross_validate(series))
+    return Finding(series, validations, law_of(series, validations), line_of(series, step))

@@ -12,21 +12,21 @@ from numpy.typing import NDArray
 # Neighbours are alike: whole stretches are left out, a fifth of them at a time.
 STRETCHES, FOLDS = 20, 5
 # Few knots where samples are, and many evenly spaced ones for what repeats, such as gear teeth.
-COARSE, FINE = 8, 32
+FEW_KNOTS, MANY_KNOTS = 8, 32
 # A knot with a thousandth of its share of the samples counts half: where none were, it is zero.
-RIDGE = 1e-3
+RIDGE_WEIGHT = 1e-3
 # A law explains more than half.
-LEAST_SHARE = 0.5
+MIN_EXPLAINED_SHARE = 0.5
 # Two-sided 5 % shared by five comparisons (Bonferroni).
-CLEAR = 2.576
+CLEAR_Z = 2.576
 # Keeps logarithms finite where a stretch is explained wholly.
 TINY = 1e-300
 CONSTANT = 'constant'
-STEPPED = 'speed'
+STEPPED_VARIABLE = 'speed'
 
 
 @dataclass(frozen=True)
-class Series:
+class LatentSeries:
     """
     A latent force and what it may depend on, where it is to be judged.
 
@@ -40,7 +40,7 @@ class Series:
         Name to (unit, values (N,)).
     judged : Array
         Whether a sample counts, (N,): a joint moves, the start is over.
-    relevant : float
+    model_error : float
         Root mean square below which it may be model error.
     simple : tuple of str
         Variables that are taken where no other is better by more than a model error.
@@ -52,14 +52,14 @@ class Series:
     value: Array
     deviation: Array
     variables: Mapping[str, tuple[str, Array]]
-    judged: NDArray[np.bool_]
-    relevant: float
-    simple: tuple[str, ...] = (CONSTANT,)
+    scored: NDArray[np.bool_]
+    model_error: float
+    preferred: tuple[str, ...] = (CONSTANT,)
 
     @property
-    def size(self) -> float:
+    def rms(self) -> float:
         """Return the root mean square where judged."""
-        return float(np.sqrt(np.mean(self.value[self.judged]**2)))
+        return float(np.sqrt(np.mean(self.value[self.scored]**2)))
 
 
 @dataclass(frozen=True)
@@ -74,9 +74,9 @@ class Law:
         (K,); a knot that stands twice is a step. Deviations are standard ones.
     share, share_error : float
         Of the force's power, explained on stretches left out, and its standard error.
-    size : float
+    rms : float
         Root mean square of the force.
-    relevant, clear : bool
+    exceeds_model_error, clear : bool
         Too large for a model error; and beyond chance better than zero and every other variable.
 
     """
@@ -90,35 +90,35 @@ class Law:
     deviations: Array
     share: float
     share_error: float
-    size: float
-    relevant: bool
+    rms: float
+    exceeds_model_error: bool
     clear: bool
 
     @property
     def stated(self) -> bool:
         """Tell whether it counts."""
-        return self.relevant and self.clear
+        return self.exceeds_model_error and self.clear
 
     @property
     def holds(self) -> bool:
         """Tell whether it is better than nothing, beyond chance, where it was not fitted."""
-        return self.relevant and self.share > CLEAR * self.share_error
+        return self.exceeds_model_error and self.share > CLEAR_Z * self.share_error
 
     @property
-    def asked(self) -> float:
+    def occam_penalty(self) -> float:
         """
         Return what a record must show for its table, nats.
 
         By Laplace's method, ln(w / s) a knot: known to s, and before as large as the force, w.
         """
-        return float(np.sum(np.log1p((self.size / self.deviations)**2))) / 2.0
+        return float(np.sum(np.log1p((self.rms / self.deviations)**2))) / 2.0
 
     def at(self, x: Array) -> Array:
         """Return the force at values of the variable, (N,)."""
-        return np.asarray(hats(x, self.knots) @ self.values)
+        return np.asarray(hat_functions(x, self.knots) @ self.values)
 
 
-def hats(x: Array, knots: Array) -> Array:
+def hat_functions(x: Array, knots: Array) -> Array:
     """
     Return the hat functions of knots at x, constant beyond the ends, (N, K).
 
@@ -140,22 +140,22 @@ def knots_for(variable: str, x: Array, count: int) -> Array:
     """Return knots over the samples: one for a constant, with a step at zero for a speed."""
     if variable == CONSTANT:
         return np.zeros(1)
-    halves = [_spread(part, count // 2)[1:] for part in (-x[x < 0.0], x[x > 0.0]) if len(part)]
-    if variable != STEPPED or len(halves) < 2:
-        return _spread(x, count)
+    halves = [_placed_knots(part, count // 2)[1:] for part in (-x[x < 0.0], x[x > 0.0]) if len(part)]
+    if variable != STEPPED_VARIABLE or len(halves) < 2:
+        return _placed_knots(x, count)
     return np.concatenate([-halves[0][::-1], [0.0, 0.0], halves[1]])
 
 
-def _spread(x: Array, count: int) -> Array:
+def _placed_knots(x: Array, count: int) -> Array:
     """Return knots at quantiles of the samples if few, evenly spaced if many."""
-    if count > COARSE:
+    if count > FEW_KNOTS:
         return np.linspace(x.min(), x.max(), count)
     return np.unique(np.quantile(x, np.linspace(0.0, 1.0, count)))
 
 
-def _fit(design: Array, value: Array) -> tuple[Array, Array]:
+def _ridge_fit(design: Array, value: Array) -> tuple[Array, Array]:
     """Return the values at the knots (K,), and the inverse of their normal matrix (K, K)."""
-    ridge = RIDGE * len(design) / design.shape[1]
+    ridge = RIDGE_WEIGHT * len(design) / design.shape[1]
     inverse = np.linalg.inv(design.T @ design + ridge * np.eye(design.shape[1]))
     return inverse @ (design.T @ value), inverse
 
@@ -166,35 +166,35 @@ def stretches_of(count: int) -> NDArray[np.int_]:
 
 
 @dataclass(frozen=True)
-class Trial:
+class CrossValidation:
     """One variable tried: what it leaves on each stretch when that is left out, (S,)."""
 
     variable: str
     knots: Array
-    left: Array
+    residual_power: Array
     power: Array
 
     @property
     def share(self) -> float:
         """Return the share of the power explained."""
-        return 1.0 - float(self.left.sum() / self.power.sum())
+        return 1.0 - float(self.residual_power.sum() / self.power.sum())
 
     @property
     def error(self) -> float:
         """Return its standard error, from the stretches."""
-        return _ratio_error(self.left, self.power)
+        return _ratio_error(self.residual_power, self.power)
 
-    def beats(self, other: Trial, least: float = 0.0) -> bool:
+    def beats(self, other: CrossValidation, least: float = 0.0) -> bool:
         """
         Tell whether it explains more: beyond chance, and by a share of at least `least`.
 
         By the logarithm of what each leaves, stretch by stretch, as held-out likelihoods are
         compared; where the other is worse than zero, it counts as zero.
         """
-        theirs = np.minimum(other.left, other.power)
-        gained = np.log(np.maximum(theirs, TINY)) - np.log(np.maximum(self.left, TINY))
-        chance = CLEAR * float(np.std(gained, ddof=1)) / np.sqrt(len(gained))
-        share = float(np.sum(theirs - self.left) / self.power.sum())
+        theirs = np.minimum(other.residual_power, other.power)
+        gained = np.log(np.maximum(theirs, TINY)) - np.log(np.maximum(self.residual_power, TINY))
+        chance = CLEAR_Z * float(np.std(gained, ddof=1)) / np.sqrt(len(gained))
+        share = float(np.sum(theirs - self.residual_power) / self.power.sum())
         return float(gained.mean()) > chance and share > least
 
 
@@ -204,41 +204,41 @@ def _ratio_error(part: Array, whole: Array) -> float:
     return float(np.sqrt(len(part) / (len(part) - 1.0) * np.sum(rest**2)) / whole.sum())
 
 
-def tried(series: Series) -> list[Trial]:
+def cross_validate(series: LatentSeries) -> list[CrossValidation]:
     """Return all variables tried, the best first; the constant is one of them."""
-    value = series.value[series.judged]
-    stretch = stretches_of(len(series.value))[series.judged]
+    value = series.value[series.scored]
+    stretch = stretches_of(len(series.value))[series.scored]
     variables = {CONSTANT: ('', np.zeros(len(series.value))), **series.variables}
-    trials = [_simplest([_trial(name, x[series.judged], value, stretch, count)
-                         for count in (COARSE, FINE)]) for name, (_, x) in variables.items()]
-    return sorted(trials, key=lambda trial: -trial.share)
+    validations = [_simplest_sufficient([_validate(name, x[series.scored], value, stretch, count)
+                         for count in (FEW_KNOTS, MANY_KNOTS)]) for name, (_, x) in variables.items()]
+    return sorted(validations, key=lambda trial: -trial.share)
 
 
-def _simplest(trials: Sequence[Trial]) -> Trial:
+def _simplest_sufficient(validations: Sequence[CrossValidation]) -> CrossValidation:
     """Return the first that no later one beats."""
-    best = trials[0]
-    for trial in trials[1:]:
+    best = validations[0]
+    for trial in validations[1:]:
         best = trial if trial.beats(best) else best
     return best
 
 
-def _trial(variable: str, x: Array, value: Array, stretch: NDArray[np.int_],
-           count: int) -> Trial:
+def _validate(variable: str, x: Array, value: Array, stretch: NDArray[np.int_],
+           count: int) -> CrossValidation:
     knots = knots_for(variable, x, count)
-    design, numbers = hats(x, knots), np.unique(stretch)
-    left = np.zeros(len(numbers))
+    design, numbers = hat_functions(x, knots), np.unique(stretch)
+    residual_power = np.zeros(len(numbers))
     for fold in range(FOLDS):
         # Of those that are there: a joint may move in every fifth alone.
         out = np.isin(stretch, numbers[fold::FOLDS])
-        fitted, _ = _fit(design[~out], value[~out])
-        squared = (value - design @ fitted)**2
+        fit_set, _ = _ridge_fit(design[~out], value[~out])
+        squared = (value - design @ fit_set)**2
         for row in range(fold, len(numbers), FOLDS):
-            left[row] = squared[stretch == numbers[row]].sum()
+            residual_power[row] = squared[stretch == numbers[row]].sum()
     power = np.array([np.sum(value[stretch == number]**2) for number in numbers])
-    return Trial(variable, knots, left, power)
+    return CrossValidation(variable, knots, residual_power, power)
 
 
-def law_of(series: Series, trials: Sequence[Trial] | None = None) -> Law:
+def law_of(series: LatentSeries, validations: Sequence[CrossValidation] | None = None) -> Law:
     """
     Return the law over the variable that explains a latent force best.
 
@@ -246,30 +246,30 @@ def law_of(series: Series, trials: Sequence[Trial] | None = None) -> Law:
     error's worth better; any other variable must beat all its rivals by as much. A law is clear
     where it explains more than half beyond chance.
     """
-    trials = trials or tried(series)
-    best, least = trials[0], (series.relevant / series.size)**2
-    by_name, alone = {trial.variable: trial for trial in trials}, True
-    for name in series.simple:
+    validations = validations or cross_validate(series)
+    best, least = validations[0], (series.model_error / series.rms)**2
+    by_name, alone = {trial.variable: trial for trial in validations}, True
+    for name in series.preferred:
         if not best.beats(by_name[name], least):
             best = by_name[name]
             break
     else:
-        alone = all(best.beats(rival, least) for rival in trials if rival is not best)
-    sure = best.share - CLEAR * best.error > LEAST_SHARE
-    return _fitted(series, best, sure and alone)
+        alone = all(best.beats(rival, least) for rival in validations if rival is not best)
+    sure = best.share - CLEAR_Z * best.error > MIN_EXPLAINED_SHARE
+    return _law_over(series, best, sure and alone)
 
 
-def _fitted(series: Series, best: Trial, clear: bool) -> Law:
+def _law_over(series: LatentSeries, best: CrossValidation, clear: bool) -> Law:
     unit, x = series.variables.get(best.variable, ('', np.zeros(len(series.value))))
-    design, value = hats(x[series.judged], best.knots), series.value[series.judged]
-    values, inverse = _fit(design, value)
+    design, value = hat_functions(x[series.scored], best.knots), series.value[series.scored]
+    values, inverse = _ridge_fit(design, value)
     return Law(series.site, series.unit, best.variable, unit, best.knots, values,
-               _deviations(design, value - design @ values, inverse,
-                           stretches_of(len(series.value))[series.judged]),
-               best.share, best.error, series.size, series.size > series.relevant, clear)
+               _clustered_deviations(design, value - design @ values, inverse,
+                           stretches_of(len(series.value))[series.scored]),
+               best.share, best.error, series.rms, series.rms > series.model_error, clear)
 
 
-def _deviations(design: Array, rest: Array, inverse: Array,
+def _clustered_deviations(design: Array, rest: Array, inverse: Array,
                 stretch: NDArray[np.int_]) -> Array:
     """Return standard deviations of the values, stretches being independent, (K,)."""
     scores = np.stack([design[stretch == k].T @ rest[stretch == k] for k in np.unique(stretch)])

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 # A cubic goes through so many.
-GAIN_NODES = 4
+RICCATI_NODES = 4
 # 2^24 samples are four hours at 1 kHz: no arm's covariance takes as long to settle.
-DOUBLINGS = 24
+MAX_DOUBLINGS = 24
 
 
-def load_levels(arm: ExtendedArm, command: Array, output: Array) -> Array:
+def rms_loads(arm: ExtendedArm, command: Array, output: Array) -> Array:
     """
     Return the root-mean-square generalised force on each coordinate in a record, (N,).
 
@@ -36,7 +36,7 @@ def load_levels(arm: ExtendedArm, command: Array, output: Array) -> Array:
     return loads
 
 
-def process_noise(loads: Array, level: tuple[float, float]) -> Array:
+def process_noise_variance(loads: Array, shares: tuple[float, float]) -> Array:
     """
     Return the variance of the generalised force noise on each coordinate, (N,).
 
@@ -48,13 +48,13 @@ def process_noise(loads: Array, level: tuple[float, float]) -> Array:
         Noise as a share of the loads: on the joints, on the deflections.
 
     """
-    share = np.full(loads.size, level[1])
-    share[:2] = level[0]
+    share = np.full(loads.size, shares[1])
+    share[:2] = shares[0]
     return (share * loads)**2
 
 
 @dataclass(frozen=True)
-class Steady:
+class SteadyFilter:
     """
     The steady Kalman predictor at every schedule node.
 
@@ -72,7 +72,7 @@ class Steady:
 
 
 def steady_filter(arm: ExtendedArm, force_variance: Array, noise: Array,
-                  state_variance: Array | float = 0.0) -> Steady:
+                  state_variance: Array | float = 0.0) -> SteadyFilter:
     """
     Return the steady Kalman predictor at every schedule node.
 
@@ -82,7 +82,7 @@ def steady_filter(arm: ExtendedArm, force_variance: Array, noise: Array,
     """
     n, c, nodes = arm.states, arm.output_matrix, arm.nodes
     table = arm.schedule.table.reshape(nodes.size, n, -1)
-    chosen = np.linspace(0, nodes.size - 1, GAIN_NODES).round().astype(int)
+    chosen = np.linspace(0, nodes.size - 1, RICCATI_NODES).round().astype(int)
     f, e = table[chosen, :, :n], table[chosen, :, n + 2:n + 2 + force_variance.size]
     q = (e * force_variance) @ np.swapaxes(e, 1, 2) + np.diag(np.zeros(n) + state_variance)
     scaled = c / noise[:, None]
@@ -90,7 +90,7 @@ def steady_filter(arm: ExtendedArm, force_variance: Array, noise: Array,
     s = scaled @ p @ scaled.T + np.eye(noise.size)
     gains = np.swapaxes(np.linalg.solve(s, scaled @ p @ np.swapaxes(f, 1, 2)), 1, 2) / noise
     whiteners = np.linalg.inv(np.linalg.cholesky(s)) / noise
-    return Steady(*(_between(nodes, chosen, values) for values in (gains, whiteners)))
+    return SteadyFilter(*(_interpolated_over_nodes(nodes, chosen, values) for values in (gains, whiteners)))
 
 
 def steady_gain(arm: ExtendedArm, force_variance: Array, noise: Array,
@@ -99,7 +99,7 @@ def steady_gain(arm: ExtendedArm, force_variance: Array, noise: Array,
     return steady_filter(arm, force_variance, noise, state_variance).gain
 
 
-def _between(nodes: Array, chosen: NDArray[np.int64], values: Array) -> Array:
+def _interpolated_over_nodes(nodes: Array, chosen: NDArray[np.int64], values: Array) -> Array:
     """Return values (c, …) at chosen nodes (c,) as a polynomial has them at all, (K, …)."""
     coefficients = np.linalg.solve(np.vander(nodes[chosen], increasing=True),
                                    values.reshape(chosen.size, -1))
@@ -117,7 +117,7 @@ def predicted_covariance(f: Array, q: Array, c: Array) -> Array:
     a, h = np.swapaxes(f, -1, -2), q
     g = np.broadcast_to(c.T @ c, f.shape)
     identity = np.eye(f.shape[-1])
-    for _ in range(DOUBLINGS):
+    for _ in range(MAX_DOUBLINGS):
         solved = np.linalg.solve(identity + g @ h, np.concatenate([a, g], axis=-1))
         n = f.shape[-1]
         inverse_a, inverse_g = solved[..., :n], solved[..., n:]

@@ -26,7 +26,7 @@ class LatentSystem:
         Over the schedule's nodes at every sample, (N, K).
     table : Array
         [F, B] at the nodes, (K, n, n + 2).
-    known : Array
+    known_step : Array
         v: what commands, forces and contact are known to add to a step, (N, n).
     output : Array
         C, (m, n).
@@ -40,22 +40,22 @@ class LatentSystem:
         Of the gauge errors over one sample.
     diffusing : Array
         Variance of dtau and of dgamma at every sample, (N, m).
-    start, spread : Array
+    initial_mean, initial_deviation : Array
         Mean (n,) and standard deviation of the first z, (n + m,).
 
     """
 
     weights: Array
     table: Array
-    known: Array
+    known_step: Array
     output: Array
     measured: Array
     noise: Array
-    diffusion: Array
+    process_covariance: Array
     decay: float
-    diffusing: Array
-    start: Array
-    spread: Array
+    walk_variance: Array
+    initial_mean: Array
+    initial_deviation: Array
 
     @property
     def states(self) -> int:
@@ -91,7 +91,7 @@ class Smoothed:
 
     mean: Array
     deviation: Array
-    increments: Array
+    increment_power: Array
     log_likelihood: float
 
 
@@ -105,24 +105,24 @@ def smooth(system: LatentSystem, block_bytes: float = BLOCK_BYTES) -> Smoothed:
     """
     count, m, d = *system.measured.shape, system.states + len(system.output)
     block = min(count, int(block_bytes / (8 * d * (d + m))))
-    store, likelihood, entries = _Store.of(block, d, m), 0.0, []
-    z, p = np.concatenate([system.start, np.zeros(m)]), np.diag(system.spread**2)
+    store, likelihood, block_starts = _FilterStore.of(block, d, m), 0.0, []
+    z, p = np.concatenate([system.initial_mean, np.zeros(m)]), np.diag(system.initial_deviation**2)
     for first in range(0, count, block):
-        entries.append((first, z.copy(), p.copy()))
+        block_starts.append((first, z.copy(), p.copy()))
         likelihood += _run_forward(system, first, z, p, store)
-    mean, deviation, increments = np.empty((count, d)), np.empty((count, m)), np.empty((count, m))
+    mean, deviation, increment_power = np.empty((count, d)), np.empty((count, m)), np.empty((count, m))
     adjoint, information = np.zeros(d), np.zeros((d, d))
-    for first, z, p in reversed(entries):
-        if len(entries) > 1:
+    for first, z, p in reversed(block_starts):
+        if len(block_starts) > 1:
             _run_forward(system, first, z, p, store)
         _backward(first, min(first + block, count), adjoint, information, store.transition,
-                  system.rows, system.decay, system.diffusing, store.mean, store.covariance,
-                  store.gain, store.error, store.variance, mean, deviation, increments)
-    return Smoothed(mean, np.sqrt(np.maximum(deviation, 0.0)), increments, likelihood)
+                  system.rows, system.decay, system.walk_variance, store.mean, store.covariance,
+                  store.gain, store.error, store.variance, mean, deviation, increment_power)
+    return Smoothed(mean, np.sqrt(np.maximum(deviation, 0.0)), increment_power, likelihood)
 
 
 @dataclass(frozen=True)
-class _Store:
+class _FilterStore:
     """What a block leaves behind for the way back."""
 
     mean: Array
@@ -133,21 +133,21 @@ class _Store:
     transition: Array
 
     @classmethod
-    def of(cls, count: int, d: int, m: int) -> _Store:
+    def of(cls, count: int, d: int, m: int) -> _FilterStore:
         n = d - m
         return cls(np.empty((count, d)), np.empty((count, d, d)), np.empty((count, m, d)),
                    np.empty((count, m)), np.empty((count, m)), np.empty((count, n, n + 2)))
 
 
-def _run_forward(system: LatentSystem, first: int, z: Array, p: Array, store: _Store) -> float:
+def _run_forward(system: LatentSystem, first: int, z: Array, p: Array, store: _FilterStore) -> float:
     """Filter one block; z and p end as predicted for the next."""
     stop = min(first + len(store.mean), len(system.measured))
     flat = system.table.reshape(len(system.table), -1)
     np.matmul(system.weights[first:stop], flat,
               out=store.transition.reshape(len(store.mean), -1)[:stop - first])
     return float(_forward(
-        first, stop, z, p, store.transition, system.known, system.rows, system.measured,
-        system.noise, system.decay, system.diffusion, system.diffusing, store.mean,
+        first, stop, z, p, store.transition, system.known_step, system.rows, system.measured,
+        system.noise, system.decay, system.process_covariance, system.walk_variance, store.mean,
         store.covariance, store.gain, store.error, store.variance))
 
 
@@ -163,8 +163,8 @@ def _latent_transition(n: int, d: int, decay: float) -> Array:
 
 @compiled
 def _forward(first: int, stop: int, z: Array, p: Array, transition: Array, known: Array,
-             rows: Array, measured: Array, noise: Array, decay: float, diffusion: Array,
-             diffusing: Array, means: Array, covariances: Array, gains: Array, errors: Array,
+             rows: Array, measured: Array, noise: Array, decay: float, process_covariance: Array,
+             walk_variance: Array, means: Array, covariances: Array, gains: Array, errors: Array,
              variances: Array) -> float:
     """Filter samples first to stop; z and p end as predicted for stop."""
     n, d, m = transition.shape[1], len(z), len(noise)
@@ -188,25 +188,25 @@ def _forward(first: int, stop: int, z: Array, p: Array, transition: Array, known
         p[:] = np.dot(np.dot(a, p), a.T)
         p[:] = 0.5 * (p + p.T)
         z[:n] += known[k]
-        p[:n, :n] += diffusion
+        p[:n, :n] += process_covariance
         for j in range(m):
-            p[n + j, n + j] += diffusing[k, j]
+            p[n + j, n + j] += walk_variance[k, j]
     return likelihood
 
 
 @compiled
 def _backward(first: int, stop: int, adjoint: Array, information: Array, transition: Array,
-              rows: Array, decay: float, diffusing: Array, means: Array, covariances: Array,
+              rows: Array, decay: float, walk_variance: Array, means: Array, covariances: Array,
               gains: Array, errors: Array, variances: Array, smoothed: Array, deviations: Array,
-              increments: Array) -> None:
+              increment_power: Array) -> None:
     """Take the adjoint (d,) and its information (d, d) from stop back to first."""
     n, d, m = transition.shape[1], len(adjoint), rows.shape[0]
     a = _latent_transition(n, d, decay)
     for k in range(stop - 1, first - 1, -1):
         at = k - first
         for j in range(m):
-            prior, own = diffusing[k, j], information[n + j, n + j]
-            increments[k, j] = (prior * adjoint[n + j])**2 + prior - prior**2 * own
+            prior, own = walk_variance[k, j], information[n + j, n + j]
+            increment_power[k, j] = (prior * adjoint[n + j])**2 + prior - prior**2 * own
         a[:n, :n + 2] = transition[at]
         adjoint[:] = np.dot(a.T, adjoint)
         information[:] = np.dot(np.dot(a.T, information), a)

@@ -8,7 +8,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 
 def power_density(values: Array, sample_time: float, length: int,
-                  level: bool = False) -> tuple[Array, Array]:
+                  detrend: bool = False) -> tuple[Array, Array]:
     """
     Return frequencies, Hz, (F,), and the one-sided power density over them, (F, ...).
 
@@ -23,12 +23,12 @@ def power_density(values: Array, sample_time: float, length: int,
         s.
     length : int
         Samples of a window.
-    level : bool
+    detrend : bool
         Whether each window's own mean is taken off.
 
     """
     parts = sliding_window_view(values, length, axis=0)[::length - length // 2]
-    if level:
+    if detrend:
         parts = parts - parts.mean(axis=-1, keepdims=True)
     window = np.hanning(length + 1)[:-1]
     power = np.mean(np.abs(np.fft.rfft(window * parts))**2, axis=0)

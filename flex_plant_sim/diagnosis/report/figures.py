@@ -10,7 +10,7 @@ from typing import Any
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.prediction.free_run import free_run, horizon_samples
-from flex_plant_sim.diagnosis.prediction.latent_view import BINS, LEAST_IN_BIN
+from flex_plant_sim.diagnosis.prediction.latent_view import CURVE_BINS, MIN_BIN_SAMPLES
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.report.improvement import Gain, locked_rows
 from flex_plant_sim.diagnosis.report.symptoms import drift, DRIFTED, one_step, spectrum
@@ -151,10 +151,10 @@ def _speeds_and_errors(predictors: Sequence[Predictor]) -> tuple[Array, Array]:
 
 def _binned(speed: Array, error: Array) -> Array:
     """Return bin centres, means and standard deviations of bins with enough, (3, K)."""
-    edges = np.quantile(speed, np.linspace(0.0, 1.0, BINS + 1))
-    inside = np.clip(np.searchsorted(edges, speed, side='right') - 1, 0, BINS - 1)
+    edges = np.quantile(speed, np.linspace(0.0, 1.0, CURVE_BINS + 1))
+    inside = np.clip(np.searchsorted(edges, speed, side='right') - 1, 0, CURVE_BINS - 1)
     rows = [(speed[inside == b].mean(), error[inside == b].mean(), error[inside == b].std())
-            for b in range(BINS) if np.count_nonzero(inside == b) >= LEAST_IN_BIN]
+            for b in range(CURVE_BINS) if np.count_nonzero(inside == b) >= MIN_BIN_SAMPLES]
     return np.array(rows).reshape(-1, 3).T
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.prediction.latent_view import Finding, LatentView
-from flex_plant_sim.diagnosis.prediction.law import CONSTANT, Trial
+from flex_plant_sim.diagnosis.prediction.law import CONSTANT, CrossValidation
 from flex_plant_sim.diagnosis.report.figures import AFTER, BEFORE, MEASURED, Picture, picture
 from flex_plant_sim.diagnosis.verdict.wording import percent_text, shown_unit
 from flex_plant_sim.interval import Z95
@@ -29,35 +29,35 @@ class LatentSection:
 
 def latent_sections(view: LatentView) -> tuple[LatentSection, ...]:
     """Return a section for each joint that moves, and for gauges that err beyond a good model."""
-    shown = (*view.torques, *(f for f in view.gauges if f.relevant))
+    shown = (*view.torques, *(f for f in view.gauges if f.exceeds_model_error))
     return tuple(_section(finding, view) for finding in shown)
 
 
 def _section(finding: Finding, view: LatentView) -> LatentSection:
-    series, best = finding.series, finding.trials[0]
+    series, best = finding.series, finding.validations[0]
     scale, unit = shown_unit(series.unit)
     what = 'torque' if series.unit == 'N m' else 'error'
-    band = Z95 * float(np.median(series.deviation[series.judged]))
-    text = (f'{scale * series.size:.2g} {unit} rms, 95 % band ± {scale * band:.2g} {unit}. '
+    band = Z95 * float(np.median(series.deviation[series.scored]))
+    text = (f'{scale * series.rms:.2g} {unit} rms, 95 % band ± {scale * band:.2g} {unit}. '
             + _said(finding))
-    order: list[str] = [t.variable for t in finding.trials if t.variable in series.variables]
+    order: list[str] = [t.variable for t in finding.validations if t.variable in series.variables]
     wanted = order if what == 'torque' else [best.variable, 'time']
     names = [n for n in dict.fromkeys(wanted) if n in series.variables]
-    trials = {t.variable: t for t in finding.trials}
+    validations = {t.variable: t for t in finding.validations}
     return LatentSection(f'{series.site.replace("_", " ")}: unseen {what}', text, tuple(
-        _picture(finding, trials[name]) for name in names))
+        _picture(finding, validations[name]) for name in names))
 
 
 def _said(finding: Finding) -> str:
     law, line = finding.law, finding.line
-    if not finding.relevant:
+    if not finding.exceeds_model_error:
         return 'No more than two good models of an arm differ by.'
     if law.stated and law.variable == CONSTANT:
         return 'It is constant.'
     if law.stated:
         return (f'Its {_words(law.variable)} explains {percent_text(law.share)} of it where not '
                 'fitted.')
-    if finding.remembers:
+    if finding.has_memory:
         swings = f' It swings at {line.frequency:.2g} Hz.' if line else ''
         return ('None of these explains half of it: behind it are several, an acceleration (as of '
                 f'a wrong mass), or something with a memory.{swings}')
@@ -68,12 +68,12 @@ def _words(variable: str) -> str:
     return variable.replace('_', ' ')
 
 
-def _picture(finding: Finding, trial: Trial) -> Picture:
+def _picture(finding: Finding, trial: CrossValidation) -> Picture:
     series, variable = finding.series, trial.variable
     scale, unit = shown_unit(series.unit)
     factor, at_unit = shown_unit(series.variables[variable][0])
-    x, rows = factor * series.variables[variable][1], np.flatnonzero(series.judged)
-    explained = f'{max(trial.share, 0.0):.0%}' if finding.relevant else ''
+    x, rows = factor * series.variables[variable][1], np.flatnonzero(series.scored)
+    explained = f'{max(trial.share, 0.0):.0%}' if finding.exceeds_model_error else ''
 
     def draw(figure: Any) -> None:
         axis = figure.subplots()

@@ -6,14 +6,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from flex_plant_sim.diagnosis.prediction.predictor import Base
+from flex_plant_sim.diagnosis.prediction.predictor import BaseModel
 from flex_plant_sim.diagnosis.report.extended_file import specs
 from flex_plant_sim.logs.log import Log
 
 # What the estimator estimates must not be told to it.
 ESTIMATED = ('payload_mass', 'payload_change')
 # Payload at the end of a log and its standard deviation, kg, of an estimator that is told a model.
-Weigh = Callable[[Log, Base], tuple[float, float]]
+Weigh = Callable[[Log, BaseModel], tuple[float, float]]
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class PayloadGain:
                 'after_percent': self.after_percent}
 
 
-def payload_gain(logs: Sequence[Log], true: float, nominal: Base, extended: Base,
+def payload_gain(logs: Sequence[Log], true: float, nominal: BaseModel, extended: BaseModel,
                  estimator: str, weigh: Weigh) -> tuple[PayloadGain, ...]:
     """
     Return the payload estimates of both models over each log.
@@ -81,7 +81,7 @@ def payload_gain(logs: Sequence[Log], true: float, nominal: Base, extended: Base
                              *weigh(log, _told(extended, log))) for log in logs)
 
 
-def _told(base: Base, log: Log) -> Base:
+def _told(base: BaseModel, log: Log) -> BaseModel:
     """Return what an estimator is told: a model's effects but the payload's, at the log's pace."""
     effects = [effect for effect in base.effects if effect.identifier not in ESTIMATED]
     return replace(base, robot=replace(base.robot, sample_time=log.sample_time,

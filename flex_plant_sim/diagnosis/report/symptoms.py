@@ -8,7 +8,7 @@ from typing import Any
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.prediction.free_run import errors, horizon_samples, start_instants
-from flex_plant_sim.diagnosis.prediction.latent_series import REST
+from flex_plant_sim.diagnosis.prediction.latent_series import REST_SPEED_SHARE
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.prediction.spectrum import power_density
 import numpy as np
@@ -122,7 +122,7 @@ def shapes(predictor: Predictor) -> dict[str, Array]:
     states = _tame(predictor.states)
     angle, speed = states[:, :2], states[:, order:order + 2]
     load = arm.output(states, record.time)[:, 2:]
-    rest = REST * np.sqrt(np.mean(speed**2, axis=0)) + 1e-12
+    rest = REST_SPEED_SHARE * np.sqrt(np.mean(speed**2, axis=0)) + 1e-12
     padded = np.vstack([np.repeat(record.command[:1], COMMAND_LAGS, axis=0), record.command])
     commands = [padded[k:k + len(record.time)] for k in range(1, COMMAND_LAGS + 1)]
     time = (record.time - record.time[0])[:, None] / max(np.ptp(record.time), 1e-12)
@@ -155,8 +155,8 @@ def explained_share(residual: Array, columns: Array, fold: NDArray[np.int_]) -> 
     left, constant = np.zeros(residual.shape[1]), np.zeros(residual.shape[1])
     for k in np.unique(fold):
         out = fold == k
-        fitted = np.linalg.lstsq(design[~out], residual[~out], rcond=1e-8)[0]
-        left += np.sum((residual[out] - design[out] @ fitted)**2, axis=0)
+        fit_set = np.linalg.lstsq(design[~out], residual[~out], rcond=1e-8)[0]
+        left += np.sum((residual[out] - design[out] @ fit_set)**2, axis=0)
         constant += np.sum((residual[out] - residual[~out].mean(axis=0))**2, axis=0)
     return np.clip(1.0 - left / np.maximum(constant, 1e-300), 0.0, 1.0)
 

@@ -9,15 +9,15 @@ from flex_plant_sim.diagnosis.prediction.latent_view import Finding, LatentView
 from flex_plant_sim.diagnosis.prediction.law import CONSTANT
 from flex_plant_sim.diagnosis.verdict.results import Diagnosis
 
-UNNAMED = ('not_in_catalogue', 'cause_and_remainder')
-OVER = {'speed': 'its speed', 'angle': 'its angle', 'load': 'the load on its link',
+UNNAMED_VERDICTS = ('not_in_catalogue', 'cause_and_remainder')
+VARIABLE_TEXT = {'speed': 'its speed', 'angle': 'its angle', 'load': 'the load on its link',
         'command': 'its command', 'time': 'time', 'strain': 'its own strain',
         'strain rate': 'the rate of its strain'}
 
 
 def with_unknown(diagnosis: Diagnosis, view: LatentView) -> Diagnosis:
     """Return the diagnosis with what is known of the unnamed, where something is unnamed."""
-    if diagnosis.verdict not in UNNAMED:
+    if diagnosis.verdict not in UNNAMED_VERDICTS:
         return diagnosis
     sentences = sentences_of(view)
     if not sentences:
@@ -28,14 +28,14 @@ def with_unknown(diagnosis: Diagnosis, view: LatentView) -> Diagnosis:
 
 def sentences_of(view: LatentView) -> tuple[str, ...]:
     """Return one sentence for each force that is too large for a model error, torques first."""
-    torques = _said(view.torques)
+    torques = _sentences(view.torques)
     # Where a torque is clear, gauges mostly echo it.
-    return torques or _said(view.gauges)
+    return torques or _sentences(view.gauges)
 
 
-def _said(findings: Sequence[Finding]) -> tuple[str, ...]:
+def _sentences(findings: Sequence[Finding]) -> tuple[str, ...]:
     known = [sentence(f) for f in findings if f.law.stated]
-    return tuple(known or [sentence(f) for f in findings if f.remembers])
+    return tuple(known or [sentence(f) for f in findings if f.has_memory])
 
 
 def sentence(finding: Finding) -> str:
@@ -43,12 +43,12 @@ def sentence(finding: Finding) -> str:
     law, series = finding.law, finding.series
     what, scale, unit = ('torque', 1.0, 'N·m') if series.unit == 'N m' else (
         'error', 1e6, 'µm/m')
-    size = f'{scale * series.size:.2g} {unit} rms'
+    size = f'{scale * series.rms:.2g} {unit} rms'
     site = series.site.replace('_', ' ')
     if law.stated and law.variable == CONSTANT:
         return f'An unnamed constant {what} acts on {site} ({size}).'
     if law.stated:
-        over = OVER.get(law.variable, law.variable.replace('_', ' '))
+        over = VARIABLE_TEXT.get(law.variable, law.variable.replace('_', ' '))
         return (f'An unnamed {what} of {site} ({size}) is a law over {over}, which explains '
                 f'{100.0 * law.share:.0f} % of it on stretches left out.')
     swings = f', and swings at {finding.line.frequency:.2g} Hz' if finding.line else ''
@@ -62,7 +62,7 @@ def _advice(view: LatentView) -> str:
         return ('Record both joints at rest after a push: what swings or creeps on shows the '
                 'coordinate that the model lacks.')
     law = stated[0]
-    site, over = law.site.replace('_', ' '), OVER.get(law.variable, law.variable)
+    site, over = law.site.replace('_', ' '), VARIABLE_TEXT.get(law.variable, law.variable)
     if law.variable in ('time', CONSTANT):
         return f'Record {site} again from a cold start and an hour later: does the torque return?'
     return (f'Record {site} through the whole range of {over}, both ways: the table that the '

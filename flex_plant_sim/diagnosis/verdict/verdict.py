@@ -6,17 +6,17 @@ from collections.abc import Sequence
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.causes.course import Progress
 from flex_plant_sim.diagnosis.causes.fit import Fit
-from flex_plant_sim.diagnosis.causes.hypothesis import Causes, Hypothesis
-from flex_plant_sim.diagnosis.causes.over_sets import (
-    deviations_of_parts,
-    deviations_of_sizes,
-    places_of,
+from flex_plant_sim.diagnosis.causes.hypothesis import CauseSet, Hypothesis
+from flex_plant_sim.diagnosis.causes.model_averaging import (
+    averaged_part_deviations,
+    averaged_size_deviations,
+    value_indices,
 )
-from flex_plant_sim.diagnosis.causes.posterior import is_unknown, Key, Posterior
-from flex_plant_sim.diagnosis.causes.search import Search, search
-from flex_plant_sim.diagnosis.prediction.predictor import Base
+from flex_plant_sim.diagnosis.causes.posterior import is_unknown, Posterior, SetKey
+from flex_plant_sim.diagnosis.causes.search import search, SearchResult
+from flex_plant_sim.diagnosis.causes.search_state import Progress
+from flex_plant_sim.diagnosis.prediction.predictor import BaseModel
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.diagnosis.verdict.detection import detection_limits
@@ -34,19 +34,19 @@ from flex_plant_sim.simulation.nominal import nominal_effects
 import numpy as np
 
 # Swings in noise deviations below which a record shows no motion at all.
-QUIET_STRAIN, QUIET_ANGLE = 5.0, 30.0
+MIN_STRAIN_SWING, MIN_ANGLE_SWING = 5.0, 30.0
 # Sets that the answer lists.
-SETS = 12
+MAX_LISTED_SETS = 12
 
 
-def nominal_base(robot: Robot, model: str, modes: int, coriolis: bool = True) -> Base:
+def nominal_base(robot: Robot, model: str, modes: int, coriolis: bool = True) -> BaseModel:
     """Return the base that a user's simulation stands for, see nominal_robot."""
-    return Base(robot, model, modes, nominal_effects(robot, model, coriolis))
+    return BaseModel(robot, model, modes, nominal_effects(robot, model, coriolis))
 
 
-def diagnose(records: Sequence[Record], nominal: Base, jobs: int = 1,
+def diagnose(records: Sequence[Record], nominal: BaseModel, jobs: int = 1,
              progress: Progress = lambda step, share: None,
-             exclude: Sequence[str] = ()) -> tuple[Diagnosis, Data, Base]:
+             exclude: Sequence[str] = ()) -> tuple[Diagnosis, Data, BaseModel]:
     """
     Return the diagnosis of records, the data it used, and the model it ends with.
 
@@ -71,14 +71,14 @@ def diagnose(records: Sequence[Record], nominal: Base, jobs: int = 1,
     """
     slowest = slowest_frequency(nominal, records[0].payload)
     data = Data.of(records, slowest, nominal.robot.sample_time)
-    still = _still(records, data)
+    still = _unmoved(records, data)
     if still:
         return _cannot_answer(still), data, nominal
     found = search(data, nominal, jobs, progress, exclude)
     return _diagnosis(found, data, nominal, jobs), data, extended_base(found, nominal)
 
 
-def slowest_frequency(base: Base, payload: float) -> float:
+def slowest_frequency(base: BaseModel, payload: float) -> float:
     """Return the slowest natural frequency with locked joints, stretched arm, rad/s."""
     form = base.arm(payload).form
     flexible = slice(2, 2 + 2 * base.modes)
@@ -87,21 +87,21 @@ def slowest_frequency(base: Base, payload: float) -> float:
     return float(np.sqrt(np.min(np.linalg.eigvals(ratio).real)))
 
 
-def extended_base(found: Search, nominal: Base) -> Base:
+def extended_base(found: SearchResult, nominal: BaseModel) -> BaseModel:
     """Return the nominal base with the parts as re-estimated and the causes on."""
-    return found.best.extended(nominal)
+    return found.best.extended_model(nominal)
 
 
-def _still(records: Sequence[Record], data: Data) -> tuple[str, ...]:
+def _unmoved(records: Sequence[Record], data: Data) -> tuple[str, ...]:
     """Return the joints and links that hardly moved in any record."""
     quiet = []
     for j in (0, 1):
         swing = max(np.ptp(r.output[:, j]) / n[j] for r, n in zip(records, data.noise))
-        if swing < QUIET_ANGLE:
+        if swing < MIN_ANGLE_SWING:
             quiet.append(f'joint_{j + 1}')
     bends = max(np.max(np.std(r.output[:, 2:], axis=0) / n[2:])
                 for r, n in zip(records, data.noise))
-    return (*quiet, 'the links') if bends < QUIET_STRAIN else tuple(quiet)
+    return (*quiet, 'the links') if bends < MIN_STRAIN_SWING else tuple(quiet)
 
 
 def _cannot_answer(still: Sequence[str]) -> Diagnosis:
@@ -111,8 +111,8 @@ def _cannot_answer(still: Sequence[str]) -> Diagnosis:
                'with pauses of about a second.')
 
 
-def _diagnosis(found: Search, data: Data, nominal: Base, jobs: int) -> Diagnosis:
-    limits = detection_limits(found.promises, nominal.robot, data.duration, found.closer, jobs)
+def _diagnosis(found: SearchResult, data: Data, nominal: BaseModel, jobs: int) -> Diagnosis:
+    limits = detection_limits(found.proposals, nominal.robot, data.duration, found.refiner, jobs)
     causes = causes_of(found.posterior, found.best.fit)
     verdict, sentence, sets = _verdict(found, causes)
     channels = nominal.robot.output_names
@@ -120,54 +120,54 @@ def _diagnosis(found: Search, data: Data, nominal: Base, jobs: int) -> Diagnosis
         verdict, sentence, causes, sets,
         {k: v for k, v in limits.items() if np.isfinite(v[0])},
         tuple(k for k, v in limits.items() if not np.isfinite(v[0])),
-        tuple(_in_place(found.posterior, h) for h in found.best.fit.hypotheses),
+        tuple(_alternatives(found.posterior, h) for h in found.best.fit.hypotheses),
         _advice(verdict, sets),
-        {name: float(s) for name, s in zip(channels, found.best.fit.scale)},
-        part_estimates(found), _sets(found.posterior), _effects(found.posterior))
+        {name: float(s) for name, s in zip(channels, found.best.fit.error_scale)},
+        part_estimates(found), _set_rows(found.posterior), _effect_rows(found.posterior))
 
 
-def part_estimates(found: Search) -> tuple[PartEstimate, ...]:
+def part_estimates(found: SearchResult) -> tuple[PartEstimate, ...]:
     """Return all parts with prior and posterior."""
-    fit, spread = found.best.fit, deviations_of_parts(found.posterior)
+    fit, spread = found.best.fit, averaged_part_deviations(found.posterior)
     return tuple(PartEstimate(part.name, part.unit, part.tolerance, float(m), float(s))
                  for part, m, s in zip(found.best.likelihood.parts, fit.deviations, spread))
 
 
-def _sets(posterior: Posterior) -> tuple[tuple[tuple[str, ...], float], ...]:
+def _set_rows(posterior: Posterior) -> tuple[tuple[tuple[str, ...], float], ...]:
     found: dict[tuple[str, ...], float] = {}
     for fit, p in zip(posterior.fits, posterior.probability):
         unknown = ('unknown',) if is_unknown(fit, posterior.nominal) else ()
-        labels = (*sorted(Key.of(fit).labels), *unknown)
+        labels = (*sorted(SetKey.of(fit).labels), *unknown)
         found[labels] = found.get(labels, 0.0) + float(p)
-    return tuple(sorted(found.items(), key=lambda row: -row[1])[:SETS])
+    return tuple(sorted(found.items(), key=lambda row: -row[1])[:MAX_LISTED_SETS])
 
 
-def _effects(posterior: Posterior) -> dict[str, float]:
-    return {**{name: posterior.of_effect(name) for name in catalogue()},
-            'unknown': posterior.of_unknown, 'nothing': posterior.of_nothing}
+def _effect_rows(posterior: Posterior) -> dict[str, float]:
+    return {**{name: posterior.effect_probability(name) for name in catalogue()},
+            'unknown': posterior.unknown_probability, 'nothing': posterior.nothing_probability}
 
 
 def causes_of(posterior: Posterior, best: Fit) -> tuple[Cause, ...]:
     """Return the causes of the most probable set, each with its probability and look-alikes."""
     found = []
-    pieces = Causes(best.hypotheses, 1.0).split(best.values)
+    pieces = CauseSet(best.hypotheses, 1.0).split(best.values)
     for hypothesis, values in zip(best.hypotheses, pieces):
         name = hypothesis.effect.identifier
         alike = dict.fromkeys(label.partition(':')[0]
-                              for label in posterior.credible(hypothesis.label))
-        sizes = parameter_values(best, hypothesis, deviations_of_sizes(posterior, hypothesis))
+                              for label in posterior.credible_alternatives(hypothesis.label))
+        sizes = parameter_values(best, hypothesis, averaged_size_deviations(posterior, hypothesis))
         found.append(Cause(
             name, hypothesis.site, cause_sentence(hypothesis, sizes),
-            posterior.of_effect(name), sizes,
+            posterior.effect_probability(name), sizes,
             tuple(other for other in alike if other in catalogue() and other != name),
-            hypothesis.at(values)))
+            hypothesis.effect_at(values)))
     return tuple(found)
 
 
 def parameter_values(fit: Fit, hypothesis: Hypothesis, deviations: Array | None = None
                      ) -> tuple[ParameterValue, ...]:
     """Return a cause's values with 95 % intervals, of one set or as told, in what each can be."""
-    place = places_of(fit, hypothesis)
+    place = value_indices(fit, hypothesis)
     reach = Z95 * (np.sqrt(np.diagonal(fit.covariance)[place])
                    if deviations is None else deviations)
     return tuple(
@@ -176,11 +176,11 @@ def parameter_values(fit: Fit, hypothesis: Hypothesis, deviations: Array | None 
                                  hypothesis.low, hypothesis.high))
 
 
-def _in_place(posterior: Posterior, hypothesis: Hypothesis) -> tuple[Candidate, ...]:
+def _alternatives(posterior: Posterior, hypothesis: Hypothesis) -> tuple[Candidate, ...]:
     """Return what may stand in a cause's place, the most probable first."""
-    others = Key.of(posterior.best).labels - {hypothesis.label}
+    others = SetKey.of(posterior.best).labels - {hypothesis.label}
     without = max((fit.log_evidence for fit in posterior.fits
-                   if Key.of(fit).labels == others), default=posterior.best.log_evidence)
+                   if SetKey.of(fit).labels == others), default=posterior.best.log_evidence)
     found = []
     for fit, p in zip(posterior.fits, posterior.probability):
         fresh = [h for h in fit.hypotheses if h.label not in others]
@@ -194,23 +194,23 @@ def _in_place(posterior: Posterior, hypothesis: Hypothesis) -> tuple[Candidate, 
 def cause_sentence(hypothesis: Hypothesis, values: Sequence[ParameterValue]) -> str:
     """Return the effect's explanation at its site, with sizes and uncertainty."""
     text = explanation_at(hypothesis.effect, hypothesis.site)
-    sizes = [parameter_text(v) for v, counts in zip(values, hypothesis.sizes) if counts]
+    sizes = [parameter_text(v) for v, counts in zip(values, hypothesis.is_size) if counts]
     return f'{text.rstrip(".")} ({", ".join(sizes)}).'
 
 
-def _verdict(found: Search, causes: Sequence[Cause]
+def _verdict(found: SearchResult, causes: Sequence[Cause]
              ) -> tuple[str, str, tuple[tuple[str, ...], ...]]:
     unknown = is_unknown(found.best.fit, found.posterior.nominal)
     if not causes and not unknown:
         return ('nothing_wrong', 'Nothing in the catalogue is wrong with the simulation: its '
-                f'errors stay within noise and part tolerances.{_moved(found)}', ())
+                f'errors stay within noise and part tolerances.{_parts_beyond_tolerance(found)}', ())
     if not causes:
         return ('not_in_catalogue', 'The simulation is wrong in a way that nothing in the '
-                f'catalogue explains.{_far(found)}', ())
+                f'catalogue explains.{_far_part(found)}', ())
     sentence = ' '.join(cause.sentence for cause in causes)
     sets = tuple((c.name, *c.look_alikes) for c in causes if c.look_alikes)
     if unknown:
-        return 'cause_and_remainder', f'{sentence}{_unnamed(found)}{_far(found)}', sets
+        return 'cause_and_remainder', f'{sentence}{_unnamed_remainder(found)}{_far_part(found)}', sets
     sentence += doubt(found.posterior)
     if sets:
         alike = ' '.join(f'This record cannot tell {apart_text(names)}.' for names in sets)
@@ -220,30 +220,30 @@ def _verdict(found: Search, causes: Sequence[Cause]
 
 def doubt(posterior: Posterior) -> str:
     """Return what must be said where one unknown thing is likelier than all that is named."""
-    if posterior.real >= 0.5:
+    if posterior.genuine_probability >= 0.5:
         return ''
     return (' But so much at once is rare: more likely one thing that the catalogue lacks is '
-            f'behind it, and each of these is real with {100.0 * posterior.real:.0f} %.')
+            f'behind it, and each of these is real with {100.0 * posterior.genuine_probability:.0f} %.')
 
 
-def _unnamed(found: Search) -> str:
+def _unnamed_remainder(found: SearchResult) -> str:
     """Return why something unnamed is at work beside causes or in place of one."""
-    fit, real = found.best.fit, found.posterior.real
-    if fit.discrepancy.more and not np.any(fit.scale > 1.0):
+    fit, real = found.best.fit, found.posterior.genuine_probability
+    if fit.discrepancy.remainder and not np.any(fit.error_scale > 1.0):
         one, each = ('this', 'it') if len(fit.hypotheses) == 1 else ('one of these', 'each')
         return (f' But {one} is not as large in all of the record: more likely something unnamed '
                 f'looks like it on average, and {each} is real with {100.0 * real:.0f} %.')
     return f'{doubt(found.posterior)} Something unnamed is left.'
 
 
-def _far(found: Search) -> str:
+def _far_part(found: SearchResult) -> str:
     """Return which part is not as its file says, where that is what has no name."""
-    far = found.best.fit.discrepancy.far
+    far = found.best.fit.discrepancy.far_part
     return ''.join(f' A part is not as the robot file says: {part_text(p)}.'
                    for p in part_estimates(found) if p.name == far)
 
 
-def _moved(found: Search) -> str:
+def _parts_beyond_tolerance(found: SearchResult) -> str:
     """Return what a reader must know of parts that are further off than their tolerance."""
     far = [part_text(p) for p in part_estimates(found) if abs(p.mean) > p.prior]
     return f' Parts beyond their tolerance: {", ".join(far)}.' if far else ''

@@ -9,9 +9,9 @@ from flex_plant_sim.diagnosis.verdict.results import ParameterValue, PartEstimat
 from flex_plant_sim.interval import Z95
 
 # Of half the interval: a value further from its middle is told with both ends.
-LOPSIDED = 0.3
+MAX_ASYMMETRY = 0.3
 # Strains are read in millionths.
-UNITS = {'m/m': (1e6, 'µm/m'), '1/s': (1e6, 'µm/m/s')}
+SHOWN_UNITS = {'m/m': (1e6, 'µm/m'), '1/s': (1e6, 'µm/m/s')}
 
 
 def unit_text(unit: str) -> str:
@@ -22,7 +22,7 @@ def unit_text(unit: str) -> str:
 
 def shown_unit(unit: str) -> tuple[float, str]:
     """Return factor and name of the unit that a reader sees."""
-    return UNITS.get(unit, (1.0, unit_text(unit)))
+    return SHOWN_UNITS.get(unit, (1.0, unit_text(unit)))
 
 
 def key_text(key: str, unit: str) -> str:
@@ -57,7 +57,7 @@ def interval_text(parameter: ParameterValue) -> str:
     low, value, high, half = (scale * x for x in (low, value, high, half))
     if not (math.isfinite(half) and half > 0.0):
         return f'{value:.4g} {unit}'.rstrip()
-    if abs(0.5 * (high + low) - value) > LOPSIDED * half:
+    if abs(0.5 * (high + low) - value) > MAX_ASYMMETRY * half:
         low_text, high_text = rounded(low, half), rounded(high, half)
         return f'{rounded(value, half)} ({low_text} to {high_text}) {unit}'.rstrip()
     return f'{rounded(value, half)} ± {rounded(half, half)} {unit}'.rstrip()

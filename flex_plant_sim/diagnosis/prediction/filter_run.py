@@ -7,8 +7,13 @@ from typing import Protocol
 from flex_plant_sim.arm.schedule import barycentric_weights
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import COMPILED
-from flex_plant_sim.diagnosis.prediction.matrices import interpolated, Matrices
-from flex_plant_sim.diagnosis.prediction.scan import Friction, Gaps, scan, scan_with_gaps
+from flex_plant_sim.diagnosis.prediction.recursion import (
+    Backlashes,
+    JointFriction,
+    propagate,
+    propagate_with_gaps,
+)
+from flex_plant_sim.diagnosis.prediction.scheduled_matrices import interpolated, ScheduledMatrices
 from flex_plant_sim.diagnosis.record.windows import Indices, Record
 from flex_plant_sim.effects.joint.backlash import Backlash
 from flex_plant_sim.simulation.drive_input import DriveInput
@@ -18,7 +23,7 @@ import numpy as np
 # Steps in a sample where a gap opens and closes: of an arm stepped a hundred times as finely the
 # joint's errors are then 0.85 and 0.86 of those stated (12 mrad at 100 Hz; sensor behind the gear,
 # on the motor); with one step 1.20 and 1.31, with ten as with five.
-FINE = 5
+GAP_SUBSTEPS = 5
 
 
 class Trajectory(Protocol):
@@ -29,11 +34,11 @@ class Trajectory(Protocol):
     def weights_of(self, arm: ExtendedArm) -> Array:
         """Return the weights over schedule nodes where an arm's sensors put the elbow, (N, K)."""
 
-    def started(self, arm: ExtendedArm, rows: Indices) -> Array:
+    def trajectory_states(self, arm: ExtendedArm, rows: Indices) -> Array:
         """Return the states at samples (N,), (N, n); added coordinates are at zero."""
 
 
-def matrices_of(trajectory: Trajectory, arm: ExtendedArm, gain: Array, used: Indices) -> Matrices:
+def predictor_matrices(trajectory: Trajectory, arm: ExtendedArm, gain: Array, used_samples: Indices) -> ScheduledMatrices:
     """Return an arm's matrices with a gain (nodes, n, m) at the samples used, (N,)."""
     n = arm.states
     weights, table = payload_schedule(arm, trajectory.record.time, trajectory.weights_of(arm))
@@ -41,59 +46,59 @@ def matrices_of(trajectory: Trajectory, arm: ExtendedArm, gain: Array, used: Ind
     k = np.tile(gain, (len(table) // arm.nodes.size, 1, 1))
     rows = np.concatenate([table[..., :n] - k @ arm.output_matrix, table[..., n:], k], axis=-1)
     # What of a record is asked must not change the matrices: what does nothing changes nothing.
-    found = Matrices.of(weights, np.swapaxes(rows, 1, 2))
-    return Matrices(found.weights[used], found.table)
+    found = ScheduledMatrices.reduced(weights, np.swapaxes(rows, 1, 2))
+    return ScheduledMatrices(found.weights[used_samples], found.table)
 
 
-class Run:
+class FilterRun:
     """One arm driven through some samples of a record, (N,): what drives each, (N, B, d)."""
 
-    def __init__(self, trajectory: Trajectory, arm: ExtendedArm, matrices: Matrices,
-                 used: Indices, batch: int):
+    def __init__(self, trajectory: Trajectory, arm: ExtendedArm, matrices: ScheduledMatrices,
+                 used_samples: Indices, batch: int):
         record = trajectory.record
-        self.arm, self.matrices, self.time = arm, matrices, record.time[used][:, None]
-        self.command = at_drive(arm, record)[used]
-        self.measured = undo_sensors(arm, record)[used]
+        self.arm, self.matrices, self.time = arm, matrices, record.time[used_samples][:, None]
+        self.command = drive_command(arm, record)[used_samples]
+        self.measured = invert_sensors(arm, record)[used_samples]
         m, order = record.output.shape[1], arm.form.order
-        self.trajectory = trajectory.started(arm, used)[:, None]
-        ahead = trajectory.started(arm, np.minimum(used + 1, len(record.time) - 1))[:, None]
+        self.trajectory = trajectory.trajectory_states(arm, used_samples)[:, None]
+        ahead = trajectory.trajectory_states(arm, np.minimum(used_samples + 1, len(record.time) - 1))[:, None]
         motion = arm.motion_between(self.trajectory, ahead, self.command, self.time)
         parts = (self.command, arm.smooth_force(motion), self.measured)
-        self.drive = np.concatenate([np.broadcast_to(part, (len(used), batch, width))
+        self.drive = np.concatenate([np.broadcast_to(part, (len(used_samples), batch, width))
                                      for part, width in zip(parts, (2, order, m))], axis=-1)
 
     def states(self, rows: Indices, start: Array) -> Array:
         """Return the predicted states along windows, rows (S, W): (S, W, B, n)."""
         friction = self._friction() if self.arm.has_friction else None
         if not self.arm.gaps:
-            return scan(self.matrices, self.drive, start, rows, friction)
+            return propagate(self.matrices, self.drive, start, rows, friction)
         if COMPILED:
-            return scan_with_gaps(self.matrices, self.drive, start, rows, friction, self._gaps())
+            return propagate_with_gaps(self.matrices, self.drive, start, rows, friction, self._backlashes())
         states = np.empty((*rows.shape, self.drive.shape[1], start.shape[1]))
         state = np.repeat(start[:, None], self.drive.shape[1], axis=1)
         for k, row in enumerate(rows):
             states[k] = state
-            state = self._through_gaps(state, row)
+            state = self._gap_step(state, row)
         return states
 
-    def _through_gaps(self, state: Array, row: Indices) -> Array:
+    def _gap_step(self, state: Array, row: Indices) -> Array:
         """Return the states of samples, (W, B, n), a sample later."""
-        now = Matrices(self.matrices.weights[row], self.matrices.table)
-        fine, cosine = self.arm.finer(FINE), np.cos(self.elbow[row])
+        now = ScheduledMatrices(self.matrices.weights[row], self.matrices.table)
+        fine, cosine = self.arm.finer(GAP_SUBSTEPS), np.cos(self.elbow[row])
         f, g, e = fine.schedule.at(cosine)
         push = np.matmul(self.drive[row][..., :2 + self.arm.form.order],
                          np.swapaxes(np.concatenate([g, e], axis=-1), 1, 2))
         after = state
-        for _ in range(FINE):
+        for _ in range(GAP_SUBSTEPS):
             motion = fine.motion(after, self.command[row], self.time[row])
             after = fine.apply_gaps(after, np.matmul(after, np.swapaxes(f, 1, 2)) + push, motion,
                                     cosine[:, None])
-        after = self._corrected(after, state, row)
-        response = interpolated(now.weights, self._response)[:, None]
+        after = self._measurement_update(after, state, row)
+        force_response = interpolated(now.weights, self._force_response)[:, None]
         return self.arm.apply_friction(
-            response, state, after, self.arm.motion(state, self.command[row], self.time[row]))
+            force_response, state, after, self.arm.motion(state, self.command[row], self.time[row]))
 
-    def _corrected(self, after: Array, state: Array, row: Indices) -> Array:
+    def _measurement_update(self, after: Array, state: Array, row: Indices) -> Array:
         """
         Return states corrected by the errors at the start of the step.
 
@@ -123,18 +128,18 @@ class Run:
         return np.asarray(self.trajectory[:, 0, :order] @ self.arm.form.elbow_angle)
 
     @property
-    def response(self) -> Array:
+    def force_response(self) -> Array:
         """Return what unit generalised forces during a step do to the state, (N, n, order)."""
-        return interpolated(self.matrices.weights, self._response)
+        return interpolated(self.matrices.weights, self._force_response)
 
     @property
-    def _response(self) -> Array:
+    def _force_response(self) -> Array:
         n, order = self.matrices.table.shape[2], self.arm.form.order
         return np.swapaxes(self.matrices.table[:, n + 2:n + 2 + order], 1, 2)
 
-    def _gaps(self) -> Gaps:
+    def _backlashes(self) -> Backlashes:
         """Return the backlashes, opening at the angles of the base's trajectory."""
-        fine = self.arm.finer(FINE)
+        fine = self.arm.finer(GAP_SUBSTEPS)
         weights = barycentric_weights(np.cos(self.elbow), fine.nodes)
         opened, impulse, rotor, places = [], [], [], []
         for effect, opening in zip(fine.gaps, fine.openings):
@@ -148,36 +153,36 @@ class Run:
             places.append((j, fine.form.names.index(effect.coordinate)))
         n, count = fine.states, len(weights[0])
         closed = np.swapaxes(fine.schedule.table.reshape(count, n, -1), 1, 2)
-        return Gaps(weights, closed.reshape(count, -1),
+        return Backlashes(weights, closed.reshape(count, -1),
                     np.stack(opened).reshape(len(opened), count, -1),
                     np.stack(impulse).reshape(len(impulse), count, -1), np.array(rotor),
                     np.array(places), np.ascontiguousarray(fine.output_matrix.T),
-                    self.arm.form.order, FINE)
+                    self.arm.form.order, GAP_SUBSTEPS)
 
-    def _friction(self) -> Friction:
+    def _friction(self) -> JointFriction:
         # Its levels, like smooth forces, are those at the speeds of the base's trajectory.
         motion = self.arm.motion(self.trajectory, self.command, self.time)
         shape = self.drive.shape[:2] + (2,)
         limits = np.stack([np.broadcast_to(limit, shape)
                            for limit in self.arm.friction_limits(motion)], axis=2)
         columns, reach = (interpolated(self.matrices.weights, table)
-                          for table in self.arm.friction_columns(self._response))
+                          for table in self.arm.friction_columns(self._force_response))
         yielding = np.ascontiguousarray(np.broadcast_to(self.arm.yielding(), shape[1:]))
-        return Friction(columns, reach, limits, self.arm.form.order, yielding,
+        return JointFriction(columns, reach, limits, self.arm.form.order, yielding,
                         np.array(self.arm.bends), self.arm.step_time)
 
 
-def at_drive(arm: ExtendedArm, record: Record) -> Array:
+def drive_command(arm: ExtendedArm, record: Record) -> Array:
     """Return the command at the drive, (N, 1 or B, 2)."""
     return DriveInput(arm).of_record(record.command, record.time)
 
 
-def undo_sensors(arm: ExtendedArm, record: Record) -> Array:
+def invert_sensors(arm: ExtendedArm, record: Record) -> Array:
     """Return the outputs before the (affine) sensor effects and in step, (N, 1 or B, m)."""
-    return _in_step(_before_sensors(arm, record), arm.late)
+    return _advance_strain(_without_sensor_effects(arm, record), arm.late)
 
 
-def _in_step(measured: Array, late: int) -> Array:
+def _advance_strain(measured: Array, late: int) -> Array:
     """Return outputs (N, …, m) with the strain of `late` samples later; its last value stays."""
     if late == 0:
         return measured
@@ -193,7 +198,7 @@ def sensor_gain(arm: ExtendedArm, record: Record) -> Array:
     return np.asarray((seen[1:] - seen[0]).transpose(1, 2, 0)[None], dtype=float)
 
 
-def _before_sensors(arm: ExtendedArm, record: Record) -> Array:
+def _without_sensor_effects(arm: ExtendedArm, record: Record) -> Array:
     measured = record.output[:, None, :]
     if not arm.acts_on_output:
         return measured

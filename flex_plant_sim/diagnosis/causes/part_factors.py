@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from flex_plant_sim.diagnosis.causes.fit import Descent, Fit, Point
-from flex_plant_sim.diagnosis.causes.hypothesis import Causes, Hypothesis
-from flex_plant_sim.diagnosis.causes.sets import Settled
-from flex_plant_sim.diagnosis.likelihood.prior import factors_on_parts, log_odds
+from flex_plant_sim.diagnosis.causes.fit import Fit, GaussNewton, LinearisationPoint
+from flex_plant_sim.diagnosis.causes.hypothesis import CauseSet, Hypothesis
+from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit
+from flex_plant_sim.diagnosis.likelihood.prior import factors_on_parts, log_prior_odds
 import numpy as np
 
 
-def in_place_of_parts(centre: Settled, catalogue: Sequence[Hypothesis]) -> Iterator[Fit]:
+def fits_replacing_parts(centre: RefinedFit, catalogue: Sequence[Hypothesis]) -> Iterator[Fit]:
     """
     Return sets with one cause more that is a factor on a part, where it is likelier than that.
 
@@ -30,12 +30,12 @@ def in_place_of_parts(centre: Settled, catalogue: Sequence[Hypothesis]) -> Itera
         place, wider = names.index(part.name), (h.parameters[0].typical / part.tolerance)**2
         share, deviation = wider / (1.0 + wider), float(fit.deviations[place])
         gain = 0.5 * (share * (deviation / part.tolerance)**2 - np.log1p(wider))
-        if gain + log_odds(h.effect, likelihood.base.robot) < 0.0:
+        if gain + log_prior_odds(h.effect, likelihood.base.robot) < 0.0:
             continue
         value = np.clip(h.null * np.exp(power * share * deviation), h.low, h.high)
-        taken, column = np.log(value / h.null).item() / power, likelihood.columns[place]
-        causes = Causes((*fit.hypotheses, h), likelihood.duration)
-        point = Point(np.r_[fit.values, value], centre.point.residual + taken * column,
-                      np.concatenate([centre.point.columns, column[None] / (power * value)]),
+        removed, column = np.log(value / h.null).item() / power, likelihood.part_jacobian[place]
+        causes = CauseSet((*fit.hypotheses, h), likelihood.duration)
+        point = LinearisationPoint(np.r_[fit.values, value], centre.point.residual + removed * column,
+                      np.concatenate([centre.point.jacobian, column[None] / (power * value)]),
                       centre.point.cost)
-        yield Descent(likelihood, causes, fit.scale).fit(point)
+        yield GaussNewton(likelihood, causes, fit.error_scale).fit(point)

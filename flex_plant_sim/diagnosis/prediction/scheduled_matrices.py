@@ -9,13 +9,13 @@ from flex_plant_sim.compiled import compiled
 import numpy as np
 
 # Of an entry's largest: a tenth of what the schedule's nodes leave of the matrices.
-LEFT = 1e-5
+TRUNCATION_TOLERANCE = 1e-5
 # Samples whose matrices are made at once where many are stepped without a loop over them.
-BLOCK = 1000
+BLOCK_SAMPLES = 1000
 
 
 @dataclass(frozen=True)
-class Matrices:
+class ScheduledMatrices:
     """
     The predictor's matrices over schedule nodes, and samples of a record among the nodes.
 
@@ -35,7 +35,7 @@ class Matrices:
     table: Array
 
     @classmethod
-    def of(cls, weights: Array, table: Array) -> Matrices:
+    def reduced(cls, weights: Array, table: Array) -> ScheduledMatrices:
         """
         Return the same with as few nodes as these samples need; weights sum to one.
 
@@ -50,17 +50,17 @@ class Matrices:
         left, size, right = np.linalg.svd(root @ moved, full_matrices=False)
         basis = orthogonal @ left
         most = np.abs(basis).max(axis=0) * size * np.abs(right).max(axis=1)
-        kept = slice(int(np.sum(np.cumsum(most[::-1])[::-1] > LEFT)))
+        kept = slice(int(np.sum(np.cumsum(most[::-1])[::-1] > TRUNCATION_TOLERANCE)))
         return cls(np.column_stack([np.ones(len(weights)), basis[:, kept]]),
                    np.concatenate([mean[None], size[kept, None] * right[kept] * largest]
                                   ).reshape(-1, *table.shape[1:]))
 
-    def stepped(self, state: Array, drive: Array) -> Array:
+    def step_states(self, state: Array, drive: Array) -> Array:
         """Return each sample's state a step later, (N, B, n), from (N, B, n) and (N, B, d)."""
         both = np.concatenate([state, drive], axis=-1)
         return np.concatenate([
-            both[k:k + BLOCK] @ interpolated(self.weights[k:k + BLOCK], self.table)
-            for k in range(0, len(both), BLOCK)])
+            both[k:k + BLOCK_SAMPLES] @ interpolated(self.weights[k:k + BLOCK_SAMPLES], self.table)
+            for k in range(0, len(both), BLOCK_SAMPLES)])
 
     def filter_table(self, outputs: int) -> Array:
         """Return [F - K C, K]' at the nodes, (K, n + m, n)."""
@@ -75,7 +75,7 @@ def interpolated(weights: Array, table: Array) -> Array:
 
 
 @compiled
-def mix(weights: Array, table: Array, found: Array) -> None:
+def interpolate_into(weights: Array, table: Array, found: Array) -> None:
     """Write a flat table (K, M) at a sample with weights (K,) into found, (M,)."""
     found[:] = 0.0
     for k in range(len(weights)):

@@ -6,13 +6,17 @@ from dataclasses import dataclass
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import COMPILED, compiled
-from flex_plant_sim.diagnosis.prediction.matrices import add_product, Matrices, mix
+from flex_plant_sim.diagnosis.prediction.scheduled_matrices import (
+    add_product,
+    interpolate_into,
+    ScheduledMatrices,
+)
 from flex_plant_sim.diagnosis.record.windows import Indices
 import numpy as np
 
 
 @dataclass(frozen=True)
-class Friction:
+class JointFriction:
     """
     Dry friction of both joints along a record.
 
@@ -35,36 +39,36 @@ class Friction:
 
     """
 
-    columns: Array
-    reach: Array
+    response: Array
+    velocity_response: Array
     limits: Array
     velocity: int
-    yielding: Array
-    bends: Indices
+    compliance: Array
+    deflections: Indices
     step: float
 
     @classmethod
-    def none(cls, n: int, velocity: int) -> Friction:
+    def none(cls, n: int, velocity: int) -> JointFriction:
         """Return joints that turn freely."""
         return cls(np.zeros((0, n, 2)), np.zeros((0, 2)), np.zeros((0, 0, 2, 2)), velocity,
                    np.zeros((0, 2)), np.full(2, -1), 1.0)
 
-    def stopped(self, state: Array, after: Array, row: Indices) -> Array:
+    def applied(self, state: Array, after: Array, row: Indices) -> Array:
         """Return the states after a step, (W, B, n), as ExtendedArm has it."""
         v, limits = self.velocity, self.limits[row]
-        bend = np.where(self.bends >= 0, state[..., self.bends], 0.0)
-        force = np.clip((bend + self.step * after[..., v:v + 2])
-                        / (self.yielding + self.step * self.reach[row][:, None]),
+        deflection = np.where(self.deflections >= 0, state[..., self.deflections], 0.0)
+        force = np.clip((deflection + self.step * after[..., v:v + 2])
+                        / (self.compliance + self.step * self.velocity_response[row][:, None]),
                         -limits[..., 1, :], limits[..., 0, :])
-        after = after - np.matmul(force, np.swapaxes(self.columns[row], 1, 2))
-        for j, k in enumerate(self.bends):
+        after = after - np.matmul(force, np.swapaxes(self.response[row], 1, 2))
+        for j, k in enumerate(self.deflections):
             if k >= 0:
-                after[..., k], after[..., v + k] = (self.yielding * force)[..., j], 0.0
+                after[..., k], after[..., v + k] = (self.compliance * force)[..., j], 0.0
         return after
 
 
 @dataclass(frozen=True)
-class Gaps:
+class Backlashes:
     """
     Backlashes along a record, G of them, in steps finer than its samples; see backlash.py.
 
@@ -93,24 +97,24 @@ class Gaps:
     """
 
     weights: Array
-    closed: Array
-    opened: Array
+    engaged: Array
+    separation: Array
     impulse: Array
     rotor: Array
-    places: Indices
+    indices: Indices
     output: Array
     velocity: int
     steps: int
 
     @classmethod
-    def none(cls, n: int) -> Gaps:
+    def none(cls, n: int) -> Backlashes:
         """Return an arm without a gap."""
         return cls(np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((0, 0, 0)), np.zeros((0, 0, 0)),
                    np.zeros((0, 7)), np.zeros((0, 2), dtype=np.int64), np.zeros((n, 0)), 0, 0)
 
 
-def scan(matrices: Matrices, drive: Array, start: Array, rows: Indices,
-         friction: Friction | None = None) -> Array:
+def propagate(matrices: ScheduledMatrices, drive: Array, start: Array, rows: Indices,
+         friction: JointFriction | None = None) -> Array:
     """
     Return the states x(k+1) = F_k x_k + D_k d_k along every window, (S, W, B, n).
 
@@ -133,84 +137,84 @@ def scan(matrices: Matrices, drive: Array, start: Array, rows: Indices,
 
     """
     if COMPILED:
-        return scan_with_gaps(matrices, drive, start, rows, friction, Gaps.none(start.shape[1]))
+        return propagate_with_gaps(matrices, drive, start, rows, friction, Backlashes.none(start.shape[1]))
     states = np.empty((*rows.shape, drive.shape[1], start.shape[1]))
     state = np.repeat(start[:, None], drive.shape[1], axis=1)
     for k, row in enumerate(rows):
         states[k] = state
-        after = Matrices(matrices.weights[row], matrices.table).stepped(state, drive[row])
-        state = after if friction is None else friction.stopped(state, after, row)
+        after = ScheduledMatrices(matrices.weights[row], matrices.table).step_states(state, drive[row])
+        state = after if friction is None else friction.applied(state, after, row)
     return states
 
 
-def scan_with_gaps(matrices: Matrices, drive: Array, start: Array, rows: Indices,
-                   friction: Friction | None, gaps: Gaps) -> Array:
+def propagate_with_gaps(matrices: ScheduledMatrices, drive: Array, start: Array, rows: Indices,
+                   friction: JointFriction | None, gaps: Backlashes) -> Array:
     """Return the states as scan does, (S, W, B, n), backlashes opening and closing; in loops."""
-    f = friction or Friction.none(start.shape[1], gaps.velocity)
+    f = friction or JointFriction.none(start.shape[1], gaps.velocity)
     # One layout: any other would be compiled once more, some seconds each.
-    return _loops(matrices.weights, matrices.table.reshape(len(matrices.table), -1), drive, start,
-                  rows, f.columns, f.reach, np.ascontiguousarray(f.limits), f.velocity,
-                  f.yielding.copy(), f.bends, f.step, gaps.weights, gaps.closed, gaps.opened,
-                  gaps.impulse, gaps.rotor, gaps.places, gaps.output, gaps.steps)
+    return _propagate_compiled(matrices.weights, matrices.table.reshape(len(matrices.table), -1), drive, start,
+                  rows, f.response, f.velocity_response, np.ascontiguousarray(f.limits), f.velocity,
+                  f.compliance.copy(), f.deflections, f.step, gaps.weights, gaps.engaged, gaps.separation,
+                  gaps.impulse, gaps.rotor, gaps.indices, gaps.output, gaps.steps)
 
 
 @compiled
-def _loops(weights: Array, table: Array, drive: Array, start: Array, rows: Indices,
-           columns: Array, reach: Array, limits: Array, velocity: int, yielding: Array,
-           bends: Indices, step: float, nodes: Array, closed: Array, opened: Array,
-           impulse: Array, rotor: Array, places: Indices, output: Array, fine: int) -> Array:
+def _propagate_compiled(weights: Array, table: Array, drive: Array, start: Array, rows: Indices,
+           response: Array, velocity_response: Array, limits: Array, velocity: int, compliance: Array,
+           deflections: Indices, step: float, nodes: Array, engaged: Array, separation: Array,
+           impulse: Array, rotor: Array, indices: Indices, output: Array, substeps: int) -> Array:
     steps, windows = rows.shape
-    batch, n, gaps = drive.shape[1], start.shape[1], len(places)
+    batch, n, gaps = drive.shape[1], start.shape[1], len(indices)
     states, flat = np.empty((steps, windows, batch, n)), np.empty(table.shape[1])
-    both, touching = flat.reshape(-1, n), np.empty(closed.shape[1])
-    apart, hits = np.empty((gaps, opened.shape[2])), np.empty((gaps, impulse.shape[2]))
+    both, touching = flat.reshape(-1, n), np.empty(engaged.shape[1])
+    apart, impulses = np.empty((gaps, separation.shape[2])), np.empty((gaps, impulse.shape[2]))
     for w in range(windows):
         for b in range(batch):
             states[0, w, b] = start[w]
         for k in range(steps - 1):
             row = rows[k, w]
-            mix(weights[row], table, flat)
+            interpolate_into(weights[row], table, flat)
             if gaps:
-                mix(nodes[row], closed, touching)
+                interpolate_into(nodes[row], engaged, touching)
             for g in range(gaps):
-                mix(nodes[row], opened[g], apart[g])
-                mix(nodes[row], impulse[g], hits[g])
+                interpolate_into(nodes[row], separation[g], apart[g])
+                interpolate_into(nodes[row], impulse[g], impulses[g])
             for b in range(batch):
                 state, after, inputs = states[k, w, b], states[k + 1, w, b], drive[row, b]
                 if gaps:
-                    _through_gaps(state, after, inputs, both[len(both) - output.shape[1]:],
-                                  touching.reshape(-1, n), apart, hits, rotor, places, output,
-                                  velocity, fine)
+                    _gap_step(state, after, inputs, both[len(both) - output.shape[1]:],
+                                  touching.reshape(-1, n), apart, impulses, rotor, indices, output,
+                                  velocity, substeps)
                 else:
                     after[:] = 0.0
                     add_product(state, both[:n], after)
                     add_product(inputs, both[n:], after)
-                if len(reach):
-                    _stop(state, after, columns[row], reach[row], limits[row, b], velocity,
-                          yielding[b], bends, step)
+                if len(velocity_response):
+                    _apply_friction(state, after, response[row], velocity_response[row], limits[row, b], velocity,
+                          compliance[b], deflections, step)
     return states
 
 
 @compiled
-def _stop(state: Array, after: Array, columns: Array, reach: Array, limits: Array, velocity: int,
-          yielding: Array, bends: Indices, step: float) -> None:
+def _apply_friction(state: Array, after: Array, response: Array, velocity_response: Array, limits: Array, velocity: int,
+          compliance: Array, deflections: Indices, step: float) -> None:
     force = np.zeros(2)
     for j in range(2):
-        bend = state[bends[j]] if bends[j] >= 0 else 0.0
-        wish = (bend + step * after[velocity + j]) / (yielding[j] + step * reach[j])
-        force[j] = max(-limits[1, j], min(wish, limits[0, j]))
+        deflection = state[deflections[j]] if deflections[j] >= 0 else 0.0
+        sticking = (deflection + step * after[velocity + j]) / (compliance[j] + step * velocity_response[j])
+        force[j] = max(-limits[1, j], min(sticking, limits[0, j]))
     for i in range(len(after)):
-        after[i] -= columns[i, 0] * force[0] + columns[i, 1] * force[1]
+        after[i] -= response[i, 0] * force[0] + response[i, 1] * force[1]
     for j in range(2):
-        if bends[j] >= 0:
-            after[bends[j]] = yielding[j] * force[j]
-            after[velocity + bends[j]] = 0.0
+        if deflections[j] >= 0:
+            after[deflections[j]] = compliance[j] * force[j]
+            after[velocity + deflections[j]] = 0.0
 
 
 @compiled
-def _through_gaps(state: Array, after: Array, inputs: Array, gain: Array, inside: Array,
-                  apart: Array, hits: Array, rotor: Array, places: Indices, output: Array,
-                  velocity: int, fine: int) -> None:
+def _gap_step(state: Array, after: Array, inputs: Array, gain: Array, inside: Array,
+                  apart: Array, impulses: Array, rotor: Array, indices: Indices, output: Array,
+                  velocity: int, substeps: int) -> None:
     """Take fine steps, in which gaps open and close, then correct by the errors at the start."""
     n, push, error = len(state), np.zeros(len(state)), np.zeros(output.shape[1])
     before, free = np.empty(n), np.empty(n)
@@ -219,56 +223,56 @@ def _through_gaps(state: Array, after: Array, inputs: Array, gain: Array, inside
         error[i] = inputs[len(inputs) - len(error) + i] - error[i]
     add_product(inputs[:len(inside) - n], inside[n:], push)
     after[:] = state
-    for _ in range(fine):
+    for _ in range(substeps):
         before[:], after[:] = after, push
         add_product(before, inside[:n], after)
-        for g in range(len(places)):
-            _gap(before, after, free, inputs, apart[g].reshape(-1, n), hits[g].reshape(2, n),
-                 rotor[g], places[g, 0], places[g, 1], velocity)
-    _correct(after, error, gain, output, rotor, places, velocity)
+        for g in range(len(indices)):
+            _open_or_close(before, after, free, inputs, apart[g].reshape(-1, n), impulses[g].reshape(2, n),
+                 rotor[g], indices[g, 0], indices[g, 1], velocity)
+    _measurement_update(after, error, gain, output, rotor, indices, velocity)
 
 
 @compiled
-def _gap(state: Array, after: Array, free: Array, inputs: Array, opened: Array, impulse: Array,
+def _open_or_close(state: Array, after: Array, free: Array, inputs: Array, separation: Array, impulse: Array,
          rotor: Array, joint: int, lead: int, velocity: int) -> None:
     """Part rotor and link, or join them, as Backlash.on_step does."""
     torque, inertia, damping, step, mean, end, half = rotor
     slip, old = state[velocity + lead], state[lead]
     speed, steady = state[velocity + joint] - slip, torque * inputs[joint] / damping
-    turn = step * (steady + (speed - steady) * mean)
+    rotor_turn = step * (steady + (speed - steady) * mean)
     free[:] = after
-    add_product(state, opened[:len(state)], free)
-    add_product(inputs[:2], opened[len(state):], free)
-    apart = old + free[joint] - state[joint] - turn
+    add_product(state, separation[:len(state)], free)
+    add_product(inputs[:2], separation[len(state):], free)
+    apart = old + free[joint] - state[joint] - rotor_turn
     left = free[velocity + joint] - steady - (speed - steady) * end
     if abs(apart) < half:
         after[:] = free
         after[lead], after[velocity + lead] = apart, left
         return
-    side, met = 1.0 if apart > 0.0 else -1.0, 0.0
-    room, drift, bend = half - side * old, side * step * slip, side * (apart - old - step * slip)
+    side, contact_share = 1.0 if apart > 0.0 else -1.0, 0.0
+    room, drift, deflection = half - side * old, side * step * slip, side * (apart - old - step * slip)
     if room > 0.0:
-        pace = drift + np.sqrt(max(drift**2 + 4.0 * bend * room, 0.0))
-        met = 2.0 * room / max(pace, 2.0 * room)
-    lacking = inertia * (slip + met * (left - slip))
+        closing = drift + np.sqrt(max(drift**2 + 4.0 * deflection * room, 0.0))
+        contact_share = 2.0 * room / max(closing, 2.0 * room)
+    momentum = inertia * (slip + contact_share * (left - slip))
     for i in range(len(after)):
-        share = met * (2.0 - met) if i < velocity else met
-        push = impulse[0, i] + met * (impulse[1, i] - impulse[0, i])
-        after[i] += share * (free[i] - after[i]) - push * lacking
+        share = contact_share * (2.0 - contact_share) if i < velocity else contact_share
+        push = impulse[0, i] + contact_share * (impulse[1, i] - impulse[0, i])
+        after[i] += share * (free[i] - after[i]) - push * momentum
     after[lead], after[velocity + lead] = side * half, 0.0
 
 
 @compiled
-def _correct(after: Array, error: Array, gain: Array, output: Array, rotor: Array,
-             places: Indices, velocity: int) -> None:
+def _measurement_update(after: Array, error: Array, gain: Array, output: Array, rotor: Array,
+             indices: Indices, velocity: int) -> None:
     """
     Correct a state by errors, (m,), with K' (m, n).
 
     A sensor before an open gap corrects the rotor, all others what is behind the gap.
     """
     add_product(error, gain, after)
-    for g in range(len(places)):
-        joint, lead, half = places[g, 0], places[g, 1], rotor[g, 6]
+    for g in range(len(indices)):
+        joint, lead, half = indices[g, 0], indices[g, 1], rotor[g, 6]
         if abs(after[lead]) >= half:
             continue
         if output[lead, joint] != 0.0:
@@ -276,6 +280,6 @@ def _correct(after: Array, error: Array, gain: Array, output: Array, rotor: Arra
                 after[i] -= gain[joint, i] * error[joint]
         for d in (0, velocity):
             for i in range(len(error)):
-                turn = gain[i, joint + d] * error[i]
-                after[lead + d] += turn if output[lead, i] == 0.0 else -turn
+                rotor_turn = gain[i, joint + d] * error[i]
+                after[lead + d] += rotor_turn if output[lead, i] == 0.0 else -rotor_turn
         after[lead] = max(-half, min(after[lead], half))

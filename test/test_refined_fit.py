@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from flex_plant_sim.diagnosis.causes.course import Course
-from flex_plant_sim.diagnosis.causes.factors import in_place_of_parts
-from flex_plant_sim.diagnosis.causes.fit import Descent, Fit, fitted
-from flex_plant_sim.diagnosis.causes.hypothesis import Causes, hypotheses
-from flex_plant_sim.diagnosis.causes.sets import Fitter, Settled, Trial
+from flex_plant_sim.diagnosis.causes.fit import Fit, fit_set, GaussNewton
+from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses, CauseSet
+from flex_plant_sim.diagnosis.causes.part_factors import fits_replacing_parts
+from flex_plant_sim.diagnosis.causes.refined_fit import CandidateSet, NeighbourFitter, RefinedFit
+from flex_plant_sim.diagnosis.causes.search_state import SearchState
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
-from flex_plant_sim.diagnosis.likelihood.prior import deviated, part_priors
-from flex_plant_sim.diagnosis.prediction.predictor import Base
+from flex_plant_sim.diagnosis.likelihood.prior import part_priors, with_deviations
+from flex_plant_sim.diagnosis.prediction.predictor import BaseModel
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.effects import catalogue
 import numpy as np
@@ -23,50 +23,50 @@ def test_a_look_alike_is_fitted_along_its_own_trajectory() -> None:
     clamp, base = effects('clamp_compliance:link_1:compliance_rad_per_n_m=0.005',
                           'base_compliance:arm:compliance_rad_per_n_m=0.0045,inertia_kg_m2=0.05')
     data = Data.of([simulated((clamp,), 28.0)], SLOWEST, REFERENCE.sample_time)
-    known = {h.label: h for h in hypotheses(REFERENCE)}
-    near, far = (Trial((known[f'{e.identifier}:{e.site}'],), (np.array(e.values),))
+    known = {h.label: h for h in all_hypotheses(REFERENCE)}
+    near, far = (CandidateSet((known[f'{e.identifier}:{e.site}'],), (np.array(e.values),))
                  for e in (clamp, base))
-    centre = Settled.at(near, Base(REFERENCE), data)
-    plain = fitted(centre.likelihood, Causes(far.hypotheses, data.duration), far.starts,
-                   centre.fit.scale).log_evidence
-    found = Fitter(centre.likelihood, centre.fit.scale, data.duration)(far)
-    settled = Settled.at(Trial.of(found), Base(REFERENCE), data).fit.log_evidence
+    centre = RefinedFit.refine(near, BaseModel(REFERENCE), data)
+    plain = fit_set(centre.likelihood, CauseSet(far.hypotheses, data.duration), far.starts,
+                   centre.fit.error_scale).log_evidence
+    found = NeighbourFitter(centre.likelihood, centre.fit.error_scale, data.duration)(far)
+    refined = RefinedFit.refine(CandidateSet.of(found), BaseModel(REFERENCE), data).fit.log_evidence
     # The other half needs the parts' columns around itself.
-    assert found.log_evidence - plain > 0.5 * (settled - plain) > 5.0
+    assert found.log_evidence - plain > 0.5 * (refined - plain) > 5.0
 
 
 def test_evidence_is_the_same_wherever_it_is_linearised_first() -> None:
     # Parts off so far that their columns around the file are not those where they are.
-    base, parts = Base(REFERENCE), part_priors(REFERENCE, REFERENCE.payload_mass)
+    base, parts = BaseModel(REFERENCE), part_priors(REFERENCE, REFERENCE.payload_mass)
     off = {'damping_1': 1.5, 'stiffness_1': -2.0, 'stiffness_2': 2.0, 'drive_gain_1': -1.0}
     true = np.array([off.get(part.name, 0.0) * part.tolerance for part in parts])
-    record = simulated((), 28.0, robot=deviated(REFERENCE, parts, true)[0])
+    record = simulated((), 28.0, robot=with_deviations(REFERENCE, parts, true)[0])
     data = Data.of([record], SLOWEST, REFERENCE.sample_time)
-    from_file, from_truth = (Settled.at(Trial((), (np.zeros(0),), about), base, data).fit
+    from_file, from_truth = (RefinedFit.refine(CandidateSet((), (np.zeros(0),), about), base, data).fit
                              for about in (None, true))
-    plain = fitted(Likelihood(base, data.windows, data.noise), Causes((), data.duration),
+    plain = fit_set(Likelihood(base, data.windows, data.noise), CauseSet((), data.duration),
                    (np.zeros(0),))
     assert from_file.log_evidence == pytest.approx(from_truth.log_evidence, abs=0.5)
     assert from_file.log_evidence > plain.log_evidence + 2.0
 
 
 def test_a_factor_in_place_of_its_part_is_told_by_the_part_s_own_columns() -> None:
-    base, parts = Base(REFERENCE), part_priors(REFERENCE, REFERENCE.payload_mass)
+    base, parts = BaseModel(REFERENCE), part_priors(REFERENCE, REFERENCE.payload_mass)
     place = [part.name for part in parts].index('stiffness_2')
     stiffer = 6.0 * parts[place].tolerance * np.eye(len(parts))[place]
-    record = simulated((), 28.0, robot=deviated(REFERENCE, parts, stiffer)[0])
+    record = simulated((), 28.0, robot=with_deviations(REFERENCE, parts, stiffer)[0])
     data = Data.of([record], SLOWEST, REFERENCE.sample_time)
-    nothing = Settled.at(Trial((), (np.zeros(0),)), base, data)
-    asked = [h for h in hypotheses(REFERENCE) if h.label == 'link_stiffness:link_2']
-    told, = in_place_of_parts(nothing, asked)
+    nothing = RefinedFit.refine(CandidateSet((), (np.zeros(0),)), base, data)
+    asked = [h for h in all_hypotheses(REFERENCE) if h.label == 'link_stiffness:link_2']
+    told, = fits_replacing_parts(nothing, asked)
     # Both together are one coordinate with the sum of their variances.
-    wide = nothing.fit.moments.tolerances.copy()
+    wide = nothing.fit.statistics.tolerances.copy()
     wide[place] = np.hypot(wide[place], asked[0].parameters[0].typical)
-    both = replace(nothing.fit.moments, tolerances=wide)
-    assert told.log_evidence == pytest.approx(both.log_evidence(nothing.fit.scale), abs=0.5)
+    both = replace(nothing.fit.statistics, tolerances=wide)
+    assert told.log_evidence == pytest.approx(both.log_evidence(nothing.fit.error_scale), abs=0.5)
     assert told.log_evidence > nothing.fit.log_evidence + 3.0
-    settled = Settled.at(Trial.of(told), base, data).fit
-    assert told.values == pytest.approx(settled.values, rel=0.005)
+    refined = RefinedFit.refine(CandidateSet.of(told), base, data).fit
+    assert told.values == pytest.approx(refined.values, rel=0.005)
 
 
 def test_what_swings_is_fitted_from_each_size_that_was_looked_at() -> None:
@@ -74,23 +74,23 @@ def test_what_swings_is_fitted_from_each_size_that_was_looked_at() -> None:
     data = Data.of([simulated(effects(
         'loose_payload:arm:compliance_m_per_n=0.045,damping_ratio=0.05'), 28.0)],
         SLOWEST, REFERENCE.sample_time)
-    asked, base = ('loose_payload', 'clamp_compliance'), Base(REFERENCE)
-    course = Course(data, base, 1, [name for name in catalogue() if name not in asked],
+    asked, base = ('loose_payload', 'clamp_compliance'), BaseModel(REFERENCE)
+    state = SearchState(data, base, 1, [name for name in catalogue() if name not in asked],
                     lambda *told: None)
-    nothing = course.settle(Trial((), (np.zeros(0),)), base.discrepancy)
-    course.look(nothing)
+    nothing = state.refine(CandidateSet((), (np.zeros(0),)), base.discrepancy)
+    state.probe(nothing)
     starts: dict[str, list[float]] = {}
-    for trial in course.trials(nothing, course.promises(nothing)):
+    for trial in state.candidates(nothing, state.proposals(nothing)):
         for h in trial.hypotheses:
             starts.setdefault(h.label, []).append(trial.starts[0][0])
-    swings, = (h for h, _ in course.looks if h.label == 'loose_payload:arm')
+    swings, = (h for h, _ in state.sensitivities if h.label == 'loose_payload:arm')
     asked_at = [size for size in swings.parameters[0].starts if size > 0.0]
     # And where a line says: a gap may be smaller than all that were looked at.
     assert set(np.round(asked_at, 9)) < set(np.round(starts[swings.label], 9))
     assert len(starts['clamp_compliance:link_1']) == 1
     # Nor does a line tell how much it gains.
-    worth = {p.hypothesis.label: course.worth(50, replace(p, gain=100.0))
-             for p in course.promises(nothing)}
+    worth = {p.hypothesis.label: state.deserves_fit(50, replace(p, linear_gain=100.0))
+             for p in state.proposals(nothing)}
     assert worth[swings.label] and not worth['clamp_compliance:link_1']
 
 
@@ -99,13 +99,13 @@ def test_a_set_that_cannot_matter_is_not_linearised_again() -> None:
     data = Data.of([simulated(off, 28.0)], SLOWEST, REFERENCE.sample_time)
     asked: list[float] = []
 
-    def matters(fit: Fit, more: float) -> bool:
+    def worth_refining(fit: Fit, more: float) -> bool:
         asked.append(more)
         return False
 
-    nothing = Trial((), (np.zeros(0),))
-    once, again = (Settled.at(nothing, Base(REFERENCE), data, matters=how).fit.log_evidence
-                   for how in (matters, lambda fit, more: True))
+    nothing = CandidateSet((), (np.zeros(0),))
+    once, again = (RefinedFit.refine(nothing, BaseModel(REFERENCE), data, worth_refining=how).fit.log_evidence
+                   for how in (worth_refining, lambda fit, more: True))
     # The file's columns promised more than is there, by less than it was told may be.
     assert len(asked) == 1 and once + 1.0 < again < once + asked[0]
 
@@ -114,10 +114,10 @@ def test_a_set_that_cannot_matter_is_not_linearised_again() -> None:
 def test_what_seemed_to_take_its_time_is_tried_at_once_too(start: tuple[float, ...]) -> None:
     dropped = effects('payload_change:arm:change_kg=-0.06,time_s=12,duration_s=0')
     data = Data.of([simulated(dropped, 28.0)], SLOWEST, REFERENCE.sample_time)
-    event = [h for h in hypotheses(REFERENCE) if h.label == 'payload_change:arm']
-    descent = Descent(Likelihood(Base(REFERENCE), data.windows, data.noise),
-                      Causes(event, data.duration), np.ones(len(REFERENCE.output_names)))
-    slow, found = (way((np.array(start),)) for way in (descent.down, descent.run))
+    event = [h for h in all_hypotheses(REFERENCE) if h.label == 'payload_change:arm']
+    descent = GaussNewton(Likelihood(BaseModel(REFERENCE), data.windows, data.noise),
+                      CauseSet(event, data.duration), np.ones(len(REFERENCE.output_names)))
+    slow, found = (way((np.array(start),)) for way in (descent.descend, descent.minimise))
     # Between a change of ten seconds and one at once is a valley of its own.
     assert slow.values[2] > 8.0 and slow.cost > found.cost + 200.0
     assert found.values[2] < 0.1 and found.values[0] == pytest.approx(-0.06, abs=1e-3)

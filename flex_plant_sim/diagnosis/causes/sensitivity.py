@@ -11,11 +11,11 @@ from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
 import numpy as np
 
 # Arms that run at once: memory goes with them.
-BATCH = 8
+BATCH_SIZE = 8
 
 
 @dataclass(frozen=True)
-class Look:
+class Sensitivity:
     """
     Changes of the residual by a hypothesis at one shape.
 
@@ -31,12 +31,12 @@ class Look:
     """
 
     shape: Array
-    away: Array
+    deviation: Array
     changes: Array
 
 
 @dataclass(frozen=True)
-class Looker:
+class SensitivityProbe:
     """
     Looks at hypotheses through one likelihood, that of the nominal model.
 
@@ -54,7 +54,7 @@ class Looker:
     likelihood: Likelihood
     duration: float
 
-    def __call__(self, hypothesis: Hypothesis) -> tuple[Hypothesis, tuple[Look, ...]]:
+    def __call__(self, hypothesis: Hypothesis) -> tuple[Hypothesis, tuple[Sensitivity, ...]]:
         """
         Return a hypothesis with its looks.
 
@@ -64,36 +64,36 @@ class Looker:
             Where none makes a finite prediction.
 
         """
-        found = [look for away in _amounts(hypothesis)
-                 for look in self.at(hypothesis, away)]
+        found = [look for deviation in _probe_deviations(hypothesis)
+                 for look in self.sensitivities(hypothesis, deviation)]
         if not found:
             raise np.linalg.LinAlgError(f'{hypothesis.label}: no finite prediction')
         return hypothesis, tuple(found)
 
-    def at(self, hypothesis: Hypothesis, away: Array) -> list[Look]:
+    def sensitivities(self, hypothesis: Hypothesis, deviation: Array) -> list[Sensitivity]:
         """Return a look at each shape with sizes `away` from null, (k,), one at a time."""
-        sizes, event = np.flatnonzero(hypothesis.sizes), hypothesis.event
-        shapes = hypothesis.shapes(self.duration)
-        asked = shapes if event is None else _first(shapes, event)
-        values = np.repeat(asked, sizes.size, axis=0)
-        index = np.tile(sizes, len(asked))
-        values[np.arange(len(values)), index] += away[index]
-        white = self._changes(hypothesis, values).reshape(len(asked), sizes.size, -1)
-        if event is not None:
-            asked, white = self._later(shapes, asked, event, white)
-        return [Look(shape, away, rows) for shape, rows in zip(asked, white)
+        is_size, event_index = np.flatnonzero(hypothesis.is_size), hypothesis.event_index
+        shape_grid = hypothesis.shape_grid(self.duration)
+        probed = shape_grid if event_index is None else _at_start(shape_grid, event_index)
+        values = np.repeat(probed, is_size.size, axis=0)
+        index = np.tile(is_size, len(probed))
+        values[np.arange(len(values)), index] += deviation[index]
+        changes = self._changes(hypothesis, values).reshape(len(probed), is_size.size, -1)
+        if event_index is not None:
+            probed, changes = self._at_all_times(shape_grid, probed, event_index, changes)
+        return [Sensitivity(shape, deviation, rows) for shape, rows in zip(probed, changes)
                 if np.all(np.isfinite(rows))]
 
     def _changes(self, hypothesis: Hypothesis, values: Array) -> Array:
         """Return what values (B, k) add to the residual, (B, m, N)."""
         batches = list(values) if hypothesis.effect.structural else [
-            values[k:k + BATCH] for k in range(0, len(values), BATCH)]
-        around = self.likelihood.around
+            values[k:k + BATCH_SIZE] for k in range(0, len(values), BATCH_SIZE)]
+        centre_effects = self.likelihood.centre_effects
         return np.concatenate([
-            (self.likelihood.residual((*around, hypothesis.at(v)))
-             - self.likelihood.present).astype(np.float32) for v in batches])
+            (self.likelihood.residual((*centre_effects, hypothesis.effect_at(v)))
+             - self.likelihood.centre_residual).astype(np.float32) for v in batches])
 
-    def _later(self, shapes: Array, asked: Array, event: int, white: Array
+    def _at_all_times(self, shape_grid: Array, probed: Array, event_index: int, changes: Array
                ) -> tuple[Array, Array]:
         """
         Return looks at an event of all times, from one at the start of the record.
@@ -102,22 +102,22 @@ class Looker:
         filter within a period.
         """
         times = self.likelihood.times
-        rows = white.reshape(*white.shape[:2], -1, times.size)
-        origin = [int(np.argmin(np.sum((np.delete(asked, event, 1) - rest)**2, axis=1)))
-                  for rest in np.delete(shapes, event, 1)]
-        late = times >= shapes[:, event, None]
+        rows = changes.reshape(*changes.shape[:2], -1, times.size)
+        origin = [int(np.argmin(np.sum((np.delete(probed, event_index, 1) - rest)**2, axis=1)))
+                  for rest in np.delete(shape_grid, event_index, 1)]
+        late = times >= shape_grid[:, event_index, None]
         found = rows[origin] * late[:, None, None]
-        return shapes, found.reshape(len(shapes), white.shape[1], -1)
+        return shape_grid, found.reshape(len(shape_grid), changes.shape[1], -1)
 
 
-def _first(shapes: Array, event: int) -> Array:
+def _at_start(shape_grid: Array, event_index: int) -> Array:
     """Return the shapes (S, k) that differ in more than the event's time, at the start."""
-    moved = shapes.copy()
-    moved[:, event] = 0.0
+    moved = shape_grid.copy()
+    moved[:, event_index] = 0.0
     return np.unique(moved, axis=0)
 
 
-def _amounts(hypothesis: Hypothesis) -> Sequence[Array]:
+def _probe_deviations(hypothesis: Hypothesis) -> Sequence[Array]:
     """Return deviations to look at; one is enough where all is proportional to it."""
-    some = hypothesis.magnitudes()
+    some = hypothesis.probe_deviations()
     return some[:1] if hypothesis.effect.linear else some

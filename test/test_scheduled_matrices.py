@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 from flex_plant_sim.arm.schedule import barycentric_weights, chebyshev_nodes
-from flex_plant_sim.diagnosis.prediction.matrices import interpolated, LEFT, Matrices
+from flex_plant_sim.diagnosis.prediction.scheduled_matrices import (
+    interpolated,
+    ScheduledMatrices,
+    TRUNCATION_TOLERANCE,
+)
 import numpy as np
 import pytest
 
@@ -17,11 +21,11 @@ CHANGE = np.array([[0.0, 0.8, 2.0], [1e-4, -0.4, 1.0]])
 def test_few_nodes_say_what_all_do(low: float, high: float, most: int) -> None:
     table = SCALE * np.exp(CHANGE * NODES[:, None, None])
     weights = barycentric_weights(np.linspace(low, high, 300), NODES)
-    fewer = Matrices.of(weights, table)
+    fewer = ScheduledMatrices.reduced(weights, table)
     assert len(fewer.table) == fewer.weights.shape[1] <= most
     found = interpolated(fewer.weights, fewer.table)
     error = np.abs(found - interpolated(weights, table)) / np.maximum(SCALE, 1e-9)
-    assert error.max() < LEFT * np.exp(2.0)
+    assert error.max() < TRUNCATION_TOLERANCE * np.exp(2.0)
     assert error[:, 0, 0].max() < 1e-14 and not found[:, 1, 2].any()
     assert interpolated(fewer.weights[:5], 3.0 * fewer.table) == pytest.approx(3.0 * found[:5])
 
@@ -29,4 +33,4 @@ def test_few_nodes_say_what_all_do(low: float, high: float, most: int) -> None:
 def test_one_angle_needs_one_node() -> None:
     table = SCALE * np.exp(CHANGE * NODES[:, None, None])
     weights = np.repeat(barycentric_weights(np.array([0.3]), NODES), 20, axis=0)
-    assert len(Matrices.of(weights, table).table) == 1
+    assert len(ScheduledMatrices.reduced(weights, table).table) == 1

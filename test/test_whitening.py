@@ -5,10 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 from flex_plant_sim.arm.robot_file import load_robot
-from flex_plant_sim.diagnosis.causes.hypothesis import hypotheses
-from flex_plant_sim.diagnosis.causes.sets import Settled, Trial
-from flex_plant_sim.diagnosis.prediction.common import as_late, Common, missed
-from flex_plant_sim.diagnosis.prediction.matrices import Matrices
+from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses
+from flex_plant_sim.diagnosis.causes.refined_fit import CandidateSet, RefinedFit
+from flex_plant_sim.diagnosis.prediction.scheduled_matrices import ScheduledMatrices
+from flex_plant_sim.diagnosis.prediction.whitening import (
+    delay_strain,
+    output_error,
+    WhiteningFilter,
+)
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.diagnosis.verdict.verdict import nominal_base, slowest_frequency
@@ -30,9 +34,9 @@ class Arm:
         self.k = gain * rng.standard_normal((STATES, OUTPUTS))
 
     @property
-    def matrices(self) -> Matrices:
+    def matrices(self) -> ScheduledMatrices:
         """Return the predictor's matrices, the same at every sample."""
-        return Matrices(np.ones((SAMPLES, 1)),
+        return ScheduledMatrices(np.ones((SAMPLES, 1)),
                         np.vstack([(self.f - self.k @ self.c).T, self.k.T])[None])
 
     def errors(self, outputs: np.ndarray) -> np.ndarray:
@@ -63,20 +67,20 @@ def test_what_a_record_is_on_average_hangs_on_no_gain() -> None:
         arm = Arm(2, gain)
         errors = arm.errors(outputs)[:, None, None]
         # From zero and without inputs an arm does nothing on average.
-        assert missed(arm.matrices, arm.c, errors, ROWS)[:, 0, 0] == pytest.approx(outputs)
+        assert output_error(arm.matrices, arm.c, errors, ROWS)[:, 0, 0] == pytest.approx(outputs)
 
 
 def test_it_is_whitened_by_the_covariance_of_the_nominal_arm() -> None:
     nominal, left = Arm(3, 0.2), np.random.default_rng(4).standard_normal((SAMPLES, OUTPUTS))
-    white = Common(nominal.matrices, nominal.c).whitened(left[:, None, None], ROWS)[:, 0, 0]
+    white = WhiteningFilter(nominal.matrices, nominal.c).whitened(left[:, None, None], ROWS)[:, 0, 0]
     dense = np.linalg.solve(np.linalg.cholesky(nominal.covariance()), left.ravel())
     assert white.ravel() == pytest.approx(dense)
 
 
 def test_strain_is_put_back_as_late_as_it_was_read() -> None:
     left = np.arange(12.0).reshape(4, 3)
-    assert as_late(left, 1)[:, :2] == pytest.approx(left[:, :2])
-    assert as_late(left, 1)[:, 2] == pytest.approx([2.0, 2.0, 5.0, 8.0])
+    assert delay_strain(left, 1)[:, :2] == pytest.approx(left[:, :2])
+    assert delay_strain(left, 1)[:, 2] == pytest.approx([2.0, 2.0, 5.0, 8.0])
 
 
 def test_an_inertia_that_only_calms_the_filter_is_not_paid_for() -> None:
@@ -88,8 +92,8 @@ def test_an_inertia_that_only_calms_the_filter_is_not_paid_for() -> None:
     record = Record('clean', made.time - made.time[0], made.command,
                     np.column_stack([made.joint, made.strain]), case.payload_told)
     data = Data.of([record], slowest_frequency(base, record.payload), robot.sample_time)
-    hub = next(h for h in hypotheses(robot) if h.label == 'hub_inertia:joint_1')
-    nothing = Settled.at(Trial((), (np.zeros(0),)), base, data).fit
-    found = Settled.at(Trial((hub,), (np.array([0.06]),)), base, data).fit
+    hub = next(h for h in all_hypotheses(robot) if h.label == 'hub_inertia:joint_1')
+    nothing = RefinedFit.refine(CandidateSet((), (np.zeros(0),)), base, data).fit
+    found = RefinedFit.refine(CandidateSet((hub,), (np.array([0.06]),)), base, data).fit
     assert found.values == pytest.approx([0.0], abs=0.01)
     assert found.log_evidence < nothing.log_evidence + 1.0

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.causes.fit import EXCESS, Fit
-from flex_plant_sim.diagnosis.causes.hypothesis import Causes, Hypothesis
+from flex_plant_sim.diagnosis.causes.fit import Fit, NOTABLE_EXCESS
+from flex_plant_sim.diagnosis.causes.hypothesis import CauseSet, Hypothesis
 from flex_plant_sim.diagnosis.causes.posterior import Posterior
 import numpy as np
 
 # Records that windows are drawn for: shares are known to one in a hundred.
-DRAWS = 2000
+BOOTSTRAP_DRAWS = 2000
 
 
-def shares(posterior: Posterior) -> Array:
+def set_weights(posterior: Posterior) -> Array:
     """
     Return how much each set counts for the sizes of what is in it, (S,), one in sum.
 
@@ -24,39 +24,39 @@ def shares(posterior: Posterior) -> Array:
     with np.errstate(divide='ignore'):
         logarithm = np.log(posterior.probability)
     found = logarithm[None]
-    if np.any(posterior.best.scale > EXCESS):
-        nats = np.array([fit.by_window for fit in posterior.fits])
+    if np.any(posterior.best.error_scale > NOTABLE_EXCESS):
+        nats = np.array([fit.window_log_likelihoods for fit in posterior.fits])
         count = nats.shape[1]
-        drawn = np.random.default_rng(0).multinomial(count, np.full(count, 1.0 / count), DRAWS)
+        drawn = np.random.default_rng(0).multinomial(count, np.full(count, 1.0 / count), BOOTSTRAP_DRAWS)
         found = logarithm + (drawn - 1) @ nats.T
     weight = np.exp(found - found.max(axis=1, keepdims=True))
     return np.asarray(np.mean(weight / weight.sum(axis=1, keepdims=True), axis=0))
 
 
-def deviations_of_sizes(posterior: Posterior, hypothesis: Hypothesis) -> Array:
+def averaged_size_deviations(posterior: Posterior, hypothesis: Hypothesis) -> Array:
     """
     Return root mean square distances from a cause's values in the best set, (k,).
 
     Over the sets that have the cause, within each as its own posterior says.
     """
     rows = []
-    for fit, share in zip(posterior.fits, shares(posterior)):
+    for fit, share in zip(posterior.fits, set_weights(posterior)):
         if hypothesis in fit.hypotheses:
-            places = places_of(fit, hypothesis)
+            places = value_indices(fit, hypothesis)
             rows.append((share, fit.values[places], np.diagonal(fit.covariance)[places]))
-    return _rms(rows, posterior.best.values[places_of(posterior.best, hypothesis)])
+    return _rms(rows, posterior.best.values[value_indices(posterior.best, hypothesis)])
 
 
-def deviations_of_parts(posterior: Posterior) -> Array:
+def averaged_part_deviations(posterior: Posterior) -> Array:
     """Return the same of all parts, (p,), over all sets."""
     rows = [(share, fit.deviations, np.diagonal(fit.covariance)[len(fit.values):])
-            for fit, share in zip(posterior.fits, shares(posterior))]
+            for fit, share in zip(posterior.fits, set_weights(posterior))]
     return _rms(rows, posterior.best.deviations)
 
 
-def places_of(fit: Fit, hypothesis: Hypothesis) -> Array:
+def value_indices(fit: Fit, hypothesis: Hypothesis) -> Array:
     """Return where a cause's values are among a fit's, (k,)."""
-    pieces = Causes(fit.hypotheses, 1.0).split(np.arange(1.0 * len(fit.values)))
+    pieces = CauseSet(fit.hypotheses, 1.0).split(np.arange(1.0 * len(fit.values)))
     return pieces[fit.hypotheses.index(hypothesis)].astype(int)
 
 
