@@ -9,11 +9,14 @@ from typing import Any
 
 from flex_payload_estimator.tools.diagnose import main
 from flex_plant_sim.arm.robot_file import load_robot
-from flex_plant_sim.diagnosis.causes.fit import Fit, NOTABLE_EXCESS
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.diagnosis.causes.fit import NOTABLE_EXCESS
+from flex_plant_sim.diagnosis.causes.free_run_ranking import free_run_score, ranked_by_free_runs
 from flex_plant_sim.diagnosis.causes.refined_fit import CandidateSet, RefinedFit
 from flex_plant_sim.diagnosis.causes.search_state import remaining_torque_shares
 from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
 from flex_plant_sim.diagnosis.prediction.law import FOLDS, LatentSeries, Law, law_of, STRETCHES
+from flex_plant_sim.diagnosis.prediction.predictor import BaseModel
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.diagnosis.verdict.verdict import nominal_base, slowest_frequency
@@ -22,6 +25,7 @@ from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.effects.joint.measured_torque import MeasuredTorque
 import numpy as np
 import pytest
+from scipy.stats import norm
 from truth.effects.hidden_effect import Parameters
 from truth.records import FINITE_ELEMENTS, HAVE_MUJOCO, make_record, MUJOCO, NO_MUJOCO, TruthCase
 
@@ -94,22 +98,53 @@ def test_a_joint_that_moves_in_every_fifth_stretch_has_a_law() -> None:
     assert law.stated and law.variable == 'speed'
 
 
-def fit_of_nothing(torque: tuple[float, float]) -> Fit:
+def braked(torque: tuple[float, float]) -> tuple[RefinedFit, Data, BaseModel]:
     """Return nothing fitted to a braked arm of elements, told how large its torques may be."""
     made = make_record(TruthCase(93, (BRAKE,), duration_s=22.0, simulator=FINITE_ELEMENTS))
     record = Record('braked', made.time, made.command, np.hstack([made.joint, made.strain]), 0.1)
     base = replace(nominal_base(load_robot('reference'), 'assumed_modes', 3),
                    discrepancy=DiscrepancyModel(torque_share=torque))
     data = Data.of([record], slowest_frequency(base, record.payload), base.robot.sample_time)
-    return RefinedFit.refine(CandidateSet((), (np.zeros(0),)), base, data).fit
+    return RefinedFit.refine(CandidateSet((), (np.zeros(0),)), base, data), data, base
 
 
 def test_a_torque_without_a_name_is_a_torque_and_no_noise_of_its_sensor() -> None:
     stated = DiscrepancyModel().torque_share
-    scaled = fit_of_nothing(stated)
+    scaled = braked(stated)[0].fit
     assert scaled.error_scale[1] > NOTABLE_EXCESS
-    told = fit_of_nothing(remaining_torque_shares(scaled))
+    told = braked(remaining_torque_shares(scaled))[0].fit
     assert remaining_torque_shares(scaled)[1] == pytest.approx(stated[1] * scaled.error_scale[1])
     # Errors are as small as stated then, and likelier for it.
     assert told.error_scale[1] < 1.0 + 0.5 * (scaled.error_scale[1] - 1.0)
     assert told.log_evidence > scaled.log_evidence + 10.0
+
+
+def test_sets_with_laws_are_told_apart_by_their_free_runs_not_one_step_ahead() -> None:
+    found, data, base = braked(DiscrepancyModel().torque_share)
+    # Drives a half stronger and links a fifth softer, which one step ahead is told to like.
+    wrong = np.array([{'drive_gain_2': 0.5, 'stiffness_1': -0.2, 'stiffness_2': -0.2}.get(
+        part.name, 0.0) for part in found.likelihood.parts])
+    liked = replace(found, fit=replace(found.fit, deviations=found.fit.deviations + wrong,
+                                       log_evidence=found.fit.log_evidence + 100.0))
+    best, posterior = ranked_by_free_runs([liked, found], data, base, 1)
+    np.testing.assert_array_equal(best.fit.deviations, found.fit.deviations)
+    assert posterior.best is best.fit and posterior.probability[0] > 0.9
+
+
+def test_a_free_run_is_scored_by_the_likelihood_of_errors_of_unknown_scale() -> None:
+    """The ratio of two Gaussian likelihoods, each at its most likely scale, by logpdf."""
+    rng, windows = np.random.default_rng(5), 40
+    errors = rng.normal(size=(windows, 2)) * [1e-3, 1e-6]
+    rms = np.sqrt(np.mean(errors**2, axis=0))
+    worse = rms * [3.0, 1.0]
+
+    def most_likely(factor: Array) -> float:
+        return float(np.sum(norm.logpdf(factor * errors, scale=factor * rms)))
+
+    one, other = (free_run_score(np.array([r, r]), windows) for r in (rms, worse))
+    expected = most_likely(np.ones(2)) - most_likely(worse / rms)
+    assert one - other == pytest.approx(expected, rel=1e-12)
+    # Only one of two horizons is worse: half of it.
+    half = free_run_score(np.array([rms, worse]), windows)
+    assert one - half == pytest.approx(0.5 * (one - other), rel=1e-12)
+    assert free_run_score(np.array([[1.0, np.inf]]), windows) == -np.inf

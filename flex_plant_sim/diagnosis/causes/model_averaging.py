@@ -24,9 +24,9 @@ def set_weights(posterior: Posterior) -> Array:
     with np.errstate(divide='ignore'):
         logarithm = np.log(posterior.probability)
     found = logarithm[None]
-    if np.any(posterior.best.error_scale > NOTABLE_EXCESS):
-        nats = np.array([fit.window_log_likelihoods for fit in posterior.fits])
-        count = nats.shape[1]
+    nats = np.array([fit.window_log_likelihoods for fit in posterior.fits])
+    count = nats.shape[1]
+    if count and np.any(posterior.best.error_scale > NOTABLE_EXCESS):
         drawn = np.random.default_rng(0).multinomial(count, np.full(count, 1.0 / count), BOOTSTRAP_DRAWS)
         found = logarithm + (drawn - 1) @ nats.T
     weight = np.exp(found - found.max(axis=1, keepdims=True))

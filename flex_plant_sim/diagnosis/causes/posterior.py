@@ -78,11 +78,16 @@ def log_prior(fit: Fit, nominal: BaseModel) -> float:
 
     What no catalogue knows is as likely a part as it is anything else.
     """
-    price = sum(log_prior_odds(h.effect, nominal.robot) for h in fit.hypotheses)
+    price = cause_price(fit, nominal)
     if is_unknown(fit, nominal):
         kinds = fit.statistics.tolerances.size if fit.discrepancy.far_part else 1
         price += math.log(0.5 * unknown_odds() / kinds) - fit.discrepancy.laws_penalty
     return price
+
+
+def cause_price(fit: Fit, nominal: BaseModel) -> float:
+    """Return the logarithm of the prior odds of a set's causes, nats."""
+    return sum(log_prior_odds(h.effect, nominal.robot) for h in fit.hypotheses)
 
 
 @dataclass(frozen=True)
@@ -139,11 +144,18 @@ class Posterior:
         """
         fits = [each for fit in fits for each in interpretations(fit)]
         score = np.array([fit.log_evidence + log_prior(fit, nominal) for fit in fits])
+        return cls.from_scores(fits, score, nominal, unfitted_scores)
+
+    @classmethod
+    def from_scores(cls, fits: Sequence[Fit], score: Array, nominal: BaseModel,
+                    unfitted_scores: Mapping[frozenset[str], float] = MappingProxyType({})
+                    ) -> Posterior:
+        """Return the posterior over sets with these logarithms of posterior odds, nats, (S,)."""
         order, known = np.argsort(-score), {SetKey.of(fit).labels for fit in fits}
         top = score[order[0]]
         weight = np.exp(score[order] - top)
-        others = {labels: math.exp(min(value - top, 0.0)) for labels, value in unfitted_scores.items()
-                  if labels not in known}
+        others = {labels: math.exp(min(value - top, 0.0))
+                  for labels, value in unfitted_scores.items() if labels not in known}
         total = weight.sum() + sum(others.values())
         return cls(tuple(fits[k] for k in order), weight / total, nominal,
                    {labels: value / total for labels, value in others.items()})

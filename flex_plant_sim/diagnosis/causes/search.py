@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from flex_plant_sim.diagnosis.causes.fit import Fit
+from flex_plant_sim.diagnosis.causes.free_run_ranking import ranked_by_free_runs
 from flex_plant_sim.diagnosis.causes.posterior import (
     interpretations,
     leaves_strain_unexplained,
@@ -16,7 +17,6 @@ from flex_plant_sim.diagnosis.causes.posterior import (
 from flex_plant_sim.diagnosis.causes.proposal import Proposal, ProposalRefiner
 from flex_plant_sim.diagnosis.causes.refined_fit import CandidateSet, RefinedFit
 from flex_plant_sim.diagnosis.causes.search_state import Progress, SearchState
-from flex_plant_sim.diagnosis.causes.sensitivity import SensitivityProbe
 from flex_plant_sim.diagnosis.prediction.predictor import BaseModel
 from flex_plant_sim.diagnosis.record.data import Data
 import numpy as np
@@ -115,17 +115,29 @@ def _search_once(state: SearchState) -> SearchResult | None:
             break
         likeliest = max(interpretations(best.fit), key=state.score)
         if len(best.fit.hypotheses) >= ORDINARY_FAULTS and leaves_strain_unexplained(likeliest):
-            return None
+            if not best.fit.discrepancy.laws:
+                return None
+            break
         proposals[SetKey.of(best.fit)] = state.fit_neighbours(best)
     else:
         state.try_far_parts()
         state.refine_leading(best)
+    rounds = tuple(len(key.labels) for key in proposals)
+    if state.best.fit.discrepancy.laws:
+        return _ended_with_laws(state, nothing.fit, rounds)
     last = max((state.refined[key] for key in proposals), key=lambda c: state.score(c.fit))
     last_proposals = proposals[SetKey.of(last.fit)]
     posterior = state.posterior(last, last_proposals)
     if leaves_strain_unexplained(posterior.best):
         return None
     best = state.refined.get(SetKey.of(posterior.best).without_remainder, last)
-    refiner = ProposalRefiner(SensitivityProbe(state.thinned, state.data.duration), state.proposal_scorer(last))
-    return SearchResult(replace(best, fit=posterior.best), tuple(last_proposals), refiner, posterior, nothing.fit,
-                  tuple(len(key.labels) for key in proposals))
+    return SearchResult(replace(best, fit=posterior.best), tuple(last_proposals),
+                        state.proposal_refiner(last), posterior, nothing.fit, rounds)
+
+
+def _ended_with_laws(state: SearchState, nothing: Fit, rounds: tuple[int, ...]) -> SearchResult:
+    """Return where a search ends that needs laws of unnamed torques: free runs tell sets apart."""
+    best, posterior = ranked_by_free_runs(
+        state.refined_with_laws, state.data, state.nominal, state.jobs)
+    return SearchResult(best, tuple(state.proposals(best)), state.proposal_refiner(best),
+                        posterior, nothing, rounds)

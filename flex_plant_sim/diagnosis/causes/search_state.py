@@ -11,7 +11,11 @@ from flex_plant_sim.diagnosis.causes.fit import Fit, NOTABLE_EXCESS, with_far_pa
 from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses, Hypothesis
 from flex_plant_sim.diagnosis.causes.part_factors import fits_replacing_parts
 from flex_plant_sim.diagnosis.causes.posterior import interpretations, log_prior, Posterior, SetKey
-from flex_plant_sim.diagnosis.causes.proposal import Proposal, ProposalScorer
+from flex_plant_sim.diagnosis.causes.proposal import (
+    Proposal,
+    ProposalRefiner,
+    ProposalScorer,
+)
 from flex_plant_sim.diagnosis.causes.refined_fit import (
     CandidateSet,
     LINEARISATION_ERROR,
@@ -273,6 +277,17 @@ class SearchState:
         """Return the most probable set linearised around itself, all parts as their file says."""
         return max((s for s in self.refined.values() if not s.fit.discrepancy.far_part),
                    key=lambda s: self.score(s.fit))
+
+    @property
+    def refined_with_laws(self) -> list[RefinedFit]:
+        """Return the sets with laws linearised around themselves, parts as their file says."""
+        return [found for found in self.refined.values()
+                if found.fit.discrepancy.laws and not found.fit.discrepancy.far_part]
+
+    def proposal_refiner(self, centre: RefinedFit) -> ProposalRefiner:
+        """Return what looks again at proposals beside a set."""
+        return ProposalRefiner(SensitivityProbe(self.thinned, self.data.duration),
+                               self.proposal_scorer(centre))
 
     def refine_leading(self, centre: RefinedFit) -> None:
         """

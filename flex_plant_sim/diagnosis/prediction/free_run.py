@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from flex_plant_sim.arm.schedule import barycentric_weights
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.prediction.filter_run import drive_command, payload_schedule
@@ -9,8 +11,12 @@ from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 import numpy as np
 from numpy.typing import NDArray
 
+# s: a quarter of the reference arm's slowest swing (0.8 s), one swing, and several.
+HORIZONS = (0.2, 1.0, 2.0, 5.0)
 # Free runs from nearer instants overlap more and tell little more.
 START_COUNT = 240
+# Of fewer, none is beyond a 95 % interval.
+FEWEST_STARTS = 20
 
 
 def start_instants(first: int, stop: int, count: int = START_COUNT) -> NDArray[np.int_]:
@@ -71,3 +77,37 @@ def errors(predictor: Predictor, starts: NDArray[np.int_], steps: int) -> Array:
 def horizon_samples(horizon: float, sample_time: float) -> int:
     """Return the horizon in samples, at least one."""
     return max(1, round(horizon / sample_time))
+
+
+def horizon_errors(predictor: Predictor, horizons: Sequence[float]) -> dict[float, Array]:
+    """
+    Return the errors at the end of free runs through a predictor's windows, by horizon: (S, m).
+
+    Parameters
+    ----------
+    predictor : Predictor
+        Of the model to judge.
+    horizons : sequence of float
+        s; one that leaves too few start instants is left out. One sample is always among them.
+
+    """
+    step = predictor.base.robot.sample_time
+    first, stop = window_rows(predictor)
+    starts = start_instants(first, stop)
+    samples = {h: horizon_samples(h, step) for h in (step, *horizons)}
+    kept = {h: k for h, k in samples.items()
+            if np.count_nonzero(starts + k <= stop) >= min(FEWEST_STARTS, len(starts))}
+    found = errors(predictor, starts, max(kept.values()))
+    return {h: found[k - 1][starts + k <= stop] for h, k in kept.items()}
+
+
+def window_rows(predictor: Predictor) -> tuple[int, int]:
+    """Return the first sample and the stop of a predictor's windows."""
+    windows = predictor.windows
+    return int(windows.starts[0]), int(windows.starts[-1]) + windows.length
+
+
+def start_spacing(predictor: Predictor) -> int:
+    """Return the samples between start instants."""
+    starts = start_instants(*window_rows(predictor))
+    return int(starts[1] - starts[0]) if len(starts) > 1 else 1

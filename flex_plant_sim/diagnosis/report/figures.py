@@ -9,10 +9,14 @@ from io import BytesIO
 from typing import Any
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.prediction.free_run import free_run, horizon_samples
+from flex_plant_sim.diagnosis.prediction.free_run import (
+    free_run,
+    horizon_samples,
+    window_rows,
+)
 from flex_plant_sim.diagnosis.prediction.latent_view import CURVE_BINS, MIN_BIN_SAMPLES
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
-from flex_plant_sim.diagnosis.report.improvement import Gain, locked_rows
+from flex_plant_sim.diagnosis.report.improvement import Gain
 from flex_plant_sim.diagnosis.report.symptoms import drift, DRIFTED, one_step, spectrum
 import numpy as np
 
@@ -71,7 +75,7 @@ def gain_pictures(gains: Sequence[Gain]) -> list[Picture]:
 
 def trace_pictures(nominal: Predictor, extended: Predictor) -> list[Picture]:
     """Return measurement and free runs of both models on the locked part, and what is left."""
-    step, (first, stop) = nominal.base.robot.sample_time, locked_rows(nominal)
+    step, (first, stop) = nominal.base.robot.sample_time, window_rows(nominal)
     steps = min(stop - first, horizon_samples(SHOWN_SECONDS, step))
     rows = first + np.arange(steps)
     before, after = (free_run(p, np.array([first]), steps)[:, 0] for p in (nominal, extended))

@@ -8,15 +8,15 @@ from typing import Any
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.pool import all_of
-from flex_plant_sim.diagnosis.prediction.free_run import errors, horizon_samples, start_instants
+from flex_plant_sim.diagnosis.prediction.free_run import (
+    horizon_errors,
+    HORIZONS,
+    start_spacing,
+)
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from msg_config.errors import InputError
 import numpy as np
 
-# s: a quarter of the reference arm's slowest swing (0.8 s), one swing, and several.
-HORIZONS = (0.2, 1.0, 2.0, 5.0)
-# Of fewer, none is beyond a 95 % interval.
-FEWEST_STARTS = 20
 # Of so many the bounds of a 95 % interval hold 2.5 ± 0.5 % outside.
 REPLICATES = 1000
 # Per cent: 95 between.
@@ -63,37 +63,6 @@ class Gain:
         return self.after / self.before if self.before > 0.0 else 1.0
 
 
-def horizon_errors(predictor: Predictor, horizons: Sequence[float],
-                   parts: tuple[int, int] | None = None) -> dict[float, Array]:
-    """
-    Return the errors at the end of free runs by horizon, s: (S, m) each.
-
-    Parameters
-    ----------
-    predictor : Predictor
-        Of the model to judge.
-    horizons : sequence of float
-        s; one that leaves too few start instants is left out.
-    parts : tuple of int, optional
-        First sample and stop of the part to use; the locked windows of the predictor if None.
-
-    """
-    step = predictor.base.robot.sample_time
-    first, stop = parts or locked_rows(predictor)
-    starts = start_instants(first, stop)
-    samples = {h: horizon_samples(h, step) for h in (step, *horizons)}
-    kept = {h: k for h, k in samples.items()
-            if np.count_nonzero(starts + k <= stop) >= min(FEWEST_STARTS, len(starts))}
-    found = errors(predictor, starts, max(kept.values()))
-    return {h: found[k - 1][starts + k <= stop] for h, k in kept.items()}
-
-
-def locked_rows(predictor: Predictor) -> tuple[int, int]:
-    """Return the first sample and the stop of a predictor's windows."""
-    windows = predictor.windows
-    return int(windows.starts[0]), int(windows.starts[-1]) + windows.length
-
-
 def measure_gain(nominal: Sequence[Predictor], extended: Sequence[Predictor],
                  horizons: Sequence[float] = HORIZONS, seed: int = 0, jobs: int = 1
                  ) -> tuple[Gain, ...]:
@@ -137,12 +106,6 @@ def measure_gain(nominal: Sequence[Predictor], extended: Sequence[Predictor],
         blocks = [max(1, round(horizon / spacing[k])) for k in kept]
         gains += _gains(names, horizon, pairs, blocks, rng)
     return tuple(gains)
-
-
-def start_spacing(predictor: Predictor) -> int:
-    """Return the samples between start instants."""
-    starts = start_instants(*locked_rows(predictor))
-    return int(starts[1] - starts[0]) if len(starts) > 1 else 1
 
 
 def _gains(names: Sequence[str], horizon: float, pairs: Sequence[Array],
