@@ -55,7 +55,7 @@ def temper(errors: np.ndarray, columns: np.ndarray) -> float:
 
 
 def main() -> None:
-    """Print one line an discrepancy."""
+    """Print one line for each discrepancy."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
     parser.add_argument('--runs', type=int, default=2)
     runs = parser.parse_args().runs

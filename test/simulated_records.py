@@ -8,7 +8,8 @@ from pathlib import Path
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.prediction.predictor import BaseModel, Predictor
+from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
+from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.record.sensor_noise import measurement_noise
 from flex_plant_sim.diagnosis.record.windows import Record, Windows
 from flex_plant_sim.effects import build, parse

@@ -18,8 +18,9 @@ from flex_plant_sim.diagnosis.likelihood.evidence import detectable_size, Parame
 from flex_plant_sim.diagnosis.likelihood.prior import log_prior_odds
 from flex_plant_sim.diagnosis.likelihood.sufficient_statistics import SufficientStatistics
 from flex_plant_sim.diagnosis.pool import each
+from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
-from flex_plant_sim.diagnosis.prediction.predictor import BaseModel, Predictor
+from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.verdict.detection import detection_limits
 from flex_plant_sim.effects import catalogue

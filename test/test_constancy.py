@@ -17,8 +17,8 @@ from flex_plant_sim.diagnosis.likelihood.constancy import (
 from flex_plant_sim.diagnosis.likelihood.evidence import ParameterPrior
 from flex_plant_sim.diagnosis.likelihood.prior import imitation_odds
 from flex_plant_sim.diagnosis.likelihood.sufficient_statistics import SufficientStatistics, TEMPER
+from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
-from flex_plant_sim.diagnosis.prediction.predictor import BaseModel
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal

@@ -9,7 +9,7 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.causes.event_grid import EventGrid
 from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses
 from flex_plant_sim.diagnosis.causes.refined_fit import CandidateSet, RefinedFit
-from flex_plant_sim.diagnosis.prediction.predictor import BaseModel
+from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.diagnosis.verdict.verdict import (

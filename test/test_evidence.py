@@ -26,9 +26,9 @@ from flex_plant_sim.diagnosis.likelihood.prior import (
     with_deviations,
 )
 from flex_plant_sim.diagnosis.likelihood.sufficient_statistics import SufficientStatistics
+from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
 from flex_plant_sim.diagnosis.prediction.noise import steady_filter
-from flex_plant_sim.diagnosis.prediction.predictor import BaseModel
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.verdict.verdict import doubt
 from flex_plant_sim.effects import catalogue

@@ -13,8 +13,8 @@ from flex_plant_sim.diagnosis.causes.model_averaging import (
 from flex_plant_sim.diagnosis.causes.posterior import Posterior
 from flex_plant_sim.diagnosis.likelihood.evidence import ParameterPrior
 from flex_plant_sim.diagnosis.likelihood.sufficient_statistics import SufficientStatistics
+from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
-from flex_plant_sim.diagnosis.prediction.predictor import BaseModel
 import numpy as np
 import pytest
 from scipy.stats import norm

@@ -11,7 +11,7 @@ from flex_plant_sim.diagnosis.causes.refined_fit import CandidateSet, NeighbourF
 from flex_plant_sim.diagnosis.causes.search_state import SearchState
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
 from flex_plant_sim.diagnosis.likelihood.prior import part_priors, with_deviations
-from flex_plant_sim.diagnosis.prediction.predictor import BaseModel
+from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.effects import catalogue
 import numpy as np

@@ -10,8 +10,8 @@ from types import MappingProxyType
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.likelihood.prior import imitation_odds, log_prior_odds, unknown_odds
+from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
-from flex_plant_sim.diagnosis.prediction.predictor import BaseModel
 import numpy as np
 
 # As all that is stated: 95 %.

@@ -19,7 +19,7 @@ from flex_plant_sim.diagnosis.causes.hypothesis import CauseSet, Hypothesis
 from flex_plant_sim.diagnosis.causes.proposal import Proposal
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
 from flex_plant_sim.diagnosis.likelihood.prior import with_deviations
-from flex_plant_sim.diagnosis.prediction.predictor import BaseModel
+from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.record.data import Data
 import numpy as np
 

@@ -17,7 +17,7 @@ from flex_plant_sim.diagnosis.causes.proposal import Proposal, ProposalRefiner
 from flex_plant_sim.diagnosis.causes.refined_fit import CandidateSet, RefinedFit
 from flex_plant_sim.diagnosis.causes.search_state import Progress, SearchState
 from flex_plant_sim.diagnosis.causes.sensitivity import SensitivityProbe
-from flex_plant_sim.diagnosis.prediction.predictor import BaseModel
+from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.record.data import Data
 import numpy as np
 

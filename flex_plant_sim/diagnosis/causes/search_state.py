@@ -23,9 +23,10 @@ from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
 from flex_plant_sim.diagnosis.likelihood.prior import log_prior_odds, parts_without_effect
 from flex_plant_sim.diagnosis.likelihood.sufficient_statistics import TEMPER
 from flex_plant_sim.diagnosis.pool import attempt, each
+from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
 from flex_plant_sim.diagnosis.prediction.latent_view import latent_view, law_effect
-from flex_plant_sim.diagnosis.prediction.predictor import BaseModel, Predictor
+from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.record.data import Data
 import numpy as np
 

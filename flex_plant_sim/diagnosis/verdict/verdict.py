@@ -16,7 +16,7 @@ from flex_plant_sim.diagnosis.causes.model_averaging import (
 from flex_plant_sim.diagnosis.causes.posterior import is_unknown, Posterior, SetKey
 from flex_plant_sim.diagnosis.causes.search import search, SearchResult
 from flex_plant_sim.diagnosis.causes.search_state import Progress
-from flex_plant_sim.diagnosis.prediction.predictor import BaseModel
+from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.diagnosis.verdict.detection import detection_limits
