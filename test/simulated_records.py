@@ -50,7 +50,8 @@ def simulated(hidden: Sequence[Effect] = (), duration: float = 24.0, noise: floa
 
 
 def predictor(record: Record, assumed: Sequence[Effect] = (), robot: Robot = REFERENCE,
-              locked: bool = True, noise_shares: tuple[float, float] = BaseModel.noise_shares) -> Predictor:
+              locked: bool = True,
+              noise_shares: tuple[float, float] = BaseModel.noise_shares) -> Predictor:
     """Return the predictor of an arm with effects over a record's locked or other windows."""
     cut = Windows.cut(record, SLOWEST, robot.sample_time)
     noise = np.maximum(measurement_noise(record.output), 1e-9)
