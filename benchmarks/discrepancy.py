@@ -15,7 +15,7 @@ from pathlib import Path
 import sys
 
 from flex_plant_sim.arm.robot_file import load_robot
-from flex_plant_sim.diagnosis.causes.fit import fit_set
+from flex_plant_sim.diagnosis.causes.gauss_newton import fit_set
 from flex_plant_sim.diagnosis.causes.hypothesis import CauseSet
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
 from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
@@ -55,7 +55,7 @@ def temper(errors: np.ndarray, columns: np.ndarray) -> float:
 
 
 def main() -> None:
-    """Print one line an discrepancy."""
+    """Print one line for each discrepancy."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
     parser.add_argument('--runs', type=int, default=2)
     runs = parser.parse_args().runs

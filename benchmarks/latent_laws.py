@@ -41,7 +41,7 @@ NAMED = {
     'torque_ripple': ('torque_ripple', (), 'angle')}
 Law = Callable[[np.ndarray, np.ndarray], np.ndarray]
 # Torques as shares of the drive's gain, over time, s, and the logged command (N,).
-UNNAMED_VERDICTS: dict[str, tuple[Law, str]] = {
+UNNAMED: dict[str, tuple[Law, str]] = {
     'fades with time': (lambda t, u: 0.06 * np.exp(-t / 12.0), 'time'),
     'bows with the command': (lambda t, u: 0.08 * np.exp(-(u / 0.3)**2), 'command')}
 
@@ -78,7 +78,7 @@ def named(simulator: str, kind: str, seed: int) -> str:
 
 def unnamed(simulator: str, kind: str, seed: int) -> str:
     """Return the verdict on a torque that the package does not know."""
-    law, variable = UNNAMED_VERDICTS[kind]
+    law, variable = UNNAMED[kind]
     case = replace(draw_case(None, seed), simulator=simulator)
     joint, command = seed % 2, make_record(case).command
     unseen = np.zeros_like(command)
@@ -93,7 +93,7 @@ def main() -> None:
     seeds = range(FIRST_SEED, FIRST_SEED + parser.parse_args().runs)
     print(f'{"truth":<16}{"hidden":<28}{"right":>8}{"wrong":>8}{"unstated":>10}')
     for simulator in TRUTHS:
-        for kind in (*NAMED, *UNNAMED_VERDICTS):
+        for kind in (*NAMED, *UNNAMED):
             if simulator != 'mujoco' and kind in NAMED and NAMED[kind][1]:
                 continue
             judge = named if kind in NAMED else unnamed

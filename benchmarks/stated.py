@@ -26,7 +26,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
 from bank import score  # noqa: E402
 from bank.cases import all_cases  # noqa: E402
 from bank.summary import JUDGED  # noqa: E402
-from flex_plant_sim.diagnosis.likelihood.prior import imitation_odds, MAX_FURTHER_FAULTS  # noqa: E402
+from flex_plant_sim.diagnosis.likelihood.prior import (  # noqa: E402
+    imitation_odds,
+    MAX_FURTHER_FAULTS,
+)
 import numpy as np  # noqa: E402
 from run_bank import read_results  # noqa: E402
 from scipy.optimize import minimize  # noqa: E402

@@ -27,7 +27,8 @@ from bank.records import write_record  # noqa: E402
 from bank.sizes import read_limits, sized_truth  # noqa: E402
 from flex_plant_sim.arm.robot import Robot  # noqa: E402
 from flex_plant_sim.arm.robot_file import load_robot  # noqa: E402
-from flex_plant_sim.diagnosis.causes.refined_fit import CandidateSet, RefinedFit  # noqa: E402
+from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet  # noqa: E402
+from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit  # noqa: E402
 from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel  # noqa: E402
 from flex_plant_sim.diagnosis.record.data import Data  # noqa: E402
 from flex_plant_sim.diagnosis.record.windows import Record  # noqa: E402

@@ -8,7 +8,8 @@ from pathlib import Path
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.prediction.predictor import BaseModel, Predictor
+from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
+from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.record.sensor_noise import measurement_noise
 from flex_plant_sim.diagnosis.record.windows import Record, Windows
 from flex_plant_sim.effects import build, parse
@@ -49,7 +50,8 @@ def simulated(hidden: Sequence[Effect] = (), duration: float = 24.0, noise: floa
 
 
 def predictor(record: Record, assumed: Sequence[Effect] = (), robot: Robot = REFERENCE,
-              locked: bool = True, noise_shares: tuple[float, float] = BaseModel.noise_shares) -> Predictor:
+              locked: bool = True,
+              noise_shares: tuple[float, float] = BaseModel.noise_shares) -> Predictor:
     """Return the predictor of an arm with effects over a record's locked or other windows."""
     cut = Windows.cut(record, SLOWEST, robot.sample_time)
     noise = np.maximum(measurement_noise(record.output), 1e-9)

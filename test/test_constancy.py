@@ -17,8 +17,8 @@ from flex_plant_sim.diagnosis.likelihood.constancy import (
 from flex_plant_sim.diagnosis.likelihood.evidence import ParameterPrior
 from flex_plant_sim.diagnosis.likelihood.prior import imitation_odds
 from flex_plant_sim.diagnosis.likelihood.sufficient_statistics import SufficientStatistics, TEMPER
+from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
-from flex_plant_sim.diagnosis.prediction.predictor import BaseModel
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
@@ -31,8 +31,9 @@ ROW = 10.0 * RNG.standard_normal((CHANNELS, WINDOWS * LENGTH))
 PART = RNG.standard_normal((CHANNELS, WINDOWS * LENGTH))
 NOISE = SCALE[:, None] * RNG.standard_normal(ROW.shape)
 NO_PRIOR = ParameterPrior(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0, bool))
-NOTHING = Fit((), DiscrepancyModel(), np.zeros(0), np.zeros(0), np.ones(1), np.eye(1), SufficientStatistics(
-    np.zeros((1, 1, 1)), np.zeros(0), NO_PRIOR, np.zeros(0), 1.0, np.zeros(1)), 0.0)
+EMPTY = SufficientStatistics(np.zeros((1, 1, 1)), np.zeros(0), NO_PRIOR, np.zeros(0), 1.0,
+                             np.zeros(1))
+NOTHING = Fit((), DiscrepancyModel(), np.zeros(0), np.zeros(0), np.ones(1), np.eye(1), EMPTY, 0.0)
 MASS, = (h for h in all_hypotheses(REFERENCE) if h.label == 'payload_mass:arm')
 
 
@@ -42,9 +43,11 @@ def answer(sizes: Array, value: float = 0.8) -> float:
     residual = seen + value * ROW
     rows = np.stack([residual, ROW, PART])
     prior = ParameterPrior(np.zeros(1), np.array([WIDTH]), np.zeros(1), np.zeros(1, bool))
-    statistics = SufficientStatistics(np.einsum('amn,bmn->mab', rows, rows), np.array([value]), prior,
-                      np.array([TOLERANCE]), ROW.shape[1], np.zeros(CHANNELS))
-    return varying_cause_gain(statistics, SCALE, (residual, rows[1:2], rows[2:]), WINDOWS, [np.array([value])])
+    statistics = SufficientStatistics(
+        np.einsum('amn,bmn->mab', rows, rows), np.array([value]), prior, np.array([TOLERANCE]),
+        ROW.shape[1], np.zeros(CHANNELS))
+    return varying_cause_gain(statistics, SCALE, (residual, rows[1:2], rows[2:]), WINDOWS,
+                              [np.array([value])])
 
 
 def test_the_gain_is_that_of_the_gaussian_it_stands_for() -> None:
@@ -61,7 +64,8 @@ def test_the_gain_is_that_of_the_gaussian_it_stands_for() -> None:
                  + WIDTH**2 * np.outer(ROW, ROW) + TOLERANCE**2 * np.outer(PART, PART))
         return float(multivariate_normal(np.zeros(ROW.size), whole).logpdf(seen))
 
-    assert answer(sizes) == pytest.approx(log_density(VARYING_SPREAD) - log_density(CONSTANT_SPREAD), rel=1e-9)
+    gain = log_density(VARYING_SPREAD) - log_density(CONSTANT_SPREAD)
+    assert answer(sizes) == pytest.approx(gain, rel=1e-9)
 
 
 def test_sizes_that_hold_speak_for_a_cause_and_those_that_change_against_it() -> None:
@@ -82,7 +86,8 @@ def test_what_is_not_as_large_in_every_window_is_not_a_cause_alone() -> None:
     assert changing.effect_probability('payload_mass') == pytest.approx(
         1.0 / (1.0 + imitation_odds(1)), abs=0.01)
     # Where errors are too large as well, they are paid for once.
-    loud = replace(cause, error_scale=np.array([1.1]), statistics=replace(NOTHING.statistics, samples=3000.0))
+    loud = replace(cause, error_scale=np.array([1.1]),
+                   statistics=replace(NOTHING.statistics, samples=3000.0))
     again = [Posterior.of([NOTHING, replace(loud, varying_gain=c)], base).fits[0].log_evidence
              for c in (-10.0, 10.0)]
     assert again == [50.0, 60.0]

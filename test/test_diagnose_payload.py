@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from flex_payload_estimator.tools.diagnose import default_estimator
-from flex_plant_sim.diagnosis.prediction.predictor import BaseModel
+from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.report.payload_gain import payload_gain
 from flex_plant_sim.logs.log import Log
 import pytest

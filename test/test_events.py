@@ -6,10 +6,11 @@ from dataclasses import replace
 
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
 from flex_plant_sim.diagnosis.causes.event_grid import EventGrid
 from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses
-from flex_plant_sim.diagnosis.causes.refined_fit import CandidateSet, RefinedFit
-from flex_plant_sim.diagnosis.prediction.predictor import BaseModel
+from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit
+from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.diagnosis.verdict.verdict import (
@@ -33,8 +34,8 @@ def some_grid(sudden: float = 0.5) -> EventGrid:
     responses = 0.3 * rng.standard_normal((2, 40)) * (seen >= TIME[:, None, None])
     columns = 0.2 * rng.standard_normal((2, 2, 40))
     said = -np.mean(responses[1:8], axis=0) - 0.4 * columns[0] + rng.standard_normal((2, 40))
-    return EventGrid(TIME, responses, np.concatenate([said[None], columns]), np.array([0.5, 0.7]),
-                 (2.0, 1.5), 0.8, sudden, np.array([1.0, 0.25]))
+    return EventGrid(TIME, responses, np.concatenate([said[None], columns]),
+                     np.array([0.5, 0.7]), (2.0, 1.5), 0.8, sudden, np.array([1.0, 0.25]))
 
 
 def log_likelihood(grid: EventGrid, response: Array) -> float:
@@ -61,19 +62,23 @@ def test_a_slow_event_s_likelihood_is_that_of_the_mean_of_sudden_ones() -> None:
         told = float(grid.log_likelihood_of(grid.averaging_weights_of(start, duration)))
         response = response_at(grid, start, duration)
         assert told == pytest.approx(log_likelihood(grid, response) - none, abs=2e-3)
-    assert grid.log_likelihood[1, 7] == pytest.approx(grid.log_likelihood_of(grid.averaging_weights_of(0.5, 3.0)))
+    assert grid.log_likelihood[1, 7] == pytest.approx(
+        grid.log_likelihood_of(grid.averaging_weights_of(0.5, 3.0)))
 
 
 def test_times_and_durations_are_integrated_over_as_the_prior_says() -> None:
     grid = some_grid()
 
-    def slow(duration: float, start: float) -> float:
-        density = np.sqrt(2.0 / np.pi) / 1.5 * np.exp(-0.5 * (duration / 1.5)**2)
-        return float(density * np.exp(grid.log_likelihood_of(grid.averaging_weights_of(start, duration))))
+    def likelihood(start: float, duration: float) -> float:
+        weights = grid.averaging_weights_of(start, duration)
+        return float(np.exp(grid.log_likelihood_of(weights)))
 
-    at_once, _ = quad(lambda t: float(np.exp(grid.log_likelihood_of(grid.averaging_weights_of(t, 0.0)))),
-                      0.0, 4.0, limit=200)
-    taking, _ = dblquad(slow, 0.0, 4.0, 0.0, lambda start: 4.0 - start, epsabs=1e-2)
+    def gradual(duration: float, start: float) -> float:
+        density = np.sqrt(2.0 / np.pi) / 1.5 * np.exp(-0.5 * (duration / 1.5)**2)
+        return float(density * likelihood(start, duration))
+
+    at_once, _ = quad(lambda t: likelihood(t, 0.0), 0.0, 4.0, limit=200)
+    taking, _ = dblquad(gradual, 0.0, 4.0, 0.0, lambda start: 4.0 - start, epsabs=1e-2)
     assert grid.log_integral == pytest.approx(np.log(0.5 * (at_once + taking) / 4.0), abs=0.1)
     assert grid.probability[0].sum() == pytest.approx(at_once / (at_once + taking), abs=0.05)
     assert some_grid(0.0).probability[0].sum() == 0.0
@@ -101,7 +106,8 @@ def test_a_change_of_the_payload_is_told_as_slow_as_it_may_be(
     data, base, true = arm
     event, = (h for h in all_hypotheses(base.robot) if h.label == 'payload_change:arm')
     starts = [event.as_sudden(true), np.array([0.5 * true[0], true[1] - 3.0, 0.0])]
-    found = [RefinedFit.refine(CandidateSet((event,), (start,)), base, data).fit for start in starts]
+    found = [RefinedFit.refine(CandidateSet((event,), (start,)), base, data).fit
+             for start in starts]
     assert found[1].log_evidence == pytest.approx(found[0].log_evidence, abs=2.0)
     for fit in found:
         for value, truth in zip(parameter_values(fit, event), true):

@@ -6,11 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.latent_forces import latent_forces, LatentForces
 from flex_plant_sim.diagnosis.prediction.latent_series import gauge_series, torque_series
 from flex_plant_sim.diagnosis.prediction.latent_view import latent_view
 from flex_plant_sim.diagnosis.prediction.law import Law, law_of
-from flex_plant_sim.diagnosis.prediction.predictor import BaseModel, Predictor
+from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.prediction.smoother import LatentSystem, smooth
 from flex_plant_sim.diagnosis.record.sensor_noise import measurement_noise
 from flex_plant_sim.diagnosis.record.windows import Record, Windows

@@ -10,13 +10,14 @@ from typing import Any
 from flex_payload_estimator.tools.diagnose import main
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
 from flex_plant_sim.diagnosis.causes.fit import NOTABLE_EXCESS
 from flex_plant_sim.diagnosis.causes.free_run_ranking import free_run_score, ranked_by_free_runs
-from flex_plant_sim.diagnosis.causes.refined_fit import CandidateSet, RefinedFit
-from flex_plant_sim.diagnosis.causes.search_state import remaining_torque_shares
+from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit
+from flex_plant_sim.diagnosis.causes.refinement import remaining_torque_shares
+from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
 from flex_plant_sim.diagnosis.prediction.law import FOLDS, LatentSeries, Law, law_of, STRETCHES
-from flex_plant_sim.diagnosis.prediction.predictor import BaseModel
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.diagnosis.verdict.verdict import nominal_base, slowest_frequency
@@ -70,14 +71,14 @@ def test_a_law_takes_the_place_of_causes_that_imitate_it(simulator: str, tmp_pat
     assert gain['ratio_high'][gain['horizon_s'].index(2.0)] < 0.2
 
 
-def test_a_cause_is_asked_for_less_than_a_law_that_does_the_same(tmp_path: Path) -> None:
+def test_a_cause_is_more_probable_than_a_law_that_does_the_same(tmp_path: Path) -> None:
     viscous: tuple[str, Parameters] = ('viscous_friction', {'joint': 2, 'coefficient': 3.0})
     found, _ = told(tmp_path, FINITE_ELEMENTS, GAUGE, viscous)
     assert {cause['name'] for cause in found['causes']} == {GAUGE[0], viscous[0]}
     assert found['verdict'] == 'cause'
 
 
-def test_a_knot_is_asked_for_what_laplace_s_method_leaves_to_chance() -> None:
+def test_a_knot_pays_the_occam_factor_of_laplace_s_method() -> None:
     """The integral of a Gaussian likelihood over a Gaussian prior, by quadrature."""
     size, deviation = 1.5, 0.04
     law = Law('joint_1', 'N m', 'speed', 'rad/s', np.zeros(1), np.ones(1), np.array([deviation]),
@@ -93,8 +94,9 @@ def test_a_joint_that_moves_in_every_fifth_stretch_has_a_law() -> None:
     rng, count = np.random.default_rng(7), 100 * STRETCHES
     moving = np.arange(count) // 100 % FOLDS == 0
     speed = rng.uniform(-1.0, 1.0, count)
-    law = law_of(LatentSeries('joint_1', 'N m', np.tanh(4.0 * speed) + 0.01 * rng.normal(size=count),
-                        np.full(count, 0.01), {'speed': ('rad/s', speed)}, moving, 0.01))
+    torque = np.tanh(4.0 * speed) + 0.01 * rng.normal(size=count)
+    law = law_of(LatentSeries('joint_1', 'N m', torque, np.full(count, 0.01),
+                              {'speed': ('rad/s', speed)}, moving, 0.01))
     assert law.stated and law.variable == 'speed'
 
 

@@ -13,22 +13,23 @@ from flex_plant_sim.diagnosis.causes.model_averaging import (
 from flex_plant_sim.diagnosis.causes.posterior import Posterior
 from flex_plant_sim.diagnosis.likelihood.evidence import ParameterPrior
 from flex_plant_sim.diagnosis.likelihood.sufficient_statistics import SufficientStatistics
+from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
-from flex_plant_sim.diagnosis.prediction.predictor import BaseModel
 import numpy as np
 import pytest
 from scipy.stats import norm
 from simulated_records import REFERENCE
 
-EMPTY = SufficientStatistics(np.zeros((1, 1, 1)), np.zeros(0), ParameterPrior(*np.zeros((4, 0))), np.zeros(0), 1.0,
-                np.zeros(1))
+EMPTY = SufficientStatistics(np.zeros((1, 1, 1)), np.zeros(0), ParameterPrior(*np.zeros((4, 0))),
+                             np.zeros(0), 1.0, np.zeros(1))
 MASS, = (h for h in all_hypotheses(REFERENCE) if h.label == 'payload_mass:arm')
 DRAG, = (h for h in all_hypotheses(REFERENCE) if h.label == 'viscous_friction:joint_1')
 WINDOWS = 40
 
 
-def found(some: tuple[tuple[float, ...], ...], probability: tuple[float, ...], error_scale: float = 1.0,
-          nats: tuple[Array, ...] = (np.zeros(WINDOWS),) * 3) -> Posterior:
+def found(some: tuple[tuple[float, ...], ...], probability: tuple[float, ...],
+          error_scale: float = 1.0, nats: tuple[Array, ...] = (np.zeros(WINDOWS),) * 3
+          ) -> Posterior:
     """Return sets: the mass's size, then that of the drag if it is there; one part at 0.1."""
     fits = [Fit((MASS, DRAG)[:len(v)], DiscrepancyModel(), np.array(v), np.array([0.1 * len(v)]),
                 np.array([error_scale]), np.diag([0.2**2] * len(v) + [0.3**2]), EMPTY, 0.0,
@@ -55,7 +56,8 @@ def test_where_much_is_left_nats_are_known_as_well_as_windows_agree() -> None:
     apart = np.random.default_rng(3).standard_normal(WINDOWS)
     apart = 30.0 / WINDOWS + 60.0 / np.sqrt(WINDOWS) * (apart - apart.mean()) / apart.std()
     sure = (1.0, np.exp(-apart.sum()))
-    both = [found(((1.0,), (2.0, 5.0)), sure, error_scale, (apart, 0.0 * apart)) for error_scale in (1.0, 2.0)]
+    both = [found(((1.0,), (2.0, 5.0)), sure, error_scale, (apart, 0.0 * apart))
+            for error_scale in (1.0, 2.0)]
     assert set_weights(both[0]) == pytest.approx([1.0, 0.0], abs=1e-9)
     assert set_weights(both[1])[1] == pytest.approx(norm.cdf(-0.5), abs=0.03)
     assert averaged_size_deviations(both[1], MASS)[0] > 0.5

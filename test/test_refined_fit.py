@@ -1,17 +1,21 @@
-"""One set of causes: where it is linearised, what is fitted of it, and what is left out."""
+"""Refined fits of one set of causes, and the neighbours of a set that are fitted."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
-from flex_plant_sim.diagnosis.causes.fit import Fit, fit_set, GaussNewton
+from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
+from flex_plant_sim.diagnosis.causes.fit import Fit
+from flex_plant_sim.diagnosis.causes.gauss_newton import fit_set, GaussNewton
 from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses, CauseSet
+from flex_plant_sim.diagnosis.causes.neighbours import candidates, NeighbourFitter
 from flex_plant_sim.diagnosis.causes.part_factors import fits_replacing_parts
-from flex_plant_sim.diagnosis.causes.refined_fit import CandidateSet, NeighbourFitter, RefinedFit
+from flex_plant_sim.diagnosis.causes.proposal_step import probe_catalogue, proposals_beside
+from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit
 from flex_plant_sim.diagnosis.causes.search_state import SearchState
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
 from flex_plant_sim.diagnosis.likelihood.prior import part_priors, with_deviations
-from flex_plant_sim.diagnosis.prediction.predictor import BaseModel
+from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.effects import catalogue
 import numpy as np
@@ -28,11 +32,11 @@ def test_a_look_alike_is_fitted_along_its_own_trajectory() -> None:
                  for e in (clamp, base))
     centre = RefinedFit.refine(near, BaseModel(REFERENCE), data)
     plain = fit_set(centre.likelihood, CauseSet(far.hypotheses, data.duration), far.starts,
-                   centre.fit.error_scale).log_evidence
+                    centre.fit.error_scale).log_evidence
     found = NeighbourFitter(centre.likelihood, centre.fit.error_scale, data.duration)(far)
-    refined = RefinedFit.refine(CandidateSet.of(found), BaseModel(REFERENCE), data).fit.log_evidence
-    # The other half needs the parts' columns around itself.
-    assert found.log_evidence - plain > 0.5 * (refined - plain) > 5.0
+    refined = RefinedFit.refine(CandidateSet.of(found), BaseModel(REFERENCE), data).fit
+    # The other half needs the parts' Jacobian around itself.
+    assert found.log_evidence - plain > 0.5 * (refined.log_evidence - plain) > 5.0
 
 
 def test_evidence_is_the_same_wherever_it_is_linearised_first() -> None:
@@ -42,15 +46,16 @@ def test_evidence_is_the_same_wherever_it_is_linearised_first() -> None:
     true = np.array([off.get(part.name, 0.0) * part.tolerance for part in parts])
     record = simulated((), 28.0, robot=with_deviations(REFERENCE, parts, true)[0])
     data = Data.of([record], SLOWEST, REFERENCE.sample_time)
-    from_file, from_truth = (RefinedFit.refine(CandidateSet((), (np.zeros(0),), about), base, data).fit
-                             for about in (None, true))
+    from_file, from_truth = (
+        RefinedFit.refine(CandidateSet((), (np.zeros(0),), deviations), base, data).fit
+        for deviations in (None, true))
     plain = fit_set(Likelihood(base, data.windows, data.noise), CauseSet((), data.duration),
-                   (np.zeros(0),))
+                    (np.zeros(0),))
     assert from_file.log_evidence == pytest.approx(from_truth.log_evidence, abs=0.5)
     assert from_file.log_evidence > plain.log_evidence + 2.0
 
 
-def test_a_factor_in_place_of_its_part_is_told_by_the_part_s_own_columns() -> None:
+def test_a_factor_in_place_of_its_part_is_told_by_the_part_s_own_jacobian() -> None:
     base, parts = BaseModel(REFERENCE), part_priors(REFERENCE, REFERENCE.payload_mass)
     place = [part.name for part in parts].index('stiffness_2')
     stiffer = 6.0 * parts[place].tolerance * np.eye(len(parts))[place]
@@ -69,29 +74,30 @@ def test_a_factor_in_place_of_its_part_is_told_by_the_part_s_own_columns() -> No
     assert told.values == pytest.approx(refined.values, rel=0.005)
 
 
-def test_what_swings_is_fitted_from_each_size_that_was_looked_at() -> None:
-    # A size is a frequency: what a look at one says of sizes between two is no line.
+def test_a_resonant_effect_is_fitted_from_each_probed_size() -> None:
+    # A size sets a frequency: between two probed sizes the residual is not linear.
     data = Data.of([simulated(effects(
         'loose_payload:arm:compliance_m_per_n=0.045,damping_ratio=0.05'), 28.0)],
         SLOWEST, REFERENCE.sample_time)
     asked, base = ('loose_payload', 'clamp_compliance'), BaseModel(REFERENCE)
     state = SearchState(data, base, 1, [name for name in catalogue() if name not in asked],
-                    lambda *told: None)
+                        lambda *told: None)
     nothing = state.refine(CandidateSet((), (np.zeros(0),)), base.discrepancy)
-    state.probe(nothing)
+    probe_catalogue(state, nothing)
     starts: dict[str, list[float]] = {}
-    for trial in state.candidates(nothing, state.proposals(nothing)):
-        for h in trial.hypotheses:
-            starts.setdefault(h.label, []).append(trial.starts[0][0])
-    swings, = (h for h, _ in state.sensitivities if h.label == 'loose_payload:arm')
-    asked_at = [size for size in swings.parameters[0].starts if size > 0.0]
-    # And where a line says: a gap may be smaller than all that were looked at.
-    assert set(np.round(asked_at, 9)) < set(np.round(starts[swings.label], 9))
+    proposals = proposals_beside(state, nothing)
+    for candidate in candidates(state, nothing, proposals):
+        for h in candidate.hypotheses:
+            starts.setdefault(h.label, []).append(candidate.starts[0][0])
+    resonant, = (h for h, _ in state.sensitivities if h.label == 'loose_payload:arm')
+    probed = [size for size in resonant.parameters[0].starts if size > 0.0]
+    # And from the linear optimum: a size may be smaller than all that were probed.
+    assert set(np.round(probed, 9)) < set(np.round(starts[resonant.label], 9))
     assert len(starts['clamp_compliance:link_1']) == 1
-    # Nor does a line tell how much it gains.
-    worth = {p.hypothesis.label: state.deserves_fit(50, replace(p, linear_gain=100.0))
-             for p in state.proposals(nothing)}
-    assert worth[swings.label] and not worth['clamp_compliance:link_1']
+    # Nor does the linear gain tell how much it gains.
+    deserving = {p.hypothesis.label: state.deserves_fit(50, replace(p, linear_gain=100.0))
+                 for p in proposals}
+    assert deserving[resonant.label] and not deserving['clamp_compliance:link_1']
 
 
 def test_a_set_that_cannot_matter_is_not_linearised_again() -> None:
@@ -104,20 +110,21 @@ def test_a_set_that_cannot_matter_is_not_linearised_again() -> None:
         return False
 
     nothing = CandidateSet((), (np.zeros(0),))
-    once, again = (RefinedFit.refine(nothing, BaseModel(REFERENCE), data, worth_refining=how).fit.log_evidence
-                   for how in (worth_refining, lambda fit, more: True))
-    # The file's columns promised more than is there, by less than it was told may be.
+    once, again = (
+        RefinedFit.refine(nothing, BaseModel(REFERENCE), data, worth_refining=how).fit.log_evidence
+        for how in (worth_refining, lambda fit, more: True))
+    # The Jacobian at the file's parts predicts too much, by less than it was told may be.
     assert len(asked) == 1 and once + 1.0 < again < once + asked[0]
 
 
 @pytest.mark.parametrize('start', [(-0.05, 2.0, 18.0), (-0.03, 4.0, 14.0)])
-def test_what_seemed_to_take_its_time_is_tried_at_once_too(start: tuple[float, ...]) -> None:
+def test_a_gradual_event_is_tried_as_a_sudden_one_too(start: tuple[float, ...]) -> None:
     dropped = effects('payload_change:arm:change_kg=-0.06,time_s=12,duration_s=0')
     data = Data.of([simulated(dropped, 28.0)], SLOWEST, REFERENCE.sample_time)
     event = [h for h in all_hypotheses(REFERENCE) if h.label == 'payload_change:arm']
-    descent = GaussNewton(Likelihood(BaseModel(REFERENCE), data.windows, data.noise),
-                      CauseSet(event, data.duration), np.ones(len(REFERENCE.output_names)))
-    slow, found = (way((np.array(start),)) for way in (descent.descend, descent.minimise))
-    # Between a change of ten seconds and one at once is a valley of its own.
+    solver = GaussNewton(Likelihood(BaseModel(REFERENCE), data.windows, data.noise),
+                         CauseSet(event, data.duration), np.ones(len(REFERENCE.output_names)))
+    slow, found = (way((np.array(start),)) for way in (solver.descend, solver.minimise))
+    # Between a change of ten seconds and a sudden one is a local minimum.
     assert slow.values[2] > 8.0 and slow.cost > found.cost + 200.0
     assert found.values[2] < 0.1 and found.values[0] == pytest.approx(-0.06, abs=1e-3)

@@ -9,7 +9,7 @@ from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses
 from flex_plant_sim.diagnosis.causes.search import search
 from flex_plant_sim.diagnosis.likelihood.prior import prior_table
-from flex_plant_sim.diagnosis.prediction.predictor import BaseModel
+from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.effects import build, catalogue
 from msg_config.errors import InputError

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from flex_plant_sim.arm.robot_file import load_robot
+from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
 from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses
-from flex_plant_sim.diagnosis.causes.refined_fit import CandidateSet, RefinedFit
+from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit
 from flex_plant_sim.diagnosis.prediction.scheduled_matrices import ScheduledMatrices
 from flex_plant_sim.diagnosis.prediction.whitening import (
     delay_strain,
@@ -37,7 +38,7 @@ class Arm:
     def matrices(self) -> ScheduledMatrices:
         """Return the predictor's matrices, the same at every sample."""
         return ScheduledMatrices(np.ones((SAMPLES, 1)),
-                        np.vstack([(self.f - self.k @ self.c).T, self.k.T])[None])
+                                 np.vstack([(self.f - self.k @ self.c).T, self.k.T])[None])
 
     def errors(self, outputs: np.ndarray) -> np.ndarray:
         """Return what its predictor errs on outputs (S, m) from zero on."""
@@ -72,7 +73,8 @@ def test_what_a_record_is_on_average_hangs_on_no_gain() -> None:
 
 def test_it_is_whitened_by_the_covariance_of_the_nominal_arm() -> None:
     nominal, left = Arm(3, 0.2), np.random.default_rng(4).standard_normal((SAMPLES, OUTPUTS))
-    white = WhiteningFilter(nominal.matrices, nominal.c).whitened(left[:, None, None], ROWS)[:, 0, 0]
+    whitening = WhiteningFilter(nominal.matrices, nominal.c)
+    white = whitening.whitened(left[:, None, None], ROWS)[:, 0, 0]
     dense = np.linalg.solve(np.linalg.cholesky(nominal.covariance()), left.ravel())
     assert white.ravel() == pytest.approx(dense)
 

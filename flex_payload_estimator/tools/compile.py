@@ -12,8 +12,9 @@ from flex_payload_estimator.control.loop import run_loop
 from flex_payload_estimator.nodes.node_setup import controller_of, estimator_of, set_points_of
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.compiled import COMPILED
+from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.latent_forces import latent_forces
-from flex_plant_sim.diagnosis.prediction.predictor import BaseModel, Predictor
+from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.record.windows import Record, Windows
 from flex_plant_sim.simulation.nominal import nominal_effects
 from flex_plant_sim.simulation.plant_setup import simulator_of

@@ -16,8 +16,9 @@ from flex_payload_estimator.tools.estimate import estimate
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.diagnosis.pool import all_of
+from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.latent_view import latent_view, LatentView
-from flex_plant_sim.diagnosis.prediction.predictor import BaseModel, Predictor
+from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.diagnosis.report.extended_file import write_extended
 from flex_plant_sim.diagnosis.report.figures import all_pictures
@@ -115,7 +116,8 @@ def run(logs: Sequence[Log], robot: Robot, arguments: argparse.Namespace,
     before = predictors(nominal)
     # Where nothing was found nothing is measured twice.
     after = before if extended == nominal else predictors(extended)
-    asked = {'before': before, **({'after': after} if diagnosis.verdict in UNNAMED_VERDICTS else {})}
+    unnamed = diagnosis.verdict in UNNAMED_VERDICTS
+    asked = {'before': before, **({'after': after} if unnamed else {})}
     latent = dict(zip(asked, all_of(latent_view, [*asked.values()], arguments.jobs)))
     diagnosis = with_experiment(diagnosis)
     added: tuple[Effect, ...] = ()

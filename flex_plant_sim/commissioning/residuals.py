@@ -9,7 +9,8 @@ from math import ceil
 from flex_plant_sim.arm.robot import EffectSpec, Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.commissioning.summary import locked_modes
-from flex_plant_sim.diagnosis.prediction.predictor import BaseModel, Predictor
+from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
+from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.record.sensor_noise import measurement_noise
 from flex_plant_sim.diagnosis.record.windows import Record, Windows
 from flex_plant_sim.effects import catalogue, effects_of

@@ -1,1 +1,1 @@
-"""Hypotheses, their fits, and the search among sets of them."""
+"""Hypotheses about causes, their fits, the search among sets of them and the posterior."""

@@ -1,11 +1,11 @@
 """
-When an event happened and how long it took: integrated over, for no parabola tells them.
+Evidence and estimates of an event, integrated over when it happened and how long it took.
 
-What a record says of an event's time has side valleys, and of its duration often no more than an
-upper bound: a change over 3 s and a sudden one in its middle may be as likely. Given both, all
-else is as linear as ever. And the response to a slow change is the mean of those to sudden ones
-over its duration, as it is linear in what has happened by then; so the responses to sudden ones
-at some times tell the evidence of every pair of a start and an end.
+`RefinedFit` uses it for sets with an event that may be gradual. What a record says of the event's
+time has several maxima, and of its duration often an upper bound alone, so Laplace's method fails.
+Given both, the residual is as linear in all else as ever. The response to a gradual change is the
+mean of the responses to sudden ones over its duration. So the responses to sudden events at some
+times give the evidence of every start and end, see `EventGrid`.
 """
 
 from __future__ import annotations
@@ -16,30 +16,31 @@ from typing import NamedTuple
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.causes.event_grid import EventGrid
-from flex_plant_sim.diagnosis.causes.fit import Fit, GaussNewton, LinearisationPoint
+from flex_plant_sim.diagnosis.causes.fit import Fit
+from flex_plant_sim.diagnosis.causes.gauss_newton import GaussNewton, LinearisationPoint
 from flex_plant_sim.diagnosis.causes.hypothesis import BATCH_SIZE, EVENT_GRID_TIMES
 from flex_plant_sim.diagnosis.likelihood.sufficient_statistics import TEMPER
 from flex_plant_sim.diagnosis.pool import all_of
 import numpy as np
 
-# Times at most.
+# Times of sudden events at most whose responses are computed.
 MAX_EVENT_TIMES = 150
 
 
 class EventIndices(NamedTuple):
-    """Where an event's size, time and duration are among a set's values."""
+    """Indices of an event's size, time and duration among a set's values."""
 
     size: int
     time: int
     duration: int
 
 
-def event_indices(descent: GaussNewton) -> EventIndices | None:
-    """Return where the first event's values are that may take its time; None without one."""
-    for hypothesis, first in zip(descent.causes.hypotheses, descent.causes.boundaries):
+def event_indices(solver: GaussNewton) -> EventIndices | None:
+    """Return the indices of the first event that may be gradual; None without one."""
+    for hypothesis, first in zip(solver.causes.hypotheses, solver.causes.boundaries):
         if hypothesis.effect.event_duration:
             names = [p.name for p in hypothesis.parameters]
-            return EventIndices(*(int(first + indices) for indices in (
+            return EventIndices(*(int(first + index) for index in (
                 np.argmax(hypothesis.is_size), names.index(hypothesis.effect.event_time),
                 names.index(hypothesis.effect.event_duration))))
     return None
@@ -47,34 +48,35 @@ def event_indices(descent: GaussNewton) -> EventIndices | None:
 
 class EventTimeIntegral:
     """
-    The events of a set that was fitted, of any time and duration, all else being as linear.
+    The events of all times and durations in a fitted set, the residual being linear in all else.
 
     Parameters
     ----------
-    descent : Descent
-        Its likelihood is linearised around the set, its scale is the fit's.
-    point : Point
-    places : Places
+    solver : GaussNewton
+        With the likelihood linearised around the set and the error scale of its fit.
+    point : LinearisationPoint
+        Of the fit.
+    indices : EventIndices
 
     """
 
-    def __init__(self, descent: GaussNewton, point: LinearisationPoint, indices: EventIndices):
-        self.descent, self.point, self.indices = descent, point, indices
+    def __init__(self, solver: GaussNewton, point: LinearisationPoint, indices: EventIndices):
+        self.solver, self.point, self.indices = solver, point, indices
         self.others = np.setdiff1d(np.arange(point.values.size), indices)
 
-    def _responses(self, times: Array, nothing: Array) -> Array:
-        """Return what sudden events add to the residual without one, (T, m, N)."""
-        likelihood, values = self.descent.likelihood, np.repeat(
+    def _responses(self, times: Array, without_event: Array) -> Array:
+        """Return the changes of the residual (m, N) by sudden events at times, (T, m, N)."""
+        likelihood, values = self.solver.likelihood, np.repeat(
             self.point.values[None], times.size, axis=0)
         values[:, self.indices.time], values[:, self.indices.duration] = times, 0.0
-        found = np.zeros((times.size, *nothing.shape))
-        # After the last sample there is nothing left to change.
+        found = np.zeros((times.size, *without_event.shape))
+        # An event after the last sample changes nothing.
         seen = times <= likelihood.times.max()
         if seen.any():
-            pieces = np.split(values[seen], np.arange(BATCH_SIZE, seen.sum(), BATCH_SIZE))
-            more = all_of(partial(self.descent.causes.residual, likelihood), pieces,
-                          likelihood.jobs)
-            found[seen] = np.concatenate(more) - nothing
+            batches = np.split(values[seen], np.arange(BATCH_SIZE, seen.sum(), BATCH_SIZE))
+            residuals = all_of(partial(self.solver.causes.residual, likelihood), batches,
+                               likelihood.jobs)
+            found[seen] = np.concatenate(residuals) - without_event
         if not np.all(np.isfinite(found)):
             raise np.linalg.LinAlgError('no finite prediction')
         return found
@@ -82,7 +84,7 @@ class EventTimeIntegral:
     @cached_property
     def grid(self) -> EventGrid:
         """
-        Return events of all times, as many as the record tells apart.
+        Return the grid of events, refined until the record does not tell neighbours apart.
 
         Raises
         ------
@@ -90,42 +92,45 @@ class EventTimeIntegral:
             Where a prediction is not finite.
 
         """
-        indices, point, prior = self.indices, self.point, self.descent.prior
+        indices, point, prior = self.indices, self.point, self.solver.prior
         zero_size = point.values.copy()
         zero_size[indices.size] = prior.centre[indices.size]
-        nothing, _ = self.descent.residual_and_cost(zero_size)
+        without_event, _ = self.solver.residual_and_cost(zero_size)
         offsets = (point.values - prior.centre)[self.others]
-        columns = point.jacobian[self.others]
-        background = np.concatenate([(nothing - np.tensordot(offsets, columns, 1))[None], columns,
-                               self.descent.likelihood.part_jacobian])
+        jacobian = point.jacobian[self.others]
+        at_centre = without_event - np.tensordot(offsets, jacobian, 1)
+        background = np.concatenate([at_centre[None], jacobian,
+                                     self.solver.likelihood.part_jacobian])
         start, duration = self._event_at_point
-        times = np.unique(np.r_[np.linspace(0.0, self.descent.causes.duration, EVENT_GRID_TIMES + 1),
+        record = self.solver.causes.duration
+        times = np.unique(np.r_[np.linspace(0.0, record, EVENT_GRID_TIMES + 1),
                                 start, start + duration])
         grid = EventGrid(
-            times, self._responses(times, nothing), background,
-            np.r_[prior.width[self.others], self.descent.likelihood.tolerances],
+            times, self._responses(times, without_event), background,
+            np.r_[prior.width[self.others], self.solver.likelihood.tolerances],
             (float(prior.width[indices.size]), float(prior.width[indices.duration])),
             float(point.values[indices.size] - prior.centre[indices.size]),
-            0.5 if prior.spiked[indices.duration] else 0.0, 1.0 / (TEMPER * self.descent.error_scale**2))
+            0.5 if prior.spiked[indices.duration] else 0.0,
+            1.0 / (TEMPER * self.solver.error_scale**2))
         while grid.time.size < MAX_EVENT_TIMES and (more := grid.refinement_times).size:
             times = np.r_[grid.time, more]
             order = np.argsort(times)
-            responses = np.concatenate([grid.responses, self._responses(more, nothing)])
+            responses = np.concatenate([grid.responses, self._responses(more, without_event)])
             grid = replace(grid, time=times[order], responses=responses[order])
         return grid
 
     @property
     def _event_at_point(self) -> tuple[float, float]:
-        """Return start and duration of the event at the point, s, within the record."""
+        """Return start and duration of the point's event, s, clipped to the record."""
         start, duration = self.point.values[[self.indices.time, self.indices.duration]]
-        start = min(start, self.descent.causes.duration)
-        return start, min(duration, self.descent.causes.duration - start)
+        start = min(start, self.solver.causes.duration)
+        return start, min(duration, self.solver.causes.duration - start)
 
     def integrated(self) -> tuple[LinearisationPoint, Fit, float]:
         """
-        Return the likeliest event, its fit, and what it gains over the one at the point, nats.
+        Return the estimated event, its fit, and the gain over the point's event, nats.
 
-        The fit's evidence and its spread are those over all times and durations.
+        The fit's evidence and covariance are integrated over all times and durations.
 
         Raises
         ------
@@ -138,21 +143,21 @@ class EventTimeIntegral:
         order = np.r_[indices.time, indices.duration, indices.size, self.others]
         values = np.empty(k)
         values[order] = estimate[:k]
-        values[order[2:]] += self.descent.prior.centre[order[2:]]
-        values = np.clip(values, *self.descent.causes.bounds)
-        point = self.descent.linearise(values, *self.descent.residual_and_cost(values))
-        point = self.descent.exact_at(point, values, self.descent.fit(point).deviations)
-        fit = self.descent.fit(point)
-        held = fit.statistics.held_fixed((indices.time, indices.duration))
+        values[order[2:]] += self.solver.prior.centre[order[2:]]
+        values = np.clip(values, *self.solver.causes.bounds)
+        point = self.solver.linearise(values, *self.solver.residual_and_cost(values))
+        point = self.solver.exact_at(point, values, self.solver.fit(point).deviations)
+        fit = self.solver.fit(point)
+        given_time = fit.statistics.held_fixed((indices.time, indices.duration))
         here, there = (float(grid.log_likelihood_of(grid.averaging_weights_of(start, duration)))
                        for start, duration in (self._event_at_point, estimate[:2]))
         offsets = np.r_[values[order[:2]], fit.statistics.offsets[order[2:]], fit.deviations]
         covariance, order = np.empty_like(fit.covariance), np.r_[
             order, k:k + fit.deviations.size]
         covariance[np.ix_(order, order)] = grid.mean_square_deviation(offsets)
-        # Where windows disagree, as much wider as without.
+        # The factor of the sandwich covariance, where windows disagree.
         wider = np.sqrt(np.diagonal(fit.covariance)
                         / np.diagonal(fit.statistics.joint_marginal(fit.error_scale).covariance))
-        return point, replace(
-            fit, covariance=wider[:, None] * covariance * wider,
-            log_evidence=held.log_evidence(fit.error_scale) + grid.log_integral - there), there - here
+        log_evidence = given_time.log_evidence(fit.error_scale) + grid.log_integral - there
+        return point, replace(fit, covariance=wider[:, None] * covariance * wider,
+                              log_evidence=log_evidence), there - here

@@ -13,12 +13,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.causes.posterior import cause_price, Posterior
+from flex_plant_sim.diagnosis.causes.posterior import (
+    log_prior_odds_of_causes,
+    Posterior,
+)
 from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit
 from flex_plant_sim.diagnosis.pool import all_of, attempt
+from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.free_run import horizon_errors, HORIZONS
 from flex_plant_sim.diagnosis.prediction.latent_view import latent_view
-from flex_plant_sim.diagnosis.prediction.predictor import BaseModel, Predictor
+from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.record.data import Data
 import numpy as np
 
@@ -41,11 +45,11 @@ def ranked_by_free_runs(sets: Sequence[RefinedFit], data: Data, nominal: BaseMod
 
     """
     def log_likelihood(chosen: RefinedFit) -> float:
-        rms = attempt(lambda model: free_run_rms(model, data), with_own_laws(chosen, data, nominal))
+        rms = attempt(lambda found: free_run_rms(with_own_laws(found, data, nominal), data), chosen)
         return -np.inf if rms is None else free_run_score(rms, windows)
 
     windows = sum(work.starts.size for work in data.windows)
-    prices = np.array([cause_price(chosen.fit, nominal) for chosen in sets])
+    prices = np.array([log_prior_odds_of_causes(chosen.fit, nominal) for chosen in sets])
     score = prices + all_of(log_likelihood, sets, jobs)
     # One-step nats say nothing here, of single windows no more than of all.
     fits = [replace(chosen.fit, window_log_likelihoods=np.zeros(0)) for chosen in sets]

@@ -1,4 +1,8 @@
-"""A hypothesis: one effect of the catalogue at one site, where its fit starts; and several."""
+"""
+Hypotheses: one effect of the catalogue at one site, with priors, bounds and starts; and sets.
+
+The search makes one `Hypothesis` of each effect and site and fits `CauseSet`s of them.
+"""
 
 from __future__ import annotations
 
@@ -16,13 +20,15 @@ from flex_plant_sim.effects import catalogue, sites
 from flex_plant_sim.effects.base import Effect, Parameter
 import numpy as np
 
-# Of a deviation: what bends a prediction is small over it, rounding is smaller.
+# Step of finite differences, as a share of a parameter's deviation from null: small enough for
+# linearity, large enough for rounding.
 DIFFERENCE_SHARE = 0.05
-# At least and at most so many times of an event; a shape with GRID starts is searched on a grid.
+# Starts from which on a shape parameter is searched on a grid, and the fewest times of an event;
+# times of an event at most.
 MIN_GRID_STARTS, EVENT_GRID_TIMES = 5, 30
-# Of its unit: the slab of a parameter that is held is as good as a point.
+# Prior width of a fixed parameter, in its unit; small enough to stand for a point.
 FIXED_WIDTH = 1e-9
-# Arms that run at once: memory goes with them.
+# Arms that are predicted at once; memory grows with them.
 BATCH_SIZE = 8
 
 
@@ -31,8 +37,8 @@ class Hypothesis:
     """
     An effect at a site, with its parameters as they can be on the robot.
 
-    One of few values (`Parameter.discrete`) is held: its bounds coincide, and each value is a
-    hypothesis of its own, under the same label.
+    A parameter with few values (`Parameter.discrete`) is fixed: its bounds coincide, and each
+    value is a hypothesis of its own with the same label.
     """
 
     effect: type[Effect]
@@ -61,31 +67,31 @@ class Hypothesis:
 
     @property
     def fixed_values(self) -> tuple[float, ...]:
-        """Return the values of the parameters that are held."""
+        """Return the values of the fixed parameters."""
         return tuple(p.low for p in self.parameters if p.low == p.high)
 
     @property
     def typical_deviation(self) -> Array:
-        """Return the size of a typical deviation from null, (k,)."""
-        is_size = []
+        """Return the smallest deviation from null among the starts, (k,)."""
+        found = []
         for p in self.parameters:
-            away = [abs(s - p.null) for s in p.starts if s != p.null]
-            is_size.append(min(away) if away else max(abs(p.null), 1.0))
-        return np.array(is_size)
+            deviations = [abs(s - p.null) for s in p.starts if s != p.null]
+            found.append(min(deviations) if deviations else max(abs(p.null), 1.0))
+        return np.array(found)
 
     @property
     def is_size(self) -> Array:
-        """Return True where a parameter measures the effect's size, False for its shape, (k,)."""
+        """Return True where a parameter is a size of the effect, False where a shape, (k,)."""
         return np.array([math.isfinite(p.smallest) for p in self.parameters])
 
     @property
     def event_index(self) -> int | None:
-        """Return which parameter says when it happens, if it is an event."""
+        """Return the index of the time at which an event happens; None if it is no event."""
         names = [p.name for p in self.parameters]
         return names.index(self.effect.event_time) if self.effect.event_time else None
 
     def as_sudden(self, values: Array) -> Array:
-        """Return values (k,) with an event that takes its time at once in the middle of it."""
+        """Return values (k,) with a gradual event replaced by a sudden one in its middle."""
         found, names = values.copy(), [p.name for p in self.parameters]
         if self.effect.event_duration:
             place = names.index(self.effect.event_duration)
@@ -94,45 +100,47 @@ class Hypothesis:
         return found
 
     def prior(self, duration: float) -> ParameterPrior:
-        """Return the prior of the parameters in a record of a duration, s."""
-        anywhere = [not math.isfinite(p.typical) for p in self.parameters]
-        held = self.low == self.high
-        centre = np.where(held, self.low, np.where(anywhere, 0.5 * duration, self.null))
-        # A time is uniform over the record: mean and deviation of that.
-        width = np.where(anywhere, duration / math.sqrt(12.0),
+        """Return the prior of the parameters for a record of a duration, s."""
+        # Times are uniform over the record: a Gaussian with that mean and standard deviation.
+        is_time = [not math.isfinite(p.typical) for p in self.parameters]
+        fixed = self.low == self.high
+        centre = np.where(fixed, self.low, np.where(is_time, 0.5 * duration, self.null))
+        width = np.where(is_time, duration / math.sqrt(12.0),
                          [p.typical for p in self.parameters])
-        width = np.where(held, FIXED_WIDTH, width)
+        width = np.where(fixed, FIXED_WIDTH, width)
         above, below = self.low >= self.null, self.high <= self.null
-        one_sided = np.where(held | anywhere, 0.0, 1.0 * above - 1.0 * below)
-        # What nature may add to an effect is there or not.
-        spiked = ~held & np.array([p.optional for p in self.parameters])
+        one_sided = np.where(fixed | is_time, 0.0, 1.0 * above - 1.0 * below)
+        # An optional parameter is at null with probability 1/2.
+        spiked = ~fixed & np.array([p.optional for p in self.parameters])
         return ParameterPrior(centre, width, one_sided, spiked)
 
     def difference_steps(self, values: Array) -> Array:
         """
-        Return difference steps at values, (k,).
+        Return the steps of finite differences at values, (k,).
 
-        A share of the deviation from null; for a shape that is searched on a grid (a time, a
-        count of periods) a share of the grid's spacing, however far from null it is.
+        A share of the deviation from null; for a shape on a grid (a time, a number of periods), a
+        share of the grid's spacing.
         """
-        difference_steps = DIFFERENCE_SHARE * np.maximum(np.abs(values - self.null), 0.2 * self.typical_deviation)
+        steps = DIFFERENCE_SHARE * np.maximum(
+            np.abs(values - self.null), 0.2 * self.typical_deviation)
         for k, parameter in enumerate(self.parameters):
             if len(parameter.starts) >= MIN_GRID_STARTS and not self.is_size[k]:
-                difference_steps[k] = DIFFERENCE_SHARE * float(np.min(np.diff(np.unique(parameter.starts))))
-        return np.where(values + difference_steps > self.high, -difference_steps, difference_steps)
+                spacing = float(np.min(np.diff(np.unique(parameter.starts))))
+                steps[k] = DIFFERENCE_SHARE * spacing
+        return np.where(values + steps > self.high, -steps, steps)
 
     def shape_grid(self, duration: float) -> Array:
-        """Return the grid over the parameters that are no size, sizes at null, (S, k)."""
+        """Return the grid over all shape parameters, with the sizes at null, (S, k)."""
         grids = [(p.null,) if size else (p.low,) if p.low == p.high else self._grid(p, duration)
                  for p, size in zip(self.parameters, self.is_size)]
         return np.array(list(product(*grids)))
 
     def probe_deviations(self) -> list[Array]:
-        """Return deviations from null at which to look, one set for all sizes at once, (k,)."""
-        some = [sorted({s - p.null for s in p.starts if p.low <= s <= p.high} - {0.0}, key=abs)
-                if size else [0.0] for p, size in zip(self.parameters, self.is_size)]
-        most = max(map(len, some))
-        return [np.array([s[min(m, len(s) - 1)] for s in some]) for m in range(most)]
+        """Return the deviations from null at which sensitivities are taken, (k,) each."""
+        of_each = [sorted({s - p.null for s in p.starts if p.low <= s <= p.high} - {0.0}, key=abs)
+                   if size else [0.0] for p, size in zip(self.parameters, self.is_size)]
+        most = max(map(len, of_each))
+        return [np.array([d[min(m, len(d) - 1)] for d in of_each]) for m in range(most)]
 
     @staticmethod
     def _grid(parameter: Parameter, duration: float) -> Sequence[float]:
@@ -143,7 +151,7 @@ class Hypothesis:
         return tuple(duration * k / count for k in range(1, count))
 
     def effect_at(self, values: Array) -> Effect:
-        """Return the effect with values (k,), or a batch of them with (B, k)."""
+        """Return the effect with values (k,), or a batch of effects with (B, k)."""
         if values.ndim == 1:
             return self.effect(self.site, tuple(float(v) for v in values))
         return self.effect(self.site, tuple(values[:, k:k + 1] for k in range(values.shape[1])))
@@ -151,13 +159,18 @@ class Hypothesis:
 
 class CauseSet:
     """
-    Some hypotheses at once; their parameters lie side by side, (k,).
+    Hypotheses that hold together; their parameters are concatenated, (k,).
 
     Parameters
     ----------
     hypotheses : sequence of Hypothesis
     duration : float
         Of the longest record, s.
+
+    Attributes
+    ----------
+    boundaries : Array
+        Where the parameters of each hypothesis begin, and the end of the last, int.
 
     """
 
@@ -171,9 +184,9 @@ class CauseSet:
     @cached_property
     def prior(self) -> ParameterPrior:
         """Return the prior of all parameters."""
-        slabs = [h.prior(self.duration) for h in self.hypotheses]
-        return ParameterPrior(*(self._joined([getattr(s, part) for s in slabs])
-                      for part in ('centre', 'width', 'one_sided', 'spiked')))
+        priors = [h.prior(self.duration) for h in self.hypotheses]
+        return ParameterPrior(*(self._joined([getattr(p, name) for p in priors])
+                                for name in ('centre', 'width', 'one_sided', 'spiked')))
 
     @property
     def bounds(self) -> tuple[Array, Array]:
@@ -183,27 +196,28 @@ class CauseSet:
 
     @property
     def structural(self) -> bool:
-        """Tell whether values must come one by one."""
+        """Tell whether predictions with different values cannot be batched."""
         return any(h.effect.structural for h in self.hypotheses)
 
     def split(self, values: Array) -> list[Array]:
-        """Return values (…, k) as each hypothesis has them."""
+        """Return values (…, k) split by hypothesis."""
         return [values[..., a:b] for a, b in zip(self.boundaries, self.boundaries[1:])]
 
     def effects(self, values: Array) -> tuple[Effect, ...]:
-        """Return the effects with values (k,), or batches of them with (B, k)."""
+        """Return the effects with values (k,), or batches of effects with (B, k)."""
         return tuple(h.effect_at(v) for h, v in zip(self.hypotheses, self.split(values)))
 
     def as_sudden(self, values: Array) -> Array:
-        """Return values (k,) with all events at once, see Hypothesis."""
+        """Return values (k,) with all events sudden, see `Hypothesis.as_sudden`."""
         return self._joined([h.as_sudden(v) for h, v in zip(self.hypotheses, self.split(values))])
 
     def difference_steps(self, values: Array) -> Array:
-        """Return difference steps at values, (k,)."""
-        return self._joined([h.difference_steps(v) for h, v in zip(self.hypotheses, self.split(values))])
+        """Return the steps of finite differences at values, (k,)."""
+        return self._joined([h.difference_steps(v)
+                             for h, v in zip(self.hypotheses, self.split(values))])
 
     def residual(self, likelihood: Likelihood, values: Array) -> Array:
-        """Return the residuals at values (B, k): (B, m, N)."""
+        """Return the residual r at values (B, k), (B, m, N); see `Likelihood`."""
         if self.structural or not self.hypotheses:
             return np.concatenate([likelihood.residual(self.effects(v)) for v in values])
         return np.concatenate([likelihood.residual(self.effects(values[k:k + BATCH_SIZE]))
@@ -211,7 +225,7 @@ class CauseSet:
 
 
 def all_hypotheses(robot: Robot, exclude: Sequence[str] = ()) -> tuple[Hypothesis, ...]:
-    """Return every effect of the catalogue at every site of a robot, each value of those held."""
+    """Return a hypothesis for each effect, site and discrete value that a robot can have."""
     return tuple(Hypothesis(effect, site, parameters)
                  for name, effect in catalogue().items() if name not in exclude
                  for site in sites(effect, robot) for parameters in product(*(

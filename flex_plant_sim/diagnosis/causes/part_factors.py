@@ -1,10 +1,15 @@
-"""Sets in which a cause that is a factor on a part does what the part, far off, does."""
+"""
+Sets with a cause that is a factor on a part, in place of a large deviation of that part.
+
+The search derives them from a refined fit, without a pass through the record.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from flex_plant_sim.diagnosis.causes.fit import Fit, GaussNewton, LinearisationPoint
+from flex_plant_sim.diagnosis.causes.fit import Fit
+from flex_plant_sim.diagnosis.causes.gauss_newton import GaussNewton, LinearisationPoint
 from flex_plant_sim.diagnosis.causes.hypothesis import CauseSet, Hypothesis
 from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit
 from flex_plant_sim.diagnosis.likelihood.prior import factors_on_parts, log_prior_odds
@@ -13,12 +18,13 @@ import numpy as np
 
 def fits_replacing_parts(centre: RefinedFit, catalogue: Sequence[Hypothesis]) -> Iterator[Fit]:
     """
-    Return sets with one cause more that is a factor on a part, where it is likelier than that.
+    Return fits with one more cause that is a factor on a part, where that is more probable.
 
-    Both are one coordinate of the arm: the record knows their product alone. What parts them is
-    the prior, of variances w^2 and t^2: the cause has w^2 / (w^2 + t^2) of the part's deviation d
-    and gains half of that share of d^2 / t^2 less ln(1 + w^2 / t^2), nats, and its price. So the
-    centre's own columns tell such a set, as linear as they are; that costs no pass.
+    Cause and part are one coordinate of the arm, of which a record knows the product alone; only
+    their priors, with variances w^2 and t^2, differ. The cause takes the share
+    w^2 / (w^2 + t^2) of the part's deviation d. It gains half of (that share of d^2 / t^2, less
+    ln(1 + w^2 / t^2)), nats, and pays its prior odds. The part's column of the centre's Jacobian
+    serves the cause too.
     """
     fit, likelihood = centre.fit, centre.likelihood
     factors = factors_on_parts(likelihood.base.robot)
@@ -27,15 +33,18 @@ def fits_replacing_parts(centre: RefinedFit, catalogue: Sequence[Hypothesis]) ->
         if h.label not in factors or h.label in labels:
             continue
         part, power = factors[h.label]
-        place, wider = names.index(part.name), (h.parameters[0].typical / part.tolerance)**2
-        share, deviation = wider / (1.0 + wider), float(fit.deviations[place])
-        gain = 0.5 * (share * (deviation / part.tolerance)**2 - np.log1p(wider))
+        index = names.index(part.name)
+        variance_ratio = (h.parameters[0].typical / part.tolerance)**2
+        share, deviation = variance_ratio / (1.0 + variance_ratio), float(fit.deviations[index])
+        gain = 0.5 * (share * (deviation / part.tolerance)**2 - np.log1p(variance_ratio))
         if gain + log_prior_odds(h.effect, likelihood.base.robot) < 0.0:
             continue
         value = np.clip(h.null * np.exp(power * share * deviation), h.low, h.high)
-        removed, column = np.log(value / h.null).item() / power, likelihood.part_jacobian[place]
+        # The deviation that the cause takes, after clipping.
+        taken, derivative = np.log(value / h.null).item() / power, likelihood.part_jacobian[index]
+        point = LinearisationPoint(
+            np.r_[fit.values, value], centre.point.residual + taken * derivative,
+            np.concatenate([centre.point.jacobian, derivative[None] / (power * value)]),
+            centre.point.cost)
         causes = CauseSet((*fit.hypotheses, h), likelihood.duration)
-        point = LinearisationPoint(np.r_[fit.values, value], centre.point.residual + removed * column,
-                      np.concatenate([centre.point.jacobian, column[None] / (power * value)]),
-                      centre.point.cost)
         yield GaussNewton(likelihood, causes, fit.error_scale).fit(point)

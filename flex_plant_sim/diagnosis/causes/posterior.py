@@ -1,4 +1,8 @@
-"""The posterior over the sets of causes that were visited, and all that is read from it."""
+"""
+The posterior over the sets of causes that were fitted, and what the verdict reads from it.
+
+A set's score is its log-evidence with its log prior odds. Something unknown may belong to a set.
+"""
 
 from __future__ import annotations
 
@@ -10,19 +14,19 @@ from types import MappingProxyType
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.likelihood.prior import imitation_odds, log_prior_odds, unknown_odds
+from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
-from flex_plant_sim.diagnosis.prediction.predictor import BaseModel
 import numpy as np
 
-# As all that is stated: 95 %.
+# Probability that a stated set of alternatives holds.
 CREDIBLE_LEVEL = 0.95
-# So many faults at once are nothing out of the ordinary.
+# Faults at once that are ordinary; each further one makes an imitation more probable.
 ORDINARY_FAULTS = 2
 
 
 @dataclass(frozen=True)
 class SetKey:
-    """What tells sets apart: labels of the causes, the discrepancy, what causes hold."""
+    """What distinguishes sets: labels of the causes, their fixed values, the discrepancy."""
 
     labels: frozenset[str]
     discrepancy: DiscrepancyModel
@@ -36,25 +40,24 @@ class SetKey:
 
     @property
     def without_remainder(self) -> SetKey:
-        """Return the key of the same set with nothing more lacking."""
+        """Return the key of the same set without an unknown remainder."""
         return replace(self, discrepancy=replace(self.discrepancy, remainder=False))
 
 
 def is_unknown(fit: Fit, nominal: BaseModel) -> bool:
-    """Tell whether something that no catalogue knows belongs to a set."""
+    """Tell whether something unknown belongs to a set."""
     return fit.discrepancy != nominal.discrepancy
 
 
 def interpretations(fit: Fit) -> tuple[Fit, ...]:
     """
-    Return what a fit stands for.
+    Return a fit read as complete, and as one with an unknown remainder.
 
-    A set that is all that is wrong leaves errors as small as every model's are, on arms of
-    other simulators, too. Where they are larger, something unknown is at work besides: it pays
-    what it costs, ln p of white errors as large as they are less that of those stated. Those of
-    clean arms are white (benchmarks/temper.py), so that all samples count: the temper is for
-    what goes with the motion. And a cause is as large in all of the record: what is not only
-    looks like it, see Fit.changing.
+    A complete set leaves errors no larger than any model's, as on clean arms of other simulators.
+    Larger errors cost it the log-ratio of white errors of the stated scale to those of the actual
+    scale. All samples count for that, as the errors of clean arms are white
+    (benchmarks/temper.py); the temper is for errors that go with the motion. With a remainder,
+    the errors cost nothing, and the evidence gains if a cause varies, see `Fit.varying_gain`.
     """
     excess = np.maximum(fit.error_scale, 1.0)**2 - 1.0
     cost = 0.5 * fit.statistics.samples * float(np.sum(excess - np.log1p(excess)))
@@ -66,33 +69,27 @@ def interpretations(fit: Fit) -> tuple[Fit, ...]:
                     log_evidence=fit.log_evidence + gain))
 
 
-def leaves_strain_unexplained(fit: Fit) -> bool:
-    """Tell whether what a set, as judged, leaves is no small part of the strain."""
-    discrepancy = fit.discrepancy
-    return discrepancy.remainder and not discrepancy.behind_sensors and bool(np.any(fit.error_scale[2:] > 1.0))
-
-
 def log_prior(fit: Fit, nominal: BaseModel) -> float:
     """
     Return the logarithm of a set's prior odds against `nothing`, nats.
 
-    What no catalogue knows is as likely a part as it is anything else.
+    Something unknown is a far part with probability 1/2, and anything else with 1/2.
     """
-    price = cause_price(fit, nominal)
+    log_odds = log_prior_odds_of_causes(fit, nominal)
     if is_unknown(fit, nominal):
         kinds = fit.statistics.tolerances.size if fit.discrepancy.far_part else 1
-        price += math.log(0.5 * unknown_odds() / kinds) - fit.discrepancy.laws_penalty
-    return price
+        log_odds += math.log(0.5 * unknown_odds() / kinds) - fit.discrepancy.laws_penalty
+    return log_odds
 
 
-def cause_price(fit: Fit, nominal: BaseModel) -> float:
+def log_prior_odds_of_causes(fit: Fit, nominal: BaseModel) -> float:
     """Return the logarithm of the prior odds of a set's causes, nats."""
     return sum(log_prior_odds(h.effect, nominal.robot) for h in fit.hypotheses)
 
 
 @dataclass(frozen=True)
 class _SetProbability:
-    """A set: its causes, its probability if they are real, whether something is unnamed."""
+    """A set: its causes, its probability if they are genuine, whether something is unknown."""
 
     labels: frozenset[str]
     probability: float
@@ -100,7 +97,7 @@ class _SetProbability:
 
     @property
     def genuine_probability(self) -> float:
-        """Return how likely it is that one of its causes is no imitation."""
+        """Return the probability that a cause of the set is not imitated by something unknown."""
         further = max(len(self.labels) - ORDINARY_FAULTS, 0) + self.unknown
         return 1.0 / (1.0 + imitation_odds(further))
 
@@ -114,10 +111,10 @@ class Posterior:
     ----------
     fits : tuple of Fit
     probability : Array
-        Of each, (S,); with those of the sets that were not fitted they sum to one.
-    nominal : Base
+        Of each, (S,); together with those of the sets that were not fitted they sum to one.
+    nominal : BaseModel
     unfitted : Mapping
-        Sets by their labels, with the probability that their linear evidence gives them.
+        Labels of sets that were not fitted to their probabilities by linear evidence.
 
     """
 
@@ -135,14 +132,14 @@ class Posterior:
         Parameters
         ----------
         fits : sequence of Fit
-            Of the sets that were fitted; see `judged`.
-        nominal : Base
+            Of the sets that were fitted; each counts in both of its `interpretations`.
+        nominal : BaseModel
             The model in question.
-        promised : Mapping
-            Further sets by their labels, with their linear evidence and prior odds, nats.
+        unfitted_scores : Mapping
+            Labels of sets that were not fitted to their scores by linear evidence, nats.
 
         """
-        fits = [each for fit in fits for each in interpretations(fit)]
+        fits = [reading for fit in fits for reading in interpretations(fit)]
         score = np.array([fit.log_evidence + log_prior(fit, nominal) for fit in fits])
         return cls.from_scores(fits, score, nominal, unfitted_scores)
 
@@ -150,7 +147,7 @@ class Posterior:
     def from_scores(cls, fits: Sequence[Fit], score: Array, nominal: BaseModel,
                     unfitted_scores: Mapping[frozenset[str], float] = MappingProxyType({})
                     ) -> Posterior:
-        """Return the posterior over sets with these logarithms of posterior odds, nats, (S,)."""
+        """Return the posterior over sets whose log posterior odds, nats, are the scores, (S,)."""
         order, known = np.argsort(-score), {SetKey.of(fit).labels for fit in fits}
         top = score[order[0]]
         weight = np.exp(score[order] - top)
@@ -167,18 +164,18 @@ class Posterior:
 
     @property
     def _set_probabilities(self) -> list[_SetProbability]:
-        """Return all sets, fitted or not."""
+        """Return all sets, those fitted first."""
         return [*(_SetProbability(SetKey.of(fit).labels, float(p), is_unknown(fit, self.nominal))
                   for fit, p in zip(self.fits, self.probability)),
                 *(_SetProbability(labels, p, False) for labels, p in self.unfitted.items())]
 
     @property
     def genuine_probability(self) -> float:
-        """Return how likely it is that a cause of the most probable set is no imitation."""
+        """Return the probability that a cause of the best set is not an imitation."""
         return self._set_probabilities[0].genuine_probability
 
     def effect_probability(self, identifier: str) -> float:
-        """Return the probability that an effect is at work, at whatever site."""
+        """Return the probability that an effect is at work at any site."""
         return sum(s.probability * s.genuine_probability for s in self._set_probabilities if any(
             label.partition(':')[0] == identifier for label in s.labels))
 
@@ -189,19 +186,19 @@ class Posterior:
 
     @property
     def unknown_probability(self) -> float:
-        """Return the probability that something that no catalogue knows is at work."""
-        return 1.0 - sum(s.probability * s.genuine_probability**len(s.labels) for s in self._set_probabilities
-                         if not s.unknown)
+        """Return the probability that something unknown is at work."""
+        return 1.0 - sum(s.probability * s.genuine_probability**len(s.labels)
+                         for s in self._set_probabilities if not s.unknown)
 
     def _sum(self, holds: Callable[[Fit], bool]) -> float:
         return float(sum(p for fit, p in zip(self.fits, self.probability) if holds(fit)))
 
     def alternatives(self, label: str) -> dict[str, float]:
         """
-        Return what may stand where the best set has a cause, with its probability.
+        Return what may stand in the place of a cause of the best set, with its probability.
 
-        Labels of causes ('unknown', 'nothing' too) in sets that are as the best without it; what
-        only stands beside it stands for nothing.
+        Labels of causes, 'unknown' or 'nothing', from the sets that have all other causes of the
+        best set. A cause that only stands beside the one asked about does not count.
         """
         others = SetKey.of(self.best).labels - {label}
         found: dict[str, float] = {}
@@ -215,7 +212,7 @@ class Posterior:
         return dict(sorted(found.items(), key=lambda item: -item[1]))
 
     def credible_alternatives(self, label: str) -> tuple[str, ...]:
-        """Return the smallest set of labels in a cause's place that holds CREDIBLE of it."""
+        """Return the fewest alternatives to a cause that hold CREDIBLE_LEVEL, itself included."""
         found, total, kept = self.alternatives(label), 0.0, []
         whole = sum(found.values())
         for name, p in found.items():

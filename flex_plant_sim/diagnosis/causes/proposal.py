@@ -1,4 +1,9 @@
-"""What each hypothesis promises beside causes that are on: its linear evidence, and its starts."""
+"""
+Proposals: the linear evidence of each further cause beside a set of causes, and where to start.
+
+They are computed from `Sensitivity` by algebra. The search fits the best of them, and detection
+limits follow from their information.
+"""
 
 from __future__ import annotations
 
@@ -12,28 +17,28 @@ from flex_plant_sim.diagnosis.likelihood.evidence import GaussianMarginal
 from flex_plant_sim.diagnosis.record.windows import Indices
 import numpy as np
 
-# Places that a fit may start from, the best first.
+# Starts of a proposal at most, the best first.
 MAX_STARTS = 2
 
 
 @dataclass(frozen=True)
 class Proposal:
     """
-    What a hypothesis could add to the evidence.
+    What a hypothesis could add to the evidence of a set of causes.
 
     Attributes
     ----------
     hypothesis : Hypothesis
-    gain : float
-        Nats, by the best of its shapes, linearly or at a start itself.
+    linear_gain : float
+        Log-evidence at the best shape, by linearisation, nats, without the prior odds.
     starts : tuple of Array
-        Values to fit from, best first, (k,) each.
-    of_sizes : tuple of Array
-        Each size that was looked at, in its best shape, (k,) each: where a size is a frequency,
-        nothing between two of them is linear.
-    magnitudes, information : Array
-        Deviations of the first size from null, (L,), and what the record knows of it there, one
-        over its variance: what three of four shapes surpass, (L,).
+        Values to start a fit from, the best first, (k,) each.
+    probe_starts : tuple of Array
+        Each probed size at its best shape, (k,) each. Where a size sets a frequency, the residual
+        is not linear between two of them.
+    probed_sizes, information : Array
+        Deviations of the first size from null, (L,), and the information on the size there (one
+        over its variance), of which three quarters of the shapes have more, (L,).
 
     """
 
@@ -47,31 +52,32 @@ class Proposal:
 
 @dataclass(frozen=True)
 class ProposalRefiner:
-    """Looks at a hypothesis again at another size, beside the same causes."""
+    """Probes hypotheses at further sizes, beside the same causes as a scorer."""
 
     probe: SensitivityProbe
     scorer: ProposalScorer
 
     def __call__(self, item: tuple[Proposal, float]) -> Proposal:
-        """Return a promise that knows what the record holds of one more size."""
-        propose, size = item
-        first = int(np.argmax(propose.hypothesis.is_size))
-        deviation = propose.hypothesis.probe_deviations()[0]
-        sensitivities = self.probe.sensitivities(propose.hypothesis, deviation * size / abs(deviation[first]))
+        """Return a proposal with the information at one more size, (proposal, size)."""
+        proposal, size = item
+        first = int(np.argmax(proposal.hypothesis.is_size))
+        deviation = proposal.hypothesis.probe_deviations()[0]
+        sensitivities = self.probe.sensitivities(
+            proposal.hypothesis, deviation * size / abs(deviation[first]))
         if not sensitivities:
-            return propose
-        found = self.scorer.propose(propose.hypothesis, sensitivities)
-        sizes = np.concatenate([found.probed_sizes, propose.probed_sizes])
+            return proposal
+        found = self.scorer.propose(proposal.hypothesis, sensitivities)
+        sizes = np.concatenate([found.probed_sizes, proposal.probed_sizes])
         order = np.argsort(sizes)
-        return replace(propose, probed_sizes=sizes[order], information=np.concatenate(
-            [found.information, propose.information])[order])
+        return replace(proposal, probed_sizes=sizes[order], information=np.concatenate(
+            [found.information, proposal.information])[order])
 
 
 @dataclass(frozen=True)
 class _StartPoint:
-    """A place: its gain, its values, what it knows of each size, whether it was looked at."""
+    """Values to start from, their gain, the information on each size, and if they were probed."""
 
-    linear_gain: float
+    gain: float
     values: Array
     information: Array
     probed: bool
@@ -79,56 +85,57 @@ class _StartPoint:
 
 class ProposalScorer:
     """
-    Causes that are on: what every promise is measured against.
+    The linear evidence of further causes beside a set of causes.
 
     Parameters
     ----------
     rows : Array
-        Residual, columns of the causes, columns of the parts, weighted, (1 + k + p, m N).
-    prior : Array
-        Standard deviations of causes and parts, (k + p,).
+        Residual without causes, Jacobian in the causes' values, Jacobian in the parts, weighted,
+        (1 + k + p, m N).
+    prior_widths : Array
+        Prior standard deviations of values and parts, (k + p,).
     weight : Array
-        Of each row's samples, (m N,).
+        One over the standard deviation of each sample, (m N,).
     duration : float
-        s.
+        Of the longest record, s.
 
     """
 
     def __init__(self, rows: Array, prior_widths: Array, weight: Array, duration: float):
         self.rows, self.weight, self.duration = rows.astype(np.float32), weight, duration
-        both = self.rows @ self.rows.T
-        marginal = GaussianMarginal(both.astype(float), prior_widths)
+        products = self.rows @ self.rows.T
+        marginal = GaussianMarginal(products.astype(float), prior_widths)
         self.projection = marginal.inverse_factor * prior_widths
         self.projected_residual = marginal.inverse_factor @ marginal.scaled_gradient
 
     def propose(self, hypothesis: Hypothesis, sensitivities: Sequence[Sensitivity]) -> Proposal:
-        """Return what a hypothesis promises."""
+        """Return the proposal of a hypothesis, from all its shapes and probed sizes."""
         groups: dict[tuple[float, ...], list[_StartPoint]] = {}
         for sensitivity, products in zip(sensitivities, self._products(sensitivities)):
             groups.setdefault(tuple(sensitivity.deviation), []).extend(
                 self._start_points(hypothesis, sensitivity, products))
-        points = sorted((p for group in groups.values() for p in group), key=lambda p: -p.linear_gain)
+        points = sorted((p for group in groups.values() for p in group), key=lambda p: -p.gain)
         first = int(np.argmax(hypothesis.is_size))
         return Proposal(
-            hypothesis, points[0].linear_gain, tuple(p.values for p in points[:MAX_STARTS]),
-            tuple(max(probed, key=lambda p: p.linear_gain).values for group in groups.values()
+            hypothesis, points[0].gain, tuple(p.values for p in points[:MAX_STARTS]),
+            tuple(max(probed, key=lambda p: p.gain).values for group in groups.values()
                   if (probed := [p for p in group if p.probed])),
             np.array([abs(deviation[first]) for deviation in groups]),
             np.array([np.quantile([p.information[first] for p in group], 0.25)
                       for group in groups.values()]))
 
     def _products(self, sensitivities: Sequence[Sensitivity]) -> list[tuple[Array, Array]]:
-        """Return each look's Hessian (s, s) and gradient (s,), the others integrated out."""
+        """Return each Hessian (s, s) and gradient (s,), causes and parts integrated out."""
         changes = np.stack([sensitivity.changes for sensitivity in sensitivities]) * self.weight
         with_rows = (changes @ self.rows.T).astype(float)
         own = np.matmul(changes, changes.transpose(0, 2, 1)).astype(float)
-        seen = with_rows[..., 1:] @ self.projection.T
-        gradient = with_rows[..., 0] - seen @ self.projected_residual
-        return list(zip(own - seen @ seen.transpose(0, 2, 1), gradient))
+        projected = with_rows[..., 1:] @ self.projection.T
+        gradient = with_rows[..., 0] - projected @ self.projected_residual
+        return list(zip(own - projected @ projected.transpose(0, 2, 1), gradient))
 
-    def _start_points(self, hypothesis: Hypothesis, sensitivity: Sensitivity, products: tuple[Array, Array]
-                ) -> list[_StartPoint]:
-        """Return the linear optimum of the sizes of a shape, and the sizes looked at."""
+    def _start_points(self, hypothesis: Hypothesis, sensitivity: Sensitivity,
+                      products: tuple[Array, Array]) -> list[_StartPoint]:
+        """Return the linear optimum of the sizes at a shape, and the probed size if it is one."""
         sizes, shape = np.flatnonzero(hypothesis.is_size), sensitivity.shape
         deviation, prior = sensitivity.deviation[sizes], hypothesis.prior(self.duration)
         width, centre = prior.width[sizes], (prior.centre - shape)[sizes]
@@ -141,18 +148,20 @@ class ProposalScorer:
         information = np.zeros(shape.size)
         information[sizes] = np.diagonal(hessian)
 
-        def linear_gain(change: Array) -> float:
-            normalised = (change - centre) / width
+        def gain(change: Array) -> float:
+            from_centre = (change - centre) / width
             return -float(gradient @ change + 0.5 * change @ hessian @ change
-                          + 0.5 * normalised @ normalised) - occam
+                          + 0.5 * from_centre @ from_centre) - occam
 
-        found = [_StartPoint(linear_gain(best), _with_sizes(shape, sizes, best), information, False)]
+        found = [_StartPoint(gain(best), _with_sizes(shape, sizes, best), information, False)]
         if sizes.size == 1:
-            found.append(_StartPoint(linear_gain(deviation), _with_sizes(shape, sizes, deviation), information, True))
+            found.append(_StartPoint(gain(deviation), _with_sizes(shape, sizes, deviation),
+                                     information, True))
         return found
 
 
 def _with_sizes(shape: Array, sizes: Indices, change: Array) -> Array:
+    """Return values (k,) of a shape with its sizes changed from null."""
     values = shape.copy()
     values[sizes] += change
     return values

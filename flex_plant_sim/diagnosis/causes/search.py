@@ -1,27 +1,40 @@
-"""The search for sets of causes: add, exchange, drop until the evidence stops rising."""
+"""
+The search for sets of causes: add, exchange and drop causes until the evidence stops rising.
+
+It turns the records and the nominal model into a posterior over sets of causes, which the verdict
+reads. Steps: the set without causes is refined, the catalogue is probed; then, around the most
+probable set, neighbours are proposed and fitted, and those that may lead are refined.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
 from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.causes.free_run_ranking import ranked_by_free_runs
-from flex_plant_sim.diagnosis.causes.posterior import (
-    interpretations,
-    leaves_strain_unexplained,
-    ORDINARY_FAULTS,
-    Posterior,
-    SetKey,
-)
+from flex_plant_sim.diagnosis.causes.neighbours import fit_neighbours
+from flex_plant_sim.diagnosis.causes.posterior import ORDINARY_FAULTS, Posterior, SetKey
 from flex_plant_sim.diagnosis.causes.proposal import Proposal, ProposalRefiner
-from flex_plant_sim.diagnosis.causes.refined_fit import CandidateSet, RefinedFit
+from flex_plant_sim.diagnosis.causes.proposal_step import (
+    probe_catalogue,
+    proposal_refiner,
+    proposals_beside,
+)
+from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit
+from flex_plant_sim.diagnosis.causes.refinement import (
+    refine_alternatives,
+    refine_leading,
+    try_far_parts,
+    try_laws,
+)
 from flex_plant_sim.diagnosis.causes.search_state import Progress, SearchState
-from flex_plant_sim.diagnosis.prediction.predictor import BaseModel
+from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.record.data import Data
 import numpy as np
 
-# A budget, no judgement: sets whose neighbours are fitted.
+# Sets whose neighbours are fitted at most; a budget.
 MAX_CENTRES = 5
 
 
@@ -32,18 +45,18 @@ class SearchResult:
 
     Attributes
     ----------
-    best : Settled
+    best : RefinedFit
         The most probable set.
-    promises : tuple of Promise
-        What each further hypothesis promised beside it.
-    closer : Closer
-        Looks at any of them again.
+    proposals : tuple of Proposal
+        Of all other hypotheses, beside the most probable set whose neighbours were fitted.
+    refiner : ProposalRefiner
+        Probes them at further sizes.
     posterior : Posterior
         Over all sets that were fitted.
     nothing : Fit
         The nominal model with its parts re-estimated.
-    sizes : tuple of int
-        Of the set that each round started from.
+    round_sizes : tuple of int
+        Number of causes of each set whose neighbours were fitted.
 
     """
 
@@ -60,84 +73,77 @@ def search(data: Data, nominal: BaseModel, jobs: int, progress: Progress,
     """
     Return where a search among sets of causes ends.
 
-    Where gauges err by more than every model may, what is unmodelled is no small part of the
-    strain, and a hypothesis's sensors see it like the rest: then it is searched again so, and as
-    soon as no set of as many causes as are ordinary does without.
+    Around the most probable refined set, neighbours are fitted and the leading sets are refined,
+    until the neighbours of the most probable set are known.
 
     Parameters
     ----------
     data : Data
         The records.
-    nominal : Base
+    nominal : BaseModel
         The model in question.
     jobs : int
         Processes.
     progress : Callable
-        Told a step's name and its share done.
+        Called with a step's name and its share done.
     exclude : sequence of str
         Identifiers to leave out of the catalogue.
 
     """
     state = SearchState(data, nominal, jobs, exclude, progress)
-    while (found := _search_once(state)) is None:
-        state = state.with_discrepancy_behind_sensors()
-    return found
-
-
-def _search_once(state: SearchState) -> SearchResult | None:
-    """
-    Return where one search ends; None where it is to begin anew, see `search`.
-
-    The most probable set is linearised around itself and its neighbours are fitted, until the
-    most probable set is one whose neighbours are known.
-    """
-    nominal, progress = state.nominal, state.progress
     progress('nothing', 0.0)
-    nothing = state.refine(CandidateSet((), (np.zeros(0),), state.start_deviations), nominal.discrepancy)
-    best = nothing.near_file_parts(nominal, state.data, state.jobs)
-    if not state.sensitivities:
-        state.probe(best)
-    proposals = {SetKey.of(nothing.fit): state.fit_neighbours(best)}
+    nothing = state.refine(CandidateSet((), (np.zeros(0),)), nominal.discrepancy)
+    best = nothing.near_file_parts(nominal, data, jobs)
+    probe_catalogue(state, best)
+    # Proposals beside each set whose neighbours were fitted.
+    proposals = {SetKey.of(nothing.fit): fit_neighbours(state, best)}
+
+    def explored(found: RefinedFit) -> bool:
+        return SetKey.of(found.fit) in proposals
+
     while len(proposals) < MAX_CENTRES:
-        state.refine_leading(best)
-        state.try_laws(best)
-        # What was fitted around another set and turns out worse around itself has fallen back.
+        refine_leading(state, best)
+        try_laws(state, best)
+        # A fit around another set may have been better than the refined one, which counts.
         best = state.best
-        if SetKey.of(best.fit) in proposals:
-            state.refine_alternatives(best, nothing)
+        if explored(best):
+            refine_alternatives(state, best, nothing)
             best = state.best
-        if SetKey.of(best.fit) in proposals:
+        if explored(best):
             progress('unknown', 0.9)
-            state.try_far_parts()
-            state.refine_leading(best)
+            try_far_parts(state)
+            refine_leading(state, best)
             best = state.best
-        if SetKey.of(best.fit) in proposals:
+        if explored(best) or _is_complete(best.fit):
             break
-        likeliest = max(interpretations(best.fit), key=state.score)
-        if len(best.fit.hypotheses) >= ORDINARY_FAULTS and leaves_strain_unexplained(likeliest):
-            if not best.fit.discrepancy.laws:
-                return None
-            break
-        proposals[SetKey.of(best.fit)] = state.fit_neighbours(best)
+        proposals[SetKey.of(best.fit)] = fit_neighbours(state, best)
     else:
-        state.try_far_parts()
-        state.refine_leading(best)
+        try_far_parts(state)
+        refine_leading(state, best)
     rounds = tuple(len(key.labels) for key in proposals)
     if state.best.fit.discrepancy.laws:
-        return _ended_with_laws(state, nothing.fit, rounds)
-    last = max((state.refined[key] for key in proposals), key=lambda c: state.score(c.fit))
+        return _ranked_by_free_runs(state, nothing.fit, rounds)
+    last = max((state.refined[key] for key in proposals), key=lambda r: state.score(r.fit))
     last_proposals = proposals[SetKey.of(last.fit)]
     posterior = state.posterior(last, last_proposals)
-    if leaves_strain_unexplained(posterior.best):
-        return None
     best = state.refined.get(SetKey.of(posterior.best).without_remainder, last)
     return SearchResult(replace(best, fit=posterior.best), tuple(last_proposals),
-                        state.proposal_refiner(last), posterior, nothing.fit, rounds)
+                        proposal_refiner(state, last), posterior, nothing.fit, rounds)
 
 
-def _ended_with_laws(state: SearchState, nothing: Fit, rounds: tuple[int, ...]) -> SearchResult:
-    """Return where a search ends that needs laws of unnamed torques: free runs tell sets apart."""
+def _is_complete(fit: Fit) -> bool:
+    """
+    Tell whether a set needs no neighbours: laws of unknown torques beside ordinary faults.
+
+    What a further cause gains one step ahead is then what the laws' tables round off.
+    """
+    return bool(fit.discrepancy.laws) and len(fit.hypotheses) >= ORDINARY_FAULTS
+
+
+def _ranked_by_free_runs(state: SearchState, nothing: Fit, rounds: tuple[int, ...]
+                         ) -> SearchResult:
+    """Return where a search ends in which laws of unknown torques lead."""
     best, posterior = ranked_by_free_runs(
         state.refined_with_laws, state.data, state.nominal, state.jobs)
-    return SearchResult(best, tuple(state.proposals(best)), state.proposal_refiner(best),
+    return SearchResult(best, tuple(proposals_beside(state, best)), proposal_refiner(state, best),
                         posterior, nothing, rounds)

@@ -1,1 +1,1 @@
-"""What a record says of parameters and causes: prior and evidence."""
+"""Prior, tempered likelihood and evidence of records, by Laplace's method."""

@@ -1,4 +1,9 @@
-"""Whether a cause is as large in all of a record: what imitates one need not be."""
+"""
+Whether a cause is equally large throughout a record, as evidence for or against the cause.
+
+A true cause has one size. An effect that only imitates it has the same size on average, and may
+need another one in each window. `Posterior` reads the gain as evidence for something unknown.
+"""
 
 from __future__ import annotations
 
@@ -10,72 +15,77 @@ from flex_plant_sim.diagnosis.likelihood.sufficient_statistics import Sufficient
 from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
 import numpy as np
 
-# A cause is as large in every window, to the share of what shows that every model lacks; what only
-# looks like it on average changes by as much as it is large, slowly: over so much of the record.
-CONSTANT_SPREAD, VARYING_SPREAD, CORRELATION_SHARE = DiscrepancyModel.gauge_share, 1.0, 0.5
+# Standard deviation of the size over the record, as a share of it: of a true cause, the share of a
+# gauge that every model may miss; of an imitation, as large as the size itself. Correlation time
+# of its variation, as a share of the record. See docs/evidence.md.
+CONSTANT_SPREAD, VARYING_SPREAD = DiscrepancyModel.gauge_share, 1.0
+CORRELATION_SHARE = 0.5
 
 
 def window_sums(rows: Array, other: Array, windows: int) -> Array:
-    """Return the products of rows (a, m, N) and another (m, N) in each window, (a, W)."""
-    each = other.reshape(len(other), windows, -1)
-    return np.einsum('amwl,mwl->aw', rows.reshape(len(rows), *each.shape), each)
+    """Return the products of rows (a, m, N) and another (m, N) summed in each window, (a, W)."""
+    by_window = other.reshape(len(other), windows, -1)
+    return np.einsum('amwl,mwl->aw', rows.reshape(len(rows), *by_window.shape), by_window)
 
 
 def varying_size_gain(score: Array, information: Array, spread: float) -> float:
     """
-    Return what p(r) gains where a size is another in each window, nats.
+    Return ln p(r | size varies) - ln p(r | size is constant), nats.
 
-    It is 1 + z_w times its size in window w, with z_w ~ N(0, spread^2), an Ornstein-Uhlenbeck
-    process that is correlated over SLOWLY of the record.
+    The size in window w is 1 + z_w times the constant one; z is an Ornstein-Uhlenbeck process with
+    standard deviation `spread` and the correlation time CORRELATION_SHARE of the record.
 
     Parameters
     ----------
     score : Array
-        -d ln p / dz at zero, all else at its mean, (W,).
+        -d ln p / dz at z = 0, all else at its mean, (W,).
     information : Array
         Of z, all else integrated out, (W, W).
     spread : float
         A share of the size.
 
     """
-    apart = np.abs(np.subtract.outer(np.arange(score.size), np.arange(score.size)))
-    root = spread * np.linalg.cholesky(np.exp(-apart / (CORRELATION_SHARE * score.size)))
-    known, axes = np.linalg.eigh(root.T @ information @ root)
-    gain = np.maximum(known, 0.0)
+    distance = np.abs(np.subtract.outer(np.arange(score.size), np.arange(score.size)))
+    root = spread * np.linalg.cholesky(np.exp(-distance / (CORRELATION_SHARE * score.size)))
+    eigenvalues, axes = np.linalg.eigh(root.T @ information @ root)
+    gain = np.maximum(eigenvalues, 0.0)
     return 0.5 * float(np.sum((axes.T @ root.T @ score)**2 / (1.0 + gain) - np.log1p(gain)))
 
 
-def varying_cause_gain(statistics: SufficientStatistics, error_scale: Array, rows: tuple[Array, Array, Array], windows: int,
-           sizes: Sequence[Array]) -> float:
+def varying_cause_gain(statistics: SufficientStatistics, error_scale: Array,
+                       rows: tuple[Array, Array, Array], windows: int, sizes: Sequence[Array]
+                       ) -> float:
     """
-    Return what p gains where one of the causes changes over the record, nats.
+    Return the log Bayes factor of one of the causes varying over the record against none, nats.
 
     Parameters
     ----------
-    moments : Moments
+    statistics : SufficientStatistics
         Of the fit.
-    scale : Array
-        By how much errors exceed what the filter states, (m,).
+    error_scale : Array
+        Factor of the errors over what the filter states, (m,).
     rows : tuple of Array
-        Residual (m, N), columns of the values (k, m, N) and of the parts (p, m, N).
+        Residual (m, N), Jacobian in the values (k, m, N) and in the parts (p, m, N).
     windows : int
         W.
     sizes : sequence of Array
-        Of each cause what grows with it, (k,): its sizes, and zero for all other values.
+        For each cause, the values that are its sizes and zero elsewhere, (k,).
 
     """
-    residual, columns, parts = rows
-    wide, weight = statistics.joint_marginal(error_scale), 1.0 / (TEMPER * error_scale[:, None]**2)
-    moved, deviations = np.split(wide.mean, [len(columns)])
-    left = residual + np.tensordot(moved - statistics.offsets, columns, 1) + np.tensordot(
-        deviations, parts, 1)
+    residual, jacobian, part_jacobian = rows
+    joint = statistics.joint_marginal(error_scale)
+    weight = 1.0 / (TEMPER * error_scale[:, None]**2)
+    values, deviations = np.split(joint.mean, [len(jacobian)])
+    at_mean = residual + np.tensordot(values - statistics.offsets, jacobian, 1) + np.tensordot(
+        deviations, part_jacobian, 1)
     found = []
     for size in sizes:
-        row = np.tensordot(size, columns, 1)
-        own = weight * row
-        shared = np.concatenate([window_sums(columns, own, windows), window_sums(parts, own, windows)])
-        score, alone = window_sums(np.stack([left, row]), own, windows)
-        information = np.diag(alone) - shared.T @ wide.covariance @ shared
+        response = np.tensordot(size, jacobian, 1)
+        weighted = weight * response
+        cross = np.concatenate([window_sums(jacobian, weighted, windows),
+                                window_sums(part_jacobian, weighted, windows)])
+        score, power = window_sums(np.stack([at_mean, response]), weighted, windows)
+        information = np.diag(power) - cross.T @ joint.covariance @ cross
         found.append(varying_size_gain(score, information, VARYING_SPREAD)
                      - varying_size_gain(score, information, CONSTANT_SPREAD))
     return float(np.logaddexp.reduce(found)) - math.log(len(found))

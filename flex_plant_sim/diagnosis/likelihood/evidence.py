@@ -1,4 +1,8 @@
-"""The algebra of one likelihood: Gaussian deviations integrated out of whitened residuals."""
+"""
+The algebra of evidence: Gaussian deviations integrated out of whitened residuals.
+
+`SufficientStatistics` applies it to fits, `ProposalScorer` to proposals, `detection` to limits.
+"""
 
 from __future__ import annotations
 
@@ -12,18 +16,27 @@ from scipy.special import log_ndtr
 
 class GaussianMarginal:
     """
-    Residuals e = r + J x with white noise of unit variance and x ~ N(0, diag(prior^2)).
+    The marginal of residuals r = e - J x, with white noise e of unit variance and Gaussian x.
 
-    Then r ~ N(0, W) with W = 1 + J Lambda J'. By Woodbury's identity nothing larger than (p, p)
-    is factored: A = 1 + K' K, K = J Lambda^(1/2), which is never singular. All that is asked of
-    r and J are their products.
+    With x ~ N(0, Lambda), Lambda = diag(prior_widths^2), r ~ N(0, W) and W = 1 + J Lambda J'. By
+    Woodbury's identity no matrix larger than (p, p) is factored: A = 1 + K' K, K = J Lambda^(1/2),
+    which is never singular. Of r and J, only the products are needed.
 
     Parameters
     ----------
     products : Array
         [r, J]' [r, J], (1 + p, 1 + p).
-    prior : Array
+    prior_widths : Array
         Standard deviations of x, (p,).
+
+    Attributes
+    ----------
+    residual_power : float
+        r' r.
+    scaled_gradient : Array
+        K' r, (p,).
+    scaled_gram : Array
+        K' K, (p, p).
 
     """
 
@@ -34,7 +47,7 @@ class GaussianMarginal:
 
     @classmethod
     def of(cls, residual: Array, columns: Array, prior_widths: Array) -> GaussianMarginal:
-        """Return the marginal of residuals (M,) with columns (M, p)."""
+        """Return the marginal of residuals (M,) with J (M, p)."""
         both = np.column_stack([residual, columns])
         return cls(both.T @ both, prior_widths)
 
@@ -46,7 +59,7 @@ class GaussianMarginal:
         Raises
         ------
         LinAlgError
-            Where the columns are not finite.
+            Where J is not finite.
 
         """
         if not np.all(np.isfinite(self.scaled_gram)):
@@ -67,13 +80,14 @@ class GaussianMarginal:
 
     @property
     def log_evidence(self) -> float:
-        """Return ln p(r) less that of white noise at zero, nats; -inf where r is not finite."""
+        """Return ln p(r) + M ln(2 pi) / 2, nats; -inf where r is not finite."""
         return -0.5 * self.quadratic - self.half_log_determinant
 
     @property
     def mean(self) -> Array:
         """Return the posterior mean of x, (p,)."""
-        return -self.prior_widths * (self.inverse_factor.T @ (self.inverse_factor @ self.scaled_gradient))
+        solved = self.inverse_factor.T @ (self.inverse_factor @ self.scaled_gradient)
+        return -self.prior_widths * solved
 
     @property
     def covariance(self) -> Array:
@@ -89,16 +103,16 @@ def channel_products(left: Array, right: Array) -> Array:
 
 def sandwich_covariance(covariance: Array, scores: Array) -> Array:
     """
-    Return a covariance (p, p), its deviations at least as large as windows disagree by.
+    Return a covariance (p, p), with variances at least those of the sandwich estimate.
 
-    C J C, with J the covariance of the sum of the windows' scores: right whatever errors are, as
-    long as windows err independently. H. White, Econometrica 50 (1982); for clusters, Liang and
-    Zeger, Biometrika 73 (1986).
+    The sandwich is C S C, with S the covariance of the sum of the windows' scores. It holds for
+    errors of any kind that are independent between windows: H. White, Econometrica 50 (1982); for
+    clusters, K.-Y. Liang and S. L. Zeger, Biometrika 73 (1986). Correlations are those of C.
 
     Parameters
     ----------
     covariance : Array
-        C, as errors that are white would have it.
+        C, under white errors, (p, p).
     scores : Array
         d ln p / dx of each window at the optimum, (p, W).
 
@@ -113,17 +127,16 @@ def sandwich_covariance(covariance: Array, scores: Array) -> Array:
 @dataclass(frozen=True)
 class ParameterPrior:
     """
-    The prior of an effect's parameters.
+    The prior of an effect's parameters: Gaussian slabs, some of them one-sided or with a spike.
 
     Attributes
     ----------
     centre, width : Array
-        Mean and standard deviation of a Gaussian, (k,).
-    sided : Array
-        True where only values on one side of the centre exist: +1 above, -1 below, 0 both, (k,).
+        Mean and standard deviation of the Gaussian, (k,).
+    one_sided : Array
+        +1 where only values above the centre exist, -1 only below, 0 both, (k,).
     spiked : Array
-        True where a value is at the centre itself as likely as not, and the Gaussian is the other
-        half, (k,).
+        True where half of the prior is a spike at the centre, (k,).
 
     """
 
@@ -132,13 +145,16 @@ class ParameterPrior:
     one_sided: Array
     spiked: Array
 
-    def subset(self, rows: Array) -> ParameterPrior:
-        """Return the prior of some of the parameters alone, by places."""
-        return ParameterPrior(self.centre[rows], self.width[rows], self.one_sided[rows], self.spiked[rows])
+    def subset(self, indices: Array) -> ParameterPrior:
+        """Return the prior of some of the parameters, by their indices."""
+        return ParameterPrior(self.centre[indices], self.width[indices],
+                              self.one_sided[indices], self.spiked[indices])
 
     def log_truncation(self, mean: Array, variance: Array) -> float:
         """
-        Return the logarithm of posterior over prior mass on the sides that exist, nats.
+        Return the log-ratio of posterior to prior mass on the sides that exist, nats.
+
+        It corrects the evidence under the untruncated Gaussian for the one-sided parameters.
 
         Parameters
         ----------
@@ -153,10 +169,11 @@ class ParameterPrior:
 
 def detectable_size(information: float, width: float, price: float) -> float:
     """
-    Return the size at which the evidence for a linear effect turns, in its unit.
+    Return the size of a linear effect from which on its presence is favoured, in its unit.
 
-    With J' W^-1 J = h and a slab of width w, a true size s moves the log-evidence on average by
-    (1 + h s^2) w^2 h / (2 (1 + w^2 h)) - ln(1 + w^2 h) / 2, to be more than the price.
+    With information h = J' W^-1 J and a prior of width w, a true size s raises the log-evidence
+    on average by (1 + h s^2) w^2 h / (2 (1 + w^2 h)) - ln(1 + w^2 h) / 2; this has to exceed the
+    price.
 
     Parameters
     ----------

@@ -1,7 +1,8 @@
 """
-The prior: parts of the arm, sizes of effects, and how likely a cause is before any data.
+The prior of all hypotheses: the arm's parts, the odds of causes, and what no catalogue knows.
 
-`flex_robot prior ROBOT` prints it.
+`Likelihood` takes the parts from here, the search and `Posterior` the odds. Priors of an effect's
+parameters are in `Hypothesis.prior`. `flex_robot prior ROBOT` prints all of it.
 """
 
 from __future__ import annotations
@@ -18,42 +19,41 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.effects import catalogue, sites
 from flex_plant_sim.effects.base import Effect
 
-# As likely as not, something of the catalogue is wrong with a simulation; one time in ten
-# something is that no catalogue knows.
+# Prior probability that any effect of the catalogue is at work, and that something is which no
+# catalogue knows; the latter is about its share in the bank (docs/evidence.md).
 PROBABILITY_ANY_CAUSE, PROBABILITY_UNKNOWN = 0.5, 0.1
-# Of effects taken out of the catalogue others explained such a share so that nothing unnamed was
-# left (test/run_bank.py --use calibration --only missing; 21 of 33): what is unknown may look like
-# a cause.
+# Share of unknown effects that other effects of the catalogue explain fully. Of those taken out of
+# it, 21 of 33 were (test/run_bank.py --use calibration --only missing).
 IMITATION_SHARE = 0.65
-# By what each fault beyond two that a set asks for raises the odds that it is something unknown
-# that looks like it: the likeliest on calibration cases (benchmarks/stated.py). They asked for no
-# more than two of those: what more would do is not known.
+# Factor on the odds of such an imitation for each fault of a set beyond two, and faults that count
+# at most, as calibration cases had no more. Fitted to those by benchmarks/stated.py.
 FURTHER_FAULT_FACTOR, MAX_FURTHER_FAULTS = 12.0, 2
-# Such a thing may be a part that is not as its file says: off by an order of magnitude more than
-# its tolerance (twice that costs 0.7 nats). Effects say so of these parts, where they are asked.
+# Factor on the tolerance of a part that is not as its file says; twice that costs 0.7 nats.
 FAR_PART_FACTOR = 10.0
+# Effects that stand for a deviation of these parts; of others, the effect of the same name does.
 EFFECT_OF_PART = {'stiffness': 'link_stiffness', 'damping': 'modal_damping',
-           'drive_inertia': 'hub_inertia', 'elbow_inertia': 'hub_inertia',
-           'drive_gain': 'actuator_gain'}
+                  'drive_inertia': 'hub_inertia', 'elbow_inertia': 'hub_inertia',
+                  'drive_gain': 'actuator_gain'}
 
 
 @dataclass(frozen=True)
 class PartPrior:
     """
-    A part of the robot, its sensors or its payload, with a Gaussian prior around the file.
+    A part of the robot, its sensors or its payload, with a Gaussian prior around its file's value.
 
     Attributes
     ----------
     name : str
     tolerance : float
-        Standard deviation of the deviation, in `unit`; of a logarithm where that is empty.
+        Standard deviation of the deviation, in `unit`.
     unit : str
+        Empty where the deviation is one of the logarithm.
     change : Callable
         (robot, deviation) -> robot.
     effect : Callable or None
-        deviation -> Effect, where the parameter is not the robot's.
-    settles : bool
-        Whether an extended robot is taken to have it; the payload is not the robot's.
+        deviation -> Effect, where the parameter is not one of the robot's.
+    in_robot : bool
+        Whether an extended robot gets the estimated deviation; the payload is not the robot's.
 
     """
 
@@ -66,7 +66,7 @@ class PartPrior:
 
 
 def part_priors(robot: Robot, payload: float) -> tuple[PartPrior, ...]:
-    """Return all that a healthy robot of this make may differ in, payload, kg, included."""
+    """Return all in which a healthy robot may differ from its file, payload (kg) included."""
     t = robot.tolerances
     found = [PartPrior(part.name, part.tolerance, part.unit, part.change)
              for part in robot_parts(robot)]
@@ -75,14 +75,15 @@ def part_priors(robot: Robot, payload: float) -> tuple[PartPrior, ...]:
     found += [_effect_prior('strain_bias', gauge, t.strain_bias, 0.0, 1.0, unit='m/m')
               for gauge in robot.gauge_names]
     found.append(_effect_prior('payload_mass', 'arm', t.payload, 0.0, max(payload, 1e-3),
-                            in_robot=False))
+                               in_robot=False))
     return tuple(part for part in found if part.tolerance > 0.0)
 
 
 def parts_without_effect(robot: Robot, parts: Sequence[PartPrior], considered: Collection[str]
-              ) -> tuple[str, ...]:
-    """Return the parts of which no effect asked says that they are far off, by name."""
-    return tuple(part.name for part in parts if _effect_of_part(robot, part.name) not in considered)
+                         ) -> tuple[str, ...]:
+    """Return the names of the parts for whose deviation no effect considered stands."""
+    return tuple(part.name for part in parts
+                 if _effect_of_part(robot, part.name) not in considered)
 
 
 def _effect_of_part(robot: Robot, part: str) -> str:
@@ -95,7 +96,7 @@ def _effect_of_part(robot: Robot, part: str) -> str:
 
 
 class FactorOnPart(NamedTuple):
-    """A part, and the power of a factor that does what the part's deviation d does: exp(p d)."""
+    """A part, and the power p: the factor exp(p d) does the same as the part's deviation d."""
 
     part: Part
     power: float
@@ -103,9 +104,10 @@ class FactorOnPart(NamedTuple):
 
 def factors_on_parts(robot: Robot) -> dict[str, FactorOnPart]:
     """
-    Return 'identifier:site' of what is a factor on a part of a robot, to that part.
+    Return the effects that are a factor on a part of a robot: 'identifier:site' to that part.
 
-    What such an effect does the part does as well, at any size: no record parts the two.
+    Such an effect and the part's deviation change the arm alike at any size, so that no record
+    distinguishes them.
     """
     found = {}
     for part in robot_parts(robot):
@@ -119,8 +121,8 @@ def factors_on_parts(robot: Robot) -> dict[str, FactorOnPart]:
 
 
 def with_deviations(robot: Robot, parts: Sequence[PartPrior], deviations: Array
-             ) -> tuple[Robot, tuple[Effect, ...]]:
-    """Return a robot with deviations (p,), and the effects that stand for the others of them."""
+                    ) -> tuple[Robot, tuple[Effect, ...]]:
+    """Return a robot with deviations (p,), and effects for those that are not the robot's."""
     effects = []
     for part, value in zip(parts, deviations):
         if value != 0.0 and part.effect is not None:
@@ -131,7 +133,7 @@ def with_deviations(robot: Robot, parts: Sequence[PartPrior], deviations: Array
 
 
 def _effect_prior(identifier: str, site: str, tolerance: float, null: float, scale: float,
-               unit: str = '', in_robot: bool = True) -> PartPrior:
+                  unit: str = '', in_robot: bool = True) -> PartPrior:
     return PartPrior(f'{identifier}:{site}', tolerance, unit, _unchanged,
                      partial(_effect_at, identifier, site, null, scale), in_robot)
 
@@ -141,16 +143,16 @@ def _unchanged(robot: Robot, deviation: float) -> Robot:
 
 
 def _effect_at(identifier: str, site: str, null: float, scale: float, deviation: float
-                ) -> Effect:
+               ) -> Effect:
     return catalogue()[identifier](site, (null + scale * deviation,))
 
 
 def log_prior_odds(effect: type[Effect], robot: Robot) -> float:
     """
-    Return the logarithm of an effect's prior odds at one site, nats: the price of a cause.
+    Return the logarithm of an effect's prior odds at one site, nats; minus the price of a cause.
 
-    All identifiers are alike, and so are the sites of each and what it is one of few of: with
-    the odds of n identifiers the chance of none is 1 - ANY_CAUSE.
+    All identifiers are equally probable, and so are the sites of each and its discrete values.
+    The probability that no effect is at work is 1 - PROBABILITY_ANY_CAUSE.
     """
     each = 1.0 - (1.0 - PROBABILITY_ANY_CAUSE)**(1.0 / len(catalogue()))
     kinds = math.prod(len(p.starts) for p in effect.parameters if p.discrete)
@@ -158,30 +160,31 @@ def log_prior_odds(effect: type[Effect], robot: Robot) -> float:
 
 
 def unknown_odds() -> float:
-    """Return the prior odds of something unknown that looks like nothing in the catalogue."""
+    """Return the prior odds of something unknown that no effect of the catalogue imitates."""
     return (1.0 - IMITATION_SHARE) * PROBABILITY_UNKNOWN / (1.0 - PROBABILITY_UNKNOWN)
 
 
 def imitation_odds(further: int = 0) -> float:
     """
-    Return the odds that what looks like a set of causes is something unknown that looks like it.
+    Return the odds that something unknown imitates a set of causes, against the set being true.
 
-    By definition no record parts the two. But the more has to be wrong at once, the less likely
-    it is before any data, and one thing that is not known explains it all.
+    By definition no record distinguishes the two. The more faults the set assumes at once, the
+    more probable is one unknown thing in their place.
 
     Parameters
     ----------
     further : int
-        Faults that the set asks for beyond one or two causes: more causes, something unnamed.
+        Faults beyond two that the set assumes: further causes, and something unknown besides.
 
     """
     count = len(catalogue())
-    some = count * ((1.0 - PROBABILITY_ANY_CAUSE)**(-1.0 / count) - 1.0)
-    return IMITATION_SHARE * PROBABILITY_UNKNOWN / (1.0 - PROBABILITY_UNKNOWN) / some * FURTHER_FAULT_FACTOR**min(further, MAX_FURTHER_FAULTS)
+    any_cause = count * ((1.0 - PROBABILITY_ANY_CAUSE)**(-1.0 / count) - 1.0)
+    one_cause = IMITATION_SHARE * PROBABILITY_UNKNOWN / (1.0 - PROBABILITY_UNKNOWN) / any_cause
+    return one_cause * FURTHER_FAULT_FACTOR**min(further, MAX_FURTHER_FAULTS)
 
 
 def prior_table(robot: Robot) -> str:
-    """Return the prior of a robot as text, a line a part, then one a parameter of an effect."""
+    """Return the prior of a robot as text: a line for each part and each effect's parameter."""
     sizes = ((part.name, part.tolerance, part.unit) if part.unit else
              (part.name, 100.0 * part.tolerance, '%')
              for part in part_priors(robot, robot.payload_mass))
@@ -190,7 +193,8 @@ def prior_table(robot: Robot) -> str:
     for name, effect in catalogue().items():
         known = {effect.at(site, robot): site for site in reversed(sites(effect, robot))}
         for found, site in reversed(known.items()):
-            label, odds = f'{name}:{site}' * (len(known) > 1) or name, log_prior_odds(effect, robot)
+            label = f'{name}:{site}' * (len(known) > 1) or name
+            odds = log_prior_odds(effect, robot)
             lines += [f'{label:<30}{p.name:<32}{p.null:>8.3g}{p.typical:>10.3g}  '
                       f'{math.exp(odds):<11.2g}  {p.unit}' for p in found]
     return '\n'.join([*lines, f'something that no catalogue knows: {PROBABILITY_UNKNOWN:g}'])

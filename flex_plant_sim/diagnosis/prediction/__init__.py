@@ -1,1 +1,1 @@
-"""One-step and free-running prediction of a record by an arm with its effects."""
+"""Prediction of a record by an arm with its effects: one step ahead, free, and smoothed."""

@@ -1,4 +1,9 @@
-"""What every model lacks: a slow torque of each joint and a slow error of each gauge."""
+"""
+Model discrepancy: what every model is allowed to miss, and what a hypothesis says beyond causes.
+
+A slow torque of each joint and a slow error of each gauge are states of every filter that compares
+hypotheses, see M. C. Kennedy and A. O'Hagan, Journal of the Royal Statistical Society B 63 (2001).
+"""
 
 from __future__ import annotations
 
@@ -17,38 +22,37 @@ import numpy as np
 @dataclass(frozen=True)
 class DiscrepancyModel:
     """
-    How much a model lacks.
+    The discrepancy that is allowed to every model, and what is unknown under one hypothesis.
+
+    The nominal model has the defaults. Fits that differ in any of the last four attributes stand
+    for different hypotheses with the same causes.
 
     Attributes
     ----------
-    torque : tuple of float
-        Of each joint, a share of its drive's root-mean-square torque.
-    gauge : float
-        Share of what the gauge shows.
+    torque_share : tuple of float
+        Standard deviation of each joint's torque, as a share of its drive's rms torque.
+    gauge_share : float
+        Standard deviation of a gauge's error, as a share of what it shows.
     torque_periods, gauge_periods : float
-        Correlation times in periods of the slowest mode.
-    behind_sensors : bool
-        Whether it passes the sensors' effects of a hypothesis. A small part of the strain may
-        come as it likes; what is no small part of it comes as late as the rest.
+        Correlation times, in periods of the slowest mode.
     remainder : bool
-        Whether it lacks more than that, to which errors of any size are due.
-    far : str
-        Name of the part that is not as its file says, within tolerances or not; none if empty.
+        Whether something unknown besides explains errors of any size.
+    far_part : str
+        Name of a part that is not as its file says, see FAR_PART_FACTOR; empty if none.
     laws : tuple of Effect
-        Torques that it follows, as tables.
-    asked : float
-        What is left to chance with them, nats, see Law.asked.
+        Torques known as tables over one variable.
+    laws_penalty : float
+        Occam factor of those tables, nats, see `Law.occam_penalty`.
 
     """
 
-    # On clean arms of other simulators no channel errs by more than this states: joints by 0.9 of
-    # it, gauges by a quarter to a half (benchmarks/discrepancy.py: with 1 % by half to three
-    # quarters). Less lets the parts soak up what is systematic.
+    # On clean arms of other simulators no channel errs by more than is stated with these: joints
+    # by 0.9 of it, gauges by 0.25 to 0.5 (benchmarks/discrepancy.py; with 1 %, by 0.5 to 0.75).
+    # With smaller values the parts would absorb systematic errors.
     torque_share: tuple[float, float] = (0.03, 0.03)
     gauge_share: float = 0.05
     torque_periods: float = 1.0
     gauge_periods: float = 0.3
-    behind_sensors: bool = False
     remainder: bool = False
     far_part: str = ''
     laws: tuple[Effect, ...] = ()
@@ -57,11 +61,10 @@ class DiscrepancyModel:
 
 class Discrepancy(Effect):
     """
-    Ornstein-Uhlenbeck torques on both joints and errors of all gauges, inside the filter.
+    Ornstein-Uhlenbeck torques on both joints and errors of all gauges, as states of the filter.
 
-    Kennedy and O'Hagan, Journal of the Royal Statistical Society B 63 (2001). Inside, because a
-    cause that only takes colour out of the innovations must not be paid for it. The same for
-    every hypothesis.
+    Inside the filter, because a cause that only makes the innovations whiter must not gain
+    evidence by it. It is the same under every hypothesis.
     """
 
     identifier = 'discrepancy'
@@ -74,7 +77,8 @@ class Discrepancy(Effect):
     @classmethod
     def of(cls, discrepancy: DiscrepancyModel, period: float) -> Discrepancy:
         """Return the discrepancy of an arm whose slowest mode has a period, s."""
-        return cls('arm', (discrepancy.torque_periods * period, discrepancy.gauge_periods * period))
+        return cls('arm', (discrepancy.torque_periods * period,
+                           discrepancy.gauge_periods * period))
 
     def on_state_space(self, plant: StateSpace, robot: Robot) -> StateSpace:
         """Return the plant with two torques and an error of each gauge as its last states."""
@@ -87,8 +91,9 @@ class Discrepancy(Effect):
         wider.c[..., 2:, gauge] = np.eye(gauges)
         return wider
 
-    def step_variance(self, arm: ExtendedArm, record: Record, discrepancy: DiscrepancyModel) -> Array:
-        """Return what a step's noise adds to the variance of an arm's states, (n,)."""
+    def step_variance(self, arm: ExtendedArm, record: Record, discrepancy: DiscrepancyModel
+                      ) -> Array:
+        """Return the variance of the process noise that a step adds to an arm's states, (n,)."""
         variance, first = np.zeros(arm.states), arm.own_states
         command, output = record.deviations
         drives = [d.torque_gain * spread for d, spread in zip(arm.robot.drives, command)]

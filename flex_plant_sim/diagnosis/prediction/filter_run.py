@@ -1,4 +1,9 @@
-"""One arm driven through a record: the predictor's matrices and its inputs, sample by sample."""
+"""
+One arm's predictor run through a record: its matrices and its inputs at every sample.
+
+`Predictor` and the latent forces drive hypotheses through records with it; the recursion itself
+is in `recursion`.
+"""
 
 from __future__ import annotations
 
@@ -20,38 +25,51 @@ from flex_plant_sim.simulation.drive_input import DriveInput
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 
-# Steps in a sample where a gap opens and closes: of an arm stepped a hundred times as finely the
-# joint's errors are then 0.85 and 0.86 of those stated (12 mrad at 100 Hz; sensor behind the gear,
-# on the motor); with one step 1.20 and 1.31, with ten as with five.
+# Steps in a sample where a gap opens and closes. The joint errors of an arm that is stepped a
+# hundred times as finely are then 0.85 and 0.86 of those stated (gap of 12 mrad at 100 Hz; sensor
+# behind the gear, on the motor). With one step they are 1.20 and 1.31, with ten as with five.
 GAP_SUBSTEPS = 5
 
 
 class Trajectory(Protocol):
-    """A base model's way through a record, along which an arm's forces are evaluated."""
+    """The filtered motion of a base model, along which the forces on an arm are evaluated."""
 
     record: Record
 
     def weights_of(self, arm: ExtendedArm) -> Array:
-        """Return the weights over schedule nodes where an arm's sensors put the elbow, (N, K)."""
+        """Return weights over the schedule nodes at the elbow angles an arm has, (N, K)."""
 
     def trajectory_states(self, arm: ExtendedArm, rows: Indices) -> Array:
-        """Return the states at samples (N,), (N, n); added coordinates are at zero."""
+        """Return an arm's states at samples (N,), (N, n); coordinates it lacks are zero."""
 
 
-def predictor_matrices(trajectory: Trajectory, arm: ExtendedArm, gain: Array, used_samples: Indices) -> ScheduledMatrices:
-    """Return an arm's matrices with a gain (nodes, n, m) at the samples used, (N,)."""
+def predictor_matrices(trajectory: Trajectory, arm: ExtendedArm, gain: Array,
+                       used_samples: Indices) -> ScheduledMatrices:
+    """Return the predictor of an arm with a gain (nodes, n, m), at the samples used, (N,)."""
     n = arm.states
     weights, table = payload_schedule(arm, trajectory.record.time, trajectory.weights_of(arm))
     table = table.reshape(len(table), n, -1)
     k = np.tile(gain, (len(table) // arm.nodes.size, 1, 1))
     rows = np.concatenate([table[..., :n] - k @ arm.output_matrix, table[..., n:], k], axis=-1)
-    # What of a record is asked must not change the matrices: what does nothing changes nothing.
+    # Reduced over all samples, so that the matrices do not depend on which of them are used.
     found = ScheduledMatrices.reduced(weights, np.swapaxes(rows, 1, 2))
     return ScheduledMatrices(found.weights[used_samples], found.table)
 
 
 class FilterRun:
-    """One arm driven through some samples of a record, (N,): what drives each, (N, B, d)."""
+    """
+    One arm's predictor run through some samples of a record.
+
+    Attributes
+    ----------
+    drive : Array
+        Command at the drive, smooth force and measured output at each sample, (N, B, d).
+    trajectory : Array
+        States along which the forces are evaluated, (N, 1, n).
+    measured : Array
+        Outputs before the sensors' effects, (N, 1 or B, m).
+
+    """
 
     def __init__(self, trajectory: Trajectory, arm: ExtendedArm, matrices: ScheduledMatrices,
                  used_samples: Indices, batch: int):
@@ -61,19 +79,21 @@ class FilterRun:
         self.measured = invert_sensors(arm, record)[used_samples]
         m, order = record.output.shape[1], arm.form.order
         self.trajectory = trajectory.trajectory_states(arm, used_samples)[:, None]
-        ahead = trajectory.trajectory_states(arm, np.minimum(used_samples + 1, len(record.time) - 1))[:, None]
+        following = np.minimum(used_samples + 1, len(record.time) - 1)
+        ahead = trajectory.trajectory_states(arm, following)[:, None]
         motion = arm.motion_between(self.trajectory, ahead, self.command, self.time)
         parts = (self.command, arm.smooth_force(motion), self.measured)
         self.drive = np.concatenate([np.broadcast_to(part, (len(used_samples), batch, width))
                                      for part, width in zip(parts, (2, order, m))], axis=-1)
 
     def states(self, rows: Indices, start: Array) -> Array:
-        """Return the predicted states along windows, rows (S, W): (S, W, B, n)."""
+        """Return the predicted states along windows of samples `rows`, (S, W): (S, W, B, n)."""
         friction = self._friction() if self.arm.has_friction else None
         if not self.arm.gaps:
             return propagate(self.matrices, self.drive, start, rows, friction)
         if COMPILED:
-            return propagate_with_gaps(self.matrices, self.drive, start, rows, friction, self._backlashes())
+            return propagate_with_gaps(self.matrices, self.drive, start, rows, friction,
+                                       self._backlashes())
         states = np.empty((*rows.shape, self.drive.shape[1], start.shape[1]))
         state = np.repeat(start[:, None], self.drive.shape[1], axis=1)
         for k, row in enumerate(rows):
@@ -82,7 +102,7 @@ class FilterRun:
         return states
 
     def _gap_step(self, state: Array, row: Indices) -> Array:
-        """Return the states of samples, (W, B, n), a sample later."""
+        """Return the states of samples, (W, B, n), one sample later."""
         now = ScheduledMatrices(self.matrices.weights[row], self.matrices.table)
         fine, cosine = self.arm.finer(GAP_SUBSTEPS), np.cos(self.elbow[row])
         f, g, e = fine.schedule.at(cosine)
@@ -94,15 +114,15 @@ class FilterRun:
             after = fine.apply_gaps(after, np.matmul(after, np.swapaxes(f, 1, 2)) + push, motion,
                                     cosine[:, None])
         after = self._measurement_update(after, state, row)
-        force_response = interpolated(now.weights, self._force_response)[:, None]
+        response = interpolated(now.weights, self._force_response)[:, None]
         return self.arm.apply_friction(
-            force_response, state, after, self.arm.motion(state, self.command[row], self.time[row]))
+            response, state, after, self.arm.motion(state, self.command[row], self.time[row]))
 
     def _measurement_update(self, after: Array, state: Array, row: Indices) -> Array:
         """
-        Return states corrected by the errors at the start of the step.
+        Return the states after a step, corrected by the output errors at its start.
 
-        A sensor before an open gap corrects the rotor, all others what is behind the gap.
+        A joint sensor before an open gap corrects the rotor, all others what is behind the gap.
         """
         order, c = self.arm.form.order, self.arm.output_matrix
         gain = interpolated(self.matrices.weights[row], self.matrices.table[:, -len(c):])
@@ -116,20 +136,20 @@ class FilterRun:
             if c[j, lead] != 0.0:
                 after[..., :2 * order] -= apart * moved[..., j, :2 * order]
             side = np.where(c[:, lead] == 0.0, 1.0, -1.0)
-            turned = apart * (side[:, None] * moved[..., [j, order + j]]).sum(axis=-2)
-            after[..., [lead, order + lead]] += turned
+            turn = apart * (side[:, None] * moved[..., [j, order + j]]).sum(axis=-2)
+            after[..., [lead, order + lead]] += turn
             after[..., lead] = np.clip(after[..., lead], -half, half)
         return after
 
     @property
     def elbow(self) -> Array:
-        """Return the angle between the links along the trajectory, rad, (N,)."""
+        """Return the elbow angle along the trajectory, rad, (N,)."""
         order = self.arm.form.order
         return np.asarray(self.trajectory[:, 0, :order] @ self.arm.form.elbow_angle)
 
     @property
     def force_response(self) -> Array:
-        """Return what unit generalised forces during a step do to the state, (N, n, order)."""
+        """Return the change of the state by unit forces during a step, (N, n, order)."""
         return interpolated(self.matrices.weights, self._force_response)
 
     @property
@@ -138,38 +158,40 @@ class FilterRun:
         return np.swapaxes(self.matrices.table[:, n + 2:n + 2 + order], 1, 2)
 
     def _backlashes(self) -> Backlashes:
-        """Return the backlashes, opening at the angles of the base's trajectory."""
+        """Return the backlashes, with the matrices at the trajectory's elbow angles."""
         fine = self.arm.finer(GAP_SUBSTEPS)
         weights = barycentric_weights(np.cos(self.elbow), fine.nodes)
-        opened, impulse, rotor, places = [], [], [], []
+        separation, impulse, rotor, indices = [], [], [], []
         for effect, opening in zip(fine.gaps, fine.openings):
             assert isinstance(effect, Backlash)
             n, j = opening.states, effect.index
             columns = np.swapaxes(opening.table.reshape(len(opening.table), n, -1), 1, 2)
-            opened.append(columns[:, :n + 2])
+            separation.append(columns[:, :n + 2])
             impulse.append(columns[:, [n + 2 + j, n + 4 + j]])
             rotor.append((fine.robot.drives[j].torque_gain,
                           *effect.rotor(fine.robot, fine.step_time), 0.5 * effect['gap_rad']))
-            places.append((j, fine.form.names.index(effect.coordinate)))
+            indices.append((j, fine.form.names.index(effect.coordinate)))
         n, count = fine.states, len(weights[0])
-        closed = np.swapaxes(fine.schedule.table.reshape(count, n, -1), 1, 2)
-        return Backlashes(weights, closed.reshape(count, -1),
-                    np.stack(opened).reshape(len(opened), count, -1),
-                    np.stack(impulse).reshape(len(impulse), count, -1), np.array(rotor),
-                    np.array(places), np.ascontiguousarray(fine.output_matrix.T),
-                    self.arm.form.order, GAP_SUBSTEPS)
+        engaged = np.swapaxes(fine.schedule.table.reshape(count, n, -1), 1, 2)
+        return Backlashes(
+            weights, engaged.reshape(count, -1),
+            np.stack(separation).reshape(len(separation), count, -1),
+            np.stack(impulse).reshape(len(impulse), count, -1), np.array(rotor),
+            np.array(indices), np.ascontiguousarray(fine.output_matrix.T),
+            self.arm.form.order, GAP_SUBSTEPS)
 
     def _friction(self) -> JointFriction:
-        # Its levels, like smooth forces, are those at the speeds of the base's trajectory.
+        # Its limits, like smooth forces, are evaluated along the trajectory.
         motion = self.arm.motion(self.trajectory, self.command, self.time)
         shape = self.drive.shape[:2] + (2,)
         limits = np.stack([np.broadcast_to(limit, shape)
                            for limit in self.arm.friction_limits(motion)], axis=2)
-        columns, reach = (interpolated(self.matrices.weights, table)
-                          for table in self.arm.friction_columns(self._force_response))
-        yielding = np.ascontiguousarray(np.broadcast_to(self.arm.yielding(), shape[1:]))
-        return JointFriction(columns, reach, limits, self.arm.form.order, yielding,
-                        np.array(self.arm.bends), self.arm.step_time)
+        response, velocity_response = (
+            interpolated(self.matrices.weights, table)
+            for table in self.arm.friction_columns(self._force_response))
+        compliance = np.ascontiguousarray(np.broadcast_to(self.arm.yielding(), shape[1:]))
+        return JointFriction(response, velocity_response, limits, self.arm.form.order, compliance,
+                             np.array(self.arm.bends), self.arm.step_time)
 
 
 def drive_command(arm: ExtendedArm, record: Record) -> Array:
@@ -178,12 +200,12 @@ def drive_command(arm: ExtendedArm, record: Record) -> Array:
 
 
 def invert_sensors(arm: ExtendedArm, record: Record) -> Array:
-    """Return the outputs before the (affine) sensor effects and in step, (N, 1 or B, m)."""
+    """Return outputs without the affine sensor effects and strain delays, (N, 1 or B, m)."""
     return _advance_strain(_without_sensor_effects(arm, record), arm.late)
 
 
 def _advance_strain(measured: Array, late: int) -> Array:
-    """Return outputs (N, …, m) with the strain of `late` samples later; its last value stays."""
+    """Return outputs (N, …, m) with strain advanced by `late` samples; the last value is held."""
     if late == 0:
         return measured
     rows = np.minimum(np.arange(len(measured)) + late, len(measured) - 1)
@@ -211,7 +233,7 @@ def _without_sensor_effects(arm: ExtendedArm, record: Record) -> Array:
 
 
 def payload_schedule(arm: ExtendedArm, time: Array, weights: Array) -> tuple[Array, Array]:
-    """Return weights over schedule nodes, times payload nodes while the payload changes."""
+    """Return weights over the schedule's nodes (times payload nodes if it changes), and table."""
     mass = np.full(len(time), arm.payload)
     for effect in arm.effects:
         mass = np.asarray(effect.payload_at(time, mass), dtype=float)

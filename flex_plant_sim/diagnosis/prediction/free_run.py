@@ -1,4 +1,9 @@
-"""Free runs: from a filtered state on by commands alone, from many start instants at once."""
+"""
+Free runs: simulation by commands alone from filtered states, from many start instants at once.
+
+They measure how well a model predicts over seconds, for the report and where sets with laws of
+unknown torques are ranked.
+"""
 
 from __future__ import annotations
 
@@ -11,16 +16,16 @@ from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 import numpy as np
 from numpy.typing import NDArray
 
-# s: a quarter of the reference arm's slowest swing (0.8 s), one swing, and several.
+# s: a quarter of the reference arm's slowest period (0.8 s), one period, and several.
 HORIZONS = (0.2, 1.0, 2.0, 5.0)
-# Free runs from nearer instants overlap more and tell little more.
-START_COUNT = 240
-# Of fewer, none is beyond a 95 % interval.
+# Start instants below which a horizon is left out: of fewer, none is beyond a 95 % interval.
 FEWEST_STARTS = 20
+# Runs at most; those from nearer instants overlap and add little information.
+START_COUNT = 240
 
 
 def start_instants(first: int, stop: int, count: int = START_COUNT) -> NDArray[np.int_]:
-    """Return at most `count` evenly spaced sample numbers from first to stop (exclusive)."""
+    """Return at most `count` evenly spaced sample numbers from first up to stop, exclusive."""
     return np.arange(first, stop, max(1, -(-(stop - first) // count)))
 
 
@@ -28,22 +33,22 @@ def free_run(predictor: Predictor, starts: NDArray[np.int_], steps: int) -> Arra
     """
     Simulate without corrections, with every effect of the predictor's base.
 
-    A run starts at the state that the predictor knew one sample before, so its first output is
-    the one-step prediction and output k is k + 1 samples after the last measurement used.
+    A run starts at a predicted state, so its first output is the one-step prediction and output k
+    is k + 1 samples after the last measurement used.
 
     Parameters
     ----------
     predictor : Predictor
-        Its base acts, its filtered states are where runs start.
+        Its base is simulated, and runs start at its filtered states.
     starts : Array
         Sample numbers, (S,), int.
     steps : int
-        Samples a run.
+        Samples of each run.
 
     Returns
     -------
     Array
-        Predicted outputs, (steps, S, m); NaN behind the record's end.
+        Predicted outputs, (steps, S, m); NaN beyond the end of the record.
 
     """
     record, base = predictor.record, predictor.base
@@ -68,14 +73,14 @@ def free_run(predictor: Predictor, starts: NDArray[np.int_], steps: int) -> Arra
 
 
 def errors(predictor: Predictor, starts: NDArray[np.int_], steps: int) -> Array:
-    """Return measured minus simulated over free runs, (steps, S, m); NaN behind the end."""
+    """Return measured minus simulated over free runs, (steps, S, m); NaN beyond the end."""
     simulated = free_run(predictor, starts, steps)
     rows = np.minimum(starts + np.arange(steps)[:, None], len(predictor.record.time) - 1)
     return predictor.record.output[rows] - simulated
 
 
 def horizon_samples(horizon: float, sample_time: float) -> int:
-    """Return the horizon in samples, at least one."""
+    """Return a horizon, s, in samples, at least one."""
     return max(1, round(horizon / sample_time))
 
 

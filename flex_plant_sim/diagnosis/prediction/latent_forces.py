@@ -1,4 +1,9 @@
-"""Latent forces: the torque at each joint and the error of each gauge that a model lacks."""
+"""
+Latent forces: the torque at each joint and the error of each gauge that a model does not explain.
+
+They are smoothed from a record under the nominal arm or an extended one; `latent_series` arranges
+them, `law` finds what they depend on.
+"""
 
 from __future__ import annotations
 
@@ -12,37 +17,41 @@ from flex_plant_sim.diagnosis.prediction.filter_run import (
     payload_schedule,
     predictor_matrices,
 )
-from flex_plant_sim.diagnosis.prediction.noise import process_noise_variance, rms_loads
-from flex_plant_sim.diagnosis.prediction.predictor import Predictor, REFERENCE_STEP
+from flex_plant_sim.diagnosis.prediction.noise import (
+    process_noise_variance,
+    REFERENCE_STEP,
+    rms_loads,
+)
+from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.prediction.smoother import LatentSystem, smooth, Smoothed
 from flex_plant_sim.effects.joint.measured_torque import load_row
 import numpy as np
 
-# One with Gaussian steps; then these are weighed as Student's t has it.
+# Passes of the smoother: the first with Gaussian steps, the others with Student-t weights.
 EM_PASSES = 4
-# Degrees of freedom of a torque's steps: heavy tails, as friction steps where a joint reverses.
+# Degrees of freedom of a torque's steps; heavy tails, as friction jumps where a joint reverses.
 STUDENT_FREEDOM = 3.0
-# Of what does not move at all, so that nothing is divided by zero.
+# Smallest rms torque, N m, and strain, so that nothing is divided by zero.
 TINY_RMS = 1e-12
 
 
 @dataclass(frozen=True)
 class LatentPrior:
     """
-    How large latent forces are before a record is seen.
+    The prior scales of latent forces.
 
     Calibrated by benchmarks/latent_amplitudes.py: with a torque of 0.03 the 95 % bands hold 96 and
-    98 % of the samples of joints 1 and 2, with 0.02 95 and 97 %; the gauges' hardly matter there.
-    Theirs is what the payload's posterior asks of good models, 5 %.
+    98 % of the samples of joints 1 and 2, with 0.02 they hold 95 and 97 %. The gauge's share
+    hardly matters there; it is that of `DiscrepancyModel`.
 
     Attributes
     ----------
     torque : float
-        Diffusion of a torque over one second, as a share of the rms drive torque.
+        Standard deviation of a torque's change over one second, over the rms drive torque.
     gauge : float
-        A gauge's error, as a share of the rms strain.
+        Standard deviation of a gauge's error, as a share of the rms strain.
     gauge_time : float
-        How long it lasts, s.
+        Correlation time of that error, s.
 
     """
 
@@ -54,7 +63,7 @@ class LatentPrior:
 @dataclass(frozen=True)
 class LatentForces:
     """
-    What pushes an arm unseen, with the motion it may depend on; all along a record.
+    The latent forces along a record, with the motion they may depend on.
 
     Attributes
     ----------
@@ -73,7 +82,7 @@ class LatentForces:
     drive : Array
         Root mean square torque of the drives, N m, (2,).
     first, stop : int
-        Samples to judge: from where the start is forgotten to where the locked part begins.
+        Samples to fit laws to: after the initial transient, before the locked part.
     log_likelihood : float
         nats.
 
@@ -100,16 +109,15 @@ def latent_forces(predictor: Predictor, prior: LatentPrior = LatentPrior(),
     """
     Return the latent forces of a record under the predictor's base.
 
-    Torques wander with Student-t steps. Their scale, and that of the gauges' errors, is the one
-    that makes the record likeliest (expectation maximisation over the smoothed steps), but no
-    smaller than the amplitude's.
+    Torques are random walks with Student-t steps. Their scale, and that of the gauge errors, is
+    the maximum-likelihood one by expectation maximisation, but no smaller than the prior's.
 
     Parameters
     ----------
     predictor : Predictor
         Of the base, over the whole record.
-    amplitudes : Amplitudes
-        How large they are a priori.
+    prior : LatentPrior
+        Their scales.
     stop : int, optional
         First sample that no law may be fitted to; the record's end by default.
 
@@ -121,17 +129,18 @@ def latent_forces(predictor: Predictor, prior: LatentPrior = LatentPrior(),
     for _ in range(EM_PASSES - 1):
         squared = smoothed.increment_power
         scale = np.maximum(np.mean(squared / _student_widening(squared, scale), axis=0), least)
-        system = replace(system, known_step=known, walk_variance=scale * _student_widening(squared, scale))
+        system = replace(system, known_step=known,
+                         walk_variance=scale * _student_widening(squared, scale))
         smoothed = smooth(system)
     return _latent_forces_of(predictor, smoothed, len(system.measured) if stop is None else stop)
 
 
 def _student_widening(squared: Array, scale: Array) -> Array:
     """
-    Return by how much Student's t widens the variance of steps of these mean squares, (N, m).
+    Return the factor on the variance of steps with these mean squares under Student's t, (N, m).
 
-    Lange, Little and Taylor, Journal of the American Statistical Association 84 (1989). Gauge
-    errors do not jump: theirs stays.
+    The reciprocal of the weight of Lange, Little and Taylor, Journal of the American Statistical
+    Association 84 (1989). Gauge errors do not jump: their factor is 1.
     """
     wider = (STUDENT_FREEDOM + squared / scale) / (STUDENT_FREEDOM + 1.0)
     wider[:, 2:] = 1.0
@@ -139,7 +148,7 @@ def _student_widening(squared: Array, scale: Array) -> Array:
 
 
 def latent_system(predictor: Predictor, prior: LatentPrior) -> LatentSystem:
-    """Return the predictor's base with latent forces, ready to be smoothed."""
+    """Return the system of the predictor's base with latent forces."""
     arm, record = predictor.arm, predictor.record
     step = arm.step_time
     weights, table = payload_schedule(arm, record.time, predictor.weights_of(arm))
@@ -151,12 +160,13 @@ def latent_system(predictor: Predictor, prior: LatentPrior) -> LatentSystem:
     decay = float(np.exp(-step / prior.gauge_time))
     gauge = (prior.gauge * strain)**2
     walk_variance = np.concatenate([step * (prior.torque * drive)**2,
-                                gauge * (1.0 - decay**2)])
+                                    gauge * (1.0 - decay**2)])
     return LatentSystem(
         weights, np.ascontiguousarray(torques), _known_step(predictor),
         np.ascontiguousarray(arm.output_matrix),
         np.ascontiguousarray(invert_sensors(arm, record)[:, 0]), predictor.noise**2,
-        _process_covariance(predictor, table), decay, np.tile(walk_variance, (len(record.time), 1)),
+        _process_covariance(predictor, table), decay,
+        np.tile(walk_variance, (len(record.time), 1)),
         _initial_mean(predictor), _initial_deviation(predictor, drive, gauge))
 
 
@@ -167,14 +177,14 @@ def drive_torque(predictor: Predictor) -> Array:
 
 
 def _along_states(predictor: Predictor, states: Array) -> Predictor:
-    """Return the predictor with forces that depend on the motion taken along these states."""
+    """Return the predictor with motion-dependent forces evaluated along other states, (N, n)."""
     other = copy(predictor)
     other.states = states
     return other
 
 
 def _known_step(predictor: Predictor) -> Array:
-    """Return what commands, known forces and contact add to each step, (N, n)."""
+    """Return what commands, known forces and contact add in each step, (N, n)."""
     arm, rows = predictor.arm, np.arange(len(predictor.record.time))
     open_loop = predictor_matrices(predictor, arm, np.zeros_like(predictor.gain), rows)
     run = FilterRun(predictor, arm, open_loop, rows, 1)
@@ -189,10 +199,11 @@ def _known_step(predictor: Predictor) -> Array:
 
 
 def _process_covariance(predictor: Predictor, table: Array) -> Array:
-    """Return the covariance that force noise on the deflections gives a step, (n, n)."""
+    """Return the covariance of a step due to force noise on the deflections, (n, n)."""
     arm, base = predictor.arm, predictor.base
     loads = rms_loads(arm, *predictor.record.deviations)
-    variance = REFERENCE_STEP / arm.step_time * process_noise_variance(loads, (0.0, base.noise_shares[1]))
+    variance = REFERENCE_STEP / arm.step_time * process_noise_variance(
+        loads, (0.0, base.noise_shares[1]))
     e = table[len(table) // 2][:, arm.states + 2:]
     return np.asarray((e * variance) @ e.T, dtype=float)
 
@@ -203,7 +214,7 @@ def _initial_mean(predictor: Predictor) -> Array:
 
 
 def _initial_deviation(predictor: Predictor, drive: Array, gauge: Array) -> Array:
-    """Return how far the first state may be from rest, (n + m,)."""
+    """Return the standard deviation of the first z, (n + m,)."""
     return np.concatenate([np.ones(predictor.arm.states), drive, np.sqrt(gauge)])
 
 

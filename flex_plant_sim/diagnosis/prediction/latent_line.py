@@ -1,4 +1,8 @@
-"""A line in the spectrum of a latent force: something behind it swings, and remembers."""
+"""
+Lines in the spectrum of a latent force, which show that an oscillation is behind it.
+
+`latent_view` states one where no single variable explains the force.
+"""
 
 from __future__ import annotations
 
@@ -8,19 +12,19 @@ from flex_plant_sim.diagnosis.prediction.law import LatentSeries
 from flex_plant_sim.diagnosis.prediction.spectrum import power_density
 import numpy as np
 
-# Of Welch: a bin of the mean of so many spectra is known to a third.
+# Segments of Welch's estimate: a mean of so many spectra is known to a third in each bin.
 WELCH_SEGMENTS = 8
-# Bins on either side of a Hann window's peak, and of the background beside it.
+# Bins to either side of a line that a Hann window spreads it over, and of its background.
 PEAK_BINS, BACKGROUND_BINS = 2, 10
-# Ten times a smooth background is one bin in 20 000 of a single segment (chi-squared with two
-# degrees of freedom), and hardly any of the mean of 8; what holds a smaller share matters little.
+# A line is ten times its background: by chance one bin in 20 000 of a single segment exceeds that
+# (chi-squared, two degrees of freedom), and hardly any of a mean of 8. It holds so much power.
 PEAK_RATIO, MIN_POWER_SHARE = 10.0, 0.3
 
 
 @dataclass(frozen=True)
 class SpectralLine:
     """
-    A line: where it stands and how much of the power it holds.
+    A line in a spectrum.
 
     Attributes
     ----------
@@ -28,6 +32,7 @@ class SpectralLine:
     frequency : float
         Hz.
     share : float
+        Of the power.
 
     """
 
@@ -37,14 +42,16 @@ class SpectralLine:
 
 
 def line_of(series: LatentSeries, sample_time: float) -> SpectralLine | None:
-    """Return the strongest line of a latent force that is no model error; None without one."""
+    """Return the strongest line of a force that exceeds model errors; None if there is none."""
     value = series.value - series.value.mean()
     if series.rms < series.model_error:
         return None
-    frequency, power = power_density(value, sample_time, len(value) // WELCH_SEGMENTS, detrend=True)
-    at = int(np.argmax(power[BACKGROUND_BINS:])) + BACKGROUND_BINS
-    background = np.concatenate([power[at - BACKGROUND_BINS:at - PEAK_BINS], power[at + PEAK_BINS + 1:at + BACKGROUND_BINS + 1]])
-    share = float(power[at - PEAK_BINS:at + PEAK_BINS + 1].sum() / power.sum())
-    if power[at] < PEAK_RATIO * np.median(background) or share < MIN_POWER_SHARE:
+    frequency, power = power_density(value, sample_time, len(value) // WELCH_SEGMENTS,
+                                     detrend=True)
+    peak = int(np.argmax(power[BACKGROUND_BINS:])) + BACKGROUND_BINS
+    background = np.concatenate([power[peak - BACKGROUND_BINS:peak - PEAK_BINS],
+                                 power[peak + PEAK_BINS + 1:peak + BACKGROUND_BINS + 1]])
+    share = float(power[peak - PEAK_BINS:peak + PEAK_BINS + 1].sum() / power.sum())
+    if power[peak] < PEAK_RATIO * np.median(background) or share < MIN_POWER_SHARE:
         return None
-    return SpectralLine(series.site, float(frequency[at]), share)
+    return SpectralLine(series.site, float(frequency[peak]), share)

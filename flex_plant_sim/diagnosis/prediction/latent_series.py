@@ -1,4 +1,8 @@
-"""Latent forces beside what they may depend on, ready to look for their laws."""
+"""
+Latent forces with the variables that they may depend on, in the form in which laws are fitted.
+
+It stands between `latent_forces` and `law`.
+"""
 
 from __future__ import annotations
 
@@ -11,19 +15,20 @@ from flex_plant_sim.diagnosis.prediction.law import CONSTANT, LatentSeries
 import numpy as np
 from numpy.typing import NDArray
 
-# Speed below which a joint is taken to rest, as a share of its root-mean-square speed: there dry
-# friction may be anything.
+# Speed below which a joint counts as at rest, as a share of its rms speed. At rest, dry friction
+# takes any value within its limits.
 REST_SPEED_SHARE = 0.1
-# Of the rms drive torque, and of the rms strain: two good models of an arm (finite elements, a
-# chain of rigid segments) stay below, see benchmarks/latent_amplitudes.py.
+# Difference of two good models of an arm (finite elements, a chain of rigid segments), as a share
+# of the rms drive torque and of the rms strain, see benchmarks/latent_amplitudes.py.
 TORQUE_MODEL_ERROR, GAUGE_MODEL_ERROR = 0.01, 0.05
+# Characters of a gauge's name that name its link.
 LINK_PREFIX = len('strain_1')
-# A joint that moves for less of the record has no law.
+# Share of the record in which a joint has to move for a law to be fitted.
 MIN_MOVING_SHARE = 0.1
 
 
 def torque_series(found: Sequence[LatentForces], robot: Robot) -> tuple[LatentSeries, ...]:
-    """Return the latent torque of each joint that moves, all records one after the other."""
+    """Return the latent torque of each joint that moves, all records in sequence."""
     series = []
     for j in range(2):
         unit = 'rad/s' if robot.drives[j].closed_loop else 'A'
@@ -44,12 +49,12 @@ def torque_series(found: Sequence[LatentForces], robot: Robot) -> tuple[LatentSe
 
 
 def gauge_series(found: Sequence[LatentForces], robot: Robot) -> tuple[LatentSeries, ...]:
-    """Return the latent error of each gauge, all records one after the other."""
+    """Return the latent error of each gauge, all records in sequence."""
     names, series = robot.gauge_names, []
     strain = np.vstack([f.strain for f in found])
     rate = np.vstack([np.gradient(f.strain, f.time, axis=0) for f in found])
     for g, name in enumerate(names):
-        # A gauge of the same link reads nearly the same: it is no variable of its own.
+        # Gauges on the same link read nearly the same and are no separate variables.
         others = {other: ('m/m', strain[:, k]) for k, other in enumerate(names)
                   if other[:LINK_PREFIX] != name[:LINK_PREFIX]}
         variables = {'strain': ('m/m', strain[:, g]), 'strain rate': ('1/s', rate[:, g]),
@@ -66,6 +71,6 @@ def _joined(parts: Sequence[Array]) -> Array:
 
 
 def _scored(found: Sequence[LatentForces]) -> NDArray[np.bool_]:
-    """Return False where a record's first state still matters, and in its locked part, (N,)."""
+    """Return True between the initial transient and the locked part of each record, (N,)."""
     rows = [np.arange(len(f.time)) for f in found]
     return np.concatenate([(r >= f.first) & (r < f.stop) for r, f in zip(rows, found)])

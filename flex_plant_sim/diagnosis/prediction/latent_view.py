@@ -1,4 +1,8 @@
-"""All that the latent forces of some records show: series, shares, laws, lines."""
+"""
+All that the latent forces of some records show: shares explained, laws, spectral lines.
+
+The search takes the laws from here, the verdict and the report everything else.
+"""
 
 from __future__ import annotations
 
@@ -24,9 +28,9 @@ from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.effects.joint.measured_torque import MeasuredTorque
 import numpy as np
 
-# Of a number in a table: finer than any law is known.
+# Digits of a number in a table; finer than any law is known.
 TABLE_DIGITS = 5
-# Of pictures and JSON alone: bins of as many samples each, and how many make a spread.
+# Bins of a curve in pictures and JSON, equally full; samples that a bin needs for a spread.
 CURVE_BINS, MIN_BIN_SAMPLES = 24, 5
 
 
@@ -37,12 +41,12 @@ class Finding:
 
     Attributes
     ----------
-    series : Series
-    trials : tuple of Trial
-        Every variable tried, the best first.
+    series : LatentSeries
+    validations : tuple of CrossValidation
+        Of every variable, the best first.
     law : Law
-    line : Line or None
-        In its spectrum, where there is one.
+    line : SpectralLine or None
+        The strongest line of its spectrum, where there is one.
 
     """
 
@@ -58,16 +62,18 @@ class Finding:
 
     @property
     def has_memory(self) -> bool:
-        """Tell whether it matters although no one variable explains half of it."""
+        """Tell whether it exceeds model errors and no one variable explains half of it."""
         return self.exceeds_model_error and self.validations[0].share < MIN_EXPLAINED_SHARE
 
     def results(self) -> dict[str, Any]:
         """Return the figures for JSON."""
         law, line = self.law, self.line
         return {
-            'unit': self.series.unit, 'rms': self.series.rms, 'relevant': self.exceeds_model_error,
+            'unit': self.series.unit, 'rms': self.series.rms,
+            'relevant': self.exceeds_model_error,
             'deviation': float(np.median(self.series.deviation[self.series.scored])),
-            'explained': {t.variable: {'share': t.share, 'error': t.error} for t in self.validations},
+            'explained': {v.variable: {'share': v.share, 'error': v.error}
+                          for v in self.validations},
             'law': {'variable': law.variable, 'unit': law.variable_unit, 'stated': law.stated,
                     'knots': law.knots, 'values': law.values, 'deviations': law.deviations,
                     'share': law.share, 'error': law.share_error},
@@ -77,7 +83,7 @@ class Finding:
                        for name in self.series.variables}}
 
     def curve(self, variable: str) -> tuple[Array, Array, Array]:
-        """Return the force over a variable: bin centres, means, standard deviations, (K,) each."""
+        """Return bin centres of a variable, mean and deviation of the force in them, (K,) each."""
         scored = self.series.scored
         x, value = self.series.variables[variable][1][scored], self.series.value[scored]
         edges = np.quantile(x, np.linspace(0.0, 1.0, CURVE_BINS + 1))
@@ -89,7 +95,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class LatentView:
-    """The latent forces of records under one base, and what each of them shows."""
+    """The latent forces of records under one base model, and what each of them shows."""
 
     forces: tuple[LatentForces, ...]
     torques: tuple[Finding, ...]
@@ -97,7 +103,7 @@ class LatentView:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Return torques and gauges."""
+        """Return the findings of torques, then of gauges."""
         return (*self.torques, *self.gauges)
 
     @property
@@ -107,7 +113,7 @@ class LatentView:
 
     @property
     def law_effects(self) -> tuple[Effect, ...]:
-        """Return them as effects for the extended robot."""
+        """Return these laws as effects for the extended robot."""
         return tuple(law_effect(law) for law in self.laws)
 
     def results(self) -> dict[str, Any]:
@@ -122,7 +128,7 @@ def latent_view(predictors: Sequence[Predictor]) -> LatentView:
     Parameters
     ----------
     predictors : sequence of Predictor
-        One a record, over its locked windows: nothing is fitted there.
+        One for each record, with its locked windows, where no law is fitted.
 
     """
     forces = tuple(latent_forces(p, stop=int(p.windows.starts[0])) for p in predictors)
@@ -136,7 +142,8 @@ def law_effect(law: Law) -> MeasuredTorque:
     """Return a law as the effect that a robot file carries; a constant is one knot of time."""
     variable = 'time' if law.variable == CONSTANT else law.variable
     return MeasuredTorque(law.site, (variable, *(
-        tuple(float(f'{x:.{TABLE_DIGITS}g}') for x in column) for column in (law.knots, law.values))))
+        tuple(float(f'{x:.{TABLE_DIGITS}g}') for x in column)
+        for column in (law.knots, law.values))))
 
 
 def _finding(series: LatentSeries, step: float) -> Finding:

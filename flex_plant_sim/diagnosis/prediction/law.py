@@ -1,4 +1,8 @@
-"""The law of a latent force: which one variable explains it on stretches left out."""
+"""
+The law of a latent force: the one variable that explains it best under cross-validation.
+
+`latent_view` collects the laws of all latent forces; the search and the extended robot use them.
+"""
 
 from __future__ import annotations
 
@@ -9,18 +13,20 @@ from flex_plant_sim.arm.second_order import Array
 import numpy as np
 from numpy.typing import NDArray
 
-# Neighbours are alike: whole stretches are left out, a fifth of them at a time.
+# Contiguous stretches of a record, as neighbouring samples are correlated, and folds of them.
 STRETCHES, FOLDS = 20, 5
-# Few knots where samples are, and many evenly spaced ones for what repeats, such as gear teeth.
+# Knots of a table: few, at quantiles of the samples, or many, evenly spaced, for what repeats over
+# the variable, such as gear teeth.
 FEW_KNOTS, MANY_KNOTS = 8, 32
-# A knot with a thousandth of its share of the samples counts half: where none were, it is zero.
+# Ridge, in samples over the mean number of samples per knot: a knot without samples is zero.
 RIDGE_WEIGHT = 1e-3
-# A law explains more than half.
+# Share of a force's power that a law has to explain.
 MIN_EXPLAINED_SHARE = 0.5
-# Two-sided 5 % shared by five comparisons (Bonferroni).
+# Normal deviate of two-sided 5 % shared by five comparisons (Bonferroni).
 CLEAR_Z = 2.576
-# Keeps logarithms finite where a stretch is explained wholly.
+# Smallest power, so that logarithms stay finite where a stretch is explained fully.
 TINY = 1e-300
+# Name of the law that depends on nothing, and of the variable whose tables may step at zero.
 CONSTANT = 'constant'
 STEPPED_VARIABLE = 'speed'
 
@@ -28,22 +34,22 @@ STEPPED_VARIABLE = 'speed'
 @dataclass(frozen=True)
 class LatentSeries:
     """
-    A latent force and what it may depend on, where it is to be judged.
+    A latent force and the variables that it may depend on.
 
     Attributes
     ----------
     site, unit : str
         joint_1, N m; or a gauge, m/m.
     value, deviation : Array
-        (N,), posterior mean and standard deviation.
+        Posterior mean and standard deviation, in `unit`, (N,).
     variables : Mapping
         Name to (unit, values (N,)).
-    judged : Array
-        Whether a sample counts, (N,): a joint moves, the start is over.
+    scored : Array
+        Whether a sample counts, (N,): the joint moves, the initial transient is over.
     model_error : float
-        Root mean square below which it may be model error.
-    simple : tuple of str
-        Variables that are taken where no other is better by more than a model error.
+        Root mean square, in `unit`, below which a force may be model error.
+    preferred : tuple of str
+        Variables that are chosen unless another is better by more than a model error.
 
     """
 
@@ -58,7 +64,7 @@ class LatentSeries:
 
     @property
     def rms(self) -> float:
-        """Return the root mean square where judged."""
+        """Return the root mean square over the scored samples."""
         return float(np.sqrt(np.mean(self.value[self.scored]**2)))
 
 
@@ -71,13 +77,15 @@ class Law:
     ----------
     site, unit, variable, variable_unit : str
     knots, values, deviations : Array
-        (K,); a knot that stands twice is a step. Deviations are standard ones.
+        Knots, forces there and their standard deviations, (K,); a repeated knot is a step.
     share, share_error : float
-        Of the force's power, explained on stretches left out, and its standard error.
+        Share of the force's power that is explained on stretches left out; its standard error.
     rms : float
         Root mean square of the force.
-    exceeds_model_error, clear : bool
-        Too large for a model error; and beyond chance better than zero and every other variable.
+    exceeds_model_error : bool
+        Whether the force is too large for a model error.
+    clear : bool
+        Whether the law explains more than half and more than any other variable, beyond chance.
 
     """
 
@@ -96,20 +104,20 @@ class Law:
 
     @property
     def stated(self) -> bool:
-        """Tell whether it counts."""
+        """Tell whether the law is worth stating."""
         return self.exceeds_model_error and self.clear
 
     @property
     def holds(self) -> bool:
-        """Tell whether it is better than nothing, beyond chance, where it was not fitted."""
+        """Tell whether it explains something on stretches left out, beyond chance."""
         return self.exceeds_model_error and self.share > CLEAR_Z * self.share_error
 
     @property
     def occam_penalty(self) -> float:
         """
-        Return what a record must show for its table, nats.
+        Return the Occam factor of its table, nats: ln(1 + w^2 / s^2) / 2 for each knot.
 
-        By Laplace's method, ln(w / s) a knot: known to s, and before as large as the force, w.
+        By Laplace's method, for a knot that is known to s with a prior as wide as the force, w.
         """
         return float(np.sum(np.log1p((self.rms / self.deviations)**2))) / 2.0
 
@@ -120,54 +128,55 @@ class Law:
 
 def hat_functions(x: Array, knots: Array) -> Array:
     """
-    Return the hat functions of knots at x, constant beyond the ends, (N, K).
+    Return the linear basis functions of knots at x, constant beyond the ends, (N, K).
 
-    A knot that stands twice parts the line: what is left of it does not know what is right.
+    At a repeated knot the table steps: the functions to its left and right are independent.
     """
-    columns = np.zeros((len(x), len(knots)))
-    twice = np.flatnonzero(np.diff(knots) == 0.0)
-    edges = [0, *(twice + 1), len(knots)]
+    basis = np.zeros((len(x), len(knots)))
+    repeated = np.flatnonzero(np.diff(knots) == 0.0)
+    edges = [0, *(repeated + 1), len(knots)]
     for first, stop in zip(edges, edges[1:]):
         inside = (x >= knots[first]) | (first == 0)
         inside &= (x < knots[stop - 1]) | (stop == len(knots))
         for k in range(first, stop):
-            columns[inside, k] = np.interp(x[inside], knots[first:stop],
-                                           np.eye(stop - first)[k - first])
-    return columns
+            basis[inside, k] = np.interp(x[inside], knots[first:stop],
+                                         np.eye(stop - first)[k - first])
+    return basis
 
 
 def knots_for(variable: str, x: Array, count: int) -> Array:
-    """Return knots over the samples: one for a constant, with a step at zero for a speed."""
+    """Return knots over samples x: one for a constant, with a step at zero for a speed."""
     if variable == CONSTANT:
         return np.zeros(1)
-    halves = [_placed_knots(part, count // 2)[1:] for part in (-x[x < 0.0], x[x > 0.0]) if len(part)]
+    halves = [_placed_knots(part, count // 2)[1:]
+              for part in (-x[x < 0.0], x[x > 0.0]) if len(part)]
     if variable != STEPPED_VARIABLE or len(halves) < 2:
         return _placed_knots(x, count)
     return np.concatenate([-halves[0][::-1], [0.0, 0.0], halves[1]])
 
 
 def _placed_knots(x: Array, count: int) -> Array:
-    """Return knots at quantiles of the samples if few, evenly spaced if many."""
+    """Return few knots at quantiles of the samples, many knots evenly spaced."""
     if count > FEW_KNOTS:
         return np.linspace(x.min(), x.max(), count)
     return np.unique(np.quantile(x, np.linspace(0.0, 1.0, count)))
 
 
 def _ridge_fit(design: Array, value: Array) -> tuple[Array, Array]:
-    """Return the values at the knots (K,), and the inverse of their normal matrix (K, K)."""
+    """Return ridge-regression values at knots, (K,), and the inverse normal matrix, (K, K)."""
     ridge = RIDGE_WEIGHT * len(design) / design.shape[1]
     inverse = np.linalg.inv(design.T @ design + ridge * np.eye(design.shape[1]))
     return inverse @ (design.T @ value), inverse
 
 
 def stretches_of(count: int) -> NDArray[np.int_]:
-    """Return the number of the contiguous stretch of each of the samples, (N,)."""
+    """Return the number of the contiguous stretch that each sample belongs to, (N,)."""
     return np.arange(count) * STRETCHES // count
 
 
 @dataclass(frozen=True)
 class CrossValidation:
-    """One variable tried: what it leaves on each stretch when that is left out, (S,)."""
+    """The power of a force and what one variable leaves of it, on stretches left out, (S,)."""
 
     variable: str
     knots: Array
@@ -181,15 +190,15 @@ class CrossValidation:
 
     @property
     def error(self) -> float:
-        """Return its standard error, from the stretches."""
+        """Return the standard error of that share, from the stretches."""
         return _ratio_error(self.residual_power, self.power)
 
     def beats(self, other: CrossValidation, least: float = 0.0) -> bool:
         """
-        Tell whether it explains more: beyond chance, and by a share of at least `least`.
+        Tell whether it explains more than another: beyond chance, and by a share `least`.
 
-        By the logarithm of what each leaves, stretch by stretch, as held-out likelihoods are
-        compared; where the other is worse than zero, it counts as zero.
+        The logarithms of the residual power are compared stretch by stretch, as held-out
+        likelihoods are. Where the other leaves more than there was, it counts as no law.
         """
         theirs = np.minimum(other.residual_power, other.power)
         gained = np.log(np.maximum(theirs, TINY)) - np.log(np.maximum(self.residual_power, TINY))
@@ -205,33 +214,35 @@ def _ratio_error(part: Array, whole: Array) -> float:
 
 
 def cross_validate(series: LatentSeries) -> list[CrossValidation]:
-    """Return all variables tried, the best first; the constant is one of them."""
+    """Return the validation of every variable and of a constant, the best first."""
     value = series.value[series.scored]
     stretch = stretches_of(len(series.value))[series.scored]
     variables = {CONSTANT: ('', np.zeros(len(series.value))), **series.variables}
-    validations = [_simplest_sufficient([_validate(name, x[series.scored], value, stretch, count)
-                         for count in (FEW_KNOTS, MANY_KNOTS)]) for name, (_, x) in variables.items()]
-    return sorted(validations, key=lambda trial: -trial.share)
+    validations = [_simplest_sufficient([
+        _validate(name, x[series.scored], value, stretch, count)
+        for count in (FEW_KNOTS, MANY_KNOTS)]) for name, (_, x) in variables.items()]
+    return sorted(validations, key=lambda validation: -validation.share)
 
 
 def _simplest_sufficient(validations: Sequence[CrossValidation]) -> CrossValidation:
-    """Return the first that no later one beats."""
+    """Return the first validation that no later one beats."""
     best = validations[0]
-    for trial in validations[1:]:
-        best = trial if trial.beats(best) else best
+    for validation in validations[1:]:
+        best = validation if validation.beats(best) else best
     return best
 
 
 def _validate(variable: str, x: Array, value: Array, stretch: NDArray[np.int_],
-           count: int) -> CrossValidation:
+              count: int) -> CrossValidation:
+    """Return the validation of a table with a number of knots."""
     knots = knots_for(variable, x, count)
     design, numbers = hat_functions(x, knots), np.unique(stretch)
     residual_power = np.zeros(len(numbers))
     for fold in range(FOLDS):
-        # Of those that are there: a joint may move in every fifth alone.
+        # Folds are made of the stretches that have samples: a joint may rest in all others.
         out = np.isin(stretch, numbers[fold::FOLDS])
-        fit_set, _ = _ridge_fit(design[~out], value[~out])
-        squared = (value - design @ fit_set)**2
+        values, _ = _ridge_fit(design[~out], value[~out])
+        squared = (value - design @ values)**2
         for row in range(fold, len(numbers), FOLDS):
             residual_power[row] = squared[stretch == numbers[row]].sum()
     power = np.array([np.sum(value[stretch == number]**2) for number in numbers])
@@ -242,21 +253,20 @@ def law_of(series: LatentSeries, validations: Sequence[CrossValidation] | None =
     """
     Return the law over the variable that explains a latent force best.
 
-    A constant, and a gauge's own strain, are taken unless another explains more than a model
-    error's worth better; any other variable must beat all its rivals by as much. A law is clear
-    where it explains more than half beyond chance.
+    A preferred variable is chosen unless another explains more by at least the power of a model
+    error; any other variable must beat all others by as much for the law to be clear.
     """
     validations = validations or cross_validate(series)
     best, least = validations[0], (series.model_error / series.rms)**2
-    by_name, alone = {trial.variable: trial for trial in validations}, True
+    by_name, unrivalled = {found.variable: found for found in validations}, True
     for name in series.preferred:
         if not best.beats(by_name[name], least):
             best = by_name[name]
             break
     else:
-        alone = all(best.beats(rival, least) for rival in validations if rival is not best)
+        unrivalled = all(best.beats(rival, least) for rival in validations if rival is not best)
     sure = best.share - CLEAR_Z * best.error > MIN_EXPLAINED_SHARE
-    return _law_over(series, best, sure and alone)
+    return _law_over(series, best, sure and unrivalled)
 
 
 def _law_over(series: LatentSeries, best: CrossValidation, clear: bool) -> Law:
@@ -265,12 +275,13 @@ def _law_over(series: LatentSeries, best: CrossValidation, clear: bool) -> Law:
     values, inverse = _ridge_fit(design, value)
     return Law(series.site, series.unit, best.variable, unit, best.knots, values,
                _clustered_deviations(design, value - design @ values, inverse,
-                           stretches_of(len(series.value))[series.scored]),
+                                     stretches_of(len(series.value))[series.scored]),
                best.share, best.error, series.rms, series.rms > series.model_error, clear)
 
 
-def _clustered_deviations(design: Array, rest: Array, inverse: Array,
-                stretch: NDArray[np.int_]) -> Array:
-    """Return standard deviations of the values, stretches being independent, (K,)."""
-    scores = np.stack([design[stretch == k].T @ rest[stretch == k] for k in np.unique(stretch)])
+def _clustered_deviations(design: Array, residual: Array, inverse: Array,
+                          stretch: NDArray[np.int_]) -> Array:
+    """Return standard deviations of the values with independent stretches as clusters, (K,)."""
+    scores = np.stack([design[stretch == k].T @ residual[stretch == k]
+                       for k in np.unique(stretch)])
     return np.sqrt(np.maximum(np.diagonal(inverse @ scores.T @ scores @ inverse), 0.0))

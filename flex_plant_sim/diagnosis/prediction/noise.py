@@ -1,4 +1,8 @@
-"""Process noise as a share of the loads, and the steady predictor gain."""
+"""
+Process noise as shares of the loads in a record, and the steady-state Kalman predictor of an arm.
+
+`Predictor` asks here for the filter of every arm that it runs through a record.
+"""
 
 from __future__ import annotations
 
@@ -9,19 +13,22 @@ from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 from numpy.typing import NDArray
 
-# A cubic goes through so many.
+# Nodes of cos(theta_2) at which Riccati equations are solved; a cubic interpolates between them.
 RICCATI_NODES = 4
-# 2^24 samples are four hours at 1 kHz: no arm's covariance takes as long to settle.
+# Doublings at most; 2^24 samples are four hours at 1 kHz, longer than any covariance takes.
 MAX_DOUBLINGS = 24
+# s: the step in which `BaseModel.noise_shares` hold, the sample time of the reference arm.
+REFERENCE_STEP = 0.01
 
 
 def rms_loads(arm: ExtendedArm, command: Array, output: Array) -> Array:
     """
     Return the root-mean-square generalised force on each coordinate in a record, (N,).
 
-    Drive torques from the deviations of the commands (2,); bending from the strain's among those
-    of the outputs (m,) as if the first shape made it, the same for all shapes, as a force at the
-    tip is. Coordinates that an effect added get none.
+    Drive torques follow from the standard deviations of the commands (2,). Bending forces follow
+    from those of the strain, among the outputs' (m,), as if the first shape alone made it; they
+    are the same for all shapes, as those of a force at the tip are. Coordinates that an effect
+    added have none.
     """
     loads, robot = np.zeros(arm.form.order), arm.robot
     loads[:2] = [d.torque_gain * spread for d, spread in zip(robot.drives, command)]
@@ -43,9 +50,9 @@ def process_noise_variance(loads: Array, shares: tuple[float, float]) -> Array:
     Parameters
     ----------
     loads : Array
-        load_levels, (N,).
-    level : tuple of float
-        Noise as a share of the loads: on the joints, on the deflections.
+        rms_loads, (N,).
+    shares : tuple of float
+        Standard deviation as a share of the loads: on the joints, on the deflections.
 
     """
     share = np.full(loads.size, shares[1])
@@ -56,14 +63,14 @@ def process_noise_variance(loads: Array, shares: tuple[float, float]) -> Array:
 @dataclass(frozen=True)
 class SteadyFilter:
     """
-    The steady Kalman predictor at every schedule node.
+    The steady-state Kalman predictor at every schedule node.
 
     Attributes
     ----------
     gain : Array
-        (K, n, m).
+        Of the predictor, (K, n, m).
     whitener : Array
-        L^-1 with L L' the innovation covariance, (K, m, m).
+        L^-1, with L L' the innovation covariance, (K, m, m).
 
     """
 
@@ -74,11 +81,21 @@ class SteadyFilter:
 def steady_filter(arm: ExtendedArm, force_variance: Array, noise: Array,
                   state_variance: Array | float = 0.0) -> SteadyFilter:
     """
-    Return the steady Kalman predictor at every schedule node.
+    Return the steady-state Kalman predictor of an arm at every schedule node.
 
-    Process noise is white force noise of a variance (N,) and what a step adds to the states, (n,).
+    Riccati equations are solved at RICCATI_NODES values of cos(theta_2) and interpolated.
 
-    Riccati equations at a few nodes of cos(theta_2), a cubic through them.
+    Parameters
+    ----------
+    arm : ExtendedArm
+        With its schedule and its output matrix.
+    force_variance : Array
+        Of white noise on the generalised forces, (N,).
+    noise : Array
+        Standard deviation of each output channel's noise, (m,).
+    state_variance : Array or float
+        That a step adds to the states besides, (n,).
+
     """
     n, c, nodes = arm.states, arm.output_matrix, arm.nodes
     table = arm.schedule.table.reshape(nodes.size, n, -1)
@@ -90,17 +107,12 @@ def steady_filter(arm: ExtendedArm, force_variance: Array, noise: Array,
     s = scaled @ p @ scaled.T + np.eye(noise.size)
     gains = np.swapaxes(np.linalg.solve(s, scaled @ p @ np.swapaxes(f, 1, 2)), 1, 2) / noise
     whiteners = np.linalg.inv(np.linalg.cholesky(s)) / noise
-    return SteadyFilter(*(_interpolated_over_nodes(nodes, chosen, values) for values in (gains, whiteners)))
-
-
-def steady_gain(arm: ExtendedArm, force_variance: Array, noise: Array,
-                state_variance: Array | float = 0.0) -> Array:
-    """Return the steady Kalman predictor gain at every schedule node, (K, n, m)."""
-    return steady_filter(arm, force_variance, noise, state_variance).gain
+    return SteadyFilter(*(_interpolated_over_nodes(nodes, chosen, values)
+                          for values in (gains, whiteners)))
 
 
 def _interpolated_over_nodes(nodes: Array, chosen: NDArray[np.int64], values: Array) -> Array:
-    """Return values (c, …) at chosen nodes (c,) as a polynomial has them at all, (K, …)."""
+    """Return the polynomial through values (c, …) at chosen nodes (c,) at all of them, (K, …)."""
     coefficients = np.linalg.solve(np.vander(nodes[chosen], increasing=True),
                                    values.reshape(chosen.size, -1))
     found = np.vander(nodes, chosen.size, increasing=True) @ coefficients
@@ -109,10 +121,10 @@ def _interpolated_over_nodes(nodes: Array, chosen: NDArray[np.int64], values: Ar
 
 def predicted_covariance(f: Array, q: Array, c: Array) -> Array:
     """
-    Return P = F (P - P C'(C P C' + I)^-1 C P) F' + Q by the doubling algorithm, (…, n, n).
+    Return P = F (P - P C'(C P C' + I)^-1 C P) F' + Q, (…, n, n).
 
-    Chu, Fan, Lin and Wang, International Journal of Control 77 (2004); outputs come scaled to
-    unit noise.
+    By the structured doubling algorithm: Chu, Fan, Lin and Wang, International Journal of
+    Control 77 (2004). Outputs are scaled to unit noise, C is (m, n).
     """
     a, h = np.swapaxes(f, -1, -2), q
     g = np.broadcast_to(c.T @ c, f.shape)

@@ -1,16 +1,22 @@
-"""One-step prediction over the windows of a record, by a scheduled steady Kalman predictor."""
+"""
+One-step prediction of the windows of a record by a scheduled steady-state Kalman predictor.
+
+It takes a record cut into windows and a base model, and gives `Likelihood` the whitened residual
+of any hypothesis; the report and the latent forces use its filtered trajectory.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from hashlib import blake2b
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.schedule import barycentric_weights
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.prediction.discrepancy import Discrepancy, DiscrepancyModel
+from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
+from flex_plant_sim.diagnosis.prediction.discrepancy import Discrepancy
 from flex_plant_sim.diagnosis.prediction.filter_run import (
     FilterRun,
     invert_sensors,
@@ -19,6 +25,7 @@ from flex_plant_sim.diagnosis.prediction.filter_run import (
 )
 from flex_plant_sim.diagnosis.prediction.noise import (
     process_noise_variance,
+    REFERENCE_STEP,
     rms_loads,
     steady_filter,
     SteadyFilter,
@@ -34,80 +41,44 @@ from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 
-# Over cos theta_2: leaves 1e-4 of the matrices; with 5 a size moved by a tenth of its interval.
-SCHEDULE_NODES = 7
-# About the angles that the last one found: with 4 no digit changes, with 1 a size by a twentieth
-# of its interval.
+# Times that the trajectory is filtered, each with matrices at the angles that the last one found.
+# With 4 no digit of a diagnosis changes; with 1 a size changes by a twentieth of its interval.
 TRAJECTORY_PASSES = 2
-# s, of the reference arm: noise levels are those of a step so long.
-REFERENCE_STEP = 0.01
-
-
-@dataclass(frozen=True)
-class BaseModel:
-    """
-    The model that hypotheses are added to.
-
-    Attributes
-    ----------
-    robot : Robot
-    model : str
-    modes : int
-    effects : tuple of Effect
-        Always on.
-    level : tuple of float
-        Process noise as shares of the loads in a 10 ms step, see process_noise.
-    discrepancy : Amplitude
-        What every model lacks, where causes are judged.
-
-    """
-
-    robot: Robot
-    model: str = 'assumed_modes'
-    modes: int = 3
-    effects: tuple[Effect, ...] = ()
-    noise_shares: tuple[float, float] = (0.01, 0.02)
-    discrepancy: DiscrepancyModel = DiscrepancyModel()
-
-    def arm(self, payload: float, effects: Sequence[Effect] = (),
-            robot: Robot | None = None, in_step: bool = False) -> ExtendedArm:
-        """Return the arm with further effects; see ExtendedArm."""
-        return ExtendedArm(robot or self.robot, self.model, self.modes, payload,
-                           (*self.effects, *effects), nodes=SCHEDULE_NODES, in_step=in_step)
 
 
 class Predictor:
     """
-    A record, its windows and the base model's filtered trajectory through it.
+    A record, its windows, and the base model's filtered trajectory through the record.
 
-    Smooth forces are evaluated along that trajectory, sensors that are affine are inverted, so
-    that most hypotheses stay linear in the state; dry friction and contact are not.
+    Smooth forces are evaluated along that trajectory and affine sensors are inverted, so that the
+    prediction of most hypotheses is linear in the state. Dry friction and contact are stepped.
 
     Parameters
     ----------
-    base : Base
+    base : BaseModel
     windows : Windows
     noise : Array
-        Standard deviation of each output channel, (m,).
-    judging : bool
-        Whether it serves to tell causes apart. Then it knows of a discrepancy, and strain that
-        reads whole samples late is brought forward to the angles it belongs to: the likelihood of
-        a record is the same in any order of its samples, and so exact for delays of any length.
-        What is predicted in real time must not be brought forward.
-    around : sequence of Effect
-        On top of the base's, for the trajectory.
+        Standard deviation of each output channel's noise, (m,).
+    for_comparison : bool
+        Whether hypotheses are compared with it. Then the filter contains the model discrepancy,
+        and strain that is read whole samples late is advanced to the angles it belongs to. A
+        likelihood does not depend on the order of the samples, so this is exact for a delay of
+        any length; a prediction for use in real time must not do it.
+    trajectory_effects : sequence of Effect
+        Effects of the arm whose trajectory is filtered, in addition to the base's.
     robot : Robot, optional
-        In place of the base's, for the trajectory.
+        Robot of that arm, in place of the base's.
 
     """
 
-    def __init__(self, base: BaseModel, windows: Windows, noise: Array, for_comparison: bool = False,
-                 trajectory_effects: Sequence[Effect] = (), robot: Robot | None = None):
-        self.base, self.windows, self.noise, self.for_comparison = base, windows, noise, for_comparison
+    def __init__(self, base: BaseModel, windows: Windows, noise: Array,
+                 for_comparison: bool = False, trajectory_effects: Sequence[Effect] = (),
+                 robot: Robot | None = None):
+        self.base, self.windows, self.noise = base, windows, noise
+        self.for_comparison = for_comparison
         self.trajectory_effects, self.robot = tuple(trajectory_effects), robot or base.robot
         self._filters: dict[bytes, SteadyFilter] = {}
-        self._last_whitening: tuple[tuple[Effect, ...], WhiteningFilter] | None = None
-        self._shift: tuple[ExtendedArm, Array] | None = None
+        self._last_shift: tuple[ExtendedArm, Array] | None = None
         self.record: Record = windows.record
         period = windows.warm_up * base.robot.sample_time
         self.discrepancy = Discrepancy.of(base.discrepancy, period)
@@ -122,26 +93,28 @@ class Predictor:
             self.weights = barycentric_weights(np.cos(self.angle), arm.nodes)
 
     def arm_with(self, effects: Sequence[Effect] = (), robot: Robot | None = None) -> ExtendedArm:
-        """Return the base's arm with further effects, or another robot's."""
+        """Return the base's arm with further effects, or the arm of another robot."""
         if not self.for_comparison:
             return self.base.arm(self.record.payload, effects, robot)
-        # The discrepancy comes first, so that its states are behind the arm's own.
-        known = *self.base.effects, *self.base.discrepancy.laws
-        base = replace(self.base, effects=(self.discrepancy, *known))
+        # The discrepancy comes first, so that its states follow the arm's own.
+        always = *self.base.effects, *self.base.discrepancy.laws
+        base = replace(self.base, effects=(self.discrepancy, *always))
         return base.arm(self.record.payload, effects, robot, in_step=True)
 
     def _force_variance(self, arm: ExtendedArm) -> Array:
-        # White force noise of the same density moves a shorter step by less than its share.
+        # White force noise of the same spectral density has a smaller share in a shorter step.
         share = np.sqrt(REFERENCE_STEP / arm.robot.sample_time)
+        joints, deflections = self.base.noise_shares
         return process_noise_variance(rms_loads(arm, *self.record.deviations),
-                             (share * self.base.noise_shares[0], share * self.base.noise_shares[1]))
+                                      (share * joints, share * deflections))
 
     def steady_filter_of(self, arm: ExtendedArm) -> SteadyFilter:
-        """Return an arm's steady filter: another arm's may be unstable with it."""
-        own = self.discrepancy.step_variance(
-            arm, self.record, self.base.discrepancy) if self.for_comparison else np.zeros(arm.states)
+        """Return an arm's own steady filter; with the gain of another the arm may be unstable."""
+        own = np.zeros(arm.states)
+        if self.for_comparison:
+            own = self.discrepancy.step_variance(arm, self.record, self.base.discrepancy)
         force = self._force_variance(arm)
-        # Many effects leave the plant alone, or differ from another in what it does not hold.
+        # Many effects leave the plant alone; arms with equal matrices share one filter.
         key = blake2b(b''.join(part.tobytes() for part in (
             arm.schedule.table, arm.output_matrix, force, own))).digest()
         if key not in self._filters:
@@ -151,15 +124,15 @@ class Predictor:
     def innovations(self, effects: Sequence[Effect] = (), robot: Robot | None = None,
                     steady: SteadyFilter | None = None) -> Array:
         """
-        Return y - y_predicted over the scored samples, (B, W, length, m).
+        Return the one-step errors y - y_predicted of the scored samples, (B, W, length, m).
 
         Parameters
         ----------
         effects : sequence of Effect
-            On top of the base's; their values may be arrays (B, 1).
+            In addition to the base's; their values may be batches (B, 1).
         robot : Robot, optional
             In place of the base's.
-        steady : Steady, optional
+        steady : SteadyFilter, optional
             The arm's own by default.
 
         """
@@ -170,99 +143,91 @@ class Predictor:
         return np.ascontiguousarray(errors[self.windows.warm_up:].transpose(2, 1, 0, 3))
 
     def _one_step_errors(self, arm: ExtendedArm, effects: Sequence[Effect], robot: Robot | None,
-                steady: SteadyFilter | None) -> tuple[Array, ScheduledMatrices]:
-        """Return one-step errors before the sensors' effects, warm-up first, (S, W, B, m)."""
+                         steady: SteadyFilter | None) -> tuple[Array, ScheduledMatrices]:
+        """Return errors before the sensors' effects, warm-up first, (S, W, B, m), and matrices."""
         if (steady is None or steady is self.steady) and self._same_plant(effects, robot):
             matrices = self.matrices
         else:
-            matrices = predictor_matrices(self, arm, (steady or self.steady_filter_of(arm)).gain, self.used_samples)
+            gain = (steady or self.steady_filter_of(arm)).gain
+            matrices = predictor_matrices(self, arm, gain, self.used_samples)
         run = FilterRun(self, arm, matrices, self.used_samples, _batch_size(effects))
-        window_rows = self.window_rows
-        states = run.states(window_rows, run.trajectory[window_rows[0], 0])
-        return run.measured[window_rows] - states @ arm.output_matrix.T, matrices
+        rows = self.window_rows
+        states = run.states(rows, run.trajectory[rows[0], 0])
+        return run.measured[rows] - states @ arm.output_matrix.T, matrices
 
     @cached_property
     def used_samples(self) -> Indices:
-        """Return the samples that windows use, (N,)."""
+        """Return the numbers of the samples that the windows use, (N,)."""
         return np.unique(self.windows.indices)
 
     @cached_property
     def window_rows(self) -> Indices:
-        """Return the places of the windows' samples among those used, warm-up first, (S, W)."""
+        """Return where the windows' samples are among those used, warm-up first, (S, W)."""
         return np.searchsorted(self.used_samples, self.windows.indices.T)
 
     def whitened_residual(self, effects: Sequence[Effect] = (), robot: Robot | None = None,
-                 reuse_gain: bool = False, shared_covariance: bool = True) -> Array:
+                          reuse_gain: bool = False, shared_covariance: bool = True) -> Array:
         """
-        Return L^-1 (y - y_h), (B, W, length, m), y_h what a hypothesis says of the record.
+        Return L^-1 (y - y_h), (B, W, length, m), with y_h the mean of the record under h.
 
-        L L' is the covariance of the record that the base alone states, the same for all, see
-        Common. With `keep`, the trajectory's own gain serves an arm with the same states, for
-        small changes. Unless `alike`, each arm's own filter follows the record: what that errs
-        compares no causes, but tells a fit from afar where to go. Other parameters are those of
-        `innovations`.
+        Parameters
+        ----------
+        effects, robot
+            The hypothesis h, as in `innovations`.
+        reuse_gain : bool
+            Whether the trajectory's gain serves an arm with as many states: for small changes.
+        shared_covariance : bool
+            Whether L L' is the covariance that the base alone states, the same for all hypotheses,
+            see `whitening`. Otherwise the errors are those of each arm's own filter. These must
+            not be compared between hypotheses, but guide a fit that starts far from its optimum.
+
         """
         if self._changes_shapes(effects):
-            return self._with_own_shapes(effects, robot).whitened_residual(effects, robot, shared_covariance=shared_covariance)
+            return self._with_own_shapes(effects, robot).whitened_residual(
+                effects, robot, shared_covariance=shared_covariance)
         arm = self.arm_with(effects, robot)
         reused = reuse_gain and self.gain.shape[1] == arm.states
-        errors, matrices = self._one_step_errors(arm, effects, robot, self.steady if reused else None)
-        errors, window_rows = errors[self.windows.warm_up:], self.window_rows[self.windows.warm_up:]
-        nominal_whitening = self._whitening_filter(arm, effects, robot) if shared_covariance else None
-        if nominal_whitening is not None:
-            left = output_error(matrices, arm.output_matrix, errors, window_rows)
+        errors, matrices = self._one_step_errors(
+            arm, effects, robot, self.steady if reused else None)
+        errors, rows = errors[self.windows.warm_up:], self.window_rows[self.windows.warm_up:]
+        whitening = self._whitening_filter(arm, effects, robot) if shared_covariance else None
+        if whitening is not None:
+            residual = output_error(matrices, arm.output_matrix, errors, rows)
             if arm.acts_on_output:
-                left = np.matmul(sensor_gain(arm, self.record), left[..., None])[..., 0]
-            late = 0 if self.base.discrepancy.behind_sensors else arm.late
-            errors = nominal_whitening.whitened(delay_strain(left, late), window_rows)
+                residual = np.matmul(sensor_gain(arm, self.record), residual[..., None])[..., 0]
+            errors = whitening.whitened(delay_strain(residual, arm.late), rows)
         elif arm.acts_on_output:
             errors = np.matmul(sensor_gain(arm, self.record), errors[..., None])[..., 0]
         errors = errors.transpose(2, 1, 0, 3)
         return np.asarray((self.whitener @ errors[..., None])[..., 0], dtype=float)
 
     def _whitening_filter(self, arm: ExtendedArm, effects: Sequence[Effect], robot: Robot | None
-                ) -> WhiteningFilter | None:
-        """Return the covariance to judge effects in; None where their own filter states it."""
-        moved = robot is not None and robot != self.base.robot
-        plant = _structural_effects(effects)
-        if self.base.discrepancy.behind_sensors:
-            sensors = tuple(e for e in plant if e.family == 'sensors')
-            return self._whitening_filter_of(sensors) if moved or sensors != plant else None
-        acts = moved or bool(plant) or arm.acts_on_output
-        return self.nominal_whitening if acts else None
-
-    def _whitening_filter_of(self, effects: tuple[Effect, ...]) -> WhiteningFilter:
-        """Return the covariance that the base with some effects states."""
-        if effects and self._same_plant(effects, self.base.robot):
-            return WhiteningFilter(self.matrices, self.arm.output_matrix)
-        if not effects:
-            return self.nominal_whitening
-        # The parts of an arm are asked one after another, with the same sensors.
-        reused = self._last_whitening
-        if reused is None or reused[0] != effects:
-            arm = self.arm_with(effects)
-            reused = self._last_whitening = effects, WhiteningFilter(
-                predictor_matrices(self, arm, self.steady_filter_of(arm).gain, self.used_samples), arm.output_matrix)
-        return reused[1]
+                          ) -> WhiteningFilter | None:
+        """Return the filter that whitens a hypothesis; None where its own filter is that one."""
+        other_robot = robot is not None and robot != self.base.robot
+        structural = _structural_effects(effects)
+        differs = other_robot or bool(structural) or arm.acts_on_output
+        return self.nominal_whitening if differs else None
 
     @cached_property
     def nominal_whitening(self) -> WhiteningFilter:
-        """Return the covariance that the base alone states."""
+        """Return the whitening filter of the base alone."""
         plain = self.arm_with()
         if self._same_plant((), self.base.robot):
             return WhiteningFilter(self.matrices, plain.output_matrix)
-        return WhiteningFilter(predictor_matrices(self, plain, self.steady_filter_of(plain).gain, self.used_samples),
-                      plain.output_matrix)
+        gain = self.steady_filter_of(plain).gain
+        return WhiteningFilter(predictor_matrices(self, plain, gain, self.used_samples),
+                               plain.output_matrix)
 
     @cached_property
     def whitener(self) -> Array:
-        """Return L^-1 at the scored samples, (W, length, m, m)."""
+        """Return L^-1 of the base's innovations at the scored samples, (W, length, m, m)."""
         plain = self.arm_with()
         table = self.steady_filter_of(plain).whitener
-        window_rows = self.windows.indices[:, self.windows.warm_up:]
-        weights = barycentric_weights(np.cos(self.record.output[window_rows, 1]).ravel(), plain.nodes)
+        rows = self.windows.indices[:, self.windows.warm_up:]
+        weights = barycentric_weights(np.cos(self.record.output[rows, 1]).ravel(), plain.nodes)
         m = table.shape[-1]
-        return np.asarray((weights @ table.reshape(len(table), -1)).reshape(*window_rows.shape, m, m))
+        return np.asarray((weights @ table.reshape(len(table), -1)).reshape(*rows.shape, m, m))
 
     def _changes_shapes(self, effects: Sequence[Effect]) -> bool:
         return _shape_effects(effects) != _shape_effects(self.trajectory_effects)
@@ -270,64 +235,68 @@ class Predictor:
     def _same_plant(self, effects: Sequence[Effect], robot: Robot | None) -> bool:
         """Tell whether effects and robot leave the trajectory's matrices as they are."""
         same = robot is None or robot == self.robot
-        return same and _structural_effects(effects) == _structural_effects(self.trajectory_effects)
+        return same and (_structural_effects(effects)
+                         == _structural_effects(self.trajectory_effects))
 
     def _with_own_shapes(self, effects: Sequence[Effect], robot: Robot | None) -> Predictor:
-        """Return a predictor with a trajectory of its own: its coordinates mean other shapes."""
+        """Return a predictor with a trajectory of its own: its coordinates are other shapes."""
         return Predictor(self.base, self.windows, self.noise, self.for_comparison, effects, robot)
 
     @cached_property
     def matrices(self) -> ScheduledMatrices:
-        """Return the trajectory's matrices, which serve all effects that leave the plant alone."""
+        """Return the trajectory's matrices, shared by all effects that leave the plant alone."""
         return predictor_matrices(self, self.arm, self.gain, self.used_samples)
 
     def thinned(self, every: int) -> Predictor:
-        """Return the same predictor, asked about every so-manieth window alone."""
+        """Return the same predictor for every `every`-th window alone."""
+        depend_on_windows = ('matrices', 'whitener', 'nominal_whitening', 'used_samples',
+                             'window_rows')
         other = object.__new__(Predictor)
         other.__dict__.update({k: v for k, v in self.__dict__.items()
-                               if k not in ('matrices', 'whitener', 'nominal_whitening', 'used_samples', 'window_rows')})
-        other.windows, other._last_whitening = self.windows.thinned(every), None
+                               if k not in depend_on_windows})
+        other.windows = self.windows.thinned(every)
         return other
 
     def _filtered_states(self, arm: ExtendedArm) -> Array:
         """Return the predicted states of the base over the whole record, (N, n)."""
-        window_rows = np.arange(len(self.record.time))
-        run = FilterRun(self, arm, predictor_matrices(self, arm, self.gain, window_rows), window_rows, 1)
+        rows = np.arange(len(self.record.time))
+        run = FilterRun(self, arm, predictor_matrices(self, arm, self.gain, rows), rows, 1)
         start = np.zeros((1, arm.states))
         start[0, :2] = self.record.output[0, :2]
-        return run.states(window_rows[:, None], start)[:, 0, 0]
+        return run.states(rows[:, None], start)[:, 0, 0]
 
     def weights_of(self, arm: ExtendedArm) -> Array:
-        """Return the weights over schedule nodes where an arm's sensors put the elbow, (N, K)."""
+        """Return weights over the schedule nodes at the elbow angles an arm has, (N, K)."""
         shift = self._joint_shift(arm)[:, 1]
         if not shift.any():
             return self.weights
         return barycentric_weights(np.cos(self.angle + shift), arm.nodes)
 
     def _joint_shift(self, arm: ExtendedArm) -> Array:
-        """Return how far the joints are from where the base sees them, (N, 2)."""
+        """Return joint angles as an arm's sensors mean them less as the base's do, rad, (N, 2)."""
         if not arm.acts_on_output:
             return np.zeros((len(self.record.time), 2))
-        # Asked three times in a pass.
-        if self._shift is None or self._shift[0] is not arm:
-            self._shift = arm, invert_sensors(arm, self.record)[:, 0, :2] - self.base_joint_angle
-        return self._shift[1]
+        # Needed three times in a pass with the same arm.
+        if self._last_shift is None or self._last_shift[0] is not arm:
+            angle = invert_sensors(arm, self.record)[:, 0, :2]
+            self._last_shift = arm, angle - self.base_joint_angle
+        return self._last_shift[1]
 
     @cached_property
     def base_joint_angle(self) -> Array:
-        """Return where the base sees the joints, rad, (N, 2)."""
+        """Return the joint angles as the base's sensors mean them, rad, (N, 2)."""
         return invert_sensors(self.arm, self.record)[:, 0, :2]
 
-    def trajectory_states(self, arm: ExtendedArm, window_rows: Indices) -> Array:
-        """Return the trajectory's states at samples (N,), (N, n); what it lacks is at zero."""
-        states = self._matched_states(arm, window_rows)
+    def trajectory_states(self, arm: ExtendedArm, rows: Indices) -> Array:
+        """Return the trajectory in an arm's states at samples (N,), (N, n); new ones are zero."""
+        states = self._matched_states(arm, rows)
         if arm.acts_on_output:
-            states[:, :2] += self._joint_shift(arm)[window_rows]
+            states[:, :2] += self._joint_shift(arm)[rows]
         return states
 
-    def _matched_states(self, arm: ExtendedArm, window_rows: Indices) -> Array:
+    def _matched_states(self, arm: ExtendedArm, rows: Indices) -> Array:
         n, own = arm.form.order, self.arm.form.order
-        states, known = np.zeros((len(window_rows), arm.states)), self.states[window_rows]
+        states, known = np.zeros((len(rows), arm.states)), self.states[rows]
         for place, name in enumerate(arm.form.names):
             if name in self.arm.form.names:
                 there = self.arm.form.names.index(name)

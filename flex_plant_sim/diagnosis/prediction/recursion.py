@@ -1,4 +1,9 @@
-"""The recursion of a scheduled predictor; compiled where Numba is installed."""
+"""
+The state recursion of a scheduled predictor along windows, with dry friction and backlash.
+
+`FilterRun` prepares its inputs. Loops are compiled where Numba is installed; each has a form
+without Numba, here or in `filter_run`.
+"""
 
 from __future__ import annotations
 
@@ -22,18 +27,18 @@ class JointFriction:
 
     Attributes
     ----------
-    columns : Array
-        What unit joint torques during a step do to the state, (N, n, 2).
-    reach : Array
-        What each does to its own joint's velocity, (N, 2).
+    response : Array
+        Change of the state by unit joint torques during a step, (N, n, 2).
+    velocity_response : Array
+        Change of each joint's own velocity by its unit torque, (N, 2).
     limits : Array
-        Torques available against forward and backward motion, N m, (N, B, 2 ways, 2 joints).
+        Largest torques against forward and backward motion, N m, (N, B, 2 ways, 2 joints).
     velocity : int
-        Place of the first joint velocity in the state.
-    yielding : Array
-        How far each gives before it slides, rad/(N m), (B, 2).
-    bends : Array
-        Place of each one's bend among the coordinates, -1 where it does not give, (2,), int.
+        Index of the first joint velocity in the state.
+    compliance : Array
+        Deflection of each joint's bristles by a unit torque before it slides, rad/(N m), (B, 2).
+    deflections : Array
+        Index of each joint's bristle deflection among the coordinates, -1 without one, (2,), int.
     step : float
         s.
 
@@ -49,12 +54,12 @@ class JointFriction:
 
     @classmethod
     def none(cls, n: int, velocity: int) -> JointFriction:
-        """Return joints that turn freely."""
+        """Return joints without dry friction."""
         return cls(np.zeros((0, n, 2)), np.zeros((0, 2)), np.zeros((0, 0, 2, 2)), velocity,
                    np.zeros((0, 2)), np.full(2, -1), 1.0)
 
     def applied(self, state: Array, after: Array, row: Indices) -> Array:
-        """Return the states after a step, (W, B, n), as ExtendedArm has it."""
+        """Return the states after a step, (W, B, n), as `ExtendedArm.apply_friction` does."""
         v, limits = self.velocity, self.limits[row]
         deflection = np.where(self.deflections >= 0, state[..., self.deflections], 0.0)
         force = np.clip((deflection + self.step * after[..., v:v + 2])
@@ -70,29 +75,30 @@ class JointFriction:
 @dataclass(frozen=True)
 class Backlashes:
     """
-    Backlashes along a record, G of them, in steps finer than its samples; see backlash.py.
+    Backlashes along a record, G of them, in steps finer than its samples; see `Backlash`.
 
     Attributes
     ----------
     weights : Array
         Of each sample over the schedule's nodes, (N, K).
-    closed : Array
-        [F, G, E]' of a fine step where teeth touch, flat, (K, (n + 2 + order) n).
-    opened : Array
-        What changes in [F, G]' where rotor and link are apart, flat, (G, K, (n + 2) n).
+    engaged : Array
+        [F, G, E]' of a fine step while the teeth touch, flat, (K, (n + 2 + order) n).
+    separation : Array
+        Change of [F, G]' while rotor and link are apart, flat, (G, K, (n + 2) n).
     impulse : Array
-        What a unit impulse on the joint at its start and at its end does, flat, (G, K, 2 n).
+        Change of the state by a unit impulse on the joint at the start and at the end of a fine
+        step, flat, (G, K, 2 n).
     rotor : Array
-        Torque a command, inertia, damping, step, mean and end share of a decaying speed, half
-        the gap, (G, 7).
-    places : Array
-        Joint, and place of the lead among the coordinates, (G, 2), int.
+        Torque of a unit command, inertia, damping, step, mean and final value of a decaying unit
+        speed, half the gap, (G, 7); see `Backlash.rotor`.
+    indices : Array
+        Joint, and index of the link's lead over the rotor among the coordinates, (G, 2), int.
     output : Array
         C', (n, m).
     velocity : int
-        Place of the first joint velocity in the state.
-    steps : int
-        Fine ones in a sample.
+        Index of the first joint velocity in the state.
+    substeps : int
+        Fine steps in a sample.
 
     """
 
@@ -104,27 +110,27 @@ class Backlashes:
     indices: Indices
     output: Array
     velocity: int
-    steps: int
+    substeps: int
 
     @classmethod
     def none(cls, n: int) -> Backlashes:
-        """Return an arm without a gap."""
+        """Return an arm without backlash."""
         return cls(np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((0, 0, 0)), np.zeros((0, 0, 0)),
                    np.zeros((0, 7)), np.zeros((0, 2), dtype=np.int64), np.zeros((n, 0)), 0, 0)
 
 
 def propagate(matrices: ScheduledMatrices, drive: Array, start: Array, rows: Indices,
-         friction: JointFriction | None = None) -> Array:
+              friction: JointFriction | None = None) -> Array:
     """
     Return the states x(k+1) = F_k x_k + D_k d_k along every window, (S, W, B, n).
 
     With friction, each joint gets the torque that would stop it within the step, or that its
-    bristles have at the end of the step, as far as its limits go (a time-stepping scheme; no
-    chatter at any T).
+    bristles have at the end of the step, within its limits. This time-stepping scheme does not
+    chatter at any step.
 
     Parameters
     ----------
-    matrices : Matrices
+    matrices : ScheduledMatrices
         [F, D]' at samples, (N,).
     drive : Array
         d, (N, B, …).
@@ -132,37 +138,41 @@ def propagate(matrices: ScheduledMatrices, drive: Array, start: Array, rows: Ind
         x_0, (W, n).
     rows : Indices
         Sample of each step, (S, W).
-    friction : Friction, optional
-        None where joints turn freely.
+    friction : JointFriction, optional
+        None where no joint has dry friction.
 
     """
     if COMPILED:
-        return propagate_with_gaps(matrices, drive, start, rows, friction, Backlashes.none(start.shape[1]))
+        return propagate_with_gaps(matrices, drive, start, rows, friction,
+                                   Backlashes.none(start.shape[1]))
     states = np.empty((*rows.shape, drive.shape[1], start.shape[1]))
     state = np.repeat(start[:, None], drive.shape[1], axis=1)
     for k, row in enumerate(rows):
         states[k] = state
-        after = ScheduledMatrices(matrices.weights[row], matrices.table).step_states(state, drive[row])
+        now = ScheduledMatrices(matrices.weights[row], matrices.table)
+        after = now.step_states(state, drive[row])
         state = after if friction is None else friction.applied(state, after, row)
     return states
 
 
 def propagate_with_gaps(matrices: ScheduledMatrices, drive: Array, start: Array, rows: Indices,
-                   friction: JointFriction | None, gaps: Backlashes) -> Array:
-    """Return the states as scan does, (S, W, B, n), backlashes opening and closing; in loops."""
+                        friction: JointFriction | None, gaps: Backlashes) -> Array:
+    """Return the states as `propagate` does, (S, W, B, n), with backlash, in compiled loops."""
     f = friction or JointFriction.none(start.shape[1], gaps.velocity)
-    # One layout: any other would be compiled once more, some seconds each.
-    return _propagate_compiled(matrices.weights, matrices.table.reshape(len(matrices.table), -1), drive, start,
-                  rows, f.response, f.velocity_response, np.ascontiguousarray(f.limits), f.velocity,
-                  f.compliance.copy(), f.deflections, f.step, gaps.weights, gaps.engaged, gaps.separation,
-                  gaps.impulse, gaps.rotor, gaps.indices, gaps.output, gaps.steps)
+    # One memory layout alone: for any other, Numba would compile once more, some seconds each.
+    return _propagate_compiled(
+        matrices.weights, matrices.table.reshape(len(matrices.table), -1), drive, start, rows,
+        f.response, f.velocity_response, np.ascontiguousarray(f.limits), f.velocity,
+        f.compliance.copy(), f.deflections, f.step, gaps.weights, gaps.engaged, gaps.separation,
+        gaps.impulse, gaps.rotor, gaps.indices, gaps.output, gaps.substeps)
 
 
 @compiled
-def _propagate_compiled(weights: Array, table: Array, drive: Array, start: Array, rows: Indices,
-           response: Array, velocity_response: Array, limits: Array, velocity: int, compliance: Array,
-           deflections: Indices, step: float, nodes: Array, engaged: Array, separation: Array,
-           impulse: Array, rotor: Array, indices: Indices, output: Array, substeps: int) -> Array:
+def _propagate_compiled(
+        weights: Array, table: Array, drive: Array, start: Array, rows: Indices, response: Array,
+        velocity_response: Array, limits: Array, velocity: int, compliance: Array,
+        deflections: Indices, step: float, gap_weights: Array, engaged: Array, separation: Array,
+        impulse: Array, rotor: Array, indices: Indices, output: Array, substeps: int) -> Array:
     steps, windows = rows.shape
     batch, n, gaps = drive.shape[1], start.shape[1], len(indices)
     states, flat = np.empty((steps, windows, batch, n)), np.empty(table.shape[1])
@@ -175,33 +185,36 @@ def _propagate_compiled(weights: Array, table: Array, drive: Array, start: Array
             row = rows[k, w]
             interpolate_into(weights[row], table, flat)
             if gaps:
-                interpolate_into(nodes[row], engaged, touching)
+                interpolate_into(gap_weights[row], engaged, touching)
             for g in range(gaps):
-                interpolate_into(nodes[row], separation[g], apart[g])
-                interpolate_into(nodes[row], impulse[g], impulses[g])
+                interpolate_into(gap_weights[row], separation[g], apart[g])
+                interpolate_into(gap_weights[row], impulse[g], impulses[g])
             for b in range(batch):
                 state, after, inputs = states[k, w, b], states[k + 1, w, b], drive[row, b]
                 if gaps:
                     _gap_step(state, after, inputs, both[len(both) - output.shape[1]:],
-                                  touching.reshape(-1, n), apart, impulses, rotor, indices, output,
-                                  velocity, substeps)
+                              touching.reshape(-1, n), apart, impulses, rotor, indices, output,
+                              velocity, substeps)
                 else:
                     after[:] = 0.0
                     add_product(state, both[:n], after)
                     add_product(inputs, both[n:], after)
                 if len(velocity_response):
-                    _apply_friction(state, after, response[row], velocity_response[row], limits[row, b], velocity,
-                          compliance[b], deflections, step)
+                    _apply_friction(state, after, response[row], velocity_response[row],
+                                    limits[row, b], velocity, compliance[b], deflections, step)
     return states
 
 
 @compiled
-def _apply_friction(state: Array, after: Array, response: Array, velocity_response: Array, limits: Array, velocity: int,
-          compliance: Array, deflections: Indices, step: float) -> None:
+def _apply_friction(state: Array, after: Array, response: Array, velocity_response: Array,
+                    limits: Array, velocity: int, compliance: Array, deflections: Indices,
+                    step: float) -> None:
+    """Apply dry friction to the state after a step, in place, as `JointFriction.applied`."""
     force = np.zeros(2)
     for j in range(2):
         deflection = state[deflections[j]] if deflections[j] >= 0 else 0.0
-        sticking = (deflection + step * after[velocity + j]) / (compliance[j] + step * velocity_response[j])
+        sticking = ((deflection + step * after[velocity + j])
+                    / (compliance[j] + step * velocity_response[j]))
         force[j] = max(-limits[1, j], min(sticking, limits[0, j]))
     for i in range(len(after)):
         after[i] -= response[i, 0] * force[0] + response[i, 1] * force[1]
@@ -212,30 +225,31 @@ def _apply_friction(state: Array, after: Array, response: Array, velocity_respon
 
 
 @compiled
-def _gap_step(state: Array, after: Array, inputs: Array, gain: Array, inside: Array,
-                  apart: Array, impulses: Array, rotor: Array, indices: Indices, output: Array,
-                  velocity: int, substeps: int) -> None:
-    """Take fine steps, in which gaps open and close, then correct by the errors at the start."""
+def _gap_step(state: Array, after: Array, inputs: Array, gain: Array, engaged: Array,
+              apart: Array, impulses: Array, rotor: Array, indices: Indices, output: Array,
+              velocity: int, substeps: int) -> None:
+    """Take the fine steps of a sample, then correct by the output errors at its start."""
     n, push, error = len(state), np.zeros(len(state)), np.zeros(output.shape[1])
     before, free = np.empty(n), np.empty(n)
     add_product(state, output, error)
     for i in range(len(error)):
         error[i] = inputs[len(inputs) - len(error) + i] - error[i]
-    add_product(inputs[:len(inside) - n], inside[n:], push)
+    add_product(inputs[:len(engaged) - n], engaged[n:], push)
     after[:] = state
     for _ in range(substeps):
         before[:], after[:] = after, push
-        add_product(before, inside[:n], after)
+        add_product(before, engaged[:n], after)
         for g in range(len(indices)):
-            _open_or_close(before, after, free, inputs, apart[g].reshape(-1, n), impulses[g].reshape(2, n),
-                 rotor[g], indices[g, 0], indices[g, 1], velocity)
+            _open_or_close(before, after, free, inputs, apart[g].reshape(-1, n),
+                           impulses[g].reshape(2, n), rotor[g], indices[g, 0], indices[g, 1],
+                           velocity)
     _measurement_update(after, error, gain, output, rotor, indices, velocity)
 
 
 @compiled
-def _open_or_close(state: Array, after: Array, free: Array, inputs: Array, separation: Array, impulse: Array,
-         rotor: Array, joint: int, lead: int, velocity: int) -> None:
-    """Part rotor and link, or join them, as Backlash.on_step does."""
+def _open_or_close(state: Array, after: Array, free: Array, inputs: Array, separation: Array,
+                   impulse: Array, rotor: Array, joint: int, lead: int, velocity: int) -> None:
+    """Part rotor and link, or join them, as `Backlash.on_step` does."""
     torque, inertia, damping, step, mean, end, half = rotor
     slip, old = state[velocity + lead], state[lead]
     speed, steady = state[velocity + joint] - slip, torque * inputs[joint] / damping
@@ -244,31 +258,33 @@ def _open_or_close(state: Array, after: Array, free: Array, inputs: Array, separ
     add_product(state, separation[:len(state)], free)
     add_product(inputs[:2], separation[len(state):], free)
     apart = old + free[joint] - state[joint] - rotor_turn
-    left = free[velocity + joint] - steady - (speed - steady) * end
+    free_slip = free[velocity + joint] - steady - (speed - steady) * end
     if abs(apart) < half:
         after[:] = free
-        after[lead], after[velocity + lead] = apart, left
+        after[lead], after[velocity + lead] = apart, free_slip
         return
-    side, contact_share = 1.0 if apart > 0.0 else -1.0, 0.0
-    room, drift, deflection = half - side * old, side * step * slip, side * (apart - old - step * slip)
+    # The teeth meet where the parabola room = drift s + bend s^2 says, a share s of the step.
+    side, met = 1.0 if apart > 0.0 else -1.0, 0.0
+    room, drift = half - side * old, side * step * slip
+    bend = side * (apart - old - step * slip)
     if room > 0.0:
-        closing = drift + np.sqrt(max(drift**2 + 4.0 * deflection * room, 0.0))
-        contact_share = 2.0 * room / max(closing, 2.0 * room)
-    momentum = inertia * (slip + contact_share * (left - slip))
+        root = drift + np.sqrt(max(drift**2 + 4.0 * bend * room, 0.0))
+        met = 2.0 * room / max(root, 2.0 * room)
+    momentum = inertia * (slip + met * (free_slip - slip))
     for i in range(len(after)):
-        share = contact_share * (2.0 - contact_share) if i < velocity else contact_share
-        push = impulse[0, i] + contact_share * (impulse[1, i] - impulse[0, i])
+        share = met * (2.0 - met) if i < velocity else met
+        push = impulse[0, i] + met * (impulse[1, i] - impulse[0, i])
         after[i] += share * (free[i] - after[i]) - push * momentum
     after[lead], after[velocity + lead] = side * half, 0.0
 
 
 @compiled
 def _measurement_update(after: Array, error: Array, gain: Array, output: Array, rotor: Array,
-             indices: Indices, velocity: int) -> None:
+                        indices: Indices, velocity: int) -> None:
     """
-    Correct a state by errors, (m,), with K' (m, n).
+    Correct a state by output errors, (m,), with the gain K' (m, n), in place.
 
-    A sensor before an open gap corrects the rotor, all others what is behind the gap.
+    A joint sensor before an open gap corrects the rotor, all others what is behind the gap.
     """
     add_product(error, gain, after)
     for g in range(len(indices)):
@@ -280,6 +296,6 @@ def _measurement_update(after: Array, error: Array, gain: Array, output: Array, 
                 after[i] -= gain[joint, i] * error[joint]
         for d in (0, velocity):
             for i in range(len(error)):
-                rotor_turn = gain[i, joint + d] * error[i]
-                after[lead + d] += rotor_turn if output[lead, i] == 0.0 else -rotor_turn
+                turn = gain[i, joint + d] * error[i]
+                after[lead + d] += turn if output[lead, i] == 0.0 else -turn
         after[lead] = max(-half, min(after[lead], half))

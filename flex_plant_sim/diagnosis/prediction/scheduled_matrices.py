@@ -1,4 +1,9 @@
-"""The predictor's matrices, interpolated over the schedule where a sample is stepped."""
+"""
+The predictor's matrices over schedule nodes, interpolated where a sample is stepped.
+
+The matrices of all samples at once would take most of the memory of a diagnosis, and reading them
+most of its time.
+"""
 
 from __future__ import annotations
 
@@ -8,19 +13,16 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import compiled
 import numpy as np
 
-# Of an entry's largest: a tenth of what the schedule's nodes leave of the matrices.
+# Largest error of an entry, as a share of its largest value; a tenth of the schedule's own error.
 TRUNCATION_TOLERANCE = 1e-5
-# Samples whose matrices are made at once where many are stepped without a loop over them.
+# Samples whose matrices are held at once where many are stepped together.
 BLOCK_SAMPLES = 1000
 
 
 @dataclass(frozen=True)
 class ScheduledMatrices:
     """
-    The predictor's matrices over schedule nodes, and samples of a record among the nodes.
-
-    Those of all samples at once would be most of the memory of a diagnosis, and to fetch them
-    most of its time.
+    The predictor's matrices at schedule nodes, and weights of a record's samples over them.
 
     Attributes
     ----------
@@ -37,11 +39,11 @@ class ScheduledMatrices:
     @classmethod
     def reduced(cls, weights: Array, table: Array) -> ScheduledMatrices:
         """
-        Return the same with as few nodes as these samples need; weights sum to one.
+        Return the same matrices over as few nodes as these samples need; weights sum to one.
 
-        An elbow that turns little sees little of the schedule: the mean of its matrices, which
-        keeps what is constant exactly, and the first singular vectors of what is left. To mix
-        nodes is most of what a step costs.
+        The first node is the mean over the samples, which keeps constant entries exactly; the
+        others are leading singular vectors of the deviations from it. An elbow that turns little
+        needs few, and interpolation is most of the cost of a step.
         """
         flat = table.reshape(len(table), -1)
         mean, largest = weights.mean(axis=0) @ flat, np.abs(flat).max(axis=0)
@@ -56,7 +58,7 @@ class ScheduledMatrices:
                                   ).reshape(-1, *table.shape[1:]))
 
     def step_states(self, state: Array, drive: Array) -> Array:
-        """Return each sample's state a step later, (N, B, n), from (N, B, n) and (N, B, d)."""
+        """Return states (N, B, n) one step later, with inputs (N, B, d)."""
         both = np.concatenate([state, drive], axis=-1)
         return np.concatenate([
             both[k:k + BLOCK_SAMPLES] @ interpolated(self.weights[k:k + BLOCK_SAMPLES], self.table)
@@ -69,14 +71,14 @@ class ScheduledMatrices:
 
 
 def interpolated(weights: Array, table: Array) -> Array:
-    """Return a table (K, …) at samples with weights (…, K) over its nodes."""
+    """Return a table (K, …) at samples whose weights over its nodes are (…, K)."""
     flat = weights @ table.reshape(len(table), -1)
     return np.asarray(flat.reshape(weights.shape[:-1] + table.shape[1:]), dtype=float)
 
 
 @compiled
 def interpolate_into(weights: Array, table: Array, found: Array) -> None:
-    """Write a flat table (K, M) at a sample with weights (K,) into found, (M,)."""
+    """Write a flat table (K, M), weighted by (K,), into found, (M,)."""
     found[:] = 0.0
     for k in range(len(weights)):
         weight, node = weights[k], table[k]
@@ -86,7 +88,7 @@ def interpolate_into(weights: Array, table: Array, found: Array) -> None:
 
 @compiled
 def add_product(vector: Array, matrix: Array, found: Array) -> None:
-    """Add a vector (r,) times a matrix (r, n) to found, (n,); row by row, which vectorises."""
+    """Add a vector (r,) times a matrix (r, n) to found, (n,), row by row so that it vectorises."""
     for j in range(len(vector)):
         factor, row = vector[j], matrix[j]
         for i in range(len(found)):

@@ -1,4 +1,9 @@
-"""A fixed-interval smoother for an arm with latent torques and gauge errors, in loops."""
+"""
+A fixed-interval smoother for an arm with latent torques and gauge errors.
+
+`latent_forces` prepares the system and reads the result; the loops are compiled where Numba is
+installed.
+"""
 
 from __future__ import annotations
 
@@ -8,14 +13,14 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import compiled
 import numpy as np
 
-# Memory for the covariances of a block: 30 s at 500 Hz with 20 states in one go.
+# Bytes for the covariances of a block; a record of 30 s at 500 Hz with 20 states is one block.
 BLOCK_BYTES = 64e6
 
 
 @dataclass(frozen=True)
 class LatentSystem:
     """
-    z = (x, torques, gauge errors): what moves, what pushes it unseen, and what gauges add.
+    The linear system z = (x, torques, gauge errors): the arm's states and what is latent.
 
     x+ = F x + B tau + v + w, tau+ = tau + dtau, gamma+ = decay gamma + dgamma,
     y = C x + (0, gamma) + e.
@@ -23,25 +28,25 @@ class LatentSystem:
     Attributes
     ----------
     weights : Array
-        Over the schedule's nodes at every sample, (N, K).
+        Of every sample over the schedule's nodes, (N, K).
     table : Array
         [F, B] at the nodes, (K, n, n + 2).
     known_step : Array
-        v: what commands, forces and contact are known to add to a step, (N, n).
+        v: what commands, known forces and contact add in a step, (N, n).
     output : Array
         C, (m, n).
     measured : Array
         y, (N, m).
     noise : Array
         Variance of e, (m,).
-    diffusion : Array
-        Covariance of w, (n, n).
+    process_covariance : Array
+        Of w, (n, n).
     decay : float
-        Of the gauge errors over one sample.
-    diffusing : Array
+        Factor of the gauge errors over one sample.
+    walk_variance : Array
         Variance of dtau and of dgamma at every sample, (N, m).
     initial_mean, initial_deviation : Array
-        Mean (n,) and standard deviation of the first z, (n + m,).
+        Mean of the first x (n,) and standard deviation of the first z, (n + m,).
 
     """
 
@@ -59,12 +64,12 @@ class LatentSystem:
 
     @property
     def states(self) -> int:
-        """Return n."""
+        """Return n, the number of the arm's states."""
         return self.output.shape[1]
 
     @property
     def rows(self) -> Array:
-        """Return the output matrix of z, (m, n + m): gauges see their own error too."""
+        """Return the output matrix of z, (m, n + m); each gauge also shows its own error."""
         m = len(self.output)
         own = np.eye(m)
         own[:2] = 0.0
@@ -74,12 +79,12 @@ class LatentSystem:
 @dataclass(frozen=True)
 class Smoothed:
     """
-    What a record says of z, given all of it.
+    The posterior of z given the whole record.
 
     Attributes
     ----------
     mean : Array
-        (N, n + m): states, torques, gauge errors.
+        Posterior mean of states, torques and gauge errors, (N, n + m).
     deviation : Array
         Posterior standard deviation of torques and gauge errors, (N, m).
     increments : Array
@@ -99,18 +104,20 @@ def smooth(system: LatentSystem, block_bytes: float = BLOCK_BYTES) -> Smoothed:
     """
     Return the smoothed z of a record.
 
-    Kalman filter forward, modified Bryson-Frazier adjoint back (Bierman, International Journal
-    of Control 18 (1973)): the same as Rauch, Tung and Striebel's, without inverses. Blocks are
-    filtered a second time on the way back, so that memory does not grow with the record.
+    Kalman filter forward, modified Bryson-Frazier adjoint back (G. J. Bierman, International
+    Journal of Control 18 (1973)): equal to the smoother of Rauch, Tung and Striebel, without
+    inverses. Blocks are filtered again on the way back, so that memory does not grow with N.
     """
     count, m, d = *system.measured.shape, system.states + len(system.output)
     block = min(count, int(block_bytes / (8 * d * (d + m))))
     store, likelihood, block_starts = _FilterStore.of(block, d, m), 0.0, []
-    z, p = np.concatenate([system.initial_mean, np.zeros(m)]), np.diag(system.initial_deviation**2)
+    z = np.concatenate([system.initial_mean, np.zeros(m)])
+    p = np.diag(system.initial_deviation**2)
     for first in range(0, count, block):
         block_starts.append((first, z.copy(), p.copy()))
         likelihood += _run_forward(system, first, z, p, store)
-    mean, deviation, increment_power = np.empty((count, d)), np.empty((count, m)), np.empty((count, m))
+    mean, deviation = np.empty((count, d)), np.empty((count, m))
+    increment_power = np.empty((count, m))
     adjoint, information = np.zeros(d), np.zeros((d, d))
     for first, z, p in reversed(block_starts):
         if len(block_starts) > 1:
@@ -123,7 +130,7 @@ def smooth(system: LatentSystem, block_bytes: float = BLOCK_BYTES) -> Smoothed:
 
 @dataclass(frozen=True)
 class _FilterStore:
-    """What a block leaves behind for the way back."""
+    """The filtered quantities of a block, kept for the backward pass."""
 
     mean: Array
     covariance: Array
@@ -139,8 +146,9 @@ class _FilterStore:
                    np.empty((count, m)), np.empty((count, m)), np.empty((count, n, n + 2)))
 
 
-def _run_forward(system: LatentSystem, first: int, z: Array, p: Array, store: _FilterStore) -> float:
-    """Filter one block; z and p end as predicted for the next."""
+def _run_forward(system: LatentSystem, first: int, z: Array, p: Array, store: _FilterStore
+                 ) -> float:
+    """Filter one block; z and p become the prediction for the next block."""
     stop = min(first + len(store.mean), len(system.measured))
     flat = system.table.reshape(len(system.table), -1)
     np.matmul(system.weights[first:stop], flat,
@@ -153,7 +161,7 @@ def _run_forward(system: LatentSystem, first: int, z: Array, p: Array, store: _F
 
 @compiled
 def _latent_transition(n: int, d: int, decay: float) -> Array:
-    """Return the transition of z with the arm's own part left out, (d, d)."""
+    """Return the transition matrix of z without the arm's own rows, (d, d)."""
     a = np.zeros((d, d))
     a[n, n] = a[n + 1, n + 1] = 1.0
     for i in range(n + 2, d):
@@ -166,7 +174,7 @@ def _forward(first: int, stop: int, z: Array, p: Array, transition: Array, known
              rows: Array, measured: Array, noise: Array, decay: float, process_covariance: Array,
              walk_variance: Array, means: Array, covariances: Array, gains: Array, errors: Array,
              variances: Array) -> float:
-    """Filter samples first to stop; z and p end as predicted for stop."""
+    """Filter samples from first up to stop; z and p become the prediction for stop."""
     n, d, m = transition.shape[1], len(z), len(noise)
     a, likelihood = _latent_transition(n, d, decay), 0.0
     for k in range(first, stop):
@@ -199,7 +207,7 @@ def _backward(first: int, stop: int, adjoint: Array, information: Array, transit
               rows: Array, decay: float, walk_variance: Array, means: Array, covariances: Array,
               gains: Array, errors: Array, variances: Array, smoothed: Array, deviations: Array,
               increment_power: Array) -> None:
-    """Take the adjoint (d,) and its information (d, d) from stop back to first."""
+    """Propagate the adjoint (d,) and its information (d, d) from stop back to first."""
     n, d, m = transition.shape[1], len(adjoint), rows.shape[0]
     a = _latent_transition(n, d, decay)
     for k in range(stop - 1, first - 1, -1):

@@ -1,4 +1,12 @@
-"""One covariance for all hypotheses: what each leaves of a record, whitened alike."""
+"""
+One covariance for all hypotheses: the residual of each is whitened by the same nominal filter.
+
+A hypothesis h states the mean of a record, y_h, and is judged by y - y_h in one covariance. The
+innovations of each hypothesis's own filter compare nothing: they are smaller where the arm is
+less moved by noise (a larger inertia, strain that comes late), whether that is true or not. In
+one covariance, whatever it is, the true mean leaves least on average. `Predictor` first turns
+innovations into y - y_h (`output_error`) and then whitens that (`WhiteningFilter`).
+"""
 
 from __future__ import annotations
 
@@ -18,17 +26,12 @@ import numpy as np
 @dataclass(frozen=True)
 class WhiteningFilter:
     """
-    The nominal filter as an operator that whitens y - y_h.
-
-    A hypothesis h that says what a record is on average, y_h, is judged by y - y_h in one and
-    the same covariance. Innovations of a filter of its own are not: those are smaller where a
-    hypothesis is less moved by noise (a larger inertia, strain that comes late), true or not.
-    In one covariance the truth leaves least on average, whatever that covariance is.
+    A predictor as the operator that turns y - y_h into innovations.
 
     Attributes
     ----------
-    matrices : Matrices
-        The nominal predictor's, (N, …).
+    matrices : ScheduledMatrices
+        Of the predictor, (N, …).
     output : Array
         Its C, (m, n).
 
@@ -37,22 +40,23 @@ class WhiteningFilter:
     matrices: ScheduledMatrices
     output: Array
 
-    def whitened(self, output_error: Array, rows: Indices) -> Array:
-        """Return y - y_h, (S, W, B, m), less what the nominal filter foresees of it."""
-        return _filtered(self.matrices, self.output, output_error, rows, False)
+    def whitened(self, residual: Array, rows: Indices) -> Array:
+        """Return y - y_h, (S, W, B, m), less what the predictor foresees of it."""
+        return _filtered(self.matrices, self.output, residual, rows, False)
 
 
-def output_error(matrices: ScheduledMatrices, output: Array, errors: Array, rows: Indices) -> Array:
+def output_error(matrices: ScheduledMatrices, output: Array, errors: Array, rows: Indices
+                 ) -> Array:
     """
-    Return y - y_h, (S, W, B, m), from a predictor's one-step errors.
+    Return y - y_h, (S, W, B, m), from a linear predictor's one-step errors.
 
-    y_h is what the arm does from the windows' starts on without corrections: those are all that
-    a linear predictor adds to it.
+    y_h is the open-loop response of the arm from the windows' starts. A predictor adds to it what
+    its corrections by the errors do; this inverts the predictor as a filter.
 
     Parameters
     ----------
-    matrices : Matrices
-        The predictor's, (N, …).
+    matrices : ScheduledMatrices
+        Of the predictor, (N, …).
     output : Array
         C, (m, n).
     errors : Array
@@ -64,21 +68,22 @@ def output_error(matrices: ScheduledMatrices, output: Array, errors: Array, rows
     return _filtered(matrices, output, errors, rows, True)
 
 
-def delay_strain(output_error: Array, late: int) -> Array:
-    """Return y - y_h (S, …, m) with the strain as late as it is read; its first value stays."""
+def delay_strain(residual: Array, late: int) -> Array:
+    """Return y - y_h (S, …, m) with the strain delayed by `late` samples, the first one held."""
     if late == 0:
-        return output_error
-    rows = np.maximum(np.arange(len(output_error)) - late, 0)
-    return np.concatenate([output_error[..., :2], output_error[rows][..., 2:]], axis=-1)
+        return residual
+    rows = np.maximum(np.arange(len(residual)) - late, 0)
+    return np.concatenate([residual[..., :2], residual[rows][..., 2:]], axis=-1)
 
 
-def _filtered(matrices: ScheduledMatrices, output: Array, given: Array, rows: Indices, inverse: bool) -> Array:
-    """Return errors from outputs, or (back) outputs from errors, both from zero on."""
+def _filtered(matrices: ScheduledMatrices, output: Array, given: Array, rows: Indices,
+              inverse: bool) -> Array:
+    """Return innovations of outputs, or (inverse) outputs of innovations, from a state of zero."""
     table = matrices.filter_table(len(output))
     if COMPILED:
-        return np.asarray(_filter_compiled(matrices.weights, table.reshape(len(table), -1),
-                                np.ascontiguousarray(output.T), np.ascontiguousarray(given),
-                                np.ascontiguousarray(rows), inverse))
+        return np.asarray(_filter_compiled(
+            matrices.weights, table.reshape(len(table), -1), np.ascontiguousarray(output.T),
+            np.ascontiguousarray(given), np.ascontiguousarray(rows), inverse))
     found, state = np.empty_like(given), np.zeros((*given.shape[1:3], output.shape[1]))
     for k, row in enumerate(rows):
         predicted = state @ output.T
@@ -89,9 +94,9 @@ def _filtered(matrices: ScheduledMatrices, output: Array, given: Array, rows: In
 
 
 @compiled
-def _filter_compiled(weights: Array, table: Array, output: Array, given: Array, rows: Indices, inverse: bool
-          ) -> Array:
-    """Do so in loops, with C' (n, m) as output and a flat table (K, (n + m) n)."""
+def _filter_compiled(weights: Array, table: Array, output: Array, given: Array, rows: Indices,
+                     inverse: bool) -> Array:
+    """Do as `_filtered` in loops, with C' (n, m) as output and a flat table (K, (n + m) n)."""
     steps, windows, batch, m = given.shape
     n = output.shape[0]
     found, flat = np.empty(given.shape), np.empty(table.shape[1])
@@ -102,13 +107,13 @@ def _filter_compiled(weights: Array, table: Array, output: Array, given: Array, 
         for k in range(steps):
             interpolate_into(weights[rows[k, w]], table, flat)
             for b in range(batch):
-                seen, shown = given[k, w, b], found[k, w, b]
+                old, new = given[k, w, b], found[k, w, b]
                 predicted[:] = 0.0
                 add_product(states[b], output, predicted)
                 for i in range(m):
-                    shown[i] = seen[i] + predicted[i] if inverse else seen[i] - predicted[i]
+                    new[i] = old[i] + predicted[i] if inverse else old[i] - predicted[i]
                 after[:] = 0.0
                 add_product(states[b], both[:n], after)
-                add_product(shown if inverse else seen, both[n:], after)
+                add_product(new if inverse else old, both[n:], after)
                 states[b] = after
     return found

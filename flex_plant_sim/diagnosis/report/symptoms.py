@@ -155,8 +155,8 @@ def explained_share(residual: Array, columns: Array, fold: NDArray[np.int_]) -> 
     left, constant = np.zeros(residual.shape[1]), np.zeros(residual.shape[1])
     for k in np.unique(fold):
         out = fold == k
-        fit_set = np.linalg.lstsq(design[~out], residual[~out], rcond=1e-8)[0]
-        left += np.sum((residual[out] - design[out] @ fit_set)**2, axis=0)
+        fitted = np.linalg.lstsq(design[~out], residual[~out], rcond=1e-8)[0]
+        left += np.sum((residual[out] - design[out] @ fitted)**2, axis=0)
         constant += np.sum((residual[out] - residual[~out].mean(axis=0))**2, axis=0)
     return np.clip(1.0 - left / np.maximum(constant, 1e-300), 0.0, 1.0)
 

@@ -1,1 +1,1 @@
-"""From a posterior to a verdict, and what the record could have shown."""
+"""From the posterior over sets of causes to a verdict, detection limits and advice."""

@@ -1,4 +1,8 @@
-"""What one more experiment would settle: the record in which a kind of cause shows alone."""
+"""
+The experiment that would tell look-alike causes apart, as advice.
+
+Each family of effects dominates in one kind of record.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +20,7 @@ STATIC = 'known weights at the tip of the arm at rest'
 STEPS = 'steps of the command of several sizes, from small to the limit'
 BURST = 'fast reversals, ten a second and more'
 WAIT = 'an hour of the same move, from cold'
-# By which record a family's effects are told from others, and which of them by another.
+# The record in which the effects of a family dominate, and the effects that need another one.
 BY_FAMILY: Mapping[str, str] = {
     'joint and gear': CREEP, 'drive and timing': STEPS, 'sensors': STATIC,
     'links and structure': PLUCK, 'payload': WEIGH}
@@ -31,8 +35,8 @@ def experiment(names: Sequence[str]) -> str:
     """
     Return what to record to tell causes apart, in one sentence.
 
-    Causes that the same record shows differ in size or shape there; of others, each record
-    shows one alone.
+    Causes of one kind of record differ in size or shape there; of other causes, each record shows
+    one alone.
     """
     shown_by = {name: _record_for(name) for name in names if name in catalogue()}
     kinds = dict.fromkeys(shown_by.values())
@@ -48,7 +52,7 @@ def experiment(names: Sequence[str]) -> str:
 
 
 def with_experiment(diagnosis: Diagnosis) -> Diagnosis:
-    """Return the diagnosis with the record that would tell its look-alikes apart as advice."""
+    """Return the diagnosis with the experiment for its look-alikes as advice."""
     if not diagnosis.cannot_tell:
         return diagnosis
     return replace(diagnosis, advice=experiment(diagnosis.cannot_tell[0]) or diagnosis.advice)

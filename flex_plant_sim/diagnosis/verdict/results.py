@@ -1,4 +1,4 @@
-"""What a diagnosis says: nouns only, no computation."""
+"""What a diagnosis says: data classes that the report reads, without computation."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ class ParameterValue:
 @dataclass(frozen=True)
 class Candidate:
     """
-    One hypothesis (an effect at a site) after fitting, for the ranking.
+    A fitted hypothesis (an effect at a site) that may stand in the place of a cause.
 
     Attributes
     ----------
     name, site : str
     parameters : tuple of ParameterValue
     gain : float
-        Of the log-evidence over the model without it, nats.
+        Log-evidence over the model without it, nats.
     probability : float
-        That this is the cause.
+        Posterior probability that this is the cause.
 
     """
 
@@ -54,9 +54,9 @@ class PartEstimate:
     ----------
     name : str
     unit : str
-        Of the deviation from the robot file; empty where it is a logarithm.
+        Of the deviation from the robot file; empty where it is one of the logarithm.
     prior : float
-        Standard deviation.
+        Prior standard deviation.
     mean, deviation : float
         Posterior mean and standard deviation.
 
@@ -111,21 +111,21 @@ class Diagnosis:
     cannot_tell : tuple of tuple of str
         Sets of identifiers that cannot be separated.
     detection_limits : Mapping
-        'identifier:site' to the smallest size this record would have shown, with its unit.
+        'identifier:site' to the smallest size that this record would have shown, and its unit.
     not_excited : tuple of str
         'identifier:site' that this record cannot show at any sensible size.
     rounds : tuple of tuple of Candidate
-        For every cause, all that might stand in its place, best first.
+        For every cause, the hypotheses that may stand in its place, the most probable first.
     advice : str
         What to record next, where it would help.
     remainder : Mapping
-        By what factor each channel's errors exceed what the model states, the causes on.
+        Factor of each channel's errors over what the model with the causes states.
     parts : tuple of PartEstimate
-        All parts of the robot, re-estimated beside the causes.
+        All parts of the robot, estimated with the causes.
     sets : tuple of (tuple of str, float)
         Labels of the sets of causes (`unknown` is one), with their probabilities.
     effects : Mapping
-        Identifier of every effect, `unknown` and `nothing` to the probability that it is so.
+        Posterior probability of every effect, by identifier, of `unknown` and of `nothing`.
 
     """
 

@@ -1,4 +1,8 @@
-"""What has no name: its law in a sentence, and as a table for the extended robot."""
+"""
+What is unnamed: the laws of the remaining latent forces, in sentences and as advice.
+
+It completes the diagnosis after the verdict, where something unknown is at work.
+"""
 
 from __future__ import annotations
 
@@ -9,14 +13,16 @@ from flex_plant_sim.diagnosis.prediction.latent_view import Finding, LatentView
 from flex_plant_sim.diagnosis.prediction.law import CONSTANT
 from flex_plant_sim.diagnosis.verdict.results import Diagnosis
 
+# Verdicts under which something unknown is at work.
 UNNAMED_VERDICTS = ('not_in_catalogue', 'cause_and_remainder')
+# Variables of laws in words.
 VARIABLE_TEXT = {'speed': 'its speed', 'angle': 'its angle', 'load': 'the load on its link',
-        'command': 'its command', 'time': 'time', 'strain': 'its own strain',
-        'strain rate': 'the rate of its strain'}
+                 'command': 'its command', 'time': 'time', 'strain': 'its own strain',
+                 'strain rate': 'the rate of its strain'}
 
 
 def with_unknown(diagnosis: Diagnosis, view: LatentView) -> Diagnosis:
-    """Return the diagnosis with what is known of the unnamed, where something is unnamed."""
+    """Return the diagnosis with what latent forces show, where something is unnamed."""
     if diagnosis.verdict not in UNNAMED_VERDICTS:
         return diagnosis
     sentences = sentences_of(view)
@@ -27,9 +33,9 @@ def with_unknown(diagnosis: Diagnosis, view: LatentView) -> Diagnosis:
 
 
 def sentences_of(view: LatentView) -> tuple[str, ...]:
-    """Return one sentence for each force that is too large for a model error, torques first."""
+    """Return a sentence for each torque that exceeds model errors; else for each gauge error."""
     torques = _sentences(view.torques)
-    # Where a torque is clear, gauges mostly echo it.
+    # Errors of gauges mostly echo the torques.
     return torques or _sentences(view.gauges)
 
 

@@ -1,4 +1,8 @@
-"""From the posterior over sets of causes to one verdict in a sentence an engineer would say."""
+"""
+The diagnosis of records: cut, searched, and put into one verdict in an engineer's words.
+
+`diagnose` is the entry to the whole chain of this package; the report and the tool call it.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +20,7 @@ from flex_plant_sim.diagnosis.causes.model_averaging import (
 from flex_plant_sim.diagnosis.causes.posterior import is_unknown, Posterior, SetKey
 from flex_plant_sim.diagnosis.causes.search import search, SearchResult
 from flex_plant_sim.diagnosis.causes.search_state import Progress
-from flex_plant_sim.diagnosis.prediction.predictor import BaseModel
+from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.diagnosis.verdict.detection import detection_limits
@@ -33,14 +37,15 @@ from flex_plant_sim.interval import Z95
 from flex_plant_sim.simulation.nominal import nominal_effects
 import numpy as np
 
-# Swings in noise deviations below which a record shows no motion at all.
+# Standard deviation of the strain and range of the angles, in standard deviations of their noise,
+# below which a link or a joint counts as unmoved.
 MIN_STRAIN_SWING, MIN_ANGLE_SWING = 5.0, 30.0
-# Sets that the answer lists.
+# Sets of causes that the answer lists at most.
 MAX_LISTED_SETS = 12
 
 
 def nominal_base(robot: Robot, model: str, modes: int, coriolis: bool = True) -> BaseModel:
-    """Return the base that a user's simulation stands for, see nominal_robot."""
+    """Return the model that a user's simulation stands for, see `nominal_effects`."""
     return BaseModel(robot, model, modes, nominal_effects(robot, model, coriolis))
 
 
@@ -48,38 +53,38 @@ def diagnose(records: Sequence[Record], nominal: BaseModel, jobs: int = 1,
              progress: Progress = lambda step, share: None,
              exclude: Sequence[str] = ()) -> tuple[Diagnosis, Data, BaseModel]:
     """
-    Return the diagnosis of records, the data it used, and the model it ends with.
+    Return the diagnosis of records, the data it used, and the model with the causes.
 
     Parameters
     ----------
     records : sequence of Record
-        Of one robot; the same sample time.
-    nominal : Base
-        See nominal_base.
+        Of one robot, with the same sample time.
+    nominal : BaseModel
+        The model in question, see `nominal_base`.
     jobs : int
         Processes.
     progress : Callable
-        Told a step's name and its share done.
+        Called with a step's name and its share done.
     exclude : sequence of str
         Identifiers to leave out of the catalogue.
 
     Raises
     ------
     InputError
-        A record too short for five windows.
+        If a record is too short for five windows.
 
     """
     slowest = slowest_frequency(nominal, records[0].payload)
     data = Data.of(records, slowest, nominal.robot.sample_time)
-    still = _unmoved(records, data)
-    if still:
-        return _cannot_answer(still), data, nominal
+    unmoved = _unmoved(records, data)
+    if unmoved:
+        return _cannot_answer(unmoved), data, nominal
     found = search(data, nominal, jobs, progress, exclude)
     return _diagnosis(found, data, nominal, jobs), data, extended_base(found, nominal)
 
 
 def slowest_frequency(base: BaseModel, payload: float) -> float:
-    """Return the slowest natural frequency with locked joints, stretched arm, rad/s."""
+    """Return the lowest natural frequency of the stretched arm with locked joints, rad/s."""
     form = base.arm(payload).form
     flexible = slice(2, 2 + 2 * base.modes)
     ratio = np.linalg.solve(form.mass_at(1.0, payload)[flexible, flexible],
@@ -88,25 +93,25 @@ def slowest_frequency(base: BaseModel, payload: float) -> float:
 
 
 def extended_base(found: SearchResult, nominal: BaseModel) -> BaseModel:
-    """Return the nominal base with the parts as re-estimated and the causes on."""
+    """Return the nominal model with the causes and the estimated parts."""
     return found.best.extended_model(nominal)
 
 
 def _unmoved(records: Sequence[Record], data: Data) -> tuple[str, ...]:
     """Return the joints and links that hardly moved in any record."""
-    quiet = []
+    unmoved = []
     for j in (0, 1):
         swing = max(np.ptp(r.output[:, j]) / n[j] for r, n in zip(records, data.noise))
         if swing < MIN_ANGLE_SWING:
-            quiet.append(f'joint_{j + 1}')
-    bends = max(np.max(np.std(r.output[:, 2:], axis=0) / n[2:])
-                for r, n in zip(records, data.noise))
-    return (*quiet, 'the links') if bends < MIN_STRAIN_SWING else tuple(quiet)
+            unmoved.append(f'joint_{j + 1}')
+    bending = max(np.max(np.std(r.output[:, 2:], axis=0) / n[2:])
+                  for r, n in zip(records, data.noise))
+    return (*unmoved, 'the links') if bending < MIN_STRAIN_SWING else tuple(unmoved)
 
 
-def _cannot_answer(still: Sequence[str]) -> Diagnosis:
+def _cannot_answer(unmoved: Sequence[str]) -> Diagnosis:
     return Diagnosis(
-        'data_cannot_answer', f'The record cannot answer: {" and ".join(still)} hardly moved.',
+        'data_cannot_answer', f'The record cannot answer: {" and ".join(unmoved)} hardly moved.',
         advice='Record 40 s or more with both joints following steps of at least 0.3 rad, '
                'with pauses of about a second.')
 
@@ -127,13 +132,14 @@ def _diagnosis(found: SearchResult, data: Data, nominal: BaseModel, jobs: int) -
 
 
 def part_estimates(found: SearchResult) -> tuple[PartEstimate, ...]:
-    """Return all parts with prior and posterior."""
-    fit, spread = found.best.fit, averaged_part_deviations(found.posterior)
+    """Return the priors and posteriors of all parts."""
+    fit, deviations = found.best.fit, averaged_part_deviations(found.posterior)
     return tuple(PartEstimate(part.name, part.unit, part.tolerance, float(m), float(s))
-                 for part, m, s in zip(found.best.likelihood.parts, fit.deviations, spread))
+                 for part, m, s in zip(found.best.likelihood.parts, fit.deviations, deviations))
 
 
 def _set_rows(posterior: Posterior) -> tuple[tuple[tuple[str, ...], float], ...]:
+    """Return labels and probabilities of the most probable sets."""
     found: dict[tuple[str, ...], float] = {}
     for fit, p in zip(posterior.fits, posterior.probability):
         unknown = ('unknown',) if is_unknown(fit, posterior.nominal) else ()
@@ -143,15 +149,16 @@ def _set_rows(posterior: Posterior) -> tuple[tuple[tuple[str, ...], float], ...]
 
 
 def _effect_rows(posterior: Posterior) -> dict[str, float]:
+    """Return the probability of every effect, of `unknown` and of `nothing`."""
     return {**{name: posterior.effect_probability(name) for name in catalogue()},
             'unknown': posterior.unknown_probability, 'nothing': posterior.nothing_probability}
 
 
 def causes_of(posterior: Posterior, best: Fit) -> tuple[Cause, ...]:
-    """Return the causes of the most probable set, each with its probability and look-alikes."""
+    """Return the causes of the best set with their probabilities and look-alikes."""
     found = []
-    pieces = CauseSet(best.hypotheses, 1.0).split(best.values)
-    for hypothesis, values in zip(best.hypotheses, pieces):
+    of_each = CauseSet(best.hypotheses, 1.0).split(best.values)
+    for hypothesis, values in zip(best.hypotheses, of_each):
         name = hypothesis.effect.identifier
         alike = dict.fromkeys(label.partition(':')[0]
                               for label in posterior.credible_alternatives(hypothesis.label))
@@ -166,18 +173,18 @@ def causes_of(posterior: Posterior, best: Fit) -> tuple[Cause, ...]:
 
 def parameter_values(fit: Fit, hypothesis: Hypothesis, deviations: Array | None = None
                      ) -> tuple[ParameterValue, ...]:
-    """Return a cause's values with 95 % intervals, of one set or as told, in what each can be."""
-    place = value_indices(fit, hypothesis)
-    reach = Z95 * (np.sqrt(np.diagonal(fit.covariance)[place])
-                   if deviations is None else deviations)
+    """Return a cause's values with 95 % intervals within the bounds; deviations may be given."""
+    indices = value_indices(fit, hypothesis)
+    half = Z95 * (np.sqrt(np.diagonal(fit.covariance)[indices])
+                  if deviations is None else deviations)
     return tuple(
-        ParameterValue(p.name, float(v), float(max(v - r, a)), float(min(v + r, b)), p.unit)
-        for p, v, r, a, b in zip(hypothesis.parameters, fit.values[place], reach,
+        ParameterValue(p.name, float(v), float(max(v - h, a)), float(min(v + h, b)), p.unit)
+        for p, v, h, a, b in zip(hypothesis.parameters, fit.values[indices], half,
                                  hypothesis.low, hypothesis.high))
 
 
 def _alternatives(posterior: Posterior, hypothesis: Hypothesis) -> tuple[Candidate, ...]:
-    """Return what may stand in a cause's place, the most probable first."""
+    """Return the fitted hypotheses that may stand in a cause's place, most probable first."""
     others = SetKey.of(posterior.best).labels - {hypothesis.label}
     without = max((fit.log_evidence for fit in posterior.fits
                    if SetKey.of(fit).labels == others), default=posterior.best.log_evidence)
@@ -200,17 +207,20 @@ def cause_sentence(hypothesis: Hypothesis, values: Sequence[ParameterValue]) -> 
 
 def _verdict(found: SearchResult, causes: Sequence[Cause]
              ) -> tuple[str, str, tuple[tuple[str, ...], ...]]:
+    """Return verdict, sentence and the sets of causes that cannot be told apart."""
     unknown = is_unknown(found.best.fit, found.posterior.nominal)
     if not causes and not unknown:
-        return ('nothing_wrong', 'Nothing in the catalogue is wrong with the simulation: its '
-                f'errors stay within noise and part tolerances.{_parts_beyond_tolerance(found)}', ())
+        return ('nothing_wrong',
+                'Nothing in the catalogue is wrong with the simulation: its errors stay within '
+                f'noise and part tolerances.{_parts_beyond_tolerance(found)}', ())
     if not causes:
         return ('not_in_catalogue', 'The simulation is wrong in a way that nothing in the '
                 f'catalogue explains.{_far_part(found)}', ())
     sentence = ' '.join(cause.sentence for cause in causes)
     sets = tuple((c.name, *c.look_alikes) for c in causes if c.look_alikes)
     if unknown:
-        return 'cause_and_remainder', f'{sentence}{_unnamed_remainder(found)}{_far_part(found)}', sets
+        return ('cause_and_remainder',
+                f'{sentence}{_unnamed_remainder(found)}{_far_part(found)}', sets)
     sentence += doubt(found.posterior)
     if sets:
         alike = ' '.join(f'This record cannot tell {apart_text(names)}.' for names in sets)
@@ -219,15 +229,16 @@ def _verdict(found: SearchResult, causes: Sequence[Cause]
 
 
 def doubt(posterior: Posterior) -> str:
-    """Return what must be said where one unknown thing is likelier than all that is named."""
-    if posterior.genuine_probability >= 0.5:
+    """Return a warning where one unknown thing is more probable than the causes; else nothing."""
+    real = posterior.genuine_probability
+    if real >= 0.5:
         return ''
     return (' But so much at once is rare: more likely one thing that the catalogue lacks is '
-            f'behind it, and each of these is real with {100.0 * posterior.genuine_probability:.0f} %.')
+            f'behind it, and each of these is real with {100.0 * real:.0f} %.')
 
 
 def _unnamed_remainder(found: SearchResult) -> str:
-    """Return why something unnamed is at work beside causes or in place of one."""
+    """Return why something unnamed is assumed beside the causes or in place of one."""
     fit, real = found.best.fit, found.posterior.genuine_probability
     if fit.discrepancy.remainder and not np.any(fit.error_scale > 1.0):
         one, each = ('this', 'it') if len(fit.hypotheses) == 1 else ('one of these', 'each')
@@ -237,14 +248,14 @@ def _unnamed_remainder(found: SearchResult) -> str:
 
 
 def _far_part(found: SearchResult) -> str:
-    """Return which part is not as its file says, where that is what has no name."""
+    """Return which part is not as its file says, where that is the unnamed cause."""
     far = found.best.fit.discrepancy.far_part
     return ''.join(f' A part is not as the robot file says: {part_text(p)}.'
                    for p in part_estimates(found) if p.name == far)
 
 
 def _parts_beyond_tolerance(found: SearchResult) -> str:
-    """Return what a reader must know of parts that are further off than their tolerance."""
+    """Return the parts that are further off than their tolerance."""
     far = [part_text(p) for p in part_estimates(found) if abs(p.mean) > p.prior]
     return f' Parts beyond their tolerance: {", ".join(far)}.' if far else ''
 

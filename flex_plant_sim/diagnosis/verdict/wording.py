@@ -1,4 +1,4 @@
-"""Numbers as a reader wants them: rounded to their uncertainty, with their unit."""
+"""Numbers and names in words: values rounded to their uncertainty, with their unit."""
 
 from __future__ import annotations
 
@@ -8,25 +8,26 @@ import math
 from flex_plant_sim.diagnosis.verdict.results import ParameterValue, PartEstimate
 from flex_plant_sim.interval import Z95
 
-# Of half the interval: a value further from its middle is told with both ends.
+# Distance of a value from the middle of its interval, as a share of half of it, from which on both
+# ends are stated.
 MAX_ASYMMETRY = 0.3
-# Strains are read in millionths.
+# Factor and name of the unit in which a quantity is shown; strains in millionths.
 SHOWN_UNITS = {'m/m': (1e6, 'µm/m'), '1/s': (1e6, 'µm/m/s')}
 
 
 def unit_text(unit: str) -> str:
-    """Return a unit with its factors joined by dots; units in words stay."""
+    """Return a unit with its factors joined by dots; units that are words stay as they are."""
     symbols = all(len(part) <= 4 for part in unit.replace('/', ' ').split())
     return (unit.replace(' ', '·') if symbols else unit).replace('^2', '²').replace('^3', '³')
 
 
 def shown_unit(unit: str) -> tuple[float, str]:
-    """Return factor and name of the unit that a reader sees."""
+    """Return factor and name of the unit in which a quantity is shown."""
     return SHOWN_UNITS.get(unit, (1.0, unit_text(unit)))
 
 
 def key_text(key: str, unit: str) -> str:
-    """Return compliance_rad_per_n_m in rad/(N m) as a reader says it: compliance."""
+    """Return a key without its unit, compliance_rad_per_n_m in rad/(N m) as compliance."""
     spelt = unit.lower().replace('/', ' per ')
     whole = '_'.join(''.join(c for c in spelt if c not in '()^').split()).removeprefix('1_')
     for suffix in (whole, whole.partition('_per_')[0]):
@@ -40,7 +41,7 @@ def parameter_text(parameter: ParameterValue) -> str:
 
 
 def rounded(value: float, uncertainty: float) -> str:
-    """Return a value with the decimals that its uncertainty leaves, two digits of it."""
+    """Return a value with as many decimals as two digits of its uncertainty."""
     if not (uncertainty > 0.0 and math.isfinite(uncertainty)):
         return f'{value:.4g}'
     decimals = 1 - math.floor(math.log10(uncertainty))
@@ -70,18 +71,18 @@ def size_text(value: float, unit: str) -> str:
 
 
 def name_text(name: str, site: str = '') -> str:
-    """Return coulomb_friction at joint_2 as a reader says it."""
+    """Return a name and its site in words: coulomb friction, joint 2."""
     words = name.replace('_', ' ')
     return words if site in ('', 'arm') else f'{words}, {site.replace("_", " ")}'
 
 
 def label_text(label: str) -> str:
-    """Return coulomb_friction:joint_2 as a reader says it."""
+    """Return a label in words: coulomb friction, joint 2, of coulomb_friction:joint_2."""
     return name_text(*label.partition(':')[::2])
 
 
 def part_text(part: PartEstimate) -> str:
-    """Return a part's deviation with its 95 % interval, and what was allowed."""
+    """Return a part's deviation with its 95 % interval and its tolerance."""
     name = label_text(part.name)
     if part.unit:
         scale, unit = shown_unit(part.unit)
@@ -92,7 +93,7 @@ def part_text(part: PartEstimate) -> str:
 
 
 def apart_text(names: Sequence[str]) -> str:
-    """Return names that are to be told apart: this from that or that."""
+    """Return names to be told apart: this from that or that."""
     first, *others = map(name_text, names)
     return f'{first} from {" or ".join(others)}'
 

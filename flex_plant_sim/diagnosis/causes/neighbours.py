@@ -1,0 +1,148 @@
+"""
+The search step that fits the neighbours of a set: one cause more, one less, or one exchanged.
+
+Neighbours are fitted coarsely first, on some windows. The best of them are fitted to all windows
+around the linearisation of the set; `refinement` then linearises those that may lead.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
+from flex_plant_sim.diagnosis.causes.fit import Fit
+from flex_plant_sim.diagnosis.causes.gauss_newton import fit_set
+from flex_plant_sim.diagnosis.causes.hypothesis import CauseSet
+from flex_plant_sim.diagnosis.causes.part_factors import fits_replacing_parts
+from flex_plant_sim.diagnosis.causes.posterior import SetKey
+from flex_plant_sim.diagnosis.causes.proposal import Proposal
+from flex_plant_sim.diagnosis.causes.proposal_step import COARSE_SAMPLES, proposals_beside
+from flex_plant_sim.diagnosis.causes.refined_fit import LINEARISATION_ERROR, RefinedFit
+from flex_plant_sim.diagnosis.causes.refinement import refine_contenders
+from flex_plant_sim.diagnosis.causes.search_state import SearchState
+from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
+from flex_plant_sim.diagnosis.pool import each
+
+# Budgets: alternatives fitted in the place of each cause; neighbours fitted to all windows, of
+# those that are not refined yet and of those that are.
+MAX_ALTERNATIVES, MAX_FITTED, MAX_REFITTED = 5, 6, 1
+# Score by which a coarse fit may be behind the best one and yet be fitted to all windows, nats.
+MAX_COARSE_DEFICIT = 30.0
+# Share of a cause's gain that a proposal needs to be an alternative to it; gain of a cause from
+# which on the set without it is not fitted, nats.
+MIN_ALTERNATIVE_SHARE, INDISPENSABLE_GAIN = 0.3, 60.0
+
+
+@dataclass(frozen=True)
+class NeighbourFitter:
+    """
+    Fits sets around the linearisation of one near them.
+
+    Where a set has coordinates that the trajectory there lacks, it is fitted once more along its
+    own trajectory, with the same Jacobian in the parts.
+
+    Attributes
+    ----------
+    likelihood : Likelihood
+        Linearised around the set near them.
+    error_scale : Array
+        Factor of the errors over what the filter states, (m,).
+    duration : float
+        Of the longest record, s.
+    coarse : bool
+        Whether fits only rank sets.
+
+    """
+
+    likelihood: Likelihood
+    error_scale: Array
+    duration: float
+    coarse: bool = False
+
+    def __call__(self, candidate: CandidateSet) -> Fit:
+        causes = CauseSet(candidate.hypotheses, self.duration)
+        fit = fit_set(self.likelihood, causes, candidate.starts, self.error_scale, self.coarse)
+        effects = causes.effects(fit.values)
+        if self.coarse or not self.likelihood.has_new_coordinates(effects):
+            return fit
+        own = self.likelihood.along_trajectory_of(effects)
+        return fit_set(own, causes, (fit.values,), self.error_scale)
+
+
+def fit_neighbours(state: SearchState, centre: RefinedFit) -> list[Proposal]:
+    """Fit the neighbours of a set and refine those that may lead; return the proposals."""
+    key, step = SetKey.of(centre.fit), f'cause {len(centre.fit.hypotheses) + 1}'
+    proposals = proposals_beside(state, centre)
+    if key not in state.coarse_fits:
+        state.coarse_fits[key] = _coarse_fits(state, centre, proposals, step)
+    selected = _selected(state, centre, state.coarse_fits[key])
+    fits = each(NeighbourFitter(centre.likelihood, centre.fit.error_scale, state.data.duration),
+                [CandidateSet.of(fit) for fit in selected], state.jobs,
+                lambda share: state.progress(step, 0.7 + 0.2 * share))
+    replacing = tuple(fits_replacing_parts(state.refined[key], state.catalogue))
+    for fit in (*fits, *replacing):
+        _keep_if_better(state, fit)
+    refine_contenders(state, replacing, state.posterior().best, centre)
+    return proposals
+
+
+def _keep_if_better(state: SearchState, fit: Fit) -> None:
+    """Keep a fit unless its set is refined and not clearly worse."""
+    key = SetKey.of(fit)
+    known = state.fits.get(key, fit)
+    if key not in state.refined or state.score(fit) > state.score(known) + LINEARISATION_ERROR:
+        state.fits[key] = fit
+
+
+def candidates(state: SearchState, centre: RefinedFit, proposals: Sequence[Proposal]
+               ) -> Iterator[CandidateSet]:
+    """Yield a set and its neighbours that deserve a coarse fit."""
+    now = CandidateSet.of(centre.fit)
+    yield now
+    added = [p for rank, p in enumerate(proposals) if state.deserves_fit(rank, p)]
+    for proposal in {p.hypothesis.label: p for p in reversed(added)}.values():
+        yield from _extended(state, now, proposal)
+    for index, cause in enumerate(now.hypotheses):
+        rest, others = now.without(index), proposals_beside(state, centre, index)
+        own = max((state.penalised_gain(p) for p in others if p.hypothesis == cause), default=0.0)
+        if own < INDISPENSABLE_GAIN:
+            yield rest
+        alternatives = [p for p in others if p.hypothesis != cause
+                        and state.penalised_gain(p) > MIN_ALTERNATIVE_SHARE * own]
+        for proposal in alternatives[:MAX_ALTERNATIVES]:
+            yield from _extended(state, rest, proposal)
+
+
+def _extended(state: SearchState, candidate: CandidateSet, proposal: Proposal
+              ) -> Iterable[CandidateSet]:
+    """Return a set with a proposed cause; if that is resonant, from each of its probed sizes."""
+    if proposal.hypothesis.label in state.resonant:
+        return candidate.with_each_size(proposal)
+    return [candidate.with_proposal(proposal)]
+
+
+def _coarse_fits(state: SearchState, centre: RefinedFit, proposals: Sequence[Proposal],
+                 step: str) -> list[Fit]:
+    """Return coarse fits of a set and its neighbours, one of each set."""
+    own = centre.with_own_filters
+    fits = each(NeighbourFitter(own.likelihood.thinned(COARSE_SAMPLES), own.fit.error_scale,
+                                state.data.duration, coarse=True),
+                list(candidates(state, centre, proposals)), state.jobs,
+                lambda share: state.progress(step, 0.4 + 0.3 * share))
+    # Of a set that was fitted from several sizes, the best fit comes last.
+    return list({SetKey.of(fit): fit for fit in sorted(fits, key=state.score)}.values())
+
+
+def _selected(state: SearchState, centre: RefinedFit, coarse: Sequence[Fit]) -> list[Fit]:
+    """Return the best coarse fits of neighbours, of sets that are not refined and that are."""
+    if not coarse:
+        return []
+    ranked = sorted(coarse, key=lambda fit: -state.score(fit))
+    least = state.score(ranked[0]) - state.score_margin(ranked[0], centre, MAX_COARSE_DEFICIT)
+    near = [fit for fit in ranked
+            if SetKey.of(fit) != SetKey.of(centre.fit) and state.score(fit) > least]
+    fresh = [fit for fit in near if SetKey.of(fit) not in state.refined]
+    known = [fit for fit in near if SetKey.of(fit) in state.refined]
+    return fresh[:MAX_FITTED] + known[:MAX_REFITTED]
