@@ -44,8 +44,8 @@ def ranked_by_free_runs(sets: Sequence[RefinedFit], data: Data, nominal: BaseMod
         Processes.
 
     """
-    def log_likelihood(chosen: RefinedFit) -> float:
-        rms = attempt(lambda found: free_run_rms(with_own_laws(found, data, nominal), data), chosen)
+    def log_likelihood(candidate: RefinedFit) -> float:
+        rms = attempt(lambda fit: free_run_rms(with_own_laws(fit, data, nominal), data), candidate)
         return -np.inf if rms is None else free_run_score(rms, windows)
 
     windows = sum(work.starts.size for work in data.windows)
