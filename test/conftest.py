@@ -24,7 +24,7 @@ LONGEST = (
     'test_replay.py', 'test_demo.py', 'test_rpe_robust.py', 'test_rpe_pace.py', 'test_rpe.py',
     'test_rpe_changes.py', 'test_requirements.py', 'test_outputs.py', 'test_sf1.py',
     'test_rpe_lost.py', 'test_colcon_build.py', 'test_truth.py', 'test_nodes_lockstep.py',
-    'test_nodes_bad_samples.py', 'test_course.py')
+    'test_nodes_bad_samples.py', 'test_refined_fit.py')
 
 # Read when a context starts, here and in the processes that a test starts.
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'

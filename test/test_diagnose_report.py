@@ -15,7 +15,7 @@ from flex_plant_sim.diagnosis.report.json_answer import answer, answer_text, pla
 from flex_plant_sim.diagnosis.report.payload_gain import PayloadGain
 from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual, Whiteness
 from flex_plant_sim.diagnosis.verdict.results import (
-    Candidate,
+    Alternative,
     Cause,
     Diagnosis,
     ParameterValue,
@@ -38,8 +38,8 @@ LEVEL = ParameterValue('level_n_m', 0.4312, 0.412, 0.451, 'N m')
 FRICTION = effects('coulomb_friction:joint_2:level_n_m=0.4312')[0]
 CAUSE = Cause('coulomb_friction', 'joint_2', 'Joint 2 has dry friction.', 0.97, (LEVEL,),
               ('stribeck_friction',), FRICTION)
-CANDIDATES = (Candidate('coulomb_friction', 'joint_2', (LEVEL,), 2140.0, 0.97),
-              Candidate('strain_gain', 'strain_1a', (LEVEL,), -3.0, 0.0))
+CANDIDATES = (Alternative('coulomb_friction', 'joint_2', (LEVEL,), 2140.0, 0.97),
+              Alternative('strain_gain', 'strain_1a', (LEVEL,), -3.0, 0.0))
 WHITE = Whiteness(25.0, 20, 0.2, 0.01)
 CHANNEL = ChannelResidual('joint_2', 'rad', 1e-4, {0.01: 2e-4, 1.0: 0.0651}, WHITE,
                           {'angle': 0.02}, {'velocity sign': 0.98, 'angle': 0.0},

@@ -220,7 +220,7 @@ class EventGrid:
 
     @property
     def refinement_times(self) -> Array:
-        """Return times that the grid lacks, see MAX_INTERPOLATION_ERROR, (k,)."""
+        """Return times to add to the grid, see MAX_INTERPOLATION_ERROR, (k,)."""
         sudden, gradual = self.probability
         share = sudden + gradual.sum(axis=0) + gradual.sum(axis=1)
         best = np.unravel_index(np.argmax(self.log_likelihood), self.log_likelihood.shape)

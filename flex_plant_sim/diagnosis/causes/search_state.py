@@ -33,7 +33,7 @@ import numpy as np
 # Called with a step's name and its share of the whole that is done.
 Progress = Callable[[str, float], None]
 
-# Proposals fitted at most beside a set (a budget), and fitted always, whatever they promise.
+# Proposals fitted at most beside a set (a budget), and fitted always, whatever their gain.
 MAX_ADDED, ALWAYS_FITTED = 12, 2
 # Linear gain with the prior odds, nats, below which a proposal is not fitted.
 MIN_PROPOSAL_GAIN = -1.0

@@ -46,7 +46,7 @@ class DiscrepancyModel:
 
     """
 
-    # On clean arms of other simulators no channel errs by more than is stated with these: joints
+    # On clean arms of other simulators no channel errs by more than these state: joints
     # by 0.9 of it, gauges by 0.25 to 0.5 (benchmarks/discrepancy.py; with 1 %, by 0.5 to 0.75).
     # With smaller values the parts would absorb systematic errors.
     torque_share: tuple[float, float] = (0.03, 0.03)

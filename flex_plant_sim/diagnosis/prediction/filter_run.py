@@ -40,7 +40,7 @@ class Trajectory(Protocol):
         """Return weights over the schedule nodes at the elbow angles an arm has, (N, K)."""
 
     def trajectory_states(self, arm: ExtendedArm, rows: Indices) -> Array:
-        """Return an arm's states at samples (N,), (N, n); coordinates it lacks are zero."""
+        """Return an arm's states at samples (N,), (N, n); other coordinates are zero."""
 
 
 def predictor_matrices(trajectory: Trajectory, arm: ExtendedArm, gain: Array,

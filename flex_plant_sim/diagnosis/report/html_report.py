@@ -20,7 +20,7 @@ from flex_plant_sim.diagnosis.report.posterior_pictures import (
     sets_picture,
 )
 from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual
-from flex_plant_sim.diagnosis.verdict.results import Candidate, Cause, Diagnosis
+from flex_plant_sim.diagnosis.verdict.results import Alternative, Cause, Diagnosis
 from flex_plant_sim.diagnosis.verdict.wording import (
     interval_text,
     key_text,
@@ -194,7 +194,7 @@ def _channel_rows(report: Report) -> list[dict[str, Any]]:
     return rows
 
 
-def _ranking(candidates: Sequence[Candidate]) -> list[dict[str, Any]]:
+def _ranking(candidates: Sequence[Alternative]) -> list[dict[str, Any]]:
     """Return the best candidates of a round, with the length of their bars in percent."""
     best = sorted(candidates, key=lambda c: -c.gain)[:RANKED]
     largest = max((c.gain for c in best), default=0.0)

@@ -13,7 +13,7 @@ from flex_plant_sim.diagnosis.report.figures import shown
 from flex_plant_sim.diagnosis.report.improvement import Gain, gain_results
 from flex_plant_sim.diagnosis.report.payload_gain import PayloadGain
 from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual, HORIZONS
-from flex_plant_sim.diagnosis.verdict.results import Candidate, Cause, Diagnosis, ParameterValue
+from flex_plant_sim.diagnosis.verdict.results import Alternative, Cause, Diagnosis, ParameterValue
 from flex_plant_sim.diagnosis.verdict.wording import name_text, parameter_text, percent_text
 import numpy as np
 
@@ -82,7 +82,7 @@ def _parameters(parameters: Sequence[ParameterValue]) -> dict[str, Any]:
             for p in parameters}
 
 
-def _candidate(item: Candidate) -> dict[str, Any]:
+def _candidate(item: Alternative) -> dict[str, Any]:
     return {'name': item.name, 'site': item.site, 'gain_nats': item.gain,
             'probability': item.probability, 'parameters': _parameters(item.parameters)}
 

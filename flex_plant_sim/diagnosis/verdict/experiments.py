@@ -13,6 +13,7 @@ from flex_plant_sim.diagnosis.verdict.results import Diagnosis
 from flex_plant_sim.diagnosis.verdict.wording import apart_text
 from flex_plant_sim.effects import catalogue
 
+# Kinds of records, in words.
 CREEP = 'both joints slowly through their whole range at constant speed, both ways'
 PLUCK = 'free swings after a pluck of the tip, with the joints held'
 WEIGH = 'the same moves with a payload that was weighed, and without one'

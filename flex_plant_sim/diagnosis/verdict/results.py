@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from flex_plant_sim.effects.base import Effect
 
+# All verdicts, see docs/report.md.
 VERDICTS = ('nothing_wrong', 'cause', 'cannot_tell', 'not_in_catalogue', 'cause_and_remainder',
             'data_cannot_answer')
 
@@ -23,7 +24,7 @@ class ParameterValue:
 
 
 @dataclass(frozen=True)
-class Candidate:
+class Alternative:
     """
     A fitted hypothesis (an effect at a site) that may stand in the place of a cause.
 
@@ -114,7 +115,7 @@ class Diagnosis:
         'identifier:site' to the smallest size that this record would have shown, and its unit.
     not_excited : tuple of str
         'identifier:site' that this record cannot show at any sensible size.
-    rounds : tuple of tuple of Candidate
+    rounds : tuple of tuple of Alternative
         For every cause, the hypotheses that may stand in its place, the most probable first.
     advice : str
         What to record next, where it would help.
@@ -135,7 +136,7 @@ class Diagnosis:
     cannot_tell: tuple[tuple[str, ...], ...] = ()
     detection_limits: Mapping[str, tuple[float, str]] = field(default_factory=dict)
     not_excited: tuple[str, ...] = ()
-    rounds: tuple[tuple[Candidate, ...], ...] = ()
+    rounds: tuple[tuple[Alternative, ...], ...] = ()
     advice: str = ''
     remainder: Mapping[str, object] = field(default_factory=dict)
     parts: tuple[PartEstimate, ...] = ()

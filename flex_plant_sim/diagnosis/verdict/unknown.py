@@ -40,6 +40,7 @@ def sentences_of(view: LatentView) -> tuple[str, ...]:
 
 
 def _sentences(findings: Sequence[Finding]) -> tuple[str, ...]:
+    """Return sentences about stated laws; without one, about forces with a memory."""
     known = [sentence(f) for f in findings if f.law.stated]
     return tuple(known or [sentence(f) for f in findings if f.has_memory])
 

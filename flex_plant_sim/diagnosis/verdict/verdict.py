@@ -25,7 +25,7 @@ from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.diagnosis.verdict.detection import detection_limits
 from flex_plant_sim.diagnosis.verdict.results import (
-    Candidate,
+    Alternative,
     Cause,
     Diagnosis,
     ParameterValue,
@@ -183,7 +183,7 @@ def parameter_values(fit: Fit, hypothesis: Hypothesis, deviations: Array | None 
                                  hypothesis.low, hypothesis.high))
 
 
-def _alternatives(posterior: Posterior, hypothesis: Hypothesis) -> tuple[Candidate, ...]:
+def _alternatives(posterior: Posterior, hypothesis: Hypothesis) -> tuple[Alternative, ...]:
     """Return the fitted hypotheses that may stand in a cause's place, most probable first."""
     others = SetKey.of(posterior.best).labels - {hypothesis.label}
     without = max((fit.log_evidence for fit in posterior.fits
@@ -192,7 +192,7 @@ def _alternatives(posterior: Posterior, hypothesis: Hypothesis) -> tuple[Candida
     for fit, p in zip(posterior.fits, posterior.probability):
         fresh = [h for h in fit.hypotheses if h.label not in others]
         if len(fresh) == 1 and len(fit.hypotheses) == len(others) + 1:
-            found.append(Candidate(
+            found.append(Alternative(
                 fresh[0].effect.identifier, fresh[0].site, parameter_values(fit, fresh[0]),
                 fit.log_evidence - without, float(p)))
     return tuple(found)
