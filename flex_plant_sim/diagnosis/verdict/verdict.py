@@ -233,18 +233,24 @@ def doubt(posterior: Posterior) -> str:
     real = posterior.genuine_probability
     if real >= 0.5:
         return ''
-    return (' But so much at once is rare: more likely one thing that the catalogue lacks is '
-            f'behind it, and each of these is real with {100.0 * real:.0f} %.')
+    return (' So many faults at once are rare: one thing that the catalogue lacks may be behind all '
+            f'of them. {_genuine_text(posterior)}')
+
+
+def _genuine_text(posterior: Posterior) -> str:
+    which = 'this cause is' if len(posterior.best.hypotheses) == 1 else 'each of these causes is'
+    return (f'The probability that {which} real is '
+            f'{100.0 * posterior.genuine_probability:.0f} %.')
 
 
 def _unnamed_remainder(found: SearchResult) -> str:
     """Return why something unnamed is assumed beside the causes or in place of one."""
-    fit, real = found.best.fit, found.posterior.genuine_probability
+    fit = found.best.fit
     if fit.discrepancy.remainder and not np.any(fit.error_scale > 1.0):
-        one, each = ('this', 'it') if len(fit.hypotheses) == 1 else ('one of these', 'each')
-        return (f' But {one} is not as large in all of the record: more likely something unnamed '
-                f'looks like it on average, and {each} is real with {100.0 * real:.0f} %.')
-    return f'{doubt(found.posterior)} Something unnamed is left.'
+        one = 'it' if len(fit.hypotheses) == 1 else 'one of these causes'
+        return (f' But {one} is not equally large throughout the record: something unnamed that '
+                f'looks like it on average is more likely. {_genuine_text(found.posterior)}')
+    return f'{doubt(found.posterior)} Something unnamed remains.'
 
 
 def _far_part(found: SearchResult) -> str:
