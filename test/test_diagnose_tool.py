@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from importlib import resources
 import json
 import os
 from pathlib import Path
@@ -14,12 +15,14 @@ import time
 
 from flex_payload_estimator.tools.diagnose import main, progress_bar
 from flex_plant_sim.arm.robot_file import load_robot
-from flex_plant_sim.effects import effects_of
+from flex_plant_sim.effects import catalogue, effects_of
 from flex_plant_sim.tools.log_input import read_logs
 from msg_config.errors import InputError
 import numpy as np
 import pytest
 from simulated_records import effects, REFERENCE, simulated, write
+from truth.effects.hidden_effect import Parameters
+from truth.records import FINITE_ELEMENTS, make_record, TruthCase
 
 
 @pytest.fixture(scope='module')
@@ -49,6 +52,25 @@ def test_record_at_rest_is_refused_with_advice_and_its_files(
     assert replace(robot, effects=()) == REFERENCE
     assert [effect.identifier for effect in effects_of(robot)] == ['coriolis_centripetal']
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(places)
+
+
+def test_an_arm_without_gauges_is_diagnosed_by_its_joints(tmp_path: Path) -> None:
+    """Friction is hidden in an arm of finite elements."""
+    text = (resources.files('flex_plant_sim') / 'robots' / 'reference.yaml').read_text()
+    robot, log, answer = (tmp_path / name for name in ('robot.yaml', 'log.csv', 'answer.json'))
+    robot.write_text(re.sub('gauge_positions_m: .*', 'gauge_positions_m: []', text))
+    hidden: tuple[str, Parameters] = ('viscous_friction', {'joint': 2, 'coefficient': 3.0})
+    made = make_record(TruthCase(95, (hidden,), duration_s=24.0, simulator=FINITE_ELEMENTS))
+    columns = ['time', 'command_1', 'command_2', 'joint_1', 'joint_2']
+    np.savetxt(log, np.column_stack([made.time, made.command, made.joint]), delimiter=',',
+               header=','.join(columns), comments='')
+    asked = ('viscous_friction', 'coulomb_friction', 'actuator_bias', 'payload_mass')
+    assert main([str(log), '--robot', str(robot), '--payload', '0.1', '--json', str(answer),
+                 '--jobs', '1', *(f'--exclude={n}' for n in catalogue() if n not in asked)]) == 0
+    found = json.loads(answer.read_text(encoding='utf-8'))
+    cause, = found['causes']
+    assert (cause['name'], cause['site']) == ('viscous_friction', 'joint_2')
+    assert set(found['gain']) == {'joint_1', 'joint_2'}
 
 
 @pytest.mark.parametrize('arguments, message', [

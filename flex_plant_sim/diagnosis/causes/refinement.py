@@ -74,8 +74,8 @@ def try_far_parts(state: SearchState) -> None:
         parts = centre.likelihood.parts
         names = parts_without_effect(state.nominal.robot, parts, considered)
         found = max((with_far_part(centre.fit, part.name, k) for k, part in enumerate(parts)
-                     if part.name in names), key=state.score)
-        if state.score(found) > best - state.score_margin(found, centre, MAX_DEFICIT):
+                     if part.name in names), key=state.score, default=None)
+        if found and state.score(found) > best - state.score_margin(found, centre, MAX_DEFICIT):
             may_lead.append(found)
     state.refine_each(may_lead)
 

@@ -104,9 +104,11 @@ def _unmoved(records: Sequence[Record], data: Data) -> tuple[str, ...]:
         swing = max(np.ptp(r.output[:, j]) / n[j] for r, n in zip(records, data.noise))
         if swing < MIN_ANGLE_SWING:
             unmoved.append(f'joint_{j + 1}')
-    bending = max(np.max(np.std(r.output[:, 2:], axis=0) / n[2:])
-                  for r, n in zip(records, data.noise))
-    return (*unmoved, 'the links') if bending < MIN_STRAIN_SWING else tuple(unmoved)
+    swings = [np.std(r.output[:, 2:], axis=0) / n[2:] for r, n in zip(records, data.noise)]
+    # An arm without gauges does not show whether its links bend.
+    if np.size(swings) and np.max(swings) < MIN_STRAIN_SWING:
+        unmoved.append('the links')
+    return tuple(unmoved)
 
 
 def _cannot_answer(unmoved: Sequence[str]) -> Diagnosis:
@@ -233,8 +235,8 @@ def doubt(posterior: Posterior) -> str:
     real = posterior.genuine_probability
     if real >= 0.5:
         return ''
-    return (' So many faults at once are rare: one thing that the catalogue lacks may be behind all '
-            f'of them. {_genuine_text(posterior)}')
+    return (' So many faults at once are rare: one thing that the catalogue lacks may be behind '
+            f'all of them. {_genuine_text(posterior)}')
 
 
 def _genuine_text(posterior: Posterior) -> str:
