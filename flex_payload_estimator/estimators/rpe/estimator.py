@@ -329,8 +329,8 @@ class RecursivePredictionError:
         suspect = doubt > SUSPECT
         status = 'model_suspect' if suspect else 'ok' if self._motion.excited \
             and self._incumbent is not None else 'not_excited'
-        innovation, deviation = said[2]
-        self._last = Estimate(time, mass, variance, best.variance, innovation, deviation, status)
+        reading = best.reading.copy()
+        self._last = Estimate(time, mass, variance, best.variance, reading[0], reading[1], status)
         return self._last
 
     def _reject(self, time: float) -> Estimate:
