@@ -28,14 +28,14 @@ LONGEST_GAP_S = 1.0
 # For so long, s, one set of matrices serves where nothing is measured, as it does at 100 Hz.
 TOGETHER_S = 0.01
 # rad, m/m, the drive's own unit: no sensor and no drive has more.
-LARGEST_ANGLE, LARGEST_STRAIN, LARGEST_COMMAND = 1e6, 1.0, 1e6
+LARGEST_ANGLES, LARGEST_STRAIN, LARGEST_COMMANDS = (1e6, 1e6), 1.0, (1e6, 1e6)
 # Where a variance is to be multiplied by this, no model that is known holds.
 SUSPECT = 3.0
 
 
-def _within(values: list[float], limit: float) -> bool:
-    """Tell whether all are finite, and less than a limit; quicker than by NumPy for a few."""
-    for value in values:
+def _within(values: list[float], limits: tuple[float, ...]) -> bool:
+    """Tell whether all are finite, and less than their limits; quicker than NumPy for a few."""
+    for value, limit in zip(values, limits):
         # A comparison with NaN is false.
         if not -limit < value < limit:
             return False
@@ -78,6 +78,7 @@ class RecursivePredictionError:
         self._modes, self._start = Modes(self.stepper), Start(self.stepper)
         self._shocks = Shocks(self.stepper)
         self._channels = self.stepper.told_variance.size
+        self._largest = (*LARGEST_ANGLES, *[LARGEST_STRAIN] * (self._channels - 2))
         self._warm()
 
     def _warm(self) -> None:
@@ -149,9 +150,8 @@ class RecursivePredictionError:
         if output.shape != (self._channels,) or command.shape != (2,):
             raise InputError(f'output, command: expected {self._channels} and 2 numbers, got '
                              f'shapes {output.shape} and {command.shape}')
-        sent, measured = _within(command.tolist(), LARGEST_COMMAND), output.tolist()
-        good = sent and math.isfinite(time) and _within(measured[:2], LARGEST_ANGLE) \
-            and _within(measured[2:], LARGEST_STRAIN)
+        sent = _within(command.tolist(), LARGEST_COMMANDS)
+        good = sent and math.isfinite(time) and _within(output.tolist(), self._largest)
         if math.isnan(self._time):
             return self._begin(time, output) if good else self._reject(time)
         if sent:
@@ -176,7 +176,7 @@ class RecursivePredictionError:
         self.conclude()
         command = np.array(command, dtype=float)
         if math.isnan(self._time) or self._ahead \
-                or not _within(command.tolist(), LARGEST_COMMAND):
+                or not _within(command.tolist(), LARGEST_COMMANDS):
             return
         history = self.stepper.effects.history
         sample = self._sample(self._time + self.arm.step_time, None, command)
@@ -329,8 +329,8 @@ class RecursivePredictionError:
         suspect = doubt > SUSPECT
         status = 'model_suspect' if suspect else 'ok' if self._motion.excited \
             and self._incumbent is not None else 'not_excited'
-        innovation, deviation = said[2]
-        self._last = Estimate(time, mass, variance, best.variance, innovation, deviation, status)
+        reading = best.reading.copy()
+        self._last = Estimate(time, mass, variance, best.variance, reading[0], reading[1], status)
         return self._last
 
     def _reject(self, time: float) -> Estimate:

@@ -10,7 +10,7 @@ from flex_payload_estimator.estimators.rpe import onward
 from flex_payload_estimator.estimators.rpe.effects import EffectStep
 from flex_payload_estimator.estimators.rpe.evidence import misfit_of, new_record, NOISIER
 from flex_payload_estimator.estimators.rpe.hand_over import hand_over
-from flex_payload_estimator.estimators.rpe.hypothesis import Filter, Mode, Sample
+from flex_payload_estimator.estimators.rpe.hypothesis import assumed, Filter, Mode, Sample
 from flex_payload_estimator.estimators.rpe.kernel import (
     CORIOLIS,
     FIRST_BIAS,
@@ -20,6 +20,7 @@ from flex_payload_estimator.estimators.rpe.kernel import (
 )
 from flex_payload_estimator.estimators.rpe.knowledge import joined
 from flex_payload_estimator.estimators.rpe.linearised import held, Lineariser
+from flex_payload_estimator.estimators.rpe.model_average import model_averaged
 from flex_payload_estimator.estimators.rpe.prior import Prior, SHARE_STD, SHARES, tolerances_off
 from flex_payload_estimator.estimators.rpe.schedule import PayloadSchedule
 from flex_payload_estimator.estimators.rpe.sensors import Loads, speed_feedback
@@ -82,6 +83,7 @@ class FilterStep:
         # Whether an effect acts between prediction and measurement.
         self._apart = effects.moves or self._offsets
         self._no_parts, self._no_offset = np.zeros((0, 1)), np.zeros(told.size)
+        self._limits = self._density, float(prior.gains), heaviest, self.step_time
 
     def prior_of(self, mode: Mode) -> Prior:
         """Return the prior of the columns that a mode has."""
@@ -99,24 +101,24 @@ class FilterStep:
                        new_record(channels), np.repeat([[0.0], [np.inf]], channels, axis=1))
         return Filter(mode, known, (x.size, beta.size, channels))
 
-    def _model(self, f: Filter) -> tuple[Any, ...]:
-        """Return what kernel.predict takes of the model, from its anchor to its motion rows."""
-        parts = self._no_parts
-        if f.model is not None:
+    def _ahead(self, f: Filter, sample: Sample, loads: Loads) -> tuple[Any, ...]:
+        """Return what `onward.ahead` takes."""
+        parts, model = self._no_parts, f.model
+        if model is not None:
+            about, series, away, motion = model.nominal, model.series, 0.0, model.motion
             if f.mode.parts:
-                parts = f.model.parts_at(f.x.item(1))
-            return f.model.nominal, f.model.series, parts, 0.0, f.model.motion
-        # Plain numbers are quicker than NumPy's.
-        mass = f.mass
-        piece = self.schedule.cut(mass, f.variance)
-        if f.mode.parts:
-            parts = self.schedule.parts_at(mass, f.x.item(1))
-        return f.beta, piece.series, parts, mass - piece.payload, self.motion[f.mode.bent]
-
-    def _pushed(self, f: Filter, sample: Sample, loads: Loads) -> tuple[Any, ...]:
+                parts = model.parts_at(f.x.item(1))
+        else:
+            # Plain numbers are quicker than NumPy's.
+            mass, about, motion = f.mass, f.beta, self.motion[f.mode.bent]
+            piece = self.schedule.cut(mass, f.variance)
+            series, away = piece.series, mass - piece.payload
+            if f.mode.parts:
+                parts = self.schedule.parts_at(mass, f.x.item(1))
         doubt = self._torque if sample.doubt is None else self._torque + sample.doubt
-        return (sample.command, doubt, self._speed, f.mode.drive**2 * self._density,
-                f.mode.walk**2 * self.step_time, loads.table, sample.steps)
+        return (f.room(), f.known, f.anchor, model is not None, about, series, parts, away, motion,
+                sample.command, doubt, self._speed, loads.table, sample.steps,
+                assumed(f.mode, *self._limits))
 
     def predict(self, f: Filter, sample: Sample, loads: Loads) -> None:
         """Advance to a sample; a state that is lost stays so until a measurement tells it."""
@@ -126,8 +128,7 @@ class FilterStep:
         before, payload = f.x, float(f.beta[MASS] if f.model is None else f.anchor[MASS])
         if self.effects.moves:
             before = before.copy()
-        onward.ahead(f.room(), f.known, f.anchor, f.model is not None, *self._model(f),
-                     *self._pushed(f, sample, loads))
+        onward.ahead(*self._ahead(f, sample, loads))
         if self.effects.moves:
             f.x[:] = self.effects.push(self.schedule.cut(payload).payload, before, f.x,
                                        sample.command, sample.time - self.step_time)
@@ -139,13 +140,13 @@ class FilterStep:
         f.x += state - f.state
 
     def said(self, f: Filter) -> onward.Said:
-        """Return what a filter says, see onward.said."""
-        return onward.said(f.known, *f.sizes, self._lasting[f.mode.parts])
+        """Return what a filter says: payload, kg, and its variance, kg^2."""
+        return model_averaged(f.beta, f.spread, self._lasting[f.mode.parts])
 
     def payload(self, f: Filter, told: onward.Said | None = None, doubt: float | None = None
                 ) -> tuple[float, float]:
         """Return payload and variance, kg and kg^2; the rest of f, where it is known."""
-        mass, variance = map(float, (told or self.said(f))[:2])
+        mass, variance = map(float, told or self.said(f))
         if f.mode.parts:
             variance += (LASTING * mass)**2
             if f.rounds == 0:
@@ -175,8 +176,8 @@ class FilterStep:
             self.correct(f, sample, loads)
             return
         self._weighed(f, sample, onward.stepped(
-            f.room(), f.known, f.anchor, f.model is not None, *self._model(f),
-            *self._pushed(f, sample, loads), *self._sensed(f, sample)))
+            sample.measured, self._no_offset, self.output, self.told_variance,
+            *self._ahead(f, sample, loads)))
 
     def jumped(self, after: Filter, sample: Sample, loads: Loads) -> Filter:
         """
@@ -217,14 +218,9 @@ class FilterStep:
         if sample.measured is None:
             return
         self._weighed(f, sample, onward.learnt(
-            f.known, f.anchor, f.model is not None, loads.table, *self._sensed(f, sample)))
-
-    def _sensed(self, f: Filter, sample: Sample) -> tuple[Any, ...]:
-        """Return what `onward.learnt` takes, from the measurement to the step."""
-        # One that expects more than it sees cannot tell how much less the noise is.
-        least, gains = (1.0, self.prior.gains) if f.mode.parts else (0.0, 0)
-        return (sample.measured, self._offset(f.x, sample.time), self.output, self.told_variance,
-                f.mode.gauge**2 * self._density, least, gains, self.heaviest, self.step_time)
+            f.known, f.anchor, f.model is not None, loads.table, sample.measured,
+            self._offset(f.x, sample.time), self.output, self.told_variance,
+            assumed(f.mode, *self._limits)))
 
     def _weighed(self, f: Filter, sample: Sample, found: tuple[float, ...]) -> None:
         gained, stated, square, f.fallen = found
@@ -242,10 +238,11 @@ class FilterStep:
     def followed(self, f: Filter, command: Array, output: Array, loads: Loads, swing: float
                  ) -> tuple[Loads, bool, onward.Said]:
         """Return the loads after a sample, whether it swings, and what is said then."""
-        table, swings, told = onward.followed(
-            f.known, f.anchor, f.model is not None, self._lasting[f.mode.parts], loads.table,
-            loads.share, output, command, self._speed, self.told_variance, swing)
-        return Loads(loads.share, table), swings, told
+        after = Loads(loads.share, np.zeros(loads.table.shape))
+        swings, told = onward.followed(
+            after.table, f.known, f.anchor, f.model is not None, self._lasting[f.mode.parts],
+            loads.table, loads.share, output, command, self._speed, self.told_variance, swing)
+        return after, swings, told
 
     def renewed(self, f: Filter, mode: Mode, fresh: float, doubt: float) -> Filter:
         """

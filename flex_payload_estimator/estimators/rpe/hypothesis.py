@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 from flex_payload_estimator.estimators.rpe.kernel import MASS
 from flex_payload_estimator.estimators.rpe.knowledge import parted
 from flex_payload_estimator.estimators.rpe.linearised import Linearised
+from flex_payload_estimator.estimators.rpe.onward import Assumed
 from flex_plant_sim.arm.second_order import Array
 import numpy as np
 
@@ -65,6 +67,29 @@ def level(mode: Mode) -> int:
     return LEVELS[mode.name]
 
 
+@lru_cache
+def assumed(mode: Mode, density: float, gains: float, heaviest: float, step: float) -> Assumed:
+    """
+    Return what a mode assumes, as the compiled step takes it.
+
+    Parameters
+    ----------
+    mode : Mode
+        Whose.
+    density : float
+        Over how many samples a model error is the same.
+    gains : float
+        How many gauges' gains are among the parts.
+    heaviest, step : float
+        kg and s.
+
+    """
+    # One that expects more than it sees cannot tell how much less the noise is.
+    least, gains = (1.0, gains) if mode.parts else (0.0, 0.0)
+    return (mode.drive**2 * density, mode.walk**2 * step, mode.gauge**2 * density, least, gains,
+            heaviest, step)
+
+
 class Sample(NamedTuple):
     """
     A sample: time, s; outputs, rad and m/m, (m,), or None; command at the drives, (2,).
@@ -93,11 +118,11 @@ class Filter:
     sizes : tuple of int
         Numbers of states, of parameters and of channels.
     x, cov, sens, beta, spread : Array
-        See kernel.py; parts of `known`, as are record and reading: to be written in place.
-    record : Array
-        What `evidence.weigh` remembers.
+        See kernel.py; parts of `known`, as are record, noise and reading: to be written in place.
+    record, noise : Array
+        What `evidence.weigh` remembers; of it the noise's variances over the told ones, (m,).
     reading : Array
-        Innovation of the last sample, rad and m/m, and its expected variances, (2, m).
+        Innovation of the last sample, rad and m/m, and its expected deviation, (2, m).
     anchor : Array
         The model's, or beta itself where that follows the estimate.
     log, recent, gained, stated : float
@@ -139,6 +164,7 @@ class Filter:
     beta: Array = field(init=False)
     spread: Array = field(init=False)
     record: Array = field(init=False)
+    noise: Array = field(init=False)
     reading: Array = field(init=False)
     anchor: Array = field(init=False)
 
@@ -146,6 +172,7 @@ class Filter:
         """Find the parts."""
         (self.x, self.cov, self.sens, self.beta, self.spread, self.record,
          self.reading) = parted(self.known, *self.sizes)
+        self.noise = self.record[:self.sizes[2]]
         self.anchor = self.beta if self.model is None else self.model.anchor
 
     def room(self) -> Array:
@@ -168,11 +195,6 @@ class Filter:
     def state(self) -> Array:
         """Return the state for the parameters believed, (n,)."""
         return self.x if self.model is None else self.x + self.sens @ (self.beta - self.anchor)
-
-    @property
-    def noise(self) -> Array:
-        """Return the noise's variances over the told ones, (m,), to be written in place."""
-        return self.record[:self.sizes[2]]
 
     @property
     def mass(self) -> float:

@@ -145,8 +145,8 @@ class Modes:
         for trial in self.trials:
             self._step(trial, incumbent, sample, loads, excited)
         # Whoever is told first that the noise has fallen gains by that alone, until the other is.
-        self.trials = [trial for trial in self.trials if trial.simpler(incumbent)
-                       or trial.runner.fallen == incumbent.fallen == 0.0]
+        self.trials = [t for t in self.trials if t.runner.fallen == incumbent.fallen == 0.0
+                       or t.simpler(incumbent)]
         for trial in list(self.trials):
             if self._wins(trial, incumbent):
                 return self._promote(trial, incumbent, sample.time)

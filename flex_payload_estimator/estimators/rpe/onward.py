@@ -18,8 +18,13 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import compiled
 import numpy as np
 
-# What `said` returns.
-Said = tuple[float, float, Array]
+# What a mode assumes: variance of the model error of a drive over the square of its net command,
+# and that by which the payload walks a sampling time, kg^2; variance of the model error of a gauge
+# over the square of what it sees; noise variance over the told one, at least; how many gauges'
+# gains are among beta; the largest payload, kg; the sampling time, s.
+Assumed = tuple[float, float, float, float, float, float, float]
+# What a filter says: payload, kg, and its variance, kg^2, see model_averaged.
+Said = tuple[float, float]
 # Rows of Loads' table.
 MEAN, STRAIN, SWING, DRIVE = range(4)
 # e' Sigma^-1 e beyond which a sample's noise counts as larger: six normal draws squared sum to
@@ -38,41 +43,20 @@ def state_of(x: Array, sens: Array, beta: Array, anchor: Array, held: bool) -> A
 
 
 @compiled
-def said(known: Array, states: int, size: int, channels: int, lasting: Array
-         ) -> Said:
+def followed(after: Array, known: Array, anchor: Array, held: bool, lasting: Array, table: Array,
+             share: float, output: Array, command: Array, speed: Array, told: Array, swing: float
+             ) -> tuple[bool, Said]:
     """
-    Return what a filter says: payload, kg, and its variance; innovation and its deviation, (2, m).
+    Write the loads after a sample; return whether a gauge swings beyond its noise, and `Said`.
 
     Parameters
     ----------
-    known, states, size, channels
-        See knowledge.parted.
-    lasting : Array
-        See model_averaged.
-
-    """
-    _, _, _, beta, spread, _, reading = parts_of(known, states, size, channels)
-    mass, variance = model_averaged(beta, spread, lasting)
-    found = reading.copy()
-    put(found[1], np.sqrt(reading[1]))
-    return mass, variance, found
-
-
-@compiled
-def followed(known: Array, anchor: Array, held: bool, lasting: Array, table: Array, share: float,
-             output: Array, command: Array, speed: Array, told: Array, swing: float
-             ) -> tuple[Array, bool, Said]:
-    """
-    Return the loads after a sample, whether a gauge swings beyond its noise, and `said`.
-
-    Parameters
-    ----------
+    after, table, share : Array, Array, float
+        Zeros, where they are written, and those before, see sensors.Loads.
     known, anchor, held, told
         Of the incumbent, see `learnt`.
-    lasting
-        See `said`.
-    table, share : Array, float
-        See sensors.Loads.
+    lasting : Array
+        See model_averaged.
     output, command : Array
         (m,) and (2,).
     speed : Array
@@ -81,26 +65,25 @@ def followed(known: Array, anchor: Array, held: bool, lasting: Array, table: Arr
         Variance of a gauge over that of its noise that is a swing.
 
     """
-    x, _, sens, beta, _, record, _ = parts_of(known, speed.shape[1], anchor.size, output.size)
-    found, held_by = np.zeros_like(table), applied(speed, state_of(x, sens, beta, anchor, held))
-    add_matrix(found, 1.0 - share, table)
-    swings = False
+    x, _, sens, beta, spread, record, _ = parts_of(known, speed.shape[1], anchor.size, output.size)
+    held_by, swings = applied(speed, state_of(x, sens, beta, anchor, held)), False
+    add_matrix(after, 1.0 - share, table)
     for i in range(output.size):
         if i < 2:
-            found[DRIVE, i] += share * (command[i] - held_by[i])**2
+            after[DRIVE, i] += share * (command[i] - held_by[i])**2
         off = output[i] - table[MEAN, i]
-        found[MEAN, i] = table[MEAN, i] + share * off
+        after[MEAN, i] = table[MEAN, i] + share * off
         if i > 1:
-            found[STRAIN, i] += share * output[i] * output[i]
-        found[SWING, i] += (1.0 - share) * share * off * off
-        swings |= i > 1 and found[SWING, i] > swing * told[i] * record[i]
-    return found, swings, said(known, speed.shape[1], anchor.size, output.size, lasting)
+            after[STRAIN, i] += share * output[i] * output[i]
+        after[SWING, i] += (1.0 - share) * share * off * off
+        swings |= i > 1 and after[SWING, i] > swing * told[i] * record[i]
+    return swings, model_averaged(beta, spread, lasting)
 
 
 @compiled
 def ahead(kept: Array, known: Array, anchor: Array, held: bool, about: Array, series: Array,
           parts: Array, away: float, motion: Array, command: Array, doubt: Array, speed: Array,
-          error: float, walked: float, loads: Array, steps: int) -> None:
+          loads: Array, steps: int, assumed: Assumed) -> None:
     """
     Bring a filter some sampling times on, with one command: x, P, s and V.
 
@@ -118,22 +101,21 @@ def ahead(kept: Array, known: Array, anchor: Array, held: bool, about: Array, se
         u, (2,), and the variance of its disturbance, (2,).
     speed : Array
         See sensors.speed_feedback.
-    error : float
-        Variance of the model error of a drive over the square of its net command.
-    walked : float
-        Variance by which the payload walks a sampling time, kg^2.
     loads : Array
         See sensors.Loads: the error is of what was carried of late, and no less than of now.
     steps : int
         How many sampling times.
+    assumed : Assumed
+        See hypothesis.assumed.
 
     """
     put(kept, known)
     x, cov, sens, beta, spread, _, _ = parts_of(known, speed.shape[1], anchor.size,
                                                 loads.shape[1])
-    if error > 0.0:
+    push, walked = assumed[:2]
+    if push > 0.0:
         net = command - applied(speed, state_of(x, sens, beta, anchor, held))
-        doubt = doubt + error * np.maximum(loads[DRIVE, :2], net * net)
+        doubt = doubt + push * np.maximum(loads[DRIVE, :2], net * net)
     predict(x, cov, sens, about, series, parts, away, command, motion, np.sqrt(doubt), steps)
     if walked > 0.0:
         walk(cov, sens, spread, steps * walked)
@@ -141,23 +123,18 @@ def ahead(kept: Array, known: Array, anchor: Array, held: bool, about: Array, se
 
 @compiled
 def learnt(known: Array, anchor: Array, held: bool, loads: Array, measured: Array, offset: Array,
-           output: Array, told: Array, error: float, least: float, gains: int, heaviest: float,
-           step: float) -> tuple[float, float, float, float]:
+           output: Array, told: Array, assumed: Assumed) -> tuple[float, float, float, float]:
     """
-    Let a filter learn from a measurement; its reading is the innovation and its variances.
+    Let a filter learn from a measurement; its reading is the innovation and its deviations.
 
     Parameters
     ----------
-    known, loads
+    known, loads, assumed
         See `ahead`.
-    anchor, held, measured, offset, output, gains, heaviest
+    anchor, held, measured, offset, output
         See correction.correct.
-    told, step
+    told : Array
         See evidence.weigh.
-    error : float
-        Variance of the model error of a gauge over the square of what it sees.
-    least : float
-        Noise variance over the told one, at least.
 
     Returns
     -------
@@ -166,7 +143,7 @@ def learnt(known: Array, anchor: Array, held: bool, loads: Array, measured: Arra
         the state is lost: then nothing is learnt.
 
     """
-    channels = measured.size
+    channels, (error, least, gains, heaviest, step) = measured.size, assumed[2:]
     x, cov, sens, beta, spread, record, reading = parts_of(known, output.shape[1], anchor.size,
                                                            channels)
     noise = told * np.maximum(record[:channels], least)
@@ -175,25 +152,23 @@ def learnt(known: Array, anchor: Array, held: bool, loads: Array, measured: Arra
         seen[:2] = 0.0
         noise = noise + error * np.maximum(loads[STRAIN], seen)
     innovation, variances, scores, log_det = correct(
-        x, cov, sens, beta, spread, anchor, held, measured, offset, output, noise, gains, GATE,
-        heaviest)
+        x, cov, sens, beta, spread, anchor, held, measured, offset, output, noise, int(gains),
+        GATE, heaviest)
     if np.isnan(log_det):
         return 0.0, 0.0, np.nan, 0.0
     gained, stated, fallen = weigh(record, innovation, reading[0], variances, scores, log_det,
                                    told, GATE, step)
     put(reading[0], innovation)
-    put(reading[1], variances)
+    put(reading[1], np.sqrt(variances))
     return gained, stated, min(inner(scores, scores), GATE) / channels, fallen
 
 
 @compiled
-def stepped(kept: Array, known: Array, anchor: Array, held: bool, about: Array, series: Array,
-            parts: Array, away: float, motion: Array, command: Array, doubt: Array, speed: Array,
-            push: float, walked: float, loads: Array, steps: int, measured: Array,
-            offset: Array, output: Array, told: Array, error: float, least: float, gains: int,
-            heaviest: float, step: float) -> tuple[float, float, float, float]:
-    """Do both: `push` is the error of `ahead`, `error` that of `learnt`."""
+def stepped(measured: Array, offset: Array, output: Array, told: Array, kept: Array, known: Array,
+            anchor: Array, held: bool, about: Array, series: Array, parts: Array, away: float,
+            motion: Array, command: Array, doubt: Array, speed: Array, loads: Array, steps: int,
+            assumed: Assumed) -> tuple[float, float, float, float]:
+    """Do both."""
     ahead(kept, known, anchor, held, about, series, parts, away, motion, command, doubt, speed,
-          push, walked, loads, steps)
-    return learnt(known, anchor, held, loads, measured, offset, output, told, error, least, gains,
-                  heaviest, step)
+          loads, steps, assumed)
+    return learnt(known, anchor, held, loads, measured, offset, output, told, assumed)
