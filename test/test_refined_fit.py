@@ -128,3 +128,14 @@ def test_a_gradual_event_is_tried_as_a_sudden_one_too(start: tuple[float, ...]) 
     # Between a change of ten seconds and a sudden one is a local minimum.
     assert slow.values[2] > 8.0 and slow.cost > found.cost + 200.0
     assert found.values[2] < 0.1 and found.values[0] == pytest.approx(-0.06, abs=1e-3)
+
+
+def test_causes_without_the_trajectory_s_shapes_are_predicted_one_at_a_time() -> None:
+    truncated = effects('modal_truncation:arm:modes=4')
+    data = Data.of([simulated((), 22.0)], SLOWEST, REFERENCE.sample_time)
+    likelihood = Likelihood(BaseModel(REFERENCE, 'paper', 2), data.windows, data.noise, truncated)
+    bias, = (h for h in all_hypotheses(REFERENCE) if h.label == 'strain_bias:strain_1a')
+    causes, values = CauseSet((bias,), data.duration), np.array([[1e-5], [2e-4]])
+    each = np.concatenate([causes.residual(likelihood, value[None]) for value in values])
+    np.testing.assert_array_equal(causes.residual(likelihood, values), each)
+    assert np.abs(each[0] - each[1]).max() > 1.0

@@ -218,7 +218,9 @@ class CauseSet:
 
     def residual(self, likelihood: Likelihood, values: Array) -> Array:
         """Return the residual r at values (B, k), (B, m, N); see `Likelihood`."""
-        if self.structural or not self.hypotheses:
+        # An arm whose shapes are not the trajectory's has a trajectory of its own, one at a time.
+        if self.structural or not self.hypotheses \
+                or likelihood.changes_shapes(self.effects(values[0])):
             return np.concatenate([likelihood.residual(self.effects(v)) for v in values])
         return np.concatenate([likelihood.residual(self.effects(values[k:k + BATCH_SIZE]))
                                for k in range(0, len(values), BATCH_SIZE)])

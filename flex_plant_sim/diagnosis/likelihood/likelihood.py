@@ -154,6 +154,10 @@ class Likelihood:
         return self._copied('centre_residual', 'part_jacobian', 'centre_shift', 'part_products',
                             'with_own_filters', shared_covariance=False)
 
+    def changes_shapes(self, effects: Sequence[Effect]) -> bool:
+        """Tell whether an arm with effects bends in other shapes than the trajectory's."""
+        return self.predictors[0].changes_shapes(effects)
+
     def has_new_coordinates(self, effects: Sequence[Effect]) -> bool:
         """Tell whether effects have coordinates that the centre's trajectory lacks."""
         now = self.predictors[0].arm.form.names

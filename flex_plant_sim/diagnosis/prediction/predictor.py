@@ -136,7 +136,7 @@ class Predictor:
             The arm's own by default.
 
         """
-        if self._changes_shapes(effects):
+        if self.changes_shapes(effects):
             return self._with_own_shapes(effects, robot).innovations(effects, robot, steady)
         arm = self.arm_with(effects, robot)
         errors, _ = self._one_step_errors(arm, effects, robot, steady)
@@ -182,7 +182,7 @@ class Predictor:
             not be compared between hypotheses, but guide a fit that starts far from its optimum.
 
         """
-        if self._changes_shapes(effects):
+        if self.changes_shapes(effects):
             return self._with_own_shapes(effects, robot).whitened_residual(
                 effects, robot, shared_covariance=shared_covariance)
         arm = self.arm_with(effects, robot)
@@ -229,7 +229,8 @@ class Predictor:
         m = table.shape[-1]
         return np.asarray((weights @ table.reshape(len(table), -1)).reshape(*rows.shape, m, m))
 
-    def _changes_shapes(self, effects: Sequence[Effect]) -> bool:
+    def changes_shapes(self, effects: Sequence[Effect]) -> bool:
+        """Tell whether an arm with effects bends in other shapes than the trajectory's."""
         return _shape_effects(effects) != _shape_effects(self.trajectory_effects)
 
     def _same_plant(self, effects: Sequence[Effect], robot: Robot | None) -> bool:
