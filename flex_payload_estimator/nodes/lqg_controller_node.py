@@ -38,8 +38,9 @@ IN_TIME = 10
 # Without a payload in time for so long, s, it is said, as drives wait for a command
 # (COMMAND_TIMEOUT of the plant): a single one that is late troubles nobody.
 UNHEARD = 0.1
-# Looks at each piece of a reference, whether its spline stays where the joints can go.
-LOOKS = 20
+# Samples between two points of a reference at which its spline is checked against the joints'
+# limits.
+SAMPLES_PER_PIECE = 20
 SQUARE = ('reference_amplitude', 'reference_period')
 
 
@@ -220,7 +221,7 @@ class LQGControllerNode(SampleNode):
         """Return set-points that the joints can reach; others are refused."""
         low, high = self.gate.limits.low[:2], self.gate.limits.high[:2]
         with np.errstate(all='ignore'):
-            times, angles = reference.looked_at(LOOKS)
+            times, angles = reference.sampled(SAMPLES_PER_PIECE)
         outside = np.flatnonzero(~((angles >= low) & (angles <= high)).all(axis=1))
         if outside.size:
             first = outside[0]
