@@ -31,9 +31,9 @@ def since(rows: Sequence[Row]) -> list[str]:
     first: dict[str, tuple[Any, str]] = {}
     found = []
     for row in rows:
-        said = (row.verdict, frozenset(row.causes))
-        if row.verdict and first.get(row.arm, (None, ''))[0] != said:
-            first[row.arm] = (said, row.log)
+        result = (row.verdict, frozenset(row.causes))
+        if row.verdict and first.get(row.arm, (None, ''))[0] != result:
+            first[row.arm] = (result, row.log)
         found.append(first[row.arm][1] if row.verdict else '')
     return found
 

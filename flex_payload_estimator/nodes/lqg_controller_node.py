@@ -146,6 +146,7 @@ class LQGControllerNode(SampleNode):
         return self._control(sample, self._masses.pop(sample.stamp, self._last_mass))
 
     def _on_inertia(self, message: InertiaStamped) -> None:
+        """Answer the sample that waits for this payload, or keep the payload until it comes."""
         stamp, mass = checked_stamp(message, 'payload/inertia'), payload_mass(message)
         self._last_mass = mass
         if self._waiting is not None and stamp == self._waiting.stamp:
@@ -219,6 +220,7 @@ class LQGControllerNode(SampleNode):
         self._send(np.zeros(2), last, WATCH_INTERVAL)
 
     def _on_reference(self, message: JointTrajectory) -> None:
+        """Replace the set-points, from the present ones on."""
         now = seconds(self.order.last or 0)
         self.set_points = self._within_limits(Trajectory.of(
             message, self._joints, self.set_points(now), now, self.values['reference_shape']))

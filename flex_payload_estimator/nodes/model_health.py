@@ -182,6 +182,7 @@ class ModelHealth:
 
     def _channel(self, name: str, scaled: Array, nis: float, whiteness: float,
                  offset: float) -> ChannelHealth:
+        """Return the health of a channel from its normalised innovations, (window,)."""
         large = nis > self.nis_limit
         # A residual far below sigma may be coloured: then R was chosen wide, the model is right.
         coloured = whiteness > self.whiteness_limit and nis > 1.0

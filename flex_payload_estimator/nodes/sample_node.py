@@ -171,6 +171,7 @@ class SampleNode(ContractNode):
                 [angle, together.parts['strain']]), command))
 
     def _on_sample(self, sample: Sample) -> None:
+        """Answer a sample, unless its stamp is out of order or the node is too slow."""
         last, waited = self.order.last, self.waited
         order = self.order.judge(sample.stamp, self._backlog.held_up(waited))
         if order in (Order.STALE, Order.AHEAD):
@@ -239,6 +240,7 @@ class SampleNode(ContractNode):
             f'{self.robot.sample_time:.9g} s, got one after {seconds(interval):.9g} s')
 
     def _on_reset(self, _: Any, response: Any) -> Any:
+        """Take parameters that wait for ~/reset into force, and start again."""
         self.begin_again()
         self.restart()
         self.gate.restart()

@@ -139,7 +139,7 @@ def _spin(experiment: Experiment) -> LoopRecord:
 
 
 class Progress:
-    """Prints the estimate as it comes."""
+    """Prints the estimates of a run, and counts them."""
 
     def __init__(self) -> None:
         self.count, self._next = 0, 0.0

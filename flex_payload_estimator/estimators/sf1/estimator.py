@@ -95,7 +95,7 @@ class SF1Estimator:
         self._tune()
         self.reset()
         for _ in range(3 * self.pace.samples):
-            # Compile what is compiled, so that no sample waits for it.
+            # Compiles the loops, so that no sample waits for that.
             self.update(0.0, np.zeros(len(self.model.scale)), np.zeros(2))
         self.reset()
 
