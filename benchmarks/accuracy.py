@@ -2,10 +2,10 @@
 Compare the default estimator's error with the Cramer-Rao bound, on matched models.
 
 `python benchmarks/accuracy.py` runs 500 random cases without and 500 with process noise:
-payload 0.03-0.3 kg, noise 1e-4-1e-2 (rad, and V on the gauges), assumed modes, n = 3; --model,
---step and --until, s, change that, --parts draws the parts from their tolerances (a bound that
-knows them), --told says of how many times less noise the estimator is told, --burst adds so many
-times the noise from 3 to 3.5 s (the bound is that without).
+payload 0.03-0.3 kg, noise 1e-4-1e-2 (rad, and V on the gauges), assumed modes, n = 3. --model,
+--step and --until, s, change that. --parts draws the parts from their tolerances (the bound then
+knows them), --told divides the noise that the estimator is told by a factor, --burst adds a
+multiple of the noise from 3 to 3.5 s (the bound is that without it).
 The bound has the same vague start as the estimator; with process noise it is the posterior one.
 """
 
@@ -26,15 +26,34 @@ from matched import bound, Case, Record, record, TORQUE_NOISE, wilson, workers
 from matplotlib.figure import Figure
 import numpy as np
 
+# Times at which errors are compared, s, without and with a burst; the burst's begin and end, s.
 TIMES_S, AFTER_S = (1.0, 3.0, 10.0), (3.0, 4.0, 5.0, 6.0, 6.5)
 BURST_S = (3.0, 3.5)
 NAMES = ('no process noise', 'process noise')
+# Ratio of error to bound that the figure marks.
 LIMIT = 1.5
 
 
 @dataclass(frozen=True)
 class Study:
-    """What runs have in common: model, modes, step, end, s, parts drawn, noise untold, burst."""
+    """
+    Settings that all runs share.
+
+    Attributes
+    ----------
+    model : str
+    modes : int
+        Modes per link.
+    step, until : float
+        Sampling interval and end of a run, s.
+    parts : bool
+        Whether the parts are drawn from their tolerances.
+    told : float
+        Factor by which the noise is larger than the estimator is told.
+    burst : float
+        Noise during the burst, as a multiple of the noise; 0 for none.
+
+    """
 
     model: str = 'assumed_modes'
     modes: int = 3
@@ -46,7 +65,7 @@ class Study:
 
     @property
     def times(self) -> tuple[float, ...]:
-        """Return which of the times asked about are reached, s."""
+        """Return the times, s, at which the runs are compared, up to their end."""
         return tuple(t for t in (AFTER_S if self.burst else TIMES_S) if t <= self.until)
 
     def arm(self, seed: int) -> ExtendedArm:
@@ -56,12 +75,13 @@ class Study:
 
 @lru_cache(maxsize=1)
 def _nominal(study: Study) -> ExtendedArm:
-    """Return the reference arm, built once a process."""
+    """Return the reference arm, built once per process."""
     robot = replace(load_robot('reference'), sample_time=study.step)
     return ExtendedArm(robot, study.model, study.modes)
 
 
 def _drawn(study: Study, seed: int) -> ExtendedArm:
+    """Return an arm whose parts are drawn from their tolerances."""
     robot = replace(load_robot('reference'), sample_time=study.step)
     random = np.random.default_rng([seed, 2])
     for part in robot_parts(robot):
@@ -87,7 +107,7 @@ def run(seed: int, torque: float, study: Study) -> Array:
 
 
 def _measured(case: Case, data: Record, study: Study) -> Array:
-    """Return what the estimator is given: the outputs, with a burst of noise if asked."""
+    """Return the outputs that the estimator gets, with a burst of noise if asked."""
     during = (data.time > BURST_S[0] - 1e-9) & (data.time < BURST_S[1] - 1e-9)
     robot, random = case.robot(), np.random.default_rng([case.seed, 3])
     size = np.array([robot.angle_noise] * 2 + [robot.strain_noise] * (data.outputs.shape[1] - 2))

@@ -1,9 +1,9 @@
 """
-Calibrate MuJoCo arms whose parts are 5 to 10 % off their robot file; say what replay gains.
+Calibrate MuJoCo arms whose parts are 5 to 10 % off their robot file; print what replay gains.
 
 `python benchmarks/calibration.py --runs 5 --seed 100` prints, for every arm, the fit of each
 channel on replay before and after, and the root mean square of (estimate - truth) / stated
-deviation. Seeds from 100 served to choose MODEL_TEMPER, seeds from 200 to score it.
+deviation. Seeds from 100 were used to choose MODEL_TEMPER, seeds from 200 to score it.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from truth.mujoco.simulation import simulate  # noqa: E402
 from truth.records import COLUMNS, sample_times  # noqa: E402
 from truth.sensors import amplifier_output  # noqa: E402
 
+# Relative tolerance, in the file that is calibrated, of the parts that are off.
 TOLERANCE = 0.1
 WIDE = ('stiffness', 'link_mass', 'drive_inertia', 'drive_gain', 'drive_damping', 'elbow_mass',
         'strain_gain')
@@ -37,14 +38,14 @@ WIDE = ('stiffness', 'link_mass', 'drive_inertia', 'drive_gain', 'drive_damping'
 
 @dataclass(frozen=True)
 class Truth:
-    """An arm, and the logarithm of what its parts are over the reference robot's, by name."""
+    """An arm, and by name ln of the ratio of its parts to the reference robot's."""
 
     arm: Arm
     off: dict[str, float]
 
 
 class Factors:
-    """Draws what each part is multiplied with, and remembers it by name."""
+    """Draws the factor of each part, and keeps its logarithm by name."""
 
     def __init__(self, rng: np.random.Generator):
         self._rng = rng
@@ -65,7 +66,7 @@ def _link(link: Link, j: int, factor: Factors) -> Link:
 
 def _joint(joint: Joint, j: int, factor: Factors) -> Joint:
     damping = factor(f'drive_damping_{j}')
-    # A velocity loop that damps more pulls as much harder.
+    # A velocity loop that damps more also drives harder, in the same proportion.
     return replace(joint, inertia=joint.inertia * factor(f'drive_inertia_{j}'),
                    torque_gain=joint.torque_gain * damping * factor(f'drive_gain_{j}'),
                    damping=joint.damping * damping)
@@ -88,7 +89,7 @@ def draw(rng: np.random.Generator) -> Truth:
 
 
 def record(truth: Truth, seed: int, duration: float) -> np.ndarray:
-    """Return what a closed loop around the arm logs, (N, 9), in the order of COLUMNS."""
+    """Return the log of a closed loop around the arm, (N, 9), in the order of COLUMNS."""
     rng, arm = np.random.default_rng([seed, 7]), truth.arm
     time_s = sample_times(arm, round(duration / arm.sample_time))
     noise = arm.sensors.angle_noise * rng.standard_normal((len(time_s), 2))
@@ -99,7 +100,7 @@ def record(truth: Truth, seed: int, duration: float) -> np.ndarray:
 
 
 def told_robot() -> Robot:
-    """Return the reference robot with wide tolerances: what the user's file says."""
+    """Return the robot of the user's file: the reference robot with wide tolerances."""
     robot = load_robot('reference')
     wide = dict.fromkeys(WIDE, TOLERANCE)
     wide['strain_bias'] = 1e-5

@@ -1,12 +1,12 @@
 """
-Set the controller beside one that knows the true arm, on an arm that neither has as its model.
+Compare the controller with one that knows the true arm, on an arm that is neither one's model.
 
 `python benchmarks/controller_elements.py --arms 20` steps the finite elements of `test/truth`,
 their parts drawn from the robot's tolerances, in closed loop between set-points of +-0.5 rad on
 both joints. The adaptive design knows the nominal parts and takes the payload of `rpe`; the other
 is told the true parts and payload. Printed, by payload: the mean settling time of the steps after
-the first (the tip stays within a band of its way), how the arms' ratios lie, and the payload that
-the adaptive one believed at last.
+the first (the tip stays within a band of its way), the distribution of the arms' ratios, and the
+payload that the adaptive design believed at the end.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from truth.simulation import copy_terms, plant_of, stable_step  # noqa: E402
 
 MODEL, MODES, ESTIMATED_MODES = 'assumed_modes', 2, 3
 PAYLOADS = (0.0, 0.1, 0.3)
-# Adaptive over told, at most.
+# Largest ratio that is asked for of the settling times, adaptive over told.
 DEMANDED = 1.1
 
 
@@ -59,7 +59,7 @@ class Elements:
         steps, sensors = round(arm.sample_time / step), arm.sensors
         angle = np.array([sensors.angle_gain, sensors.angle_offset, sensors.angle_step,
                           [False, False]], dtype=float).T.copy()
-        # The second sample is there to be read.
+        # Two samples, because the state after a step is read from the second one.
         self._loop = Loop(False, np.zeros((2, 2)), np.zeros((2, 2)), np.zeros((2, 2)),
                           np.zeros((2, 2)), angle, np.full(2 * steps, arm.payload.mass),
                           copy_terms(self.system.lower_empty),
@@ -85,7 +85,7 @@ class Elements:
         self.state = states[1]
 
     def tip(self) -> Array:
-        """Return the payload's place, m, (2,)."""
+        """Return the position of the payload, m, (2,)."""
         upper, lower, p = self.system.upper, self.system.lower_empty, self.state[0]
         n = upper.tip.size
         q_1, q_2 = p[2:2 + n], p[2 + n:2 + n + lower.tip.size]
@@ -93,7 +93,11 @@ class Elements:
 
 
 def place(arm: Arm, joints: Array, bent: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Array:
-    """Return where the tip is, m, given the upper link's deflection and slope, the lower's."""
+    """
+    Return the position of the tip, m, (2,).
+
+    `bent` holds the upper link's deflection, m, and slope, rad, and the lower one's deflection, m.
+    """
     reach = [link.hub_radius + link.length for link in arm.links]
     tip = np.exp(1j * joints[0]) * (reach[0] + 1j * bent[0])
     tip += np.exp(1j * (joints.sum() + bent[1])) * (reach[1] + 1j * bent[2])
@@ -102,7 +106,11 @@ def place(arm: Arm, joints: Array, bent: tuple[float, float, float] = (0.0, 0.0,
 
 def settling(controller: LQGController, told: float | None, plant: Elements, robot: Robot,
              given: argparse.Namespace) -> tuple[Array, float]:
-    """Return each step's settling time, s, and the last payload; told: kg, None to estimate."""
+    """
+    Return each step's settling time, s, and the last payload, kg.
+
+    `told` is the payload, kg, that the controller is told; None where it is estimated.
+    """
     hold, steps = given.hold, given.steps
     estimator = None if told is not None else make_estimator('rpe', robot, MODEL, ESTIMATED_MODES)
     target, period, mass = square(period=2.0 * hold), robot.sample_time, told or 0.0
@@ -147,7 +155,7 @@ def main() -> None:
 
 
 def report(payload: float, rows: Array) -> None:
-    """Print what arms did, (A, 3): adaptive, s; told all, s; the payload believed, kg."""
+    """Print arms, (A, 3): settling time adaptive and told, s, and the believed payload, kg."""
     mean, ratio = rows.mean(axis=0), rows[:, 0] / rows[:, 1]
     print(f'{payload:.1f} kg: adaptive {mean[0]:.3f} s, knows the arm {mean[1]:.3f} s, ratio '
           f'{mean[0] / mean[1]:.3f}; arms {ratio.min():.2f} to {ratio.max():.2f}, median '

@@ -1,5 +1,5 @@
 """
-Print what a diagnosis with the whole catalogue costs: a 40 s log, and one ten times as long.
+Print the cost of a diagnosis with the whole catalogue: on a 40 s log, and one ten times as long.
 
 `python benchmarks/diagnosis_time.py` makes two logs of the reference robot with dry friction in
 its elbow, gives each to `flex_diagnose` in two processes, and samples the memory of all of them
@@ -33,6 +33,7 @@ import numpy as np
 
 ROBOT = load_robot('reference')
 HIDDEN = ('coulomb_friction:joint_2:level_n_m=0.3', 'coriolis_centripetal:arm:share=1')
+# Time for which a random set-point is held, and interval at which memory is sampled, s.
 HOLD = 0.9
 SAMPLING = 0.1
 
@@ -83,7 +84,7 @@ def diagnose(path: Path, jobs: int) -> tuple[float, float, str]:
 
 
 def passes(path: Path) -> None:
-    """Print what each step of a search costs, in passes and in s of CPU."""
+    """Print the cost of each step of a search: passes through the record, and s of CPU."""
     log, base = read_log(path, ROBOT), nominal_base(ROBOT, 'assumed_modes', 3)
     record = Record(path.name, log.time, log.command, log.output, 0.1)
     data = Data.of([record], slowest_frequency(base, 0.1), ROBOT.sample_time)

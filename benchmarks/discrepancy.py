@@ -1,10 +1,11 @@
 """
-How much a good model lacks: innovations of clean arms of another simulator, by discrepancy.
+Calibrate the discrepancy, what a good model lacks, on clean arms of another simulator.
 
-For clean MuJoCo arms (calibration seeds from 700; score on others) and some amplitudes of the
-discrepancy: the root mean square of the whitened innovations per channel with the parts
-re-estimated (1: as large as stated), and the temper their colour asks for, the long-run over the
-white variance of the scores of the parts. `python benchmarks/discrepancy.py --runs 6`.
+`python benchmarks/discrepancy.py --runs 6` takes clean MuJoCo arms (calibration seeds from 700;
+score on others) and some amplitudes of the discrepancy. It prints the root mean square of the
+whitened innovations per channel with the parts re-estimated (1: as large as stated), and the
+temper that their colour asks for: the long-run variance of the scores of the parts over the white
+one.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / 'test'))
 from truth.records import draw_case, make_record  # noqa: E402
 
+# First seed, and blocks of a record whose sums give the long-run variance.
 FIRST_SEED, BLOCKS = 700, 48
 DISCREPANCIES = tuple(DiscrepancyModel(gauge_share=share) for share in (0.01, 0.02, 0.05))
 
@@ -47,7 +49,7 @@ def whitened(seed: int, discrepancy: DiscrepancyModel) -> tuple[np.ndarray, np.n
 
 
 def temper(errors: np.ndarray, columns: np.ndarray) -> float:
-    """Return the median over parts of the long-run over the white variance of their scores."""
+    """Return, as the median over parts, the ratio of long-run to white variance of the scores."""
     scores = np.einsum('tm,tmp->tp', errors, columns)
     sums = np.array([part.sum(axis=0) for part in np.array_split(scores, BLOCKS)])
     white = np.einsum('tmp,tmp->p', columns, columns)

@@ -1,10 +1,10 @@
 """
-Weigh disturbed arms that are not rpe's model: gauge biases, noise, a burst, parts far off.
+Estimate the payload of disturbed arms: gauge biases, noise, a burst of noise, parts far off.
 
-Clean arms of two other simulators (finite elements and a MuJoCo chain, parts drawn from their
-tolerances), each spoilt in turn. Prints for each disturbance and time the coverage of the 95 %
-interval, root mean square and worst of the errors and the half width, in % of the payload.
-Nothing is tuned on it; seeds from 7000 on.
+The arms are clean ones of two other simulators (finite elements and a MuJoCo chain, parts drawn
+from their tolerances), so that none is rpe's model; each is disturbed in each way. Printed, for
+each disturbance and time: the coverage of the 95 % interval, root mean square and worst of the
+errors and the half width, in % of the payload. Nothing is tuned on it; seeds from 7000 on.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ from truth.records import draw_case, make_record, Record, TruthCase  # noqa: E40
 
 TRUTHS = ('finite_elements', 'mujoco')
 TIMES_S = (1.0, 3.0, 6.0, 10.0)
-# m/m; times the robot file's; s; of the lower link's stiffness and of the first drive's inertia.
+# Bias of each gauge, m/m; noise and burst as multiples of the robot file's noise; begin and end of
+# the burst, s; relative error of the lower link's stiffness and of the first drive's inertia.
 BIAS, NOISE, BURST, BURST_S, OFF = 2e-5, 10.0, 50.0, (3.0, 3.5), 0.02
 Spoil = Callable[[Record, np.random.Generator], Record]
 
@@ -39,7 +40,7 @@ def biased(record: Record, random: np.random.Generator) -> Record:
 
 def noisy(record: Record, random: np.random.Generator, factor: float = NOISE,
           when: tuple[float, float] = (0.0, np.inf)) -> Record:
-    """Return the record with further noise, so many times the robot file's, for a while."""
+    """Return the record with `factor` times the robot file's noise added during `when`, s."""
     robot, on = load_robot('reference'), (record.time >= when[0]) & (record.time < when[1])
     joint, strain = (factor * size * on[:, None] * random.standard_normal(values.shape)
                      for size, values in ((robot.angle_noise, record.joint),
@@ -48,7 +49,7 @@ def noisy(record: Record, random: np.random.Generator, factor: float = NOISE,
 
 
 def spoils() -> dict[str, Spoil]:
-    """Return what is done to a record, by name."""
+    """Return the disturbances of a record, by name."""
     return {'clean': lambda record, _: record, 'gauge bias 2e-5': biased, 'noise x 10': noisy,
             'burst x 50, 3 to 3.5 s': lambda record, random: noisy(record, random, BURST, BURST_S)}
 

@@ -1,9 +1,9 @@
 """
-Latency of the estimator node: strain in to payload out, beside a bare rclpy echo node.
+Measure the estimator node's latency, strain in to payload out, beside a bare rclpy echo node.
 
 This process makes samples at a fixed rate, sends a command after every answer as a controller
-does, and takes the time. The other one is payload_estimator, or a node that does nothing but send
-strain back; blocks of both alternate in one run, so that both see the same machine.
+does, and takes the time. The other process is payload_estimator, or a node that only sends strain
+back. Blocks of both alternate in one run, so that both see the same machine.
 """
 
 from __future__ import annotations
@@ -43,17 +43,23 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
+# Percentile of the latency to the largest ratio that is asked for, estimator over echo.
 TARGETS = {50: 1.2, 99: 1.5}
+# Begin of a block that is left out, s.
 WARM_UP = 1.0
+# Time for the estimator to catch up after its start, s.
 SETTLING = 3.0
+# Longest wait for an answering node, s.
 PATIENCE = 30.0
 ECHO = 'echo/strain'
+# Messages that a queue holds.
 DEPTH = 1000
+# Answers after which a node counts as started.
 ANSWERS_TO_START = 20
 
 
 def echo() -> None:
-    """Run the bare node: what strain carries goes out again on another topic."""
+    """Run the bare node, which sends each strain message out again on another topic."""
     rclpy.init()
     node = Node('echo')
     publisher = node.create_publisher(JointState, ECHO, 10)
@@ -67,7 +73,7 @@ def echo() -> None:
 
 
 class Samples:
-    """Measurements of an arm that moves as in the paper's experiment, without a break."""
+    """Simulated measurements of an arm that moves as in the paper's experiment."""
 
     def __init__(self, rate: float, seconds: float, arm: dict[str, Any]):
         values = check_parameters('plant_sim', {**arm, 'sample_time': 1.0 / rate})
@@ -78,12 +84,12 @@ class Samples:
             self.rows.append(tuple(map(doubles, (sample.angle, sample.strain, sample.command))))
             wanted = 0.5 if (k // round(2.0 * rate)) % 2 == 0 else -0.5
             simulator.step(np.clip(3.0 * (wanted - sample.angle), -2.0, 2.0))
-        # Made once and filled at every sample, so that this process keeps out of the way.
+        # Built once and filled at every sample, so that this process takes little time.
         self._joint_states, self._command = joint_state(0, JOINTS), joint_state(0, JOINTS)
         self._strain = joint_state(0, simulator.arm.robot.gauge_names)
 
     def command(self, k: int, stamp: int) -> JointState:
-        """Return what is applied up to sample k, as a message of another stamp."""
+        """Return the command applied up to sample k, as a message of a stamp, ns."""
         self._command.header.stamp = time_message(stamp)
         self._command.effort = self.rows[k][2]
         return self._command
@@ -120,7 +126,7 @@ class Driver(Node):
         self._running = False
 
     def forget(self) -> None:
-        """Begin to count at the next sample."""
+        """Forget all times; count from the next sample on."""
         self.first = self.k
         for record in (self.sent, self.answered, self.echoed):
             record.clear()
@@ -178,7 +184,7 @@ def process(arguments: list[str]) -> Iterator[None]:
 
 
 def wait_for(executor: Any, driver: Driver) -> None:
-    """Send until all answers come: discovery takes 0.1 s to several seconds."""
+    """Send samples until all are answered: discovery takes 0.1 s to several seconds."""
     deadline = time.monotonic() + PATIENCE
     while len(driver.answered) + len(driver.echoed) < ANSWERS_TO_START:
         if time.monotonic() > deadline:
@@ -221,7 +227,7 @@ def block(kind: str, command: list[str], options: argparse.Namespace,
 def measure(options: argparse.Namespace) -> dict[str, Any]:
     """Return the percentiles of both nodes, their ratios and the samples lost."""
     arm = {'model': options.model, 'modes': options.modes}
-    # At most what a block takes; a jump back to the start would be one of the arm.
+    # The longest that a block may take: a jump back to the start would be a jump of the arm.
     seconds = PATIENCE + SETTLING + 2.0 * WARM_UP + options.duration / options.blocks
     samples = Samples(options.rate, seconds, arm)
     estimator = ['-m', 'flex_payload_estimator.nodes.start', 'payload_estimator', '--ros-args',

@@ -1,14 +1,14 @@
 """
-Show what the LQG controller gains from knowing the payload.
+Show how much the LQG controller gains from knowing the payload.
 
 The arm (`assumed_modes`, two modes, the robot's own noise) follows square set-points of +-0.5 rad
 and 4 s with payloads of 0, 0.1 and 0.3 kg, several noise seeds each. One thing varies: the payload
 for which predictor and gain are designed. It is fixed, estimated by `rpe` while the arm moves, or
-the true one. The step from rest is left out: there the estimate is not there yet.
+the true one. The step from rest is left out, because there is no estimate yet.
 
 `--drawn` takes another plant: five modes, Coriolis forces, and parts drawn from their
-tolerances by the seed. The adaptive design then knows neither the parts nor the payload, the one
-that it is set beside both.
+tolerances by the seed. The adaptive design then knows neither the parts nor the payload; the
+design that it is compared with knows both.
 """
 
 from __future__ import annotations
@@ -34,6 +34,8 @@ import numpy as np
 
 MODEL, MODES = 'assumed_modes', 2
 DRAWN_MODES, CORIOLIS = 5, 'coriolis_centripetal:arm:share=1'
+# Time between steps, s; steps that are measured; settling band as a share of the tip's way; time
+# after a step from which bending energy is averaged, s.
 HALF_PERIOD, STEPS, BAND, CALM_AFTER = 2.0, 5, 0.02, 1.0
 PAYLOADS = (0.0, 0.1, 0.3)
 DESIGNS = ('fixed 0 kg', 'fixed 0.1 kg', 'fixed 0.3 kg', 'adaptive', 'true payload')
@@ -52,7 +54,7 @@ class Run:
 
 
 def drawn_arm(seed: int, payload: float) -> ExtendedArm:
-    """Return an arm that is not the controller's: more modes, other parts, Coriolis forces."""
+    """Return an arm unlike the controller's model: more modes, other parts, Coriolis forces."""
     robot = drawn(load_robot('reference'), np.random.default_rng([seed, 2]))
     return ExtendedArm(robot, MODEL, DRAWN_MODES, payload, [build(parse(CORIOLIS))])
 
@@ -81,7 +83,7 @@ def run(design: str, payload: float, seed: int, q_2: float, other: bool = False)
 
 
 def tip_of(arm: ExtendedArm, positions: Array) -> Array:
-    """Return the payload's place for p (N, order), m, (N, 2)."""
+    """Return the payload's position, m, (N, 2), at coordinates p, (N, order)."""
     shape = ArmShape.of(arm, points=3)
     return np.array([shape.lines(position)[1, -1] for position in positions])
 
@@ -91,8 +93,8 @@ def measures(arm: ExtendedArm, record: LoopRecord, goal: Array, error: Array) ->
     Return each step's settling time, s, bending energy, mJ, and effort, rad^2/s: (STEPS, 3).
 
     Settled: the tip stays within 2 % of its way; 2 s where it does not before the next step.
-    Bending energy: mean from 1 s after the step
-    on. Effort: the integral of both commands squared.
+    Bending energy: its mean from 1 s after the step on. Effort: the integral of both commands
+    squared.
     """
     period = arm.robot.sample_time
     length, calm = round(HALF_PERIOD / period), round(CALM_AFTER / period)
@@ -154,7 +156,7 @@ def _traces(axes: Axes, results: dict[tuple[float, str], list[Run]]) -> None:
     heaviest = PAYLOADS[-1]
     for design, colour in zip(DESIGNS, COLOURS):
         one = results[heaviest, design][0]
-        # The last three fall together: the wide one shows behind the narrow ones.
+        # The last three curves coincide: the wide one shows behind the narrow ones.
         axes.semilogy(one.time, one.error, color=colour, lw=4.5 if design == 'adaptive' else 1.2,
                       zorder=1.5 if design == 'adaptive' else 2.0)
     axes.set_xlim(2.0 * HALF_PERIOD, 3.0 * HALF_PERIOD - 0.01)

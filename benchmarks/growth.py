@@ -1,7 +1,7 @@
 """
-Show how the default estimator's step time grows, and that a million small steps hurt nothing.
+Show how the default estimator's step time grows, and that a million small steps do no harm.
 
-`python benchmarks/growth.py` prints the processor time of one step over the modes a link (n = 1
+`python benchmarks/growth.py` prints the processor time of one step over the modes per link (n = 1
 … 8) and over the log's length, each with its fitted slope in log-log; one step beside FilterPy's
 Kalman filter with 11 states and 6 outputs, in the same run; and the covariance after 10^6 steps
 of 1e-4 s. The arm is simulated with the estimator's own model.
@@ -26,6 +26,7 @@ from matplotlib.figure import Figure
 import numpy as np
 from numpy.typing import ArrayLike
 
+# True payload, kg, and end of the estimator's start-up, s.
 MASS, SETTLED_S = 0.12, 3.0
 
 
@@ -67,7 +68,7 @@ def slope(x: ArrayLike, y: ArrayLike) -> float:
 
 
 def over_modes(robot: Robot, samples: int) -> tuple[Array, Array]:
-    """Print and return n and the median microseconds a step, after start-up."""
+    """Print and return n and the median time of a step after start-up, us."""
     modes, times = np.arange(1.0, 9.0), []
     for n in modes:
         loop = Loop(robot, int(n))

@@ -1,12 +1,11 @@
 """
-What rpe says of arms that hide an effect, and of clean ones: coverage, bands and false jumps.
+Score rpe on arms that hide an effect and on clean ones: coverage, bands and false jumps.
 
 `python benchmarks/hidden_effects.py [--runs N] [--seed S] [--truth mujoco]` takes arms of the
-truths in `test/truth`, parts drawn, in fast motion, none with a change of payload:
-N clean ones and N that hide an effect of the catalogue each, one after the other in an order
-drawn from the seed. The estimator is told nothing. Prints a table in Markdown; with --each a line
-a record as well.
-Finite elements from seed 8000 on tune; MuJoCo from 9000 on judges.
+truths in `test/truth`, parts drawn, in fast motion, none with a change of payload: N clean ones,
+and N that hide one effect of the catalogue each, in an order drawn from the seed. The estimator is
+not told of the effect. Prints a table in Markdown; with --each also a line per record.
+Finite elements from seed 8000 on are for tuning; MuJoCo from 9000 on judges.
 """
 
 from __future__ import annotations
@@ -31,9 +30,10 @@ from truth.records import draw_case, make_record  # noqa: E402
 
 TIMES_S = (0.5, 1.0, 2.0, 3.0, 6.0, 10.0, 20.0, 40.0)
 SEEDS = {'finite_elements': 8000, 'mujoco': 9000}
-# These hide nothing from an estimator that is told no payload, or change what it is to find.
+# Effects left out: they hide nothing from an estimator that is told no payload, or change the
+# quantity that it estimates.
 LEFT_OUT = ('payload_mass', 'payload_change', 'modal_truncation', 'coriolis_centripetal')
-# What a truth's equations leave out.
+# Effects that the equations of a truth do not have.
 LACKS = {'finite_elements': ('base_sliding',), 'mujoco': ()}
 CLEAN, HIDDEN = 'clean', 'hidden effect'
 
@@ -41,18 +41,19 @@ CLEAN, HIDDEN = 'clean', 'hidden effect'
 @dataclass(frozen=True)
 class Answer:
     """
-    What became of one record.
+    The estimator's result on one record.
 
     Attributes
     ----------
     name : str
-        What it hides.
+        The hidden effect, or CLEAN.
     error, deviation : Array
-        Relative to the payload, at each of the times, (times,).
+        Error and stated standard deviation at each of the times, relative to the payload,
+        (times,).
     jumps : int
-        Changes of the payload that were told; all are false.
+        Changes of the payload that the estimator found; all are false.
     mode : str
-        In which the estimator ended.
+        Mode in which the estimator ended.
 
     """
 
@@ -70,7 +71,7 @@ class Answer:
 
 def answer(estimator: RecursivePredictionError, name: str | None, seed: int, truth: str,
            times: tuple[float, ...]) -> Answer:
-    """Return what the estimator makes of one drawn record."""
+    """Return the estimator's result on one drawn record."""
     case = replace(draw_case(name, seed, duration_s=times[-1] + 0.05), simulator=truth)
     estimator.reset()
     found = [estimator.update(*row) for row in rows_of(make_record(case))]
@@ -92,7 +93,7 @@ def _answer(one: tuple[int, str | None], modes: int, truth: str, times: tuple[fl
 
 
 def effects_of(seed: int, runs: int, truth: str, among: tuple[str, ...]) -> list[str]:
-    """Return the names of what is hidden, each once before one comes again."""
+    """Return the names of the effects to hide; each comes once before any comes again."""
     names, random = [name for name in among if name not in LEFT_OUT + LACKS[truth]], \
         np.random.default_rng(seed)
     return [str(name) for _ in range(runs // len(names) + 1)

@@ -37,7 +37,7 @@ BENCH = ROOT.parent / 'shared' / 'data' / 'bench'
 
 @lru_cache(maxsize=1)
 def nominal_arm(modes: int) -> ExtendedArm:
-    """Return the reference arm, built once a process."""
+    """Return the reference arm, built once per process."""
     return ExtendedArm(load_robot('reference'), 'assumed_modes', modes)
 
 
@@ -85,7 +85,7 @@ def report(kind: str, found: Array) -> None:
 
 
 def bench_answers(name: str, truth: dict[str, object]) -> tuple[Array, list[str]]:
-    """Return (time, mass, standard deviation) of a record, and its events in words."""
+    """Return (time, mass, standard deviation) over a record, and its events in words."""
     rows = np.loadtxt(BENCH / f'{name}.csv', delimiter=',', skiprows=1)
     estimator = RecursivePredictionError(load_robot('reference'))
     command, found = np.zeros(2), []
@@ -99,7 +99,7 @@ def bench_answers(name: str, truth: dict[str, object]) -> tuple[Array, list[str]
 
 
 def bench_records() -> Iterator[tuple[str, Array]]:
-    """Print the bench records' answers; yield name and (time, relative error, relative std)."""
+    """Print the estimates on the bench records; yield name and (time, relative error and std)."""
     truths = json.loads((BENCH / 'truth.json').read_text())
     columns = ''.join(f'{f"error at {time:g} s":>16s}' for time in TIMES_S)
     print(f'{"record":18s}{columns}{"in 95 % at 10 s":>18s}')

@@ -1,5 +1,5 @@
 """
-Put the default estimator beside an augmented EKF and UKF (FilterPy) on the same data.
+Compare the default estimator with an augmented EKF and UKF (FilterPy) on the same data.
 
 `python benchmarks/kalman_family.py` runs matched cases (as in accuracy.py, n = 2) and the clean
 record of the independent simulator. EKF and UKF carry (x, m), know the noise levels and start at
@@ -30,6 +30,7 @@ from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from matched import bound, Case, Record, record
 import numpy as np
 
+# Payload at the start of EKF and UKF, its standard deviation, and the largest payload, kg.
 START_KG, SPREAD_KG, HEAVIEST_KG = 0.1, 0.1, 0.7
 TIMES_S = (1.0, 3.0, 10.0)
 BENCH = Path(__file__).resolve().parents[2] / 'shared' / 'data' / 'bench'
@@ -75,12 +76,12 @@ class Arm:
         noise = np.zeros((n + 1, n + 1))
         columns = push * torque / self.gains
         noise[:n, :n] = columns @ columns.T
-        # FilterPy's UKF takes a Cholesky factor: rounding must not make P indefinite.
+        # FilterPy's UKF takes a Cholesky factor of P, which rounding must not make indefinite.
         noise[np.arange(n + 1), np.arange(n + 1)] += 1e-18
         return noise
 
     def noise(self, mode: Mode, strain: float) -> Array:
-        """Return each channel's variance over the told one, (m,), where a gauge sees strain."""
+        """Return each channel's variance over the told one, (m,), at a strain of the gauges."""
         error = np.zeros(self.told.size)
         error[2:] = mode.gauge * strain
         return 1.0 + (error / self.told)**2
@@ -157,7 +158,7 @@ def default(robot: Robot, modes: int, torque: float) -> Step:
 
 
 def answers(step: Step, outputs: Array, commands: Array) -> tuple[Array, Array, Array]:
-    """Return masses, variances and processor seconds a step; NaN after a breakdown."""
+    """Return payloads, variances and processor seconds per step; NaN after a breakdown."""
     found = np.full((3, len(outputs)), np.nan)
     command = np.zeros(2)
     for k, measured in enumerate(outputs):

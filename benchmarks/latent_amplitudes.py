@@ -3,9 +3,9 @@ Calibrate the amplitudes of latent forces on arms of another simulator (MuJoCo).
 
 `python benchmarks/latent_amplitudes.py --runs 2` hides torques that are known (dry and viscous
 friction, a bias of the drive, none) in arms whose parts are the model's, smooths them with each
-triple of amplitudes, and prints how many samples of the moving joints lie within the 95 %
-band of the smoothed torque, and the rms error in posterior standard deviations. Amplitudes are
-right where that is 95 % and 1. Seeds from 7000 on; nothing is scored on them.
+triple of amplitudes, and prints the share of samples of the moving joints inside the 95 % band
+of the smoothed torque, and the rms error in posterior standard deviations. Amplitudes are right
+where these are 95 % and 1. Seeds from 7000 on; nothing is scored on them.
 """
 
 from __future__ import annotations
@@ -36,7 +36,10 @@ from truth.records import build_arm, draw_case, make_record, TruthCase  # noqa: 
 ROBOT = load_robot('reference')
 FIRST_SEED = 7000
 KINDS = (None, 'coulomb_friction', 'viscous_friction', 'actuator_bias')
+# Amplitudes that are tried.
 TORQUE, GAUGE, GAUGE_TIME = (0.02, 0.03, 0.05), (0.01, 0.05), (0.1, 0.3)
+# Speed above which a joint moves, as a share of its rms speed; begin that is left out, s; and the
+# slowest frequency that cuts the record into windows.
 MOVING, START_S, SLOWEST = 0.1, 2.0, 10.0
 
 
@@ -61,7 +64,7 @@ def predictors(runs: int) -> Iterator[tuple[TruthCase, Predictor]]:
 
 
 def standard_errors(case: TruthCase, found: LatentForces) -> list[np.ndarray]:
-    """Return the errors of the smoothed torques in standard deviations, one array a joint."""
+    """Return the errors of the smoothed torques in standard deviations, one array per joint."""
     error = found.torque - hidden_torque(case, found.speed)
     moving = np.abs(found.speed) > MOVING * np.sqrt(np.mean(found.speed**2, axis=0))
     moving[:round(START_S / ROBOT.sample_time)] = False

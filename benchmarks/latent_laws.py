@@ -47,7 +47,7 @@ UNNAMED: dict[str, tuple[Law, str]] = {
 
 
 def view_of(case: TruthCase, unseen: np.ndarray | None = None) -> LatentView:
-    """Return the nominal arm's latent forces of a truth; `unseen` (N, 2) is behind the log."""
+    """Return the nominal arm's latent forces on a record; `unseen` (N, 2) adds to its commands."""
     truth = make_record(case)
     command = truth.command
     if unseen is not None:
@@ -60,7 +60,7 @@ def view_of(case: TruthCase, unseen: np.ndarray | None = None) -> LatentView:
 
 
 def verdict_on(view: LatentView, variable: str, joint: int) -> str:
-    """Return right, wrong or unstated: of the joint where something is hidden, or of both."""
+    """Return right, wrong or unstated for the joint with the hidden torque, or for both."""
     stated = {f.series.site: f.law.variable for f in view.torques if f.law.stated}
     if variable == 'none':
         return 'wrong' if stated else 'right'

@@ -1,7 +1,7 @@
 """
-How far rpe's band holds in the demo's own loop, on arms that bend in more modes than it knows.
+Check rpe's 95 % band in the demo's closed loop, on arms that bend in more modes than it knows.
 
-Each arm has its parts drawn from the robot file's tolerances; the LQG controller moves it by small
+Each arm has its parts drawn from the robot file's tolerances. The LQG controller moves it by small
 steps, and rpe, told the file's parts and fewer modes, weighs it. Prints error over stated standard
 deviation at each time. Seeds 10 to 15 set the model error of `rough` in estimators/rpe/modes.py;
 10 to 22 may set LASTING in estimators/rpe/filter.py; from 24 on they score.
@@ -25,7 +25,7 @@ import numpy as np
 
 def weighed(seed: int, modes: int, told: int, times: Sequence[float], folder: Path
             ) -> list[tuple[float, float]]:
-    """Return error and standard deviation over the payload at some times, s."""
+    """Return error and standard deviation at some times, s, relative to the payload."""
     options = demo.options_of(['--seed', str(seed), '--duration', str(times[-1])])
     experiment = Experiment.of(options, drawn_arm(options, folder / 'arm.yaml'))
     record = run_loop(simulator_of({**experiment.plant, 'modes': modes}),
@@ -38,7 +38,7 @@ def weighed(seed: int, modes: int, told: int, times: Sequence[float], folder: Pa
 
 
 def main() -> None:
-    """Print a line a seed, and the root mean square of error over deviation."""
+    """Print a line per seed, and the root mean square of error over deviation."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--first', type=int, default=20, help='first seed')

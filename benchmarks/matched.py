@@ -1,5 +1,5 @@
 """
-The experiment of the matched-model studies: the simulator's arm is the estimator's.
+The experiment of the matched-model studies, where the simulated arm is the estimator's model.
 
 A P controller on the measured joint angles, u = 4 (w - theta) in rad/s, follows square
 set-points of +-0.5 rad and 4 s on both joints, so that the arm moves from the first sample on.
@@ -23,16 +23,20 @@ from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.simulator import Noise, Simulator
 import numpy as np
 
+# Square set-points, rad and s, and gain of the P controller, 1/s.
 AMPLITUDE, PERIOD_S, GAIN = 0.5, 4.0, 4.0
+# Payloads that cases are drawn from, kg.
 LIGHTEST, HEAVIEST = 0.03, 0.3
+# Noise that cases are drawn from, rad on angles and V on gauges.
 SMALLEST_NOISE, LARGEST_NOISE = 1e-4, 1e-2
+# Process noise: torque on each joint, N m.
 TORQUE_NOISE = 0.05
 
 
 @dataclass(frozen=True)
 class Record:
     """
-    A run without an estimator.
+    A simulated run without an estimator.
 
     Attributes
     ----------
@@ -41,7 +45,7 @@ class Record:
     states, outputs, commands : Array
         (N, n), (N, m) and (N, 2); command k is applied from time k on.
     mass : float
-        kg.
+        Payload, kg.
 
     """
 
@@ -54,7 +58,7 @@ class Record:
 
 @dataclass(frozen=True)
 class Case:
-    """Payload, kg, noise (rad on angles, V on gauges), torque noise, N m, seed and step, s."""
+    """A drawn case: payload, kg, noise (rad, V on gauges), torque noise, N m, seed, step, s."""
 
     mass: float
     noise: float
@@ -106,7 +110,7 @@ def bound(arm: ExtendedArm, case: Case, run: Record) -> Array:
 
 
 def wilson(hits: int, count: int) -> tuple[float, float]:
-    """Return the 95 % interval of a share (Wilson 1927)."""
+    """Return the 95 % interval of a share, hits of count (Wilson 1927)."""
     z, share = Z95, hits / count
     centre = (share + z * z / (2 * count)) / (1 + z * z / count)
     half = z / (1 + z * z / count) * np.sqrt(share * (1 - share) / count + (z / count)**2 / 4)
@@ -115,6 +119,6 @@ def wilson(hits: int, count: int) -> tuple[float, float]:
 
 @contextmanager
 def workers(jobs: int) -> Iterator[Pool]:
-    """Give a pool of processes, each started fresh."""
+    """Yield a pool of processes, each started afresh."""
     with multiprocessing.get_context('spawn').Pool(jobs) as pool:
         yield pool

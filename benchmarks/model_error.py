@@ -1,5 +1,5 @@
 """
-Measure how wrong the model is on arms that are not its own: the amplitude of the mode `rough`.
+Calibrate the model error of rpe on arms of other simulators: the amplitude of the mode `rough`.
 
 `python benchmarks/model_error.py --runs 5` runs one filter of parts with a fixed model error over
 clean arms of two other simulators (finite elements and a MuJoCo chain, parts drawn from their
@@ -7,7 +7,7 @@ tolerances), and prints for each amplitude the root mean square of error over st
 coverage of the 95 % interval, root mean square and worst of the errors, and the interval's half
 width. The amplitude whose root mean square is nearest 1 is taken. Seeds from 1000 on calibrate;
 `--seed 5000` scores, and prints the whole estimator too, with the share of the forces of motion
-that it ends with; without any after `--amplitudes` that alone.
+that it ends with. With nothing after `--amplitudes` it prints the whole estimator alone.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ class FixedMode:
 
 
 def rows_of(record: Record) -> list[tuple[float, Array, Array]]:
-    """Return time, outputs and the command before, of each sample."""
+    """Return time, outputs and the command applied up to it, for each sample."""
     outputs = np.column_stack([record.joint, record.strain])
     before = np.vstack([np.zeros((1, 2)), record.command[:-1]])
     return list(zip(record.time.tolist(), outputs, before))

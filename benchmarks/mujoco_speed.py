@@ -1,11 +1,11 @@
 """
-Set the simulator beside a MuJoCo chain of the same arm: time and truth, in one run.
+Compare the simulator with a MuJoCo chain of the same arm: speed and accuracy, in one run.
 
 Both run open loop from the same commands, each on one thread. The truth is the finite-element
 arm of `test/truth`; the chain is its other simulator, without what acts within a sample. MuJoCo
-takes the largest step at which its
-chain is stable; its time leaves out building the model, ours leaves out building the schedule,
-which is printed beside it. Errors are 100 |e| / |y - mean y| in per cent.
+takes the largest step at which its chain is stable. Its time leaves out building the model, ours
+leaves out building the schedule, which is printed beside it. Errors are 100 |e| / |y - mean y| in
+per cent.
 """
 
 from __future__ import annotations
@@ -36,11 +36,12 @@ from truth.mujoco.simulation import BROKEN_STRAIN  # noqa: E402
 from truth.simulation import simulate as move  # noqa: E402
 
 Array = NDArray[np.float64]
+# Payload, kg; sampling interval, s; samples; modes per link; segments per link of the chain.
 PAYLOAD, PERIOD, COUNT, MODES, SEGMENTS = 0.1, 0.01, 1000, 5, 20
 CORIOLIS = EffectSpec('coriolis_centripetal', 'arm', {'share': 1.0})
 BENT = EffectSpec('foreshortening', 'arm', {'share': 1.0})
 FORCES = {'linear': (), 'Coriolis': (CORIOLIS,), 'foreshortening': (CORIOLIS, BENT)}
-# (payload kg, theta_2 rad)
+# Where natural frequencies are compared: (payload, kg, theta_2, rad).
 POINTS = ((0.1, 0.0), (0.1, np.pi / 2), (0.0, 0.0))
 
 
@@ -54,7 +55,7 @@ class Contender:
 
 
 def true_outputs(commands: Array) -> Array:
-    """Return what the finite elements say, (N, 6)."""
+    """Return the outputs of the finite elements, (N, 6)."""
     motion = move(reference_arm(PAYLOAD), command=commands)
     return np.hstack([motion.joint, motion.fine_strain[::motion.steps_per_sample]])
 
@@ -102,7 +103,7 @@ def chain_frequencies(payload: float, theta_2: float) -> Array:
 
 
 def our_frequencies(payload: float, theta_2: float) -> Array:
-    """Return the same of the assumed-modes model."""
+    """Return the assumed-modes model's first natural frequencies, joints locked, rad/s."""
     form = ExtendedArm(load_robot('reference'), 'assumed_modes', MODES).form
     mass, stiffness = form.mass_at(np.cos(theta_2), payload), form.stiffness_at(np.cos(theta_2))
     squared = eigh(stiffness[2:, 2:], mass[2:, 2:], eigvals_only=True, subset_by_index=(0, 3))
@@ -110,7 +111,7 @@ def our_frequencies(payload: float, theta_2: float) -> Array:
 
 
 def largest_stable_substeps(commands: Array) -> int:
-    """Return the fewest sub-steps a sample at which the chain stays finite and bounded."""
+    """Return the fewest sub-steps per sample at which the chain stays finite and bounded."""
     for substeps in range(1, 200):
         try:
             run(build(reference_arm(PAYLOAD), PERIOD / substeps, SEGMENTS), commands, substeps)
@@ -121,7 +122,7 @@ def largest_stable_substeps(commands: Array) -> int:
 
 
 def chain(substeps: int) -> Contender:
-    """Return MuJoCo's chain at a number of sub-steps a sample."""
+    """Return MuJoCo's chain at a number of sub-steps per sample."""
     start = time.process_time()
     built = build(reference_arm(PAYLOAD), PERIOD / substeps, SEGMENTS)
     building = 1e3 * (time.process_time() - start)

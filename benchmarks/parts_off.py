@@ -1,11 +1,12 @@
 """
-Weigh clean arms of the MuJoCo chain whose parts are all off by so much, at any sampling time.
+Estimate the payload of clean MuJoCo arms whose parts are all off by a given share.
 
 `python benchmarks/parts_off.py --off 0.004 0.02 0.05 --step 0.01` makes every part of the links,
-the drives and the elbow, and every gauge's gain, larger or smaller by --off, which the seed says;
-the robot file that rpe is told says so much for all their tolerances, or with --as-filed what it
-always does. Prints, for each, coverage of the 95 % interval, root mean square and worst of the
-errors and mean half width, in % of the payload, and false changes of it. Nothing is tuned on it.
+the drives and the elbow, and every gauge's gain, larger or smaller by --off; the seed decides
+which. The robot file that rpe is told has that share for all their tolerances, or with --as-filed
+its usual ones. Prints, for each share, coverage of the 95 % interval, root mean square and worst
+of the errors and mean half width, in % of the payload, and false changes of it. Nothing is tuned
+on it.
 """
 
 from __future__ import annotations
@@ -84,7 +85,7 @@ def told(off: float, step: float, as_filed: bool) -> Robot:
 
 
 def run(seed: int, off: float, step: float, until: float, as_filed: bool) -> Array:
-    """Return relative error, standard deviation and number of changes told, (3, times)."""
+    """Return relative error and standard deviation, and changes found so far, (3, times)."""
     random = np.random.default_rng(seed)
     arm = arm_off(off, step, random)
     estimator = RecursivePredictionError(told(off, step, as_filed))

@@ -1,5 +1,5 @@
 """
-Whether rpe finds changes of the payload: drawn masses and times, in fast motion, not told.
+Count how often rpe finds changes of the payload: drawn masses and times, in fast motion.
 
 `python benchmarks/payload_changes.py [--runs N] [--seed S] [--bent]` simulates the reference arm,
 which the estimator knows exactly, or with --bent one whose bent links push as nature's do. The
@@ -25,16 +25,34 @@ import numpy as np
 
 ROBOT, MODEL, MODES = load_robot('reference'), 'assumed_modes', 2
 BENT = 'foreshortening:arm:share=1'
+# Range of the payloads, kg, and of the time of the change, s.
 LIGHT, HEAVY, EARLY, LATE = 0.02, 0.3, 2.0, 3.5
-# After the change, s; what counts as right, of the mass and kg; and as inside the 95 % band.
+# Time from the change to the reading, s; error below which the estimate counts as right, a share
+# of the payload plus a mass, kg.
 AFTER, SHARE, LEAST = 1.2, 0.02, 1e-3
-# A change told this long before the true one, s, is false.
+# A change found earlier than this before the true one, s, is false.
 TOO_EARLY = 0.5
 
 
 @dataclass(frozen=True)
 class Change:
-    """What became of one: kg, s, and the mode in which the estimator ended."""
+    """
+    The estimator's result on one change.
+
+    Attributes
+    ----------
+    before, after : float
+        True payloads, kg.
+    told, std : float
+        Estimate and standard deviation at the end, kg.
+    found : float
+        Time from the change until it was found, s; NaN where it was not.
+    false : int
+        Changes found before the true one.
+    mode : str
+        Mode in which the estimator ended.
+
+    """
 
     before: float
     after: float
@@ -46,17 +64,17 @@ class Change:
 
     @property
     def right(self) -> bool:
-        """Return whether the new payload is told to a few per cent."""
+        """Return whether the estimate is right to 2 % and 1 g."""
         return abs(self.told - self.after) < SHARE * self.after + LEAST
 
     @property
     def inside(self) -> bool:
-        """Return whether the band holds the new payload."""
+        """Return whether the 95 % band holds the new payload."""
         return abs(self.told - self.after) < Z95 * self.std
 
 
 def run(seed: int, bent: bool) -> Change:
-    """Return what the estimator makes of one drawn change."""
+    """Return the estimator's result on one drawn change."""
     rng = np.random.default_rng(seed)
     before, after, at = rng.uniform([LIGHT, LIGHT, EARLY], [HEAVY, HEAVY, LATE]).tolist()
     more = (build(parse(BENT), ROBOT),) if bent else ()

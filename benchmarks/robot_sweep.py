@@ -1,5 +1,5 @@
 """
-Run every estimator on very different robots, at very different rates, and see that none breaks.
+Run every estimator on very different robots and rates, and count what goes wrong.
 
 `python benchmarks/robot_sweep.py` takes light, heavy, stiff, undamped and plain arms, steps from
 1e-5 to 0.1 s and payloads from 0 to 100 kg. Each arm is simulated by the estimator's own model:
@@ -23,17 +23,18 @@ from msg_config.errors import InputError
 import numpy as np
 
 MODELS = {'sf1_paper': 'paper_reduced', 'sf1': 'paper_reduced', 'rpe': 'assumed_modes'}
-# Changes of each link: factors.
+# Factors of each link's parameters, by kind of arm.
 KINDS = {'plain': {}, 'light': {'density': 0.1}, 'heavy': {'density': 10.0},
          'stiff': {'youngs_modulus': 100.0}, 'undamped': {'damping_ratio': 0.0},
          'light and soft': {'density': 0.1, 'youngs_modulus': 0.1}}
 STEPS = (1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
 PAYLOADS = (0.0, 1e-3, 0.01, 0.1, 0.3, 1.0, 10.0, 100.0)
+# Modes per link, largest command, and samples at rest before the arm moves.
 MODES, RATE, STILL = 2, 0.5, 40
 
 
 def robot_of(kind: str, step: float, payload: float) -> Robot:
-    """Return a robot whose links, sample time, s, and payload, kg, are others."""
+    """Return the robot of a kind, with a sampling time, s, and payload, kg."""
     robot = replace(load_robot('reference'), sample_time=step, payload_mass=payload)
     for j, link in enumerate(robot.links):
         changes = {key: factor * getattr(link, key) for key, factor in KINDS[kind].items()}

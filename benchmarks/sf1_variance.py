@@ -52,7 +52,7 @@ def run(name: str, model: str, seed: int, prior: bool) -> Array:
 
 
 def at_step(model: str, step: float, noise: float) -> tuple[list[float], list[float]]:
-    """Return payload and standard deviation at TIMES_S; commands change each 10 ms."""
+    """Return payloads and standard deviations, kg, at TIMES_S; commands change every 10 ms."""
     arm = arm_of(model, step).at_payload(0.12)
     robot = replace(arm.robot, angle_noise=noise, strain_noise=noise / arm.robot.gauge_amplifier)
     simulator = Simulator(arm, None, Noise(robot.angle_noise, robot.strain_noise), 1)

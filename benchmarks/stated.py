@@ -1,12 +1,12 @@
 """
-How likely a named cause is real: the odds that something unknown looks like its set.
+Fit the odds that something unknown looks like a set of causes, so that a named cause is not real.
 
 The posterior over sets knows effects of the catalogue in the catalogue's forms. Nature has others,
-which a set may imitate. Those odds, and by how much each further fault that a set asks for raises
-them, are the likeliest on answers of the bank to cases on calibration seeds, of which an effect
-taken out of the catalogue makes up as many as of a round of the bank. Each case is left out once
-to see what the fit is worth. Then other answers are read with them: the calibration error beside
-what it would be on average if every stated probability were right.
+which a set may imitate. The odds of that, and the factor by which each further fault that a set
+needs raises them, are fitted by maximum likelihood to the bank's answers on calibration seeds.
+Cases with an effect taken out of the catalogue are weighted to be as frequent as in a round of the
+bank. Each case is left out once to see what the fit is worth. Then other answers are scored with
+them: the calibration error beside its mean if every stated probability were right.
 
     python test/run_bank.py --use calibration --rounds 1 --results build/odds.jsonl
     python test/run_bank.py --use calibration --rounds 7 --only missing --results build/odds.jsonl
@@ -34,12 +34,13 @@ import numpy as np  # noqa: E402
 from run_bank import read_results  # noqa: E402
 from scipy.optimize import minimize  # noqa: E402
 
+# Label of the unknown, and named faults that are ordinary, so that only further ones count.
 UNKNOWN, ORDINARY = 'unknown', 2
 
 
 @dataclass(frozen=True)
 class Claim:
-    """A named cause: (probability, further faults) of each set with it; whether it is there."""
+    """A named cause: (probability, further faults) of each set with it; whether it is hidden."""
 
     case: str
     kind: str
@@ -47,12 +48,12 @@ class Claim:
     right: bool
 
     def probability(self, odds: float, factor: float) -> float:
-        """Return what is stated with some odds and a factor for each further fault."""
+        """Return the stated probability at given odds and factor for each further fault."""
         return sum(p / (1.0 + odds * factor**more) for p, more in self.sets)
 
 
 def claims(line: score.Line) -> list[Claim]:
-    """Return the causes that an answer names; sets that it does not print share like those."""
+    """Return the causes that an answer names; sets not printed are taken to share alike."""
     printed = sum(some['probability'] for some in line['sets'])
     return [Claim(line['key'], line['kind'], tuple(
         (some['probability'] / printed, further(some['causes'])) for some in line['sets']
@@ -62,13 +63,13 @@ def claims(line: score.Line) -> list[Claim]:
 
 
 def further(labels: Sequence[str]) -> int:
-    """Return how many faults a set asks for beyond one or two named ones."""
+    """Return the number of faults of a set beyond one or two named ones."""
     named = [label for label in labels if label != UNKNOWN]
     return min(max(len(named) - ORDINARY, 0) + (UNKNOWN in labels), MAX_FURTHER_FAULTS)
 
 
 def weights(lines: Sequence[score.Line]) -> dict[str, float]:
-    """Return what a case of each kind counts, so that kinds are as frequent as in a round."""
+    """Return the weight of a case by kind, by which kinds are as frequent as in a round."""
     kinds = [case.kind for case in all_cases('calibration', 1)]
     found = [line['kind'] for line in lines]
     return {kind: kinds.count(kind) / found.count(kind) for kind in set(found)}
@@ -90,7 +91,7 @@ def likeliest(some: Sequence[Claim], weight: dict[str, float]) -> score.Any:
 
 
 def left_out(some: Sequence[Claim], weight: dict[str, float]) -> score.Any:
-    """Return the likeliest pair without each case in turn, (cases, 2), and the nats it gets."""
+    """Return the fits without each case in turn, (cases, 2), and the nats that case then gets."""
     cases = sorted({claim.case for claim in some})
     pairs = [likeliest([c for c in some if c.case != case], weight) for case in cases]
     nats = [log_likelihood([c for c in some if c.case == case], weight, pair)
@@ -99,7 +100,7 @@ def left_out(some: Sequence[Claim], weight: dict[str, float]) -> score.Any:
 
 
 def reweighed(line: score.Line, odds: float, factor: float) -> score.Line:
-    """Return an answer as it reads with other odds; what is not named keeps its probability."""
+    """Return an answer with other odds; what is not named keeps its probability."""
     stated = [claim.probability(odds, factor) for claim in claims(line)]
     causes = [{**cause, 'probability': p} for cause, p in zip(line['causes'], stated)]
     named = {cause['name']: cause['probability'] for cause in causes}
@@ -107,7 +108,7 @@ def reweighed(line: score.Line, odds: float, factor: float) -> score.Line:
 
 
 def verdict(lines: Sequence[score.Line], what: str) -> str:
-    """Return scores of answers in one line, with the calibration error of right forecasts."""
+    """Return the scores in one line, with the calibration error that right forecasts have."""
     pairs = score.stated_probabilities(lines)
     chance, most = score.calibration_by_chance(pairs)
     brier = np.mean([(p - right)**2 for p, right in pairs])
@@ -118,13 +119,13 @@ def verdict(lines: Sequence[score.Line], what: str) -> str:
 
 
 def judged(path: Path) -> list[score.Line]:
-    """Return the answers of a file that count."""
+    """Return the answers of a file whose kind is scored."""
     return [line for line in read_results(path).values()
             if line['kind'] in JUDGED and line.get('sets')]
 
 
 def main() -> int:
-    """Print the odds, what they are worth, and how other answers fare with them."""
+    """Print the odds, what the fit is worth, and the scores of other answers with them."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
     parser.add_argument('results', type=Path, help='of calibration cases')
     parser.add_argument('--score', type=Path, help='results of other cases')

@@ -35,6 +35,7 @@ import numpy as np
 
 STEP = 0.01
 MODELS = {'sf1': 'paper_reduced', 'rpe': 'assumed_modes'}
+# Samples of an estimator's start-up, which are not timed.
 SETTLED = 600
 Steps = dict[str, Callable[[], object]]
 
@@ -115,7 +116,7 @@ def interleaved(steps: Steps, rounds: int) -> dict[str, list[float]]:
 
 
 def loop_speed(modes: int, seconds: float) -> float:
-    """Return simulated seconds a processor second of the whole loop."""
+    """Return simulated seconds per processor second of the whole loop."""
     robot = load_robot('reference')
     simulator = Simulator(ExtendedArm(robot, 'paper_reduced', modes, 0.1), None,
                           Noise(2e-4, 5e-7))
@@ -148,7 +149,7 @@ def elsewhere(arguments: argparse.Namespace, jit: bool) -> dict[str, dict[str, l
 
 
 def table(times: dict[str, list[float]], base: str) -> None:
-    """Print one row a step."""
+    """Print one row per step."""
     print(f'{"":14s}{"p50 us":>9s}{"p99 us":>9s}{"p99 / p50":>11s}{"/ FilterPy":>12s}')
     for name, values in times.items():
         middle, slow = np.percentile(values, (50, 99))

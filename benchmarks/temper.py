@@ -1,12 +1,12 @@
 """
-How many samples count as one: the temper at which clean arms' parts are known as well as stated.
+Calibrate the temper, samples that count as one, at which parts are known as well as stated.
 
 Arms of both simulators and both robots, their parts drawn within tolerances, with two effects of
-half a detection limit each, on seeds that never score: the parts are known, so that the posterior
-that a record leaves of them can be asked how likely they are. Printed for each temper: chi^2 of
-the true parts over their number (1: as far off as stated, 2: too sure) and the logarithm of their
-posterior over their prior density, nats. Then how large and how long correlated the errors are
-that the parts leave: what a channel errs, over what is stated, and the samples that count as one
+half a detection limit each, on seeds that never score. The true parts are known, so that their
+density under the posterior of a record can be computed. Printed for each temper: chi^2 of the true
+parts over their number (1: as far off as stated, 2: too sure) and the logarithm of their posterior
+over their prior density, nats. Then the size and the correlation of the errors that remain when
+the parts are fitted: each channel's error over the stated one, and the samples that count as one
 for that alone.
 
     python benchmarks/temper.py --arms 3
@@ -43,13 +43,14 @@ from truth.records import random_stream, TruthCase  # noqa: E402
 from truth.tolerances import with_tolerances  # noqa: E402
 
 TEMPERS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
-# Rounds of the calibration bank end below this.
+# First seed; the rounds of the calibration bank end below it.
 FIRST_SEED = 1900
+# Correlation below which errors count as independent.
 NEGLIGIBLE = 0.02
 
 
 def data_of(case: BankCase) -> tuple[Data, Robot, TruthCase]:
-    """Return a case's record as the tool reads it, its robot and what is true."""
+    """Return a case's record as the tool reads it, its robot and its truth."""
     robot = load_robot(case.robot)
     truth, _ = sized_truth(case, read_limits()[case.robot])
     with TemporaryDirectory() as folder:
@@ -62,7 +63,7 @@ def data_of(case: BankCase) -> tuple[Data, Robot, TruthCase]:
 
 
 def true_parts(truth: TruthCase, robot: Robot) -> dict[str, float]:
-    """Return how far each part is from its file, as the prior counts it; others are not drawn."""
+    """Return each drawn part's deviation from its file, in the units of the prior."""
     file = ROBOTS[truth.robot](truth.payload_true)
     arm = with_tolerances(file, random_stream(truth, 'tolerances'))
     found: dict[str, float] = {}
@@ -87,7 +88,7 @@ def true_parts(truth: TruthCase, robot: Robot) -> dict[str, float]:
 
 
 class CleanArm:
-    """A clean arm's parts, re-estimated, beside what they are."""
+    """A clean arm's parts, re-estimated, beside the true ones."""
 
     def __init__(self, case: BankCase, discrepancy: DiscrepancyModel):
         data, robot, truth = data_of(case)
@@ -109,7 +110,7 @@ class CleanArm:
         return float(away @ away) / away.size, nats
 
     def errors(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return what each channel errs over what is stated, and its correlation, samples."""
+        """Return each channel's error over the stated one, and its correlation in samples."""
         windows = sum(p.windows.starts.size for p in self.likelihood.predictors)
         left = self.likelihood.centre_residual + np.tensordot(
             self.fit.deviations, self.likelihood.part_jacobian, 1)

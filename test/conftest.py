@@ -1,4 +1,4 @@
-"""Fixtures of all tests: the shared records, and a ROS 2 domain of one's own."""
+"""Fixtures of all tests: the repository, the shared records, and a ROS 2 domain per test."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 SHARED_DATA = REPOSITORY.parent / 'shared' / 'data'
-# Files of more than ten seconds.
+# Test files that take more than ten seconds.
 LONGEST = (
     'test_documented_commands.py', 'test_style.py', 'test_fleet.py', 'test_bank_quick.py',
     'test_causes.py', 'test_nodes_faults.py', 'test_robot_check.py', 'test_nodes_processes.py',
@@ -26,7 +26,7 @@ LONGEST = (
     'test_rpe_lost.py', 'test_colcon_build.py', 'test_truth.py', 'test_nodes_lockstep.py',
     'test_nodes_bad_samples.py', 'test_refined_fit.py')
 
-# Read when a context starts, here and in the processes that a test starts.
+# ROS reads these when a context starts, here and in the processes that a test starts.
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 os.environ.setdefault('ROS_LOG_DIR', os.path.join(tempfile.gettempdir(), 'flex_payload_log'))
 # A background job of a shell starts with Ctrl-C ignored, and so would the processes of its tests.
@@ -34,7 +34,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Let the longest files come first: a worker that gets one last would keep all waiting."""
+    """Put the longest files first: a worker that got one last would keep all others waiting."""
     items.sort(key=lambda item: LONGEST.index(item.path.name)
                if item.path.name in LONGEST else len(LONGEST))
 

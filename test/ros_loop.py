@@ -16,6 +16,7 @@ from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.task import Future
 
+# Longest wait for a condition or a service, s.
 TIMEOUT = 60.0
 
 
@@ -38,12 +39,12 @@ class Recording(list[Any]):
             self.stamps.add(stamp_of(message))
 
     def clear(self) -> None:
-        """Forget what came."""
+        """Forget all messages and stamps."""
         super().clear()
         self.stamps.clear()
 
     def by_stamp(self, start: int = 0) -> dict[int, Any]:
-        """Return the messages from a place on by stamp; repeated ones must be the same again."""
+        """Return the messages from index `start` on by stamp; repeated ones must be equal."""
         found: dict[int, Any] = {}
         for message in self[start:]:
             assert found.setdefault(stamp_of(message), message) == message
@@ -69,21 +70,21 @@ class RosLoop:
         return self.add(kind, parameter_overrides=overrides(values))
 
     def add(self, kind: Callable[..., Node], *arguments: Any, **options: Any) -> Any:
-        """Add a node that is made with these arguments."""
+        """Build a node with these arguments and add it."""
         node = kind(*arguments, context=self.context, **options)
         self.executor.add_node(node)
         self.nodes.append(node)
         return node
 
     def stop(self, node: Node) -> None:
-        """Take a node out, once what is queued for it is done."""
+        """Remove and destroy a node, after what is queued for it is done."""
         self.executor.remove_node(node)
         self.wait(0.1)
         self.nodes.remove(node)
         node.destroy_node()
 
     def record(self, topic: str, name: str | None = None) -> Recording:
-        """Return the list to which messages of a topic, under another name, will be appended."""
+        """Return a list to which a topic's messages will be appended; `name` if it is remapped."""
         messages = Recording()
 
         def take(message: Any) -> None:
@@ -98,7 +99,7 @@ class RosLoop:
         return messages
 
     def publisher(self, topic: str) -> Publisher:
-        """Return a publisher that a subscription has found."""
+        """Return a publisher on a topic, once a subscription has found it."""
         publisher = create_publisher(self.observer, topic)
         self.until(lambda: publisher.get_subscription_count() > 0)
         return publisher
@@ -113,11 +114,11 @@ class RosLoop:
         assert condition(), f'did not come true within {timeout} s'
 
     def wait(self, time: float) -> None:
-        """Run for a wall time, s."""
+        """Run for a time, s, on the wall clock."""
         self.executor.spin_until_future_complete(Future(), timeout_sec=time)
 
     def call(self, node: str, service: str, **request: Any) -> Any:
-        """Return a service's response."""
+        """Call a node's service and return the response."""
         kind = interface_class(load_services()[f'~/{service}'].type)
         client: Any = self.observer.create_client(kind, f'{node}/{service}')
         self.until(client.service_is_ready)
@@ -128,7 +129,7 @@ class RosLoop:
         return future.result()
 
     def close(self) -> None:
-        """Take everything down, once what is queued is done: a late event would find no node."""
+        """Destroy all, after what is queued is done: a late event would find no node."""
         for node in self.nodes:
             self.executor.remove_node(node)
         self.wait(0.02)

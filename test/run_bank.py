@@ -16,7 +16,7 @@ from bank.cases import all_cases, BankCase, first, FIRST_SEED, SEEDS_PER_ROUND
 from bank.picture import write_picture
 from bank.run import limits_answer, run_case
 from bank.sizes import can_show, Limits, LIMITS_FILE, read_limits, write_limits
-from flex_payload_estimator.fleet.schedule import cluster, DEATHS
+from flex_payload_estimator.fleet.schedule import cluster, RETRIES
 from tqdm import tqdm
 from truth.records import HAVE_MUJOCO, MUJOCO, NO_MUJOCO
 
@@ -83,7 +83,7 @@ def run_all(cases: list[BankCase], known: dict[str, dict[str, Any]],
     with open(chosen.results, 'a', encoding='utf-8') as file, cluster(
             chosen.scheduler, chosen.jobs) as client:
         from distributed import as_completed
-        futures = as_completed(client.map(_run, work, pure=False, retries=DEATHS))
+        futures = as_completed(client.map(_run, work, pure=False, retries=RETRIES))
         return known | _keep((future.result() for future in futures), file, len(work))
 
 

@@ -13,7 +13,7 @@ import time
 from faults.fleet_run import killed_at_work
 from flex_payload_estimator.fleet.folders import arm_of, logs_below, robot_of
 from flex_payload_estimator.fleet.journal import Journal
-from flex_payload_estimator.fleet.log_task import answer, LogTask, Row
+from flex_payload_estimator.fleet.log_task import diagnose_and_weigh, LogTask, Row
 from flex_payload_estimator.fleet.table import since, write_csv
 from flex_payload_estimator.tools.fleet import main as fleet
 from flex_payload_estimator.tools.fleet import run
@@ -87,7 +87,8 @@ def test_a_bad_file_and_a_killed_worker_lose_nothing_else(tmp_path: Path) -> Non
 def test_a_log_without_end_is_given_up(tmp_path: Path) -> None:
     log = tmp_path / 'endless.csv'
     os.mkfifo(log)  # opening it waits for ever
-    row = answer(LogTask('a', str(log), 'reference', str(tmp_path / 'page'), timeout=1.0))
+    task = LogTask('a', str(log), 'reference', str(tmp_path / 'page'), timeout=1.0)
+    row = diagnose_and_weigh(task)
     assert row.error == 'diagnose: given up after 1 s' and not row.verdict and row.seconds < 30
 
 

@@ -84,7 +84,7 @@ def test_all_looks_at_a_reference_are_what_it_says_at_their_times(
     rows = [(time, *(list(rng.uniform(-1.0, 1.0, 2)) for _ in range(derivatives)))
             for time in (0.5, 0.8, 2.0)]
     points = of(trajectory(JOINTS, *rows), [0.3, -0.1], 10.0, shape)
-    times, found = points.looked_at(7)
+    times, found = points.sampled(7)
     assert len(times) == (3 if shape == 'steps' else 22)
     np.testing.assert_allclose(found, [points(time) for time in times], atol=1e-9)
 

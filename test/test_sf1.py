@@ -9,15 +9,14 @@ import math
 from flex_payload_estimator.estimators.base import Estimate
 from flex_payload_estimator.estimators.factory import make_estimator
 from flex_payload_estimator.estimators.sf1.adaptation import sf1_step
+from flex_payload_estimator.estimators.sf1.composite import CompositeMeasurement, regression
 from flex_payload_estimator.estimators.sf1.estimator import SF1Estimator
 from flex_payload_estimator.estimators.sf1.joint import at_start
 from flex_payload_estimator.estimators.sf1.regression import (
-    Adapted,
-    CompositeMeasurement,
-    Law,
-    measured,
-    regression,
-    sampled,
+    SF1Constants,
+    SF1State,
+    take_sample,
+    update_lag,
 )
 from flex_payload_estimator.estimators.sf1.settings import Pace, PAPER_SETTINGS
 from flex_payload_estimator.model.delta import omega
@@ -120,11 +119,11 @@ def test_the_lag_is_what_least_squares_say_and_forgetting_keeps_its_second_momen
     seen, noise = random.standard_normal(40), random.uniform(0.1, 2.0, 40)
     shown = 1.3 * seen + np.sqrt(noise) * random.standard_normal(40)
     for one in zip(shown, seen, noise):
-        lag, spread = measured(lag, spread, *one, 1.0)
+        lag, spread = update_lag(lag, spread, *one, 1.0)
     weight = 1.0 + np.sum(seen**2 / noise)
     assert lag == pytest.approx(np.sum(seen * shown / noise) / weight, rel=1e-10)
     assert spread == pytest.approx(1.0 / weight, rel=1e-10)
-    later, wider = measured(lag, spread, 0.7, 0.0, 1.0, 0.9)
+    later, wider = update_lag(lag, spread, 0.7, 0.0, 1.0, 0.9)
     assert later == pytest.approx(0.9 * lag)
     assert later**2 + wider == pytest.approx(lag**2 + spread)
 
@@ -143,11 +142,13 @@ def test_birges_ratio_widens_variances_and_leaves_the_lag(
     track = at_start(np.zeros(2), sensors, np.eye(2), 0.04)
     track.joint[:], track.doubt[:], track.part[0], track.part[1] = joint, doubt, part, slope[:2]
     noise = float(weights**2 @ sensors)
-    law = Law(weights, np.append(row, 0.0), output, np.pad(output, ((0, 0), (0, 1))), sensors,
-              np.ones(2), noise, 1.0, float(row @ row) + 1.0, 0.1, 2.0, 2.0, 0.0, 0.1, True)
-    known = Adapted(0.1, 0.5, 0.04, 8.0, lag, spread, level)
+    constants = SF1Constants(
+        weights, np.append(row, 0.0), output, np.pad(output, ((0, 0), (0, 1))), sensors,
+        np.ones(2), noise, 1.0, float(row @ row) + 1.0, 0.1, 2.0, 2.0, 0.0, 0.1, True)
+    known = SF1State(0.1, 0.5, 0.04, 8.0, lag, spread, level)
     scaled, reading = np.array([0.05, 0.11]), np.empty((2, 2))
-    surprise, found = sampled(tuple(track), scaled, True, tuple(known), tuple(law), reading)
+    surprise, found = take_sample(tuple(track), scaled, True, tuple(known), tuple(constants),
+                                  reading)
     # What was stated of the innovations.
     add = np.eye(3) + np.outer(slope, [0.0, 0.0, 1.0])
     rows = np.pad(output, ((0, 0), (0, 1))) @ add

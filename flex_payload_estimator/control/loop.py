@@ -1,4 +1,9 @@
-"""The closed loop without ROS, with the very objects that the nodes use."""
+"""
+The closed loop without ROS: plant -> estimator -> controller -> plant, one pass a sample.
+
+It runs the same estimator and controller objects as the nodes, for tests and benchmarks.
+`loop_figures.py` draws its record.
+"""
 
 from __future__ import annotations
 
@@ -14,20 +19,36 @@ import numpy as np
 
 
 class Controller(Protocol):
-    """Turns outputs and the payload into commands; one call a sample."""
+    """Computes the command from outputs and payload; called once a sample."""
 
     def reset(self) -> None:
         """Forget everything."""
 
     def command(self, time: float, output: Array, previous_command: Array, mass: float,
                 set_point: Array) -> Array:
-        """Return u_t, (2,)."""
+        """
+        Return the command u_t, (2,), in the drive's own unit.
+
+        Parameters
+        ----------
+        time : float
+            t, s.
+        output : Array
+            y_t: angles, rad, and strains, m/m, (m,).
+        previous_command : Array
+            u_{t-1}, (2,).
+        mass : float
+            Estimated payload, kg.
+        set_point : Array
+            Joint angles, rad, (2,).
+
+        """
 
 
 @dataclass(frozen=True)
 class LoopRecord:
     """
-    One row a sample; row k holds what was known and decided at time[k].
+    Record of a closed loop: row k holds what was known and decided at time[k].
 
     Attributes
     ----------
@@ -37,15 +58,15 @@ class LoopRecord:
         rad (N, 2); rad and m/m (N, m); rad/s (N, 2); drive's own unit (N, 2): command[k] is
         applied from time[k] on.
     mass, variance, p : Array
-        kg, kg^2 and SF1's P, (N,).
+        Estimated payload, kg, its variance, kg^2, and SF1's P, (N,).
     innovation, innovation_std : Array
         rad and m/m, (N, m).
     status : tuple of str
-        N.
+        The estimator's status, N.
     modal : Array
         The plant's own modal coordinates q_11…q_1n, q_21…q_2n, m, (N, 2n).
     true_mass : Array
-        kg, (N,).
+        The plant's payload, kg, (N,).
 
     """
 
@@ -77,11 +98,11 @@ def run_loop(simulator: Simulator, estimator: PayloadEstimator, controller: Cont
     simulator : Simulator
         The plant.
     estimator : PayloadEstimator
-        Told outputs and commands.
+        Gets outputs and commands.
     controller : Controller
-        Told the estimate too.
+        Gets outputs, commands and the estimated payload.
     set_points : SetPoints
-        Of the joint angles, rad, over time, s.
+        Set-points of the joint angles, rad, over time, s.
     duration : float
         s; the record holds round(duration / T) + 1 samples.
 
@@ -95,7 +116,8 @@ def run_loop(simulator: Simulator, estimator: PayloadEstimator, controller: Cont
         raise InputError(f'duration: expected a time > 0 s, got {duration:g}')
     estimator.reset()
     controller.reset()
-    # What was sent: what a drive's effects make of it, neither of the two can know.
+    # The command as sent: neither estimator nor controller can know what the drive's effects make
+    # of it.
     sent = np.zeros(2)
     rows: list[tuple[Any, ...]] = []
     for _ in range(round(duration / simulator.arm.robot.sample_time) + 1):
@@ -104,23 +126,23 @@ def run_loop(simulator: Simulator, estimator: PayloadEstimator, controller: Cont
         estimate = estimator.update(sample.time, output, sent)
         command = controller.command(sample.time, output, sent, estimate.mass, set_point)
         rows.append((sample.time, set_point, output, sample.velocity, command,
-                     *_columns_of(estimate), *_truth(simulator)))
+                     *_estimate_columns(estimate), *_truth(simulator)))
         simulator.step(command)
         sent = command
     return LoopRecord(*_columns(rows))
 
 
-def _columns_of(estimate: Estimate) -> tuple[Any, ...]:
-    """Return the estimate's columns of a record, mass to status."""
+def _estimate_columns(estimate: Estimate) -> tuple[Any, ...]:
+    """Return the estimate's part of a row of LoopRecord, from mass to status."""
     return (estimate.mass, estimate.variance, estimate.p, estimate.innovation,
             estimate.innovation_std, estimate.status)
 
 
 def _truth(simulator: Simulator) -> tuple[Array, float]:
-    """Return what only the plant knows: modal coordinates, m, and payload, kg."""
+    """Return what only the plant knows: modal coordinates, m, (2n,), and payload, kg."""
     return (simulator.state[2:simulator.arm.form.order].copy(), simulator.mass(simulator.time))
 
 
 def _columns(rows: list[tuple[Any, ...]]) -> list[Any]:
-    """Return the rows' columns as arrays, texts as a tuple."""
+    """Return the columns of the rows: numbers as arrays, texts as a tuple."""
     return [column if isinstance(column[0], str) else np.array(column) for column in zip(*rows)]

@@ -1,4 +1,4 @@
-"""Figures 4 to 9 of the paper from the record of a closed loop."""
+"""Figures 4 to 9 of the paper, drawn from the record of a closed loop (`loop.LoopRecord`)."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 
-# Inches, and dots an inch.
+# Size of a figure, inches, and its resolution, dots per inch.
 SIZE, RESOLUTION = (7.5, 4.2), 130
 BLUE, ORANGE, GREY = '#1f5fa8', '#d1622b', '#707070'
 ANGLES = (r'$\theta_{b1}$', r'$\theta_2$')
 
 
 def figure_4(record: LoopRecord, figure: Figure) -> None:
-    """Measured angles and their references."""
+    """Draw the measured angles and their references."""
     axes = figure.subplots()
     _angles(axes, record, 0, BLUE)
     _angles(axes, record, 1, ORANGE)
@@ -26,7 +26,7 @@ def figure_4(record: LoopRecord, figure: Figure) -> None:
 
 
 def figure_5(record: LoopRecord, figure: Figure) -> None:
-    """Estimated payload with its 95 % interval, and the truth."""
+    """Draw the estimated payload with its 95 % interval, and the true payload."""
     axes = figure.subplots()
     half = Z95 * np.sqrt(record.variance)
     axes.fill_between(record.time, record.mass - half, record.mass + half, color=BLUE, alpha=0.2,
@@ -39,7 +39,7 @@ def figure_5(record: LoopRecord, figure: Figure) -> None:
 
 
 def figure_6(record: LoopRecord, figure: Figure) -> None:
-    """Variance of the estimate, and P_t of SF1, which is none."""
+    """Draw the variance of the estimate, and P_t of SF1, which is not a variance."""
     axes = figure.subplots()
     axes.semilogy(record.time, record.variance, color=BLUE, label='variance / kg²')
     axes.semilogy(record.time, record.p, color=ORANGE, label=r'$P_t$')
@@ -47,7 +47,7 @@ def figure_6(record: LoopRecord, figure: Figure) -> None:
 
 
 def figure_7(record: LoopRecord, figure: Figure) -> None:
-    """Angular positions and references, one panel a joint."""
+    """Draw angular positions and references, one panel per joint."""
     for joint, axes in enumerate(figure.subplots(2, 1, sharex=True)):
         _angles(axes, record, joint, BLUE)
         _finish(axes, 'angle / rad', 'Figure 7: angular positions' if joint == 0 else '',
@@ -55,7 +55,7 @@ def figure_7(record: LoopRecord, figure: Figure) -> None:
 
 
 def figure_8(record: LoopRecord, figure: Figure) -> None:
-    """q_i1 and 10 q_i2 of each link."""
+    """Draw q_i1 and 10 q_i2 of each link i, mm."""
     modes = record.modal.shape[1] // 2
     for link, axes in enumerate(figure.subplots(2, 1, sharex=True)):
         for k, (scale, colour) in enumerate(((1.0, BLUE), (10.0, ORANGE))[:modes]):
@@ -66,7 +66,7 @@ def figure_8(record: LoopRecord, figure: Figure) -> None:
 
 
 def figure_9(record: LoopRecord, figure: Figure) -> None:
-    """Control inputs."""
+    """Draw the control inputs, in the drive's own unit."""
     axes = figure.subplots()
     for joint, colour in enumerate((BLUE, ORANGE)):
         axes.step(record.time, record.command[:, joint], where='post', color=colour, lw=1.0,
@@ -74,7 +74,7 @@ def figure_9(record: LoopRecord, figure: Figure) -> None:
     _finish(axes, "command / drive's own unit", 'Figure 9: control inputs')
 
 
-# By their numbers in the paper.
+# The functions by the number of the figure in the paper.
 FIGURES: dict[int, Callable[[LoopRecord, Figure], None]] = {
     4: figure_4, 5: figure_5, 6: figure_6, 7: figure_7, 8: figure_8, 9: figure_9}
 
@@ -91,12 +91,14 @@ def save_figures(record: LoopRecord, folder: Path, numbers: tuple[int, ...]) -> 
 
 
 def _angles(axes: Axes, record: LoopRecord, joint: int, colour: str) -> None:
+    """Draw the measured angle and the set-point of a joint."""
     axes.plot(record.time, record.output[:, joint], color=colour, label=ANGLES[joint])
     axes.step(record.time, record.set_point[:, joint], '--', where='post', color=colour, lw=1.0,
               alpha=0.7, label=f'$w_{joint + 1}$')
 
 
 def _finish(axes: Axes, label: str, title: str, last: bool = True) -> None:
+    """Label axes and add the legend; only the last panel of a figure labels its time axis."""
     axes.set_ylabel(label)
     if last:
         axes.set_xlabel('time / s')

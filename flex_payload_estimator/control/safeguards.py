@@ -1,4 +1,9 @@
-"""What stands between a computed command and the drives, and between an estimate and the gain."""
+"""
+Limits on what the controller sends and believes.
+
+`CommandLimiter` stands between a computed command and the drives, `BelievedPayload` between the
+estimated payload and the gain that is scheduled on it.
+"""
 
 from __future__ import annotations
 
@@ -7,23 +12,24 @@ import math
 from flex_plant_sim.arm.second_order import Array
 import numpy as np
 
-# No gripper takes or lets go of the largest payload in less, s; one wrong message at 100 Hz then
-# moves the payload by a tenth of its range at most.
+# Shortest time in which a gripper takes or releases the largest payload, s. One wrong message at
+# 100 Hz then moves the payload by a tenth of its range at most.
 CLOSING_TIME = 0.1
 
 
 class CommandLimiter:
     """
-    Lets out commands that are finite, inside the limit, and no faster than the slew.
+    Keeps commands finite, inside a magnitude limit and inside a slew rate.
 
     Attributes
     ----------
     limit : float
-        Largest magnitude, drive's own unit; it acts at once and goes before the slew.
+        Largest magnitude, drive's own unit. It acts at once and takes precedence over the slew
+        rate.
     slew : float
-        Largest rate of change, drive's own unit/s; 0 sets none.
+        Largest rate of change, drive's own unit/s; 0 means none.
     sent : Array
-        The last command let out, (2,).
+        The last command that was passed on, (2,).
 
     """
 
@@ -32,7 +38,17 @@ class CommandLimiter:
         self.sent: Array = np.zeros(2)
 
     def __call__(self, wanted: Array, time: float) -> Array:
-        """Return the command to send a time, s, after the last one; it holds what is no number."""
+        """
+        Return the command to send, (2,); a component that is not finite keeps its last value.
+
+        Parameters
+        ----------
+        wanted : Array
+            The computed command, drive's own unit, (2,).
+        time : float
+            Since the last command, s.
+
+        """
         step = self.slew * time if self.slew else math.inf
         sent = []
         for new, last in zip(wanted.tolist(), self.sent.tolist()):
@@ -49,9 +65,9 @@ class BelievedPayload:
     Parameters
     ----------
     start : float
-        kg.
+        Payload before the first estimate, kg.
     largest : float
-        What the arm can carry, kg.
+        Largest payload that the arm can carry, kg.
 
     """
 
@@ -60,11 +76,21 @@ class BelievedPayload:
         self.reset()
 
     def reset(self) -> None:
-        """Begin with the start's payload; take the first estimate as it comes."""
+        """Go back to the start payload; the first estimate is then taken without a rate limit."""
         self.mass, self._time = self._start, -math.inf
 
     def __call__(self, estimate: float, time: float) -> float:
-        """Return the mass after an estimate, kg, at a time, s; the last where it is no number."""
+        """
+        Return the payload after an estimate, kg; an estimate that is not finite changes nothing.
+
+        Parameters
+        ----------
+        estimate : float
+            kg.
+        time : float
+            Of the estimate, s.
+
+        """
         step = self.largest / CLOSING_TIME * max(time - self._time, 0.0)
         if math.isfinite(estimate):
             inside = min(max(estimate, 0.0), self.largest)

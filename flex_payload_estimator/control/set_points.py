@@ -1,4 +1,4 @@
-"""Set-points of the two angles over time."""
+"""Set-points of the two joint angles over time: the controller's reference w_t."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from flex_plant_sim.arm.second_order import Array
 from msg_config.errors import InputError
 import numpy as np
 
+# Time, s, to joint angles, rad, (2,).
 SetPoints = Callable[[float], Array]
 
 
@@ -19,14 +20,14 @@ def square(amplitude: float = 0.5, period: float = 4.0) -> SetPoints:
     Parameters
     ----------
     amplitude : float
-        rad; from +amplitude in the first half of a period to -amplitude in the second.
+        rad; the set-points are +amplitude in the first half of a period, -amplitude in the second.
     period : float
         s.
 
     Raises
     ------
     InputError
-        period <= 0.
+        period is not positive.
 
     """
     if not period > 0.0:
@@ -39,12 +40,12 @@ def square(amplitude: float = 0.5, period: float = 4.0) -> SetPoints:
 
 
 def constant(first: float, second: float) -> SetPoints:
-    """Return set-points that stay, rad."""
+    """Return set-points that are constant, rad."""
     values = np.array([first, second], dtype=float)
     return lambda time: values.copy()
 
 
 def _sign(time: float, period: float) -> float:
-    """Return the square wave, robust against rounding of time at the steps."""
+    """Return the sign of the square wave; rounding of time does not move its steps."""
     half_periods = math.floor(2.0 * time / period + 1e-9)
     return 1.0 if half_periods % 2 == 0 else -1.0

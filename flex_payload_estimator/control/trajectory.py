@@ -1,4 +1,8 @@
-"""Set-points that a JointTrajectory message gives: splines between its points, or steps."""
+"""
+Set-points from a JointTrajectory message: splines between its points, or steps.
+
+The controller node makes them of what it receives on topic `reference`.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +18,8 @@ from msg_config.messages import check_finite, checked_stamp, NANOSECONDS
 import numpy as np
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-# How the points are joined: straight where they tell positions only, cubic with velocities,
-# quintic with accelerations too (as joint_trajectory_controller does), or steps where asked.
+# How the points are joined. Splines are linear where the points give positions only, cubic with
+# velocities, quintic with accelerations too (as joint_trajectory_controller does).
 SHAPES = ('spline', 'steps')
 
 
@@ -27,13 +31,13 @@ class Trajectory:
     Attributes
     ----------
     before : Array
-        What holds until the first time of steps, rad, (2,).
+        Set-points before the first time, rad, (2,).
     times : tuple of float
         s, increasing.
     points : Array
         Position, velocity and acceleration at each time, rad, rad/s, rad/s^2, (N, 3, 2).
     order : int
-        Highest derivative that is joined: 0 straight, 1 cubic, 2 quintic; -1 steps.
+        Highest derivative that is continuous: 0 linear, 1 cubic, 2 quintic; -1 steps.
 
     """
 
@@ -43,7 +47,7 @@ class Trajectory:
     order: int
 
     def __call__(self, time: float) -> Array:
-        """Return the set-points at a time, s: rad, (2,)."""
+        """Return the set-points, rad, (2,), at a time, s."""
         index = bisect_right(self.times, time) - 1
         if index < 0:
             return self.before
@@ -51,18 +55,27 @@ class Trajectory:
             return self.points[index][0]
         start, end = self.points[index], self.points[index + 1]
         duration = self.times[index + 1] - self.times[index]
-        return _between(start, end, duration, (time - self.times[index]) / duration, self.order)
+        share = (time - self.times[index]) / duration
+        return _interpolated(start, end, duration, share, self.order)
 
-    def looked_at(self, looks: int) -> tuple[Array, Array]:
-        """Return times, s, (K,), so many to a piece, and the set-points then, rad, (K, 2)."""
+    def sampled(self, per_piece: int) -> tuple[Array, Array]:
+        """
+        Return times, s, (K,), and the set-points at them, rad, (K, 2).
+
+        Parameters
+        ----------
+        per_piece : int
+            Samples of the spline between two points; steps are sampled at their points only.
+
+        """
         times, last = np.array(self.times), self.points[-1:, 0]
         if self.order < 0 or len(times) == 1:
             return times, self.points[:, 0]
-        share = np.arange(looks) / looks
+        share = np.arange(per_piece) / per_piece
         duration = np.diff(times)
         start, end = np.moveaxis(self.points[:-1], 0, 1), np.moveaxis(self.points[1:], 0, 1)
-        found = _between(start[:, :, None], end[:, :, None], duration[:, None, None],
-                         share[:, None], self.order)
+        found = _interpolated(start[:, :, None], end[:, :, None], duration[:, None, None],
+                              share[:, None], self.order)
         return (np.append(times[:-1, None] + duration[:, None] * share, times[-1]),
                 np.vstack([found.reshape(-1, 2), last]))
 
@@ -75,21 +88,22 @@ class Trajectory:
         Parameters
         ----------
         message : JointTrajectory
-            Joints in any order; times count from the header's stamp, or from `now` where it
-            is zero. Splines begin at `before`, at rest, where the first time is later.
+            Joints in any order. Times count from the header's stamp, or from `now` where the
+            stamp is zero. Where the first time is above zero, splines begin at `before`, at rest.
         joints : Channels
             Names and units of the joints.
         before : Array
-            What holds until the first point, rad, (2,).
+            Set-points until the first point, rad, (2,).
         now : float
-            s.
+            Current time, s.
         shape : str
             One of SHAPES.
 
         Raises
         ------
         InputError
-            No points, unknown joints, wrong lengths, not finite, or times that do not increase.
+            No points, unknown joints, wrong lengths, numbers that are not finite, or times that
+            do not increase.
 
         """
         rows = joints.index(message.joint_names, 'reference: joint_names')
@@ -99,7 +113,7 @@ class Trajectory:
         if not message.points:
             raise InputError('reference: points: expected at least one, got none')
         origin = checked_stamp(message, 'reference') / NANOSECONDS or now
-        times = [_offset(point) for point in message.points]
+        times = [_time_from_start(point) for point in message.points]
         if any(b <= a for a, b in zip(times, times[1:])):
             raise InputError('reference: points.time_from_start: expected increasing times, '
                              f'got {times}')
@@ -111,9 +125,23 @@ class Trajectory:
                    _order_of(message.points) if shape == 'spline' else -1)
 
 
-def _between(start: Array, end: Array, duration: float | Array, s: float | Array, order: int
-             ) -> Array:
-    """Return the polynomial of degree 2 order + 1 that joins points (3, …), at a share s of it."""
+def _interpolated(start: Array, end: Array, duration: float | Array, s: float | Array, order: int
+                  ) -> Array:
+    """
+    Return the polynomial of degree 2 order + 1 between two points, at a share s of its duration.
+
+    Parameters
+    ----------
+    start, end : Array
+        Position, velocity and acceleration, rad, rad/s, rad/s^2, (3, …).
+    duration : float or Array
+        From start to end, s.
+    s : float or Array
+        0 to 1.
+    order : int
+        Highest derivative that is met at both ends.
+
+    """
     if order == 0:
         return start[0] + s * (end[0] - start[0])
     step = end[0] - start[0]
@@ -129,31 +157,36 @@ def _between(start: Array, end: Array, duration: float | Array, s: float | Array
 
 
 def _order_of(points: Sequence[JointTrajectoryPoint]) -> int:
-    """Return the highest derivative that every point tells."""
+    """Return the highest derivative that every point gives: 0, 1 or 2."""
     if not all(len(point.velocities) for point in points):
         return 0
     return 2 if all(len(point.accelerations) for point in points) else 1
 
 
-def _offset(point: JointTrajectoryPoint) -> float:
+def _time_from_start(point: JointTrajectoryPoint) -> float:
+    """Return the time of a point after the trajectory's start, s."""
     offset = point.time_from_start
     return float(offset.sec + offset.nanosec / NANOSECONDS)
 
 
 def _derivatives(points: Sequence[JointTrajectoryPoint], rows: list[int], joints: Channels
                  ) -> Array:
-    """Return position, velocity and acceleration of points, zero where untold, (N, 3, 2)."""
+    """Return position, velocity and acceleration of points in SI, zero if absent, (N, 3, 2)."""
     found = np.zeros((len(points), 3, 2))
     found[:, 0] = joints.si(_numbers(points, 'positions', rows))
     for k, field in enumerate(('velocities', 'accelerations'), start=1):
-        told = [i for i, point in enumerate(points) if len(getattr(point, field))]
-        if told:
-            found[told, k] = joints.rate(_numbers([points[i] for i in told], field, rows))
+        given = [i for i, point in enumerate(points) if len(getattr(point, field))]
+        if given:
+            found[given, k] = joints.rate(_numbers([points[i] for i in given], field, rows))
     return found
 
 
 def _numbers(points: Sequence[Any], field: str, rows: list[int]) -> Array:
-    """Return a field of points, in one array: a reference may have points by the ten thousand."""
+    """
+    Return a field of all points, in the order of our joints, (N, 2).
+
+    It is checked as one array, because a reference may have tens of thousands of points.
+    """
     values = [getattr(point, field) for point in points]
     for each in values:
         if len(each) != len(rows):

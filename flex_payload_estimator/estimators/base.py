@@ -1,4 +1,4 @@
-"""The interface of every payload estimator."""
+"""The interface of every payload estimator: outputs and commands in, Estimate out."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from flex_plant_sim.arm.second_order import Array
 
 class Estimate(NamedTuple):
     """
-    What an estimator says after one sample.
+    An estimator's answer after one sample.
 
     Attributes
     ----------
     time : float
-        Of the measurement, s.
+        Time of the measurement, s.
     mass, variance : float
         Payload, kg, and the variance of its error, kg^2.
     p : float
-        SF1's P (29), which is no variance; where an estimator has none, its own covariance.
+        SF1's P (29), which is no variance; an estimator without P gives its own covariance.
     innovation, innovation_std : Array
-        y - C x and its standard deviation per channel, rad and strain, (m,).
+        y - C x and its standard deviation per channel, rad and m/m, (m,).
     status : str
         'ok', 'not_excited', 'model_suspect' or 'input_rejected'.
 
@@ -45,9 +45,9 @@ class Event:
     Attributes
     ----------
     time, found : float
-        When it was, and when it was noticed, s.
+        When it happened, and when it was detected, s.
     before, after : float
-        kg.
+        Payload, kg.
 
     """
 
@@ -59,28 +59,34 @@ class Event:
 
 class PayloadEstimator(Protocol):
     """
-    Estimates the payload from (y_t, u_{t-1}); state is kept inside, one update a sample.
+    Estimates the payload from (y_t, u_{t-1}); it keeps its state and is updated once a sample.
 
-    All that nodes and tools call is here. Attributes: `rejected`, samples that were none.
+    Nodes and tools call nothing else.
+
+    Attributes
+    ----------
+    rejected : int
+        Number of samples that could not be used.
+
     """
 
     rejected: int
 
     @property
     def events(self) -> Sequence[Event]:
-        """Return the payload changes found so far; none where nobody looks for them."""
+        """Return the payload changes found so far; none from an estimator that seeks none."""
 
     def reset(self) -> None:
-        """Forget everything."""
+        """Go back to the start: forget state and payload."""
 
     def prepare(self, command: Array) -> None:
         """
-        Predict while no measurement waits: `update` is then quicker, its answer the same.
+        Predict while no measurement waits: `update` is then faster, with the same answer.
 
         Parameters
         ----------
         command : Array
-            What will have been applied up to the next sample, (2,).
+            Command that will be applied up to the next sample, (2,).
 
         """
 
@@ -100,4 +106,4 @@ class PayloadEstimator(Protocol):
         """
 
     def conclude(self) -> None:
-        """Do what the last estimate need not wait for; otherwise the next `update` does."""
+        """Do what the last estimate did not wait for; otherwise the next `update` does it."""

@@ -1,4 +1,4 @@
-"""Payload estimators by name."""
+"""Builds a payload estimator by name: `sf1_paper`, `sf1` or `rpe`."""
 
 from __future__ import annotations
 
@@ -40,15 +40,16 @@ BUILDERS: dict[str, Builder] = {'sf1_paper': _sf1_paper, 'sf1': _sf1, 'rpe': _rp
 
 def coriolis_of(name: str, robot: Robot, model: str) -> bool | None:
     """
-    Tell whether an estimator's model has Coriolis forces; None where it estimates them.
+    Return whether an estimator's model has Coriolis forces; None where it finds that out itself.
 
-    SF1 is linear, as the paper has it; rpe asks the record, unless the robot file names them.
+    SF1 is linear, as in the paper. rpe decides by the measurements, unless the robot file names
+    these forces.
     """
     if name != 'rpe' or model not in WITH_CORIOLIS:
         return False
-    told = effects_of(robot)
-    named = any(isinstance(effect, CoriolisCentripetal) for effect in told)
-    return has_coriolis(told) if named else None
+    effects = effects_of(robot)
+    named = any(isinstance(effect, CoriolisCentripetal) for effect in effects)
+    return has_coriolis(effects) if named else None
 
 
 def make_estimator(name: str, robot: Robot, model: str = 'paper_reduced', modes: int = 2,
@@ -66,14 +67,14 @@ def make_estimator(name: str, robot: Robot, model: str = 'paper_reduced', modes:
     model : str
         'paper_reduced', 'paper' or 'assumed_modes'.
     modes : int
-        Modes a link.
+        Modes per link.
     **changes
         Settings of the estimator that differ from its defaults.
 
     Raises
     ------
     InputError
-        Unknown name.
+        The name is unknown.
 
     """
     if name not in BUILDERS:

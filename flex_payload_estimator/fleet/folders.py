@@ -1,4 +1,8 @@
-"""The logs below a folder, and the arm and robot file that each belongs to."""
+"""
+The logs below a folder, and the arm and robot file that each belongs to.
+
+First step of flex_fleet: folders -> log tasks -> rows in the journal -> table.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +11,7 @@ from pathlib import Path
 
 from msg_config.errors import InputError
 
+# Robot file of a folder, suffixes of log files, and the file that marks a bag folder.
 ROBOT_FILE, LOGS, BAG = 'robot.yaml', ('.csv', '.mcap', '.db3'), 'metadata.yaml'
 
 
@@ -14,19 +19,19 @@ def logs_below(folders: Sequence[str], apart_from: Path) -> list[tuple[Path, Pat
     """
     Return (folder given, log) of every log below the folders, in the order of their names.
 
-    A log that several folders or links lead to comes once, with the first of them.
+    A log that several folders or links lead to is returned once, with the first of them.
 
     Parameters
     ----------
     folders : sequence of str
-        As the user names them.
+        The folders as the user names them.
     apart_from : Path
-        The fleet's own output, which is not searched.
+        The fleet's own output folder, which is not searched.
 
     Raises
     ------
     InputError
-        A folder that is none, or no log at all.
+        A name is no folder, or there is no log at all.
 
     """
     found: dict[Path, tuple[Path, Path]] = {}
@@ -43,6 +48,7 @@ def logs_below(folders: Sequence[str], apart_from: Path) -> list[tuple[Path, Pat
 
 
 def _logs(folder: Path, apart_from: Path) -> Iterator[Path]:
+    """Yield the log files and bag folders below a folder."""
     real = folder.resolve()
     if real == apart_from:
         return
@@ -50,7 +56,7 @@ def _logs(folder: Path, apart_from: Path) -> Iterator[Path]:
         yield folder
         return
     for item in sorted(folder.iterdir()):
-        # A link to where it came from leads round and round.
+        # A link to a folder above it would be followed for ever.
         if item.is_dir() and item.resolve() not in (real, *real.parents):
             yield from _logs(item, apart_from)
         elif not item.is_dir() and item.suffix.lower() in LOGS:
@@ -58,7 +64,7 @@ def _logs(folder: Path, apart_from: Path) -> Iterator[Path]:
 
 
 def robot_of(folder: Path, log: Path, default: str) -> str:
-    """Return the nearest robot.yaml between a log and the folder given, else the default."""
+    """Return the robot.yaml nearest to a log, up to the folder given, else the default."""
     for parent in log.parents:
         if (parent / ROBOT_FILE).is_file():
             return str(parent / ROBOT_FILE)
@@ -68,5 +74,5 @@ def robot_of(folder: Path, log: Path, default: str) -> str:
 
 
 def arm_of(folder: Path, log: Path) -> str:
-    """Return the arm's name: the folder that holds its logs, below and with the one given."""
+    """Return the arm's name: the path of the log's folder, beginning with the folder given."""
     return (Path(folder.resolve().name) / log.parent.relative_to(folder)).as_posix()

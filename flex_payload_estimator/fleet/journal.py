@@ -1,4 +1,4 @@
-"""What is done already: one line a log, appended as soon as it is known."""
+"""The journal of a fleet: one line per finished log, by which an interrupted run goes on."""
 
 from __future__ import annotations
 
@@ -15,16 +15,17 @@ FILE = 'fleet.jsonl'
 
 class Journal:
     """
-    The rows of a fleet's output folder, which a killed run leaves whole.
+    The rows of the finished logs, in a file of the output folder; a killed run leaves it usable.
 
     Parameters
     ----------
     folder : Path
-        Made if need be; a folder that holds other things is refused.
+        Output folder; made where it does not exist.
 
     Raises
     ------
     InputError
+        The folder is a file, holds other files than a fleet's, or cannot be written.
 
     """
 
@@ -42,7 +43,7 @@ class Journal:
             raise InputError(f'{folder}: expected a writable folder, got: {error}') from None
 
     def rows(self) -> dict[str, Row]:
-        """Return the rows by their task's key; a line cut short by a kill is not there."""
+        """Return the rows by their task's key, without lines that a kill cut short."""
         found = {}
         for line in self.file.read_text(encoding='utf-8').splitlines():
             try:
@@ -53,11 +54,19 @@ class Journal:
         return found
 
     def add(self, task: LogTask, row: Row) -> None:
-        """Append a row, on the disk when this returns."""
+        """
+        Append the row of a task; it is on the disk when this returns.
+
+        Raises
+        ------
+        InputError
+            The row cannot be written.
+
+        """
         try:
             with self.file.open('a', encoding='utf-8') as file:
                 # A line that a kill cut short must not swallow this one.
-                file.write('\n' if file.tell() and not self._ends_well() else '')
+                file.write('\n' if file.tell() and not self._ends_with_newline() else '')
                 file.write(json.dumps([task.key, asdict(row)]) + '\n')
                 file.flush()
                 os.fsync(file.fileno())
@@ -65,7 +74,7 @@ class Journal:
             raise InputError(f'{self.file}: expected room for a row, got: '
                              f'{error.strerror or error}') from None
 
-    def _ends_well(self) -> bool:
+    def _ends_with_newline(self) -> bool:
         with self.file.open('rb') as file:
             file.seek(-1, os.SEEK_END)
             return file.read(1) == b'\n'

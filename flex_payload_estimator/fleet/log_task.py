@@ -1,4 +1,4 @@
-"""One log of the fleet: diagnosed and weighed by the tools, in processes of their own."""
+"""One log of the fleet: flex_diagnose and flex_estimate run on it as processes and give a Row."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ESTIMATE = 'flex_payload_estimator.tools.estimate'
 @dataclass(frozen=True)
 class LogTask:
     """
-    What is to be done with one log.
+    A log and the settings with which it is diagnosed and weighed.
 
     Attributes
     ----------
@@ -34,9 +34,9 @@ class LogTask:
     report : str
         Folder for the log's page.
     payload : float or None
-        What the operator believes the arm carries, kg; the robot file's if None.
+        Payload that the operator believes the arm carries, kg; the robot file's if None.
     timeout : float
-        After so many seconds a log is given up.
+        Time after which a tool is given up, s.
 
     """
 
@@ -49,7 +49,7 @@ class LogTask:
 
     @property
     def key(self) -> str:
-        """Return what the answer depends on: the log and robot as they are now, the settings."""
+        """Return what the row depends on: settings, and present state of log and robot file."""
         stamps = [_stamp(Path(self.log)), _stamp(Path(self.robot))]
         return json.dumps([self.log, self.robot, self.payload, *stamps])
 
@@ -57,7 +57,7 @@ class LogTask:
 @dataclass(frozen=True)
 class Row:
     """
-    What is known of one log; an empty text or None where something failed.
+    The result for one log; texts are empty and numbers None where something failed.
 
     Attributes
     ----------
@@ -67,14 +67,15 @@ class Row:
     causes : tuple of str
         identifier:site, the likeliest first.
     probability : float or None
-        Of the likeliest cause.
+        Probability of the likeliest cause.
     payload_kg, payload_std_kg : float or None
-        At the end of the log.
+        Estimate and standard deviation at the end of the log.
     payload_status : str
+        The estimator's status there.
     report : str
-        The log's page.
+        Path of the log's page.
     seconds : float
-        What the log took.
+        Time that the log took, s.
     error : str
         One line, where anything failed.
 
@@ -94,14 +95,14 @@ class Row:
     error: str = ''
 
 
-def answer(task: LogTask) -> Row:
-    """Return the row of a log; never raises for what the log or a tool does."""
+def diagnose_and_weigh(task: LogTask) -> Row:
+    """Return the row of a log; a failure of log or tool is told in the row, not raised."""
     started = time.monotonic()
     told = [] if task.payload is None else ['--payload', str(task.payload)]
     page = Path(task.report)
     page.mkdir(parents=True, exist_ok=True)
-    diagnosis, wrong = _asked(task, DIAGNOSE, [*told, '--jobs', '1', '--report', str(page)])
-    weight, error = ({}, '') if wrong else _asked(task, ESTIMATE, [])
+    diagnosis, wrong = _run_tool(task, DIAGNOSE, [*told, '--jobs', '1', '--report', str(page)])
+    weight, error = ({}, '') if wrong else _run_tool(task, ESTIMATE, [])
     causes = sorted(diagnosis.get('causes', ()), key=lambda cause: -cause['probability'])
     return Row(
         task.arm, task.log, diagnosis.get('verdict', ''), diagnosis.get('sentence', ''),
@@ -112,8 +113,8 @@ def answer(task: LogTask) -> Row:
         time.monotonic() - started, wrong or error)
 
 
-def _asked(task: LogTask, module: str, options: Sequence[str]) -> tuple[dict[str, Any], str]:
-    """Return what a tool says of the log as JSON, or nothing and its one-line error."""
+def _run_tool(task: LogTask, module: str, options: Sequence[str]) -> tuple[dict[str, Any], str]:
+    """Return a tool's JSON on the log and no error, or an empty one and its one-line error."""
     tool = module.rpartition('.')[2]
     with TemporaryDirectory(prefix='flex_fleet_') as folder:
         file = Path(folder) / 'answer.json'
@@ -126,14 +127,14 @@ def _asked(task: LogTask, module: str, options: Sequence[str]) -> tuple[dict[str
             return {}, f'{tool}: given up after {task.timeout:g} s'
         if done.returncode == 0 and file.is_file():
             return json.loads(file.read_text(encoding='utf-8')), ''
-        said = [line for line in done.stderr.splitlines() if line.strip()]
-        last = said[-1] if said else f'exit code {done.returncode}'
+        lines = [line for line in done.stderr.splitlines() if line.strip()]
+        last = lines[-1] if lines else f'exit code {done.returncode}'
         last = last.removeprefix('error: ').removeprefix(f'{task.log}: ')
         return {}, f'{tool}: {last}'[:LONGEST]
 
 
 def _stamp(path: Path) -> list[float]:
-    """Return what changes when a file or a bag folder is written anew."""
+    """Return sizes and times of modification of a file, or of the files of a bag folder."""
     if not path.exists():
         return []
     files = sorted(path.rglob('*')) if path.is_dir() else [path]

@@ -1,4 +1,4 @@
-"""The logs over the workers of a Dask cluster; a worker may die, its log is done by another."""
+"""Distributes log tasks over a Dask cluster; the log of a worker that dies goes to another one."""
 
 from __future__ import annotations
 
@@ -6,20 +6,21 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, ExitStack
 from typing import Any
 
-from flex_payload_estimator.fleet.log_task import answer, LogTask, Row
+from flex_payload_estimator.fleet.log_task import diagnose_and_weigh, LogTask, Row
 from flex_plant_sim.quiet_signals import held_back
 from msg_config.errors import InputError
 
-# So many workers may die over a log before it is given up: dask's own default.
-DEATHS = 3
-# Logs handed out for each worker: enough that none waits, few enough for a hundred thousand.
-AHEAD = 2
+# How often a log is tried again after its worker died; Dask's own default.
+RETRIES = 3
+# Logs submitted per worker: enough that no worker waits, few enough where a hundred thousand logs
+# are to be done.
+LOGS_PER_WORKER = 2
 
 
 @contextmanager
 def cluster(scheduler: str | None, workers: int) -> Iterator[Any]:
     """
-    Yield a client of the scheduler at an address, or of a cluster on this machine.
+    Yield a client of the scheduler at an address, or of a new cluster on this machine.
 
     Raises
     ------
@@ -29,8 +30,8 @@ def cluster(scheduler: str | None, workers: int) -> Iterator[Any]:
     """
     try:
         import dask
-        # A worker that dies is told in the table; the library's own account helps nobody.
-        # Nor does its profile, which looks at every process a hundred times a second.
+        # The table tells of a worker that died; the library's own log does not help the user. Nor
+        # does its profiler, which samples every process a hundred times a second.
         dask.config.set({'logging.distributed': 'critical',
                          'distributed.worker.profile.enabled': False})
         from distributed import Client, LocalCluster
@@ -47,28 +48,28 @@ def cluster(scheduler: str | None, workers: int) -> Iterator[Any]:
             yield client
         return
     with ExitStack() as opened:
-        # Dask cannot close what has half begun.
+        # Dask cannot close a cluster that has half begun, so signals wait.
         with held_back():
-            # One thread a worker: what a worker does is wait for one process.
+            # One thread per worker, because a worker only waits for one process.
             local = opened.enter_context(LocalCluster(
                 n_workers=workers, threads_per_worker=1, dashboard_address=None))
             client = opened.enter_context(Client(local))
         yield client
 
 
-def answers(client: Any, tasks: Sequence[LogTask]) -> Iterator[tuple[LogTask, Row]]:
-    """Yield every task with its row, as they come."""
+def completed_rows(client: Any, tasks: Sequence[LogTask]) -> Iterator[tuple[LogTask, Row]]:
+    """Yield every task with its row, in the order in which they are completed."""
     from distributed import as_completed
     waiting, running = iter(tasks), as_completed()
     task_of = {}
 
     def hand_out(count: int) -> None:
         for _, task in zip(range(count), waiting):
-            future = client.submit(answer, task, pure=False, retries=DEATHS)
+            future = client.submit(diagnose_and_weigh, task, pure=False, retries=RETRIES)
             task_of[future.key] = task
             running.add(future)
 
-    hand_out(AHEAD * max(1, len(client.scheduler_info()['workers'])))
+    hand_out(LOGS_PER_WORKER * max(1, len(client.scheduler_info()['workers'])))
     for future in running:
         task = task_of.pop(future.key)
         error = future.exception()

@@ -1,7 +1,7 @@
 """
-The fleet's table: one row a log, and since when an arm answers as it does now.
+The fleet's table: one row per log, and since which log an arm gives the same result.
 
-It stands in a folder that the journal has found to be the fleet's.
+It is written as CSV, Parquet and HTML into the output folder that the journal has checked.
 """
 
 from __future__ import annotations
@@ -17,21 +17,23 @@ from typing import Any
 from flex_payload_estimator.fleet.log_task import Row
 from flex_plant_sim.atomic_file import whole_file
 
+# First characters by which a spreadsheet takes a cell for a formula.
 FORMULA = ('=', '+', '-', '@')
 
 
 def since(rows: Sequence[Row]) -> list[str]:
     """
-    Return for each row the arm's first log with the same verdict and causes without a break.
+    Return, for each row, the first log since which its arm has had the same verdict and causes.
 
-    Rows of an arm are in the order of their logs' names; a log that failed breaks nothing.
+    Rows of an arm are in the order of their logs' names. A log that failed has no such log, and
+    does not interrupt the series.
     """
     first: dict[str, tuple[Any, str]] = {}
     found = []
     for row in rows:
-        said = (row.verdict, frozenset(row.causes))
-        if row.verdict and first.get(row.arm, (None, ''))[0] != said:
-            first[row.arm] = (said, row.log)
+        result = (row.verdict, frozenset(row.causes))
+        if row.verdict and first.get(row.arm, (None, ''))[0] != result:
+            first[row.arm] = (result, row.log)
         found.append(first[row.arm][1] if row.verdict else '')
     return found
 
@@ -43,7 +45,7 @@ def records(rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 
 def write_csv(path: Path, rows: Sequence[Row]) -> None:
-    """Write the table as CSV, whole or not at all; no cell is a formula to a spreadsheet."""
+    """Write the table as CSV, whole or not at all; a spreadsheet takes no cell for a formula."""
     table = records(rows)
     with whole_file(path, known=True) as temporary, \
             temporary.open('w', newline='', encoding='utf-8') as file:
@@ -58,7 +60,7 @@ def _cell(value: Any) -> Any:
 
 
 def write_parquet(path: Path, rows: Sequence[Row]) -> bool:
-    """Write the table as Parquet where pyarrow is installed; tell whether it is."""
+    """Write the table as Parquet where pyarrow is installed; return whether it is."""
     try:
         from pyarrow import Table
         from pyarrow.parquet import write_table
@@ -70,7 +72,7 @@ def write_parquet(path: Path, rows: Sequence[Row]) -> bool:
 
 
 def write_page(path: Path, rows: Sequence[Row]) -> bool:
-    """Write the table as a page that links every log's report; tell whether Jinja is there."""
+    """Write the table as a page with links to the reports; return whether Jinja is installed."""
     try:
         from jinja2 import Environment
     except ImportError:

@@ -1,10 +1,10 @@
 """
-The Cramer-Rao bound of the payload: what no unbiased estimator can beat on given data.
+The Cramer-Rao bound of the payload: the accuracy that no unbiased estimator can beat.
 
-The arm is linearised along the true trajectory over state and payload, by central differences
-of the sampled arm; with process noise the bound is the posterior one (Tichavsky, Muravchik and
-Nehorai, IEEE Trans. Signal Process. 46, 1998), which for a linearised model is the Riccati
-recursion of the augmented state (x, m).
+Tests and benchmarks compare the estimators with it. The arm is linearised along the true
+trajectory over state and payload, by central differences of the sampled arm. With process noise
+the bound is the posterior one (Tichavsky, Muravchik and Nehorai, IEEE Trans. Signal Process. 46,
+1998), which for a linearised model is the Riccati recursion of the augmented state (x, m).
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from msg_config.errors import InputError
 import numpy as np
 from numpy.typing import ArrayLike
 
-# kg, and of cos theta_2: the remainder of central differences goes with their square, 1e-10, and
-# rounding over them is 1e-11.
+# Steps of the central differences over the payload, kg, and over cos theta_2. Their truncation
+# error goes with the square of the step, 1e-10; rounding divided by the step is 1e-11.
 PAYLOAD_STEP = COSINE_STEP = 1e-5
 
 
 @dataclass(frozen=True)
 class Linearised:
     """
-    x+ = J x + j m + E torque along a trajectory, and y = C x.
+    The arm linearised along a trajectory: x+ = J x + j m + E torque and y = C x.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class Linearised:
     slope : Array
         j = d x+/dm at a known state, (N, n).
     push : Array
-        E of a torque on each joint, (N, n, 2).
+        E, the effect of a torque on each joint, (N, n, 2).
     output : Array
         C, (m, n).
 
@@ -55,9 +55,9 @@ def linearise(arm: ExtendedArm, states: Array, commands: Array) -> Linearised:
     arm : ExtendedArm
         At the true payload, without effects.
     states : Array
-        Before each step, (N, n).
+        States before each step, (N, n).
     commands : Array
-        Held over each step, (N, 2).
+        Commands held over each step, (N, 2).
 
     Raises
     ------
@@ -70,28 +70,34 @@ def linearise(arm: ExtendedArm, states: Array, commands: Array) -> Linearised:
                          f'{", ".join(effect.identifier for effect in arm.effects)}')
     cosine, sine = np.cos(states[:, 1]), np.sin(states[:, 1])
     f, g, e = arm.schedule.at(cosine)
-    # Off the end of the interval the interpolant would have to extrapolate.
+    # Beyond |cos theta_2| = 1 the schedule would have to extrapolate.
     low = np.maximum(cosine - COSINE_STEP, -1.0)
     high = np.minimum(cosine + COSINE_STEP, 1.0)
-    over_cosine = (_moved(arm, high, states, commands) - _moved(arm, low, states, commands)) \
-        / (high - low)[:, None]
+    over_cosine = (_next_states(arm, high, states, commands)
+                   - _next_states(arm, low, states, commands)) / (high - low)[:, None]
     jacobian = f.copy()
     jacobian[:, :, 1] -= sine[:, None] * over_cosine
     mass, step = arm.payload, min(PAYLOAD_STEP, 0.5 * arm.payload or PAYLOAD_STEP)
     below = max(mass - step, 0.0)
-    slope = (_moved(arm.at_payload(mass + step), cosine, states, commands)
-             - _moved(arm.at_payload(below), cosine, states, commands)) / (mass + step - below)
+    slope = (_next_states(arm.at_payload(mass + step), cosine, states, commands)
+             - _next_states(arm.at_payload(below), cosine, states, commands)) \
+        / (mass + step - below)
     push = e @ arm.form.force if e.shape[-1] else np.zeros((len(states), arm.states, 2))
     return Linearised(jacobian, slope, push, arm.output_matrix)
 
 
-def _moved(arm: ExtendedArm, cosine: Array, states: Array, commands: Array) -> Array:
+def _next_states(arm: ExtendedArm, cosine: Array, states: Array, commands: Array) -> Array:
+    """Return the states one sample later, (N, n), with the matrices at given cos theta_2."""
     f, g, _ = arm.schedule.at(cosine)
     return (f @ states[..., None] + g @ commands[..., None])[..., 0]
 
 
 def output_sensitivity(model: Linearised) -> Array:
-    """Return dy_k/dm for a start that does not depend on m, (N + 1, m): samples 0 to N."""
+    """
+    Return dy_k/dm at samples 0 to N, (N + 1, m).
+
+    The state at sample 0 is taken not to depend on the payload.
+    """
     x = np.zeros(model.jacobian.shape[-1])
     rows = [model.output @ x]
     for jacobian, slope in zip(model.jacobian, model.slope):
@@ -108,15 +114,16 @@ def payload_bound(model: Linearised, noise: ArrayLike, start: ArrayLike,
     Parameters
     ----------
     model : Linearised
-        Along the true trajectory.
+        The arm linearised along the true trajectory.
     noise : ArrayLike
         Standard deviation of each channel, rad and m/m, (m,).
     start : ArrayLike
-        Of the state at sample 0, (n,); 0 where it is known.
+        Standard deviation of each state at sample 0, (n,); 0 where it is known.
     torque : ArrayLike
-        Of the process noise: torque on each joint held over a sample, N m, (2,).
+        Standard deviation of the process noise, a torque on each joint held over a sample,
+        N m, (2,).
     prior : float
-        Of the payload, kg; infinity where nothing is known.
+        Standard deviation of the payload's prior, kg; infinity where nothing is known.
 
     """
     n = model.jacobian.shape[-1]
@@ -131,7 +138,7 @@ def payload_bound(model: Linearised, noise: ArrayLike, start: ArrayLike,
             sens = jacobian @ sens + model.slope[k - 1]
         inverse = np.linalg.inv(output @ cov @ output.T + unit)
         gain, seen = cov @ output.T @ inverse, output @ sens
-        # What the innovations, of covariance S, tell of m (block elimination).
+        # Information on m in the innovations, whose covariance is S (block elimination).
         information += seen @ inverse @ seen
         sens = sens - gain @ seen
         keep = np.eye(n) - gain @ output

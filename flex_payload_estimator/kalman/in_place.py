@@ -1,10 +1,10 @@
 """
-Sums of small arrays, written in place.
+In-place sums and products of small arrays for the compiled steps of estimators and controller.
 
-Compiled, an expression of arrays becomes some kilobytes of code and a piece of memory that is
-given back; so do its parts where they are slices. Dozens of them fill the cache of a step that is
-run once in 10 ms, beside all else that runs then. Loops take a tenth of that; without Numba the
-same names are NumPy's expressions.
+Numba compiles an array expression into some kilobytes of code and a temporary array, and each
+slice in it likewise. Dozens of them fill the cache in a step that runs once in 10 ms, beside
+everything else that runs then. Loops take a tenth of that. Without Numba the same names are NumPy
+expressions.
 """
 
 from __future__ import annotations
@@ -134,9 +134,10 @@ def _logarithms_by_numpy(matrix: Array) -> float:
     return float(np.log(matrix.diagonal()).sum())
 
 
-# out = v, = A, += c v, += c A, one column += c v, += x y', the diagonal += v, += c (A + A'),
-# = (A + A') / 2 with its diagonal multiplied; then A diag(v), each row of A times
-# that of B, and the sum of ln A_ii.
+# In this order: out = v; out = A; out += c v; out += c A; one column of out += c v; out += x y';
+# the diagonal of out += v; out += c (A + A'); out = (A + A') / 2 with its diagonal multiplied.
+# The last three return A diag(v), the product of each row of A with that of B, and the sum of
+# ln A_ii.
 put = _put_by_loops if COMPILED else np.copyto
 put_matrix = _put_matrix_by_loops if COMPILED else np.copyto
 add = _add_by_loops if COMPILED else _add_by_numpy

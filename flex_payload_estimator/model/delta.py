@@ -1,4 +1,9 @@
-"""Delta model (19)-(22): Omega, and how well it keeps its digits where the shift form fails."""
+"""
+The delta model (19)-(22): Omega, A-bar and B-bar from the continuous A and B.
+
+The Kalman predictors, SF1 and the LQG controller take their sampled model from here.
+`digits_over_step` compares the rounding errors of the delta form with those of the shift form.
+"""
 
 from __future__ import annotations
 
@@ -10,15 +15,16 @@ from flex_plant_sim.compiled import compiled
 from msg_config.errors import InputError
 import numpy as np
 
-# Powers that are made: the root of the 16 terms asks the fewest products (Paterson, Stockmeyer).
+# Powers of A h per block of Horner's scheme: the square root of the 16 terms needs the fewest
+# matrix products (Paterson, Stockmeyer).
 BLOCK = 4
-# Of Omega: what the terms that are left out of (19) may come to.
+# Largest first term of (19) that may be left out of Omega, dimensionless.
 TRUNCATION = 1e-12
 
 
 @lru_cache(maxsize=32)
 def _coefficients(terms: int) -> Array:
-    """Return 1/(i+1)! for i = 0…terms in rows of BLOCK, zero-padded."""
+    """Return 1/(i+1)! for i = 0…terms, zero-padded, in rows of BLOCK."""
     values = [1.0 / math.factorial(i + 1) for i in range(terms + 1)]
     values += [0.0] * (-len(values) % BLOCK)
     return np.array(values).reshape(-1, BLOCK)
@@ -26,11 +32,11 @@ def _coefficients(terms: int) -> Array:
 
 def omega(a: Array, step: float, terms: int = 15, halvings: int = 0) -> Array:
     """
-    Return Omega = I + sum_{i=1}^{n'} (A h)^i / (i+1)!, (19), doubled back from h to T.
+    Return Omega = I + sum_{i=1}^{n'} (A h)^i / (i+1)!, (19), doubled from h up to T.
 
-    The sum is Horner's in blocks of four powers (Paterson and Stockmeyer): n' = 15 costs six
-    products. Doubling stays in the delta domain, Omega(2h) = Omega(h) (I + h/2 A Omega(h)),
-    and never forms I + T A.
+    The sum is evaluated by Horner's scheme in blocks of four powers (Paterson and Stockmeyer):
+    n' = 15 costs six matrix products. Doubling stays in the delta domain, Omega(2h) = Omega(h)
+    (I + h/2 A Omega(h)), and never forms I + T A, which would round A away.
 
     Parameters
     ----------
@@ -41,7 +47,7 @@ def omega(a: Array, step: float, terms: int = 15, halvings: int = 0) -> Array:
     terms : int
         n' >= 1.
     halvings : int
-        h = T / 2^halvings; 0 is (19) as printed.
+        h = T / 2^halvings; 0 gives (19) as printed.
 
     Raises
     ------
@@ -54,12 +60,12 @@ def omega(a: Array, step: float, terms: int = 15, halvings: int = 0) -> Array:
 
 class DeltaOperator:
     """
-    Omega for many matrices of one size: (19) without allocating what it works in.
+    Omega (19) for many matrices of one size, in work arrays that are allocated once.
 
     Parameters
     ----------
     size : int
-        n.
+        n, the number of states.
     step : float
         T, s.
     terms, halvings : int
@@ -68,7 +74,7 @@ class DeltaOperator:
     Attributes
     ----------
     room : tuple
-        What `series` takes after A.
+        Step, coefficients and work arrays: the arguments of `series` after A.
 
     """
 
@@ -87,11 +93,29 @@ class DeltaOperator:
 
 
 @compiled
-def series(a: Array, first: float, coefficients: Array, powers: Array, fourth: Array,
+def series(a: Array, substep: float, coefficients: Array, powers: Array, fourth: Array,
            halvings: int) -> Array:
-    """Return Omega of A; powers (BLOCK, n, n) begins with I, the rest is room to work in."""
+    """
+    Return Omega of A, (n, n): the compiled core of `omega`.
+
+    Parameters
+    ----------
+    a : Array
+        A, (n, n), 1/s.
+    substep : float
+        h = T / 2^halvings, s.
+    coefficients : Array
+        1/(i+1)!, in rows of BLOCK.
+    powers : Array
+        (BLOCK, n, n); begins with I, the powers of A h are written behind it.
+    fourth : Array
+        Work array for (A h)^4, (n, n).
+    halvings : int
+        How often h is doubled to reach T.
+
+    """
     x, square = powers[1], powers[2]
-    np.multiply(a, first, x)
+    np.multiply(a, substep, x)
     np.dot(x, x, square)
     np.dot(square, x, powers[3])
     np.dot(square, square, fourth)
@@ -114,8 +138,8 @@ def halvings_for(spectral_radius: float, step: float, terms: int = 15) -> int:
     """
     Return how often to halve T so that the first term left out of (19) is below 1e-12.
 
-    The spectral radius of A (1/s) is taken, not a norm: A mixes units, so that its norm says
-    little about the size of A^i T^i.
+    The size of A is taken as its spectral radius (1/s) instead of a norm: A mixes units, so a
+    norm says little about the size of A^i T^i.
     """
     size, halvings = spectral_radius * step, 0
     log_limit = math.log(TRUNCATION) + math.lgamma(terms + 3)
@@ -127,12 +151,12 @@ def halvings_for(spectral_radius: float, step: float, terms: int = 15) -> int:
 def delta_model(a: Array, b: Array, step: float, terms: int = 15,
                 halvings: int = 0) -> tuple[Array, Array]:
     """Return A-bar = Omega A (n, n) and B-bar = Omega B (n, m), (20), (21)."""
-    big = omega(a, step, terms, halvings)
-    return big.dot(a), big.dot(b)
+    factor = omega(a, step, terms, halvings)
+    return factor.dot(a), factor.dot(b)
 
 
 def shift_round_trip(a: Array, step: float, halvings: int = 0) -> Array:
-    """Return (F - I) / T with F = I + T A-bar rounded to double: what the shift form keeps."""
+    """Return A-bar as the shift form keeps it: (F - I) / T with F = I + T A-bar in double."""
     a_bar, _ = delta_model(a, a, step, halvings=halvings)
     identity = np.eye(len(a))
     return ((identity + step * a_bar) - identity) / step
@@ -142,12 +166,22 @@ def digits_over_step(a: Array, steps: Array, spectral_radius: float) -> tuple[Ar
     """
     Return the relative errors of A-bar in delta and in shift form, each of steps.shape.
 
-    Errors are those of the diagonal, where F has 1 + T a and rounds a away, over its largest
-    entry. The reference is (19) with 40 terms in extended precision.
+    The error is the largest one on the diagonal, where F = 1 + T a rounds a away, divided by the
+    diagonal's largest entry. The reference is (19) with 40 terms in extended precision.
+
+    Parameters
+    ----------
+    a : Array
+        A, (n, n), 1/s.
+    steps : Array
+        Sampling intervals T, s.
+    spectral_radius : float
+        Of A, 1/s.
+
     """
     delta, shift = [], []
     for step in steps:
-        exact = np.diagonal(_extended(a, float(step), spectral_radius))
+        exact = np.diagonal(_a_bar_extended(a, float(step), spectral_radius))
         halvings = halvings_for(spectral_radius, float(step))
         scale = float(np.max(np.abs(exact)))
         a_bar, _ = delta_model(a, a, float(step), halvings=halvings)
@@ -157,7 +191,8 @@ def digits_over_step(a: Array, steps: Array, spectral_radius: float) -> tuple[Ar
     return np.array(delta), np.array(shift)
 
 
-def _extended(a: Array, step: float, spectral_radius: float) -> np.ndarray:
+def _a_bar_extended(a: Array, step: float, spectral_radius: float) -> np.ndarray:
+    """Return A-bar by (19) with 40 terms in extended precision, (n, n)."""
     halvings = halvings_for(spectral_radius, step, 40)
     wide = np.asarray(a, dtype=np.longdouble)
     scaled = wide * (np.longdouble(step) / 2**halvings)

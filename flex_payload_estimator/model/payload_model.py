@@ -1,4 +1,9 @@
-"""The arm over (theta_2, m_p) as an estimator and a controller need it: fast, any n."""
+"""
+The arm model over theta_2 and payload m_p for estimators and controller, with any n modes.
+
+A, B and their split (13) are evaluated at every sample, so all that does not depend on theta_2
+and m_p is tabulated once per robot. SF1 and the LQG controller build their predictors on it.
+"""
 
 from __future__ import annotations
 
@@ -26,32 +31,32 @@ from flex_plant_sim.arm.second_order import Array, SecondOrderForm, Shapes
 from msg_config.errors import InputError
 import numpy as np
 
-# In the place of tables that a model has not.
+# Stands for the tables that a second-order model does not have.
 NO_TABLE = np.zeros((0, 0))
 MODEL_NAMES = ('paper_reduced', 'paper', 'assumed_modes')
 
 
 class PayloadModel(Protocol):
     """
-    A(theta_2, m_p) and B(theta_2, m_p) with their split, and the output rows.
+    A(theta_2, m_p) and B(theta_2, m_p) with their split (13), and the output rows.
 
     Attributes
     ----------
     states : int
         n.
     output : Array
-        C-bar to (theta_1, theta_2, gauges in V), (m, n).
+        C-bar, from the state to (theta_1, theta_2, gauges in V), (m, n).
     end_point : Array
-        theta_2e over the state, (n,).
+        Row that gives theta_2e from the state, (n,).
     scale : Array
-        From (rad, rad, m/m…) to (rad, rad, V…), (m,).
+        Factors from (rad, rad, m/m…) to (rad, rad, V…), (m,).
     spread : Array
-        Relative size of the states under a static load, by which modes share a gauge's
-        signal where there are fewer gauges than modes; (n,).
+        Relative size of the states under a static load, (n,). Where there are fewer gauges than
+        modes, the modes share a gauge's signal in this proportion.
     halvings : int
-        What (19) needs for full accuracy.
+        How often (19) halves T for full accuracy.
     tables : tuple of Array
-        What `rates.rates_at` makes all of.
+        The tabulated model that `rates.rates_at` evaluates.
 
     """
 
@@ -72,21 +77,21 @@ class PayloadModel(Protocol):
     def rates(self, cosine: float, mass: float, other: float, state: Array, command: Array,
               kind: SplitKind) -> tuple[Array, Array, Array]:
         """
-        Return A and A^m (n, n), and the rows A x + B u, A^m x + B^m u, A' x + B' u; (3, n).
+        Return A and A^m (n, n), and the rows A x + B u, A^m x + B^m u, A' x + B' u, (3, n).
 
-        A' = (A(other) - A(mass)) / (other - mass), B' likewise: the secant from one payload to
-        another, kg; where they are one, the derivative.
+        A' = (A(other) - A(mass)) / (other - mass), B' likewise: the secant between two payloads,
+        kg; the derivative where both are equal.
         """
 
 
 def payload_model(robot: Robot, name: str = 'paper_reduced', modes: int = 2) -> PayloadModel:
     """
-    Return a model by name.
+    Return a robot's model by name, with a number of modes per link.
 
     Raises
     ------
     InputError
-        Not one of MODEL_NAMES.
+        The name is not one of MODEL_NAMES.
 
     """
     if name == 'paper_reduced':
@@ -102,10 +107,10 @@ def payload_model(robot: Robot, name: str = 'paper_reduced', modes: int = 2) -> 
 
 class ReducedModel:
     """
-    (12)-(16): state (theta, q, q' - Lambda M_5 u), n_x = 2 + 4n.
+    The paper's reduced model (12)-(16): state (theta, q, q' - Lambda M_5 u), n_x = 2 + 4n.
 
-    M_1…M_5 of Appendix F are polynomials of second degree in cos(theta_2); their coefficients
-    are taken once, from the compact form at three points.
+    M_1…M_5 of Appendix F are polynomials of second degree in cos(theta_2). Their coefficients
+    are computed once, from the compact form at three points.
     """
 
     def __init__(self, robot: Robot, modes: int):
@@ -113,19 +118,20 @@ class ReducedModel:
         self._size = 2 * modes
         self.states = 2 + 4 * modes
         points = np.array([-1.0, 0.0, 1.0])
-        values = np.stack([self._row(compact, c) for c in points])
+        values = np.stack([self._term_row(compact, c) for c in points])
         table = np.linalg.solve(np.vander(points, increasing=True), values.reshape(3, -1))
         self.tables: Tables = (np.asarray(table, dtype=np.float64),
                                *CompactTerms.of(compact.at_cosine(1.0))[7:])
         beams = robot.links[0].beam(modes), robot.links[1].beam(modes)
         rows = KinematicRows.of(robot, beams, modes)
-        self.spread = np.concatenate([_spread(beams), np.zeros(2 * modes)])
+        self.spread = np.concatenate([_static_spread(beams), np.zeros(2 * modes)])
         self.scale, output = _output(robot, compact.form)
         self.output = np.hstack([output, np.zeros((len(output), 2 * modes))])
         self.end_point = np.concatenate([end_point_row(rows), np.zeros(2 * modes)])
         self.halvings = _halvings(self, robot.sample_time)
 
-    def _row(self, compact: CompactModel, cosine: float) -> Array:
+    def _term_row(self, compact: CompactModel, cosine: float) -> Array:
+        """Return the terms that depend on cos(theta_2) in one row."""
         return np.concatenate([part.ravel()
                                for part in CompactTerms.of(compact.at_cosine(cosine))[:7]])
 
@@ -149,7 +155,7 @@ class ReducedModel:
 
 
 class SecondOrderModel:
-    """A second-order form as x = (p, p'), n_x = 4 + 4n."""
+    """A model in second-order form with state x = (p, p'), n_x = 4 + 4n."""
 
     def __init__(self, robot: Robot, modes: int, form: SecondOrderForm,
                  shapes: tuple[Shapes, Shapes]):
@@ -162,13 +168,14 @@ class SecondOrderModel:
         self.tables: Tables = (table, NO_TABLE, NO_TABLE, NO_TABLE)
         self._order = order
         rows = KinematicRows.of(robot, shapes, modes)
-        self.spread = np.concatenate([_spread(shapes), np.zeros(order)])
+        self.spread = np.concatenate([_static_spread(shapes), np.zeros(order)])
         self.scale, output = _output(robot, form)
         self.output = np.hstack([output, np.zeros_like(output)])
         self.end_point = np.concatenate([end_point_row(rows), np.zeros(order)])
         self.halvings = _halvings(self, robot.sample_time)
 
     def _terms(self, cosine: float) -> tuple[Array, Array, Array]:
+        """Return M_0, M^m (N, N) and [-K, -D, B] (N, 2N + 2) at cos(theta_2)."""
         n = self._order
         row = np.array([1.0, cosine, cosine * cosine]).dot(self.tables[0]).reshape(n, -1)
         return row[:, :n], row[:, n:2 * n], row[:, 2 * n:]
@@ -191,27 +198,34 @@ class SecondOrderModel:
 
 def end_point_row(rows: KinematicRows) -> Array:
     """
-    Return theta_2e over p: the angle of the forearm at its end-point.
+    Return the row that gives theta_2e, the angle of the forearm at its end-point, from p.
 
-    The paper writes b and e for a link's beginning and end: theta_1e = theta_b1 + sum phi_1'(L_1)
-    q_1, theta_b2 = theta_1e + theta_2, (54). So theta_2e = theta_b2 + sum phi_2'(L_2) q_2.
+    The paper writes b and e for the beginning and end of a link: theta_1e = theta_b1 +
+    sum phi_1'(L_1) q_1, theta_b2 = theta_1e + theta_2, (54). So theta_2e = theta_b2 +
+    sum phi_2'(L_2) q_2.
     """
     return rows.tip_slope
 
 
 def _output(robot: Robot, form: SecondOrderForm) -> tuple[Array, Array]:
+    """Return `scale`, and the rows from p to (theta_1, theta_2, gauges in V), (m, N)."""
     gauges = len(form.strain)
     scale = np.concatenate([np.ones(2), np.full(gauges, robot.gauge_amplifier)])
     return scale, scale[:, None] * np.vstack([form.angle, form.strain])
 
 
-def _spread(shapes: tuple[Shapes, Shapes]) -> Array:
+def _static_spread(shapes: tuple[Shapes, Shapes]) -> Array:
+    """Return 1 for the angles and (omega_1 / omega_i)^2 for each mode of the links."""
     ratios = [(shape.frequencies[0] / shape.frequencies)**2 for shape in shapes]
     return np.concatenate([np.ones(2), *ratios])
 
 
 def _halvings(model: ReducedModel | SecondOrderModel, step: float) -> int:
-    """Take the fastest mode, which the payload only slows down, over cos(theta_2)."""
+    """
+    Return how often (19) halves T for the fastest mode over cos(theta_2).
+
+    That mode is taken without payload, which only slows it down.
+    """
     radius = max(float(np.max(np.abs(np.linalg.eigvals(
         model.matrices(c, 0.0)[0])))) for c in (-1.0, 0.0, 1.0))
     return halvings_for(radius, step)

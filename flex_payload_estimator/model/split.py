@@ -1,4 +1,8 @@
-"""The split A = A^0 + m_p A^m, B = B^0 + m_p B^m, (13): as printed, resolvent and tangent."""
+"""
+The split A = A^0 + m_p A^m, B = B^0 + m_p B^m, (13): as printed, resolvent and tangent.
+
+It makes the model linear in the payload, which SF1's regression (24)-(28) needs.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +22,7 @@ KINDS = ('paper', 'resolvent', 'tangent')
 
 class Split(NamedTuple):
     """
-    (13) at one theta_2 and one payload.
+    The split (13) at one theta_2 and one payload.
 
     Attributes
     ----------
@@ -27,7 +31,7 @@ class Split(NamedTuple):
     a_m, b_m : Array
         A^m and B^m, per kg; A^0 = A - m_p A^m.
     a_slope, b_slope : Array
-        dA/dm_p and dB/dm_p at the payload, per kg: A^m of the tangent split.
+        dA/dm_p and dB/dm_p at the payload, per kg: A^m and B^m of the tangent split.
     mass : float
         m_p, kg.
 
@@ -54,7 +58,7 @@ class Split(NamedTuple):
 
 class CompactTerms(NamedTuple):
     """
-    What (12) is made of at one theta_2, with f = 2n.
+    The terms of (12) at one theta_2, with f = 2n.
 
     Attributes
     ----------
@@ -96,7 +100,7 @@ class CompactTerms(NamedTuple):
 
 @compiled
 def terms_at(cosine: float, table: Array, m_6: Array, m_7: Array, frame: Array) -> CompactTerms:
-    """Return the terms at cos(theta_2): the rows of the table are powers of it."""
+    """Return the terms at cos(theta_2); row i of the table belongs to its power i."""
     f, width = m_6.shape[1], table.shape[1]
     row = np.dot(np.array([1.0, cosine, cosine * cosine]), table)
     square, narrow = row[:5 * f * f].reshape(5, f, f), row[5 * f * f:width].reshape(2, f, 2)
@@ -110,14 +114,14 @@ def _unit(size: int) -> Array:
 
 
 def _inverse_by_lapack(matrix: Array) -> Array:
-    # Transposed twice: LAPACK works by columns, and what follows is faster by rows.
+    # Transposed twice: LAPACK works on columns, and the products that follow are faster on rows.
     found: Array = dgesv(matrix.T, _unit(len(matrix)))[2].T
     return found
 
 
 @compiled
 def _inverse_by_loops(matrix: Array) -> Array:
-    """Return the inverse by Gauss and Jordan, with the largest pivot of a column."""
+    """Return the inverse by Gauss-Jordan elimination with partial pivoting."""
     size = len(matrix)
     rest, found = matrix.copy(), np.eye(size)
     for c in range(size):
@@ -138,18 +142,18 @@ def _inverse_by_loops(matrix: Array) -> Array:
     return found
 
 
-# LAPACK's calls are quicker only beside plain Python.
+# A LAPACK call beats the loops only where they are not compiled.
 inverse = _inverse_by_loops if COMPILED else _inverse_by_lapack
 
 
 def check_kind(kind: str) -> None:
     """
-    Raise where a split is unknown.
+    Check the name of a split.
 
     Raises
     ------
     InputError
-        Not one of KINDS.
+        kind is not one of KINDS.
 
     """
     if kind not in KINDS:
@@ -158,7 +162,7 @@ def check_kind(kind: str) -> None:
 
 def check_second_order(kind: str) -> None:
     """
-    Raise where a second-order model has no such split.
+    Check that a second-order model has the split.
 
     Raises
     ------
@@ -174,12 +178,12 @@ def check_second_order(kind: str) -> None:
 
 def split_compact(terms: CompactTerms, mass: float, kind: SplitKind = 'resolvent') -> Split:
     """
-    Return the split of (12).
+    Return the split of the reduced model (12).
 
     Parameters
     ----------
     terms : CompactTerms
-        At theta_2.
+        The terms at theta_2.
     mass : float
         A priori m_p, kg.
     kind : str
@@ -189,34 +193,34 @@ def split_compact(terms: CompactTerms, mass: float, kind: SplitKind = 'resolvent
     """
     check_kind(kind)
     lam = terms.lam(mass)
-    a, b, rate, jump = _compact_state(terms, lam, mass)
+    a, b, rate, jump = _compact_parts(terms, lam, mass)
     through, stiffness = lam.dot(terms.mass_m), a[-len(lam):, 2:2 + len(lam)]
     rate_m, jump_m = lam.dot(terms.m_2m), lam.dot(terms.m_5m)
-    slope = _slope(len(lam), through.dot(stiffness), rate_m + through.dot(rate),
-                   jump_m + through.dot(jump), rate, jump)
+    slope = _payload_blocks(len(lam), through.dot(stiffness), rate_m + through.dot(rate),
+                            jump_m + through.dot(jump), rate, jump)
     if kind == 'tangent':
         return Split(a, b, *slope, *slope, mass)
     if kind == 'paper':
         # B^m_3 = Lambda M_2^m Lambda M_5^0 + Lambda M_2^0 Lambda M_5^m, (15)
-        frozen = _slope(len(lam), np.zeros_like(lam), rate_m, jump_m, lam.dot(terms.m_20),
-                        lam.dot(terms.m_50))
+        frozen = _payload_blocks(len(lam), np.zeros_like(lam), rate_m, jump_m,
+                                 lam.dot(terms.m_20), lam.dot(terms.m_50))
         return Split(a, b, *frozen, *slope, mass)
     lam_0 = terms.lam(0.0)
     jump_0 = lam_0.dot(terms.m_50)
-    secant = _slope(len(lam), through.dot(lam_0.dot(terms.m_1)),
-                    rate_m + through.dot(lam_0.dot(terms.m_20)), jump_m + through.dot(jump_0),
-                    rate, jump_0)
+    secant = _payload_blocks(len(lam), through.dot(lam_0.dot(terms.m_1)),
+                             rate_m + through.dot(lam_0.dot(terms.m_20)),
+                             jump_m + through.dot(jump_0), rate, jump_0)
     return Split(a, b, *secant, *slope, mass)
 
 
 def compact_state(terms: CompactTerms, mass: float) -> tuple[Array, Array]:
-    """Return A and B of (12) alone."""
-    return _compact_state(terms, terms.lam(mass), mass)[:2]
+    """Return A and B of (12) at m_p, kg, without a split."""
+    return _compact_parts(terms, terms.lam(mass), mass)[:2]
 
 
-def _compact_state(terms: CompactTerms, lam: Array,
+def _compact_parts(terms: CompactTerms, lam: Array,
                    mass: float) -> tuple[Array, Array, Array, Array]:
-    """Return A, B, Lambda M_2 and Lambda M_5."""
+    """Return A, B, X = Lambda M_2 and J = Lambda M_5 of (12)."""
     f = len(lam)
     rate = lam.dot(terms.m_20 + mass * terms.m_2m)
     jump = lam.dot(terms.m_50 + mass * terms.m_5m)
@@ -227,9 +231,9 @@ def _compact_state(terms: CompactTerms, lam: Array,
     return a, b, rate, jump
 
 
-def _slope(f: int, stiffness_m: Array, rate_m: Array, jump_m: Array, rate: Array,
-           jump: Array) -> tuple[Array, Array]:
-    """Return the blocks of A^m and B^m; the last is (X J)^m = X^m J + X J^m."""
+def _payload_blocks(f: int, stiffness_m: Array, rate_m: Array, jump_m: Array, rate: Array,
+                    jump: Array) -> tuple[Array, Array]:
+    """Return A^m and B^m from their blocks; the last of B^m is (X J)^m = X^m J + X J^m."""
     a, b = np.zeros((2 + 2 * f, 2 + 2 * f)), np.zeros((2 + 2 * f, 2))
     a[2 + f:, 2:2 + f] = stiffness_m
     a[2 + f:, 2 + f:] = rate_m
@@ -246,9 +250,10 @@ def second_order_state(table: Array, order: int, cosine: float, mass: float
     Parameters
     ----------
     table : Array
-        Over the powers 0, 1 and 2 of cos(theta_2): [M_0, M^m, -K, -D, B], (3, N (4N + 2)).
+        Coefficients of [M_0, M^m, -K, -D, B] at the powers 0, 1 and 2 of cos(theta_2),
+        (3, N (4N + 2)).
     order : int
-        N.
+        N, the number of coordinates p.
     cosine, mass : float
         cos(theta_2) and m_p, kg.
 
@@ -269,8 +274,8 @@ def split_second_order(mass_0: Array, mass_m: Array, right: Array, mass: float,
     Return the split of x = (p, p') with Lambda = M^-1, M = mass_0 + m_p mass_m.
 
     'resolvent' uses Lambda = Lambda_0 - m_p Lambda M^m Lambda_0, 'tangent' dLambda/dm_p
-    = -Lambda M^m Lambda. The payload enters through Lambda alone, so that (15), which freezes
-    it, would leave nothing to estimate.
+    = -Lambda M^m Lambda. The payload enters through Lambda alone, so (15), which freezes Lambda,
+    would leave nothing to estimate.
 
     Parameters
     ----------
@@ -286,7 +291,7 @@ def split_second_order(mass_0: Array, mass_m: Array, right: Array, mass: float,
     Raises
     ------
     InputError
-        kind is 'paper'.
+        kind is 'paper', or not one of KINDS.
 
     """
     check_second_order(kind)
@@ -294,11 +299,13 @@ def split_second_order(mass_0: Array, mass_m: Array, right: Array, mass: float,
     whole = dgesv(mass_0 + mass * mass_m, np.hstack([right, mass_m]))[2]
     solved, through = whole[:, :2 * n + 2], -whole[:, 2 * n + 2:]
     base = dgesv(mass_0, right)[2] if kind == 'resolvent' else solved
-    secant, slope = (_stacked(through.dot(bottom), np.zeros((n, n))) for bottom in (base, solved))
-    return Split(*_stacked(solved, np.eye(n)), *secant, *slope, mass)
+    secant, slope = (_first_order(through.dot(bottom), np.zeros((n, n)))
+                     for bottom in (base, solved))
+    return Split(*_first_order(solved, np.eye(n)), *secant, *slope, mass)
 
 
-def _stacked(bottom: Array, identity: Array) -> tuple[Array, Array]:
+def _first_order(bottom: Array, identity: Array) -> tuple[Array, Array]:
+    """Return A and B of x = (p, p') from the bottom rows [A, B] and the top right block of A."""
     n = len(bottom)
     a, b = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, 2))
     a[:n, n:], a[n:], b[n:] = identity, bottom[:, :2 * n], bottom[:, 2 * n:]

@@ -1,4 +1,8 @@
-"""The node that controls the arm: measurements and payload in, commands out."""
+"""
+The node that controls the arm.
+
+In: joint_states, strain, payload/inertia, reference. Out: command and diagnostics.
+"""
 
 from __future__ import annotations
 
@@ -29,17 +33,20 @@ from msg_config.wire import MessageWriter
 import numpy as np
 from trajectory_msgs.msg import JointTrajectory
 
-# s; a command on its way to zero goes out twice in the time that drives wait for one.
+# Interval of the watchdog, s: a command on its way to zero is sent twice in the time that drives
+# wait for one.
 WATCH_INTERVAL = 0.05
-# Payloads whose sample has not come yet.
-EARLY = 10
-# So many payloads in time, one after another, end the time without them.
+# Most payloads that are kept until their sample comes.
+MAX_EARLY_PAYLOADS = 10
+# Payloads in time, one after another, after which the node waits for them again.
 IN_TIME = 10
-# Without a payload in time for so long, s, it is said, as drives wait for a command
-# (COMMAND_TIMEOUT of the plant): a single one that is late troubles nobody.
-UNHEARD = 0.1
-# Looks at each piece of a reference, whether its spline stays where the joints can go.
-LOOKS = 20
+# Time without a payload in time after which diagnostics say so, s: as long as drives wait for a
+# command (COMMAND_TIMEOUT of the plant). A single late payload does no harm.
+PAYLOAD_TIMEOUT = 0.1
+# Samples between two points of a reference at which its spline is checked against the joints'
+# limits.
+SAMPLES_PER_PIECE = 20
+# Parameters of the square set-points.
 SQUARE = ('reference_amplitude', 'reference_period')
 
 
@@ -47,17 +54,17 @@ class LQGControllerNode(SampleNode):
     """
     Answers every sample with the command of the same stamp.
 
-    With `adapt` it waits for payload/inertia of the sample's stamp, which std_msgs/
-    Float64MultiArray lacks; where the next sample comes first, the estimator is late or gone, and
-    the last payload serves until one is in time again. Set-points are a square wave until
-    `reference` comes.
+    With `adapt` it waits for payload/inertia of the sample's stamp (topic payload, a std_msgs/
+    Float64MultiArray, has no stamp). Where the next sample comes first, the estimator is late or
+    gone, and the last payload serves until payloads are in time again. Set-points are a square
+    wave until `reference` comes.
 
-    A sample that cannot be used leaves the command as it is; from the second in a row on it goes
-    to zero, and so it does where no sample comes for the watchdog's time. What then comes is
-    taken up again, by a predictor that begins afresh after the watchdog's time.
+    A sample that cannot be used leaves the command as it is. From the second in a row on the
+    command goes to zero, as it does where no sample comes for the watchdog's time. Samples that
+    come later are used again; after the watchdog's time the predictor begins anew.
     """
 
-    # A late command does harm: a twentieth of a second at 1 kHz.
+    # Less than an estimator's, because a late command does harm: a twentieth of a second at 1 kHz.
     WAITING = 0.05
 
     def __init__(self, **options: Any):
@@ -66,13 +73,13 @@ class LQGControllerNode(SampleNode):
         self._command = self.publisher('command')
         self._writer = MessageWriter(
             joint_state(0, self._efforts.names, effort=self.limiter.sent), 'header', 'effort')
-        self._blind, self._answered, self._stopped = 0, self.wall_time(), False
+        self._unusable, self._answered, self._stopped = 0, self.wall_time(), False
         self.subscribe('reference', self._on_reference)
         self.every(WATCH_INTERVAL, self._watch)
         self._waiting: Sample | None = None
         self._masses: dict[int, float] = {}
         self._late, self._in_time, self._last_mass = False, 0, math.nan
-        self._heard_at = -math.inf
+        self._payload_heard_at = -math.inf
         self.subscribe('payload/inertia', self._on_inertia)
         self.listen()
         self.every(DIAGNOSTICS_INTERVAL, self.report, always=True)
@@ -85,13 +92,13 @@ class LQGControllerNode(SampleNode):
             self._send(np.zeros(2), self.order.last, WATCH_INTERVAL)
 
     def build(self, values: dict[str, Any]) -> Any:
-        """Return the robot and the controller that parameters describe."""
+        """Return the robot and the controller that the parameters describe."""
         robot = robot_of(values)
         check_square(values, robot)
         return robot, controller_of(values)
 
     def install(self, built: Any) -> None:
-        """Take over what `build` gave."""
+        """Take over the robot and controller that `build` returned."""
         robot, self.controller = built
         self.get_logger().info('designed for ' + model_words(
             robot.name, self.values['model'], self.values['modes'], coriolis=False))
@@ -101,7 +108,7 @@ class LQGControllerNode(SampleNode):
         self.on_live(self.values)
 
     def on_live(self, changed: dict[str, Any]) -> None:
-        """Let limits, watchdog and square set-points act at once."""
+        """Apply changed limits and square set-points at once, as the watchdog's time is."""
         values = {**self.values, **changed}
         if any(name in changed and changed[name] != self.values[name] for name in SQUARE):
             if self._referenced:
@@ -116,10 +123,10 @@ class LQGControllerNode(SampleNode):
         self.limiter.limit, self.limiter.slew = values['command_limit'], values['command_slew']
 
     def restart(self) -> None:
-        """Forget everything but the set-points."""
+        """Go back to the start: forget all but the set-points."""
         self.controller.reset()
         self.limiter.sent = np.zeros(2)
-        self._blind, self._waiting, self._late, self._last_mass = 0, None, False, math.nan
+        self._unusable, self._waiting, self._late, self._last_mass = 0, None, False, math.nan
         self._masses.clear()
 
     def take(self, sample: Sample) -> Any:
@@ -127,7 +134,7 @@ class LQGControllerNode(SampleNode):
         if not self.values['adapt']:
             return self._control(sample, math.nan)
         if self._waiting is not None and self._waiting.stamp != sample.stamp:
-            # Answered late rather than never: the predictor must not miss a step.
+            # Answer it late rather than never: the predictor must not miss a step.
             waiting, self._waiting, self._late = self._waiting, None, True
             self._control(waiting, self._last_mass)
         if sample.stamp not in self._masses and not self._late:
@@ -139,6 +146,7 @@ class LQGControllerNode(SampleNode):
         return self._control(sample, self._masses.pop(sample.stamp, self._last_mass))
 
     def _on_inertia(self, message: InertiaStamped) -> None:
+        """Answer the sample that waits for this payload, or keep the payload until it comes."""
         stamp, mass = checked_stamp(message, 'payload/inertia'), payload_mass(message)
         self._last_mass = mass
         if self._waiting is not None and stamp == self._waiting.stamp:
@@ -147,19 +155,19 @@ class LQGControllerNode(SampleNode):
             self.remember(self._control(sample, mass))
         elif self.order.last is None or stamp > self.order.last:
             self._masses[stamp] = mass
-            if len(self._masses) > EARLY:
+            if len(self._masses) > MAX_EARLY_PAYLOADS:
                 del self._masses[min(self._masses)]
         else:
             self._count_in_time(stamp == self.order.last)
 
     def _count_in_time(self, in_time: bool) -> None:
-        """Wait for payloads again once a number of them came before the next sample."""
+        """Count payloads in time; after IN_TIME in a row wait for them again."""
         self._in_time = self._in_time + 1 if in_time else 0
-        self._heard_at = self.wall_time() if in_time else self._heard_at
+        self._payload_heard_at = self.wall_time() if in_time else self._payload_heard_at
         self._late = self._late and self._in_time < IN_TIME
 
     def _control(self, sample: Sample, mass: float) -> Any:
-        """Return the command that answers a sample, and publish it."""
+        """Publish and return the command that answers a sample at a payload, kg."""
         self._begin_again_if_lost(sample)
         command = self.controller.command(sample.time, sample.output, sample.command, mass,
                                           self.set_points(sample.time))
@@ -170,36 +178,36 @@ class LQGControllerNode(SampleNode):
         if not all(map(math.isfinite, command.tolist())):
             self.reject('command', f'the command at {sample.time:.9g} s is not finite; the one '
                                    'before is kept', 'not finite')
-        elif self._blind:
-            command = self.limiter.sent if self._blind == 1 else np.zeros(2)
+        elif self._unusable:
+            command = self.limiter.sent if self._unusable == 1 else np.zeros(2)
         answer = self._send(command, sample.stamp, self.robot.sample_time)
         self._answered, self._stopped = self.wall_time(), False
         return answer
 
     def _begin_again_if_lost(self, sample: Sample) -> None:
-        """Count samples that say nothing; after the watchdog's time the prediction is lost."""
+        """Count unusable samples; reset the predictor after the watchdog's time of them."""
         if not all(map(math.isfinite, sample.output.tolist())):
-            self._blind += 1
+            self._unusable += 1
             return
-        if self._blind * self.robot.sample_time > self.values['watchdog'] > 0.0:
-            self.get_logger().warning(f'{self._blind} samples said nothing: the predictor begins '
-                                      'again')
+        if self._unusable * self.robot.sample_time > self.values['watchdog'] > 0.0:
+            self.get_logger().warning(f'{self._unusable} samples said nothing: the predictor '
+                                      'begins again')
             self.controller.reset()
-        self._blind = 0
+        self._unusable = 0
 
     def _send(self, command: Array, stamp: int, time: float) -> bytes:
-        """Publish a command, as near as the limits allow, a time, s, after the last one."""
+        """Publish a command inside the limits; `time`, s, has passed since the last one."""
         self.commanded = sent = self.limiter(command, time)
         message = self._writer(*divmod(stamp, NANOSECONDS), *self._efforts.outside(sent).tolist())
         self.answer(message)
         return message
 
     def answer(self, answer: Any) -> None:
-        """Publish a command."""
+        """Publish the command of a repeated sample again."""
         self._command.publish(answer)
 
     def _watch(self) -> None:
-        """Bring the command to zero where no sample comes."""
+        """Bring the command to zero where no sample has come for the watchdog's time."""
         watchdog, last = self.values['watchdog'], self.order.last
         age = self.wall_time() - self._answered
         if last is None or not watchdog or age < watchdog or not self.limiter.sent.any():
@@ -207,20 +215,22 @@ class LQGControllerNode(SampleNode):
         if not self._stopped:
             self._stopped = True
             self.get_logger().warning(f'no sample for {age:.3g} s: the command goes to zero')
-        # The stamp of the last answer: in lock-step, where the plant waits, it is passed over.
+        # It carries the stamp of the last answer, so that a plant in lock-step, which waits for
+        # the next one, passes it over.
         self._send(np.zeros(2), last, WATCH_INTERVAL)
 
     def _on_reference(self, message: JointTrajectory) -> None:
+        """Replace the set-points, from the present ones on."""
         now = seconds(self.order.last or 0)
         self.set_points = self._within_limits(Trajectory.of(
             message, self._joints, self.set_points(now), now, self.values['reference_shape']))
         self._referenced = True
 
     def _within_limits(self, reference: Trajectory) -> Trajectory:
-        """Return set-points that the joints can reach; others are refused."""
+        """Return the set-points; raise InputError where a joint cannot reach them."""
         low, high = self.gate.limits.low[:2], self.gate.limits.high[:2]
         with np.errstate(all='ignore'):
-            times, angles = reference.looked_at(LOOKS)
+            times, angles = reference.sampled(SAMPLES_PER_PIECE)
         outside = np.flatnonzero(~((angles >= low) & (angles <= high)).all(axis=1))
         if outside.size:
             first = outside[0]
@@ -230,11 +240,11 @@ class LQGControllerNode(SampleNode):
         return reference
 
     def trouble(self) -> tuple[bool, ...]:
-        """Return what is told at once: that no sample comes, or no payload in time."""
-        return (*super().trouble(), self._unheard())
+        """Return flags whose change is reported at once, with that of a late payload."""
+        return (*super().trouble(), self._payload_missing())
 
-    def _unheard(self) -> bool:
-        return self._late and self.wall_time() - self._heard_at > UNHEARD
+    def _payload_missing(self) -> bool:
+        return self._late and self.wall_time() - self._payload_heard_at > PAYLOAD_TIMEOUT
 
     def report(self) -> None:
         """Publish the diagnostics."""
@@ -244,14 +254,14 @@ class LQGControllerNode(SampleNode):
         self.publish_diagnostics([status, self.sample_status()])
 
     def _state(self) -> tuple[str, str]:
-        """Return level and text of what the commands do."""
+        """Return level and text of the diagnostics on the commands."""
         if self.order.last is None:
             return 'stale', 'no sample yet'
         age = self.wall_time() - self._answered
         if self.values['watchdog'] and age > self.values['watchdog']:
             return 'error', f'no sample for {age:.3g} s: the command is zero'
-        if self._unheard():
+        if self._payload_missing():
             return 'warn', 'payload/inertia is late or missing: the last payload serves'
-        if self._blind > 1:
-            return 'error', f'{self._blind} samples said nothing: the command is zero'
+        if self._unusable > 1:
+            return 'error', f'{self._unusable} samples said nothing: the command is zero'
         return 'ok', 'ok'

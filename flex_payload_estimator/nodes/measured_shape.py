@@ -1,4 +1,4 @@
-"""The bent arm as the sensors see it, for markers of an arm that no simulator knows."""
+"""The bent arm as the sensors see it: what payload_estimator draws on `arm_markers`."""
 
 from __future__ import annotations
 
@@ -14,13 +14,14 @@ import numpy as np
 @dataclass(frozen=True)
 class MeasuredShape:
     """
-    Centre lines from joint angles and strain: as many shapes a link as it has gauges.
+    Centre lines of the links from joint angles and strain, with one mode per gauge on a link.
 
     Attributes
     ----------
     shape : ArmShape
+        Centre lines from angles and modal coordinates.
     modal : Array
-        q per unit strain, m, (2 n, gauges).
+        Modal coordinates q per unit strain, m, (2 n, gauges).
 
     """
 
@@ -36,5 +37,5 @@ class MeasuredShape:
         return cls(ArmShape.of(arm), modal)
 
     def lines(self, output: Array) -> Array:
-        """Return the centre lines for (theta_1, theta_2, strain…): (2, P, 2), m."""
+        """Return the centre lines, m, (2, P, 2), for (theta_1, theta_2, strain…), (m,)."""
         return self.shape.lines(np.concatenate([output[:2], self.modal @ output[2:]]))

@@ -1,4 +1,8 @@
-"""Model health while the arm runs: whether the innovation is as small and white as it should."""
+"""
+Model health while the arm runs: whether innovations are as small and white as they should be.
+
+payload_estimator feeds it every innovation and publishes its report on `diagnostics`.
+"""
 
 from __future__ import annotations
 
@@ -11,27 +15,31 @@ from msg_config.errors import InputError
 import numpy as np
 from scipy.special import chdtri, ndtri
 
-# As Hyndman and Athanasopoulos advise (Forecasting: Principles and Practice, 5.4).
+# Lags of the whiteness test, as Hyndman and Athanasopoulos advise (Forecasting: Principles and
+# Practice, 5.4).
 LAGS = 10
-# Beyond so many standard deviations all are alike; higher powers must not overflow.
+# Innovations are clipped to so many standard deviations, so that higher powers do not overflow.
 LARGEST = 1e6
-# How rarely a healthy channel fails a window's test; six channels, a window a second: weekly.
+# Probability that a healthy channel fails the test of a window. With six channels and a window a
+# second that is once a week.
 FALSE_ALARM = 1e-7
-# R_1 and R_2 are known roughly: only what is twice too large is told.
+# Ratio to the expected value below which nothing is suspect: R_1 and R_2 are known roughly.
 EXCESS = 2.0
-# In a row: what pushes the arm once is over sooner.
+# Suspect windows in a row before a diagnosis is advised: a single push on the arm is over sooner.
 WINDOWS_TO_ADVISE = 3
-# Where a share of the samples has all the power, kurtosis is one over it; of a Gaussian it is 3.
+# Kurtosis from which a residual consists of spikes. Where a share of the samples has all the
+# power, kurtosis is one over that share; a Gaussian has 3.
 SPIKE_KURTOSIS = 10.0
-# Of the power, in the highest bin and beside it: a sine has 86 % there between two bins and more
-# elsewhere, white noise of 400 samples 4 %, in 300 draws at most 8 %.
+# Share of the power in the highest bin and its two neighbours from which a residual oscillates. A
+# sine has 86 % there where it lies between two bins and more elsewhere; white noise of 400 samples
+# has 4 %, in 300 draws at most 8 %.
 PEAK_SHARE = 0.4
 
 
 @dataclass(frozen=True)
 class ChannelHealth:
     """
-    One channel over one window.
+    Health of one channel over one window.
 
     Attributes
     ----------
@@ -39,14 +47,14 @@ class ChannelHealth:
     nis : float
         Mean of (innovation / its standard deviation)^2; 1 if the model and R are right.
     whiteness : float
-        Ljung-Box Q over LAGS, divided by its mean LAGS for white noise; 1 if white.
+        Ljung-Box Q over LAGS, divided by LAGS, its mean for white noise; 1 if white.
     offset : float
         Mean of innovation / standard deviation.
     shape : str
-        'white', 'offset', 'slow', 'oscillation at … Hz', 'spikes' or 'noise'; what the
-        residual looks like, which hints at a cause but names none.
+        What the residual looks like: 'white', an offset, spikes, noise, an oscillation at a
+        frequency, a slow or a fast error. It hints at a cause but names none.
     suspect : bool
-        The window contradicts a right model.
+        Whether the window contradicts a right model.
 
     """
 
@@ -61,19 +69,20 @@ class ChannelHealth:
 @dataclass(frozen=True)
 class HealthReport:
     """
-    Every channel over the last window.
+    Health of all channels over the last window.
 
     Attributes
     ----------
     channels : tuple of ChannelHealth
+        Empty until the window is full.
     samples : int
-        How many the window holds; no verdict before it is full.
+        Samples in the window.
     nis : float
-        Mean over the channels.
+        Mean of the channels' nis.
     diagnose : bool
-        A full diagnosis is worth running.
+        Whether a full diagnosis is worth running.
     text : str
-        One line.
+        The result in one line.
 
     """
 
@@ -90,17 +99,22 @@ class ModelHealth:
 
     For a right model (nu / sigma)^2 has mean 1 and nu is white (Bar-Shalom, Li and Kirubarajan,
     Estimation with Applications to Tracking and Navigation, 2001, 5.4). A channel is suspect
-    where the mean exceeds both its chi-squared limit and twice 1, or where Ljung and Box's Q
-    (Biometrika 65, 1978) exceeds its limit and the excess is not too small to matter.
+    where that mean exceeds both its chi-squared limit and twice its expected value 1, or where
+    Ljung and Box's Q (Biometrika 65, 1978) exceeds its limit and nis is above 1.
 
     Parameters
     ----------
     names : sequence of str
-        Channels.
+        Names of the channels.
     sample_time : float
         T, s.
     window : int
-        Samples, more than 4 LAGS.
+        Samples of the window, more than 4 LAGS.
+
+    Raises
+    ------
+    InputError
+        The window is too short.
 
     """
 
@@ -120,8 +134,8 @@ class ModelHealth:
         self._count = self._judged = self._bad = 0
 
     def add(self, innovation: Array, deviation: Array) -> None:
-        """Take an innovation and its standard deviation, (m,); what is not finite is left out."""
-        # A sum is finite where its terms are; for a few numbers lists are quicker than arrays.
+        """Take an innovation and its standard deviation, (m,), unless a number is not finite."""
+        # A sum is finite where its terms are; for a few numbers lists are faster than arrays.
         deviations = deviation.tolist()
         if not (math.isfinite(sum(deviations) + sum(innovation.tolist()))
                 and min(deviations) > 0.0):
@@ -137,7 +151,7 @@ class ModelHealth:
             self._bad = self._bad + 1 if suspect else 0
 
     def channels(self) -> tuple[ChannelHealth, ...]:
-        """Return the channels over the samples in the window; empty before it is full."""
+        """Return the health of the channels over the window; empty before it is full."""
         if self._count < self.window:
             return ()
         scaled = np.roll(self._ring, -(self._count % self.window), axis=0)
@@ -168,14 +182,16 @@ class ModelHealth:
 
     def _channel(self, name: str, scaled: Array, nis: float, whiteness: float,
                  offset: float) -> ChannelHealth:
+        """Return the health of a channel from its normalised innovations, (window,)."""
         large = nis > self.nis_limit
-        # A residual far below sigma may be coloured: R was chosen wide, the model is not wrong.
+        # A residual far below sigma may be coloured: then R was chosen wide, the model is right.
         coloured = whiteness > self.whiteness_limit and nis > 1.0
         suspect = large or coloured
         shape = self._shape(scaled, offset, whiteness) if suspect else 'white'
         return ChannelHealth(name, nis, whiteness, offset, shape, suspect)
 
     def _shape(self, scaled: Array, offset: float, whiteness: float) -> str:
+        """Return in words what a suspect residual looks like."""
         if offset**2 > 0.5 * np.mean(scaled**2) and abs(offset) > self.offset_limit:
             return f'offset of {offset:+.1f} standard deviations'
         centred = scaled - scaled.mean()
@@ -194,12 +210,12 @@ class ModelHealth:
 
 def ljung_box(values: Array) -> Array:
     """
-    Return Q = N (N + 2) sum_{k=1}^{LAGS} r_k^2 / (N - k), chi-squared with LAGS if white.
+    Return Q = N (N + 2) sum_{k=1}^{LAGS} r_k^2 / (N - k): chi-squared with LAGS if white.
 
     Parameters
     ----------
     values : Array
-        (N,), or one series a column, (N, m).
+        One series, (N,), or one per column, (N, m).
 
     """
     centred = values - values.mean(axis=0)

@@ -1,4 +1,4 @@
-"""The estimator, controller and set-points that the nodes' parameters describe."""
+"""Builds estimator, controller and set-points from the checked parameters of the nodes."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from msg_config.errors import InputError
 
 def estimator_of(values: Mapping[str, Any]) -> PayloadEstimator:
     """
-    Return the estimator of a checked table payload_estimator.
+    Return the estimator that checked parameters of payload_estimator describe.
 
     Raises
     ------
     InputError
-        Naming the parameter, what was expected and what came.
+        A parameter does not fit; the message names it, what was expected and what came.
 
     """
     name = values['estimator']
@@ -34,6 +34,7 @@ def estimator_of(values: Mapping[str, Any]) -> PayloadEstimator:
 
 
 def _sf1_changes(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the settings of an SF1 estimator that parameters give."""
     sf1 = SF1Settings(values['alpha_0'], values['alpha_1'], values['p_0'],
                       values['payload_initial'], values['payload_variance_initial'])
     changes = {'r_1': values['r_1'], 'r_2': values['r_2'], 'terms': values['n_prime'],
@@ -45,12 +46,12 @@ def _sf1_changes(values: Mapping[str, Any]) -> dict[str, Any]:
 
 def controller_of(values: Mapping[str, Any]) -> LQGController:
     """
-    Return the controller of a checked table lqg_controller.
+    Return the controller that checked parameters of lqg_controller describe.
 
     Raises
     ------
     InputError
-        Naming the parameter, what was expected and what came.
+        A parameter does not fit; the message names it, what was expected and what came.
 
     """
     robot = robot_of(values)
@@ -64,15 +65,16 @@ def controller_of(values: Mapping[str, Any]) -> LQGController:
 
 def largest_payload(values: Mapping[str, Any], robot: Robot) -> float:
     """
-    Return what the arm may be believed to carry, kg.
+    Return the largest payload that the controller believes, kg.
 
-    Where payload_max leaves it open: what `rpe` allows, four lower links and twice the nominal.
+    Where payload_max leaves it open it is what `rpe` allows: four times the mass of the lower link
+    and twice the nominal payload.
     """
     return float(values['payload_max'] or 4.0 * robot.links[1].mass + 2.0 * robot.payload_mass)
 
 
 def _as_built(robot: Robot) -> Robot:
-    """Return the robot with what its file's effects say of its parameters."""
+    """Return the robot with its parameters changed as the effects in its file say."""
     for effect in effects_of(robot):
         robot = effect.on_robot(robot)
     return robot
@@ -80,12 +82,12 @@ def _as_built(robot: Robot) -> Robot:
 
 def check_square(values: Mapping[str, Any], robot: Robot) -> None:
     """
-    Check that both joints can reach the square set-points of a checked table lqg_controller.
+    Check that both joints can reach the square set-points that lqg_controller's parameters give.
 
     Raises
     ------
     InputError
-        They lie beyond the angle limits of the robot's file.
+        The set-points lie beyond the angle limits of the robot file.
 
     """
     amplitude = float(values['reference_amplitude'])
@@ -96,5 +98,5 @@ def check_square(values: Mapping[str, Any], robot: Robot) -> None:
 
 
 def set_points_of(values: Mapping[str, Any]) -> SetPoints:
-    """Return the square set-points of a checked table lqg_controller."""
+    """Return the square set-points that checked parameters of lqg_controller describe."""
     return square(values['reference_amplitude'], values['reference_period'])

@@ -1,4 +1,9 @@
-"""The node that estimates the payload: joint_states and strain in, payload and health out."""
+"""
+The node that estimates the payload.
+
+In: joint_states, strain, and command, by which it predicts ahead. Out: payload, payload/inertia,
+innovation, arm_markers and diagnostics with the model's health.
+"""
 
 from __future__ import annotations
 
@@ -33,13 +38,14 @@ from msg_config.wire import MessageWriter
 import numpy as np
 from sensor_msgs.msg import JointState
 
+# Level and text of the diagnostics for each status of the estimate.
 MESSAGES = {
     'ok': ('ok', 'ok'),
     'not_excited': ('ok', 'the arm does not move enough to tell the payload'),
     'model_suspect': ('warn', 'no known model explains what is measured'),
     'restarted': ('error', 'the estimate was not finite; the last good one is kept'),
     'input_rejected': ('warn', 'a measurement was refused; the last good estimate is kept')}
-
+# Statuses whose estimate has no innovation of its own.
 NO_INNOVATION = ('input_rejected', 'restarted')
 
 
@@ -68,11 +74,11 @@ class PayloadEstimatorNode(SampleNode):
         self.bring_up()
 
     def build(self, values: dict[str, Any]) -> Any:
-        """Return the robot and the estimator that parameters describe."""
+        """Return the robot and the estimator that the parameters describe."""
         return robot_of(values), estimator_of(values)
 
     def install(self, built: Any) -> None:
-        """Take over what `build` gave."""
+        """Take over the robot and estimator that `build` returned."""
         robot, self.estimator = built
         name, model = self.values['estimator'], self.values['model']
         self.get_logger().info(f'{name} with ' + model_words(
@@ -82,14 +88,14 @@ class PayloadEstimatorNode(SampleNode):
         self.health = ModelHealth(self.channels, robot.sample_time)
 
     def restart(self) -> None:
-        """Forget everything."""
+        """Go back to the start: forget estimate and health."""
         self.estimator.reset()
         self.health.reset()
         self.commanded = self._prepared = None
         self._estimate, self._events = None, 0
 
     def take(self, sample: Sample) -> Any:
-        """Answer a new sample: the payload goes out first, as somebody waits for it."""
+        """Answer a new sample; the payload goes out first, because the controller waits for it."""
         estimate = self._estimate_of(sample)
         if estimate is None:
             return None
@@ -103,7 +109,7 @@ class PayloadEstimatorNode(SampleNode):
         return payload, innovation
 
     def _publish_markers(self, sample: Sample, estimate: Estimate) -> None:
-        """Draw the arm as it is measured, where anybody looks."""
+        """Publish the arm as it is measured, if there is a subscriber."""
         if not self._seen or not np.isfinite(sample.output).all() \
                 or 0 <= self._next_marker - sample.stamp < nanoseconds(MARKER_INTERVAL):
             return
@@ -112,14 +118,14 @@ class PayloadEstimatorNode(SampleNode):
             sample.stamp, self.shape.lines(sample.output), estimate.mass, 'measured'))
 
     def _estimate_of(self, sample: Sample) -> Estimate | None:
-        """Return the estimate, or the last good one where this is no number."""
+        """Return the estimate, or the last good one where the new one is not finite."""
         estimate = self._computed(sample.time, partial(
             self.estimator.update, sample.time, sample.output, sample.command))
         return estimate or (
             self._estimate and self._estimate._replace(time=sample.time, status='restarted'))
 
     def _computed(self, time: float, compute: Callable[[], Estimate | None]) -> Estimate | None:
-        """Return what the estimator computes; where that is no number, it begins again."""
+        """Return what the estimator computes; where that is not finite, reset the estimator."""
         try:
             found = compute()
             if not found or all(map(math.isfinite, (found.mass, found.variance, found.p))):
@@ -127,7 +133,7 @@ class PayloadEstimatorNode(SampleNode):
         except InputError:
             raise
         except (ArithmeticError, ValueError):
-            # Whatever a NaN became on its way.
+            # What a NaN may raise in the libraries on its way.
             pass
         self.reject('payload', f'the estimate at {time:.9g} s is not finite: the estimator '
                                'begins again')
@@ -135,7 +141,7 @@ class PayloadEstimatorNode(SampleNode):
         return None
 
     def _on_command(self, message: JointState) -> None:
-        """Predict while nobody waits, with the command that will have been applied."""
+        """Predict before the next sample comes, with the command that is applied until then."""
         stamp = checked_stamp(message, 'command')
         command = self._efforts.pick(message.name, message.effort, 'command: effort')
         check_finite(command, JOINTS, 'command: effort')
@@ -145,14 +151,14 @@ class PayloadEstimatorNode(SampleNode):
             self._computed(seconds(stamp), partial(self.estimator.prepare, command))
 
     def answer(self, answer: tuple[Any, ...]) -> None:
-        """Publish an answer again."""
+        """Publish payload and innovation of a repeated sample again."""
         payload, innovation = answer
         self._payload.publish(payload)
         if innovation is not None:
             self._innovation.publish(innovation)
 
     def _answer_innovation(self, stamp: int, estimate: Estimate) -> bytes | None:
-        """Publish the innovation, if there is one and anybody listens."""
+        """Publish the innovation, if there is one and a subscriber; return the message."""
         if estimate.status in NO_INNOVATION or not self._heard_innovation:
             return None
         numbers = (*estimate.innovation.tolist(), *estimate.innovation_std.tolist())
@@ -163,6 +169,7 @@ class PayloadEstimatorNode(SampleNode):
         return innovation
 
     def _watch(self, estimate: Estimate) -> None:
+        """Pass the innovation on to the model's health; report a new status or payload change."""
         before, self._estimate = self._estimate, estimate
         if estimate.status not in NO_INNOVATION:
             self.health.add(estimate.innovation, estimate.innovation_std)

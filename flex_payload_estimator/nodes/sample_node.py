@@ -1,4 +1,9 @@
-"""What estimator and controller do alike: samples out of messages, one answer a stamp."""
+"""
+The common part of estimator and controller node: samples from messages, one answer per stamp.
+
+In: joint_states and strain, paired by stamp, gated and ordered. Out: a Sample for `take`, and the
+status of the samples in the diagnostics.
+"""
 
 from __future__ import annotations
 
@@ -23,28 +28,29 @@ from sensor_msgs.msg import JointState
 
 # Share of the sampling time by which an interval may be off before a sample counts as lost.
 UNEVEN = 0.5
-# Without a sample for so long, s, the diagnostics say why.
+# Time without a sample after which the diagnostics say why, s.
 QUIET = 0.5
-# s, between looks for trouble, which is told no later.
+# Interval at which trouble is looked for, s: the longest delay of its report.
 LOOK_INTERVAL = 0.1
-# Between two warnings that none comes, s.
+# Time between two warnings that no sample comes, s.
 SILENCE_INTERVAL = 5.0
+# Topics whose messages of one stamp make a sample.
 PARTS = ('joint_states', 'strain')
 
 
 @dataclass(frozen=True)
 class Sample:
     """
-    One stamp's measurements.
+    The measurements of one stamp.
 
     Attributes
     ----------
     stamp : int
         ns.
     output : Array
-        (theta_1, theta_2, strain…), rad and m/m, (m,); not a number where the sample was refused.
+        (theta_1, theta_2, strain…), rad and m/m, (m,); NaN where the sample was refused.
     command : Array
-        Applied up to this stamp, (2,).
+        Command applied up to this stamp, (2,).
 
     """
 
@@ -62,16 +68,16 @@ class SampleNode(ContractNode):
     """
     A node that answers each sample once, and a repeated sample with the same answer again.
 
-    A sample that the arm cannot have made is refused: it reaches `take` without numbers.
-    Subclasses give `take`, `answer`, `report` and `restart`.
+    A sample that the arm cannot have made is refused: it reaches `take` as NaN. Subclasses define
+    `take`, `answer`, `report` and `restart`.
 
     Attributes
     ----------
     WAITING : float
-        So much of the queue may go on waiting before samples are passed over.
+        Share of the queue that may stay filled before samples are passed over.
     commanded : Array or None
-        The last command that this node sent or heard of, (2,): what is taken as applied where
-        joint_states has no effort, as many robots have none.
+        The last command that this node sent or received, (2,). It is taken as the applied one
+        where joint_states has no effort, as on many robots.
 
     """
 
@@ -79,20 +85,20 @@ class SampleNode(ContractNode):
     WAITING = 0.5
 
     def __init__(self, name: str, **options: Any):
-        # Until the robot is known.
+        # With a provisional interval, until the robot is known.
         self.order = StampOrder(LEAP)
         super().__init__(name, **options)
         self._answer: Any = None
         self.commanded: Array | None = None
         self._lost: RecentCounts[str] = RecentCounts()
         self._last_applied = np.zeros(2)
-        self._restarts, self._whole = 0, self.wall_time()
+        self._restarts, self._sample_at = 0, self.wall_time()
         self._trouble: tuple[bool, ...] = ()
-        self._came: dict[str, float] = dict.fromkeys(PARTS, -math.inf)
-        self._taken: dict[str, float] = dict.fromkeys(PARTS, -math.inf)
+        self._received_at: dict[str, float] = dict.fromkeys(PARTS, -math.inf)
+        self._accepted_at: dict[str, float] = dict.fromkeys(PARTS, -math.inf)
 
     def take_robot(self, robot: Robot) -> None:
-        """Take over the robot: its channels, what it can measure, and its sampling time."""
+        """Take over a robot's channels, limits of its measurements, and sampling time."""
         self.robot, self.channels = robot, robot.output_names
         self._joints = robot.inputs.joint_channels()
         self._efforts = robot.inputs.command_channels()
@@ -104,21 +110,22 @@ class SampleNode(ContractNode):
         self.order.interval = nanoseconds(robot.sample_time)
 
     def listen(self) -> None:
-        """Take samples, and offer ~/reset. Call it when all else is ready."""
+        """Subscribe to the samples and offer ~/reset; call it when all else is ready."""
         self.subscribe('joint_states', self._on_joint_states)
         self.subscribe('strain', self._on_strain)
         self.offer('~/reset', self._on_reset)
-        self.every(LOOK_INTERVAL, self._look)
+        self.every(LOOK_INTERVAL, self._report_trouble)
 
     @abstractmethod
     def report(self) -> None:
         """Publish the diagnostics."""
 
     def trouble(self) -> tuple[bool, ...]:
-        """Return what is told at once where it begins or ends: no sample, a second publisher."""
+        """Return flags whose change is reported at once: no sample, a second publisher."""
         return (bool(self.silence()), bool(self.second_heard()))
 
-    def _look(self) -> None:
+    def _report_trouble(self) -> None:
+        """Report where trouble has begun or ended."""
         trouble = self.trouble()
         if trouble != self._trouble:
             self._trouble = trouble
@@ -126,36 +133,37 @@ class SampleNode(ContractNode):
 
     @abstractmethod
     def take(self, sample: Sample) -> Any:
-        """Compute, publish and return the answer to a new sample; None where it must wait."""
+        """Compute, publish and return the answer to a new sample; None if it must wait."""
 
     @abstractmethod
     def answer(self, answer: Any) -> None:
-        """Publish an answer."""
+        """Publish an answer again, to a repeated sample."""
 
     @abstractmethod
     def restart(self) -> None:
-        """Forget everything."""
+        """Go back to the start of the computation."""
 
     def _on_joint_states(self, message: JointState) -> None:
-        self._came['joint_states'] = self.wall_time()
+        self._received_at['joint_states'] = self.wall_time()
         stamp = checked_stamp(message, 'joint_states')
         angle = self._joints.pick(message.name, message.position, 'joint_states: position')
-        self._add('joint_states', stamp, (angle, self._applied(message)))
+        self._pair_up('joint_states', stamp, (angle, self._applied(message)))
 
     def _applied(self, message: JointState) -> Array:
-        """Return u up to this sample: the effort, or else the last command."""
+        """Return the command applied up to this sample, (2,): the effort, or the last command."""
         if not len(message.effort) and self.commanded is not None:
             return self.commanded
         return self._efforts.pick(message.name, message.effort, 'joint_states: effort')
 
     def _on_strain(self, message: JointState) -> None:
-        self._came['strain'] = self.wall_time()
+        self._received_at['strain'] = self.wall_time()
         stamp = checked_stamp(message, 'strain')
-        self._add('strain', stamp,
-                  self._gauges.pick(message.name, message.position, 'strain: position'))
+        self._pair_up('strain', stamp,
+                      self._gauges.pick(message.name, message.position, 'strain: position'))
 
-    def _add(self, part: str, stamp: int, value: Any) -> None:
-        self._taken[part] = self._came[part]
+    def _pair_up(self, part: str, stamp: int, value: Any) -> None:
+        """Pair a message with that of the other topic and take the sample they make."""
+        self._accepted_at[part] = self._received_at[part]
         together = self._pairing.add(part, stamp, value)
         if together is not None:
             angle, command = together.parts['joint_states']
@@ -163,6 +171,7 @@ class SampleNode(ContractNode):
                 [angle, together.parts['strain']]), command))
 
     def _on_sample(self, sample: Sample) -> None:
+        """Answer a sample, unless its stamp is out of order or the node is too slow."""
         last, waited = self.order.last, self.waited
         order = self.order.judge(sample.stamp, self._backlog.held_up(waited))
         if order in (Order.STALE, Order.AHEAD):
@@ -170,14 +179,14 @@ class SampleNode(ContractNode):
                         f'{seconds(last or 0):.12g} s, got {sample.time:.12g} s',
                         f'stamp {order.value}')
             return
-        self._whole = self.wall_time()
+        self._sample_at = self.wall_time()
         if order is Order.REPEATED and self._answer is not None:
             self.answer(self._answer)
             return
         if order is Order.RESTARTED:
             self._begin_afresh(last or 0, sample)
         elif order is Order.NEW and last is not None:
-            if self._backlog.passes(waited, self._whole):
+            if self._backlog.passes(waited, self._sample_at):
                 self._pass_over(sample.stamp - last)
                 return
             self._watch_interval(sample.stamp - last)
@@ -185,7 +194,7 @@ class SampleNode(ContractNode):
         self._answer = self.take(self._gated(sample))
 
     def _gated(self, sample: Sample) -> Sample:
-        """Return the sample, without its numbers where the arm cannot have made them."""
+        """Return the sample, with NaN for outputs that the arm cannot have produced."""
         applied = self._plausible_command(sample)
         refusal = self.gate.judge(sample.time, sample.output, applied)
         if refusal is None:
@@ -194,7 +203,7 @@ class SampleNode(ContractNode):
         return replace(sample, output=np.full(len(sample.output), np.nan), command=applied)
 
     def _plausible_command(self, sample: Sample) -> Array:
-        """Return the command that was applied, or the last that could be where this cannot."""
+        """Return the applied command, or the last plausible one where it is out of range."""
         command = sample.command
         if self.gate.takes(command):
             self._last_applied = command
@@ -205,6 +214,7 @@ class SampleNode(ContractNode):
         return self._last_applied if self.commanded is None else self.commanded
 
     def _begin_afresh(self, last: int, sample: Sample) -> None:
+        """Start again after a leap in time, from the stamp `last`, ns, to a sample."""
         self._restarts += 1
         self.get_logger().warning(f'time went from {seconds(last):.12g} s to '
                                   f'{sample.time:.12g} s: starting afresh')
@@ -212,7 +222,7 @@ class SampleNode(ContractNode):
         self.restart()
 
     def _pass_over(self, interval: int) -> None:
-        """Count a sample that is not answered, with those that were lost before it."""
+        """Count a sample that is passed over, with those that were lost before it."""
         self._answer = None
         count = max(round(seconds(interval) / self.robot.sample_time), 1)
         self._lost.add('passed over', self.wall_time(), count)
@@ -220,6 +230,7 @@ class SampleNode(ContractNode):
                          f'{self._lost.total["passed over"]} passed over so far')
 
     def _watch_interval(self, interval: int) -> None:
+        """Count the samples lost in an interval, ns, that is not the sampling time."""
         count = seconds(interval) / self.robot.sample_time
         if abs(count - 1.0) <= UNEVEN:
             return
@@ -229,6 +240,7 @@ class SampleNode(ContractNode):
             f'{self.robot.sample_time:.9g} s, got one after {seconds(interval):.9g} s')
 
     def _on_reset(self, _: Any, response: Any) -> Any:
+        """Take parameters that wait for ~/reset into force, and start again."""
         self.begin_again()
         self.restart()
         self.gate.restart()
@@ -239,25 +251,26 @@ class SampleNode(ContractNode):
         return response
 
     def remember(self, answer: Any) -> None:
-        """Keep an answer that was given later than `take`, for when its sample is repeated."""
+        """Keep an answer that was given after `take` returned, for when its sample is repeated."""
         self._answer = answer
 
     def silence(self) -> str:
-        """Return why no sample comes, or nothing where samples come."""
+        """Return why no sample comes; empty where samples come."""
         if not self.active:
             return 'the node is inactive'
         since = self.wall_time() - max(QUIET, 3.0 * self.robot.sample_time)
-        if self._whole > since:
+        if self._sample_at > since:
             return ''
-        silent = [self.resolve_topic_name(part) for part in PARTS if self._came[part] < since]
+        silent = [self.resolve_topic_name(part) for part in PARTS
+                  if self._received_at[part] < since]
         if silent:
             return f'no message on {" and ".join(silent)}'
-        if any(self._taken[part] < since for part in PARTS):
+        if any(self._accepted_at[part] < since for part in PARTS):
             return f'every message is refused: {self.last_rejection}'
         return self._pairing.why_nothing()
 
     def sample_status(self) -> DiagnosticStatus:
-        """Return how the samples come, and where none comes, why."""
+        """Return the status of the samples: lost, uneven, passed over, or why none comes."""
         recent = self._lost.recent(self.wall_time())
         lost, slow = recent.total(), recent['passed over']
         values: dict[str, object] = {

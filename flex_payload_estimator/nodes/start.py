@@ -1,4 +1,4 @@
-"""The programs of the nodes; `python -m flex_payload_estimator.nodes.start NODE` runs one too."""
+"""Entry points of the nodes; `python -m flex_payload_estimator.nodes.start NODE` runs one."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""Records the closed loop from its topics, as the offline loop would have recorded it."""
+"""Records the closed loop from its topics, in the same form as `control/loop.py` does offline."""
 
 from __future__ import annotations
 
@@ -17,20 +17,22 @@ from msg_config.ros import create_subscription
 import numpy as np
 from rclpy.node import Node
 
+# Topics whose messages carry a stamp; payload has none.
 STAMPED = ('joint_states', 'strain', 'payload/inertia', 'innovation', 'command')
 
 
 class TopicRecorder(Node):
     """
-    Keeps one message a stamp of every topic, until all have a number of stamps.
+    Keeps one message per stamp and topic, until all topics have a number of stamps.
 
     Parameters
     ----------
     samples : int
+        Stamps to record.
     robot : Robot
-        Its file says what joints, gauges and commands are called outside, and in which units.
+        Its file gives the names of joints, gauges and commands in messages, and their units.
     on_estimate : callable
-        Called with time (s), mass (kg), variance (kg^2) and P at every new estimate.
+        Called with time (s), mass (kg) and variance (kg^2) at every new estimate.
     on_end : callable
         Called once, when every topic has its samples.
 
@@ -52,6 +54,7 @@ class TopicRecorder(Node):
             create_subscription(self, topic, self._keeper(topic), reliable=True)
 
     def _keeper(self, topic: str) -> Callable[[Any], None]:
+        """Return the callback that keeps the messages of a topic."""
         kept = self.messages[topic]
 
         def keep(message: Any) -> None:
@@ -68,7 +71,7 @@ class TopicRecorder(Node):
         return keep
 
     def _pair(self, stamp: int, mass: float) -> None:
-        """Find the unstamped payload of a mass: it was published just before."""
+        """Give a stamp to the payload message of this mass, which was published just before."""
         while self._payloads:
             data = self._payloads.popleft().data
             if data[0] == mass:
@@ -78,15 +81,15 @@ class TopicRecorder(Node):
 
     def record(self, simulator: Simulator, set_points: SetPoints) -> LoopRecord:
         """
-        Return the record; the plant's own states come from running it again.
+        Return the record; the plant's modal coordinates and payload come from a second simulation.
 
         Parameters
         ----------
         simulator : Simulator
-            That of plant_sim, from its start: the same seed and commands make the same states,
+            As plant_sim built it, at its start: the same seed and commands give the same states,
             which no sensor shows.
         set_points : SetPoints
-            Those of the controller.
+            Set-points of the controller.
 
         """
         stamps = sorted(set.intersection(*(set(own) for own in self.messages.values()),
@@ -97,7 +100,7 @@ class TopicRecorder(Node):
         inputs, gauge_names = self.robot.inputs, self.robot.gauge_names
         angles, gauges = inputs.joint_channels(), inputs.gauge_channels(gauge_names)
         commands = _stack(command, 'effort', inputs.command_channels())
-        modal, true_mass = _states(simulator, commands)
+        modal, true_mass = _simulated_again(simulator, commands)
         time = np.array([seconds(stamp) for stamp in stamps])
         mass, variance, p = np.array([self.estimates[stamp] for stamp in stamps]).T
         return LoopRecord(
@@ -115,7 +118,7 @@ def _stack(messages: list[Any], field: str, channels: Channels) -> np.ndarray:
                      for message in messages])
 
 
-def _states(simulator: Simulator, commands: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _simulated_again(simulator: Simulator, commands: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return modal coordinates (N, 2n), m, and payload (N,), kg, at every sample."""
     end = 2 + 2 * simulator.arm.modes
     modal, mass = [], []

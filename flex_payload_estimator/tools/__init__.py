@@ -1,3 +1,3 @@
-"""Command-line tools; what holds for all of them is done by flex_plant_sim's."""
+"""Command-line tools; importing flex_plant_sim.tools does what all of them need at the start."""
 
 import flex_plant_sim.tools  # noqa: F401

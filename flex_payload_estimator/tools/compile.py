@@ -1,4 +1,8 @@
-"""flex_compile: compile every inner loop once, so that no node or tool waits for it later."""
+"""
+flex_compile: compile every inner loop once, so that no node or tool waits for it later.
+
+It runs each loop on a short example in a process of its own; Numba keeps the result on disk.
+"""
 
 from __future__ import annotations
 
@@ -23,12 +27,12 @@ from msg_config.errors import InputError
 from msg_config.parameters import check_parameters
 import numpy as np
 
-# Samples of a record that is long enough to be smoothed.
+# Samples of the example record, long enough to be cut into windows and smoothed.
 SAMPLES = 2000
 
 
 def _loop(estimator: str, model: str, modes: int) -> None:
-    """Run simulator, estimator and controller for a few samples."""
+    """Run simulator, estimator and controller in closed loop for a few samples."""
     arm = {'model': model, 'modes': modes}
     controller = check_parameters('lqg_controller', arm)
     estimates = check_parameters('payload_estimator', {**arm, 'estimator': estimator})
@@ -38,19 +42,19 @@ def _loop(estimator: str, model: str, modes: int) -> None:
 
 
 def estimators() -> None:
-    """Compile rpe."""
+    """Compile rpe, and simulator and controller with it."""
     _loop('rpe', 'assumed_modes', 3)
 
 
 def regressions() -> None:
-    """Compile SF1 on either kind of model."""
+    """Compile SF1 on the reduced model and on a second-order model."""
     for model, modes in (('paper_reduced', 2), ('assumed_modes', 2)):
         for name in ('sf1_paper', 'sf1') if model == 'paper_reduced' else ('sf1',):
             _loop(name, model, modes)
 
 
 def smoothing() -> None:
-    """Compile what predicts and smooths a record."""
+    """Compile the diagnosis' prediction and smoothing of a record."""
     robot = load_robot('reference')
     rng = np.random.default_rng(0)
     time = robot.sample_time * np.arange(float(SAMPLES))
@@ -60,7 +64,7 @@ def smoothing() -> None:
     base = BaseModel(robot, effects=nominal_effects(robot, 'assumed_modes'))
     predictor = Predictor(base, windows, np.full(6, 1e-4), for_comparison=True)
     latent_forces(Predictor(base, windows, np.full(6, 1e-4)))
-    # Any robot but the base's, so that what it leaves is whitened anew.
+    # Any other robot than the base's, so that its residual is whitened anew.
     predictor.whitened_residual(robot=replace(robot, payload_mass=0.5 * robot.payload_mass))
 
 
@@ -85,7 +89,7 @@ def _main() -> None:
         for worker in workers:
             worker.join()
     finally:
-        # After SIGTERM, which they do not hear of: nothing goes on.
+        # After a SIGTERM, which the workers do not get: none may run on.
         for worker in workers:
             if worker.is_alive():
                 worker.kill()

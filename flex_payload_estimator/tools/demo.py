@@ -1,4 +1,9 @@
-"""flex_demo: an arm in closed loop over ROS 2 topics, and three estimators of its payload."""
+"""
+flex_demo: an arm in closed loop over ROS 2 topics, and three estimators of its payload.
+
+plant_sim, payload_estimator and lqg_controller run in lock-step in this process; the recorded
+samples are then given to the other estimators, and all is written to one folder.
+"""
 
 from __future__ import annotations
 
@@ -16,17 +21,17 @@ from flex_payload_estimator.control.loop_figures import FIGURES, save_figures
 from flex_payload_estimator.nodes.node_setup import set_points_of
 from flex_payload_estimator.tools.estimate import TIMES
 from flex_payload_estimator.tools.experiment import (
-    bend_percent,
+    AMPLITUDE,
     drawn_arm,
     Experiment,
-    GENTLE,
+    largest_bend_percent,
     PLANT_MODES,
 )
 from flex_payload_estimator.tools.side_by_side import (
-    Answer,
-    answers_on,
-    draw,
-    table,
+    draw_runs,
+    EstimatorRun,
+    run_estimators,
+    runs_table,
 )
 from flex_payload_estimator.tools.words import with_uncertainty
 from flex_plant_sim.arm.robot_file import load_robot
@@ -45,26 +50,28 @@ from msg_config.parameters import load_parameters
 from msg_config.transport import avoid_shared_memory
 import numpy as np
 
+# Files of the output folder.
 LOG, BAG, ARM, PICTURE = 'run.csv', 'run_mcap', 'arm.yaml', 'payload.png'
-# Of data, s.
+# Interval between printed estimates, s of data.
 PRINT_INTERVAL = 0.5
-# Without an estimate for so long, s, the demo gives up.
+# Time without an estimate after which the demo gives up, s.
 SILENCE = 30.0
-# Of the true payload: who stays so near has settled, as control has it (5 %).
-WITHIN = 0.05
+# An estimate has settled where it stays within this share of the true payload: the 5 % criterion
+# of control engineering.
+SETTLED = 0.05
 
 
 def run_over_topics(experiment: Experiment) -> LoopRecord:
     """
     Run the three nodes in lock-step in this process; return what the topics carried.
 
-    The topics are in a namespace of this process, so that no other arm on the network hears
-    the commands.
+    The topics have a namespace of this process, so that no other arm on the network receives the
+    commands.
 
     Raises
     ------
     InputError
-        A parameter that does not fit, or no ROS 2.
+        A parameter does not fit, ROS 2 is missing, or no estimate comes.
 
     """
     try:
@@ -86,6 +93,7 @@ def run_over_topics(experiment: Experiment) -> LoopRecord:
 
 
 def _spin(experiment: Experiment) -> LoopRecord:
+    """Run nodes and recorder until every sample is recorded; return the record."""
     from flex_payload_estimator.nodes.lqg_controller_node import LQGControllerNode
     from flex_payload_estimator.nodes.payload_estimator_node import PayloadEstimatorNode
     from flex_payload_estimator.nodes.topic_recorder import TopicRecorder
@@ -123,7 +131,7 @@ def _spin(experiment: Experiment) -> LoopRecord:
         raise KeyboardInterrupt
     record = recorder.record(simulator_of(experiment.plant),
                              set_points_of(experiment.controller))
-    # First: the executor has the middleware call it for what the nodes are about to destroy.
+    # Before the nodes: the middleware still calls the executor for what they are about to destroy.
     executor.shutdown()
     for node in nodes:
         node.destroy_node()
@@ -131,7 +139,7 @@ def _spin(experiment: Experiment) -> LoopRecord:
 
 
 class Progress:
-    """Prints the estimate as it comes."""
+    """Prints the estimates of a run, and counts them."""
 
     def __init__(self) -> None:
         self.count, self._next = 0, 0.0
@@ -146,7 +154,7 @@ class Progress:
 
 
 def log_of(experiment: Experiment, record: LoopRecord) -> Log:
-    """Return the run as a log that says what made it."""
+    """Return the run as a log that names its origin."""
     robot, plant = robot_of(experiment.plant), experiment.plant
     return Log('flex_demo', record.time, record.command, record.output[:, :2],
                record.output[:, 2:], robot.gauge_names, record.velocity,
@@ -155,9 +163,9 @@ def log_of(experiment: Experiment, record: LoopRecord) -> Log:
 
 
 def summary_of(experiment: Experiment, record: LoopRecord) -> dict[str, Any]:
-    """Return the run's figures for JSON."""
+    """Return the figures of the run for JSON."""
     error = np.abs(record.mass - record.true_mass)
-    outside = np.flatnonzero(error > WITHIN * np.maximum(record.true_mass, 1e-9))
+    outside = np.flatnonzero(error > SETTLED * np.maximum(record.true_mass, 1e-9))
     settled = 0 if outside.size == 0 else outside[-1] + 1
     steps = {f'{t:g}': float(record.mass[k]) for t in TIMES
              for k in np.flatnonzero(np.abs(record.time - t) < 1e-6)}
@@ -174,12 +182,12 @@ def summary_of(experiment: Experiment, record: LoopRecord) -> dict[str, Any]:
 @contextmanager
 def whole_folder(path: Path) -> Iterator[Path]:
     """
-    Yield a folder that takes the name `path` when the block ends well.
+    Yield a new folder, which is renamed to `path` when the block ends without an error.
 
     Raises
     ------
     InputError
-        Where something else than an earlier demo's output stands there, or nothing can.
+        `path` is something else than an earlier demo's output, or nothing can be written there.
 
     """
     check_outputs({'--out': path}, (), folder=True)
@@ -193,7 +201,7 @@ def whole_folder(path: Path) -> Iterator[Path]:
 
 
 def _foreign(folder: Path) -> str:
-    """Return the first file in a folder that no demo wrote; empty where there is none."""
+    """Return the first name in a folder that no demo writes; empty where there is none."""
     if not folder.is_dir():
         return folder.name if folder.exists() else ''
     own = {SUMMARY, LOG, ARM, PICTURE, origin_path(Path(LOG)).name, BAG, f'{BAG}/metadata.yaml',
@@ -203,23 +211,23 @@ def _foreign(folder: Path) -> str:
 
 
 def write_output(experiment: Experiment, record: LoopRecord, folder: Path,
-                 figures: tuple[int, ...], answers: Sequence[Answer]) -> None:
-    """Write summary, pictures and the run's log."""
+                 figures: tuple[int, ...], runs: Sequence[EstimatorRun]) -> None:
+    """Write the summary, the pictures and the log of the run into a folder."""
     log = log_of(experiment, record)
     inputs = robot_of(experiment.plant).inputs
     write_csv(folder / LOG, log, inputs)
     write_bag(folder / BAG, log, inputs=inputs)
     save_figures(record, folder, figures)
-    draw(record, answers, folder / PICTURE)
+    draw_runs(record, runs, folder / PICTURE)
     summary = summary_of(experiment, record)
     if (folder / ARM).exists():
-        # Beside the summary, for this folder is renamed.
+        # Relative to the summary, because the folder is renamed.
         summary['robot'] = ARM
     command_line.write_json(folder / SUMMARY, summary)
 
 
 def opening_words(options: argparse.Namespace) -> str:
-    """Return what is about to happen: the first thing that is printed."""
+    """Return the first text that is printed: what is about to run."""
     plant = f"the estimator's own model (--matched): {options.model}, n = {options.modes}" \
         if options.matched else (
             f"no estimator's own model: n = {PLANT_MODES} modes a link,\n"
@@ -230,9 +238,9 @@ def opening_words(options: argparse.Namespace) -> str:
             f'starting the nodes{compiling} …')
 
 
-def closing_words(experiment: Experiment, record: LoopRecord, answers: Sequence[Answer],
+def closing_words(experiment: Experiment, record: LoopRecord, runs: Sequence[EstimatorRun],
                   options: argparse.Namespace) -> str:
-    """Return what came out, and what to look at next."""
+    """Return the last text that is printed: the results, and what to look at next."""
     out = options.out
     plant = options.robot if options.matched else f'{out}/{ARM}'
     plant = '' if plant == 'reference' else f' --robot {plant}'
@@ -240,8 +248,8 @@ def closing_words(experiment: Experiment, record: LoopRecord, answers: Sequence[
     same = f'{arm} --model {options.model} --modes {options.modes}'
     return f"""
 true payload {record.true_mass[-1]:g} kg; the forearm bent by up to \
-{bend_percent(experiment, record):.1f} % of its length
-{table(record, answers)}
+{largest_bend_percent(experiment, record):.1f} % of its length
+{runs_table(record, runs)}
 look at   {out}/{PICTURE}   the three side by side
           {out}/figure_4.png … figure_9.png   the paper's figures; figure 5 is {options.estimator}
           {out}/run.csv, {out}/run_mcap   the run as CSV and as a bag (MCAP)
@@ -261,7 +269,7 @@ def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
                          help='simulated time, s')
     options.add_argument('--drop-at', default=None, type=_time, metavar='S',
                          help='let the payload fall at this time, s')
-    options.add_argument('--amplitude', default=GENTLE, type=_angle, metavar='RAD',
+    options.add_argument('--amplitude', default=AMPLITUDE, type=_angle, metavar='RAD',
                          help='of the square set-points; the paper takes 0.5')
     options.add_argument('--matched', action='store_true',
                          help="let the plant be the estimator's own model")
@@ -301,15 +309,15 @@ def _demo(arguments: Sequence[str] | None) -> None:
         took = time.monotonic() - begin
         print(f'{experiment.duration:g} s of data in {took:.1f} s over topics; the other '
               f'estimators on the same samples, writing {options.out} …', flush=True)
-        answers = answers_on(record, load_robot(options.robot), {
+        runs = run_estimators(record, load_robot(options.robot), {
             options.estimator: (options.model, options.modes)})
-        write_output(experiment, record, folder, tuple(options.figures), answers)
-        words = closing_words(experiment, record, answers, options)
+        write_output(experiment, record, folder, tuple(options.figures), runs)
+        words = closing_words(experiment, record, runs, options)
     print(words)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the tool and return its exit code."""
+    """Run flex_demo and return its exit code."""
     return command_line.run(lambda: _demo(arguments))
 
 

@@ -1,4 +1,9 @@
-"""flex_diagnose: name what the simulation gets wrong, extend the model, measure the gain."""
+"""
+flex_diagnose: name what the simulation gets wrong, extend the model, measure the gain.
+
+Logs go in; verdict, report, JSON and an extended robot file come out. The steps are those of
+`flex_plant_sim/diagnosis/`; this file holds their order and the command line.
+"""
 
 from __future__ import annotations
 
@@ -43,20 +48,21 @@ from msg_config.errors import InputError
 from msg_config.parameters import load_parameters
 import numpy as np
 
-# Of a diagnosis' time, for its bar: on three records of 30 s 0.72 to 0.86 and 0.80 to 0.91.
+# Share of a run's time at the end of the search and at the start of measuring, for the progress
+# bar: on three records of 30 s it was 0.72 to 0.86 and 0.80 to 0.91.
 SEARCH_SHARE, MEASURING_SHARE = 0.78, 0.85
 
 
 class Progress(Protocol):
-    """Told what is being done and how much is done, 0 to 1."""
+    """Shows what is being done, and the share that is done, 0 to 1."""
 
     def __call__(self, label: str, share: float) -> None:
-        """Take note."""
+        """Show the label and the share."""
 
 
 @dataclass(frozen=True)
 class Findings:
-    """All that a run found, before anything is written."""
+    """All results of a run, before anything is written."""
 
     diagnosis: Diagnosis
     extended: BaseModel
@@ -93,17 +99,17 @@ def options() -> argparse.ArgumentParser:
 
 
 def record_of(log: Log, payload: float) -> Record:
-    """Return a log as the diagnosis sees it: time from zero, one payload told."""
+    """Return a log as a record of the diagnosis: time from zero, one payload in kg."""
     return Record(log.source, log.time - log.time[0], log.command, log.output, payload)
 
 
 def run(logs: Sequence[Log], robot: Robot, arguments: argparse.Namespace,
         progress: Progress) -> Findings:
-    """Diagnose, extend and measure; write nothing."""
+    """Diagnose, extend the model and measure the gain; write nothing."""
     payload = robot.payload_mass if arguments.payload is None else arguments.payload
     records = [record_of(log, payload) for log in logs]
     nominal = nominal_base(robot, arguments.model, arguments.modes, not arguments.no_coriolis)
-    # A hypothesis may diverge; its fit is dropped, and nobody wants to hear of it.
+    # A hypothesis may diverge; its fit is dropped, so NumPy's warnings would only confuse.
     with np.errstate(all='ignore'):
         diagnosis, data, extended = diagnose(
             records, nominal, arguments.jobs,
@@ -114,7 +120,7 @@ def run(logs: Sequence[Log], robot: Robot, arguments: argparse.Namespace,
         return [Predictor(base, windows, noise) for windows, noise in zip(data.locked, data.noise)]
 
     before = predictors(nominal)
-    # Where nothing was found nothing is measured twice.
+    # Where the model was not extended, before and after are the same.
     after = before if extended == nominal else predictors(extended)
     unnamed = diagnosis.verdict in UNNAMED_VERDICTS
     asked = {'before': before, **({'after': after} if unnamed else {})}
@@ -139,7 +145,7 @@ def run(logs: Sequence[Log], robot: Robot, arguments: argparse.Namespace,
 
 
 def default_estimator() -> tuple[str, Weigh]:
-    """Return the package's default payload estimator: its name, and how it weighs."""
+    """Return the default payload estimator's name, and its estimate as a function of a log."""
     name = str(load_parameters()['payload_estimator']['estimator'].default)
 
     def weigh(log: Log, told: BaseModel) -> tuple[float, float]:
@@ -150,13 +156,13 @@ def default_estimator() -> tuple[str, Weigh]:
 
 @contextmanager
 def progress_bar() -> Iterator[Progress]:
-    """Yield a progress bar on stderr where that is a terminal, else nothing that shows."""
+    """Yield a progress bar on stderr; it stays invisible where that is no terminal."""
     try:
         from tqdm import tqdm
     except ImportError:
         yield lambda label, share: None
         return
-    # Without the thread that watches it: workers are forked.
+    # Without tqdm's monitor thread, because workers are forked.
     single: Any = type('Bar', (tqdm,), {'monitor_interval': 0})
     with single(total=100.0, disable=None, leave=False, file=sys.stderr,
                 bar_format='{desc} {bar} {percentage:3.0f} % [{elapsed}]') as bar:
@@ -168,7 +174,7 @@ def progress_bar() -> Iterator[Progress]:
 
 def settings_of(arguments: argparse.Namespace, robot: Robot, logs: Sequence[Log]
                 ) -> dict[str, Any]:
-    """Return what the run was made with."""
+    """Return the settings of the run, for report and JSON."""
     try:
         number = version('flex_payload')
     except PackageNotFoundError:
@@ -180,16 +186,17 @@ def settings_of(arguments: argparse.Namespace, robot: Robot, logs: Sequence[Log]
     return {
         'logs': described, 'robot': f'{robot.name} ({arguments.robot})',
         'model': arguments.model, 'modes': arguments.modes, 'payload_told_kg': told,
-        'coriolis': _forces(arguments, robot), 'excluded': list(arguments.exclude),
+        'coriolis': _coriolis(arguments, robot), 'excluded': list(arguments.exclude),
         'jobs': arguments.jobs, 'seed': arguments.seed, 'version': number}
 
 
-def _forces(arguments: argparse.Namespace, robot: Robot) -> bool:
+def _coriolis(arguments: argparse.Namespace, robot: Robot) -> bool:
+    """Return whether the nominal model has Coriolis forces."""
     return has_coriolis(nominal_effects(robot, arguments.model, not arguments.no_coriolis))
 
 
 def check_arguments(arguments: argparse.Namespace) -> None:
-    """Raise InputError before the work starts where it would be in vain."""
+    """Raise InputError for arguments that would fail only after the work is done."""
     read = [*arguments.log, arguments.robot]
     check_outputs({'--extended': arguments.extended, '--json': arguments.json}, read)
     if arguments.report is not None:
@@ -212,7 +219,7 @@ def _main(arguments: argparse.Namespace) -> None:
             found, settings_of(arguments, robot, logs))
     with results() as write:
         write(print, 'nominal model: ' + model_words(
-            robot.name, arguments.model, arguments.modes, _forces(arguments, robot)))
+            robot.name, arguments.model, arguments.modes, _coriolis(arguments, robot)))
         write(print, answer_text(found.diagnosis, found.gains, found.payload))
         if arguments.extended:
             changed = replace(found.extended.robot, sample_time=robot.sample_time)
@@ -236,21 +243,22 @@ def _write_report(folder: str, report: Report) -> None:
 
 def report_of(found: Findings, settings: Mapping[str, Any]) -> Report:
     """Return the report of a run with its pictures."""
-    texts = {key.replace('_', ' '): _said(value) for key, value in settings.items()}
+    texts = {key.replace('_', ' '): _setting_text(value) for key, value in settings.items()}
     return Report(found.diagnosis, found.before, found.after, found.gains, found.payload, texts,
                   all_pictures(found.gains, *found.predictors),
                   *(latent_sections(found.latent[stage]) if stage in found.latent else ()
                     for stage in ('before', 'after')))
 
 
-def _said(value: Any) -> str:
+def _setting_text(value: Any) -> str:
+    """Return a setting as the report shows it."""
     if isinstance(value, bool):
         return 'yes' if value else 'no'
     return (', '.join(value) or 'none') if isinstance(value, list) else str(value)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run flex_diagnose."""
+    """Run flex_diagnose and return its exit code."""
     return command_line.run(lambda: _main(options().parse_args(argv)))
 
 

@@ -1,4 +1,4 @@
-"""flex_estimate: the payload that a log tells."""
+"""flex_estimate: estimate the payload over logs, as a table and JSON."""
 
 from __future__ import annotations
 
@@ -24,25 +24,25 @@ from flex_plant_sim.tools.outputs import check_outputs, results
 from msg_config.parameters import load_parameters
 import numpy as np
 
-# s; two a decade, as far as a log goes.
+# Times after a log's start at which the estimate is shown, s; two per decade.
 TIMES = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
 
 
 @dataclass(frozen=True)
 class Estimates:
     """
-    An estimator's answers over a log.
+    The estimates of one estimator over a log.
 
     Attributes
     ----------
     source : str
-        The log.
+        Name of the log.
     time : Array
-        s since the log's start, (N,).
+        Time since the log's start, s, (N,).
     mass, variance : Array
-        kg and kg^2, (N,).
+        Payload, kg, and its variance, kg^2, (N,).
     status : tuple of str
-        N.
+        The estimator's status, N.
 
     """
 
@@ -53,11 +53,11 @@ class Estimates:
     status: tuple[str, ...]
 
     def row(self, index: int) -> tuple[float, float]:
-        """Return mass and standard deviation at a sample, kg."""
+        """Return payload and standard deviation at a sample, kg."""
         return float(self.mass[index]), float(np.sqrt(self.variance[index]))
 
     def marks(self) -> dict[str, int]:
-        """Return the last sample no later than each of TIMES inside the log, by its time."""
+        """Return, by the time, the last sample no later than each of TIMES inside the log."""
         return {f'{t:g}': int(np.searchsorted(self.time, t + 1e-9, side='right')) - 1
                 for t in TIMES if t <= self.time[-1] + 1e-9}
 
@@ -74,7 +74,7 @@ class Estimates:
             'status': self.status[-1], 'status_samples': counts}
 
     def table(self) -> str:
-        """Return the figures for a reader."""
+        """Return the figures as a table for the terminal."""
         last = len(self.time) - 1
         rows = [*((f'{key} s', k) for key, k in self.marks().items() if k < last),
                 (f'end, {self.time[-1]:g} s', last)]
@@ -90,17 +90,17 @@ class Estimates:
 
 def estimate(log: Log, estimator: PayloadEstimator) -> Estimates:
     """
-    Return what an estimator says over a log.
+    Return the estimates of an estimator over a log.
 
-    A sample that was lost is no measurement: the estimator predicts across it. Row k's command
-    is applied from then on, so the sample sees that of row k - 1.
+    Across a lost sample the estimator predicts. The command of row k is applied from then on, so
+    sample k is updated with that of row k - 1.
 
     Parameters
     ----------
     log : Log
-        A record.
+        A log on an even grid.
     estimator : PayloadEstimator
-        Made for the log's robot and sample time; reset first.
+        Built for the log's robot and sampling time; it is reset first.
 
     """
     estimator.reset()
@@ -113,12 +113,12 @@ def estimate(log: Log, estimator: PayloadEstimator) -> Estimates:
 
 def estimate_file(path: str, robot: Robot, name: str, model: str, modes: int) -> Estimates:
     """
-    Return the estimates over a file; the log's own sample time replaces the robot's.
+    Return the estimates over a log file; the log's sampling time replaces the robot's.
 
     Raises
     ------
     InputError
-        Naming what does not fit.
+        File, robot or estimator do not fit; the message names what does not.
 
     """
     log = read_log_aloud(path, robot, model, modes, coriolis_of(name, robot, model))
@@ -149,6 +149,7 @@ def _estimate(arguments: Sequence[str] | None) -> None:
 
 
 def _write(options: argparse.Namespace, robot: Robot, write: Callable[..., None]) -> None:
+    """Estimate over each log, print its table, and write JSON where asked."""
     forces = coriolis_of(options.estimator, robot, options.model)
     write(print, f'{options.estimator}: '
           f'{model_words(robot.name, options.model, options.modes, forces)}')
@@ -165,7 +166,7 @@ def _write(options: argparse.Namespace, robot: Robot, write: Callable[..., None]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the tool and return its exit code."""
+    """Run flex_estimate and return its exit code."""
     return command_line.run(lambda: _estimate(arguments))
 
 

@@ -1,4 +1,8 @@
-"""The demo's experiment: the nodes' parameters, and an arm that is no estimator's own model."""
+"""
+The experiment of flex_demo: the parameters of its nodes and, unless matched, another arm.
+
+The plant then differs from every estimator's model, in its parts and in its number of modes.
+"""
 
 from __future__ import annotations
 
@@ -18,21 +22,25 @@ from msg_config.parameters import check_parameters
 import numpy as np
 import yaml
 
-# The plant bends in more modes than any estimator, so that it is none's own model.
+# Modes per link of the plant: more than any estimator has, so that the plant is no estimator's own
+# model.
 PLANT_MODES = 8
-# rad; the forearm's tip then bends by a few percent of its length.
-GENTLE = 0.05
+# Amplitude of the square set-points, rad: the forearm's tip then bends by a few percent of its
+# length.
+AMPLITUDE = 0.05
 
 
 @dataclass(frozen=True)
 class Experiment:
     """
-    The checked parameters of the three nodes, and a duration, s.
+    The checked parameters of the three nodes, and the duration of the run.
 
     Attributes
     ----------
     plant, estimator, controller : Mapping
+        Parameters of plant_sim, payload_estimator and lqg_controller.
     duration : float
+        s.
 
     """
 
@@ -43,7 +51,7 @@ class Experiment:
 
     @classmethod
     def of(cls, options: argparse.Namespace, arm_file: Path | None = None) -> Experiment:
-        """Return the experiment that the options ask for, with another arm as the plant."""
+        """Return the experiment of the options; with `arm_file`, if given, as the plant."""
         arm = {'robot': options.robot, 'model': options.model, 'modes': options.modes}
         robot = robot_of({'robot': options.robot, 'sample_time': 0.0})
         payload = robot.payload_mass if options.payload is None else options.payload
@@ -64,12 +72,12 @@ class Experiment:
 
     @property
     def samples(self) -> int:
-        """Return how many samples the duration holds, the first included."""
+        """Return the number of samples in the duration, including the first."""
         return round(self.duration / robot_of(self.plant).sample_time) + 1
 
 
 def drawn_arm(options: argparse.Namespace, path: Path) -> Path:
-    """Write the robot file of the plant, its parts drawn from the tolerances by the seed."""
+    """Write and return the plant's robot file: its parts are drawn from their tolerances."""
     nominal = load_robot(options.robot)
     arm = drawn(nominal, np.random.default_rng([options.seed, 1]))
     path.write_text(yaml.safe_dump(document(arm), sort_keys=False, allow_unicode=True),
@@ -77,8 +85,8 @@ def drawn_arm(options: argparse.Namespace, path: Path) -> Path:
     return path
 
 
-def bend_percent(experiment: Experiment, record: LoopRecord) -> float:
-    """Return how far the forearm's tip bent at most, % of its length."""
+def largest_bend_percent(experiment: Experiment, record: LoopRecord) -> float:
+    """Return the largest deflection of the forearm's tip, % of the forearm's length."""
     shape = ArmShape.of(simulator_of(experiment.plant).arm)
     count = record.modal.shape[1] // 2
     tip = record.modal[:, count:] @ shape.deflection[1][-1]

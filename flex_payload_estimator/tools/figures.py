@@ -1,4 +1,8 @@
-"""flex_figures: the paper's Figures 13, 14, 15 and 18, and the delta form's digits."""
+"""
+flex_figures: the paper's Figures 13, 14, 15 and 18, and the accuracy of the delta form.
+
+They show the beam and the delta model; figures of a closed loop are in `control/loop_figures.py`.
+"""
 
 from __future__ import annotations
 
@@ -18,12 +22,13 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 import numpy as np
 
-# Inches, and dots an inch.
+# Size of a figure, inches, and its resolution, dots per inch.
 SIZE, RESOLUTION = (8.0, 5.6), 120
-# Shapes, and constants, that are drawn.
+# Number of mode shapes, and of beam constants, that are drawn.
 MODES, CONSTANTS = 4, 10
 COLOURS = ('#1f5fa8', '#d1622b', '#2e8b57', '#7b4fa3')
 STYLES = ('-', '--', '-.', ':')
+# Labels of the shape and its derivatives of order 1 to 3.
 QUANTITIES = (r'$\varphi_i(x)$', r"$L\,\varphi_i'(x)$", r"$L^2\varphi_i''(x)$",
               r"$L^3\varphi_i'''(x)$")
 
@@ -53,7 +58,7 @@ def figure_15(figure: Figure) -> None:
 
 
 def figure_18(figure: Figure) -> None:
-    """Draw the two terms of the frequency equation; they cross at gamma_i L."""
+    """Draw the two terms of the frequency equation, which cross at gamma_i L."""
     x, roots = np.linspace(0.0, 12.0, 600), frequency_roots(4)
     axes = figure.subplots()
     axes.plot(x, np.cos(x), color=COLOURS[0], label=r'$\cos x$')
@@ -90,6 +95,7 @@ FIGURES: dict[str, Callable[[Figure], None]] = {
 
 
 def _shapes(figure: Figure, derivatives: tuple[int, int], title: str) -> None:
+    """Draw two derivatives of the mode shapes, given by their order, in two panels."""
     beam, x = Beam.with_modes(1.0, 1.0, 1.0, MODES), np.linspace(0.0, 1.0, 301)
     for axes, derivative in zip(figure.subplots(2, 1, sharex=True), derivatives):
         values = beam.shape(x, derivative)
@@ -100,6 +106,7 @@ def _shapes(figure: Figure, derivatives: tuple[int, int], title: str) -> None:
 
 
 def _finish(axes: Axes, x: str, y: str, title: str) -> None:
+    """Add labels, title, grid and legend."""
     axes.set_xlabel(x)
     axes.set_ylabel(y)
     axes.set_title(title)
@@ -114,7 +121,7 @@ def write_figure(name: str, folder: Path) -> Path:
     Raises
     ------
     InputError
-        If nothing can be written there.
+        Nothing can be written there.
 
     """
     figure = Figure(figsize=SIZE, layout='constrained')
@@ -148,7 +155,7 @@ def _write(name: str, folder: Path) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run flex_figures."""
+    """Run flex_figures and return its exit code."""
     return command_line.run(lambda: _main(options().parse_args(argv)))
 
 

@@ -1,4 +1,4 @@
-"""flex_fleet: a night's logs of many arms, one row a log."""
+"""flex_fleet: diagnose and weigh the logs of many arms; a table with one row per log comes out."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from typing import Any
 from flex_payload_estimator.fleet.folders import arm_of, logs_below, robot_of
 from flex_payload_estimator.fleet.journal import Journal
 from flex_payload_estimator.fleet.log_task import LogTask, Row
-from flex_payload_estimator.fleet.schedule import answers, cluster
+from flex_payload_estimator.fleet.schedule import cluster, completed_rows
 from flex_payload_estimator.fleet.table import write_csv, write_page, write_parquet
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.tools import command_line
@@ -59,27 +59,28 @@ def tasks_of(arguments: argparse.Namespace, out: Path) -> list[LogTask]:
 
 def run(tasks: Sequence[LogTask], journal: Journal, scheduler: str | None, workers: int
         ) -> list[Row]:
-    """Return the rows of all tasks; those that the journal has are not done again."""
+    """Return the rows of all tasks; tasks whose row the journal has are not done again."""
     known = journal.rows()
     left = [task for task in tasks if task.key not in known]
     with _progress(len(tasks), len(tasks) - len(left)) as bar:
         if left:
             with cluster(scheduler, workers) as client:
-                for task, row in answers(client, left):
+                for task, row in completed_rows(client, left):
                     journal.add(task, row)
                     known[task.key] = row
                     bar.update()
-    return [_in_print(known[task.key]) for task in tasks]
+    return [_printable_row(known[task.key]) for task in tasks]
 
 
-def _in_print(row: Row) -> Row:
-    """Return a row whose texts a table can hold, whatever bytes a file's name is."""
+def _printable_row(row: Row) -> Row:
+    """Return a row whose texts a table can hold, whatever bytes a file name has."""
     texts: dict[str, Any] = {name: printable(value) for name, value in vars(row).items()
                              if isinstance(value, str)}
     return replace(row, **texts)
 
 
 def _progress(total: int, done: int) -> Any:
+    """Return a progress bar over the logs, or one that shows nothing where tqdm is missing."""
     try:
         from tqdm import tqdm
     except ImportError:
@@ -88,6 +89,7 @@ def _progress(total: int, done: int) -> Any:
 
 
 class _Silent:
+    """Stands for a progress bar where tqdm is missing."""
 
     def update(self) -> None:
         """Show nothing."""
@@ -101,18 +103,18 @@ def _main(arguments: argparse.Namespace) -> None:
     tasks = tasks_of(arguments, out)
     rows = run(tasks, Journal(out), arguments.scheduler, arguments.workers)
     write_csv(out / 'fleet.csv', rows)
-    said = ['fleet.csv']
-    said += ['fleet.parquet'] if write_parquet(out / 'fleet.parquet', rows) else []
-    said += ['fleet.html'] if write_page(out / 'fleet.html', rows) else []
+    written = ['fleet.csv']
+    written += ['fleet.parquet'] if write_parquet(out / 'fleet.parquet', rows) else []
+    written += ['fleet.html'] if write_page(out / 'fleet.html', rows) else []
     failed = sum(bool(row.error) for row in rows)
     print(f'{len(rows)} logs of {len({row.arm for row in rows})} arms, {failed} with errors: '
-          + ', '.join(str(out / name) for name in said))
+          + ', '.join(str(out / name) for name in written))
     if failed == len(rows):
         raise InputError(f'{rows[0].log}: {rows[0].error}')
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run flex_fleet."""
+    """Run flex_fleet and return its exit code."""
     return command_line.run(lambda: _main(options().parse_args(argv)))
 
 

@@ -1,4 +1,4 @@
-"""The three estimators on the same samples: `sf1_paper`, `sf1` and `rpe` in one picture."""
+"""The three estimators on the samples of flex_demo: `sf1_paper`, `sf1` and `rpe` side by side."""
 
 from __future__ import annotations
 
@@ -16,25 +16,27 @@ from flex_plant_sim.interval import Z95
 from matplotlib.figure import Figure
 import numpy as np
 
-WORDS = {'sf1_paper': 'SF1 as the paper prints it', 'sf1': 'SF1 with its errors carried along',
-         'rpe': 'recursive prediction error, the default'}
+DESCRIPTIONS = {
+    'sf1_paper': 'SF1 as the paper prints it', 'sf1': 'SF1 with its errors carried along',
+    'rpe': 'recursive prediction error, the default'}
 BLUE, GREY = '#1f5fa8', '#707070'
 
 
 @dataclass(frozen=True)
-class Answer:
+class EstimatorRun:
     """
-    What one estimator said over a run.
+    The estimates of one estimator over a record.
 
     Attributes
     ----------
     name, model : str
+        Of the estimator.
     modes : int
-        A link.
+        Modes per link.
     mass, std : Array
-        kg, (N,).
+        Payload and its standard deviation, kg, (N,).
     status : tuple of str
-        N.
+        The estimator's status, N.
 
     """
 
@@ -46,76 +48,77 @@ class Answer:
     status: tuple[str, ...]
 
 
-def answers_on(record: LoopRecord, robot: Robot, chosen: Mapping[str, tuple[str, int]]
-               ) -> list[Answer]:
+def run_estimators(record: LoopRecord, robot: Robot, chosen: Mapping[str, tuple[str, int]]
+                   ) -> list[EstimatorRun]:
     """
-    Return what each estimator says of the samples that the topics carried.
+    Return the estimates of all three estimators on the samples of a record.
 
-    `rpe` bends in five modes, SF1 in as many as it has gauges on a link; as printed it has the
+    `rpe` has five modes per link, SF1 as many as there are gauges on a link; `sf1_paper` has the
     paper's reduced model.
 
     Parameters
     ----------
     record : LoopRecord
-        The run.
+        The recorded samples.
     robot : Robot
-        The estimators', which the plant's need not be.
+        The estimators' robot, which need not be the plant's.
     chosen : Mapping
-        Model and modes where they are to be others.
+        Model and modes per link of estimators, by name, that are to differ from these.
 
     """
     gauges = min(len(link.gauge_positions) for link in robot.links)
     usual = {'sf1_paper': ('paper_reduced', gauges), 'sf1': ('assumed_modes', gauges),
              'rpe': ('assumed_modes', 5)}
-    return [_answer(record, robot, name, *chosen.get(name, usual[name])) for name in WORDS]
+    return [_run(record, robot, name, *chosen.get(name, usual[name])) for name in DESCRIPTIONS]
 
 
-def _answer(record: LoopRecord, robot: Robot, name: str, model: str, modes: int) -> Answer:
+def _run(record: LoopRecord, robot: Robot, name: str, model: str, modes: int) -> EstimatorRun:
+    """Return the estimates of one estimator on a record."""
     estimator, sent = make_estimator(name, robot, model, modes), np.zeros(2)
     found = []
     for time, output, command in zip(record.time, record.output, record.command):
         found.append(estimator.update(float(time), output, sent))
         sent = command
-    return Answer(name, model, modes, np.array([e.mass for e in found]),
-                  np.sqrt([e.variance for e in found]), tuple(e.status for e in found))
+    return EstimatorRun(name, model, modes, np.array([e.mass for e in found]),
+                        np.sqrt([e.variance for e in found]), tuple(e.status for e in found))
 
 
-def table(record: LoopRecord, answers: Sequence[Answer]) -> str:
-    """Return the estimates at TIMES and at the end, kg."""
+def runs_table(record: LoopRecord, runs: Sequence[EstimatorRun]) -> str:
+    """Return a table of the estimates at TIMES and at the end, kg."""
     marks = [int(k) for t in TIMES for k in np.flatnonzero(np.abs(record.time - t) < 1e-6)]
     marks += [] if marks and marks[-1] == len(record.time) - 1 else [len(record.time) - 1]
     lines = ['payload ± one standard deviation']
-    for answer in answers:
-        lines.append(f'{answer.name:10s} {WORDS[answer.name]} ({answer.model}, '
-                     f'n = {answer.modes})')
+    for run in runs:
+        lines.append(f'{run.name:10s} {DESCRIPTIONS[run.name]} ({run.model}, '
+                     f'n = {run.modes})')
         lines += [f'    {record.time[k]:5g} s   '
-                  f'{with_uncertainty(answer.mass[k], answer.std[k])} kg   {answer.status[k]}'
-                  f'{_miss(answer, k, record.true_mass[k])}' for k in marks]
+                  f'{with_uncertainty(run.mass[k], run.std[k])} kg   {run.status[k]}'
+                  f'{_overconfidence(run, k, record.true_mass[k])}' for k in marks]
     return '\n'.join(lines)
 
 
-def _miss(answer: Answer, k: int, true: float) -> str:
-    """Say where an estimator is wrong and sure of it."""
-    off = abs(answer.mass[k] - true)
-    wrong = answer.status[k] == 'ok' and off > Z95 * answer.std[k]
+def _overconfidence(run: EstimatorRun, k: int, true: float) -> str:
+    """Return a note where an estimate is `ok` but its 95 % interval misses the truth, kg."""
+    off = abs(run.mass[k] - true)
+    wrong = run.status[k] == 'ok' and off > Z95 * run.std[k]
     return f'   outside its 95 % interval, {off:.2g} kg off' if wrong else ''
 
 
-def draw(record: LoopRecord, answers: Sequence[Answer], path: Path) -> None:
-    """Write one panel an estimator: estimate, 95 % interval and truth; faint where not `ok`."""
+def draw_runs(record: LoopRecord, runs: Sequence[EstimatorRun], path: Path) -> None:
+    """Write a picture: per estimator estimate, 95 % interval and truth; dotted where not `ok`."""
     figure = Figure(figsize=(10.0, 3.6), layout='constrained')
-    panels = figure.subplots(1, len(answers), sharex=True, sharey=True)
+    panels = figure.subplots(1, len(runs), sharex=True, sharey=True)
     top = 2.5 * max(float(record.true_mass.max()), 1e-3)
-    for axes, answer in zip(panels, answers):
-        half = Z95 * answer.std
-        axes.fill_between(record.time, np.maximum(answer.mass - half, 0.0), answer.mass + half,
+    for axes, run in zip(panels, runs):
+        half = Z95 * run.std
+        axes.fill_between(record.time, np.maximum(run.mass - half, 0.0), run.mass + half,
                           color=BLUE, alpha=0.2, lw=0, label='95 % interval')
-        sure = np.array([status == 'ok' for status in answer.status])
-        axes.plot(record.time, answer.mass, ':', color=BLUE, lw=1.0, label='estimate, not `ok`')
-        axes.plot(record.time, np.where(sure, answer.mass, np.nan), color=BLUE, lw=1.6,
+        sure = np.array([status == 'ok' for status in run.status])
+        axes.plot(record.time, run.mass, ':', color=BLUE, lw=1.0, label='estimate, not `ok`')
+        axes.plot(record.time, np.where(sure, run.mass, np.nan), color=BLUE, lw=1.6,
                   label='estimate, `ok`')
         axes.plot(record.time, record.true_mass, '--', color=GREY, label='true payload')
-        axes.set_title(f'{answer.name}: {WORDS[answer.name]}', loc='left', fontsize=9)
+        axes.set_title(f'{run.name}: {DESCRIPTIONS[run.name]}', loc='left', fontsize=9)
         axes.set_xlabel('time / s')
         axes.set_ylim(-0.05 * top, top)
         axes.margins(x=0.0)

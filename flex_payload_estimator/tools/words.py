@@ -1,4 +1,4 @@
-"""A value with its uncertainty, in digits that mean something."""
+"""Text of a value with its uncertainty, in significant digits only."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 
 
 def decimals_of(std: float) -> int:
-    """Return the decimals that show two digits of a standard deviation."""
+    """Return the number of decimals that shows two digits of a standard deviation."""
     if not (math.isfinite(std) and std > 0.0):
         return 4
     return min(max(1 - math.floor(math.log10(std)), 1), 9)

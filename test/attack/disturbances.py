@@ -1,4 +1,4 @@
-"""What happens to a record between arm and file, and leaves it readable: tables of numbers."""
+"""Disturbances of a record between arm and file that leave it readable, as changes of a table."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-# A table, (N, C): time, s, and what was sampled and commanded then, in any units.
+# A table, (N, C): time, s, and the samples and commands at it, in any units.
 Table = np.ndarray
 Disturbance = Callable[[np.random.Generator, Table], Table]
 
@@ -22,7 +22,7 @@ def _stretch(rng: np.random.Generator, table: Table) -> slice:
 
 
 def stuck(rng: np.random.Generator, table: Table) -> Table:
-    """Let a channel stand still, for a while or for good."""
+    """Let a channel keep its value, for a while or to the end."""
     rows, k = _stretch(rng, table), _some(rng, table)
     table[rows, k] = table[rows.start, k]
     return table
@@ -71,7 +71,7 @@ def spikes(rng: np.random.Generator, table: Table) -> Table:
 
 
 def quantised(rng: np.random.Generator, table: Table) -> Table:
-    """Leave a channel four to a hundred steps."""
+    """Quantise a channel to four to a hundred steps."""
     k = _some(rng, table)
     step = (np.ptp(table[:, k]) or 1.0) / rng.choice([4, 20, 100])
     table[:, k] = step * np.round(table[:, k] / step)
@@ -150,14 +150,14 @@ def locked(rng: np.random.Generator, table: Table) -> Table:
 
 
 def blind(rng: np.random.Generator, table: Table) -> Table:
-    """Let all gauges of a link stand still."""
+    """Let all gauges of a link keep their values."""
     gauges = np.array_split(np.arange(5, table.shape[1]), 2)[int(rng.integers(2))]
     table[:, gauges] = table[0, gauges]
     return table
 
 
 def not_a_number(rng: np.random.Generator, table: Table) -> Table:
-    """Let a channel say nothing here and there, or for up to a second."""
+    """Set a channel to NaN here and there, or for up to a second."""
     k = _some(rng, table)
     if rng.random() < 0.5:
         table[rng.random(len(table)) < rng.uniform(0.0, 0.05), k] = np.nan
@@ -167,7 +167,7 @@ def not_a_number(rng: np.random.Generator, table: Table) -> Table:
     return table
 
 
-# Of a table whose columns are time, two commands, two angles, and the gauges.
+# They expect the columns time, two commands, two angles, and the gauges.
 DISTURBANCES: tuple[Disturbance, ...] = (
     stuck, dead, scaled, exchanged, shifted, noisy, spikes, quantised, clipped, drifting, lost,
     jittered, another_rate, resting, short, repeated, locked, blind, not_a_number)

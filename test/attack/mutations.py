@@ -1,4 +1,4 @@
-"""Mutations of files: what disks, editors, exporters and strangers do to them."""
+"""Mutations of files, as disks, editors, exporters and attackers make them."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def cut(rng: random.Random, data: bytes) -> bytes:
 
 
 def take_out(rng: random.Random, data: bytes) -> bytes:
-    """Take a piece out of the middle."""
+    """Remove a piece from the middle."""
     start = rng.randrange(len(data))
     return data[:start] + data[start + rng.randint(1, 400):]
 
@@ -38,7 +38,7 @@ def repeat(rng: random.Random, data: bytes) -> bytes:
 
 
 def zero(rng: random.Random, data: bytes) -> bytes:
-    """Overwrite a block with zeros, as a torn page."""
+    """Overwrite a block with zeros, as in a torn page."""
     start = rng.randrange(len(data))
     count = min(rng.randint(1, 512), len(data) - start)
     return data[:start] + bytes(count) + data[start + count:]

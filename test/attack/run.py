@@ -1,5 +1,5 @@
 """
-Attack the readers with mutated files; print and count what came of it.
+Attack the readers with mutated files; print and count the outcomes.
 
     python -m attack.run csv 10000 --seed 1     (from the folder test; kinds: csv, bag, robot)
 """
@@ -32,11 +32,14 @@ from msg_config.errors import InputError, LONGEST
 import numpy as np
 
 ROBOT = load_robot('reference')
+# Longest time of an attack, s of CPU, and largest memory, bytes.
 LIMIT = {'csv': 5.0, 'robot': 5.0, 'bag': 20.0}
 MEMORY = 600e6
-# A sample changed by less than this share of its channel's range misleads nobody: a digit lost.
+# A change of a sample by less than this share of its channel's range, as by a lost digit, does not
+# mislead.
 SENSE = 0.05
-# Nor does a number of a robot that is off by less than the robot file itself says that it may be.
+# Nor does a robot's number that is off by less than its tolerance in the robot file: number to
+# tolerance.
 TOLERANCE = {'youngs_modulus': 'stiffness', 'density': 'link_mass', 'damping_ratio': 'damping',
              'length': 'length', 'elbow_mass': 'elbow_mass', 'elbow_inertia': 'elbow_inertia',
              'payload_mass': 'payload'}
@@ -44,7 +47,7 @@ TOLERANCE = {'youngs_modulus': 'stiffness', 'density': 'link_mass', 'damping_rat
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of one attack: its kind, and what was seen where it is a fault."""
+    """The outcome of one attack: its kind, and a description where it is a fault."""
 
     kind: str
     text: str = ''
@@ -62,12 +65,12 @@ def good_log(samples: int = 150) -> Log:
 
 
 def misled(found: Log, good: Log) -> str:
-    """Return in what a log differs from the one it was, without a word; empty if in nothing."""
+    """Return how a log differs from the original without a warning; empty if it does not."""
     if len(found) > len(good):
         return f'{len(found)} of {len(good)} rows'
     if found.notes or found.doubts or hints(found, ROBOT):
         return ''
-    # What is left of a log may begin later.
+    # The remaining part of a log may begin later.
     later = [good.part(shift, len(good)) for shift in range(len(good) - 2)]
     scale = np.ptp(np.hstack([good.command, good.output]), axis=0)
     best = min((_worst(found, rest, scale) for rest in later), key=lambda item: item[0])
@@ -85,7 +88,7 @@ def _worst(a: Log, b: Log, scale: np.ndarray) -> tuple[float, str]:
 
 
 def changed(found: Robot, good: Robot) -> str:
-    """Return what differs in a robot from the one it was, and `flex_robot check` does not list."""
+    """Return how a robot differs from the original and `flex_robot check` does not list it."""
     listed = [value for key, value in found.left_out.items() if key not in good.left_out]
     return '; '.join(
         f'{key}: {a!r} for {b!r}' for (key, a), (_, b) in zip(_values(found), _values(good))
@@ -125,7 +128,7 @@ class Attack:
     kind : str
         csv, bag or robot.
     folder : Path
-        Where its files may stand.
+        Folder for its files.
 
     """
 
@@ -198,7 +201,7 @@ def main() -> int:
     options.add_argument('--seed', type=int, default=0)
     chosen = options.parse_args()
     counts = attack(chosen.kind, chosen.count, chosen.seed, show=True)
-    # Not getrusage: a process that another starts inherits that one's largest size.
+    # Not by getrusage: a process inherits the largest size of the one that started it.
     peak = re.search(r'VmHWM:\s*(\d+) kB', Path('/proc/self/status').read_text())
     assert peak is not None
     memory = int(peak[1]) * 1024

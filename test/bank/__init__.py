@@ -1,1 +1,1 @@
-"""The bank: records with hidden effects, handed to flex_diagnose as a user would, and scored."""
+"""The bank: records with hidden effects, given to flex_diagnose as a user would, and scored."""

@@ -1,4 +1,4 @@
-"""The cases of the bank: what is hidden, in which form, and what the right answer is."""
+"""The cases of the bank: which effect is hidden, in which form, and what the right answer is."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from truth.records import draw_case, FINITE_ELEMENTS, MUJOCO, TruthCase
 @dataclass(frozen=True)
 class Realisation:
     """
-    A form in which nature offers an effect.
+    A form in which nature may have an effect.
 
     Attributes
     ----------
     simulator : str
-        Who makes the record: finite_elements or mujoco.
+        The simulator that makes the record: finite_elements or mujoco.
     form : str
         A key of `truth.forms.FORMS`, empty for the simulator's plain one.
     calibration : bool
@@ -37,15 +37,17 @@ class Realisation:
         return f'{self.simulator}:{self.form}' if self.form else self.simulator
 
 
-# Seeds and forms for tuning are kept apart from those that score: tune on seeds from 1000 on and
-# on the forms marked so, nothing else; score on seeds from 5000 on, all forms. Clean arms of any
-# other simulator may set the amplitudes of the model's discrepancy: they hide nothing.
+# Seeds and forms for tuning are kept apart from those that score. Tune only on seeds from 1000 on
+# and on the forms marked `calibration`; score on seeds from 5000 on, with all forms. Clean arms of
+# any other simulator may set the amplitudes of the model's discrepancy: they hide nothing.
 FIRST_SEED = {'calibration': 1000, 'scoring': 5000}
 ELEMENTS = Realisation(FINITE_ELEMENTS, calibration=True)
 CHAIN = Realisation(MUJOCO, calibration=True)
 PLAIN = (ELEMENTS, CHAIN)
-# Dry friction: a spring too short to be seen (elements), a constraint solver (chain), LuGre.
+# Forms of dry friction: a spring too short to be seen (elements), a constraint solver (chain),
+# LuGre's bristles (chain).
 DRY_FORMS = (*PLAIN, Realisation(MUJOCO, 'bristles'))
+# Forms of a filter or delay of the gauges: on all, on the lower link's, on one.
 LATE_FORMS = (*PLAIN, Realisation(MUJOCO, 'lower_gauges'),
               Realisation(FINITE_ELEMENTS, 'one_gauge'))
 FORMS_OF: dict[str, tuple[Realisation, ...]] = {
@@ -68,23 +70,26 @@ FORMS_OF: dict[str, tuple[Realisation, ...]] = {
     'loose_payload': (*PLAIN, Realisation(MUJOCO, 'half_loose')),
     'joint_spring': (*PLAIN, Realisation(MUJOCO, 'hose')),
 }
-# Joined when rounds had been scored: behind the others in a round, and in no other's case, so
-# that those keep their records.
+# Effects added after rounds had been scored: they come last in a round and serve in no other kind
+# of case, so that the earlier cases keep their records.
 LATER = ('joint_spring',)
-# What an effect in a certain form may be called as well, because it is that, too.
+# A second right name of an effect in a certain form.
 ALSO_RIGHT: dict[tuple[str, str], str] = {
     ('coulomb_friction', 'bristles'): 'presliding_friction',
     ('coulomb_friction', 'springs'): 'presliding_friction'}
-# What a robot cannot have: a velocity loop where drives take a current, nor, where those are as
-# limited as in its file, speeds at which Coriolis forces show (0.7 nats on a record at the limit).
+# Effects that a robot cannot have: a velocity loop where drives take a current; and Coriolis
+# forces where drives are limited as in its file, so that the arm is too slow for them to show (0.7
+# nats on a record at the limit).
 IMPOSSIBLE: dict[str, tuple[str, ...]] = {
     'quanser_2dsfl': ('drive_bandwidth', 'coriolis_centripetal')}
+# Sizes of hidden effects, in detection limits.
 SIZES = (4.0, 2.0, 1.0)
-# These are in nature always; what is hidden is that the model leaves them out.
+# Effects that are always present in nature, and the options of flex_diagnose whose model leaves
+# them out: that is what such a case hides.
 MODEL_OPTIONS: dict[str, tuple[str, ...]] = {
     'coriolis_centripetal': ('--no-coriolis',),
     'modal_truncation': ('--model', 'paper', '--modes', '1')}
-# What such a model leaves out besides.
+# Effects that such a model leaves out as well.
 LEFT_OUT_TOO: dict[str, tuple[str, ...]] = {'modal_truncation': ('coriolis_centripetal',)}
 PAIRS = (
     ('coulomb_friction', 'strain_filter'), ('input_delay', 'link_stiffness'),
@@ -98,28 +103,29 @@ TAKEN_OUT = tuple(name for name in CATALOGUE
 CONTROLS = ('noise_only', 'shuffled_residuals', 'swapped_strain_labels', 'swapped_joint_labels')
 POOR = ('coulomb_friction', 'link_stiffness', 'payload_mass', 'strain_filter')
 SEEDS_PER_ROUND = 100
-# Cases of each kind in a round, beside one of every identifier; (reference, other robot).
+# Cases of each kind in a round, beside one of every identifier; clean ones as (reference, other
+# robot).
 SECOND_ROBOT, CLEAN, MISSING, PAIRED = 6, (10, 2), 5, 4
 
 
 @dataclass(frozen=True)
 class BankCase:
     """
-    One case.
+    One case of the bank.
 
     Attributes
     ----------
     kind : str
         one, clean, missing, pair, poor or control.
     names : tuple of str
-        What is hidden; of a control, its kind.
+        The hidden effects; the kind of a control.
     robot : str
     seed : int
     realisation : Realisation
     size : float
-        Of what is hidden, in detection limits; 0 where it is not sized.
+        Size of the hidden effects, in detection limits; 0 where they are not sized.
     seconds : float
-        Length of the record.
+        Length of the record, s.
 
     """
 
@@ -133,7 +139,7 @@ class BankCase:
 
     @property
     def key(self) -> str:
-        """Return the case in one word."""
+        """Return a name of the case, without spaces."""
         size = f'x{self.size:g}/' if self.size else ''
         return (f'{self.kind}/{"+".join(self.names) or "nothing"}/{self.realisation.label}/{size}'
                 f'{self.robot}/{self.seed}')
@@ -151,14 +157,14 @@ class BankCase:
 
     @property
     def hidden(self) -> tuple[str, ...]:
-        """Return all that is to be found: what the told model leaves out besides, if it shows."""
+        """Return all effects to be found; those that the told model leaves out, if they show."""
         besides = [other for name in self.names for other in LEFT_OUT_TOO.get(name, ())
                    if other not in IMPOSSIBLE.get(self.robot, ())]
         return (*self.names, *besides)
 
     @property
     def options(self) -> tuple[str, ...]:
-        """Return what flex_diagnose is told beside the record."""
+        """Return the options that flex_diagnose gets beside the record."""
         options = [option for name in self.names for option in MODEL_OPTIONS.get(name, ())]
         if self.kind == 'missing':
             options += [f'--exclude={name}' for name in self.names]
@@ -166,13 +172,13 @@ class BankCase:
 
 
 def realisations(name: str, use: str = 'scoring') -> tuple[Realisation, ...]:
-    """Return the forms of an effect that serve a use, calibration or scoring."""
+    """Return the forms of an effect that may be used for calibration or for scoring."""
     forms = FORMS_OF.get(name, PLAIN)
     return forms if use == 'scoring' else tuple(form for form in forms if form.calibration)
 
 
 def possible(robot: str) -> list[str]:
-    """Return the identifiers of what can be hidden in a robot in any simulator's plain form."""
+    """Return the effects that can be hidden in a robot in any simulator's plain form."""
     return [name for name in CATALOGUE if name not in (*LATER, *IMPOSSIBLE.get(robot, ()))
             and set(PLAIN) <= set(realisations(name))]
 
@@ -181,8 +187,8 @@ def all_cases(use: str = 'scoring', rounds: int = 9) -> Iterator[BankCase]:
     """
     Return the bank: rounds of every identifier once and some cases of each other kind.
 
-    Each round is shuffled, so that any beginning of it is a sample of all kinds; every case has
-    a seed of its own.
+    Each round is shuffled, so that its first cases are a sample of all kinds. Every case has a
+    seed of its own.
 
     Parameters
     ----------
@@ -214,7 +220,7 @@ def _singles(number: int, use: str) -> Iterator[BankCase]:
 
 
 def _in_turn(name: str, place: int, number: int, use: str) -> BankCase:
-    """Return one of all pairs of form and size, in an order that the place decides."""
+    """Return a case; rounds go through forms and sizes in an order that `place` decides."""
     pairs = [(form, size) for form in realisations(name, use) for size in SIZES]
     order = np.random.default_rng([place, 19]).permutation(len(pairs))
     form, size = pairs[order[number % len(pairs)]]
@@ -239,10 +245,10 @@ def _clean(use: str) -> Iterator[BankCase]:
 
 def _others(number: int, use: str) -> Iterator[BankCase]:
     plain = _plain(use)
-    # 7 and 5 share no factor with the lists' lengths (34 and 12), so that all have their turn.
+    # 7 and 5 share no factor with the lists' lengths (34 and 12), so every entry has its turn.
     for k in range(number * MISSING, (number + 1) * MISSING):
         turn, place = divmod(k, len(TAKEN_OUT))
-        # The next turn takes the other simulator.
+        # The next turn through the list takes the other simulator.
         yield BankCase('missing', (TAKEN_OUT[7 * place % len(TAKEN_OUT)],), 'reference', 0,
                        plain[(place + turn) % len(plain)])
     for k in range(number * PAIRED, (number + 1) * PAIRED):

@@ -21,7 +21,7 @@ def sized(lines: Sequence[Line], simulator: str = '') -> list[tuple[str, list[Li
     """Return single effects by size, the smallest first, of one simulator or of all."""
     one = [line for line in of_kind(lines, 'one') if simulator in ('', line['simulator'])]
     return [(f'{low:g} to {high:g}', [line for line in one
-                                      if low <= score.limits_large(line) < high])
+                                      if low <= score.size_in_limits(line) < high])
             for low, high in zip(SIZE_EDGES, SIZE_EDGES[1:])]
 
 
@@ -65,7 +65,7 @@ def by_name(lines: Sequence[Line]) -> list[str]:
         right, small = (score.share(own, test) for test in (score.exact, score.in_small_set))
         held, _ = score.coverage(own)
         instead = [f'{"+".join(score.named(line)) or line.get("verdict", "failed")} '
-                   f'({line["form"] or line["simulator"]}, {score.limits_large(line):.1f})'
+                   f'({line["form"] or line["simulator"]}, {score.size_in_limits(line):.1f})'
                    for line in own if not score.exact(line)]
         rows.append(f'| `{name}` | {robot} | {right.right} of {right.total} | '
                     f'{small.right} of {small.total} | {held.right} of {held.total} | '

@@ -33,7 +33,7 @@ def _power(axis: Any, lines: Sequence[Line]) -> None:
     for simulator, colour in zip(SIMULATORS, ('C0', 'C1')):
         for test, style, what in ((score.named, '--', 'any name'), (score.exact, '-', 'exact')):
             groups = [own for _, own in sized(lines, simulator) if own]
-            sizes = [np.median([score.limits_large(line) for line in own]) for own in groups]
+            sizes = [np.median([score.size_in_limits(line) for line in own]) for own in groups]
             shares = [score.share(own, test) for own in groups]
             ends = np.abs(np.array([share.interval for share in shares]).reshape(-1, 2).T
                           - [share.value for share in shares])

@@ -1,4 +1,4 @@
-"""The file a case hands over: the true arm's log, or a control's."""
+"""Writes the log file of a case: of the true arm, or of a negative control."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def control(case: BankCase) -> Record:
 
 def shuffled(case: BankCase, clean: TruthCase, record: Record,
              rng: np.random.Generator) -> Record:
-    """Return the clean record plus what an effect adds to its strain, in random order."""
+    """Return the clean record plus an effect's contribution to its strain, in random order."""
     name = SHUFFLED[case.seed % len(SHUFFLED)]
     effect = draw_case(name, case.seed, case.robot)
     hidden = make_record(replace(clean, effects=effect.effects), record.command)

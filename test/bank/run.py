@@ -1,4 +1,4 @@
-"""Run one case: make the record, hand it to flex_diagnose, keep its answer beside the truth."""
+"""Run one case: make the record, give it to flex_diagnose, keep its answer beside the truth."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def run_case(case: BankCase, limits: Limits) -> dict[str, Any]:
     Parameters
     ----------
     case : BankCase
-        What to hide.
+        The case to run.
     limits : Mapping
         'identifier:site' to the detection limit of a clean record of the same robot.
 
@@ -46,7 +46,7 @@ def run_case(case: BankCase, limits: Limits) -> dict[str, Any]:
         try:
             write_record(case, truth, path)
         except FloatingPointError as error:
-            # With what is hidden in it, the true arm's own controller does not hold it.
+            # With the hidden effect the true arm's own controller is not stable.
             return {**line, 'unmade': str(error)}
         started = time.perf_counter()
         code, answer, complaint = diagnose_file(path, case, truth)
@@ -56,7 +56,7 @@ def run_case(case: BankCase, limits: Limits) -> dict[str, Any]:
 
 
 def limits_answer(robot: str) -> dict[str, Any]:
-    """Return the tool's answer to a clean record of nominal parts, with detection limits."""
+    """Return the tool's answer, with detection limits, to a clean record of nominal parts."""
     case = BankCase('limits', (), robot, 1, size=0.0)
     truth = replace(case.truth(), tolerances=False)
     with TemporaryDirectory() as folder:
@@ -70,9 +70,9 @@ def limits_answer(robot: str) -> dict[str, Any]:
 
 def diagnose_file(path: Path, case: BankCase, truth: TruthCase) -> tuple[int, dict[str, Any], str]:
     """
-    Return the tool's exit code, its JSON and what it complained of.
+    Return the tool's exit code, its JSON and its error output.
 
-    In a process of its own, so that a traceback is one more answer and the bank goes on.
+    The tool runs in a process of its own, so that the bank goes on after a traceback.
     """
     answer = path.with_suffix('.json')
     command = [sys.executable, '-m', 'flex_payload_estimator.tools.diagnose', str(path), '--robot',

@@ -1,4 +1,4 @@
-"""Scores of answers: names, sets, false alarms, stated probabilities, intervals."""
+"""Scores of the answers: names, sets, false alarms, stated probabilities and intervals."""
 
 from __future__ import annotations
 
@@ -12,14 +12,17 @@ import numpy as np
 from truth.effects import CATALOGUE
 
 Z = 1.959964
+# Names in a stated set that still counts as an answer.
 LARGEST_SET = 3
+# Probability from which a cause is stated surely.
 SURE = 0.9
+# Bins of the calibration error, and random draws for what it would be by chance.
 BINS = 5
 DRAWS = 2000
-# A size counts as so many limits from nine tenths of them on.
+# Share of a number of detection limits from which a size counts as that number.
 NEARLY = 0.9
-# What is not mentioned is given this probability by the log-score: a hundredth of the doubt that
-# a sure answer leaves (1 - SURE).
+# Probability that the log-score gives to a name that an answer does not mention: a hundredth of
+# the doubt that a sure answer leaves (1 - SURE).
 UNMENTIONED = 0.01 * (1.0 - SURE)
 
 Line = dict[str, Any]
@@ -27,19 +30,19 @@ Line = dict[str, Any]
 
 @dataclass(frozen=True)
 class Share:
-    """How many of how many, with Wilson's 95 % interval (JASA 22 (1927))."""
+    """A count out of a total, with Wilson's 95 % interval (JASA 22 (1927))."""
 
     right: int
     total: int
 
     @property
     def value(self) -> float:
-        """Return the share; NaN of none."""
+        """Return the share; NaN where the total is zero."""
         return self.right / self.total if self.total else math.nan
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Return low and high."""
+        """Return the interval's low and high end."""
         if not self.total:
             return 0.0, 1.0
         n, p = self.total, self.value
@@ -48,7 +51,7 @@ class Share:
         return max(0.0, centre - half), min(1.0, centre + half)
 
     def __str__(self) -> str:
-        """Return 90 % (80 to 95 %), 45 of 50."""
+        """Return the share in words, as in '90 % (80 to 95 %), 45 of 50'."""
         if not self.total:
             return 'no case'
         low, high = self.interval
@@ -77,61 +80,61 @@ def _identifier(label: str) -> str:
 
 
 def right_names(line: Line, name: str) -> set[str]:
-    """Return what a hidden effect may be called in the form that it has."""
+    """Return the right names of a hidden effect in the form that it has."""
     also = ALSO_RIGHT.get((name, line['form']))
     return {name} if also is None else {name, also}
 
 
 def is_hidden(line: Line, answer: str) -> bool:
-    """Tell whether a name is one of what is hidden."""
+    """Return whether a name is a right one of a hidden effect."""
     return any(answer in right_names(line, name) for name in line['names'])
 
 
 def exact(line: Line) -> bool:
-    """Tell whether exactly what is hidden was named as cause."""
+    """Return whether exactly the hidden effects are named as causes."""
     answers = named(line)
     return (len(answers) == len(line['names'])
-            and all(is_hidden(line, answer) for answer in answers) and both_named(line))
+            and all(is_hidden(line, answer) for answer in answers) and all_named(line))
 
 
 def in_small_set(line: Line) -> bool:
-    """Tell whether what is hidden is named, or in a stated set of at most three."""
+    """Return whether the hidden effects are named, or in a stated set of at most three."""
     names = stated_set(line)
     return exact(line) or (len(names) <= LARGEST_SET and all(
         right_names(line, name) & names for name in line['names']))
 
 
-def limits_large(line: Line) -> float:
-    """Return the size of what is hidden in detection limits: what was asked for if unknown."""
+def size_in_limits(line: Line) -> float:
+    """Return the smallest hidden effect in detection limits; the intended size if unknown."""
     known = [term['times_limit'] for term in line['truth'] if term['times_limit'] is not None]
     return float(min(known, default=line['size']))
 
 
 def at_least(line: Line, limits: float) -> bool:
-    """Tell whether what is hidden reaches so many detection limits."""
-    return limits_large(line) >= NEARLY * limits
+    """Return whether the hidden effects are of a number of detection limits or larger."""
+    return size_in_limits(line) >= NEARLY * limits
 
 
 def right_site(line: Line) -> bool:
-    """Tell whether every named cause that is hidden acts where it was hidden."""
+    """Return whether every rightly named cause has the right site."""
     sites = {cause['name']: cause['site'] for cause in line.get('causes', [])}
     return all(sites.get(term['name'], term['site']) == term['site'] for term in line['truth'])
 
 
-def both_named(line: Line) -> bool:
-    """Tell whether all that is hidden is among the causes."""
+def all_named(line: Line) -> bool:
+    """Return whether all hidden effects are among the causes."""
     return all(right_names(line, name) & set(named(line)) for name in line['names'])
 
 
 def doubtful(line: Line) -> bool:
-    """Tell whether the answer states doubt: in its verdict, or in every cause's probability."""
+    """Return whether the answer states doubt: in its verdict, or in every cause's probability."""
     causes = line.get('causes', [])
     return (line.get('verdict') in ('not_in_catalogue', 'cannot_tell', 'cause_and_remainder')
             or all(cause['probability'] < SURE for cause in causes))
 
 
 def surely_wrong(line: Line) -> bool:
-    """Tell whether a name that is not there is stated surely; a distractor is there."""
+    """Return whether an effect is stated surely that is neither hidden nor a distractor."""
     return not doubtful(line) and any(
         cause['probability'] >= SURE and not is_hidden(line, cause['name'])
         and cause['name'] not in line.get('distractors', [])
@@ -139,24 +142,24 @@ def surely_wrong(line: Line) -> bool:
 
 
 def named_wrongly(line: Line) -> bool:
-    """Tell whether a cause is named that is not hidden, a distractor or not."""
+    """Return whether a cause is named that is not hidden, be it a distractor or not."""
     return any(not is_hidden(line, name) for name in named(line))
 
 
 def one_too_many(line: Line) -> bool:
-    """Tell whether more is named than is hidden, and that is not there; a distractor is."""
+    """Return whether more is named than hidden, and one is neither hidden nor a distractor."""
     there = line.get('distractors', [])
     return len(named(line)) > len(line['names']) and any(
         not is_hidden(line, name) and name not in there for name in named(line))
 
 
 def doubt_stated(line: Line) -> bool:
-    """Tell whether the answer sees that something is wrong and doubts every name for it."""
+    """Return whether the answer says that something is wrong and doubts every name for it."""
     return line.get('verdict') != 'nothing_wrong' and doubtful(line)
 
 
 def imitated(line: Line) -> bool:
-    """Tell whether names of the catalogue are all that the answer says."""
+    """Return whether the answer explains all by effects of the catalogue."""
     return line.get('verdict') in ('cause', 'cannot_tell')
 
 
@@ -164,8 +167,8 @@ def stated(line: Line) -> dict[str, float]:
     """
     Return the probability that the answer gives to each name of being a cause.
 
-    From its probabilities of all effects, or of sets of causes; an answer without them states
-    those of its causes, whose look-alikes share what they leave.
+    It is taken from the answer's probabilities of all effects, or of sets of causes. An answer
+    without these states the probabilities of its causes, and their look-alikes share the rest.
     """
     if line.get('probabilities'):
         return dict(line['probabilities'])
@@ -186,9 +189,10 @@ def stated(line: Line) -> dict[str, float]:
 
 def log_score(line: Line) -> float:
     """
-    Return the sum over the catalogue of ln of what was stated of what is so, nats, at most 0.
+    Return the log-score of the answer, nats, at most 0.
 
-    Each name is a forecast of its own, a cause or not (Good, JRSS B 14 (1952)).
+    It is the sum over the catalogue of ln of the probability that was stated of what is true; each
+    name is a forecast of its own, a cause or not (Good, JRSS B 14 (1952)).
     """
     forecast, total = stated(line), 0.0
     hidden = set() if line['kind'] in ('missing', 'control') else set(line['names'])
@@ -222,7 +226,7 @@ def calibration(pairs: Sequence[tuple[float, bool]]
     """
     if not pairs:
         return math.nan, []
-    # Of equal probabilities the right ones must not come last: they keep their order.
+    # A stable sort on the probability alone: among equal ones the right ones must not come last.
     ordered = sorted(pairs, key=lambda pair: pair[0])
     rows = []
     for part in np.array_split(np.arange(len(ordered)), min(BINS, len(ordered))):
@@ -235,7 +239,7 @@ def calibration(pairs: Sequence[tuple[float, bool]]
 
 def calibration_by_chance(pairs: Sequence[tuple[float, bool]], seed: int = 0
                           ) -> tuple[float, float]:
-    """Return what the calibration error would be were all probabilities right: mean, 95 %."""
+    """Return mean and 95 % quantile of the calibration error if all probabilities were right."""
     rng = np.random.default_rng(seed)
     drawn = [calibration([(p, bool(rng.random() < p)) for p, _ in pairs])[0]
              for _ in range(DRAWS)]
@@ -243,7 +247,7 @@ def calibration_by_chance(pairs: Sequence[tuple[float, bool]], seed: int = 0
 
 
 def coverage(lines: Sequence[Line]) -> tuple[Share, list[tuple[str, str, bool]]]:
-    """Return how often a stated interval holds the truth, for rightly named causes and sites."""
+    """Return the coverage of intervals, for rightly named causes and sites, and its rows."""
     rows = []
     for line in lines:
         for term in line['truth']:
@@ -270,6 +274,7 @@ def confusion(lines: Sequence[Line]) -> tuple[list[str], list[str], Any]:
 
 
 def _answered(line: Line) -> str:
+    """Return the column of the confusion matrix: a name, `several`, a verdict or `failed`."""
     names = named(line)
     if line['code'] != 0:
         return 'failed'

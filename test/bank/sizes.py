@@ -1,4 +1,4 @@
-"""Sizes against detection limits: what is hidden is fair to ask for, distractors are not."""
+"""Sizes against detection limits: hidden effects are large enough to be found, distractors not."""
 
 from __future__ import annotations
 
@@ -14,16 +14,17 @@ from flex_plant_sim.effects import catalogue
 import numpy as np
 from truth.records import add_effect, TruthCase
 
-# A distractor is at most half a detection limit, and half of what the catalogue calls the
-# smallest size that matters. Four times the truth's clear size is still an arm of this make.
+# A distractor is at most half a detection limit, and half of the smallest size that matters by the
+# catalogue. Four times the truth's clear size is still plausible for an arm of this make.
 DISTRACTOR_LIMIT, DISTRACTOR_SEVERITY, DISTRACTORS = 0.5, 0.2, 2
 SEVERITIES = (1e-3, 4.0)
 HALVINGS = 20
 DISTRACTED = ('one', 'clean', 'pair')
 LIMITS_FILE = Path(__file__).with_name('limits.json')
-# Not as distractors: what is in nature always, and what changes the payload that others count on.
+# No distractors: effects that nature always has, and one that changes the payload, on which others
+# depend.
 NO_DISTRACTORS = (*MODEL_OPTIONS, 'payload_mass')
-# Of one kind at most: two small ones in a joint add up to one that is found.
+# At most one of these is a distractor: two small ones in a joint add up to one that is found.
 DRY = frozenset({'coulomb_friction', 'asymmetric_friction', 'stribeck_friction',
                  'presliding_friction'})
 
@@ -32,12 +33,12 @@ Limits = Mapping[str, float]
 
 def sized_truth(case: BankCase, limits: Limits) -> tuple[TruthCase, tuple[Term, ...]]:
     """
-    Return the case's truth, sized by the limits, and what it hides in the catalogue's terms.
+    Return the case's truth, sized by the limits, and its hidden effects in the catalogue's terms.
 
     Parameters
     ----------
     case : BankCase
-        What to hide.
+        The case.
     limits : Mapping
         'identifier:site' to the detection limit of a clean record of the same robot.
 
@@ -50,9 +51,9 @@ def sized_truth(case: BankCase, limits: Limits) -> tuple[TruthCase, tuple[Term, 
 
 def severity_of(case: BankCase, limits: Limits) -> float:
     """
-    Return the severity at which the least of what is hidden is as large as the case says.
+    Return the severity at which the smallest hidden effect is as large as the case says.
 
-    By halving intervals of its logarithm: sizes grow with severity, each in its own way. Where
+    It is found by bisection of its logarithm: sizes grow with severity, each in its own way. Where
     no limit is known, the truth's clear size stands for four of them.
     """
     if not case.size:
@@ -69,10 +70,10 @@ def severity_of(case: BankCase, limits: Limits) -> float:
 
 def can_show(case: BankCase, limits: Limits) -> bool:
     """
-    Tell whether a record of the robot may show what a case hides.
+    Return whether a record of the robot can show what a case hides.
 
-    Where no size shows on a clean record there is no limit to ask for four of. What the told
-    model leaves out has its own size, and needs none.
+    An effect that shows at no size on a clean record has no detection limit to be sized by. An
+    effect that the told model leaves out has its own size, and needs no limit.
     """
     if not case.size or set(case.names) & set(MODEL_OPTIONS):
         return True
@@ -80,7 +81,7 @@ def can_show(case: BankCase, limits: Limits) -> bool:
 
 
 def _least(case: BankCase, severity: float, limits: Limits) -> float | None:
-    """Return the least size in limits at a severity; None where no limit is known."""
+    """Return the smallest size in limits at a severity; None where no limit is known."""
     ratios = [relative_size(term, limits) for term in _at(case, severity)[1]]
     return min((ratio for ratio in ratios if ratio is not None), default=None)
 
@@ -97,7 +98,7 @@ def read_limits() -> dict[str, dict[str, float]]:
 
 
 def write_limits(answers: Mapping[str, Mapping[str, Any]]) -> None:
-    """Keep the limits in the tool's answers, robot to answer, to clean nominal records."""
+    """Write the limits in the tool's answers, by robot, to clean nominal records."""
     kept = {robot: {label: float(f'{limit["value"]:.3g}')
                     for label, limit in sorted(answer['detection_limits'].items())
                     if limit['value'] is not None} for robot, answer in answers.items()}
@@ -133,7 +134,7 @@ def with_distractors(truth: TruthCase, limits: Limits) -> TruthCase:
             continue
         severity = DISTRACTOR_SEVERITY
         trial = _added(truth, name, number, severity)
-        # Twice, because not every size grows with its severity in proportion.
+        # Scaled twice, because not every size is proportional to its severity.
         for _ in range(2):
             ratio = over_threshold(hidden_terms(trial)[-1], limits)
             if ratio > DISTRACTOR_LIMIT:

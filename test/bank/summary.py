@@ -1,4 +1,4 @@
-"""The bank's report, as docs/bank.md begins."""
+"""The bank's report: the first part of docs/bank.md."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def figures(lines: Sequence[Line]) -> list[tuple[str, str, str, bool | None]]:
                  score.share(missing, score.surely_wrong)),
         _told('effect missing from the catalogue: others explain it whole',
               score.share(missing, score.imitated)),
-        _at_least('pairs: both named', 0.80, score.share(pair, score.both_named)),
+        _at_least('pairs: both named', 0.80, score.share(pair, score.all_named)),
         _at_most('pairs: a wrong third', 0.05, score.share(pair, score.one_too_many)),
         _told('pairs: any name but the two', score.share(pair, score.named_wrongly)),
         _told('arm at rest: `data_cannot_answer`', score.share(
@@ -53,6 +53,7 @@ def figures(lines: Sequence[Line]) -> list[tuple[str, str, str, bool | None]]:
     return rows + _probability_rows(lines)
 
 
+# Kinds of cases whose stated probabilities are scored.
 JUDGED = ('one', 'clean', 'missing', 'pair')
 
 
@@ -157,9 +158,9 @@ def _calibration_table(lines: Sequence[Line]) -> list[str]:
 
 
 def _wrong(lines: Sequence[Line]) -> list[str]:
-    """Return every other case that went wrong, so that it can be looked at."""
+    """Return a list of the other cases that went wrong, so that they can be looked at."""
     tests = {'clean': lambda line: not score.named(line), 'missing': score.doubt_stated,
-             'pair': score.both_named}
+             'pair': score.all_named}
     rows = ['## Other cases that went wrong', '', '| case | verdict | named |', '|---|---|---|']
     for line in lines:
         if line['kind'] in tests and not tests[line['kind']](line):
@@ -180,7 +181,7 @@ def _time_line(lines: Sequence[Line]) -> list[str]:
 
 
 def terminal_matrix(lines: Sequence[Line]) -> str:
-    """Return the confusion matrix as text: only what occurs."""
+    """Return the confusion matrix as text, without what does not occur."""
     hidden, columns, counts = score.confusion(of_kind(lines, 'one', 'clean'))
     rows = []
     for name, row in zip(hidden, counts):

@@ -1,4 +1,4 @@
-"""What a hidden effect is in the catalogue's terms: site and parameters, where they compare."""
+"""A hidden effect in the catalogue's terms: site, and parameters where they can be compared."""
 
 from __future__ import annotations
 
@@ -9,22 +9,24 @@ import numpy as np
 from truth.effects.hidden_effect import Parameters
 from truth.records import COLUMNS, TruthCase
 
+# Effective height of the links in the air, m.
 HEIGHT = 0.052
 
 
 @dataclass(frozen=True)
 class Term:
     """
-    An effect as the catalogue says it.
+    An effect in the terms of the catalogue.
 
     Attributes
     ----------
     name, site : str
     values : dict
-        Parameter to its true value; empty where truth and catalogue describe the effect in
-        quantities that do not compare (a coefficient per height against one per area).
+        True value of each parameter; empty where truth and catalogue describe the effect in
+        quantities that cannot be compared (a coefficient per height against one per area).
     size : float
-        Deviation from null of what the detection limit is stated in; NaN where unknown.
+        Deviation from null of the quantity in which the detection limit is stated; NaN where
+        unknown.
 
     """
 
@@ -76,7 +78,7 @@ def _for_arm(ours: str, theirs: str) -> Said:
 
 
 def _late_site(case: TruthCase) -> str:
-    """Return which gauges a filter or a delay acts on."""
+    """Return the site of a filter or delay: the gauges that it acts on."""
     if 'one_gauge' in case.forms:
         return COLUMNS[case.robot][5]
     return 'link_2' if 'lower_gauges' in case.forms else 'arm'
@@ -102,14 +104,14 @@ def _asymmetric(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], 
     return _joint(p), values, max(values.values())
 
 
-# Near rest, where joints reverse and dry friction shows, all of it acts.
+# The size is the whole level near rest, where joints reverse and dry friction shows.
 def _stribeck(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], float]:
     return _joint(p), {'level_n_m': p['sliding'], 'extra_n_m': p['extra'],
                        'speed_rad_per_s': p['speed']}, p['sliding'] + p['extra']
 
 
 def _presliding(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], float]:
-    # LuGre's bristles and a spring that slips share the level, not the way up to it.
+    # LuGre's bristles and a slipping spring have the same level, but reach it in another way.
     return _joint(p), {'level_n_m': p['torque']}, p['torque']
 
 
@@ -120,7 +122,7 @@ def _ripple(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], floa
 
 
 def _spring(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], float]:
-    # A hose across the elbow is no line over the angle.
+    # The torque of a hose across the elbow is not linear in the angle.
     hose = 'hose' in case.forms
     values = {} if hose else {'stiffness_n_m_per_rad': p['stiffness'], 'rest_rad': p['rest']}
     return 'joint_2' if hose else _joint(p), values, p['stiffness']
@@ -136,7 +138,7 @@ def _crosstalk(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], f
 
 
 def _filter(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], float]:
-    # A filter of first order is one of second order with two real poles, one of them far off.
+    # A first-order filter is one of second order with two real poles, one of them far away.
     values = {} if 'first_order' in case.forms else {
         'time_constant_s': 1.0 / p['cutoff'], 'damping': p['damping']}
     return _late_site(case), values, 1.0 / p['cutoff']

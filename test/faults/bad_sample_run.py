@@ -27,11 +27,12 @@ from test_nodes_bad_samples import (
     undisturbed,
 )
 
+# Bound on the joints' deviation from the undisturbed run, rad.
 ANGLE = 0.1
 
 
 def main() -> int:
-    """Print a line a kind; return 1 where a bound was broken."""
+    """Print a line per kind; return 1 where a bound was broken."""
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument('kinds', nargs='*', metavar='KIND')
     options.add_argument('--domain', type=int, default=93)
@@ -60,7 +61,7 @@ def main() -> int:
 
 def figures(number: int, joints: dict[int, Any], payload: dict[int, Any], run: Any
             ) -> tuple[float, float]:
-    """Return how far the joints were off, rad, and the payload a second later / its bound."""
+    """Return the joints' largest deviation, rad, and the payload's after a second / its bound."""
     rows = range(FIRST + BETWEEN * number, FIRST + BETWEEN * (number + 1))
     angle = max(float(np.abs(np.array(joints[k * STEP].position) - run.output[k, :2]).max())
                 for k in rows)

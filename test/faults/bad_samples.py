@@ -1,4 +1,4 @@
-"""Samples that no arm can have made, and messages that are none: one function a kind."""
+"""Samples that no arm can have made, and malformed messages: one change of a message per kind."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ Spoil = Callable[[Any], None]
 
 
 def number(field: str, index: int, value: float) -> Spoil:
-    """Return what puts a value into a field."""
+    """Return a change that puts a value into a field."""
     def spoil(message: Any) -> None:
         getattr(message, field)[index] = value
     return spoil
 
 
 def whole(field: str, values: Any) -> Spoil:
-    """Return what replaces a field."""
+    """Return a change that replaces a field."""
     def spoil(message: Any) -> None:
         setattr(message, field, values)
     return spoil
 
 
 def stamp(seconds: int | None = None, nanoseconds: int | None = None, later: int = 0) -> Spoil:
-    """Return what changes the stamp, s and ns."""
+    """Return a change of the stamp, s and ns."""
     def spoil(message: Any) -> None:
         own = message.header.stamp
         own.sec = (own.sec if seconds is None else seconds) + later
@@ -32,7 +32,7 @@ def stamp(seconds: int | None = None, nanoseconds: int | None = None, later: int
 
 
 def off(field: str, index: int, by: float) -> Spoil:
-    """Return what adds to a value: inside what the arm can do in a sample, or not far out."""
+    """Return a change that adds to a value, as the arm could move in a sample or a little more."""
     def spoil(message: Any) -> None:
         getattr(message, field)[index] += by
     return spoil

@@ -25,9 +25,9 @@ from rclpy.task import Future
 
 GAUGES = ('strain_1a', 'strain_1b', 'strain_2a', 'strain_2b')
 TWO = (0.0, 0.0)
-# Where a message with a header has its stamp; payload has none.
+# Place of the stamp in the bytes of a message with a header, and the topics without one.
 STAMP, UNSTAMPED = slice(HEAD, HEAD + 8), ('payload',)
-# Of each node: what it hears, the last of which it answers, and what it says.
+# By node: the topics that it hears, the last of which it answers, and those that it publishes.
 ROLES = {
     'plant_sim': (('command',), ('joint_states', 'strain')),
     'payload_estimator': (('joint_states', 'command', 'strain'), ('payload', 'payload/inertia')),
@@ -35,7 +35,7 @@ ROLES = {
 
 
 def message(topic: str, stamp: int) -> Any:
-    """Return a message as long as the loop's."""
+    """Return a message of the same length as in the loop."""
     if topic == 'payload':
         return payload_message(0.0, 0.0, 0.0)
     if topic == 'payload/inertia':
@@ -48,7 +48,7 @@ def message(topic: str, stamp: int) -> Any:
 
 
 def speaker(node: Node, topics: Sequence[str]) -> Callable[[bytes], None]:
-    """Return what sends a message on each topic, the same one every time but for its stamp."""
+    """Return a function that sends the same message on each topic, with a new stamp."""
     told = [(create_publisher(node, topic), serialize_message(message(topic, 0)),
              topic not in UNSTAMPED) for topic in topics]
 
@@ -65,7 +65,7 @@ def stamps(rate: float) -> Iterator[bytes]:
 
 
 def main() -> None:
-    """Run one of them until it is killed."""
+    """Run one node until it is killed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
     parser.add_argument('role', choices=ROLES)
     parser.add_argument('--rate', type=float, required=True, help='Hz')

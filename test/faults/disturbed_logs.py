@@ -28,18 +28,20 @@ from flex_plant_sim.commissioning.standard_move import simulated_move
 from flex_plant_sim.logs.csv_log import write_csv
 import numpy as np
 
-STROKES = {'reference': 24, 'quanser_2dsfl': 12}  # 24 s each
-# A brake of joint 2 that saturates with its speed, and a detent of joint 1, as shares of what
-# the drives take at 1 rad/s.
+# Strokes of the simulated move by arm; the log of either lasts 24 s.
+STROKES = {'reference': 24, 'quanser_2dsfl': 12}
+# Torques that no effect of the catalogue has: a brake of joint 2 that saturates with its speed,
+# and a detent of joint 1, as shares of the drives' damping torque at 1 rad/s.
 UNNAMED = (('joint_2', 'speed', (-0.2, -0.05, 0.05, 0.2), (0.15, 0.1, -0.1, -0.15)),
            ('joint_1', 'angle', (-0.1, 0.0, 0.1), (0.0, 0.12, 0.0)))
-LONGEST = 300  # s of CPU
-MOST = 300  # characters of a line that refuses
+# Longest diagnosis, s of CPU, and longest line that refuses a log, characters.
+LONGEST = 300
+MOST = 300
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a log: its kind, what was done to it, how long it took, s, and memory, MB."""
+    """Outcome of a log: its kind, what was done to it, time, s, and memory, MB."""
 
     kind: str
     done: str
@@ -69,7 +71,7 @@ def good(folder: Path) -> dict[tuple[str, bool], tuple[str, Table]]:
 
 
 def diagnosed(log: Path, arm: str, done: str) -> Outcome:
-    """Return what flex_diagnose, as a process, makes of a log."""
+    """Return the outcome of flex_diagnose, as a process, on a log."""
     words, results = log.with_suffix('.txt'), log.with_suffix('.json')
     results.unlink(missing_ok=True)
     with words.open('w') as file:

@@ -3,7 +3,7 @@ A night's logs on one worker, on two, and on two of which one is killed -9 in th
 
 `python test/faults/fleet_run.py [--logs 64] [--seconds 21] [--runs one two killed] [--page]`
 prints how long each took, and whether the tables are the same. Of sixteen arms one moves, with
-payloads that it was not told; the others rest, which keeps the run short.
+payloads that are not told; the others rest, which keeps the run short.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ ANSWERS = ('arm', 'log', 'verdict', 'causes', 'probability', 'payload_kg', 'payl
 
 @dataclass(frozen=True)
 class Night:
-    """What a run gave: its table; how long it took, and a log in motion and at rest, s."""
+    """Result of a run: its table, its time, and the time of a log in motion and at rest, s."""
 
     rows: list[dict[str, str]]
     seconds: float
@@ -44,7 +44,7 @@ class Night:
 
 
 def write_log(path: Path, number: int, seconds: float) -> None:
-    """Write what an arm measured: small steps with a payload of its own, or rest."""
+    """Write the log of an arm: small steps with a payload of its own, or rest."""
     robot, rng = load_robot('reference'), np.random.default_rng(number)
     time_s = np.arange(0.0, seconds, robot.sample_time)
     moves = path.parent.name == MOVING
@@ -79,9 +79,9 @@ def fleet(folder: Path, out: str, workers: int, kill_after: int | None = None) -
 
 
 def killed_at_work(fleet: int) -> bool:
-    """Kill -9 a worker of a process while it waits for flex_diagnose; tell whether one did."""
+    """Kill -9 a fleet's worker that waits for flex_diagnose; return whether there was one."""
     for process in psutil.Process(fleet).children(recursive=True):
-        # One that has ended since it was listed is not asked.
+        # A process may have ended since it was listed.
         with suppress(psutil.Error):
             parent = process.parent()
             if any('tools.diagnose' in word for word in process.cmdline()) \

@@ -68,7 +68,7 @@ def _points(kind: str, length: int, chance: random.Random, depth: int) -> list[A
 
 
 class Victims:
-    """The three nodes, and what they publish."""
+    """The three nodes under attack, and what they publish."""
 
     def __init__(self, domain: int, **values: Any):
         from flex_payload_estimator.nodes.lqg_controller_node import LQGControllerNode
@@ -135,7 +135,7 @@ class Victims:
 
 
 def attack(count: int, seed: int, domain: int, **values: Any) -> tuple[Victims, list[str]]:
-    """Hand so many mutated messages to the nodes; return them and what they died of."""
+    """Hand `count` mutated messages to the nodes; return the nodes and what they died of."""
     chance, victims, deaths = random.Random(seed), Victims(domain, **values), []
     for number in range(count):
         name = chance.choice(sorted(HEARD))
@@ -153,7 +153,7 @@ def attack(count: int, seed: int, domain: int, **values: Any) -> tuple[Victims, 
 
 
 def main() -> int:
-    """Print deaths and numbers that are none; return 1 where there are any."""
+    """Print deaths and numbers that are not finite; return 1 where there are any."""
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument('--count', type=int, default=20_000)
     options.add_argument('--seed', type=int, default=0)

@@ -31,7 +31,7 @@ from flex_plant_sim.logs.read import read_log
 from flex_plant_sim.tools import replay, robot
 
 LOG = ('{log}', '--robot', '{robot}')
-# Tool and option: its main, what it is asked, the option, the suffix of the file.
+# By tool and option: the tool's main, its arguments, the option, and the suffix of the file.
 OUTPUTS = {
     'flex_replay --json': (replay.main, LOG, '--json', '.json'),
     'flex_replay --plot': (replay.main, LOG, '--plot', '.png'),
@@ -55,10 +55,12 @@ INPUTS = ('night/log.csv', 'arm.yaml', 'hard.csv', 'soft.csv', 'bag', 'bag/metad
 FOREIGN = ('own.json', 'soft.json', 'own', 'absent/new', '/dev/full', '/dev/stdout')
 # What the tools write into a folder, here the user's.
 NAMES = ('summary.json', 'thesis.txt', 'report.html', 'figure_13.png', 'fleet.csv', 'robot.yaml')
-# Folders that are made, or that get another file, as their owner asks.
+# Targets that a tool may write to, because its user asks for that: new folders, or folders that
+# get one more file.
 HARMLESS = {'flex_figures --out': ('absent/new', 'bag', 'night'),
             'flex_fleet --out': ('absent/new',), 'flex_diagnose --report': ('bag', 'night')}
-MARGIN = 8  # kB beyond what a tool tries first
+# Room that is left on a disk that fills, beyond what a tool tries first, kB.
+MARGIN = 8
 CLONE_NEWNS = 0x20000
 
 
@@ -134,7 +136,7 @@ def cases(place: Path, there: list[str]) -> Iterator[tuple[str, str]]:
 
 
 def strike(name: str, target: str, place: Path) -> Counter[str]:
-    """Point an output at a target; return what is wrong with what came of it."""
+    """Point an output at a target; return the faults of the outcome."""
     main, words, option, _ = OUTPUTS[name]
     names = {'log': place / 'night' / 'log.csv', 'bag': place / 'bag', 'robot': place / 'arm.yaml',
              'night': place / 'night'}

@@ -1,4 +1,4 @@
-"""The figures of docs/faults.md: a program prints its own, and writes them there if asked."""
+"""Figures of docs/faults.md: each program prints its own, and writes them there if asked."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ PAGE = REPOSITORY / 'docs' / 'faults.md'
 
 
 def made() -> str:
-    """Return which code was measured, and how busy the machine is."""
+    """Return a line on the measured code, and on how busy the machine is."""
     commit = subprocess.run(['git', 'rev-parse', '--short', 'HEAD'], cwd=REPOSITORY, text=True,
                             capture_output=True).stdout.strip()
     return f'{commit or "no commit"}, load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores'

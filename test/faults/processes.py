@@ -1,5 +1,5 @@
 """
-Faults between real processes, with bounds: joints, commands, payload, and what is said.
+Faults between real processes, with bounds on joints, commands, payload and diagnostics.
 
 `python test/faults/processes.py [FAULT ...] [--times N] [--page]` runs them; without names, all.
 """
@@ -30,18 +30,20 @@ COMMON = {'modes': 2}
 # The set-points go to 0.5 rad, with some overshoot; a command of 5 that is held until the drives'
 # watchdog ends it, 0.1 s, moves a joint by another 0.5 rad.
 LARGEST_ANGLE, COMMAND_LIMIT = 1.25, 5.0
-# Motion, s, after which the payload must be right, to three standard deviations and 5 %.
+# Motion after which the payload must be right, s: to three standard deviations and this share.
 MOTION, SHARE = 3.0, 0.05
+# Time within which a fault must be on diagnostics, s.
 SAID = 1.0
-# Diagnostics come once a second.
+# Time without a text on diagnostics after which it is over, s; they come once a second.
 CALM = 1.5
+# Longest start of the loop, s.
 START = 60.0
 
 
 @dataclass(frozen=True)
 class Figures:
     """
-    What became of one fault.
+    The outcome of one fault.
 
     Attributes
     ----------
@@ -49,11 +51,11 @@ class Figures:
     angle, command : float
         The largest, rad and the drives' own unit.
     told : float
-        When it was on diagnostics, s; 0 where nothing has to be said.
+        Time until it was on diagnostics, s; 0 where nothing has to be said.
     error : float
-        Of the payload after MOTION, as a share of what is allowed.
+        Error of the payload after MOTION, as a share of the allowed one.
     broken : str
-        Which bound was; empty if none.
+        The bound that was broken; empty if none.
 
     """
 
@@ -81,7 +83,7 @@ class Arena:
         self.mass, self.told = 0.1, 0.0
 
     def _watch(self, message: Any, gid: bytes | None, _: float) -> None:
-        """Keep what the arm of this loop does, and not what a second one does."""
+        """Keep the motion of this loop's arm, and not that of a second one."""
         self.arm = self.arm or gid
         if gid == self.arm:
             self.joints.append(message)
@@ -112,7 +114,7 @@ class Arena:
         self.processes[node].send_signal(number)
 
     def error(self) -> float:
-        """Return by how much the payload is off, as a share of what is allowed."""
+        """Return the payload's error as a share of the allowed one."""
         if not self.payload:
             return float('inf')
         last = self.payload[-1]
@@ -120,7 +122,7 @@ class Arena:
         return float(abs(last.position[0] - self.mass) / allowed)
 
     def right_within(self, timeout: float) -> float:
-        """Wait until the payload is told afresh and is right; return how long that took, s."""
+        """Wait until new estimates come and are right; return how long that took, s."""
         begin, seen = time.monotonic(), len(self.payload)
         self.loop.until(lambda: len(self.payload) > seen + 50 and self.error() < 1.0, timeout)
         return time.monotonic() - begin
@@ -134,7 +136,7 @@ class Arena:
         return MOTION
 
     def said(self, text: str, since: float) -> float:
-        """Return how long after a time, s, a text was on diagnostics."""
+        """Wait for a text on diagnostics; return the time since `since`, s."""
         start = len(self.diagnostics)
 
         def found() -> bool:
@@ -145,7 +147,7 @@ class Arena:
         return self.told
 
     def calm(self, text: str) -> None:
-        """Wait until nothing says a text any more, as a busy machine may let a node do."""
+        """Wait until diagnostics do not hold a text any more, as on a busy machine they may."""
         for _ in range(round(START / CALM)):
             start = len(self.diagnostics)
             self.loop.wait(CALM)
@@ -244,7 +246,7 @@ FAULTS: dict[str, Callable[[Arena], None]] = {
 
 def run(names: list[str], context: Any, domain: int, said_within: float = SAID
         ) -> list[Figures]:
-    """Return what became of each fault, one after another in one running loop."""
+    """Return the outcome of each fault, one after another in one running loop."""
     arena, found = Arena(context, domain, said_within), []
     try:
         arena.start_all()

@@ -1,4 +1,4 @@
-"""A node between plant and the others that passes messages on, and spoils some on the way."""
+"""A node between the plant and the others that passes messages on and alters some of them."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from msg_config.messages import stamp_of
 from msg_config.ros import create_publisher, interface_class, qos_profile
 from rclpy.node import Node
 
-# What stands before the relay, and the remapping that puts it there.
+# Prefix of the topics before the relay.
 RAW = 'raw/'
-# Takes a message, calls the second to send one; it may send none, several, others or later.
+# Called with a message and a function that sends one. It may send none, several, others, or later.
 Alter = Callable[[Any, Callable[[Any], None]], None]
 
 
@@ -23,7 +23,7 @@ def remapped(*topics: str) -> list[str]:
 
 
 def send_on(message: Any, send: Callable[[Any], None]) -> None:
-    """Alter nothing."""
+    """Send the message on as it is."""
     send(message)
 
 
@@ -34,7 +34,7 @@ class Relay(Node):
     Parameters
     ----------
     alter : dict
-        By topic, what becomes of its messages; `send_on` where nothing does.
+        By topic, the function that alters its messages; `send_on` where none are altered.
 
     """
 
@@ -53,7 +53,7 @@ class Relay(Node):
 
 
 def at_stamps(spoilers: dict[int, Callable[[Any], None]], done: set[int]) -> Alter:
-    """Return what spoils the first message of each of these stamps, ns, and notes that it did."""
+    """Return an Alter that spoils the first message of each stamp, ns, and adds it to `done`."""
     def alter(message: Any, send: Callable[[Any], None]) -> None:
         stamp = stamp_of(message)
         if stamp in spoilers and stamp not in done:

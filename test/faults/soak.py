@@ -44,21 +44,22 @@ HEADER = ('| mode | min | samples due | came | without a payload | without a com
           '| pages fetched from the disk '
           '| taken by other machines on the host, % |', '|' + 12 * '---|')
 PICTURE = ('', '![Memory, latency and loss over time](figures/soak.png)')
+# Time between two rows, s.
 INTERVAL = 5.0
-# Between two looks of the observer, s: a fifth of what a subscription holds at 1 kHz.
+# Time between two looks of the observer, s: a fifth of what a subscription holds at 1 kHz.
 LOOK = 0.02
-# A slope needs some rows.
+# Fewest rows for a slope.
 FEWEST = 3
 # Warm-up: the estimator keeps 10 to 20 s of samples, and caches of payloads and messages fill.
 WARM_UP_SHARE, WARM_UP_DATA = 0.25, 30.0
 PAGE, TICKS = os.sysconf('SC_PAGE_SIZE'), os.sysconf('SC_CLK_TCK')
 OBSERVER = 'observer'
-# Of what a node said before it ended, characters.
+# Characters that are shown of what a node said before it ended.
 MOST_SAID = 4000
 
 
 class Ended(Exception):
-    """A node that nobody stopped has ended; its name."""
+    """A node has ended that was not stopped; the argument is its name."""
 
 
 @dataclass
@@ -121,15 +122,15 @@ def words(node: str, mode: str, rate: float) -> list[str]:
 
 
 def bare_words(node: str, rate: float) -> list[str]:
-    """Return the command line of one that computes nothing."""
+    """Return the command line of a node that computes nothing."""
     return ['faults.bare_nodes', node, '--rate', str(rate)]
 
 
 class Observer:
     """
-    Takes what has come on the topics, a look at a time.
+    Takes the messages on the topics, all that have come at every look.
 
-    To be woken by each message as a node is would take a tenth of what two cores have.
+    Being woken by each message, as a node is, would take a tenth of two cores.
     """
 
     def __init__(self) -> None:
@@ -262,7 +263,7 @@ def draw(found: dict[str, list[dict[str, float]]], path: Path) -> None:
 
 
 def main() -> int:
-    """Run the modes, print a line each, and draw if asked."""
+    """Run the modes, print a line for each, and draw if asked."""
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument('--minutes', type=float, default=60.0)
     options.add_argument('--rate', type=float, default=1000.0)

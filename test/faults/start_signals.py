@@ -1,8 +1,8 @@
 """
-Signals during the start of a node or a tool: no traceback, the exit codes that were promised.
+Signals during the start of a node or a tool: no traceback, and the documented exit codes.
 
 `python test/faults/start_signals.py [--count N] [--seed S] [--only NAME ...] [--page]` sends N
-signals at random moments, and looks that nothing goes on running or stays half-written.
+signals at random moments, and checks that nothing goes on running or is left half-written.
 """
 
 from __future__ import annotations
@@ -35,17 +35,19 @@ OPTIONS: dict[str, tuple[str, ...]] = {
     'fleet': ('{night}', '--workers', '1', *OUT),
     'replay': ('{log}', '--json', '{out}/a.json', '--plot', '{out}/a.png'),
     'robot': ('show', 'reference', '--output', '{out}/a.png')}
-# A tool may have done its work before the signal came.
+# Exit codes that are right; a tool or node may have ended before the signal came.
 NODE_CODES = {signal.SIGINT: (0, 130), signal.SIGTERM: (0,)}
 TOOL_CODES = {signal.SIGINT: (0, 130), signal.SIGTERM: (0, 130)}
+# Latest moment of a signal after the start, s.
 LATEST = 4.0
-# What Python says where a signal comes while it imports `site`: no line of this package has run.
+# Python's own messages where a signal comes while it imports `site`: no line of this package has
+# run.
 SITE = ('Failed to import the site module', 'Fatal Python error: init_')
 
 
 @dataclass(frozen=True)
 class Attack:
-    """One signal: to which program, which, how late (s), and what came of it."""
+    """One signal: the program, the signal, its delay (s), and the outcome."""
 
     program: str
     number: signal.Signals
@@ -55,13 +57,13 @@ class Attack:
 
     @property
     def clean(self) -> bool:
-        """Return whether it ended as promised."""
+        """Return whether the program ended as it should."""
         codes = NODE_CODES if self.program in NODES else TOOL_CODES
         return self.code in codes[self.number] and 'Traceback' not in self.error
 
     @property
     def too_early(self) -> bool:
-        """Return whether Python itself took it, before a line of this package had run."""
+        """Return whether Python itself took the signal, before a line of this package had run."""
         silent = self.code == -self.number and not self.error
         return silent or any(text in self.error for text in SITE)
 
@@ -76,7 +78,7 @@ def attack(program: str, number: signal.Signals, delay: float, domain: int,
     time.sleep(delay)
     process.send_signal(number)
     try:
-        # The pipe stays open as long as a child of the program lives.
+        # Ends only when no child of the program lives: until then the pipe stays open.
         error = process.communicate(timeout=30.0)[1]
     except subprocess.TimeoutExpired:
         error = 'Traceback: it, or a child, goes on'
@@ -89,7 +91,7 @@ def attack(program: str, number: signal.Signals, delay: float, domain: int,
 
 
 def command(program: str, folder: Path) -> list[str]:
-    """Return what starts a node or a tool, with its outputs in a new folder out."""
+    """Return the command line of a node or a tool, with its outputs in a new folder `out`."""
     if program in NODES:
         return [sys.executable, '-m', *NODES[program]]
     (folder / 'out').mkdir()
@@ -99,7 +101,7 @@ def command(program: str, folder: Path) -> list[str]:
 
 
 def attacks(count: int, seed: int, domain: int, programs: list[str]) -> list[Attack]:
-    """Return what came of signals at random moments of the start."""
+    """Return the outcomes of signals at random moments of the start."""
     from faults.fleet_run import write_log
 
     chance, found = random.Random(seed), []
@@ -112,7 +114,7 @@ def attacks(count: int, seed: int, domain: int, programs: list[str]) -> list[Att
 
 
 def main() -> int:
-    """Print what was not clean; return how many."""
+    """Print the attacks that were not clean; return their number."""
     from faults.page import record
 
     options = argparse.ArgumentParser(description=__doc__)

@@ -1,4 +1,4 @@
-"""From the parts of an arm to the arrays that the integrator runs on."""
+"""Assembly: from the parts of an arm to the arrays that `integrator.py` runs on."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from truth.component_modes import ComponentModes, link_modes
 from truth.configuration import Arm, GRAVITY, Joint, Link
 from truth.equations import LinkTerms, mass_and_bias
 
-# Terms that add up when bodies are joined.
+# Terms of a link that add up when bodies are joined.
 EXTENSIVE = ('moments', 'a', 'b', 'mass', 'shortening', 'centrifugal', 'stiffness', 'damping',
              'point_mass', 'point_stiffness')
 
@@ -43,12 +43,12 @@ class System:
 
 
 def twists(joint: Joint) -> bool:
-    """Say whether the gear needs a coordinate of its own."""
+    """Return whether the gear needs a coordinate of its own, by backlash or compliance."""
     return joint.backlash > 0.0 or bool(np.isfinite(joint.gear_stiffness))
 
 
 def bare_terms(modes: ComponentModes, link: Link, extra: int = 0) -> LinkTerms:
-    """Return the link's own terms, padded with `extra` coordinates that move nothing of it."""
+    """Return the link's own terms, padded with `extra` coordinates that do not move it."""
     def vector(x: Array) -> Array:
         return np.pad(x, (0, extra))
 

@@ -1,4 +1,4 @@
-"""Cubic Hermite Euler-Bernoulli beam elements (any text on finite elements, e.g. Cook et al.)."""
+"""Cubic Hermite Euler-Bernoulli beam elements (textbook finite elements, e.g. Cook et al.)."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ class BeamMesh:
 
     def row(self, x: float, derivative: int = 0) -> Array:
         """
-        Return what maps nodal values (size,) to w, w' or w'' at `x` m from the root.
+        Return the map from nodal values to w, w' or w'' at `x` m from the root, (size,).
 
         The curvature of the elements jumps at a node; there the mean of both sides is returned.
         """

@@ -1,4 +1,4 @@
-"""The equations of `equations.py` as loops for Numba; without Numba the numpy form is used."""
+"""The equations of `equations.py` as loops for Numba; without Numba the NumPy form is used."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from truth import equations
 from truth.beam_elements import Array
 from truth.equations import LinkTerms
 
-# Numba's own switch; without compilation the loops would be far slower than numpy.
+# Numba's own switch; without compilation the loops would be far slower than NumPy.
 HAVE_NUMBA = os.environ.get('NUMBA_DISABLE_JIT', '0') == '0'
 try:
     if HAVE_NUMBA:

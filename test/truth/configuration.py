@@ -1,5 +1,5 @@
 """
-What the true arm is made of: every part and every imperfection, null unless set.
+The parts of the true arm, with every imperfection, which is null unless set.
 
 The numbers repeat the project's data sheets on purpose: the truth reads no file of the package.
 """
@@ -12,7 +12,7 @@ import math
 from truth.beam_elements import BeamMesh
 
 GRAVITY = 9.81
-# Half the angle sensors' noise, rad.
+# Travel over which dry friction builds up by default, rad: half the angle sensors' noise.
 INVISIBLE_TRAVEL = 5e-5
 
 
@@ -62,8 +62,8 @@ class Joint:
     and spring (about spring_rest rad) N m/rad; bias, dead_zone and saturation in the command's
     unit.
 
-    In what form nature has them: `presliding` rad is the travel over which dry friction builds
-    up, `bristle` lets it do so as LuGre's bristles do; the lag delays the command or, with
+    The form of the imperfections: `presliding` rad is the travel over which dry friction builds
+    up, with `bristle` as LuGre's bristles do; the lag delays the command or, with
     `lag_inside`, the torque of the loop; `output_share` of the inertia sits behind the gear;
     `contact_stiffness` 1/s^2 is that of a gap's ends per inertia; the angle sensor sits behind
     the gear or, with `sensor_on_motor`, before it.

@@ -1,4 +1,4 @@
-"""Set-points for the joints: seeded random moves, each of minimum jerk."""
+"""Set-points of the joints: random moves from a seed, each of minimum jerk."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The forms in which nature offers an effect: each changes how an arm has what it has."""
+"""The forms in which nature may have an effect: each changes how an arm realises it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from truth.configuration import Arm
 # Joint travel in which bristles bend, rad: three times the angle sensors' noise, a hundredth of
 # an ordinary move.
 SHORT_TRAVEL = 3e-4
-# A tenth of the other contact's: a link of the reference arm sinks in by a milliradian.
+# Contact stiffness per inertia, 1/s^2, a tenth of the usual one: a link of the reference arm sinks
+# in by a milliradian.
 SOFT_CONTACT = 6e3
 # How far from the elbow a hose is tied to the links, m.
 HOSE_REACH = 0.1
@@ -40,16 +41,16 @@ def _lower_gauges(arm: Arm) -> Arm:
 
 
 def _leak(arm: Arm) -> Arm:
-    """Let the payload go by a leak, three of its time constants long where there was a ramp."""
+    """Replace the payload's change by a leak, of a third of the ramp's duration, at least 1 s."""
     return replace(arm, payload=replace(
         arm.payload, leak=max(arm.payload.event_duration / 3.0, 1.0)))
 
 
 def _hose(arm: Arm) -> Arm:
     """
-    Span the elbow with a hose in place of a spring: as stiff where it is loose.
+    Span the elbow with a hose in place of a spring, equally stiff at its rest angle.
 
-    Its length is 2 reach sin(pi/4 - angle/2): the pull's lever is that length's slope.
+    Its length is 2 reach sin(pi/4 - angle/2); the lever of its pull is the slope of that length.
     """
     found = max(arm.joints, key=lambda joint: joint.spring)
     first, second = (replace(joint, spring=0.0) for joint in arm.joints)

@@ -17,7 +17,7 @@ SPRING, SPRING_REST = range(14, 16)
 
 
 class Plant(NamedTuple):
-    """What the right-hand side needs; see `assembly.System` and the column names above."""
+    """Arrays of the right-hand side; see `assembly.System` and the column names above."""
 
     upper: LinkTerms
     lower: LinkTerms
@@ -148,7 +148,7 @@ def right_side(plant: Plant, p: Array, v: Array, u: Array, anchor: Array) -> Arr
 def runge_kutta_step(plant: Plant, p: Array, v: Array, start: Array, middle: Array, end: Array,
                      anchor: Array, h: float) -> tuple[Array, Array]:
     """Return (p, v) after one classical fourth-order step; commands at its three times."""
-    # One call in a loop: four calls take a compiler four times as long.
+    # One call in a loop, because four calls take four times as long to compile.
     n = p.size
     position, velocity, rate = np.zeros(n), v.copy(), np.zeros(n)
     p_after, v_after = p.copy(), v.copy()

@@ -1,7 +1,7 @@
 """
-Logs of the true arm, from a seed: the case says what is hidden, the record hides it.
+Logs of the true arm, from a seed: a TruthCase says what is hidden, a Record is its log.
 
-Two simulators make them; MuJoCo is a development extra, without which its cases cannot be run.
+Two simulators make them. MuJoCo is a development extra; without it its cases cannot be run.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ except ImportError:
 
 FINITE_ELEMENTS, MUJOCO = 'finite_elements', 'mujoco'
 NO_MUJOCO = 'MuJoCo is not installed (extra "bench"): no second truth'
+# Columns of a log by robot.
 COLUMNS = {
     'reference': ('time', 'command_1', 'command_2', 'joint_1', 'joint_2', 'strain_1a',
                   'strain_1b', 'strain_2a', 'strain_2b'),
@@ -37,18 +38,19 @@ COLUMNS = {
                       'strain_2')}
 # Payloads that cases are drawn from, kg; the second robot's nominal is 0.157.
 PAYLOAD_RANGE = {'reference': (0.05, 0.2), 'quanser_2dsfl': (0.12, 0.2)}
+# Severity of a distractor; 1 is clear.
 DISTRACTOR_SEVERITY = 0.2
 
 
 @dataclass(frozen=True)
 class TruthCase:
     """
-    What a record is made from; `effects` are (identifier, parameters) in the truth's terms.
+    All that a record is made from.
 
-    Attributes: payload_true, payload_told kg; excitation rich, rest or one_joint; noise scales
-    the sensors' noise (0: neither noise nor quantisation); distractors are further effects, too
-    small to be named; simulator makes the record, in the forms (see `truth.forms`) that nature
-    gives to what is hidden.
+    `effects` are (identifier, parameters) in the truth's terms; payload_true and payload_told are
+    in kg; excitation is rich, rest or one_joint; noise scales the sensors' noise (0: neither noise
+    nor quantisation); distractors are further effects, too small to be named; simulator makes the
+    record, and forms are those of the hidden effects (see `truth.forms`).
     """
 
     seed: int
@@ -107,7 +109,7 @@ def build_arm(case: TruthCase) -> Arm:
 
 
 def limit_excitation(arm: Arm, case: TruthCase) -> Arm:
-    """Return `arm` told to rest, to move one joint (which, the seed says), or both."""
+    """Return `arm` with set-points that rest, move one joint (drawn by the seed), or both."""
     if case.excitation == 'rich':
         return arm
     moving = {'rest': -1, 'one_joint': case.seed % 2}[case.excitation]
@@ -122,7 +124,7 @@ def sample_times(arm: Arm, samples: int) -> Array:
 
 
 def random_stream(case: TruthCase, purpose: str) -> np.random.Generator:
-    """Return the generator for one purpose: a change of effect leaves all others as they are."""
+    """Return the generator for one purpose, so that a change of effect leaves all others alone."""
     return np.random.default_rng([case.seed, crc32(purpose.encode())])
 
 
@@ -142,7 +144,7 @@ def move(case: TruthCase, command: Array | None = None) -> tuple[Arm, Motion]:
 
 
 def make_record(case: TruthCase, command: Array | None = None) -> Record:
-    """Return the log of `case`; with `command` (N, 2) its own controller stays out."""
+    """Return the log of `case`, under its controller or under a given `command` (N, 2)."""
     arm, motion = move(case, command)
     strain = amplifier_output(motion, arm.sensors, arm.sample_time)
     strain += sensor_noise(random_stream(case, 'strain noise'), strain.shape,

@@ -1,4 +1,4 @@
-"""From the true surface strain to what the amplifiers deliver, and the noise of a log."""
+"""Sensors: from the true surface strain to the amplifiers' output, and the noise of a log."""
 
 from __future__ import annotations
 

@@ -14,14 +14,14 @@ from truth.configuration import Arm
 from truth.equations import LinkTerms, mass_and_bias
 from truth.integrator import Loop, Plant, run
 
-# The classical Runge-Kutta method is stable for real decays up to 2.78 a step.
+# Largest real decay per step; the classical Runge-Kutta method is stable up to 2.78.
 STABLE_DECAY = 2.4
 
 
 @dataclass(frozen=True)
 class Motion:
     """
-    What the arm did: joint (N, 2) rad as read, command (N, 2), fine strain (N S, G) m/m.
+    Motion of the arm: joint (N, 2) rad as read, command (N, 2), fine strain (N S, G) m/m.
 
     `state` (N, 2, coordinates) holds coordinates and rates at the samples.
     """
@@ -67,7 +67,7 @@ def stable_step(arm: Arm, system: System) -> float:
 
 def refuse_forms(arm: Arm) -> None:
     """
-    Raise ValueError where an arm has what these equations leave out.
+    Raise ValueError where an arm has a form that these equations leave out.
 
     A base that slides, a hose, bristles, a lag inside the loop, a payload that is loose in part.
     """

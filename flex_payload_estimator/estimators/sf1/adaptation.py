@@ -1,4 +1,4 @@
-"""Selective forgetting, SF1 (29)."""
+"""One step of SF1 (29), selective forgetting: payload and P from psi and phi."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def sf1_step(mass: float, p: float, psi: float, phi: float, weight: float, alpha
     weight : float
         1 for (29) as printed; reference variance over var(e) where psi and phi are normalised.
     alpha_0, alpha_1 : float
-        The constants.
+        Constants of the forgetting, (30).
 
     """
     kappa = p * phi * weight / (1.0 + phi * p * phi * weight)

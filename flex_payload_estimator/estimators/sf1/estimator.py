@@ -1,4 +1,9 @@
-"""The paper's payload estimator: predictor (23), regression (25)-(28), SF1 (29)."""
+"""
+The paper's payload estimator: predictor (23), regression (25)-(28), SF1 (29).
+
+One `update` a sample takes outputs and command and returns the payload. The prediction is in
+`joint.py`, the regression in `regression.py`; this file holds their sequence.
+"""
 
 from __future__ import annotations
 
@@ -7,15 +12,15 @@ import math
 from typing import Any
 
 from flex_payload_estimator.estimators.base import Estimate, Event
+from flex_payload_estimator.estimators.sf1.composite import CompositeMeasurement
 from flex_payload_estimator.estimators.sf1.joint import at_start, moved, Track
 from flex_payload_estimator.estimators.sf1.regression import (
-    Adapted,
-    advanced,
-    CompositeMeasurement,
-    Law,
     MEMORY,
-    sampled,
+    predict_and_take_sample,
+    SF1Constants,
+    SF1State,
     SIGNIFICANT,
+    take_sample,
 )
 from flex_payload_estimator.estimators.sf1.settings import (
     DEFAULT_SETTINGS,
@@ -32,16 +37,17 @@ from flex_plant_sim.arm.second_order import Array
 from msg_config.errors import InputError
 import numpy as np
 
-# Innovations of twice the stated standard deviation: with as much noise SIGNIFICANT means little.
+# Mean squared ratio of innovations to their stated standard deviation above which the model is
+# suspect: at twice the stated deviation the threshold SIGNIFICANT means little.
 SUSPECT = SIGNIFICANT
-# Of a Gaussian, in standard deviations.
+# Mean absolute deviation of a Gaussian, in standard deviations.
 MEAN_DEVIATION = math.sqrt(2.0 / math.pi)
-# Instead of a sample where none is regressed on.
+# Stands for the measurement where the predictor has none to correct by.
 NO_SAMPLE: Array = np.zeros(0)
 
 
 def is_finite(values: Array) -> bool:
-    """Tell whether all are finite; for a few, a list is quicker than an array."""
+    """Return whether all values are finite; for a few values a list is faster than NumPy."""
     return all(map(math.isfinite, values.tolist()))
 
 
@@ -49,17 +55,18 @@ class SF1Estimator:
     """
     SF1 on a delta model (section 4.1).
 
-    It regresses on one composite measurement and one step, so that it needs as many gauges on a
-    link as modes: with more modes the gauges cannot tell theta_2e, and it would settle elsewhere.
+    It regresses on one composite measurement and one step, so it needs as many gauges on a link
+    as modes: with more modes the gauges do not determine theta_2e, and the estimate would settle
+    on a wrong payload.
 
     Parameters
     ----------
     robot : Robot
-        Its payload mass is not used.
+        The arm; its payload mass is not used.
     model : str
         'paper_reduced', 'paper' or 'assumed_modes'; regression 'paper' needs the first.
     modes : int
-        Modes a link.
+        Modes per link.
     settings : SF1EstimatorSettings
 
     Raises
@@ -88,21 +95,21 @@ class SF1Estimator:
         self._tune()
         self.reset()
         for _ in range(3 * self.pace.samples):
-            # Compile what is compiled, so that no sample waits for it.
+            # Compiles the loops, so that no sample waits for that.
             self.update(0.0, np.zeros(len(self.model.scale)), np.zeros(2))
         self.reset()
 
     def _tune(self) -> None:
-        """Turn the constants of (30) into those of this sampling interval."""
+        """Convert the constants of (30) to this sampling interval."""
         given, share = self.settings, self.pace.share
-        # R_1 enters where (30) has it, once a regression: noise that came in smaller parts would
-        # be turned from deflections into their rates on the way, and be another noise.
+        # R_1 enters once per regression, as in (30). Added in smaller parts it would be another
+        # noise, because the arm turns deflections into rates between them.
         self._process = given.r_1 * share / self.step * np.eye(self.model.states)
         self._no_process = 0.0 * self._process
         measurement = given.r_2 / share * np.eye(len(self.model.scale))
         self._measurement = self.step * measurement
         weights, pace = self.composite.weights, self.pace.samples * self.step
-        self._law = tuple(Law(
+        self._constants = tuple(SF1Constants(
             weights, np.append(self.composite.row, 0.0),
             np.ascontiguousarray(self.model.output),
             np.pad(self.model.output, ((0, 0), (0, 1))), self._sensors, self.model.scale,
@@ -111,7 +118,11 @@ class SF1Estimator:
             min(1.0, pace / MEMORY), min(1.0, self.step / MEMORY), self._resolvent))
 
     def _settled_noise(self) -> float:
-        """Return the composite innovation's variance that (30) settles to, straight, unloaded."""
+        """
+        Return the variance that the composite innovation settles to by (30), rad^2.
+
+        The arm is straight and carries no payload.
+        """
         if not self._resolvent:
             return 1.0
         a, b = self.model.matrices(1.0, 0.0)
@@ -124,10 +135,10 @@ class SF1Estimator:
         return float(row @ p @ row + r_2 * weights @ weights)
 
     def reset(self) -> None:
-        """Forget everything."""
+        """Go back to the start: forget state and payload."""
         self.rejected = 0
         given = self.settings.sf1
-        self.known = Adapted(given.mass_0, given.p_0, given.variance_0, 1.0, 0.0, 1.0, 1.0)
+        self.known = SF1State(given.mass_0, given.p_0, given.variance_0, 1.0, 0.0, 1.0, 1.0)
         self.track: Track | None = None
         self._tracks: tuple[Track, ...] = ()
         self._measured, self._command, self._angle = NO_SAMPLE, np.zeros(2), 0.0
@@ -140,7 +151,7 @@ class SF1Estimator:
         """
         Return the estimate after the sample of a time.
 
-        A sample with a number that is not finite is rejected: the predictor runs on without it.
+        A sample with a number that is not finite is rejected: the predictor goes on without it.
 
         Parameters
         ----------
@@ -161,7 +172,8 @@ class SF1Estimator:
         if output.shape != self.model.scale.shape:
             raise InputError(f'output: expected {len(self.model.scale)} numbers, '
                              f'got shape {output.shape}')
-        # Another layout in memory would be compiled for while the sample waits.
+        # A contiguous array of floats: for another layout Numba would compile anew while the
+        # sample waits.
         scaled, command = self.model.scale * output, np.array(command, dtype=float)
         sent = is_finite(command)
         good = sent and is_finite(scaled)
@@ -172,56 +184,56 @@ class SF1Estimator:
         return self._begin(time, scaled) if self.track is None else self._learn(time, scaled)
 
     def _learn(self, time: float, scaled: Array) -> Estimate:
-        """Predict, and regress where that is due; a model that explodes starts again."""
+        """Predict, and regress where that is due; start again where the model has diverged."""
         due = self._since + 1 >= self.pace.samples
         reading = np.empty((2, len(scaled)))
         track, ahead = self._next_track(), self._take_ahead()
-        sample = scaled, due, tuple(self.known), self._law, reading
+        sample = scaled, due, tuple(self.known), self._constants, reading
         try:
-            surprise, found = sampled(tuple(track), *sample) if ahead else advanced(
-                self._onward(track), *sample)
+            surprise, found = take_sample(tuple(track), *sample) if ahead \
+                else predict_and_take_sample(self._prediction_arguments(track), *sample)
         except FloatingPointError:
-            # n' terms may not hold A T: the state then starts again at the sample.
+            # With too few terms n' (19) may diverge: the state then starts again at the sample.
             surprise, found = math.nan, self.known
-        known = Adapted(*found)
+        known = SF1State(*found)
         if not (math.isfinite(surprise + known.mass + known.p)
                 and 0.0 < known.variance < math.inf):
             return self._begin(time, scaled, 'model_suspect')
         self.track, self.known, self._angle = track, known, float(scaled[1])
         self._measured, self._since = (scaled, 0) if due else (NO_SAMPLE, self._since + 1)
-        return self._say(time, reading)
+        return self._estimate_with_status(time, reading)
 
     def _begin(self, time: float, scaled: Array, status: str = 'not_excited') -> Estimate:
-        """Start the state at a sample; the payload stays what it was."""
+        """Start the state at a sample; the payload keeps its value."""
         start = INITIAL_VARIANCE * np.eye(self.model.states)
-        # One to read while the other is written.
+        # Two tracks: one is read while the other is written.
         self._tracks = tuple(at_start(scaled, self._sensors, start, self._variance())
                              for _ in range(2))
         self.track = self._tracks[0]
         self.known = self.known._replace(lag=0.0, spread=1.0)
         self._angle, self._measured, self._since = float(scaled[1]), scaled, 0
         reading = np.empty((2, len(scaled)))
-        sampled(tuple(self.track), scaled, False, tuple(self.known), self._law, reading)
+        take_sample(tuple(self.track), scaled, False, tuple(self.known), self._constants, reading)
         self._last = self._estimate(time, reading, status)
         return self._last
 
     def conclude(self) -> None:
-        """Do nothing: all is done in `update`."""
+        """Do nothing: `update` leaves nothing over."""
 
     @property
     def events(self) -> Sequence[Event]:
-        """Return no changes: none are looked for."""
+        """Return no changes: SF1 does not look for them."""
         return ()
 
     def prepare(self, command: Array) -> None:
         """
-        Predict while no measurement waits: `update` is then quicker, and its answer the same.
+        Predict while no measurement waits: `update` is then faster, with the same answer.
 
         Parameters
         ----------
         command : Array
-            What will have been applied up to the next sample, (2,); where `update` is told
-            otherwise, it predicts again.
+            Command that will be applied up to the next sample, (2,). Where `update` gets another
+            one, it predicts again.
 
         """
         command = np.array(command, dtype=float)
@@ -230,27 +242,28 @@ class SF1Estimator:
             self._ahead = command if self._predicted() else None
 
     def _take_ahead(self) -> bool:
-        """Tell whether the next track has been predicted, with the command that was applied."""
+        """Return whether `prepare` has predicted with the command that was in fact applied."""
         ahead, self._ahead = self._ahead, None
         return ahead is not None and ahead.tolist() == self._command.tolist()
 
     def _next_track(self) -> Track:
-        """Return where the next sample's track is written."""
+        """Return the track that the next prediction may overwrite."""
         assert self.track is not None
         return self._tracks[self.track.joint is self._tracks[0].joint]
 
     def _predicted(self) -> bool:
-        """Write the track at the next sample, and tell whether that could be done."""
+        """Write the track at the next sample; return whether the prediction converged."""
         try:
-            moved(*self._onward(self._next_track()))
+            moved(*self._prediction_arguments(self._next_track()))
             return True
         except FloatingPointError:
             return False
 
-    def _onward(self, after: Track) -> tuple[Any, ...]:
-        """Return what joint.moved takes."""
+    def _prediction_arguments(self, after: Track) -> tuple[Any, ...]:
+        """Return the arguments of joint.moved, which writes the track `after`."""
         assert self.track is not None
-        # V is carried on by the secant to where the payload may be: a heavier one shows less.
+        # The covariance is propagated with the secant to a payload one mean deviation heavier: the
+        # tangent would overstate the effect of the payload's error, for a heavier one shows less.
         mass = self.known.mass
         heavier = mass + MEAN_DEVIATION * math.sqrt(self._variance())
         noisy = (self._since + 1) % self.pace.samples == 0
@@ -260,20 +273,21 @@ class SF1Estimator:
                 self._process if noisy else self._no_process, self._measurement, self._sensors,
                 self._room, self.step)
 
-    def _say(self, time: float, reading: Array) -> Estimate:
-        """Return the estimate with what is to be thought of it."""
+    def _estimate_with_status(self, time: float, reading: Array) -> Estimate:
+        """Return the estimate after a sample, with the status that excitation and noise imply."""
         status = 'ok'
         if self.known.level > SUSPECT:
             status = 'model_suspect'
         elif (self.known.excitation <= SIGNIFICANT
               or self.known.variance > 0.5 * self.settings.sf1.variance_0):
-            # Noise explains all, or less is known than what was assumed at the start.
+            # Noise alone explains the regressor, or the payload is hardly better known than at
+            # the start.
             status = 'not_excited'
         self._last = self._estimate(time, reading, status)
         return self._last
 
     def _reject(self, time: float) -> Estimate:
-        """Run on without a sample; where that leads nowhere, start again at the next."""
+        """Predict without a sample; where that diverges, start again at the next."""
         self.rejected += 1
         if self.track is not None:
             track = self._next_track()
@@ -285,13 +299,19 @@ class SF1Estimator:
         return self._last
 
     def _estimate(self, time: float, reading: Array, status: str) -> Estimate:
+        """Return the estimate; `reading` holds the innovation and its standard deviation."""
         known, variance = self.known, self._variance()
         if not self._resolvent:
             variance *= max(known.level, 1.0)
         return Estimate(time, known.mass, variance, known.p, reading[0], reading[1], status)
 
     def _variance(self) -> float:
-        """Return the payload's variance, kg^2: as much is known without any sample."""
+        """
+        Return the payload's variance, kg^2.
+
+        It is at most the second moment of the prior about the estimate, which holds without any
+        sample.
+        """
         known, given = self.known, self.settings.sf1
         if not self._resolvent:
             return known.variance
@@ -300,12 +320,13 @@ class SF1Estimator:
 
 def check_usable(robot: Robot, model: str, modes: int, settings: SF1EstimatorSettings) -> None:
     """
-    Raise where SF1 cannot work.
+    Check that SF1 can estimate with a robot, model and settings.
 
     Raises
     ------
     InputError
-        More modes than gauges on a link, or regression 'paper' on a model it is not written for.
+        More modes than gauges on a link, or regression 'paper' on another model than
+        'paper_reduced'.
 
     """
     if settings.regression == 'paper' and model != 'paper_reduced':

@@ -1,4 +1,8 @@
-"""The constants of SF1 (30), as densities, and the choices beside it."""
+"""
+Settings of the SF1 estimators: the constants of (30) and the choices beyond the paper.
+
+`Pace` converts the constants to other sampling intervals, as densities over time.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +12,7 @@ from typing import Literal
 from msg_config.errors import InputError
 
 Regression = Literal['paper', 'resolvent']
-# s; the sampling interval that the constants of (30) belong to.
+# Sampling interval that the constants of (30) belong to, s.
 PAPER_STEP = 0.01
 
 
@@ -20,11 +24,11 @@ class SF1Settings:
     Attributes
     ----------
     alpha_0, alpha_1 : float
-        0 < alpha_0 < alpha_1; alpha_0 a sample of PAPER_STEP.
+        0 < alpha_0 < alpha_1; alpha_0 is added to P per sample of PAPER_STEP.
     p_0 : float
         P at the start.
     mass_0 : float
-        theta_0, kg.
+        theta_0, the payload at the start, kg.
     variance_0 : float
         Variance of theta_0, kg^2.
 
@@ -46,23 +50,24 @@ class SF1Settings:
 @dataclass(frozen=True)
 class SF1EstimatorSettings:
     """
-    What (30) gives, and the choices beside it.
+    The constants of (30), and the choices beyond the paper.
 
     Attributes
     ----------
     regression : str
-        'paper': split (15), (16), psi and phi as printed, at every sample, with the constants as
-        they stand, the state carried on by (23).
-        'resolvent': resolvent split, psi and phi divided by the standard deviation of the
-        composite innovation over its settled value (so that the constants keep their scale), at
-        the pace to which the constants belong, the state carried on by (24).
+        'paper': split (15), (16), psi and phi as printed, a regression at every sample with the
+        constants unchanged, the state carried on by (23).
+        'resolvent': resolvent split, psi and phi divided by the ratio of the standard deviation
+        of the composite innovation to its settled value (so that the constants keep their
+        scale), a regression at the pace to which the constants belong, the state carried on by
+        (24).
     r_1, r_2 : float
-        R_1 = r_1 I, R_2 = r_2 I of the predictor, angles in rad, gauges in V, a sample of
+        R_1 = r_1 I, R_2 = r_2 I of the predictor, angles in rad, gauges in V, per sample of
         PAPER_STEP.
     terms : int
         n' of (19).
     exact : bool
-        Halve the step where n' terms do not reach full accuracy.
+        Halve the step of (19) where n' terms do not reach full accuracy.
     mass_max : float
         The estimate stays in [0, mass_max], kg.
     sf1 : SF1Settings
@@ -91,19 +96,19 @@ PAPER_SETTINGS = SF1EstimatorSettings(regression='paper', exact=False)
 @dataclass(frozen=True)
 class Pace:
     """
-    How often to regress at a sampling interval, and what the constants then are.
+    How often to regress at a sampling interval, and how the constants of (30) scale with it.
 
-    SF1 compares one step of the arm with one measurement, and what a step tells of the payload
-    grows with the square of its length: steps of 1 ms, however many, tell next to nothing. So
-    faster data is regressed at the pace of (30) and predicted exactly in between. Where samples
-    are rarer the constants are densities: R_1 and alpha_0 grow with the step, R_2 shrinks.
+    SF1 compares one step of the arm with one measurement, and the information on the payload in a
+    step grows with the square of its length: steps of 1 ms, however many, tell next to nothing.
+    So faster data is regressed at the pace of (30) and predicted exactly in between. For slower
+    data the constants are densities over time: R_1 and alpha_0 grow with the step, R_2 shrinks.
 
     Attributes
     ----------
     samples : int
-        From one regression to the next.
+        Samples from one regression to the next.
     share : float
-        Their duration over PAPER_STEP.
+        Their duration divided by PAPER_STEP.
 
     """
 

@@ -33,7 +33,7 @@ def draw_bias(rng: np.random.Generator, arm: Arm, severity: float) -> Parameters
 
 
 def apply_bias(arm: Arm, size: Parameters) -> Arm:
-    """Add a constant to what the drive makes of the command."""
+    """Add a constant to the command inside the drive."""
     return with_joint(arm, size['joint'], bias=size['bias'])
 
 
@@ -55,7 +55,7 @@ def draw_saturation(rng: np.random.Generator, arm: Arm, severity: float) -> Para
 
 
 def apply_saturation(arm: Arm, size: Parameters) -> Arm:
-    """Limit the command in the drive; the log holds what was asked for."""
+    """Limit the command inside the drive; the log holds the command as sent."""
     return with_joint(arm, size['joint'], saturation=size['limit'])
 
 
@@ -75,7 +75,7 @@ def draw_input_delay(rng: np.random.Generator, arm: Arm, severity: float) -> Par
 
 
 def apply_input_delay(arm: Arm, size: Parameters) -> Arm:
-    """Let all commands arrive late."""
+    """Delay all commands."""
     return replace(arm, input_delay=size['delay'])
 
 

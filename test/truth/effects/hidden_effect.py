@@ -1,9 +1,9 @@
 """
-What a hidden effect is: it changes the true arm in its own physical way, its size from a seed.
+A hidden effect: a physical change of the true arm, of a size that is drawn from a seed.
 
 `severity` 1 draws a size that an engineer would call clear, 0.2 a distractor below any sensible
-threshold, 0 the null. Sizes are told as each `draw` states them; friction is given against the
-drive's own viscous torque at 1 rad/s (20 and 5 N m on the reference robot).
+threshold, 0 the null. Each `draw` states its sizes; friction is given relative to the drive's own
+viscous torque at 1 rad/s (20 and 5 N m on the reference robot).
 """
 
 from __future__ import annotations

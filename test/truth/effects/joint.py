@@ -90,7 +90,7 @@ def apply_backlash(arm: Arm, size: Parameters) -> Arm:
     """Add a gap, rad, with contact between the rotor and the link; the sensor is link-side."""
     if size['gap'] == 0.0:
         return arm
-    # Impacts are short: a finer step than the smooth arm's.
+    # Impacts are short and need a finer step than the smooth arm.
     return with_joint(replace(arm, step=0.5 * arm.step), size['joint'], backlash=size['gap'])
 
 
@@ -140,7 +140,7 @@ def draw_spring(rng: np.random.Generator, arm: Arm, severity: float) -> Paramete
 
 
 def apply_spring(arm: Arm, size: Parameters) -> Arm:
-    """Let a cable or a hose pull the joint, N m/rad, to where it hangs loose, rad."""
+    """Let a cable or a hose pull the joint, N m/rad, to its rest angle, rad."""
     return with_joint(arm, size['joint'], spring=size['stiffness'], spring_rest=size['rest'])
 
 

@@ -11,6 +11,7 @@ from truth.effects.hidden_effect import HiddenEffect, Parameters
 
 # How a payload changes, by number.
 DROP, PICK, RAMP = range(3)
+# Smallest share of a payload that is left by a change.
 LEAST_LEFT = 0.1
 
 

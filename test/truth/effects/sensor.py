@@ -27,7 +27,7 @@ def draw_angle_gain(rng: np.random.Generator, arm: Arm, severity: float) -> Para
 
 
 def apply_angle_gain(arm: Arm, size: Parameters) -> Arm:
-    """Multiply what an angle sensor reads."""
+    """Multiply the reading of an angle sensor."""
     return with_sensor(arm, size['joint'], 'angle_gain', lambda x: x * size['factor'])
 
 
@@ -37,7 +37,7 @@ def draw_angle_offset(rng: np.random.Generator, arm: Arm, severity: float) -> Pa
 
 
 def apply_angle_offset(arm: Arm, size: Parameters) -> Arm:
-    """Add a constant, rad, to what an angle sensor reads."""
+    """Add a constant, rad, to the reading of an angle sensor."""
     return with_sensor(arm, size['joint'], 'angle_offset', lambda x: x + size['offset'])
 
 
@@ -68,7 +68,7 @@ def draw_strain_gain(rng: np.random.Generator, arm: Arm, severity: float) -> Par
 
 
 def apply_strain_gain(arm: Arm, size: Parameters) -> Arm:
-    """Multiply what a gauge reads."""
+    """Multiply the reading of a gauge."""
     return with_sensor(arm, size['gauge'], 'strain_gain', lambda x: x * size['factor'])
 
 
@@ -108,7 +108,7 @@ def draw_strain_delay(rng: np.random.Generator, arm: Arm, severity: float) -> Pa
 
 
 def apply_strain_delay(arm: Arm, size: Parameters) -> Arm:
-    """Let all strain readings be old."""
+    """Delay all strain readings."""
     return replace(arm, sensors=replace(arm.sensors, strain_delay=size['delay']))
 
 

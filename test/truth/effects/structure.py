@@ -17,6 +17,7 @@ from truth.effects.hidden_effect import (
     with_link,
 )
 
+# Smallest share of a link's stiffness that is left by a change.
 LEAST_LEFT = 0.2
 
 

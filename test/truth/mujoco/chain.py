@@ -1,5 +1,5 @@
 """
-The arm as a chain of rigid segments: the MJCF text and what is read from the compiled model.
+The arm as a chain of rigid segments: its MJCF text, and addresses in the compiled model.
 
 Each link is cut into `n` cells of length `h = L/n`. The bending compliance `h/EI` of a cell sits
 in one hinge at its centre, so the rigid bodies are `h/2, h, …, h, h/2` long and the clamp needs
@@ -18,7 +18,9 @@ import numpy as np
 from truth.beam_elements import Array
 from truth.configuration import Arm, GRAVITY, Link
 
+# Mass and inertia that stand for none, because MuJoCo needs some.
 MASSLESS_KG, MASSLESS_KG_M2 = 1e-3, 1e-6
+# Cells per link.
 CELLS = 20
 # Hard ends of a gap are the constraint solver's: its shortest time constant is two steps.
 HARD_END = '0.001 1'
@@ -53,7 +55,7 @@ def _address(model: mujoco.MjModel, name: str) -> int:
 
 
 def twists(arm: Arm, j: int) -> bool:
-    """Return whether something gives way between a rotor and its link."""
+    """Return whether the gear gives way between a rotor and its link."""
     return arm.joints[j].backlash > 0.0 or math.isfinite(arm.joints[j].gear_stiffness)
 
 

@@ -1,4 +1,4 @@
-"""What acts on the rotors of the chain at every step: drives, friction, ripple, payload."""
+"""Forces on the chain at every step: drives, friction, ripple, and the payload's changes."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def soft_end(joint: Joint, lead: float, speed: float) -> float:
 
 
 class Surroundings:
-    """All that changes while the chain moves."""
+    """Forces and parameters that change while the chain moves."""
 
     def __init__(self, arm: Arm, chain: Chain):
         self.arm, self.chain = arm, chain

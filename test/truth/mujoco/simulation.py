@@ -14,6 +14,7 @@ from truth.mujoco.chain import build, Chain
 from truth.mujoco.drives import Surroundings
 from truth.simulation import Motion
 
+# Strain from which a simulation counts as unstable, m/m.
 BROKEN_STRAIN = 0.02
 # Sub-steps of at most 0.5 ms and ten a sample: on the reference arm half as many are unstable.
 LONGEST_STEP, FEWEST_STEPS = 5e-4, 10
