@@ -15,7 +15,8 @@ from dataclasses import replace
 from pathlib import Path
 import sys
 
-from flex_payload_estimator.tools.diagnose import Findings, options as diagnose_options, run
+from flex_payload_estimator.tools.diagnose import Findings, run
+from flex_payload_estimator.tools.diagnose import options as diagnose_options
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.diagnosis.prediction.free_run import free_run, window_rows
 from flex_plant_sim.diagnosis.prediction.latent_view import Finding

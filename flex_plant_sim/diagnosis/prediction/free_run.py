@@ -102,8 +102,10 @@ def horizon_errors(predictor: Predictor, horizons: Sequence[float]) -> dict[floa
     samples = {h: horizon_samples(h, step) for h in (step, *horizons)}
     kept = {h: k for h, k in samples.items()
             if np.count_nonzero(starts + k <= stop) >= min(FEWEST_STARTS, len(starts))}
-    found = errors(predictor, starts, max(kept.values()))
-    return {h: found[k - 1][starts + k <= stop] for h, k in kept.items()}
+    simulated = free_run(predictor, starts, max(kept.values()))
+    # Of long runs only the ends of the horizons are compared.
+    return {h: predictor.record.output[starts[inside] + k - 1] - simulated[k - 1, inside]
+            for h, k in kept.items() for inside in [starts + k <= stop]}
 
 
 def window_rows(predictor: Predictor) -> tuple[int, int]:

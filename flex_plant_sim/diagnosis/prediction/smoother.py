@@ -13,8 +13,9 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import compiled
 import numpy as np
 
-# Bytes for the covariances of a block; a record of 30 s at 500 Hz with 20 states is one block.
-BLOCK_BYTES = 64e6
+# Bytes for the covariances of a block. Of several blocks each is filtered twice, however many
+# there are: smaller ones cost no more time.
+BLOCK_BYTES = 12e6
 
 
 @dataclass(frozen=True)
