@@ -9,14 +9,14 @@ from typing import Any
 from flex_plant_sim.arm.file_section import PLAUSIBLE
 from flex_plant_sim.arm.robot import Tolerances
 from flex_plant_sim.arm.robot_file import DRIVE_KINDS, parse_robot
-from flex_plant_sim.arm.robot_keys import Key, SECTIONS, TOLERANCES
+from flex_plant_sim.arm.robot_keys import Key, KEY_GROUPS, TOLERANCES
 from flex_plant_sim.commissioning.template import reference_page, template
 from msg_config.errors import InputError
 import pytest
 import yaml
 
 DEFAULTS = {'none': None, '0': 0.0, '1': 1.0}
-EACH_KEY = [(place, key) for section in SECTIONS for place in section.places
+EACH_KEY = [(place, key) for section in KEY_GROUPS for place in section.places
             for key in section.keys
             if not section.kind or section.kind == 'velocity_loop']
 
@@ -53,7 +53,7 @@ def test_a_key_without_a_default_must_be_there(place: str, key: Key) -> None:
 
 @pytest.mark.parametrize('kind', sorted(DRIVE_KINDS))
 def test_every_kind_of_drive_is_described_as_the_parser_reads_it(kind: str) -> None:
-    section = next(section for section in SECTIONS if section.kind == kind)
+    section = next(section for section in KEY_GROUPS if section.kind == kind)
     found = data()
     for joint, name in enumerate(('shoulder', 'elbow')):
         found['drives'][name] = {'kind': kind, **{
@@ -81,7 +81,7 @@ def test_a_geared_motor_without_a_tacho_runs_at_its_back_emf() -> None:
 
 
 def test_no_key_of_the_parser_is_undocumented() -> None:
-    described = {key.name for section in SECTIONS for key in section.keys}
+    described = {key.name for section in KEY_GROUPS for key in section.keys}
     described |= {f'tolerances.{name}' for name in TOLERANCES}
     assert set(PLAUSIBLE) <= described
     assert set(TOLERANCES) == {field.name for field in fields(Tolerances)}

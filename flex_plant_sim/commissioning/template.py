@@ -10,9 +10,9 @@ from flex_plant_sim.arm.robot import Tolerances
 from flex_plant_sim.arm.robot_keys import (
     EFFECTS_ABOUT,
     Key,
+    KEY_GROUPS,
+    KeyGroup,
     KIND,
-    Section,
-    SECTIONS,
     TOLERANCES,
     TOLERANCES_ABOUT,
 )
@@ -30,7 +30,7 @@ def template() -> str:
     """Return a robot file with a comment for every key."""
     parts = [_comment(HEAD, '')]
     mapping = ''
-    for section in SECTIONS:
+    for section in KEY_GROUPS:
         for index, place in enumerate(section.places):
             if section.kind and place not in section.examples:
                 continue
@@ -43,7 +43,7 @@ def template() -> str:
     return ''.join(parts)
 
 
-def _block(section: Section, index: int, name: str, indent: str) -> str:
+def _block(section: KeyGroup, index: int, name: str, indent: str) -> str:
     lines = f'{indent}{name}:\n' if name else ''
     inner = f'{indent}  ' if name else indent
     if section.kind:
@@ -82,10 +82,10 @@ def reference_page() -> str:
             'in the names of the keys. `flex_robot template` prints one with a comment for every '
             'key. A key without a default must be there. A number outside its range '
             'is refused: a unit or a decimal point is wrong.\n')
-    return head + ''.join(_table(section) for section in SECTIONS) + _ending()
+    return head + ''.join(_table(section) for section in KEY_GROUPS) + _ending()
 
 
-def _table(section: Section) -> str:
+def _table(section: KeyGroup) -> str:
     where = ' and '.join(f'`{place}`' for place in section.places if place) or 'the top'
     kind = f' `kind: {section.kind}`.' if section.kind else ''
     rows = ''.join(
