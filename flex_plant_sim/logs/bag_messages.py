@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.inputs.stamps import NANOSECONDS, sane_stamp
+from flex_plant_sim.inputs.stamps import NANOSECONDS, valid_stamp
 from flex_plant_sim.logs.bounded import bounded, MEMORY
 from msg_config.contract import load_topics
 from msg_config.errors import InputError
@@ -142,7 +142,7 @@ class _Collector:
         """Take a message whose stamp comes after the last one's."""
         own = message.header.stamp
         where = f'{self.path}: {self.name}: message {len(self.stamps) + 1}'
-        if not sane_stamp(own.sec, own.nanosec):
+        if not valid_stamp(own.sec, own.nanosec):
             raise InputError(f'{where}: header.stamp: expected a time, got {own.sec} s and '
                              f'{own.nanosec} ns')
         stamp = own.sec * NANOSECONDS + own.nanosec

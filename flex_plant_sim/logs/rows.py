@@ -7,9 +7,16 @@ from dataclasses import dataclass, replace
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.inputs.gate import counted, Gate, judge_all, Refusal
+from flex_plant_sim.inputs.gate import counted, Gate, judge_record, Refusal
 from flex_plant_sim.inputs.plausible import unit_hint
-from flex_plant_sim.inputs.resample import bridged, even_grid, filled, Grid, KEPT, LOST
+from flex_plant_sim.inputs.resample import (
+    even_grid,
+    fill_by_line,
+    fill_by_spline,
+    Grid,
+    KEPT,
+    LOST,
+)
 from flex_plant_sim.inputs.single_errors import single_errors
 from flex_plant_sim.logs.log import Log
 from msg_config.errors import InputError
@@ -100,9 +107,10 @@ def to_log(rows: Rows, robot: Robot, commands: Callable[[Grid], Array] | None = 
     rows = _with_stuck(rows, robot)
     shifted = replace(grid, start=grid.start - start)
     log = Log(rows.source, rows.time[0] + grid.time,
-              bridged(grid, rows.command) if commands is None else commands(shifted),
-              filled(grid, rows.joint), filled(grid, rows.strain), robot.gauge_names,
-              None if rows.velocity is None else filled(grid, rows.velocity),
+              fill_by_line(grid, rows.command) if commands is None else commands(shifted),
+              fill_by_spline(grid, rows.joint), fill_by_spline(grid, rows.strain),
+              robot.gauge_names,
+              None if rows.velocity is None else fill_by_spline(grid, rows.velocity),
               rows.notes, rows.doubts, lost=grid.missing if grid.lost else None)
     return _sampled_otherwise(_with_single_errors(log, rows, grid), robot)
 
@@ -122,7 +130,7 @@ def _check_time(rows: Rows) -> None:
 def _gated(rows: Rows, robot: Robot) -> Rows:
     """Return the rows without those that the arm cannot have made."""
     gate = Gate(robot)
-    refusals = judge_all(gate, rows.time, np.hstack([rows.joint, rows.strain]), rows.command)
+    refusals = judge_record(gate, rows.time, np.hstack([rows.joint, rows.strain]), rows.command)
     refused = [k for k, refusal in enumerate(refusals) if refusal is not None]
     if not refused:
         return rows
