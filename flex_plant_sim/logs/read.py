@@ -1,4 +1,4 @@
-"""The readers of logs, one for each storage format."""
+"""Reads a log in any storage format; the entry of the tools to this package."""
 
 from __future__ import annotations
 
