@@ -1,4 +1,4 @@
-"""The template of a robot file and the docs page about it, from one table of keys."""
+"""Writes the template of a robot file and its docs page from the table in arm/robot_keys.py."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from flex_plant_sim.arm.robot_keys import (
     TOLERANCES_ABOUT,
 )
 
-# Characters a line; the sources have 99.
+# Characters per line of the template.
 WIDTH = 95
 HEAD = (
     'Robot file of a two-link flexible arm that moves in the horizontal plane. Replace the '
@@ -62,7 +62,7 @@ def _words(key: Key) -> str:
 
 
 def _comment(text: str, indent: str, index: int = 0) -> str:
-    """Return a comment, for the first place of a section only."""
+    """Return a comment; it is empty except for the first place of a group of keys."""
     if index:
         return ''
     return ''.join(f'{indent}# {line}\n' for line in wrap(text, WIDTH - len(indent)))
