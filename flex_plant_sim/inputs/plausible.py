@@ -79,7 +79,7 @@ def channel_hints(measured: Array, expected: Array, names: Sequence[str],
     measured, expected : Array
         (N, m).
     names, units : sequence of str
-        Of the m channels; SI units.
+        Names and SI units of the m channels.
     noise : Array
         Standard deviations of the channels' noise, (m,).
 

@@ -28,7 +28,7 @@ def slop_of(sample_time: float) -> int:
 
 
 @dataclass(frozen=True)
-class Sample:
+class PairedSample:
     """
     A complete sample.
 
@@ -97,7 +97,7 @@ class Synchroniser:
             part: deque(maxlen=OFFSETS) for part in self._parts[1:]}
         self.lost = 0
 
-    def add(self, part: str, stamp: int, value: Any) -> Sample | None:
+    def add(self, part: str, stamp: int, value: Any) -> PairedSample | None:
         """Return the sample that this part, with its stamp in ns, completes, or None."""
         own = self._waiting[part]
         own.count += 1
@@ -119,7 +119,7 @@ class Synchroniser:
         self._offsets[part].append(stamp - nearest[0])
         return nearest[0]
 
-    def _complete(self, reference: int) -> Sample | None:
+    def _complete(self, reference: int) -> PairedSample | None:
         chosen = {}
         for part, waiting in self._waiting.items():
             near = waiting.nearest(reference)
@@ -128,7 +128,7 @@ class Synchroniser:
             chosen[part] = near
         for part, (stamp, _) in chosen.items():
             self._drop_up_to(part, stamp)
-        return Sample(reference, {part: value for part, (_, value) in chosen.items()})
+        return PairedSample(reference, {part: value for part, (_, value) in chosen.items()})
 
     def _drop_up_to(self, part: str, stamp: int) -> None:
         """Drop messages older than those of a complete sample: their other parts were lost."""

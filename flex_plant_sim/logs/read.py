@@ -23,7 +23,7 @@ class LogReader(Protocol):
         Raises
         ------
         InputError
-            Naming file and row, column or topic, what was expected and what came.
+            Names file and row, column or topic, what was expected and what was found.
 
         """
 
@@ -35,7 +35,7 @@ def read_log(path: str | Path, robot: Robot) -> Log:
     Raises
     ------
     InputError
-        Naming file and row, column or topic, what was expected and what came.
+        Names file and row, column or topic, what was expected and what was found.
 
     """
     path = Path(path)
