@@ -1,1 +1,1 @@
-"""The flexible two-link arm: its models, its simulator, its effects and their diagnosis."""
+"""The flexible two-link arm: its models, its effects, its simulator and the diagnosis of logs."""

@@ -1,4 +1,9 @@
-"""Files that appear whole or not at all, and replace nothing that these tools did not write."""
+"""
+Writes files so that they appear whole or not at all.
+
+Every output of the tools goes through here. A mark in each file prevents that the tools replace a
+file that they did not write.
+"""
 
 from __future__ import annotations
 
@@ -14,44 +19,45 @@ from tempfile import TemporaryDirectory
 from msg_config.errors import InputError
 
 AUTHOR = 'flex_payload'
-# Comments, image metadata, HTML and JSON carry it near their start or their end.
+# Mark of a written file, in comments, image metadata, HTML or JSON near its start or end.
 MARK = f'written by {AUTHOR}'
-MARKED = re.compile(rb'written.by\W{0,4}' + AUTHOR.encode())
-# Bytes at either end of a file in which the mark stands.
-WHERE = 8192
-# In a folder that was written whole, the file that carries the mark.
+MARK_PATTERN = re.compile(rb'written.by\W{0,4}' + AUTHOR.encode())
+# Number of bytes at either end of a file in which the mark is looked for.
+MARK_RANGE = 8192
+# Name of the file that carries the mark in a folder that was written whole.
 SUMMARY = 'summary.json'
-SYSTEM = ('/dev', '/proc', '/sys')
+SYSTEM_FOLDERS = ('/dev', '/proc', '/sys')
 
 
 @contextmanager
 def whole_file(path: str | Path, folder: bool = False, known: bool = False) -> Iterator[Path]:
     """
-    Yield a temporary path beside `path` that takes its name when the block ends well.
+    Yield a temporary path beside `path`, which is renamed to `path` if the block succeeds.
 
-    After an error or Ctrl-C nothing is left, and what stood at `path` before stays. What the
-    block makes must bear MARK, or it is never replaced: a file near its start or end, a folder
-    in its SUMMARY.
+    After an error or Ctrl-C nothing is left of it, and an earlier file at `path` is unchanged. The
+    block must write MARK, near the start or end of a file or in the SUMMARY of a folder, or the
+    output cannot be replaced later.
 
     Parameters
     ----------
     path : str or Path
-        Where the file shall stand.
+        Path of the output.
     folder : bool
-        Whether an earlier folder may be replaced, else an earlier file.
+        Whether the output is a folder; it may then replace an earlier folder, else an earlier
+        file.
     known : bool
-        Whether the caller knows, without the mark, that it wrote what stands there.
+        Whether the caller knows, without the mark, that it wrote the earlier output.
 
     Raises
     ------
     InputError
-        If nothing can be written there, or something stands there that was not written so.
+        Nothing can be written there, or the path exists and was not written by these tools.
 
     """
     target = Path(os.path.realpath(path))
     check_replaceable(path, folder, known)
     try:
-        # Its name stays: writers take formats and names of parts from it.
+        # The file keeps its name, since writers take the format and names of parts from it.
         with TemporaryDirectory(prefix='.', suffix=f'.{target.name[-60:]}',
                                 dir=target.parent) as beside:
             yield Path(beside) / target.name
@@ -69,16 +75,17 @@ def _reason(error: OSError) -> str:
 
 def check_replaceable(path: str | Path, folder: bool = False, known: bool = False) -> None:
     """
-    Raise where an output cannot be, or would replace what these tools did not write.
+    Check that an output can be written and would replace only an output of these tools.
 
     Raises
     ------
     InputError
+        It cannot be written, or would replace something else.
 
     """
     target = Path(os.path.realpath(path))
     try:
-        if os.path.abspath(path).startswith(SYSTEM):
+        if os.path.abspath(path).startswith(SYSTEM_FOLDERS):
             raise InputError(f'{path}: expected a file to write, got a device or a pipe')
         if not target.parent.is_dir():
             raise InputError(f'{path}: expected an existing folder, got '
@@ -97,21 +104,22 @@ def check_replaceable(path: str | Path, folder: bool = False, known: bool = Fals
 
 
 def image_metadata(path: str | Path) -> dict[str, str | None]:
-    """Return the mark of these tools as an image of that suffix holds it: PNG, PDF, SVG."""
+    """Return the metadata that mark an image, by its suffix: PNG, PDF or SVG."""
     return {'Software': MARK} if Path(path).suffix == '.png' else {'Creator': MARK}
 
 
 def written_here(path: Path) -> bool:
-    """Return whether a file or folder bears the mark of these tools, or is empty."""
+    """Return whether a file or folder has the mark of these tools, or is empty."""
     if not path.is_dir():
-        return _marked(path, empty=True)
+        return _has_mark(path, empty=True)
     summary = path / SUMMARY
-    return not any(path.iterdir()) or (summary.is_file() and _marked(summary, empty=False))
+    return not any(path.iterdir()) or (summary.is_file() and _has_mark(summary, empty=False))
 
 
-def _marked(path: Path, empty: bool) -> bool:
+def _has_mark(path: Path, empty: bool) -> bool:
     with open(path, 'rb') as file:
         size = os.fstat(file.fileno()).st_size
-        head = file.read(WHERE)
-        file.seek(max(size - WHERE, 0))
-        return (empty and not size) or bool(MARKED.search(head) or MARKED.search(file.read(WHERE)))
+        head = file.read(MARK_RANGE)
+        file.seek(max(size - MARK_RANGE, 0))
+        tail = file.read(MARK_RANGE)
+    return (empty and not size) or bool(MARK_PATTERN.search(head) or MARK_PATTERN.search(tail))

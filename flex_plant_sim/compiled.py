@@ -1,4 +1,4 @@
-"""Numba where it is installed (the extra `speed`); the same code runs without it."""
+"""Compiles inner loops with Numba if it is installed (the extra `speed`); else they run as is."""
 
 from __future__ import annotations
 
@@ -19,11 +19,12 @@ Function = TypeVar('Function', bound=Callable[..., Any])
 
 
 def compiled(function: Function) -> Function:
-    """Return the function compiled, once for each state of the sources, or as it is."""
+    """Return the function compiled; the result is cached until a source file changes."""
     if not COMPILED:
         return function
     dispatcher: Any = njit(cache=True)(function)
-    # Numba asks whether a function's own file has changed; what it calls is compiled into it.
+    # Numba only checks the function's own file, but the functions that it calls are compiled into
+    # it.
     index = dispatcher._cache._cache_file
     index._source_stamp = index._source_stamp, loops_digest(function.__module__.partition('.')[0])
     return cast(Function, dispatcher)
@@ -31,7 +32,7 @@ def compiled(function: Function) -> Function:
 
 @lru_cache
 def loops_digest(package: str) -> str:
-    """Return what every source of compiled loops of this package and another comes to."""
+    """Return a digest of all sources with compiled loops, of this package and another."""
     found, here = hashlib.sha256(), Path(__file__).parent
     for folder in sorted({here, here.parent / package}):
         for path in sorted(folder.rglob('*.py')):
@@ -42,9 +43,9 @@ def loops_digest(package: str) -> str:
 
 
 def cold(function: Callable[..., Any]) -> bool:
-    """Tell whether a compiled function's first call would compile, which can take a minute."""
+    """Return whether the first call of a function would compile it, which can take a minute."""
     if not COMPILED:
         return False
-    # Numba has no public word for it; a source that has changed since counts as not compiled.
+    # Numba has no public function for this. A changed source counts as not compiled.
     dispatcher: Any = function
     return not dispatcher._cache._cache_file._load_index()

@@ -1,4 +1,8 @@
-"""Ctrl-C and SIGTERM at any moment: quiet, exit code 130, nothing half-written."""
+"""
+Handles Ctrl-C and SIGTERM in the tools, at any moment.
+
+A tool ends without a traceback, with exit code 130, and leaves no incomplete file.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +11,7 @@ import os
 import signal
 import sys
 
-# Not typing's: a signal that comes while that is read would end in a traceback.
+# In place of typing.TYPE_CHECKING: a signal while typing is imported would end in a traceback.
 MYPY = False
 
 if MYPY:
@@ -16,18 +20,19 @@ if MYPY:
     from types import FrameType
     from typing import NoReturn
 
-# Exit code as shells have it: 128 and the number of SIGINT.
+# Exit code by the convention of shells: 128 plus the number of SIGINT.
 INTERRUPTED = 130
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
-# After so long, s, what swallowed an interrupt is over.
-AGAIN = 0.01
+# Time, s, after which an interrupt is repeated that a destructor or callback has swallowed: that
+# code is then over.
+REPEAT_DELAY = 0.01
 
 
 def quiet_until_running() -> None:
     """
-    End this process quietly at a signal; for the time when it imports, or has done its work.
+    Let a signal end this process at once and quietly.
 
-    Nothing is open then that would have to be undone.
+    This is for the time of imports, or after the work is done, when there is nothing to clean up.
     """
     for number in SIGNALS:
         if signal.getsignal(number) in (signal.default_int_handler, signal.SIG_DFL):
@@ -35,7 +40,7 @@ def quiet_until_running() -> None:
 
 
 def _leave(number: int, frame: FrameType | None) -> NoReturn:
-    # A child of multiprocessing leaves the word to its parent.
+    # In a child of multiprocessing, the parent writes the message.
     if 'multiprocessing.spawn' not in sys.modules and '--multiprocessing-fork' not in sys.argv:
         os.write(2, b'interrupted\n')
     os._exit(INTERRUPTED)
@@ -46,22 +51,22 @@ def _interrupt(number: int, frame: FrameType | None) -> NoReturn:
 
 
 def _interrupt_again(unraisable: UnraisableHookArgs) -> None:
-    """Interrupt once more where a destructor or a library's callback has swallowed it."""
+    """Repeat an interrupt that a destructor or a library's callback has swallowed."""
     if issubclass(unraisable.exc_type, KeyboardInterrupt):
         signal.signal(signal.SIGALRM, _interrupt)
-        signal.setitimer(signal.ITIMER_REAL, AGAIN)
+        signal.setitimer(signal.ITIMER_REAL, REPEAT_DELAY)
     else:
         sys.__unraisablehook__(unraisable)
 
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Turn both signals into KeyboardInterrupt inside the block, where that can be done."""
+    """Turn both signals into KeyboardInterrupt inside the block, if in the main thread."""
     hook = sys.unraisablehook
     try:
         before = [(number, signal.signal(number, _interrupt)) for number in SIGNALS]
         sys.unraisablehook = _interrupt_again
-    except ValueError:  # not in the main thread: whoever runs it there handles its signals
+    except ValueError:  # not in the main thread, which handles the signals
         before = []
     try:
         yield
@@ -77,21 +82,21 @@ def interruptible() -> Iterator[None]:
 @contextmanager
 def held_back() -> Iterator[None]:
     """
-    Let signals that come inside the block be heard at its end, not in the middle.
+    Delay signals that arrive inside the block until its end.
 
-    A mask would not do: a library's thread may take the signal, and the main thread then hears of
-    it wherever it is, in a fork not at all.
+    A signal mask does not suffice: a thread of a library may take the signal, and the main thread
+    is then interrupted wherever it is, or, in a forked process, not at all.
     """
-    heard: list[int] = []
+    received: list[int] = []
     try:
-        before = [(number, signal.signal(number, lambda n, frame: heard.append(n)))
+        before = [(number, signal.signal(number, lambda n, frame: received.append(n)))
                   for number in SIGNALS]
-    except ValueError:  # not in the main thread, which is the one that hears
+    except ValueError:  # not in the main thread, which alone receives signals
         before = []
     try:
         yield
     finally:
         for number, handler in before:
             signal.signal(number, handler)
-        if heard:
-            signal.raise_signal(heard[0])
+        if received:
+            signal.raise_signal(received[0])

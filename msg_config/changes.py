@@ -1,4 +1,4 @@
-"""Changes of parameters while a node runs: at once, at the reset, or refused."""
+"""Changes of parameters while a node runs: applied at once, applied at the reset, or refused."""
 
 from __future__ import annotations
 
@@ -12,14 +12,15 @@ from msg_config.ros import parameter_value
 
 class Changes:
     """
-    Sorts changes by what the table says of them, and keeps those that wait.
+    Sorts changes by when the parameter table lets them apply, and keeps those that wait.
 
-    What waits has been built already, so that it is known to fit: a reset only takes it over.
+    What a waiting change describes is built at once, so that it is known to be valid; the reset
+    then only installs it.
 
     Parameters
     ----------
     node : str
-        Name of the table.
+        Name of the node's table.
     values : dict
         The parameters in force.
 
@@ -38,12 +39,12 @@ class Changes:
 
     def sort(self, parameters: Sequence[Any]) -> tuple[dict[str, Any], dict[str, Any]]:
         """
-        Return what must wait for a reset, and what acts at once.
+        Return the changes that wait for a reset, and those that apply at once.
 
         Parameters
         ----------
         parameters : sequence of rclpy.parameter.Parameter
-            Those of other tables (use_sim_time) are left to their owners.
+            Those of other tables (use_sim_time) are ignored.
 
         Raises
         ------
@@ -68,12 +69,12 @@ class Changes:
 
     def prepare(self, live: dict[str, Any], later: dict[str, Any],
                 build: Callable[[dict[str, Any]], Any]) -> Any:
-        """Return what the parameters after the next reset describe, or raise InputError."""
+        """Return what `build` makes of the parameters after the next reset; None if unchanged."""
         return build({**self._wanted, **live, **later}) if later else None
 
     def accept(self, live: dict[str, Any], later: dict[str, Any], prepared: Any,
                ) -> dict[str, Any]:
-        """Return the values in force with the live ones; keep what must wait."""
+        """Apply the live changes, keep the others until the reset; return the values in force."""
         self._wanted = {**self._wanted, **live, **later}
         self._built = prepared if later else self._built
         self.values = {**self.values, **live}
@@ -81,11 +82,11 @@ class Changes:
 
     @property
     def waiting(self) -> list[str]:
-        """Names of what is in force after the next reset only."""
+        """Names of the parameters whose changes wait for the next reset."""
         return [name for name, value in self._wanted.items() if value != self.values[name]]
 
     def take(self) -> Any:
-        """Return what was built, if anything waits; from now on it is in force."""
+        """Put the waiting changes in force; return what was built for them, or None."""
         built, self._built = self._built, None
         self.values = dict(self._wanted)
         return built

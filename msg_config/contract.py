@@ -1,4 +1,8 @@
-"""The topic contract, loaded from topics.yaml. Imports no ROS; `msg_config.ros` does."""
+"""
+The contract of topics and services, loaded from topics.yaml.
+
+This module does not import ROS; `msg_config.ros` turns the contract into publishers and so on.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +18,7 @@ import yaml
 
 @dataclass(frozen=True)
 class Field:
-    """A message field: what it means and its unit."""
+    """A message field: its meaning and its unit."""
 
     meaning: str
     unit: str
@@ -22,7 +26,7 @@ class Field:
 
 @dataclass(frozen=True)
 class Qos:
-    """Quality of service by ROS's own names: reliability, history depth and durability."""
+    """Quality of service in ROS's terms: reliability, history depth and durability."""
 
     reliability: str
     depth: int
@@ -45,11 +49,12 @@ class Topic:
     fields : Mapping[str, Field]
         The fields in use, in message order.
     qos : Qos
-        What publishers offer.
+        Quality of service that publishers offer.
     subscribe : Qos
-        What subscriptions ask for; by default best effort, so that they accept any publisher.
+        Quality of service that subscriptions request; by default best effort, so that they accept
+        any publisher.
     exclusive : bool
-        One publisher is heard, the first; others are refused.
+        Whether only one publisher, the first, is accepted.
 
     """
 

@@ -1,4 +1,4 @@
-"""What every node of the suite does alike: parameters, guarded topics, diagnostics."""
+"""The base class of all nodes: parameters, lifecycle, guarded topics, diagnostics."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ from rclpy.subscription import Subscription
 from rclpy.task import Future
 from rclpy.timer import Timer
 
-# s, as diagnostic_updater's; no warning comes more often.
+# Interval of diagnostics, s, as in diagnostic_updater, and least interval of equal warnings.
 DIAGNOSTICS_INTERVAL = WARNING_INTERVAL = 1.0
-# Between two pictures of the arm, s: a film has 24 in a second.
+# Interval of the markers of the arm, s: a film has 24 images per second.
 MARKER_INTERVAL = 0.04
 Configured = TypeVar('Configured')
-# What a message can cause in a computation; anything else is a mistake in the program.
+# Errors that a message can cause in a computation; any other is an error of the program.
 REFUSED = (InputError, ArithmeticError, np.linalg.LinAlgError)
 SECOND = 'second publisher'
 NO_ARGUMENT = signature(lambda: None)
@@ -50,28 +50,28 @@ NO_ARGUMENT = signature(lambda: None)
 
 class ContractNode(LifecycleNode, ABC):
     """
-    A node of the contract: it declares its table, and no message ends it.
+    A node of the contract, which declares its table of parameters and survives any message.
 
-    A message that does not fit is refused, counted by topic and kind, and warned of at most once
-    a second; so is one of a second publisher. Timers run on the wall clock, simulated time or
-    not. Parameters change as their table says: at once, at ~/reset, or not at all. As a lifecycle
-    node it takes messages while it is active only, which it is from the start unless autostart is
-    false.
+    An invalid message is refused, counted by topic and kind, and reported by a warning at most
+    once per second; so is a message of a second publisher. Timers use the wall clock, even with
+    simulated time. Parameters change as their table says: at once, at ~/reset, or not at all. As a
+    lifecycle node it takes messages only while it is active, which it is from the start unless
+    autostart is false.
 
-    Subclasses give `build` and `install`, and `on_live` where a parameter is live.
+    Subclasses define `build` and `install`, and `on_live` if a parameter is live.
 
     Attributes
     ----------
     values : Mapping
         The parameters in force, checked.
     rejected : Counter
-        Messages refused, by topic.
+        Number of messages refused, by topic.
     last_rejection : str
-        The last reason.
+        Reason of the last refusal.
     waited : float
-        How long the present message has waited here to be taken, s.
+        Time that the present message has waited to be taken, s.
     interrupted : Future
-        Done after a Ctrl-C inside a callback: raised there, an EventsExecutor would print it.
+        Done after a Ctrl-C inside a callback; an EventsExecutor would print an exception there.
 
     """
 
@@ -101,26 +101,26 @@ class ContractNode(LifecycleNode, ABC):
         self.add_on_set_parameters_callback(self._on_set)
 
     def bring_up(self) -> None:
-        """Go through the lifecycle to active, where autostart says so."""
+        """Go through the lifecycle to active if autostart is true."""
         if self.values['autostart']:
             self.trigger_configure()
             self.trigger_activate()
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Begin to take messages."""
+        """Start taking messages."""
         for topic in self._polled:
-            self.take_waiting(topic)  # and drop it: it is from before
+            self.take_waiting(topic)  # it is dropped, because it came before the activation
         self.active = True
         self.begin()
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Take no more messages."""
+        """Stop taking messages."""
         self._pause()
         return super().on_deactivate(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Take no more messages, for good."""
+        """Stop taking messages for good."""
         self._pause()
         return super().on_shutdown(state)
 
@@ -130,24 +130,24 @@ class ContractNode(LifecycleNode, ABC):
             self.cease()
 
     def begin(self) -> None:
-        """Do what is due when the node becomes active."""
+        """Act when the node becomes active; subclasses may override it."""
 
     def cease(self) -> None:
-        """Do what is due when the node becomes inactive."""
+        """Act when the node becomes inactive; subclasses may override it."""
 
     @abstractmethod
     def build(self, values: dict[str, Any]) -> Any:
-        """Return what parameters describe, and touch nothing; InputError where they do not."""
+        """Return what the parameters describe, without side effects; raise InputError if bad."""
 
     @abstractmethod
     def install(self, built: Any) -> None:
-        """Take over what `build` gave."""
+        """Use from now on what `build` returned."""
 
     def on_live(self, changed: dict[str, Any]) -> None:
-        """Let live parameters act; InputError refuses them."""
+        """Apply changed live parameters; an InputError refuses them."""
 
     def begin_again(self) -> None:
-        """Put the changes in force that wait for a reset."""
+        """Put in force the changes that wait for a reset."""
         waiting = self._parameter_changes.take()
         if waiting is not None:
             self.values = self._parameter_changes.values
@@ -163,12 +163,12 @@ class ContractNode(LifecycleNode, ABC):
             return SetParametersResult(successful=False, reason=f'{self.get_name()}: {error}')
         self.values = self._parameter_changes.accept(live, later, prepared)
         if later:
-            # ROS drops the reason of a success; the diagnostics say it too.
+            # ROS drops the reason of a success, so it is logged; the diagnostics report it too.
             self.get_logger().info(f'{", ".join(later)}: in force after ~/reset')
         return SetParametersResult(successful=True)
 
     def configured(self, make: Callable[[], Configured]) -> Configured:
-        """Return what the parameters describe; bad ones are named with the node."""
+        """Return what `make` makes of the parameters; an error names the node."""
         try:
             return make()
         except InputError as error:
@@ -187,7 +187,7 @@ class ContractNode(LifecycleNode, ABC):
         return (each for each in super().subscriptions if each not in polled)
 
     def take_waiting(self, topic: str) -> None:
-        """Take what waits on a topic that is polled."""
+        """Take the messages that wait on a polled topic."""
         subscription = self._subscribed[topic]
         take, kind = subscription.handle.take_message, subscription.msg_type
         while (taken := take(kind, subscription.raw)) is not None:
@@ -196,12 +196,13 @@ class ContractNode(LifecycleNode, ABC):
     def subscribe(self, topic: str, callback: Callable[[Any], None], *, polled: bool = False,
                   ) -> None:
         """
-        Take messages of a topic of the contract; what raises InputError is refused.
+        Take messages of a topic of the contract; those for which InputError is raised are refused.
 
-        Polled, they wait for `take_waiting`: to be woken by each costs as much as to send it.
+        With `polled`, messages wait for `take_waiting`, because waking up for each of them costs
+        as much as sending it.
         """
         own = load_topics()[topic]
-        # What one publisher sends comes at every sample, with the same names each time.
+        # A publisher sends the same names with every sample, so only the numbers need be read.
         exclusive, read = own.exclusive, MessageReader(interface_class(own.type), topic)
 
         def guarded(message: Any, gid: bytes | None, waited: float) -> None:
@@ -223,9 +224,9 @@ class ContractNode(LifecycleNode, ABC):
     def create_service(self, srv_type: Any, srv_name: str, callback: Callable[[Any, Any], Any],
                        **options: Any) -> Service[Any, Any]:
         """
-        Offer a service that no request ends.
+        Offer a service that survives any request.
 
-        rclpy's own, those of parameters, raise where a request holds what is none of theirs.
+        rclpy's own services, those of parameters, raise if a request holds unexpected values.
         """
         def guarded(request: Any, response: Any) -> Any:
             try:
@@ -241,14 +242,15 @@ class ContractNode(LifecycleNode, ABC):
 
     def every(self, interval: float, callback: Callable[[], None], *, always: bool = False,
               ) -> Timer:
-        """Call back at an interval of wall time, s, while the node is active, or always."""
+        """Call back at an interval of wall time, s, while the node is active, or `always`."""
         def due() -> None:
-            self._tell(callback, always)
-        # rclpy looks at every call whether it takes an argument; said so, that is soon seen.
+            self._call_if_active(callback, always)
+        # rclpy inspects at every call whether the callback takes an argument; a stored signature
+        # makes this fast.
         due.__signature__ = NO_ARGUMENT  # type: ignore[attr-defined]
         return self.create_timer(interval, due, clock=self._wall)
 
-    def _tell(self, callback: Callable[[], None], always: bool) -> None:
+    def _call_if_active(self, callback: Callable[[], None], always: bool) -> None:
         if self.active or always:
             self._run(callback)
 
@@ -256,7 +258,7 @@ class ContractNode(LifecycleNode, ABC):
         try:
             callback(*arguments)
         except (KeyboardInterrupt, Exception) as error:  # noqa: B902
-            # rclpy shuts its context down first; compiled code may wrap the Ctrl-C.
+            # On a Ctrl-C rclpy shuts its context down first; compiled code may wrap the exception.
             if self.context.ok() and not _by_ctrl_c(error):
                 raise
             if not self.interrupted.done():
@@ -267,7 +269,7 @@ class ContractNode(LifecycleNode, ABC):
         return time.monotonic()
 
     def reject(self, topic: str, reason: str, kind: str = 'malformed') -> None:
-        """Count a message that does not fit, and warn."""
+        """Count an invalid message, and warn."""
         self._refusals.add((topic, kind), time.monotonic())
         self.rejected[topic] += 1
         self.last_rejection = reason
@@ -275,10 +277,10 @@ class ContractNode(LifecycleNode, ABC):
 
     def warn_seldom(self, about: str, text: str, interval: float = WARNING_INTERVAL) -> None:
         """
-        Warn about something, but not twice in an interval, s.
+        Warn about something at most once in an interval, s.
 
-        rclpy's own throttle looks up the file that calls before it counts: in trouble, where a
-        warning is due at every sample, that takes longer than the sample.
+        rclpy's own throttle looks up the calling file before it counts. If a warning is due at
+        every sample, that takes longer than the sample.
         """
         now = time.monotonic()
         if now - self._warned.get(about, -math.inf) >= interval:
@@ -286,7 +288,7 @@ class ContractNode(LifecycleNode, ABC):
             self.get_logger().warning(text)
 
     def task(self, name: str) -> str:
-        """Return a task's name as diagnostic tools expect it, with the namespace if there is."""
+        """Return a task's name as diagnostic tools expect it, with the namespace if any."""
         return f'{self.get_fully_qualified_name().lstrip("/")}: {name}'
 
     def status(self, task: str, level: str, text: str, values: dict[str, object],
@@ -295,7 +297,7 @@ class ContractNode(LifecycleNode, ABC):
         return diagnostic_status(self.task(task), level, text, values, self.hardware)
 
     def input_status(self) -> DiagnosticStatus:
-        """Return what was refused lately, by topic and kind, and the last reason."""
+        """Return the recent refusals by topic and kind, and the last reason."""
         recent = self._refusals.recent(time.monotonic())
         values: dict[str, object] = {'refused': self.rejected.total()}
         values |= {f'refused {topic}: {kind}': count
@@ -307,7 +309,7 @@ class ContractNode(LifecycleNode, ABC):
         return self.status('input', 'warn', text, values)
 
     def second_heard(self) -> set[str]:
-        """Return the topics on which a second publisher spoke lately."""
+        """Return the topics on which a second publisher has sent messages recently."""
         return {topic for topic, kind in self._refusals.recent(time.monotonic())
                 if kind == SECOND}
 
@@ -329,13 +331,13 @@ class ContractNode(LifecycleNode, ABC):
         return self.status('publishers', 'error' if heard else 'warn', text, values)
 
     def parameter_status(self) -> DiagnosticStatus:
-        """Return which parameters wait for a reset."""
+        """Return the status of parameters that wait for a reset."""
         waiting = self._parameter_changes.waiting
         text = f'{", ".join(waiting)}: in force after ~/reset' if waiting else 'ok'
         return self.status('parameters', 'ok', text, {})
 
     def publish_diagnostics(self, statuses: Sequence[DiagnosticStatus]) -> None:
-        """Publish statuses, and those of input, publishers and parameters."""
+        """Publish statuses together with those of input, publishers and parameters."""
         stamp = self.get_clock().now().nanoseconds
         self._diagnostics.publish(diagnostic_array(
             stamp, [*statuses, self.input_status(), self.publisher_status(),

@@ -1,19 +1,19 @@
-"""The one error that bad input raises, and text that any file and terminal takes."""
+"""The error that bad input raises everywhere, and text that is safe for any terminal."""
 
-# Characters of an error: four lines of a terminal.
+# Largest number of characters of an error: four lines of a terminal.
 LONGEST = 300
 
 
 def printable(text: str) -> str:
-    """Return a text with a space for what has no look: the name of a file may be any bytes."""
+    """Return a text with spaces for unprintable characters, which a file name may contain."""
     return ''.join(c if c.isprintable() else ' ' for c in text)
 
 
 class InputError(ValueError):
     """
-    Bad input: one line that names the file, key, topic or row, what was expected and came.
+    Bad input: one line that names the file, key, topic or row, what was expected and what came.
 
-    What does not fit a line of LONGEST characters is left out of its middle.
+    If it exceeds LONGEST characters, its middle is left out.
     """
 
     def __init__(self, message: object = ''):

@@ -1,20 +1,23 @@
-"""One publisher a topic: the first is kept while it speaks, others are not heard."""
+"""Accepts one publisher per topic: the first, as long as it sends; others are ignored."""
 
 from __future__ import annotations
 
-# A kept publisher that is silent for so long, s, gives way: killed, it stays listed for 20 s.
+# Time of silence, s, after which the accepted publisher is replaced; a killed one would stay
+# listed in ROS for 20 s.
 SILENCE = 0.5
-# Of a gid, the bytes that name the participant (RTPS 2.3, 9.3.1.2): the process that publishes.
-PARTICIPANT = 12
+# Number of bytes of a gid that identify the participant, that is the publishing process (RTPS 2.3,
+# 9.3.1.2).
+PARTICIPANT_BYTES = 12
 
 
 class FirstPublisher:
     """
-    Decides for each message whether its publisher is the one that is heard on its topic.
+    Decides for each message whether its publisher is the one accepted on its topic.
 
-    Where a second publisher of a topic belongs to the process that is heard on another topic,
-    and the kept one does not, it takes over: joints and strain must be of one arm. One that gave
-    way because it was silent comes first again when it speaks: a busy machine had held it up.
+    A second publisher of a topic takes over if it belongs to the process that is accepted on
+    another topic and the present one does not, since joints and strain must be of one arm. A
+    publisher that was replaced for its silence is accepted again when it sends: it had been held
+    up by a busy machine.
     """
 
     def __init__(self) -> None:
@@ -22,7 +25,7 @@ class FirstPublisher:
         self._held_up: dict[str, bytes] = {}
 
     def hears(self, topic: str, gid: bytes | None, now: float) -> bool:
-        """Return whether a message is taken; `gid` is None where the middleware tells none."""
+        """Return whether a message is accepted; `gid` is None if the middleware gives none."""
         if gid is None:
             return True
         kept, heard = self._kept.get(topic, (gid, now))
@@ -37,6 +40,6 @@ class FirstPublisher:
         return True
 
     def _belongs(self, topic: str, gid: bytes, kept: bytes, now: float) -> bool:
-        others = {own[:PARTICIPANT] for name, (own, heard) in self._kept.items()
+        others = {own[:PARTICIPANT_BYTES] for name, (own, heard) in self._kept.items()
                   if name != topic and now - heard <= SILENCE}
-        return gid[:PARTICIPANT] in others and kept[:PARTICIPANT] not in others
+        return gid[:PARTICIPANT_BYTES] in others and kept[:PARTICIPANT_BYTES] not in others

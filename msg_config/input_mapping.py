@@ -1,4 +1,8 @@
-"""Which name outside carries which channel of the arm, and how its numbers become SI."""
+"""
+Maps external names to the channels of the arm, and external numbers to SI units.
+
+Nodes and log readers apply it to everything that comes in; the robot file describes it.
+"""
 
 from __future__ import annotations
 
@@ -13,28 +17,28 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 JOINTS = ('joint_1', 'joint_2')
-# What the robot file calls the drives names the joints as well.
+# Other names of the joints: those of the drives in the robot file.
 JOINT_ALIASES = {'joint_1': ('shoulder',), 'joint_2': ('elbow',)}
-# What one of each unit is in SI.
+# Units by name, as factors to SI.
 ANGLE_UNITS = {'rad': 1.0, 'deg': math.pi / 180.0}
-# 'ustrain' is the lab's word for µm/m.
+# 'ustrain' is the common word for µm/m in laboratories.
 STRAIN_UNITS = {'m/m': 1.0, 'mm/m': 1e-3, 'um/m': 1e-6, 'µm/m': 1e-6, 'ustrain': 1e-6}
 TIME_UNITS = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
-# Orders of names that are remembered: more than any sender of a topic changes between.
-ARRANGEMENTS = 8
+# Number of different orders of names that are cached: more than the senders of a topic use.
+CACHED_ORDERS = 8
 
 
 @dataclass(frozen=True)
 class Source:
     """
-    Where a channel comes from.
+    The external source of a channel.
 
     Attributes
     ----------
     name : str
-        In messages, or of the column.
+        Name in messages, or of the column.
     factor : float
-        sign x scale x unit: SI is factor times what comes, plus offset.
+        sign x scale x unit: SI value = factor x external value + offset.
     offset : float
         rad, m/m or the drive's own unit.
 
@@ -53,11 +57,11 @@ class Channels:
     Attributes
     ----------
     own : tuple of str
-        The arm's names, n.
+        The arm's own names, n.
     sources : tuple of tuple of str
-        The names that each may bear outside, n.
+        External names that each channel may have, n.
     factor, offset : tuple of float
-        SI is factor times what comes, plus offset, n.
+        SI value = factor x external value + offset, n.
 
     """
 
@@ -68,12 +72,12 @@ class Channels:
 
     def index(self, given: Sequence[str], where: str) -> list[int]:
         """
-        Return where each channel stands among the names given; other names are left alone.
+        Return the index of each channel among the names given; other names are ignored.
 
         Raises
         ------
         InputError
-            A name is missing, empty, twice there, or a channel bears two of its names.
+            A name is missing, empty or repeated, or a channel has two of its names.
 
         """
         rows = []
@@ -90,16 +94,16 @@ class Channels:
 
     def pick(self, given: Sequence[str], values: Sequence[float], where: str) -> Array:
         """
-        Return the values of one message in SI, (n,), in the arm's order, never by position.
+        Return the values of one message in SI, (n,), in the arm's order, found by name.
 
         Parameters
         ----------
         given : sequence of str
-            The message's names, of any order; it may hold more than are asked for.
+            Names of the message, in any order; there may be more than those of the channels.
         values : sequence of float
-            One for each name.
+            One value for each name.
         where : str
-            Topic and field, for errors.
+            Topic and field, for error messages.
 
         Raises
         ------
@@ -111,18 +115,18 @@ class Channels:
             raise InputError(f'{where}: expected {len(given)} values, one for each name, '
                              f'got {len(values)}')
         names = tuple(given)
-        rows = self._found.get(names)
+        rows = self._indices.get(names)
         if rows is None:
             rows = self.index(given, where)
-            if len(self._found) >= ARRANGEMENTS:
-                self._found.clear()
-            self._found[names] = rows
+            if len(self._indices) >= CACHED_ORDERS:
+                self._indices.clear()
+            self._indices[names] = rows
         found = np.array([values[k] for k in rows], dtype=float)
         return found if self._in_si else self.si(found)
 
     @cached_property
-    def _found(self) -> dict[tuple[str, ...], list[int]]:
-        """Where the channels stood in messages of late: names come in the same order again."""
+    def _indices(self) -> dict[tuple[str, ...], list[int]]:
+        """Cache of the indices by names, since messages repeat the same order of names."""
         return {}
 
     @cached_property
@@ -135,23 +139,23 @@ class Channels:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Return what each channel is called outside, (n,)."""
+        """Return the external name of each channel, (n,)."""
         return tuple(names[0] for names in self.sources)
 
     def outside(self, values: Array) -> Array:
-        """Return SI numbers, (…, n), as they are told outside: the inverse of `si`."""
+        """Return the external values of SI values, (…, n): the inverse of `si`."""
         return values if self._in_si else (values - self._scale[1]) / self._scale[0]
 
     def rate_outside(self, values: Array) -> Array:
-        """Return rates of change in SI, (…, n), as they are told outside."""
+        """Return the external values of rates of change in SI, (…, n): the inverse of `rate`."""
         return values if self._in_si else values / self._scale[0]
 
     def si(self, values: Array) -> Array:
-        """Return numbers as they came, (…, n), in SI."""
+        """Return external values, (…, n), in SI."""
         return values * self._scale[0] + self._scale[1]
 
     def rate(self, values: Array) -> Array:
-        """Return rates of change as they came, (…, n), in SI: an offset does not move."""
+        """Return external rates of change, (…, n), in SI, to which the offset does not apply."""
         return values * self._scale[0]
 
 
@@ -162,16 +166,16 @@ def _listed(names: Sequence[str]) -> str:
 @dataclass(frozen=True)
 class InputMapping:
     """
-    What a robot file says of its inputs; what it leaves out bears the contract's names, in SI.
+    The inputs of a robot file; channels that are left out have the contract's names, in SI units.
 
     Attributes
     ----------
     joints, commands, gauges : Mapping of str to Source
-        By joint_1, joint_2 and gauge name.
+        Sources by joint_1, joint_2 and gauge name.
     topics : Mapping of str to str
-        Topic in bags, by the contract's name; live, topics are remapped as always in ROS.
+        Topic in bags by the contract's name; live topics are remapped by the means of ROS.
     time : Source
-        Column of time; factor 0 leaves the unit to be told from the numbers.
+        Column of time; with factor 0 the unit is found from the numbers.
 
     """
 
@@ -182,11 +186,11 @@ class InputMapping:
     time: Source = Source('time', 0.0)
 
     def joint_channels(self) -> Channels:
-        """Return the joints, rad; their velocities take the same names and factors."""
+        """Return the joints, rad; their velocities have the same names and factors."""
         return _channels(JOINTS, self.joints, JOINT_ALIASES)
 
     def command_channels(self) -> Channels:
-        """Return the commands, in messages under their own or the joints' names."""
+        """Return the commands, which have their own or the joints' names in messages."""
         joints = self.joint_channels()
         names = {own: tuple(dict.fromkeys(
             [*([self.commands[own].name] if own in self.commands else []), *sources]))

@@ -1,4 +1,8 @@
-"""Messages of the contract to arrays and back. Needs the message packages, but no node."""
+"""
+Converts messages of the contract to arrays and back.
+
+It needs the message packages, but no node.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +22,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 Array = NDArray[np.float64]
-# In a second.
+# Nanoseconds per second.
 NANOSECONDS = 1_000_000_000
 LEVELS = {
     'ok': DiagnosticStatus.OK, 'warn': DiagnosticStatus.WARN, 'error': DiagnosticStatus.ERROR,
@@ -26,7 +30,7 @@ LEVELS = {
 
 
 def nanoseconds(time: float) -> int:
-    """Return a time, s, as the whole nanoseconds that a stamp holds."""
+    """Return a time, s, as a stamp in integer nanoseconds."""
     return round(time * NANOSECONDS)
 
 
@@ -49,12 +53,12 @@ def stamp_of(message: Any) -> int:
 
 def checked_stamp(message: Any, topic: str) -> int:
     """
-    Return the stamp of a message that came from outside, ns.
+    Return the stamp of an incoming message, ns.
 
     Raises
     ------
     InputError
-        It is no time: before 1970, or a second and more of nanoseconds.
+        It is no valid time: before 1970, or with a second or more of nanoseconds.
 
     """
     stamp = message.header.stamp
@@ -66,7 +70,7 @@ def checked_stamp(message: Any, topic: str) -> int:
 
 
 def doubles(values: Sequence[float] | Array) -> array[float]:
-    """Return numbers as messages hold them."""
+    """Return numbers in the type that messages hold."""
     return array('d', values.tolist() if isinstance(values, np.ndarray) else values)
 
 
@@ -81,15 +85,15 @@ def joint_state(stamp: int, names: Sequence[str], position: Sequence[float] | Ar
 
 def check_finite(values: Array, names: Sequence[str], where: str) -> None:
     """
-    Raise where a value is not finite.
+    Check that all values are finite.
 
     Raises
     ------
     InputError
-        Naming topic, field and channel.
+        A value is not finite; names topic, field and channel.
 
     """
-    # A sum is finite where its terms are, and overflows only far from any measurement.
+    # A sum is finite if its terms are; it overflows only for values far from any measurement.
     if math.isfinite(sum(values.tolist())):
         return
     for name, value in zip(names, values):
@@ -106,7 +110,7 @@ def inertia_message(stamp: int, mass: float) -> InertiaStamped:
 
 def payload_mass(message: InertiaStamped) -> float:
     """
-    Return the mass, kg.
+    Return the mass in a message, kg.
 
     Raises
     ------
@@ -128,20 +132,20 @@ def clock_message(stamp: int) -> Clock:
 def diagnostic_status(name: str, level: str, text: str, values: Mapping[str, object],
                       hardware: str = '') -> DiagnosticStatus:
     """
-    Return one status.
+    Return one diagnostic status.
 
     Parameters
     ----------
     name : str
-        Who reports, for example 'payload_estimator: model'.
+        Node and task, for example 'payload_estimator: model'.
     level : str
         ok, warn, error or stale.
     text : str
         One line for an engineer.
     values : Mapping
-        Key with its unit to value.
+        Values by key, which includes the unit.
     hardware : str
-        The robot.
+        Name of the robot.
 
     """
     return DiagnosticStatus(

@@ -1,4 +1,4 @@
-"""A node as a process: its executor, its end, and what a bad start says."""
+"""Runs a node as a process: its executor, its end, and the error of a failed start."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from rclpy.task import Future
 
 
 def make_executor(context: Context | None = None) -> Executor:
-    """Return an EventsExecutor, or before ROS 2 Kilted the single-threaded one."""
+    """Return an EventsExecutor, or the single-threaded executor before ROS 2 Kilted."""
     try:
         from rclpy.experimental import EventsExecutor
     except ImportError:
@@ -34,7 +34,7 @@ def make_executor(context: Context | None = None) -> Executor:
 
 
 def spin(executor: Executor, stop: Future[Any]) -> None:
-    """Run until `stop` is done; without a time-out an EventsExecutor would never rest."""
+    """Run until `stop` is done, with a time-out, without which an EventsExecutor never rests."""
     while not stop.done():
         executor.spin_until_future_complete(stop, timeout_sec=1e6)
 
@@ -48,7 +48,7 @@ def run(make: Callable[[], ContractNode], arguments: Sequence[str] | None = None
     make : callable
         Returns the node.
     arguments : sequence of str, optional
-        By default those of the process.
+        Command-line arguments, by default those of the process.
 
     Returns
     -------
@@ -62,17 +62,17 @@ def run(make: Callable[[], ContractNode], arguments: Sequence[str] | None = None
         rclpy.init(args=list(sys.argv if arguments is None else arguments),
                    signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # noqa: B902  rclpy's argument errors share no base class
-        return _refuse(error)
+        return _print_error(error)
     try:
         _spin_one(make)
     except InputError as error:
-        return _refuse(error)
+        return _print_error(error)
     except (ExternalShutdownException, ROSInterruptException):
         return 0
     except KeyboardInterrupt:
         return 130
     except Exception:  # noqa: B902
-        # A signal before the node was whole.
+        # A signal came before the node was complete.
         if rclpy.ok():
             raise
     finally:
@@ -82,43 +82,44 @@ def run(make: Callable[[], ContractNode], arguments: Sequence[str] | None = None
 
 
 def _spin_one(make: Callable[[], ContractNode]) -> None:
-    """Make a node, run it until it is interrupted, and take it down."""
-    node = _made(make)
+    """Create a node, run it until it is interrupted, and destroy it."""
+    node = _created(make)
     executor = make_executor()
     try:
         executor.add_node(node)
-        # What is there stays: the collector need not look at it again and again.
+        # The present objects are permanent, so the garbage collector need not visit them again.
         gc.collect()
         gc.freeze()
-        _take_signals()
+        _handle_signals()
         spin(executor, node.interrupted)
     finally:
         end_at_once()
-        # First: the executor has the middleware call it for what the node is about to destroy.
+        # First the executor: the middleware calls it for entities that the node then destroys.
         executor.shutdown()
         node.destroy_node()
 
 
-def _made(make: Callable[[], ContractNode]) -> ContractNode:
+def _created(make: Callable[[], ContractNode]) -> ContractNode:
     try:
         return make()
     except (InvalidParameterTypeException, InvalidParameterValueException) as error:
-        # One of rclpy's own, as use_sim_time.
+        # A parameter of rclpy itself, such as use_sim_time.
         raise InputError(str(error)) from None
     except Exception as error:  # noqa: B902
-        # The middleware has no security, or no room for another node; rclpy exports no class.
+        # The middleware has no security files, or no room for another node; rclpy does not export
+        # the class of this error.
         if rclpy.ok() and type(error).__name__ == 'RCLError':
             raise InputError(str(error)) from None
         raise
 
 
-def _take_signals() -> None:
-    """From now on a signal shuts rclpy down, which wakes the executor."""
+def _handle_signals() -> None:
+    """Let a signal shut rclpy down from now on, which wakes the executor."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     install_signal_handlers(SignalHandlerOptions.ALL)
 
 
-def _refuse(error: Exception) -> int:
+def _print_error(error: Exception) -> int:
     print(' '.join(str(error).split()), file=sys.stderr)
     return 2

@@ -1,4 +1,8 @@
-"""The parameter table: one source for declaration, validation, parameter files and docs."""
+"""
+The table of parameters, from parameters.yaml.
+
+It is the one source for declaration, validation, parameter files and docs/parameters.md.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +34,7 @@ def _text(value: object) -> bool:
     return isinstance(value, str)
 
 
-# Type name: what it accepts, how it is stored, how an error calls it.
+# Type name: test for accepted values, conversion, and the type's name in errors.
 _TYPES: Mapping[str, tuple[Callable[[Any], bool], Callable[[Any], Value], str]] = {
     'bool': (lambda value: isinstance(value, bool), bool, 'true or false'),
     'int': (lambda value: isinstance(value, int) and not isinstance(value, bool), int,
@@ -39,7 +43,7 @@ _TYPES: Mapping[str, tuple[Callable[[Any], bool], Callable[[Any], Value], str]] 
     'string': (_text, str, 'a text'),
     'double_array': (lambda value: _items(value, _number),
                      lambda value: tuple(float(item) for item in value), 'a list of numbers'),
-    # One text is a list of one: ROS gives `-p effects:=…` without brackets as a string.
+    # A single text is a list of one: ROS passes `-p effects:=…` without brackets as a string.
     'string_array': (lambda value: _text(value) or _items(value, _text),
                      lambda value: (value,) if _text(value) else tuple(value),
                      'a list of texts'),
@@ -51,7 +55,7 @@ APPLIES: Mapping[str, str] = {
 @dataclass(frozen=True)
 class Parameter:
     """
-    One row of the table.
+    One parameter, a row of the table.
 
     Attributes
     ----------
@@ -59,11 +63,11 @@ class Parameter:
         As in ``parameters.yaml``; type is one of bool, int, double, string, double_array and
         string_array.
     unit : str
-        Unit of the value, empty where it has none.
+        Unit of the value; empty if it has none.
     minimum, maximum : float or None
         Inclusive limits of a number.
     choices : tuple of str
-        The texts allowed, empty where any is.
+        Allowed texts; empty if any text is allowed.
     applies : str
         When a change takes effect: live, reset (at the node's ~/reset) or read_only (never
         while the node runs).
@@ -87,7 +91,7 @@ class Parameter:
         Raises
         ------
         InputError
-            If type, range or choice does not fit.
+            The value has the wrong type, is out of range or is not a choice.
 
         """
         accepts, convert, _ = _TYPES[self.type]
@@ -97,7 +101,7 @@ class Parameter:
 
     @property
     def expected(self) -> str:
-        """What the parameter accepts, in words."""
+        """Accepted values of the parameter in words."""
         if self.choices:
             return ' or '.join(self.choices)
         words = _TYPES[self.type][2]
@@ -122,7 +126,7 @@ def _parameter(name: str, entry: Mapping[str, Any]) -> Parameter:
 
 @cache
 def load_parameters() -> Mapping[str, Mapping[str, Parameter]]:
-    """Return the table of every node, its common parameters first."""
+    """Return the table of every node, common parameters first."""
     text = files('msg_config').joinpath('parameters.yaml').read_text(encoding='utf-8')
     table = yaml.safe_load(text)
     return MappingProxyType({
@@ -133,12 +137,12 @@ def load_parameters() -> Mapping[str, Mapping[str, Parameter]]:
 
 def check_parameters(node: str, values: Mapping[str, object]) -> dict[str, Value]:
     """
-    Return the parameters of a node: the given values checked, the defaults for the rest.
+    Return the parameters of a node: given values, checked, and defaults for all others.
 
     Raises
     ------
     InputError
-        If a name is not in the node's table or a value does not fit.
+        A name is not in the node's table, or a value does not fit.
 
     """
     table = load_parameters()[node]
@@ -158,9 +162,9 @@ def _plain(value: Value) -> object:
 
 def parameter_file() -> str:
     """
-    Return a ROS parameter file with every default, that rclpy's own parser reads.
+    Return a ROS parameter file with all defaults, which rclpy's own parser can read.
 
-    Empty lists stand as comments: ROS refuses them, as they have no type.
+    Empty lists are comments, because ROS refuses them: they have no type.
     """
     lines = []
     for node, table in load_parameters().items():
@@ -170,7 +174,7 @@ def parameter_file() -> str:
 
 
 def _file_lines(row: Parameter) -> list[str]:
-    """Return a parameter with what it means above it."""
+    """Return the lines of a parameter, with its description above it."""
     unit = f' [{row.unit}]' if row.unit else ''
     pair = yaml.safe_dump({row.name: _plain(row.default)}, default_flow_style=False).strip()
     absent = '' if row.default != () else '# '
@@ -202,7 +206,7 @@ def _rows() -> list[tuple[str, Parameter]]:
 
 
 def markdown_table() -> str:
-    """Return the table: the common parameters first, then each node's own."""
+    """Return the table in Markdown: common parameters first, then those of each node."""
     lines = ['| node | parameter | type | default | unit | range | a change applies | meaning |',
              '|---|---|---|---|---|---|---|---|']
     lines += [

@@ -1,4 +1,8 @@
-"""A signal during the start ends a node quietly; imported before anything that takes time."""
+"""
+Lets a signal during the start end a node quietly.
+
+It is imported before anything that takes time.
+"""
 
 from __future__ import annotations
 
@@ -8,28 +12,28 @@ import signal
 import sys
 from types import FrameType
 
-# What a process ends with: as a shell says of Ctrl-C, and as asked.
+# Exit codes: 130 after Ctrl-C by the convention of shells; 0 after SIGTERM, a requested end.
 CODES = {signal.SIGINT: 130, signal.SIGTERM: 0}
 
 
 def end_at_once() -> None:
-    """Let SIGINT and SIGTERM end the process without a word, unless they are ignored."""
+    """Let SIGINT and SIGTERM end the process without output, unless they are ignored."""
     for number, code in CODES.items():
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, partial(_leave, code))
 
 
 def _leave(code: int, _number: int, _frame: FrameType | None) -> None:
-    # Nothing is half-written that is worth more than a quiet end; imports cannot be unwound.
+    # At the start no output is incomplete yet, and interrupted imports cannot be undone.
     os._exit(code)
 
 
 def open_what_is_closed() -> None:
     """
-    Open /dev/null in place of standard streams that are closed, as some daemons' are.
+    Open /dev/null in place of closed standard streams, as some daemons have them.
 
-    Else the next socket takes such a number, and what is written to stderr goes out on it; and
-    rclpy's executor refuses to be made.
+    Otherwise the next socket gets their file number, and text for stderr is sent on it; besides,
+    rclpy cannot create its executor.
     """
     for number in range(3):
         try:

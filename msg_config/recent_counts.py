@@ -1,4 +1,4 @@
-"""How often things happened: in all, and lately."""
+"""Counts events, in total and in the last seconds, for the diagnostics of nodes."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ from collections import Counter
 from collections.abc import Hashable
 from typing import Generic, TypeVar
 
-# What is older no longer colours the diagnostics, s: long enough to be seen by a person.
+# Time, s, for which an event affects the diagnostics: long enough for a person to see it.
 WINDOW = 10.0
 Key = TypeVar('Key', bound=Hashable)
 
 
 class RecentCounts(Generic[Key]):
     """
-    Counts by key, those of the last WINDOW seconds in buckets of a second.
+    Counts by key; those of the last WINDOW seconds are kept in buckets of one second.
 
     Attributes
     ----------
     total : Counter
-        Since the start.
+        Counts since the start.
 
     """
 
@@ -27,7 +27,7 @@ class RecentCounts(Generic[Key]):
         self._buckets: dict[int, Counter[Key]] = {}
 
     def add(self, key: Key, now: float, count: int = 1) -> None:
-        """Count at a time, s."""
+        """Add to a count at a time, s."""
         self.total[key] += count
         self._drop(now)
         self._buckets.setdefault(int(now), Counter())[key] += count

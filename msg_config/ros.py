@@ -1,4 +1,4 @@
-"""The contract in rclpy: message classes, QoS, publishers, subscriptions and parameters."""
+"""Applies the contract in rclpy: message classes, QoS, publishers, subscriptions, parameters."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from rclpy.service import Service
 from rclpy.subscription import Subscription
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
-# s; discovery takes longer.
+# Least interval, s, of asking the middleware for subscribers; discovery takes longer.
 LOOK_INTERVAL = 0.01
 _MESSAGE_AND_INFO = inspect.signature(lambda message, info: None)
 
@@ -52,7 +52,7 @@ def qos_profile(qos: Qos) -> QoSProfile:
 
 @contextmanager
 def _named_overrides(node: Node, topic: str) -> Iterator[None]:
-    """Raise InputError where an override of a topic's QoS is none; rclpy has no class for it."""
+    """Raise InputError if an override of a topic's QoS is invalid; rclpy has no class for it."""
     try:
         yield
     except RuntimeError as error:
@@ -82,12 +82,12 @@ def create_subscription(
     name : str
         Name in the contract.
     callback : callable
-        Takes the message.
+        Called with the message.
     reliable : bool
-        Ask for the publisher's own QoS, as lock-step must: there one lost message stops the
-        loop. By default any publisher is accepted, a best-effort one included.
+        Whether to request the publisher's own QoS, as in lock-step, where one lost message stops
+        the loop. By default any publisher is accepted, including a best-effort one.
     raw : bool
-        The callback takes the message's bytes, for a `wire.MessageReader`.
+        Whether the callback takes the message's bytes, for a `wire.MessageReader`.
 
     """
     topic = load_topics()[name]
@@ -103,11 +103,12 @@ def create_sourced_subscription(
     raw: bool = False,
 ) -> Subscription:
     """
-    Return a subscription whose callback takes the message, or its bytes, and whence it comes.
+    Return a subscription whose callback also takes the source of the message and its waiting time.
 
-    That is its publisher's gid, None where the middleware tells none, and how long it has waited
-    here to be taken, s. An EventsExecutor gives message and info as one tuple, the others as two
-    arguments; by its signature rclpy knows that the callback takes two.
+    Its arguments are the message, or its bytes, the publisher's gid, None if the middleware gives
+    none, and the time that the message has waited here, s. An EventsExecutor passes message and
+    info as one tuple, other executors as two arguments; rclpy needs the signature to know that the
+    callback takes two.
     """
     def taken(*arguments: Any) -> None:
         message, info = arguments if len(arguments) == 2 else arguments[0]
@@ -125,7 +126,7 @@ def create_service(node: Node, name: str, callback: Callable[[Any, Any], Any]) -
 
 
 def payload_message(mass: float, variance: float, p: float) -> Float64MultiArray:
-    """Return the payload message: kg, kg^2 and SF1's P, one labelled dimension each."""
+    """Return the payload message: mass, kg, variance, kg^2, and SF1's P, each with a label."""
     message = Float64MultiArray(data=[mass, variance, p])
     message.layout.dim = [
         MultiArrayDimension(label=f'{name} {field.unit}', size=1, stride=1)
@@ -135,9 +136,9 @@ def payload_message(mass: float, variance: float, p: float) -> Float64MultiArray
 
 class Audience:
     """
-    Whether anybody listens to a publisher, looked up every LOOK_INTERVAL at most.
+    Whether a publisher has subscribers, looked up at most every LOOK_INTERVAL.
 
-    To ask the middleware at every sample takes as long as to send a message.
+    Asking the middleware at every sample would take as long as sending a message.
 
     Parameters
     ----------
@@ -149,7 +150,7 @@ class Audience:
         self._publisher, self._looked, self._there = publisher, -LOOK_INTERVAL, False
 
     def __bool__(self) -> bool:
-        """Return whether somebody listens."""
+        """Return whether there are subscribers."""
         now = monotonic()
         if now - self._looked >= LOOK_INTERVAL:
             self._looked, self._there = now, self._publisher.get_subscription_count() > 0
@@ -158,9 +159,10 @@ class Audience:
 
 class PayloadPublisher:
     """
-    Publishes payload, payload/inertia and payload_stamped of the same stamp.
+    Publishes payload, payload/inertia and payload_stamped with the same stamp.
 
-    Somebody waits for the first two. The third goes out after them, where anybody listens.
+    Other nodes wait for the first two. The third is sent after them, and only if it has
+    subscribers.
 
     Parameters
     ----------
@@ -179,13 +181,13 @@ class PayloadPublisher:
 
     def serialised(self, stamp: int, mass: float, variance: float, p: float
                    ) -> tuple[bytes, bytes, bytes]:
-        """Return the messages of a stamp, ns: kg, kg^2 and SF1's P."""
+        """Return the messages of a stamp, ns: mass, kg, variance, kg^2, and SF1's P."""
         time = divmod(stamp, NANOSECONDS)
         return (self._payload(mass, variance, p), self._inertia(*time, mass),
                 self._stamped(*time, mass, variance))
 
     def publish(self, messages: tuple[bytes, bytes, bytes]) -> None:
-        """Publish what `serialised` gave."""
+        """Publish the messages that `serialised` returned."""
         payload, inertia, stamped = self._publishers
         payload.publish(messages[0])
         inertia.publish(messages[1])
@@ -200,8 +202,8 @@ def descriptor(row: Parameter) -> ParameterDescriptor:
         description=row.description + unit,
         additional_constraints=f'expected {row.expected}; a change applies '
                                + APPLIES[row.applies].replace('`', ''),
-        # A static double refuses an int, which is what `payload: 1` is; and the table's words are
-        # clearer than ROS's.
+        # A statically typed double would refuse an int such as `payload: 1`, and the errors of the
+        # table are clearer than those of ROS.
         dynamic_typing=True,
     )
     if row.minimum is not None and row.maximum is not None:
@@ -216,7 +218,7 @@ def descriptor(row: Parameter) -> ParameterDescriptor:
 
 def declare_parameters(node: Node, table: str | None = None) -> dict[str, Value]:
     """
-    Declare a node's table and return its values, overrides included.
+    Declare a node's table and return its values, including overrides.
 
     Parameters
     ----------
@@ -228,7 +230,7 @@ def declare_parameters(node: Node, table: str | None = None) -> dict[str, Value]
     Raises
     ------
     InputError
-        If an override does not fit the table.
+        An override does not fit the table.
 
     """
     rows = load_parameters()[table or node.get_name()]
@@ -247,7 +249,7 @@ def parameter_values(node: Node, table: str | None = None) -> dict[str, Value]:
     Raises
     ------
     InputError
-        If a value does not fit the table.
+        A value does not fit the table.
 
     """
     rows = load_parameters()[table or node.get_name()]
@@ -263,12 +265,12 @@ def _default(row: Parameter) -> Any:
 
 
 def parameter_value(parameter: RosParameter[Any]) -> Any:
-    """Return a value; an empty list has no element type and is a byte array to rclpy."""
+    """Return a value; rclpy takes an empty list, which has no element type, for a byte array."""
     return () if parameter.value in ([], (), b'') else parameter.value
 
 
 def unknown_overrides(node: Node, table: str) -> list[str]:
-    """Return a line for each given parameter that the node does not have: a slip of the pen."""
+    """Return a line for each given parameter that the node does not have: likely misspelt."""
     rows = load_parameters()[table]
     unknown = [name for name in node._parameter_overrides
                if not node.has_parameter(name) and not name.startswith('qos_overrides.')]

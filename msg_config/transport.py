@@ -1,4 +1,4 @@
-"""How the topics travel: over UDP, for shared memory does not survive a killed process."""
+"""Selects the transport of topics: UDP, since shared memory does not survive a killed process."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ from pathlib import Path
 LOOPBACK = Path(__file__).with_name('loopback.xml')
 TRANSPORTS, PROFILES = 'FASTDDS_BUILTIN_TRANSPORTS', 'FASTDDS_DEFAULT_PROFILES_FILE'
 RANGE, PEERS = 'ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_STATIC_PEERS'
-# Where a user set one of these, the transports are the user's.
-OWN = (TRANSPORTS, PROFILES, 'FASTRTPS_DEFAULT_PROFILES_FILE')
+# If one of these variables is set, the user has chosen the transports.
+USER_SETTINGS = (TRANSPORTS, PROFILES, 'FASTRTPS_DEFAULT_PROFILES_FILE')
 
 
 def avoid_shared_memory(environment: MutableMapping[str, str] = os.environ) -> None:
     """
-    Keep this process's topics on UDP, unless the user's own settings of Fast DDS say otherwise.
+    Keep this process's topics on UDP, unless the user has settings of Fast DDS.
 
-    A process that is killed leaves its shared memory behind: what starts next may delete memory
-    on which another still listens (Fast DDS 3.2.2, its issue 5469), or wait for ever for a segment
-    that was being made. With LOCALHOST, ROS 2 Kilted and later open shared memory whatever
-    FASTDDS_BUILTIN_TRANSPORTS says; there a profile that means the same takes its place.
-    To be called before rclpy makes a node.
+    A process that is killed leaves its shared memory behind. The next process may then delete
+    memory on which another still listens (Fast DDS 3.2.2, its issue 5469), or wait for ever for a
+    segment that was being created. With LOCALHOST, ROS 2 Kilted and later open shared memory
+    whatever FASTDDS_BUILTIN_TRANSPORTS says; there a profile with the same effect is used instead.
+    To be called before rclpy creates a node.
 
     Parameters
     ----------
     environment : MutableMapping
-        What is changed.
+        The environment variables to change.
 
     """
-    if any(name in environment for name in OWN):
+    if any(name in environment for name in USER_SETTINGS):
         return
     environment[TRANSPORTS] = 'UDPv4'
     if environment.get(RANGE, '').upper() == 'LOCALHOST' and _opens_shared_memory(environment):

@@ -1,10 +1,10 @@
 """
-Messages as the bytes that the middleware carries, of which only the numbers are read and written.
+Reads and writes only the numbers of messages, directly in the bytes that the middleware carries.
 
-On a topic's messages names, frame and lengths stay as they are. To make Python objects of them at
-every message takes longer than what is done with the numbers. So one message tells where its
-numbers stand (plain CDR: DDS-XTypes 1.3, 7.4.1), and with those that are alike but for the numbers
-nothing else is touched.
+The names, frame and lengths of a topic's messages do not change. Making Python objects of them for
+every message takes longer than the computation with the numbers. So the places of the numbers are
+learnt from one message (plain CDR: DDS-XTypes 1.3, 7.4.1), and in messages that differ only in
+their numbers nothing else is touched.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from rosidl_parser.definition import (
     NamespacedType,
 )
 
-# What precedes plain CDR in this machine's byte order; other encodings are not learnt.
+# Header of plain CDR in this machine's byte order, and its size; other encodings are not learnt.
 PLAIN, HEAD = (b'\0\1' if sys.byteorder == 'little' else b'\0\0'), 4
 CODES = {'double': 'd', 'int32': 'i', 'uint32': 'I'}
 LENGTH = Struct('=I')
-# Bytes of a message that is learnt, at most: the names of any arm are shorter.
-LARGEST = 4096
+# Largest message that is learnt, bytes: the names of any arm fit in.
+MAX_LEARNT = 4096
 
 
 class Number(NamedTuple):
-    """A number, or a sequence of some, of a message: its field, format and first byte."""
+    """A number or a sequence of numbers in a message: its field, format and first byte."""
 
     field: str
     form: str
@@ -49,23 +49,23 @@ class Number(NamedTuple):
 
 class Layout:
     """
-    Where the numbers of a message stand.
+    The places of the numbers in a message.
 
-    Numbers in a sequence of messages count as what stays, like names and lengths.
+    Numbers in a sequence of messages count as constant, like names and lengths.
 
     Parameters
     ----------
     kind : type
         Class of the message, of doubles, (u)int32, strings, messages and sequences.
     data : bytes
-        One that rclpy reads.
+        A message that rclpy can read.
 
     Attributes
     ----------
     numbers : list of Number
-        In their order.
+        The numbers in the order of the message.
     mask : bytes
-        Ones where something stands that stays; zeros at numbers, and where nothing stands.
+        Ones at bytes that are constant; zeros at numbers and at padding.
 
     """
 
@@ -88,7 +88,7 @@ class Layout:
         elif isinstance(slot, BasicType):
             self._number(CODES[slot.typename], 1, field, free)
         elif isinstance(slot, AbstractString):
-            self._stays(self._length())
+            self._mark_constant(self._length())
         else:
             assert isinstance(slot, AbstractNestedType), slot
             self._sequence(slot.value_type, field, free)
@@ -106,7 +106,7 @@ class Layout:
         size = calcsize(code)
         self._at += (HEAD - self._at) % size
         if not free:
-            self._stays(size * count)
+            self._mark_constant(size * count)
             return
         self.numbers.append(Number(field, f'={count}{code}', self._at))
         self._at += size * count
@@ -114,10 +114,10 @@ class Layout:
     def _length(self) -> int:
         self._at += (HEAD - self._at) % LENGTH.size
         length: int = LENGTH.unpack_from(self._data, self._at)[0]
-        self._stays(LENGTH.size)
+        self._mark_constant(LENGTH.size)
         return length
 
-    def _stays(self, count: int) -> None:
+    def _mark_constant(self, count: int) -> None:
         self._mask[self._at:self._at + count] = bytes([255] * count)
         self._at += count
 
@@ -126,16 +126,16 @@ class MessageReader:
     """
     Reads the messages of a topic.
 
-    A message is the last one with other numbers wherever all else in it is the same; any other is
-    read by rclpy, and learnt. It has the message's fields, and none of its class's checks, which
-    are calls of Python. Keep no message beyond the next: it is the same object.
+    If a message differs from the last one only in its numbers, only these are read; any other is
+    read by rclpy, and learnt. The result has the message's fields, but not the checks of its
+    class, which are calls of Python. Do not keep a message beyond the next: it is the same object.
 
     Parameters
     ----------
     kind : type
         Class of the messages.
     topic : str
-        Named in errors.
+        Name of the topic, for error messages.
 
     """
 
@@ -150,7 +150,7 @@ class MessageReader:
         Raises
         ------
         InputError
-            It is no message of this class.
+            The bytes are no message of this class.
 
         """
         if len(data) != self._size or \
@@ -169,7 +169,7 @@ class MessageReader:
             raise InputError(f'{self._topic}: expected a {self._kind.__name__}, got '
                              f'{len(data)} bytes that are none ({type(error).__name__})') from None
         self._size = -1
-        if data[:2] == PLAIN and len(data) <= LARGEST:
+        if data[:2] == PLAIN and len(data) <= MAX_LEARNT:
             self._learn(data, message)
         return message
 
@@ -195,7 +195,7 @@ def _plain(message: Any) -> Any:
 
 
 def _owner(message: Any, field: str) -> tuple[Any, str]:
-    """Return the message that holds a field, and the field's own name."""
+    """Return the (nested) message that holds a field, and the field's name in it."""
     *outer, name = field.split('.')
     for part in outer:
         message = getattr(message, part)
@@ -217,14 +217,14 @@ def _with_gaps(numbers: Sequence[Number], size: int) -> str:
 
 class MessageWriter:
     """
-    Writes messages that are alike but for some of their numbers.
+    Writes messages that differ only in some of their numbers.
 
     Parameters
     ----------
     message : message
-        One of them.
+        One of the messages.
     fields : str
-        Whose numbers change, for example 'header' and 'position'.
+        Fields whose numbers change, for example 'header' and 'position'.
 
     """
 

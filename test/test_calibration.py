@@ -7,9 +7,9 @@ import re
 
 from flex_plant_sim.arm.robot_file import load_robot, parse_robot, robot_text
 from flex_plant_sim.atomic_file import MARK
+from flex_plant_sim.commissioning.calibrated_robot import calibrated_robot
 from flex_plant_sim.commissioning.calibration import Calibration
-from flex_plant_sim.commissioning.earned import earned
-from flex_plant_sim.commissioning.items import Item, items_of
+from flex_plant_sim.commissioning.items import calibration_items, Item
 from flex_plant_sim.commissioning.robot_text import with_numbers
 from flex_plant_sim.tools.robot import main
 import numpy as np
@@ -118,8 +118,9 @@ def test_a_shared_tolerance_is_that_of_the_least_known_part() -> None:
     robot = load_robot('reference')
     items = [Item(item.name, item.tolerance, item.change, item.unit, 0.0,
                   0.5 * item.tolerance if item.name.endswith('_2') else 0.1 * item.tolerance)
-             for item in items_of(robot)]
-    found = earned(robot, Calibration(robot, tuple(items), np.zeros(6), np.zeros(6))).tolerances
+             for item in calibration_items(robot)]
+    calibration = Calibration(robot, tuple(items), np.zeros(6), np.zeros(6))
+    found = calibrated_robot(robot, calibration).tolerances
     assert found.stiffness == pytest.approx(0.5 * robot.tolerances.stiffness)
     assert found.gauge_position_m == pytest.approx(0.1 * robot.tolerances.gauge_position_m)
     assert found.payload == robot.tolerances.payload

@@ -6,9 +6,9 @@ from dataclasses import replace
 import math
 
 from flex_plant_sim.arm.robot_file import load_robot, parse_robot, robot_text
-from flex_plant_sim.inputs.gate import Gate, judge_all, Limits
-from flex_plant_sim.inputs.resample import bridged, even_grid, filled
-from flex_plant_sim.inputs.stamps import Order, sane_stamp, StampOrder
+from flex_plant_sim.inputs.gate import Gate, judge_record, Limits
+from flex_plant_sim.inputs.resample import even_grid, fill_by_line, fill_by_spline
+from flex_plant_sim.inputs.stamps import Order, StampOrder, valid_stamp
 from flex_plant_sim.inputs.synchroniser import slop_of, Synchroniser
 from msg_config.errors import InputError
 from msg_config.input_mapping import InputMapping
@@ -122,7 +122,7 @@ def test_a_stamp_far_ahead_needs_a_second_one() -> None:
     names = [Order.NEW, Order.NEW, Order.REPEATED, Order.STALE, Order.NEW, Order.AHEAD, Order.NEW,
              Order.AHEAD, Order.RESTARTED, Order.STALE, Order.RESTARTED]
     assert [order.judge(stamp) for stamp in stamps] == names
-    assert sane_stamp(3, 999_999_999) and not sane_stamp(3, 10**9) and not sane_stamp(-1, 0)
+    assert valid_stamp(3, 999_999_999) and not valid_stamp(3, 10**9) and not valid_stamp(-1, 0)
 
 
 def test_what_came_stays_and_what_was_lost_is_interpolated() -> None:
@@ -135,10 +135,10 @@ def test_what_came_stays_and_what_was_lost_is_interpolated() -> None:
     assert grid.interval == pytest.approx(0.005, rel=1e-5)
     wave = np.sin(2.0 * np.pi * 5.0 * 0.005 * np.arange(1000))[:, None]
     rows = wave[keep]
-    np.testing.assert_array_equal(filled(grid, rows)[grid.place], rows)
-    np.testing.assert_allclose(filled(grid, rows), wave, atol=1e-4)
+    np.testing.assert_array_equal(fill_by_spline(grid, rows)[grid.place], rows)
+    np.testing.assert_allclose(fill_by_spline(grid, rows), wave, atol=1e-4)
     lost = np.setdiff1d(np.arange(1000), keep)
-    np.testing.assert_allclose(bridged(grid, rows)[lost], wave[lost], atol=0.02)
+    np.testing.assert_allclose(fill_by_line(grid, rows)[lost], wave[lost], atol=0.02)
 
 
 def test_a_long_gap_leaves_the_longest_stretch() -> None:
@@ -173,7 +173,7 @@ def test_one_bad_sample_is_refused_and_no_other(column: int, value: float, kind:
     time, output, command = motion(100)
     output[50, column] = value
     gate = Gate(REFERENCE)
-    refused = judge_all(gate, time, output, command)
+    refused = judge_record(gate, time, output, command)
     assert [k for k, refusal in enumerate(refused) if refusal is not None] == [50]
     assert gate.refused == {kind: 1}
 
@@ -182,12 +182,12 @@ def test_a_command_beyond_the_drive_is_refused() -> None:
     time, output, command = motion(10)
     command[3, 1], command[5, 0] = 1e308, math.nan
     gate = Gate(QUANSER)
-    judge_all(gate, time, output[:, :4], command)
+    judge_record(gate, time, output[:, :4], command)
     assert gate.refused == {'out of range': 1, 'not finite': 1}
 
 
 def test_an_arm_that_was_moved_is_believed_in_the_end() -> None:
     time, output, command = motion(100)
     output[50:, 0] += 50.0
-    refused = [r is not None for r in judge_all(Gate(REFERENCE), time, output, command)]
+    refused = [r is not None for r in judge_record(Gate(REFERENCE), time, output, command)]
     assert sum(refused) == Gate.CONVINCED and not any(refused[60:])

@@ -98,7 +98,7 @@ def test_faster_sampling_with_as_much_noise_a_second_tells_as_much(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     # Of 100 kHz five hundred samples are taken as one.
-    monkeypatch.setattr('flex_plant_sim.commissioning.observability.MOST_SAMPLES', 2000)
+    monkeypatch.setattr('flex_plant_sim.commissioning.observability.MAX_SAMPLES', 2000)
     faster = replace(REFERENCE, sample_time=1e-5, angle_noise=REFERENCE.angle_noise * 10.0**1.5,
                      strain_noise=REFERENCE.strain_noise * 10.0**1.5)
     found, slow = observability(faster, 2), observability(REFERENCE, 2)

@@ -9,16 +9,16 @@ from typing import Any
 from flex_plant_sim.arm.file_section import PLAUSIBLE
 from flex_plant_sim.arm.robot import Tolerances
 from flex_plant_sim.arm.robot_file import DRIVE_KINDS, parse_robot
-from flex_plant_sim.arm.robot_keys import Key, SECTIONS, TOLERANCES
+from flex_plant_sim.arm.robot_keys import Key, KEY_GROUPS, TOLERANCES
 from flex_plant_sim.commissioning.template import reference_page, template
 from msg_config.errors import InputError
 import pytest
 import yaml
 
 DEFAULTS = {'none': None, '0': 0.0, '1': 1.0}
-EACH_KEY = [(place, key) for section in SECTIONS for place in section.places
-            for key in section.keys
-            if not section.kind or section.kind == 'velocity_loop']
+EACH_KEY = [(place, key) for group in KEY_GROUPS for place in group.places
+            for key in group.keys
+            if not group.kind or group.kind == 'velocity_loop']
 
 
 def data() -> dict[str, Any]:
@@ -29,10 +29,10 @@ def data() -> dict[str, Any]:
 def without(place: str, key: Key) -> str:
     """Return the template without one key."""
     found = data()
-    section = found
+    group = found
     for name in filter(None, place.split('.')):
-        section = section[name]
-    del section[key.name]
+        group = group[name]
+    del group[key.name]
     return yaml.safe_dump(found)
 
 
@@ -53,13 +53,13 @@ def test_a_key_without_a_default_must_be_there(place: str, key: Key) -> None:
 
 @pytest.mark.parametrize('kind', sorted(DRIVE_KINDS))
 def test_every_kind_of_drive_is_described_as_the_parser_reads_it(kind: str) -> None:
-    section = next(section for section in SECTIONS if section.kind == kind)
+    group = next(group for group in KEY_GROUPS if group.kind == kind)
     found = data()
     for joint, name in enumerate(('shoulder', 'elbow')):
         found['drives'][name] = {'kind': kind, **{
-            key.name: yaml.safe_load(key.examples[joint]) for key in section.keys}}
+            key.name: yaml.safe_load(key.examples[joint]) for key in group.keys}}
     parse_robot(yaml.safe_dump(found), 'robot.yaml')
-    for key in section.keys:
+    for key in group.keys:
         if not key.default:
             lacking = yaml.safe_load(yaml.safe_dump(found))
             del lacking['drives']['elbow'][key.name]
@@ -81,7 +81,7 @@ def test_a_geared_motor_without_a_tacho_runs_at_its_back_emf() -> None:
 
 
 def test_no_key_of_the_parser_is_undocumented() -> None:
-    described = {key.name for section in SECTIONS for key in section.keys}
+    described = {key.name for group in KEY_GROUPS for key in group.keys}
     described |= {f'tolerances.{name}' for name in TOLERANCES}
     assert set(PLAUSIBLE) <= described
     assert set(TOLERANCES) == {field.name for field in fields(Tolerances)}

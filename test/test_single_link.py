@@ -8,7 +8,7 @@ from finite_elements import mesh
 from flex_plant_sim.arm.drive import Drive
 from flex_plant_sim.arm.paper_model import paper_model, Sign
 from flex_plant_sim.arm.robot_file import load_robot
-from flex_plant_sim.arm.single_link import ALONE, SingleLink, Surroundings
+from flex_plant_sim.arm.single_link import ExternalLoads, NO_LOADS, SingleLink
 import numpy as np
 from numpy.typing import NDArray
 import pytest
@@ -47,13 +47,13 @@ def frequencies(link: SingleLink) -> Array:
     return np.unique(found[found > 0.1].round(9))
 
 
-def static_tip(link: SingleLink, around: Surroundings = ALONE,
+def static_tip(link: SingleLink, loads: ExternalLoads = NO_LOADS,
                angle: float = 0.0, turning: float = 0.0) -> float:
     """Return the tip's deflection, m, at rest under constant loads."""
     n = link.modes
     state = np.zeros(2 * n + 2)
     state[0] = angle
-    pushed = link.acceleration(state, turning * link.drive.inertia, around)[1:]
+    pushed = link.acceleration(state, turning * link.drive.inertia, loads)[1:]
     force = (np.eye(n) - link.kappa) @ pushed
     return float(link.tip @ (force / link.beam.frequencies**2))
 
@@ -138,7 +138,7 @@ def test_reaction_of_the_payload_needs_its_acceleration() -> None:
     tip = LENGTH * moved[0] + loaded.tip @ moved[1:]
     force = PAYLOAD * (tip + 9.81 * np.sin(state[0]))
     np.testing.assert_allclose(
-        bare.acceleration(state, 0.3, Surroundings(tip_force=force)), moved, rtol=1e-10)
+        bare.acceleration(state, 0.3, ExternalLoads(tip_force=force)), moved, rtol=1e-10)
 
 
 def test_tip_torque_bends_the_link_its_own_way() -> None:
@@ -147,21 +147,21 @@ def test_tip_torque_bends_the_link_its_own_way() -> None:
 
     As printed the moment bends the link against itself.
     """
-    around = Surroundings(tip_torque=0.5)
+    loads = ExternalLoads(tip_torque=0.5)
     expected = 0.5 * LENGTH**2 / (2.0 * EI)
-    assert static_tip(single(20), around) == pytest.approx(expected, rel=1e-2)
-    assert static_tip(single(20, sign='as_printed'), around) == pytest.approx(-expected, rel=1e-2)
+    assert static_tip(single(20), loads) == pytest.approx(expected, rel=1e-2)
+    assert static_tip(single(20, sign='as_printed'), loads) == pytest.approx(-expected, rel=1e-2)
 
 
 def test_tip_force_is_the_link_s_reaction() -> None:
-    around = Surroundings(tip_force=0.5)
-    assert static_tip(single(20), around) == pytest.approx(-0.5 * LENGTH**3 / (3.0 * EI), rel=1e-4)
+    loads = ExternalLoads(tip_force=0.5)
+    assert static_tip(single(20), loads) == pytest.approx(-0.5 * LENGTH**3 / (3.0 * EI), rel=1e-4)
 
 
 def squared_frequencies_with_tip_inertia(link: SingleLink, inertia: float) -> Array:
     """Return omega^2, ascending, where M_e = -J (phi'(L) q'') as of a hub at the tip."""
     n, rest = link.modes, np.zeros(2 * link.modes + 2)
-    torque = link.acceleration(rest, 0.0, Surroundings(tip_torque=1.0))[1:]
+    torque = link.acceleration(rest, 0.0, ExternalLoads(tip_torque=1.0))[1:]
     stiffness = -jacobian(link)[n + 2:, 1:n + 1]
     mass = np.eye(n) + inertia * np.outer(torque, link.tip_slope)
     return np.sort(np.linalg.eigvals(np.linalg.solve(mass, stiffness)).real)
@@ -191,7 +191,7 @@ def test_payload_rides_on_a_moving_base() -> None:
     """
     rng = np.random.default_rng(0)
     state = 0.01 * rng.standard_normal(10)
-    moving = Surroundings(base_acceleration=9.81)
+    moving = ExternalLoads(base_acceleration=9.81)
     lying = state.copy()
     lying[0] = np.pi / 2.0
     heavy = single(4, gravity=9.81).acceleration(lying)[1:]

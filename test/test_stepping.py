@@ -77,7 +77,7 @@ def test_compiled_steps_are_those_of_plain_numpy() -> None:
     assert stepper is not None
     fast = stepper.run(np.zeros(arm.states), held, np.zeros((100, arm.form.order)))
     inputs, plain = np.pad(held, ((0, 0), (0, arm.form.order))), np.zeros_like(fast)
-    stepping._run.py_func(  # type: ignore[attr-defined]
+    stepping._run_steps.py_func(  # type: ignore[attr-defined]
         stepper.series, stepper.angle, stepper.turning, stepper.bending, stepper.share,
         stepper.step, inputs, plain)
     np.testing.assert_allclose(fast, plain, rtol=0.0, atol=1e-12)

@@ -1,4 +1,8 @@
-"""Assumed-modes arm model: the kinetic and elastic energy of the whole arm."""
+"""
+Assumed-modes arm model, derived from the kinetic and elastic energy of the whole arm.
+
+It turns a robot and its Ritz shapes into the second-order form that the plant is built from.
+"""
 
 from __future__ import annotations
 
@@ -21,12 +25,16 @@ import numpy as np
 
 
 def assumed_modes(robot: Robot, modes: int) -> SecondOrderForm:
-    """Return the energy form of links that bend in statically complete shapes; read only."""
-    return _form(replace(robot, effects=()), modes)
+    """
+    Return the arm model whose links bend in Ritz shapes; its arrays are read-only.
+
+    Models of equal robots are shared, since the effects of a robot do not enter them.
+    """
+    return _cached_form(replace(robot, effects=()), modes)
 
 
 @lru_cache(maxsize=8)
-def _form(robot: Robot, modes: int) -> SecondOrderForm:
+def _cached_form(robot: Robot, modes: int) -> SecondOrderForm:
     shapes = (RitzShapes.of(robot.links[0].beam(modes)), RitzShapes.of(robot.links[1].beam(modes)))
     form = energy_form(robot, shapes, modes)
     for part in vars(form).values():
@@ -37,15 +45,15 @@ def _form(robot: Robot, modes: int) -> SecondOrderForm:
 
 def energy_form(robot: Robot, shapes: tuple[Shapes, Shapes], modes: int) -> SecondOrderForm:
     """
-    Return the form whose mass matrix is that of the kinetic energy (symmetric, definite).
+    Return the form with the mass matrix of the kinetic energy (symmetric, positive definite).
 
-    With e the row of the elbow's velocity across the upper link, s that of the lower link's
-    static moment and t of the tip's velocity across the lower link,
+    With the rows e of the elbow's velocity across the upper link, s of the lower link's static
+    moment and t of the tip's velocity across the lower link,
 
         T = T_1 + (m_h + m_l2) (e p')^2 / 2 + c (e p') (s p') + T_2
             + m_p ((e p')^2 + 2 c (e p') (t p') + (t p')^2) / 2 + rotors,
 
-    linear in the deflections, as the paper's equations are.
+    which, like the paper's equations, is linear in the deflections.
     """
     order, rows = 2 + 2 * modes, KinematicRows.of(robot, shapes, modes)
     mass, payload = np.zeros((3, order, order)), np.zeros((3, order, order))
@@ -70,7 +78,7 @@ def energy_form(robot: Robot, shapes: tuple[Shapes, Shapes], modes: int) -> Seco
 
 def elastic_and_drive_terms(robot: Robot, shapes: tuple[Shapes, Shapes],
                             modes: int) -> tuple[Array, Array]:
-    """Return D (N, N) and K (3, N, N) of the links' own elasticity and of the drives."""
+    """Return D (N, N) and K (3, N, N) of the links' bending and of the drives' damping."""
     order = 2 + 2 * modes
     damping, stiffness = np.zeros((order, order)), np.zeros((3, order, order))
     for j, link in enumerate(robot.links):
@@ -84,7 +92,7 @@ def elastic_and_drive_terms(robot: Robot, shapes: tuple[Shapes, Shapes],
 @dataclass(frozen=True)
 class KinematicRows:
     """
-    Rows over p', shape (N,) each, of what the kinetic energy is made of.
+    Rows that give, multiplied by p', the velocities in the kinetic energy; shape (N,) each.
 
     Attributes
     ----------
@@ -95,7 +103,8 @@ class KinematicRows:
     tip, tip_slope : Array
         Velocity across the lower link relative to the elbow, and rotation rate, of the tip.
     static_moment_1, static_moment_2 : Array
-        int v dm over all that the upper link carries, over the lower link alone, kg m.
+        int v dm, kg m: over the upper link and all that it carries except the payload, and over
+        the lower link alone.
 
     """
 
@@ -141,7 +150,7 @@ def _symmetric(a: Array, b: Array) -> Array:
 
 
 def _link_mass(robot: Robot, index: int, shapes: tuple[Shapes, Shapes], root: Array) -> Array:
-    """Return rho a int v^2 dx of one link turning with `root` about its joint axis."""
+    """Return the mass matrix of rho a int v^2 dx for a link that turns at the rate `root` p'."""
     link, shape = robot.links[index], shapes[index]
     r, length, modes = link.hub_radius, link.length, shape.frequencies.size
     inertia = link.mass * (r * r + r * length + length**2 / 3.0)

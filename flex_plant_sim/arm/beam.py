@@ -1,4 +1,8 @@
-"""Clamped-free Euler-Bernoulli beam: frequency equation, mode shapes, constants (B, G, H)."""
+"""
+Clamped-free Euler-Bernoulli beam: frequency equation, mode shapes, modal constants (B, G, H).
+
+The arm models take the bending of a link from here. B, G and H are the paper's appendices.
+"""
 
 from __future__ import annotations
 
@@ -16,8 +20,8 @@ def frequency_roots(n: int) -> Array:
     """
     Return the first n roots x = gamma L of cosh(x) cos(x) = -1, (41).
 
-    Newton-Raphson on cos(x) + 1/cosh(x) from (i - 1/2) pi (Appendix G); the second term is
-    evaluated from exp(-x), so that no mode number overflows.
+    Newton-Raphson on cos(x) + 1/cosh(x), started at (i - 1/2) pi (Appendix G). The second term
+    is evaluated from exp(-x), so that it does not overflow for high modes.
 
     Returns
     -------
@@ -38,7 +42,7 @@ def frequency_roots(n: int) -> Array:
 @dataclass(frozen=True)
 class Beam:
     """
-    A prismatic beam, bending about its thin side, with n clamped-free modes.
+    A prismatic beam that bends in the direction of its thickness, with n clamped-free modes.
 
     Attributes
     ----------
@@ -71,7 +75,7 @@ class Beam:
 
     @property
     def modal_mass(self) -> float:
-        """Return mu = rho a L / 4, kg: the modal mass that phi(L) = +-1 gives."""
+        """Return mu = rho a L / 4, kg: the modal mass for shapes scaled to phi(L) = +-1."""
         return self.mass / 4.0
 
     @property
@@ -106,8 +110,8 @@ class Beam:
         """
         Return phi_i(x) or a derivative, (38) with (40), scaled to phi_i(L) = +-1.
 
-        The growing and the decaying exponential are kept apart, so that high modes keep their
-        digits where cosh - sigma sinh would cancel.
+        The growing and the decaying exponential are evaluated separately, because cosh - sigma
+        sinh would lose its digits by cancellation in high modes.
 
         Parameters
         ----------

@@ -1,4 +1,8 @@
-"""Joint drives: DC motor with tacho loop and gear (Appendix A), or a current drive."""
+"""
+Joint drives: DC motor with tacho loop and gear (Appendix A), or a current drive.
+
+A drive turns a command into the torque on a joint; the arm models take its inertia and damping.
+"""
 
 from __future__ import annotations
 
@@ -57,7 +61,8 @@ class DCMotor:
         """
         Return the drive seen from the joint, (33).
 
-        Without a tacho the motor is fed k_p times the command, and only back-EMF brakes it.
+        Without a tacho the motor is fed k_p times the command, and only its back-EMF and its
+        friction brake it.
         """
         steady = self.velocity_gain * self.amplifier_gain / self.gear_ratio
         drive = Drive.velocity_loop(self.inertia * self.gear_ratio**2, self.time_constant, steady)
@@ -92,7 +97,7 @@ class Drive:
 
     @classmethod
     def velocity_loop(cls, inertia: float, time_constant: float, steady_gain: float) -> Drive:
-        """Return a closed tacho loop with its time constant tau_mt (s) and gain u -> theta'."""
+        """Return a closed tacho loop with time constant tau_mt, s, and steady gain u -> theta'."""
         damping = inertia / time_constant
         return cls(inertia, steady_gain * damping, damping, closed_loop=True)
 

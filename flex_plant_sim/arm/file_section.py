@@ -1,4 +1,8 @@
-"""One mapping of a robot file: takes keys out, checks them, complains by their full name."""
+"""
+One mapping of a robot file: its keys are read and checked one by one.
+
+`robot_file` builds the robot from such sections. Errors name a key with its file and full path.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +12,9 @@ from typing import Any
 
 from msg_config.errors import InputError
 
-# Least and largest value that an arm on a bench, or a crane, can have; 0 is judged on its own.
-# Outside, a unit or a decimal point is wrong.
+# Least and largest plausible magnitude of each key, in the key's unit, for anything from an arm
+# on a bench to a crane. A value outside has a wrong unit or decimal point. Zero is not judged
+# here: the caller says whether it is allowed.
 PLAUSIBLE = {
     'length_m': (0.01, 20.0), 'thickness_m': (1e-5, 0.2), 'height_m': (1e-4, 1.0),
     'youngs_modulus_pa': (1e6, 1.5e12), 'density_kg_per_m3': (10.0, 3e4),
@@ -23,28 +28,30 @@ PLAUSIBLE = {
     'angle_noise_rad': (1e-12, 0.2), 'strain_noise': (1e-14, 1e-2),
     'tolerances.gauge_position_m': (1e-9, 1.0), 'tolerances.strain_bias': (1e-14, 1e-2),
     'tolerances.payload_inertia_kg_m2': (1e-12, 1e3),
-    # Relative: beyond three times itself a number says nothing, and was meant as per cent.
+    # Relative standard deviations. Above 3 the nominal value would say nothing about the true
+    # one: the number was probably meant as per cent.
     **{f'tolerances.{key}': (1e-9, 3.0) for key in (
         'stiffness', 'damping', 'link_mass', 'drive_inertia', 'drive_gain', 'drive_damping',
         'elbow_mass', 'elbow_inertia', 'strain_gain', 'payload', 'length')}}
-# By which a number must be multiplied that a unit with a prefix would mean.
-PREFIXES = {1e-3: 'milli', 1e-6: 'micro', 1e3: 'kilo', 1e6: 'mega', 1e9: 'giga'}
+# SI prefixes that the hint on an implausible value suggests, by factor.
+SI_PREFIXES = {1e-3: 'milli', 1e-6: 'micro', 1e3: 'kilo', 1e6: 'mega', 1e9: 'giga'}
 
 
 class Section:
     """
-    One mapping of the file.
+    One mapping of the file; a key that was read is removed from `data`.
 
     Attributes
     ----------
     source : str
-        File, for errors.
+        Name of the file, for error messages.
     path : str
-        Of the mapping in the file, with dots.
+        Dotted path of the mapping in the file; empty at the top.
     data : dict
-        What nobody took yet.
+        Keys that have not been read yet, with their values.
     left_out : dict
-        Numbers that the file, this section or another, leaves to their defaults, by full key.
+        Defaults of the numbers that the whole file leaves out, by full key; shared by all
+        sections of a file.
 
     """
 
@@ -54,35 +61,35 @@ class Section:
             raise InputError(f'{source}: {path or "file"}: expected a mapping, got {shown(data)}')
         self.source, self.path, self.data = source, path, dict(data)
         self.left_out: dict[str, float] = {} if left_out is None else left_out
-        self._asked: list[str] = []
+        self._known_keys: list[str] = []
 
     def name(self, key: str) -> str:
-        """Return a key's full name with its file."""
+        """Return the file name and the full path of a key."""
         return f'{self.source}: {self.path}.{key}' if self.path else f'{self.source}: {key}'
 
     def take(self, key: str, default: Any = None) -> Any:
         """
-        Return a key's value and forget it.
+        Return the value of a key and remove the key from the section.
 
         Raises
         ------
         InputError
-            The key is missing and has no default; names a key that looks like it.
+            The key is missing and has no default; suggests a key with a similar name.
 
         """
-        self._asked.append(key)
+        self._known_keys.append(key)
         if key not in self.data and default is None:
             raise InputError(f'{self.name(key)}: expected a value, the key is missing'
-                             f'{_alike(key, list(self.data))}')
+                             f'{_similar_key_hint(key, list(self.data))}')
         return self.data.pop(key, default)
 
     def section(self, key: str, default: Any = None) -> Section:
-        """Return the mapping below a key."""
+        """Return the mapping under a key as a section."""
         path = f'{self.path}.{key}' if self.path else key
         return Section(self.source, path, self.take(key, default), self.left_out)
 
     def text(self, key: str, default: str | None = None) -> str:
-        """Return a word or a line."""
+        """Return the text of a key: not empty, at most 200 characters."""
         value = self.take(key, default)
         if isinstance(value, (dict, list)) or value is None or not str(value).strip() \
                 or len(str(value)) > 200:
@@ -91,32 +98,32 @@ class Section:
 
     def number(self, key: str, low: float = 0.0, default: float | None = None,
                strict: bool = True) -> float:
-        """Return a finite number > low (not strict: >= low), plausible for its key."""
+        """Return a finite number > low (>= low if not strict) that is plausible for its key."""
         if default is not None and key not in self.data:
             self.left_out[f'{self.path}.{key}'] = default
             return float(self.take(key, default))
-        value = self._checked(key, self.take(key), low, strict)
+        value = self._number_from(key, self.take(key), low, strict)
         least, most = PLAUSIBLE.get(f'{self.path}.{key}', PLAUSIBLE.get(
             key, (-math.inf, math.inf)))
         if value and not least <= abs(value) <= most:
             raise InputError(f'{self.name(key)}: expected {least:g} to {most:g}, got {value:g}'
-                             f'{_prefix(value, least, most)}')
+                             f'{_unit_prefix_hint(value, least, most)}')
         return value
 
     def numbers(self, key: str, low: float, high: float) -> tuple[float, ...]:
-        """Return a list of numbers from low to high."""
+        """Return a list of finite numbers, each from low to high."""
         values = self.take(key)
         if not isinstance(values, list):
             raise InputError(f'{self.name(key)}: expected a list of numbers, got {shown(values)}')
-        checked = tuple(self._checked(key, value, low, False) for value in values)
+        checked = tuple(self._number_from(key, value, low, False) for value in values)
         if any(value > high for value in checked):
             raise InputError(f'{self.name(key)}: expected at most {high:g}, got {max(checked):g}')
         return checked
 
-    def _checked(self, key: str, value: Any, low: float, strict: bool) -> float:
+    def _number_from(self, key: str, value: Any, low: float, strict: bool) -> float:
         sign = '>' if strict else '>='
         wrong = InputError(f'{self.name(key)}: expected a number {sign} {low:g}, '
-                           f'got {shown(value)}{_comma(value)}')
+                           f'got {shown(value)}{_decimal_comma_hint(value)}')
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             raise wrong
         try:
@@ -129,38 +136,39 @@ class Section:
 
     def close(self) -> None:
         """
-        Raise where a key is left that nobody took.
+        Check that every key of the section has been read.
 
         Raises
         ------
         InputError
-            Names the key, and one that looks like it.
+            A key is unknown; names it and suggests a known key with a similar name.
 
         """
         if self.data:
             key = sorted(map(str, self.data))[0]
-            raise InputError(f'{self.name(key[:80])}: unknown key{_alike(key, self._asked)}')
+            raise InputError(f'{self.name(key[:80])}: unknown key'
+                             f'{_similar_key_hint(key, self._known_keys)}')
 
 
 def shown(value: Any) -> str:
-    """Return a value as text that fits a line."""
+    """Return a value as text of at most 80 characters, for an error message."""
     text = repr(value) if isinstance(value, (str, int, float, bool, type(None))) \
         or len(value) <= 4 else f'{type(value).__name__} of {len(value)}'
     return text if len(text) <= 80 else f'{text[:77]}...'
 
 
-def _alike(key: str, others: list[str]) -> str:
+def _similar_key_hint(key: str, others: list[str]) -> str:
     found = get_close_matches(key[:80], [str(other)[:80] for other in others[:100]], 1, 0.6)
     return f' (is it {found[0]!r}?)' if found else ''
 
 
-def _comma(value: Any) -> str:
+def _decimal_comma_hint(value: Any) -> str:
     if isinstance(value, str) and value.count(',') == 1 and \
             value.replace(',', '').strip('+-').isdigit():
         return ' (decimal comma? write a point)'
     return ''
 
 
-def _prefix(value: float, least: float, most: float) -> str:
-    fits = [name for factor, name in PREFIXES.items() if least <= abs(value) * factor <= most]
+def _unit_prefix_hint(value: float, least: float, most: float) -> str:
+    fits = [name for factor, name in SI_PREFIXES.items() if least <= abs(value) * factor <= most]
     return f' (is the unit {fits[0]}…?)' if fits else ''

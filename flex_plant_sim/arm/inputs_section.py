@@ -1,4 +1,8 @@
-"""The section `inputs:` of a robot file: names, signs, units, scales and offsets outside."""
+"""
+The section `inputs:` of a robot file.
+
+It maps the names, signs, units, scales and offsets of incoming measurements to the project's own.
+"""
 
 from __future__ import annotations
 
@@ -24,26 +28,27 @@ def inputs_of(section: Section, gauges: Sequence[str]) -> InputMapping:
     Return the mapping that a robot file's section `inputs` describes.
 
     Each channel is a name, or a mapping of name, unit, sign (1, -1), scale and offset (in SI):
-    SI = sign x scale x unit x what comes + offset.
+    SI value = sign x scale x unit x incoming value + offset.
 
     Raises
     ------
     InputError
-        Naming the key, what was expected and what came.
+        Names the key, what was expected and what was found.
 
     """
     mapping = InputMapping(
-        _sources(section, 'joints', JOINTS, ANGLE_UNITS),
-        _sources(section, 'commands', JOINTS, {}),
-        _sources(section, 'gauges', gauges, STRAIN_UNITS), _topics(section), _time(section))
+        _read_sources(section, 'joints', JOINTS, ANGLE_UNITS),
+        _read_sources(section, 'commands', JOINTS, {}),
+        _read_sources(section, 'gauges', gauges, STRAIN_UNITS), _read_topics(section),
+        _read_time(section))
     section.close()
     return mapping
 
 
-def _sources(section: Section, kind: str, channels: Sequence[str], units: Mapping[str, float]
-             ) -> dict[str, Source]:
+def _read_sources(section: Section, kind: str, channels: Sequence[str],
+                  units: Mapping[str, float]) -> dict[str, Source]:
     group = section.section(kind, {})
-    found = {name: _source(group, name, units) for name in channels if name in group.data}
+    found = {name: _read_source(group, name, units) for name in channels if name in group.data}
     names = [source.name for source in found.values()]
     for name in channels:
         names += [] if name in found else [name]
@@ -56,45 +61,49 @@ def _sources(section: Section, kind: str, channels: Sequence[str], units: Mappin
     return found
 
 
-def _source(group: Section, key: str, units: Mapping[str, float]) -> Source:
+def _read_source(group: Section, key: str, units: Mapping[str, float]) -> Source:
     value: Any = group.data[key]
     section = Section(group.source, f'{group.path}.{key}',
                       value if isinstance(value, dict) else {'name': value})
     name, factor = section.text('name', key), section.number('scale', default=1.0)
     if units:
-        factor *= _one_of(section, 'unit', units, next(iter(units)))
-    factor *= _one_of(section, 'sign', {'1': 1.0, '-1': -1.0}, '1')
+        factor *= _read_choice(section, 'unit', units, next(iter(units)))
+    factor *= _read_choice(section, 'sign', {'1': 1.0, '-1': -1.0}, '1')
     source = Source(name, factor, section.number('offset', float('-inf'), 0.0))
     section.close()
     return source
 
 
-def _one_of(section: Section, key: str, choices: Mapping[str, float], default: str) -> float:
+def _read_choice(section: Section, key: str, choices: Mapping[str, float], default: str) -> float:
     value = section.take(key, default)
     if str(value) not in choices:
         raise InputError(f'{section.name(key)}: expected {", ".join(choices)}, got {shown(value)}')
     return choices[str(value)]
 
 
-def _topics(section: Section) -> dict[str, str]:
+def _read_topics(section: Section) -> dict[str, str]:
     group = section.section('topics', {})
     found = {name: group.text(name) for name in TOPICS if name in group.data}
     group.close()
     return found
 
 
-def _time(section: Section) -> Source:
+def _read_time(section: Section) -> Source:
     value = section.take('time', 'time')
     own = Section(section.source, f'{section.path}.time',
                   value if isinstance(value, dict) else {'name': value})
     name = own.text('name', 'time')
-    factor = _one_of(own, 'unit', TIME_UNITS, 's') if 'unit' in own.data else 0.0
+    factor = _read_choice(own, 'unit', TIME_UNITS, 's') if 'unit' in own.data else 0.0
     own.close()
     return Source(name, factor)
 
 
 def inputs_document(mapping: InputMapping) -> dict[str, Any]:
-    """Return a mapping as inputs_of reads it, factors in SI; empty where it says nothing."""
+    """
+    Return the section that inputs_of reads as this mapping, with scales to SI units.
+
+    Entries that equal the default are left out, so the default mapping gives an empty section.
+    """
     found: dict[str, Any] = {
         kind: {key: {'name': source.name, 'scale': abs(source.factor),
                      'sign': 1 if source.factor > 0.0 else -1, 'offset': source.offset}

@@ -1,4 +1,8 @@
-"""The paper's arm model: (1)-(7) corrected, full form and compact reduced form (10)-(16)."""
+"""
+The paper's arm model: (1)-(7), corrected, and the compact form with reduced actuators (10)-(16).
+
+It turns a robot with clamped-free modes into the second-order form, or into a state space.
+"""
 
 from __future__ import annotations
 
@@ -27,18 +31,18 @@ def paper_model(robot: Robot, modes: int, sign: Sign = 'corrected') -> SecondOrd
     """
     Return (3)-(7) with the full actuators (32) in second-order form (not symmetric).
 
-    Each modal row is multiplied by mu_j. The upper link feels the lower one through the shear
+    Each modal row is multiplied by mu_j. The lower link acts on the upper one through the shear
     F_b2 = E I_2 sum phi_2'''(0) q_2, (7), and the root moment M_b2 = E I_2 sum phi_2''(0) q_2.
 
     Parameters
     ----------
     robot : Robot
-        Its payload's mass is left open: the form is affine in it.
+        Its payload mass is not used: the form is affine in it.
     modes : int
-        Modes a link, n.
+        Number of modes per link, n.
     sign : str
-        'as_printed' keeps the paper's sign of M_e in (43): the elbow's rotary inertia and
-        root moment act with the wrong sign, and the arm is unstable.
+        'as_printed' keeps the paper's sign of M_e in (43). The elbow's rotary inertia and root
+        moment then act with the wrong sign, and the arm is unstable.
 
     """
     blocks = PaperBlocks(robot, modes, sign)
@@ -69,9 +73,9 @@ def paper_model(robot: Robot, modes: int, sign: Sign = 'corrected') -> SecondOrd
 
 class PaperBlocks:
     """
-    The terms of (4) and (6), multiplied by mu_j, over the coordinates p.
+    The terms of (4) and (6), multiplied by mu_j, as rows over the coordinates p.
 
-    Pairs are (payload-free part, part per kilogram of payload).
+    Pairs are (part without payload, part per kilogram of payload).
     """
 
     def __init__(self, robot: Robot, modes: int, sign: Sign):
@@ -87,7 +91,7 @@ class PaperBlocks:
         tip_1, slope_1 = self.beams[0].shape(upper.length), self.beams[0].shape(upper.length, 1)
         tip_2, slope_2 = self.beams[1].shape(lower.length), self.beams[1].shape(lower.length, 1)
         self.upper_mass = (
-            _own(self.beams[0], upper.hub_radius, rows.base_1, q_1)
+            _link_inertia(self.beams[0], upper.hub_radius, rows.base_1, q_1)
             + robot.elbow_mass * np.outer(tip_1, rows.elbow)
             + flip * robot.elbow_inertia * np.outer(slope_1, rows.elbow_slope),
             np.zeros((modes, rows.elbow.size)))
@@ -95,7 +99,7 @@ class PaperBlocks:
         self.upper_shear = np.outer(tip_1, shear)
         self.upper_moment = flip * np.outer(slope_1, self.root_moment[1])
         self.lower_mass = (
-            _own(self.beams[1], lower.hub_radius, rows.root_2, q_2)
+            _link_inertia(self.beams[1], lower.hub_radius, rows.root_2, q_2)
             + robot.payload_inertia * np.outer(slope_2, rows.tip_slope),
             np.outer(tip_2, rows.tip))
         self.lower_across = (
@@ -103,8 +107,8 @@ class PaperBlocks:
             np.outer(tip_2, rows.elbow))
 
 
-def _own(beam: object, radius: float, root: Array, q: slice) -> Array:
-    """Return mu (q'' - alpha theta''), with alpha + r beta where the clamp sits at radius r."""
+def _link_inertia(beam: object, radius: float, root: Array, q: slice) -> Array:
+    """Return the rows of mu (q'' - (alpha + r beta) theta'') for a clamp at hub radius r, m."""
     rows = -beam.modal_mass * np.outer(beam.alpha + radius * beam.beta, root)  # type: ignore
     rows[:, q] += beam.modal_mass * np.eye(rows.shape[0])  # type: ignore[attr-defined]
     return rows
@@ -113,7 +117,7 @@ def _own(beam: object, radius: float, root: Array, q: slice) -> Array:
 @dataclass(frozen=True)
 class CompactForm:
     """
-    The matrices of (10) and (11) at one theta_2; pairs are (M^0, M^m) of (14).
+    The matrices of (10) and (11) at one theta_2; the pairs are (M^0, M^m) of (14).
 
     q'' = M_1 q + M_2 q' + M_3 q'' + M_4 u + M_5 u',  theta' = M_6 q + M_7 u,
     with q (2n,), theta (2,), u (2,).
@@ -128,7 +132,7 @@ class CompactForm:
     m_7: Array
 
     def at(self, name: str, payload: float) -> Array:
-        """Return M_2, M_3 or M_5 (name m_2…) for a payload, kg, (14)."""
+        """Return M_2, M_3 or M_5 (name 'm_2', 'm_3' or 'm_5') for a payload, kg, (14)."""
         base, slope = getattr(self, name)
         return base + payload * slope
 
@@ -157,12 +161,12 @@ class CompactForm:
 
 class CompactModel:
     """
-    Appendix F for one robot: builds the compact form at any theta_2.
+    The compact form of one robot at any theta_2 (Appendix F).
 
     Raises
     ------
     InputError
-        Where a drive has no damping.
+        A drive has no damping, by which the reduced actuators divide.
 
     """
 
@@ -183,7 +187,7 @@ class CompactModel:
 
     def at(self, theta_2: float) -> CompactForm:
         """
-        Return M_1…M_7 at theta_2 (rad), from the rows of (61)-(64) divided by mu.
+        Return M_1…M_7 at theta_2, rad, from the rows of (61)-(64) divided by mu.
 
         M_4 = P_14 vanishes: with the reduced actuators k_21 u_2 + k_23 theta_2' = -k_22 M_b2.
         """

@@ -1,4 +1,8 @@
-"""The parts of a robot and how far each may be from its file: one prior for payload and cause."""
+"""
+The parts of a robot and how far each may deviate from the robot file.
+
+The payload estimator and the diagnosis take their prior of the arm from here.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +20,7 @@ Change = Callable[[Robot, float], Robot]
 @dataclass(frozen=True)
 class Part:
     """
-    A part whose deviation from the robot file has a Gaussian prior around zero.
+    A parameter of the robot whose deviation from the file has a Gaussian prior around zero.
 
     Attributes
     ----------
@@ -25,9 +29,9 @@ class Part:
     tolerance : float
         Standard deviation of the deviation.
     change : Callable
-        (robot, deviation) -> robot.
+        (robot, deviation) -> robot with that deviation.
     unit : str
-        Of the deviation; empty where it is the logarithm of true over nominal.
+        Unit of the deviation; empty where it is the logarithm of true over nominal value.
 
     """
 
@@ -38,67 +42,72 @@ class Part:
 
 
 def robot_parts(robot: Robot) -> tuple[Part, ...]:
-    """Return the parts that change the arm itself: links, drives, elbow; gauges are sensors."""
+    """
+    Return the parts of the arm itself: links, gauge positions, drives, elbow and payload inertia.
+
+    Parts without a tolerance are left out. For gains and biases of gauges see gauge_parts.
+    """
     t = robot.tolerances
     found: list[Part] = []
     for j in (0, 1):
         found += [
-            Part(f'stiffness_{j + 1}', t.stiffness, partial(_of_link, j, 'youngs_modulus')),
-            Part(f'damping_{j + 1}', t.damping, partial(_of_link, j, 'damping_ratio')),
-            Part(f'link_mass_{j + 1}', t.link_mass, partial(_of_link, j, 'density')),
-            Part(f'length_{j + 1}', t.length, partial(_of_link, j, 'length')),
-            *_gauge_positions(robot, j),
-            Part(f'drive_inertia_{j + 1}', t.drive_inertia, partial(_of_drive, j, 'inertia')),
-            Part(f'drive_gain_{j + 1}', t.drive_gain, partial(_of_drive, j, 'torque_gain')),
-            Part(f'drive_damping_{j + 1}', t.drive_damping, partial(_drive_damping, j))]
-    found += [Part('elbow_mass', t.elbow_mass, partial(_of_elbow, 'elbow_mass')),
-              Part('elbow_inertia', t.elbow_inertia, partial(_of_elbow, 'elbow_inertia')),
-              Part('payload_inertia', t.payload_inertia_kg_m2, _payload_inertia, 'kg m^2')]
+            Part(f'stiffness_{j + 1}', t.stiffness, partial(_scale_link, j, 'youngs_modulus')),
+            Part(f'damping_{j + 1}', t.damping, partial(_scale_link, j, 'damping_ratio')),
+            Part(f'link_mass_{j + 1}', t.link_mass, partial(_scale_link, j, 'density')),
+            Part(f'length_{j + 1}', t.length, partial(_scale_link, j, 'length')),
+            *_gauge_position_parts(robot, j),
+            Part(f'drive_inertia_{j + 1}', t.drive_inertia, partial(_scale_drive, j, 'inertia')),
+            Part(f'drive_gain_{j + 1}', t.drive_gain, partial(_scale_drive, j, 'torque_gain')),
+            Part(f'drive_damping_{j + 1}', t.drive_damping, partial(_scale_drive_damping, j))]
+    found += [Part('elbow_mass', t.elbow_mass, partial(_scale_elbow, 'elbow_mass')),
+              Part('elbow_inertia', t.elbow_inertia, partial(_scale_elbow, 'elbow_inertia')),
+              Part('payload_inertia', t.payload_inertia_kg_m2, _shift_payload_inertia, 'kg m^2')]
     return tuple(part for part in found if part.tolerance > 0.0)
 
 
 def drawn(robot: Robot, random: Generator) -> Robot:
-    """Return an arm whose parts are off by what their tolerances say."""
+    """Return an arm whose parts deviate at random by their tolerances."""
     for part in robot_parts(robot):
         robot = part.change(robot, part.tolerance * float(random.standard_normal()))
-    # The tolerance of what should be a point is absolute; an inertia is not negative.
+    # The payload is nominally a point, so its inertia has an absolute tolerance and the drawn
+    # value may be negative, which no inertia is.
     return replace(robot, payload_inertia=abs(robot.payload_inertia))
 
 
-def _payload_inertia(r: Robot, v: float) -> Robot:
-    # A negative one turns the mass matrix of a light link indefinite, and all diverges.
+def _shift_payload_inertia(r: Robot, v: float) -> Robot:
+    # A negative inertia makes the mass matrix of a light link indefinite; the arm then diverges.
     return replace(r, payload_inertia=max(r.payload_inertia + v, 0.0))
 
 
-def _of_elbow(name: str, r: Robot, v: float) -> Robot:
+def _scale_elbow(name: str, r: Robot, v: float) -> Robot:
     return replace(r, **{name: getattr(r, name) * exp(v)})
 
 
-def _of_link(j: int, name: str, r: Robot, v: float) -> Robot:
+def _scale_link(j: int, name: str, r: Robot, v: float) -> Robot:
     return r.with_link(j, **{name: getattr(r.links[j], name) * exp(v)})
 
 
-def _gauge_positions(robot: Robot, j: int) -> list[Part]:
+def _gauge_position_parts(robot: Robot, j: int) -> list[Part]:
     first = 0 if j == 0 else len(robot.links[0].gauge_positions)
     return [Part(f'position_{name}', robot.tolerances.gauge_position_m,
-                 partial(_gauge_position, j, k), 'm')
+                 partial(_shift_gauge, j, k), 'm')
             for k, name in enumerate(robot.gauge_names[first:][:len(
                 robot.links[j].gauge_positions)])]
 
 
-def _gauge_position(j: int, k: int, r: Robot, v: float) -> Robot:
+def _shift_gauge(j: int, k: int, r: Robot, v: float) -> Robot:
     positions = list(r.links[j].gauge_positions)
     positions[k] = min(max(positions[k] + v, 0.0), r.links[j].length)
     return r.with_link(j, gauge_positions=tuple(positions))
 
 
-def _of_drive(j: int, name: str, r: Robot, v: float) -> Robot:
+def _scale_drive(j: int, name: str, r: Robot, v: float) -> Robot:
     return r.with_drive(j, **{name: getattr(r.drives[j], name) * exp(v)})
 
 
-def _drive_damping(j: int, r: Robot, v: float) -> Robot:
+def _scale_drive_damping(j: int, r: Robot, v: float) -> Robot:
     drive = r.drives[j]
-    # A velocity loop that damps more pulls as much harder: its steady gain stays.
+    # In a closed velocity loop the torque gain changes with the damping: the steady gain stays.
     gain = drive.torque_gain * (exp(v) if drive.closed_loop else 1.0)
     return r.with_drive(j, damping=drive.damping * exp(v), torque_gain=gain)
 
@@ -106,7 +115,7 @@ def _drive_damping(j: int, r: Robot, v: float) -> Robot:
 @dataclass(frozen=True)
 class GaugePart:
     """
-    A gauge's deviation from the robot file, Gaussian around zero: it reads (1 + gain) e + bias.
+    A gauge's gain or bias, Gaussian around zero: at strain e it reads (1 + gain) e + bias.
 
     Attributes
     ----------
@@ -115,7 +124,7 @@ class GaugePart:
     gauge : str
         For example strain_1a.
     tolerance : float
-        Standard deviation: of a gain relative, of a bias in m/m.
+        Standard deviation; relative for a gain, in m/m for a bias.
 
     """
 

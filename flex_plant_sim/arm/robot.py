@@ -1,4 +1,8 @@
-"""A robot: links, drives and gauges, and what a diagnosis added; see robot_file."""
+"""
+The robot: links, drives and gauges, and the effects that a diagnosis added.
+
+`robot_file` reads it from YAML; the arm models and everything after them are built from it.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +33,7 @@ class Link:
     damping_ratio : float
         zeta of the first clamped-free mode; zeta_i = zeta omega_i / omega_1 (Kelvin-Voigt).
     hub_radius : float
-        Joint axis to clamp, m (0 in the paper).
+        Distance from the joint axis to the clamp, m (0 in the paper).
     gauge_positions : tuple of float
         Distance from the clamp, m.
 
@@ -67,7 +71,7 @@ class Link:
 @dataclass(frozen=True)
 class EffectSpec:
     """
-    An effect as the robot file names it.
+    An effect as the robot file gives it.
 
     Attributes
     ----------
@@ -76,7 +80,8 @@ class EffectSpec:
     site : str
         Where it acts, for example joint_2, link_1, strain_1a or arm.
     values : Mapping
-        Parameter name (with its unit) to a number; a table has lists, and names its variable.
+        Parameter name (with its unit) to a number. A table has lists of numbers, and the name of
+        its variable.
 
     """
 
@@ -88,11 +93,11 @@ class EffectSpec:
 @dataclass(frozen=True)
 class Tolerances:
     """
-    Standard deviations of the nominal parameters, relative unless a unit is named.
+    Standard deviations of the nominal parameters, relative unless the name has a unit.
 
-    What a healthy arm of this make may differ from its data sheet: the prior of the payload
-    estimator and of the diagnosis. Of a payload's inertia and a gauge's bias (strain, m/m) the
-    file says what is known; they are zero there otherwise.
+    They say how far a healthy arm of this make may differ from its data sheet, and are the prior
+    of the payload estimator and of the diagnosis. `strain_bias` is in m/m. The nominal payload
+    inertia is what the robot file gives, 0 by default; the nominal bias of a gauge is 0.
     """
 
     stiffness: float = 0.03
@@ -124,7 +129,7 @@ class Robot:
     drives : tuple of Drive
         Shoulder, elbow.
     elbow_mass, elbow_inertia : float
-        m_h, kg, and J_h, kg m^2, at the upper link's end.
+        m_h, kg, and J_h, kg m^2, of the elbow at the upper link's end.
     payload_mass, payload_inertia : float
         m_p, kg, and its moment of inertia about the tip, kg m^2.
     sample_time : float
@@ -134,14 +139,14 @@ class Robot:
     angle_noise, strain_noise : float
         Standard deviations, rad and m/m.
     effects : tuple of EffectSpec
-        What a diagnosis added.
+        Effects that a diagnosis added.
     tolerances : Tolerances
     angle_limits : tuple of tuple of float
         Least and largest angle of the joints, rad.
     inputs : InputMapping
-        Names and units of the measurements outside.
+        Names and units of the measurements as they come in.
     left_out : Mapping
-        Numbers that the file leaves to their defaults, by key; of no weight in a comparison.
+        Defaults of the numbers that the file leaves out, by key; ignored when robots are compared.
 
     """
 

@@ -1,4 +1,8 @@
-"""The robot's YAML file, read and validated, with units in the key names."""
+"""
+The robot's YAML file, read and validated.
+
+It is where a robot enters; units stand in the key names, and everything else is in SI units.
+"""
 
 from __future__ import annotations
 
@@ -18,15 +22,16 @@ from flex_plant_sim.arm.robot import EffectSpec, Link, Robot, Tolerances, UNLIMI
 from flex_plant_sim.arm.safe_yaml import MAX_TEXT, read_yaml
 from msg_config.errors import InputError
 
-# More than every effect of the catalogue at every site.
+# Limits of a robot file. The catalogue has fewer effects, counted at every site.
 MAX_EFFECTS = 500
-# Of a table: one every 10 ms of a stroke of ten seconds.
+# Knots of a table: one every 10 ms of a stroke of ten seconds.
 MAX_KNOTS = 1000
-# A number up to the last character: of 5.0e-7 a cut file may hold 5.0, and still be a robot.
-UNENDED = re.compile(r'[^#]*[:\s][-+.]?\d[-+.\deE]*\Z')
+# A last line that ends in a number without a line end. The file may have been cut inside the
+# number (5.0e-7 to 5.0) and still be a valid robot.
+UNTERMINATED_NUMBER = re.compile(r'[^#]*[:\s][-+.]?\d[-+.\deE]*\Z')
 
 
-def _link(section: Section) -> Link:
+def _read_link(section: Section) -> Link:
     length = section.number('length_m')
     link = Link(length, section.number('thickness_m'), section.number('height_m'),
                 section.number('youngs_modulus_pa'), section.number('density_kg_per_m3'),
@@ -43,7 +48,7 @@ def _link(section: Section) -> Link:
     return link
 
 
-def _drive(section: Section) -> Drive:
+def _read_drive(section: Section) -> Drive:
     kind = section.take('kind')
     if not isinstance(kind, str) or kind not in DRIVE_KINDS:
         raise InputError(f'{section.name("kind")}: expected {" or ".join(DRIVE_KINDS)}, '
@@ -54,17 +59,17 @@ def _drive(section: Section) -> Drive:
     return drive
 
 
-def _velocity_loop(section: Section) -> Drive:
+def _read_velocity_loop(section: Section) -> Drive:
     return Drive.velocity_loop(section.number('inertia_kg_m2'), section.number('time_constant_s'),
                                section.number('gain_rad_per_s'))
 
 
-def _current(section: Section) -> Drive:
+def _read_current(section: Section) -> Drive:
     return Drive(section.number('inertia_kg_m2'), section.number('torque_constant_n_m_per_a'),
                  section.number('damping_n_m_s', strict=False))
 
 
-def _dc_motor(section: Section) -> Drive:
+def _read_dc_motor(section: Section) -> Drive:
     return DCMotor(
         section.number('torque_constant_n_m_per_a'), section.number('resistance_ohm'),
         section.number('friction_n_m_s', default=0.0, strict=False),
@@ -74,10 +79,10 @@ def _dc_motor(section: Section) -> Drive:
 
 
 DRIVE_KINDS: Mapping[str, Callable[[Section], Drive]] = {
-    'velocity_loop': _velocity_loop, 'current': _current, 'dc_motor': _dc_motor}
+    'velocity_loop': _read_velocity_loop, 'current': _read_current, 'dc_motor': _read_dc_motor}
 
 
-def _angle_limits(section: Section) -> tuple[float, float]:
+def _read_angle_limits(section: Section) -> tuple[float, float]:
     if 'angle_limits_rad' not in section.data:
         return UNLIMITED
     values = section.numbers('angle_limits_rad', -200.0, 200.0)
@@ -87,7 +92,7 @@ def _angle_limits(section: Section) -> tuple[float, float]:
     return values
 
 
-def _effects(source: str, items: Any) -> tuple[EffectSpec, ...]:
+def _read_effects(source: str, items: Any) -> tuple[EffectSpec, ...]:
     if not isinstance(items, list):
         raise InputError(f'{source}: effects: expected a list, got {shown(items)}')
     if len(items) > MAX_EFFECTS:
@@ -96,12 +101,12 @@ def _effects(source: str, items: Any) -> tuple[EffectSpec, ...]:
     for index, item in enumerate(items):
         section = Section(source, f'effects[{index}]', item)
         name, site = section.text('name'), section.text('site', 'arm')
-        values = {str(key): _effect_value(section, key) for key in list(section.data)}
+        values = {str(key): _read_effect_value(section, key) for key in list(section.data)}
         specs.append(EffectSpec(name, site, values))
     return tuple(specs)
 
 
-def _effect_value(section: Section, key: str) -> float | str | tuple[float, ...]:
+def _read_effect_value(section: Section, key: str) -> float | str | tuple[float, ...]:
     """Return a number, the numbers of a list, or the name of a table's variable."""
     if key == 'variable':
         return section.text(key)
@@ -113,16 +118,16 @@ def _effect_value(section: Section, key: str) -> float | str | tuple[float, ...]
     return section.numbers(key, -math.inf, math.inf)
 
 
-def _tolerances(section: Section) -> Tolerances:
+def _read_tolerances(section: Section) -> Tolerances:
     values = {key: section.number(key, default=default, strict=False)
               for key, default in vars(Tolerances()).items()}
     section.close()
     return Tolerances(**values)
 
 
-def _check_end(text: str, source: str) -> None:
+def _check_last_line(text: str, source: str) -> None:
     *before, last = text.split('\n')
-    if UNENDED.match(last):
+    if UNTERMINATED_NUMBER.match(last):
         raise InputError(f'{source}: line {len(before) + 1}: expected an end of line behind '
                          f'{last[-40:].strip()!r}: the file may be cut in this number; end the '
                          'line if it is whole')
@@ -135,20 +140,20 @@ def parse_robot(text: str, source: str) -> Robot:
     Raises
     ------
     InputError
-        Naming source and key, what was expected and what came.
+        Names source and key, what was expected and what was found.
 
     """
     top = Section(source, '', read_yaml(text, source))
-    _check_end(text, source)
+    _check_last_line(text, source)
     links, drives = top.section('links'), top.section('drives')
     elbow, payload = top.section('elbow'), top.section('payload')
     measurement = top.section('measurement')
-    upper, lower = _link(links.section('upper')), _link(links.section('lower'))
+    upper, lower = _read_link(links.section('upper')), _read_link(links.section('lower'))
     joints = drives.section('shoulder'), drives.section('elbow')
-    limits = _angle_limits(joints[0]), _angle_limits(joints[1])
+    limits = _read_angle_limits(joints[0]), _read_angle_limits(joints[1])
     robot = Robot(
         name=top.text('name'), links=(upper, lower),
-        drives=(_drive(joints[0]), _drive(joints[1])),
+        drives=(_read_drive(joints[0]), _read_drive(joints[1])),
         elbow_mass=elbow.number('mass_kg', strict=False),
         elbow_inertia=elbow.number('inertia_kg_m2', strict=False),
         payload_mass=payload.number('mass_kg', strict=False),
@@ -157,8 +162,8 @@ def parse_robot(text: str, source: str) -> Robot:
         gauge_amplifier=measurement.number('gauge_amplifier_v_per_strain', default=1.0),
         angle_noise=measurement.number('angle_noise_rad'),
         strain_noise=measurement.number('strain_noise'),
-        effects=_effects(source, top.take('effects', [])),
-        tolerances=_tolerances(top.section('tolerances', {})), angle_limits=limits,
+        effects=_read_effects(source, top.take('effects', [])),
+        tolerances=_read_tolerances(top.section('tolerances', {})), angle_limits=limits,
         left_out=top.left_out)
     inputs = inputs_of(top.section('inputs', {}), robot.gauge_names)
     for section in (links, drives, elbow, payload, measurement, top):
@@ -180,18 +185,18 @@ def robot_text(name_or_file: str | Path) -> str:
     Raises
     ------
     InputError
-        Where neither exists, or it cannot be read.
+        Neither exists, or the file cannot be read.
 
     """
     name = str(name_or_file)
     if name in built_in_robots():
         return (resources.files('flex_plant_sim') / 'robots' / f'{name}.yaml').read_text()
-    if not os.path.isfile(name):  # Path.is_file raises where a name is too long
+    if not os.path.isfile(name):  # Path.is_file raises if a name is too long
         raise InputError(f'robot: expected one of {", ".join(built_in_robots())} or a YAML '
                          f'file, got {name[:200]!r}')
     try:
         with open(name, encoding='utf-8-sig') as file:
-            # One more than is allowed, for the parser to complain of.
+            # One character more than is allowed, so that the parser reports a file too long.
             return file.read(MAX_TEXT + 1)
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f'{name}: expected a readable text file, got: {error}') from None
@@ -204,7 +209,7 @@ def load_robot(name_or_file: str | Path) -> Robot:
     Raises
     ------
     InputError
-        Where neither exists, or the file is not a valid robot.
+        Neither exists, or the file is not a valid robot.
 
     """
     name = str(name_or_file)

@@ -1,4 +1,8 @@
-"""The keys of a robot file: unit, meaning, how to measure; the template and the docs say this."""
+"""
+The keys of a robot file: unit, meaning and how to measure each value.
+
+The template of a robot file and docs/robot_file.md are written from this table.
+"""
 
 from __future__ import annotations
 
@@ -8,16 +12,16 @@ from dataclasses import dataclass
 @dataclass(frozen=True)
 class Key:
     """
-    A key of the robot file.
+    One key of the robot file.
 
     Attributes
     ----------
     name, unit, meaning, measure : str
-        The unit is empty where there is none; measure says how one gets the value.
+        The unit is empty for a number without one; measure says how to obtain the value.
     examples : tuple of str
-        As the template writes it: one text, or one for each place of the section.
+        Values in the template: one text, or one for each place of the group.
     default : str
-        What holds where the key is left out; empty where it must be there.
+        Value that holds if the key is left out; empty if the key is required.
 
     """
 
@@ -30,20 +34,20 @@ class Key:
 
 
 @dataclass(frozen=True)
-class Section:
+class KeyGroup:
     """
-    Keys that stand together.
+    Keys that belong to one mapping of the robot file.
 
     Attributes
     ----------
     title, about : str
     places : tuple of str
-        Where it stands, for example links.upper and links.lower; '' is the top of the file.
+        Paths of the mapping, for example links.upper and links.lower; '' is the top of the file.
     keys : tuple of Key
     kind : str
-        Of a drive that has these keys; empty elsewhere.
+        Kind of drive that has these keys; empty in other groups.
     examples : tuple of str
-        The places at which the template has this kind of drive.
+        Places at which the template has this kind of drive.
 
     """
 
@@ -127,31 +131,31 @@ DC_MOTOR = (
 KIND = 'velocity_loop (command: speed), current (command: A) or dc_motor (command: V)'
 DRIVES = ('drives.shoulder', 'drives.elbow')
 
-SECTIONS = (
-    Section('Name', 'Any text.', ('',), (
+KEY_GROUPS = (
+    KeyGroup('Name', 'Any text.', ('',), (
         Key('name', '', 'What the arm is called in answers and pictures.', 'Free.',
             ('my_arm',)),)),
-    Section('Links', 'Upper: shoulder to elbow. Lower: elbow to payload.',
-            ('links.upper', 'links.lower'), LINK),
-    Section('Drive: velocity loop',
-            'The drive turns a command into a joint speed, as most servo drives do.', DRIVES,
-            VELOCITY_LOOP, 'velocity_loop', DRIVES),
-    Section('Drive: current', 'The drive turns a command into a motor current, hence a torque.',
-            DRIVES, CURRENT, 'current'),
-    Section('Drive: geared DC motor',
-            'A motor behind a stiff gear, with or without an analog tacho loop (Appendix A of '
-            'the paper).', DRIVES, DC_MOTOR, 'dc_motor'),
-    Section('Elbow', 'What sits at the end of the upper link: motor, gear and housing.',
-            ('elbow',), (
+    KeyGroup('Links', 'Upper: shoulder to elbow. Lower: elbow to payload.',
+             ('links.upper', 'links.lower'), LINK),
+    KeyGroup('Drive: velocity loop',
+             'The drive turns a command into a joint speed, as most servo drives do.', DRIVES,
+             VELOCITY_LOOP, 'velocity_loop', DRIVES),
+    KeyGroup('Drive: current', 'The drive turns a command into a motor current, hence a torque.',
+             DRIVES, CURRENT, 'current'),
+    KeyGroup('Drive: geared DC motor',
+             'A motor behind a stiff gear, with or without an analog tacho loop (Appendix A of '
+             'the paper).', DRIVES, DC_MOTOR, 'dc_motor'),
+    KeyGroup('Elbow', 'What sits at the end of the upper link: motor, gear and housing.',
+             ('elbow',), (
                 Key('mass_kg', 'kg', 'Mass of it all; not the lower link.', 'Scale.', ('0.5',)),
                 Key('inertia_kg_m2', 'kg m^2', 'Its moment of inertia about the elbow axis.',
                     'For a cylinder of radius r: half of its mass times r squared.',
                     ('5.0e-4',)))),
-    Section('Payload', 'What the arm carries when no tool says otherwise.', ('payload',), (
+    KeyGroup('Payload', 'What the arm carries when no tool says otherwise.', ('payload',), (
         Key('mass_kg', 'kg', 'Mass at the tip.', 'Scale.', ('0.1',)),
         Key('inertia_kg_m2', 'kg m^2', 'Its moment of inertia about the tip.',
             'Small for a compact body.', ('0.0',), default='0'))),
-    Section('Measurement', 'How the sensors are read.', ('measurement',), (
+    KeyGroup('Measurement', 'How the sensors are read.', ('measurement',), (
         Key('sample_time_s', 's', 'Time between samples.', 'Setting of the controller.',
             ('0.01',)),
         Key('gauge_amplifier_v_per_strain', 'V per unit strain',
@@ -170,7 +174,7 @@ TOLERANCES_ABOUT = (
     'and how large effects may be on the robot. Too small a tolerance '
     'makes the tools blame something else; `flex_robot calibrate` shrinks what a log can tell.')
 
-# Of an arm that nobody has calibrated yet, and what it belongs to.
+# Default tolerance in the template, for an arm that has not been calibrated, and what it is of.
 TOLERANCES: dict[str, tuple[float, str]] = {
     'stiffness': (0.1, "Young's modulus of each link; the cube of the thickness is in it."),
     'damping': (0.5, 'Damping ratio of each link.'),

@@ -1,4 +1,8 @@
-"""Discrete plant scheduled over cos(theta_2): built once, interpolated at every sample."""
+"""
+Discrete plant matrices over cos(theta_2): computed once at nodes, interpolated at every sample.
+
+They lie between the continuous state space and the simulator and predictors.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,8 @@ from flex_plant_sim.arm.state_space import StateSpace, zero_order_hold
 import numpy as np
 from numpy.typing import ArrayLike
 
-# Between so many the matrices are the exact ones to 1e-9 of their size (test_simulation.py).
+# Number of interpolation nodes; the interpolated matrices are then within 1e-9, relative, of the
+# exact ones (test_simulation.py).
 NODES = 25
 
 
@@ -34,7 +39,7 @@ def barycentric_weights(x: ArrayLike, nodes: Array) -> Array:
     Returns
     -------
     Array
-        Shape x.shape + (count,), rows sum to 1.
+        Shape x.shape + (count,); each row sums to 1.
 
     """
     sign = (-1.0)**np.arange(nodes.size)
@@ -49,7 +54,7 @@ def barycentric_weights(x: ArrayLike, nodes: Array) -> Array:
 @dataclass(frozen=True)
 class Schedule:
     """
-    F, G and E of x+ = F x + G u + E f at the nodes of c = cos(theta_2).
+    F, G and E of x+ = F x + G u + E f, tabulated at nodes of c = cos(theta_2).
 
     Attributes
     ----------
@@ -58,7 +63,7 @@ class Schedule:
     table : Array
         [F G E] at the nodes, flattened: (K, n (n + 2 + N)).
     states, forces : int
-        n and N.
+        n and N: number of states and of generalised forces.
 
     """
 
@@ -69,7 +74,7 @@ class Schedule:
 
     @classmethod
     def of(cls, plant: StateSpace, nodes: Array, step: float) -> Schedule:
-        """Discretise a plant given at the nodes with a zero-order hold over step, s."""
+        """Return the table of a plant given at the nodes, with a zero-order hold over step, s."""
         inputs = np.concatenate([plant.b, plant.e], axis=-1)
         f, g = zero_order_hold(plant.a, inputs, step)
         table = np.concatenate([f, g], axis=-1)

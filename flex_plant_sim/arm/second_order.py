@@ -1,4 +1,8 @@
-"""The arm in second-order form: M(theta_2, m_p) p'' + D p' + K(theta_2) p = B u + f."""
+"""
+The arm in second-order form: M(theta_2, m_p) p'' + D p' + K(theta_2) p = B u + f.
+
+Every arm model returns it, and the state space is built from it.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +21,7 @@ class SecondOrderForm:
     """
     The equations of motion as polynomials in c = cos(theta_2), affine in the payload.
 
-    Coordinates p = (theta_1, theta_2, q_11…q_1n, q_21…q_2n, extra…), N in all.
+    The N coordinates are p = (theta_1, theta_2, q_11…q_1n, q_21…q_2n, extra…).
 
     Attributes
     ----------
@@ -30,7 +34,7 @@ class SecondOrderForm:
     input_matrix : Array
         B: generalised force per unit of command, shape (N, 2).
     force : Array
-        Generalised force of a torque on joint 1, on joint 2; shape (N, 2).
+        Generalised force of a unit torque on joint 1 and on joint 2, shape (N, 2).
     angle : Array
         Measured joint angles over p, shape (2, N).
     strain : Array
@@ -38,10 +42,10 @@ class SecondOrderForm:
     names : tuple of str
         Coordinate names.
     elbow_angle : Array
-        theta_2 plus the upper link's tip slope over p: the angle between the links; (N,).
+        Angle between the links over p: theta_2 plus the upper link's tip slope; shape (N,).
     field : Array
-        Generalised force of a unit uniform acceleration field across the upper and across the
-        lower link (axis 0): field[:, 0] + m_p field[:, 1]; shape (2, 2, N).
+        Generalised force of a uniform acceleration field of 1 m/s^2 across the upper and across
+        the lower link (axis 0): field[:, 0] + m_p field[:, 1]; shape (2, 2, N).
 
     """
 
@@ -87,10 +91,10 @@ def _combine(powers: Array, terms: Array) -> Array:
 
 
 class ArmModel(Protocol):
-    """A way from robot parameters to a second-order form."""
+    """A model that turns robot parameters into a second-order form."""
 
     def __call__(self, robot: Robot, modes: int) -> SecondOrderForm:
-        """Return the form with `modes` modes a link."""
+        """Return the form with `modes` modes per link."""
 
 
 def coordinate_names(modes: int) -> tuple[str, ...]:
@@ -100,12 +104,12 @@ def coordinate_names(modes: int) -> tuple[str, ...]:
 
 
 def angle_rows(modes: int) -> Array:
-    """Return the rows that pick the joint angles out of p, shape (2, 2 + 2 modes)."""
+    """Return the rows that select the joint angles from p, shape (2, 2 + 2 modes)."""
     return np.eye(2, 2 + 2 * modes)
 
 
 class Shapes(Protocol):
-    """n shapes of a clamped link that diagonalise its mass (mu each) and its stiffness."""
+    """n shapes of a clamped link that diagonalise its mass (mu for each) and its stiffness."""
 
     @property
     def frequencies(self) -> Array:
@@ -128,7 +132,7 @@ class Shapes(Protocol):
 
 
 def link_slice(index: int, modes: int) -> slice:
-    """Return where q of link index (0 or 1) stands in p."""
+    """Return the slice of p that holds q of link `index` (0 or 1)."""
     return slice(2 + index * modes, 2 + (index + 1) * modes)
 
 

@@ -1,4 +1,8 @@
-"""One flexible link with payload and gravity, on a moving base (Appendices C and D)."""
+"""
+One flexible link with payload and gravity, on a moving base (Appendices C and D).
+
+The two-link arm does not use it; the tests check the paper's equations with it.
+"""
 
 from __future__ import annotations
 
@@ -12,21 +16,21 @@ from flex_plant_sim.arm.robot import Link
 from flex_plant_sim.arm.second_order import Array, modal_damping
 import numpy as np
 
-# m/s^2; anywhere on earth within 0.3 %.
+# Gravitational acceleration, m/s^2; within 0.3 % anywhere on earth.
 GRAVITY = 9.81
 
 
 @dataclass(frozen=True)
-class Surroundings:
+class ExternalLoads:
     """
-    What acts on the link from outside.
+    Base motion and tip loads that act on the link.
 
     Attributes
     ----------
     base_acceleration : float
-        Of the joint, perpendicular to the link, m/s^2.
+        Acceleration of the joint, perpendicular to the link, m/s^2.
     tip_force : float
-        F_e: shear force that the link exerts at its tip, N; it feels the opposite.
+        F_e: shear force that the link exerts at its tip, N; the opposite acts on the link.
     tip_torque : float
         M_e: torque on the link's tip, N m.
 
@@ -37,22 +41,22 @@ class Surroundings:
     tip_torque: float = 0.0
 
 
-ALONE = Surroundings()
+NO_LOADS = ExternalLoads()
 
 
 @dataclass(frozen=True)
 class SingleLink:
     """
-    A link with a point payload behind a drive: (43), (47)-(50), corrected.
+    A link with a point payload, moved by a drive: (43), (47)-(50), corrected.
 
-    Coordinates p = (theta_b, q_1…q_n), state (p, p'); theta_b is measured from hanging down.
+    Coordinates p = (theta_b, q_1…q_n), state (p, p'); theta_b is 0 where the link hangs down.
 
     Attributes
     ----------
     link : Link
-        Its hub radius r shifts the lever arms: x becomes r + x.
+        Its hub radius r lengthens the lever arms: x becomes r + x.
     drive : Drive
-        (49).
+        The drive of (49).
     modes : int
         n.
     payload : float
@@ -60,8 +64,8 @@ class SingleLink:
     gravity : float
         g, m/s^2; 0 for a link that moves in the horizontal plane.
     sign : str
-        'as_printed' keeps M_e's sign in (43), alpha* without its L in (48), and the payload
-        left out of base acceleration in (50).
+        'as_printed' keeps three misprints: the sign of M_e in (43), alpha* without its L in (48),
+        and the base acceleration without the payload in (50).
 
     """
 
@@ -117,9 +121,9 @@ class SingleLink:
         return self.link.bending_stiffness * (curvature - self.link.hub_radius * shear)
 
     def acceleration(self, state: Array, command: float = 0.0,
-                     around: Surroundings = ALONE) -> Array:
+                     loads: ExternalLoads = NO_LOADS) -> Array:
         """
-        Return p'' for a state (2 + 2n,), a command and what acts from outside; (1 + n,).
+        Return p'', (1 + n,), for a state (2 + 2n,), a command and external loads.
 
         theta_b'' by (49); then (I - kappa*) q'' = alpha* theta_b'' + … of (50).
         """
@@ -129,27 +133,27 @@ class SingleLink:
                    + drive.k_3 * rate)
         right = (self.alpha * turning + self.beta * self.gravity * np.sin(angle)
                  - self.beam.frequencies**2 * q - modal_damping(self.link, self.beam) * q_rate
-                 + self._from_outside(around))
+                 + self._external_terms(loads))
         return np.concatenate([[turning], np.linalg.solve(np.eye(n) - self.kappa, right)])
 
-    def _from_outside(self, around: Surroundings) -> Array:
-        """Return the last terms of (50), 1/s^2 times q's unit, (n,)."""
+    def _external_terms(self, loads: ExternalLoads) -> Array:
+        """Return the terms of (50) due to external loads, unit of q / s^2, (n,)."""
         corrected = self.sign == 'corrected'
         beta = self.beta if corrected else self.beam.beta
-        torque = self.tip_slope * around.tip_torque * (1.0 if corrected else -1.0)
-        return (beta * around.base_acceleration
-                + (torque - self.tip * around.tip_force) / self.beam.modal_mass)
+        torque = self.tip_slope * loads.tip_torque * (1.0 if corrected else -1.0)
+        return (beta * loads.base_acceleration
+                + (torque - self.tip * loads.tip_force) / self.beam.modal_mass)
 
     def derivative(self, state: Array, command: float = 0.0,
-                   around: Surroundings = ALONE) -> Array:
+                   loads: ExternalLoads = NO_LOADS) -> Array:
         """Return the state's rate of change, (2 + 2n,)."""
-        return np.concatenate([state[self.modes + 1:], self.acceleration(state, command, around)])
+        return np.concatenate([state[self.modes + 1:], self.acceleration(state, command, loads)])
 
     def energy(self, state: Array) -> float:
         """
-        Return kinetic plus elastic plus gravitational energy, J; 0 hanging at rest.
+        Return kinetic plus elastic plus gravitational energy, J; 0 for the arm hanging at rest.
 
-        To second order in the deflection, with the drive's inertia.
+        Of second order in the deflection, with the drive's inertia.
         """
         n, mu = self.modes, self.beam.modal_mass
         angle, q, rate, q_rate = state[0], state[1:n + 1], state[n + 1], state[n + 2:]

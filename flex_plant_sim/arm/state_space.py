@@ -1,4 +1,8 @@
-"""Continuous state space of an arm at an operating point, and its exact zero-order hold."""
+"""
+Continuous state space of an arm at an operating point, and its exact zero-order hold.
+
+It follows the second-order form; `schedule` tabulates the sampled matrices.
+"""
 
 from __future__ import annotations
 
@@ -8,14 +12,15 @@ from flex_plant_sim.arm.second_order import Array, SecondOrderForm
 import numpy as np
 from numpy.typing import ArrayLike
 
-# Below this norm what follows so many terms of Psi, 0.5^19 / 20!, is far below rounding.
+# Number of terms of Psi and the norm of A h up to which they suffice: the first term left out,
+# 0.5^19 / 20!, is far below rounding.
 TAYLOR_TERMS, SCALED_NORM = 18, 0.5
 
 
 @dataclass(frozen=True)
 class StateSpace:
     """
-    x' = A x + B u + E f,  y = C x, at one or many operating points (leading axes).
+    x' = A x + B u + E f,  y = C x, at one or many operating points (the leading axes).
 
     Attributes
     ----------
@@ -40,7 +45,7 @@ def state_space(form: SecondOrderForm, cosine: ArrayLike, payload: ArrayLike) ->
     """
     Return the state space of x = (p, p') for c = cos(theta_2) (…,) and m_p, kg (…,).
 
-    The output matrix is (17), with the joint angles in rad and the gauges in strain.
+    The output matrix is (17), with the joint angles in rad and the gauges in strain (m/m).
     """
     cosine = np.asarray(cosine, dtype=float)
     n = form.order
@@ -67,7 +72,7 @@ def zero_order_hold(a: Array, b: Array, step: float) -> tuple[Array, Array]:
     """
     Return F = exp(A T) and G = int_0^T exp(A s) ds B, exact for an input held over T.
 
-    Taylor series of Phi(A h) = sum (A h)^k / (k + 1)! at h = T / 2^s, then doubling:
+    Taylor series of Psi(A h) = sum (A h)^k / (k + 1)! at h = T / 2^s, then doubling:
     F(2h) = F^2, Psi(2h) = Psi (I + F) / 2, all points at once.
 
     Parameters

@@ -1,5 +1,5 @@
 """
-Parts of an arm from logs with a known payload: maximum a posteriori, by Gauss-Newton.
+Calibrates the parts of an arm from logs with a known payload: maximum a posteriori, Gauss-Newton.
 
 The residuals are one-step prediction errors of the diagnosis' predictor; every part has the
 Gaussian prior of its tolerance around the robot file.
@@ -12,33 +12,33 @@ from dataclasses import dataclass, replace
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.commissioning.items import changed, Item, items_of
+from flex_plant_sim.commissioning.items import calibration_items, Item, with_deviations
 from flex_plant_sim.commissioning.residuals import MODEL, Residuals
 from flex_plant_sim.commissioning.system import System
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.simulation.nominal import nominal_robot
 import numpy as np
 
-# The tutorial's log takes four.
+# Largest number of Gauss-Newton iterations; the log of the tutorial takes four.
 ITERATIONS = 12
-# Of a tolerance: a smaller step, or a smaller change of the file, is not worth making.
+# Step, in tolerances, below which the iteration has converged; smaller deviations are set to 0.
 SETTLED = 0.1
-# To a thirtieth of a step.
+# Largest number of halvings of a step: to a thirtieth of it.
 HALVINGS = 5
-# Belongs to the payload, which is known.
+# Parts that are not calibrated, because they belong to the payload, which is known.
 KNOWN = ('payload_inertia',)
 
 
 @dataclass(frozen=True)
 class Calibration:
     """
-    What logs told of a robot.
+    The result of a calibration.
 
     Attributes
     ----------
     robot : Robot
-        With the parts that the logs tell; gauge scales and zeros, and the Coriolis forces, are
-        among its effects.
+        Robot with the calibrated parts; gauge scales and zeros, and the Coriolis forces, are among
+        its effects.
     items : tuple of Item
     before, after : Array
         Root mean square one-step prediction error of each channel, (m,).
@@ -59,24 +59,25 @@ def calibrate(logs: Sequence[Log], robot: Robot, payload: float,
     Parameters
     ----------
     logs : sequence of Log
-        At the same sample time.
+        Logs with the same sample time.
     robot : Robot
-        The prior: its numbers and tolerances.
+        Its numbers and tolerances are the prior.
     payload : float
-        kg, in all logs.
+        Payload in all logs, kg.
     progress : Callable
-        Told what was done.
+        Called with a line of text after each iteration.
 
     Raises
     ------
     InputError
-        A log too short.
+        A log is too short.
 
     """
-    # The file names the forces that the fit reckoned with.
+    # The new robot file lists the Coriolis forces that the fit assumes.
     robot = nominal_robot(robot, MODEL)
     told = replace(robot, payload_mass=payload, sample_time=logs[0].sample_time)
-    items, residuals = [i for i in items_of(told) if i.name not in KNOWN], Residuals(logs, told)
+    items = [item for item in calibration_items(told) if item.name not in KNOWN]
+    residuals = Residuals(logs, told)
     values, before = np.zeros(len(items)), residuals.of(told)
     for iteration in range(ITERATIONS):
         system = System.of(residuals, told, items, values)
@@ -84,7 +85,7 @@ def calibrate(logs: Sequence[Log], robot: Robot, payload: float,
         largest = float(np.abs(moved - values).max())
         progress(f'iteration {iteration + 1}: largest step {largest:.2g} tolerances')
         values = moved
-        residuals = residuals.around(changed(told, items, values))
+        residuals = residuals.around(with_deviations(told, items, values))
         if largest < SETTLED:
             break
     values[np.abs(values) < SETTLED] = 0.0
@@ -92,17 +93,18 @@ def calibrate(logs: Sequence[Log], robot: Robot, payload: float,
     found = tuple(replace(item, deviation=float(value * item.tolerance),
                           std=float(deviation * item.tolerance))
                   for item, value, deviation in zip(items, values, std))
-    after = residuals.of(changed(told, items, values))
-    return Calibration(changed(robot, items, values), found, _rms(before), _rms(after))
+    after = residuals.of(with_deviations(told, items, values))
+    return Calibration(with_deviations(robot, items, values), found, _rms(before), _rms(after))
 
 
 def _descent(residuals: Residuals, robot: Robot, items: Sequence[Item], values: Array,
              system: System) -> Array:
-    """Return the values after one Gauss-Newton step, halved while it leads uphill."""
-    step, height = system.step, system.height(residuals.of(changed(robot, items, values)), values)
+    """Return the values after one Gauss-Newton step, halved until the posterior increases."""
+    errors = residuals.of(with_deviations(robot, items, values))
+    step, height = system.step, system.height(errors, values)
     for _ in range(HALVINGS):
         moved = values + step
-        if system.height(residuals.of(changed(robot, items, moved)), moved) < height:
+        if system.height(residuals.of(with_deviations(robot, items, moved)), moved) < height:
             return moved
         step = 0.5 * step
     return values

@@ -1,4 +1,4 @@
-"""What flex_robot check says of a robot file."""
+"""The check of a robot file by `flex_robot check`: all figures that need no log."""
 
 from __future__ import annotations
 
@@ -10,31 +10,36 @@ from typing import Any
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.commissioning.observability import Observability, observability
 from flex_plant_sim.commissioning.plausibility import hints
-from flex_plant_sim.commissioning.summary import Closed, closed_modes, locked_modes, tip_force
+from flex_plant_sim.commissioning.summary import (
+    closed_modes,
+    ClosedLoopMode,
+    locked_modes,
+    tip_force,
+)
 
-# Two a link, as the paper's model has.
+# Number of modes in the table: two for each link, as in the paper's model.
 SHOWN_MODES = 4
 
 
 @dataclass(frozen=True)
 class Check:
     """
-    All that can be said of an arm before it moves.
+    The figures of an arm that can be computed before it moves.
 
     Attributes
     ----------
     robot : Robot
     modes : int
-        Modes a link.
+        Modes per link.
     hints : tuple of str
     bare, loaded : tuple of float
         Natural frequencies with the joints held, without and with the payload, Hz.
-    closed : tuple of Closed
-        With the drives at work, with the payload.
+    closed : tuple of ClosedLoopMode
+        Modes with the drives active, with the payload.
     deflection : float
-        Of the tip under 1 N across, m.
+        Deflection of the tip under 1 N across it, m.
     strain : Mapping
-        At the gauges under 1 N across the tip, m/m.
+        Strain at the gauges under 1 N across the tip, m/m.
     payload : Observability
 
     """
@@ -44,7 +49,7 @@ class Check:
     hints: tuple[str, ...]
     bare: tuple[float, ...]
     loaded: tuple[float, ...]
-    closed: tuple[Closed, ...]
+    closed: tuple[ClosedLoopMode, ...]
     deflection: float
     strain: Mapping[str, float]
     payload: Observability
@@ -77,7 +82,7 @@ class Check:
             'move_s': self.payload.move.stroke * self.payload.move.strokes}
 
     def text(self) -> str:
-        """Return the figures for a reader."""
+        """Return the figures as text."""
         parts = [self._plausible(), self._left_out(), self._frequencies(), self._gauges(),
                  self._payload()]
         return '\n\n'.join(filter(None, parts))

@@ -1,4 +1,4 @@
-"""A drawing of the arm: links, hubs, gauges and the first mode shapes, to scale."""
+"""Draws the arm to scale: links, hubs, gauges and the first mode shapes (`flex_robot show`)."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 
 COLOURS = ('tab:blue', 'tab:green')
-# Below the arm; the heights of their rows stand beside that of the arm.
+# Number of mode shapes below the arm; write_drawing gives the heights of their rows.
 SHAPES = 3
-# The tip of a mode shape moves this share of the arm's reach.
-SWING = 0.12
-# Links are thin: they are drawn this much thicker than they are.
-THICKER = 4.0
+# Deflection of the tip in a mode shape, as a share of the arm's reach.
+SHAPE_AMPLITUDE = 0.12
+# Factor by which the thickness of links is exaggerated, since they are thin.
+THICKNESS_SCALE = 4.0
 
 
 def write_drawing(path: str | Path, robot: Robot, modes: int) -> None:
@@ -30,16 +30,16 @@ def write_drawing(path: str | Path, robot: Robot, modes: int) -> None:
     Parameters
     ----------
     path : str or Path
-        With the suffix of an image.
+        File name with the suffix of an image.
     robot : Robot
         The arm.
     modes : int
-        Modes a link.
+        Modes per link.
 
     Raises
     ------
     InputError
-        If nothing can be written there.
+        Nothing can be written there.
 
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -59,18 +59,18 @@ def write_drawing(path: str | Path, robot: Robot, modes: int) -> None:
         figure.savefig(temporary, dpi=110, metadata=image_metadata(path))
 
 
-def _roots(robot: Robot) -> tuple[float, float]:
-    """Return where the two joint axes are along the straight arm, m."""
+def _joint_positions(robot: Robot) -> tuple[float, float]:
+    """Return the positions of the two joint axes along the straight arm, m."""
     upper = robot.links[0]
     return 0.0, upper.hub_radius + upper.length
 
 
 def _draw_arm(axis: Any, robot: Robot) -> None:
     from matplotlib.patches import Circle, Rectangle
-    reach = _roots(robot)[1] + robot.links[1].hub_radius + robot.links[1].length
+    reach = _joint_positions(robot)[1] + robot.links[1].hub_radius + robot.links[1].length
     size = 0.022 * reach
-    for j, (link, root) in enumerate(zip(robot.links, _roots(robot))):
-        clamp, half = root + link.hub_radius, 0.5 * THICKER * link.thickness
+    for j, (link, root) in enumerate(zip(robot.links, _joint_positions(robot))):
+        clamp, half = root + link.hub_radius, 0.5 * THICKNESS_SCALE * link.thickness
         if link.hub_radius:
             axis.add_patch(Rectangle((root, -size / 2), link.hub_radius, size, color='0.6'))
         axis.add_patch(Rectangle((clamp, -half), link.length, 2.0 * half, color=COLOURS[j]))
@@ -81,7 +81,7 @@ def _draw_arm(axis: Any, robot: Robot) -> None:
     axis.add_patch(Circle((reach, 0.0), 0.8 * size, color='tab:red', zorder=3))
     axis.text(reach, -2.5 * size, f'payload\n{robot.payload_mass:g} kg', ha='center', va='top',
               fontsize='small', color='tab:red')
-    for root, name, below in zip(_roots(robot), ('shoulder', 'elbow'),
+    for root, name, below in zip(_joint_positions(robot), ('shoulder', 'elbow'),
                                  ('', f'\n{robot.elbow_mass:g} kg')):
         axis.text(root, -2.5 * size, name + below, ha='center', va='top', fontsize='small')
     axis.set_xlim(-0.06 * reach, 1.08 * reach)
@@ -98,7 +98,7 @@ def _link_words(j: int, robot: Robot) -> str:
 
 def _draw_gauges(axis: Any, robot: Robot, size: float) -> None:
     names = iter(robot.gauge_names)
-    for link, root in zip(robot.links, _roots(robot)):
+    for link, root in zip(robot.links, _joint_positions(robot)):
         for position in link.gauge_positions:
             x = root + link.hub_radius + position
             axis.plot([x, x], [-size, size], color='tab:orange', linewidth=3, zorder=4)
@@ -107,24 +107,24 @@ def _draw_gauges(axis: Any, robot: Robot, size: float) -> None:
 
 
 def _draw_mode(axis: Any, robot: Robot, modes: int, flexible: Array) -> None:
-    lines = _bent(robot, modes)(flexible)
+    lines = _shape_function(robot, modes)(flexible)
     reach, largest = lines[1, -1, 0], np.abs(lines[..., 1]).max()
     for line, colour in zip(lines, COLOURS):
-        axis.plot(line[:, 0], SWING * reach * line[:, 1] / largest, color=colour)
+        axis.plot(line[:, 0], SHAPE_AMPLITUDE * reach * line[:, 1] / largest, color=colour)
     axis.axhline(0.0, color='0.8', linewidth=0.8, zorder=0)
     axis.plot(*_end(lines, reach, largest), 'o', color='tab:red', markersize=5)
-    axis.set_ylim(-1.4 * SWING * reach, 1.4 * SWING * reach)
+    axis.set_ylim(-1.4 * SHAPE_AMPLITUDE * reach, 1.4 * SHAPE_AMPLITUDE * reach)
     axis.set_yticks([])
 
 
 def _end(lines: Array, reach: float, largest: float) -> tuple[float, float]:
-    return reach, SWING * reach * float(lines[1, -1, 1]) / largest
+    return reach, SHAPE_AMPLITUDE * reach * float(lines[1, -1, 1]) / largest
 
 
-def _bent(robot: Robot, modes: int) -> Callable[[Array], Array]:
-    """Return what makes centre lines (2, P, 2) of small flexible coordinates (2 modes,)."""
+def _shape_function(robot: Robot, modes: int) -> Callable[[Array], Array]:
+    """Return a function from small flexible coordinates (2 modes,) to centre lines (2, P, 2)."""
     shape = ArmShape.of(ExtendedArm(robot, 'assumed_modes', modes))
-    lower_root = _roots(robot)[1]
+    lower_root = _joint_positions(robot)[1]
 
     def lines(flexible: Array) -> Array:
         q = np.concatenate([np.zeros(2), flexible])

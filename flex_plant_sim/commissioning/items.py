@@ -1,4 +1,4 @@
-"""What a calibration may change: the parts of an arm, scale and zero of its gauges."""
+"""The quantities that a calibration estimates: parts of an arm, scale and zero of its gauges."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from flex_plant_sim.commissioning.residuals import gauge_readings, with_gauge
 @dataclass(frozen=True)
 class Item:
     """
-    Something to calibrate, with its prior and what the logs made of it.
+    A quantity to calibrate, with its prior and its estimate.
 
     Attributes
     ----------
@@ -23,12 +23,11 @@ class Item:
     tolerance : float
         Standard deviation of the prior.
     change : Callable
-        (robot, deviation) -> robot.
+        (robot, deviation) -> robot with that deviation.
     unit : str
-        Of all deviations; empty where they are the logarithm of true over nominal.
+        Unit of all deviations; empty where they are the logarithm of true over nominal.
     deviation, std : float
-        Estimate and its standard deviation, as the tolerance; before a calibration 0 and the
-        tolerance.
+        Estimate and its standard deviation, in the unit of the tolerance.
 
     """
 
@@ -44,8 +43,8 @@ class Item:
         return f'{value:{sign}.2g} {self.unit}' if self.unit else f'{100.0 * value:{sign}.2f} %'
 
 
-def items_of(robot: Robot) -> tuple[Item, ...]:
-    """Return what is uncertain: the parts of the arm, scale and zero of every gauge."""
+def calibration_items(robot: Robot) -> tuple[Item, ...]:
+    """Return all uncertain quantities: the parts of the arm, scale and zero of every gauge."""
     t, gauges = robot.tolerances, robot.gauge_names
     items = [Item(part.name, part.tolerance, part.change, part.unit)
              for part in robot_parts(robot)]
@@ -72,8 +71,8 @@ def _gauge_zero(k: int) -> Callable[[Robot, float], Robot]:
     return change
 
 
-def changed(robot: Robot, items: Sequence[Item], values: Array) -> Robot:
-    """Return the robot with deviations in units of the tolerances, (p,)."""
+def with_deviations(robot: Robot, items: Sequence[Item], values: Array) -> Robot:
+    """Return the robot with deviations of the items, (p,), in units of their tolerances."""
     for item, value in zip(items, values):
         if value != 0.0:
             robot = item.change(robot, float(value * item.tolerance))

@@ -1,4 +1,4 @@
-"""How well a log of the standard move could tell the payload: the Cramer-Rao bound."""
+"""How well a log of the standard move can determine the payload: the Cramer-Rao bound."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import math
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.commissioning.items import items_of
+from flex_plant_sim.commissioning.items import calibration_items
 from flex_plant_sim.commissioning.standard_move import (
     Move,
     standard_move,
@@ -21,27 +21,28 @@ from flex_plant_sim.simulation.simulator import simulate, Simulator
 from msg_config.errors import InputError
 import numpy as np
 
-# Of a tolerance, or of the payload: far above rounding, far below what bends the sensitivity.
+# Step of the finite differences, in tolerances or as a share of the payload: far above rounding,
+# and far below the size at which the sensitivity changes.
 STEP = 1e-2
-# Samples of a move, beyond which some are taken together: white noise of k samples taken as one
-# is smaller by the root of k. On the reference arm 10 000 and 50 000 give the same to 1e-4.
-MOST_SAMPLES = 10_000
-# rad or m/m: no arm comes so far, and squares of it are still numbers.
+# Largest number of samples of a move. Beyond it, k samples are averaged into one, whose white
+# noise is smaller by the root of k. On the reference arm 10 000 and 50 000 agree to 1e-4.
+MAX_SAMPLES = 10_000
+# Output, rad or m/m, from which the simulation has diverged; its square is still finite.
 DIVERGED = 1e6
 
 
 @dataclass(frozen=True)
 class Observability:
     """
-    The smallest standard deviation of the payload, kg, after the standard move.
+    The least possible standard deviation of the payload, kg, after the standard move.
 
     Attributes
     ----------
     move : Move
     exact : float
-        If every part were as the file says.
+        Bound if every part is exactly as in the robot file.
     within_tolerances : float
-        With all parts unknown, each within its tolerance.
+        Bound if all parts are unknown within their tolerances.
 
     """
 
@@ -51,13 +52,13 @@ class Observability:
 
 
 def observability(robot: Robot, modes: int) -> Observability:
-    """Return the bound for the robot's own payload (1 g where it has none)."""
-    # Away from zero, so that there is something to both sides.
+    """Return the bound for the robot's own payload (1 g if it has none)."""
+    # Away from zero, so that central differences are possible.
     robot = replace(robot, payload_mass=max(robot.payload_mass, 1e-3), payload_inertia=max(
         robot.payload_inertia, STEP * robot.tolerances.payload_inertia_kg_m2))
-    quick = standard_move(_taken_together(robot, STROKES * STROKE))
-    robot = _taken_together(robot, quick.strokes * quick.stroke)
-    move, items = standard_move(robot), items_of(robot)
+    quick = standard_move(_averaged(robot, STROKES * STROKE))
+    robot = _averaged(robot, quick.strokes * quick.stroke)
+    move, items = standard_move(robot), calibration_items(robot)
     noise = np.array([robot.angle_noise] * 2 + [robot.strain_noise] * len(robot.gauge_names))
 
     def slope(change: Callable[[Robot, float], Robot], step: float) -> Array:
@@ -65,15 +66,15 @@ def observability(robot: Robot, modes: int) -> Observability:
         return ((outputs[0] - outputs[1]) / (2.0 * step) / noise).ravel()
 
     payload = slope(_with_payload, STEP * robot.payload_mass)
-    # In units of the tolerances the information is well scaled.
+    # The information is well scaled in units of the tolerances.
     others = np.stack([item.tolerance * slope(item.change, STEP * item.tolerance)
                        for item in items], axis=-1)
     return Observability(move, float(1.0 / np.linalg.norm(payload)), _bound(payload, others))
 
 
-def _taken_together(robot: Robot, duration: float) -> Robot:
-    """Return the robot with as many samples taken as one as leave few in a move of so many s."""
-    count = max(1, math.ceil(duration / robot.sample_time / MOST_SAMPLES))
+def _averaged(robot: Robot, duration: float) -> Robot:
+    """Return the robot with samples averaged to at most MAX_SAMPLES over a duration, s."""
+    count = max(1, math.ceil(duration / robot.sample_time / MAX_SAMPLES))
     return replace(robot, sample_time=count * robot.sample_time,
                    angle_noise=robot.angle_noise / math.sqrt(count),
                    strain_noise=robot.strain_noise / math.sqrt(count))
@@ -94,7 +95,7 @@ def _output(robot: Robot, modes: int, move: Move) -> Array:
 
 
 def _bound(payload: Array, others: Array) -> float:
-    """Return the payload's deviation where the others have Gaussian priors of size one."""
+    """Return the payload's bound if the other quantities have Gaussian priors of size one."""
     basis, sizes, _ = np.linalg.svd(others, full_matrices=False)
     along = basis.T @ payload
     left = payload @ payload - np.sum(along**2 * sizes**2 / (1.0 + sizes**2))

@@ -1,4 +1,4 @@
-"""Hints: what a robot file may say, but hardly any arm is."""
+"""Hints on values of a robot file that are valid but unlikely for an arm (`flex_robot check`)."""
 
 from __future__ import annotations
 
@@ -6,31 +6,34 @@ from collections.abc import Iterator
 
 from flex_plant_sim.arm.robot import Robot
 
-# Here shear and rotary inertia, which Euler and Bernoulli's beam has not, lower the first three
-# frequencies of a clamped link by 0.4, 2.4 and 5.5 % (finite elements of Timoshenko's beam).
-SLENDER = 15.0
-# Metals damp less, rubber and wood more; a decimal point or a percent sign is more likely.
-DAMPED = 0.1
-# With fewer a mode is hardly told from its alias; Nyquist's two are the least.
-SAMPLES_A_PERIOD = 4.0
+# Least ratio of length to thickness. At this ratio shear and rotary inertia, which the
+# Euler-Bernoulli beam neglects, lower the first three frequencies of a clamped link by 0.4, 2.4
+# and 5.5 % (finite elements of Timoshenko's beam).
+MIN_SLENDERNESS = 15.0
+# Largest usual damping ratio. Metals damp less, and only rubber and wood more; a wrong decimal
+# point or a percentage is more likely.
+MAX_DAMPING = 0.1
+# Least number of samples per period of a mode. With fewer it is hardly distinguished from its
+# alias; by Nyquist two are the limit.
+SAMPLES_PER_PERIOD = 4.0
 LINKS = ('upper', 'lower')
 
 
 def hints(robot: Robot, frequencies: tuple[float, ...], deflection: float,
           strain: tuple[float, ...]) -> tuple[str, ...]:
     """
-    Return one line for everything that deserves a second look.
+    Return one line for every value that should be checked again.
 
     Parameters
     ----------
     robot : Robot
-        As its file says.
+        The robot as in its file.
     frequencies : tuple of float
         Natural frequencies with the joints held and the payload, ascending, Hz.
     deflection : float
-        Of the tip under 1 N, m.
+        Deflection of the tip under 1 N, m.
     strain : tuple of float
-        At the gauges under 1 N across the tip.
+        Strain at the gauges under 1 N across the tip, m/m.
 
     """
     return (*_links(robot), *_gauges(robot, strain), *_motion(robot, frequencies, deflection))
@@ -41,10 +44,10 @@ def _links(robot: Robot) -> Iterator[str]:
         if link.thickness > link.height:
             yield (f'links.{name}: thicker ({link.thickness:g} m) than high ({link.height:g} m), '
                    'and it bends across thickness_m: are the two exchanged?')
-        if link.length < SLENDER * link.thickness:
+        if link.length < MIN_SLENDERNESS * link.thickness:
             yield (f'links.{name}: {link.length / link.thickness:.1f} times as long as thick; '
-                   f'beam theory wants {SLENDER:g}')
-        if link.damping_ratio > DAMPED:
+                   f'beam theory wants {MIN_SLENDERNESS:g}')
+        if link.damping_ratio > MAX_DAMPING:
             yield (f'links.{name}.damping_ratio: {link.damping_ratio:g} is much for a link; 1 % '
                    'is 0.01')
 
@@ -63,9 +66,9 @@ def _gauges(robot: Robot, strain: tuple[float, ...]) -> Iterator[str]:
 
 def _motion(robot: Robot, frequencies: tuple[float, ...], deflection: float) -> Iterator[str]:
     step, second = robot.sample_time, frequencies[1]
-    if second * SAMPLES_A_PERIOD * step > 1.0:
+    if second * SAMPLES_PER_PERIOD * step > 1.0:
         yield (f'measurement.sample_time_s: {step:g} s, expected at most '
-               f'{1.0 / (SAMPLES_A_PERIOD * second):.2g} s to see the second mode, '
+               f'{1.0 / (SAMPLES_PER_PERIOD * second):.2g} s to see the second mode, '
                f'{second:.3g} Hz')
     reach = sum(link.hub_radius + link.length for link in robot.links)
     if deflection > 0.2 * reach:

@@ -1,4 +1,8 @@
-"""One-step prediction errors of logs, as a function of the robot: the diagnosis' predictor."""
+"""
+One-step prediction errors of logs as a function of the robot, from the diagnosis' predictor.
+
+The calibration minimises them.
+"""
 
 from __future__ import annotations
 
@@ -19,13 +23,13 @@ from flex_plant_sim.logs.log import Log
 from msg_config.errors import InputError
 import numpy as np
 
-# As all tools take where nothing else is said.
+# Modes per link and model: the defaults of all tools.
 MODES = 3
 MODEL = 'assumed_modes'
-# Of the slowest mode, a window.
+# Length of a window, in periods of the slowest mode.
 PERIODS = 5
-# Windows: their 24 blocks (system.py) tell a variance to 30 %.
-FEWEST = 3
+# Least number of windows: their 24 blocks (system.py) determine a variance to 30 %.
+MIN_WINDOWS = 3
 
 
 class Residuals:
@@ -35,50 +39,50 @@ class Residuals:
     Parameters
     ----------
     logs : sequence of Log
-        Of one arm with one payload, the robot's.
+        Logs of one arm with one payload, that of the robot.
     robot : Robot
-        Whose trajectory and gain the predictor keeps while the residual of others is asked for.
+        Robot of the predictor, whose trajectory and gain are kept for the residuals of others.
 
     """
 
     def __init__(self, logs: Sequence[Log], robot: Robot):
-        self._windows = [self._cut(log, robot) for log in logs]
+        self._windows = [self._windows_of(log, robot) for log in logs]
         self._noise = [measurement_noise(log.output) for log in logs]
-        self._around(robot)
+        self._build_predictors(robot)
 
     @staticmethod
-    def _cut(log: Log, robot: Robot) -> Windows:
+    def _windows_of(log: Log, robot: Robot) -> Windows:
         record = Record(log.source, log.time - log.time[0], log.command, log.output,
                         robot.payload_mass)
         frequencies, _ = locked_modes(robot, MODES, robot.payload_mass)
         period = ceil(1.0 / (float(frequencies[0]) * log.sample_time))
         length = PERIODS * period
         count = (len(log) - period) // length
-        if count < FEWEST:
+        if count < MIN_WINDOWS:
             raise InputError(
-                f'{log.source}: expected at least {FEWEST * PERIODS + 1} periods of the slowest '
-                f'mode, {(FEWEST * length + period) * log.sample_time:.1f} s, got '
+                f'{log.source}: expected at least {MIN_WINDOWS * PERIODS + 1} periods of the '
+                f'slowest mode, {(MIN_WINDOWS * length + period) * log.sample_time:.1f} s, got '
                 f'{len(log) * log.sample_time:.1f} s')
         return Windows(record, period + length * np.arange(count), length, period)
 
-    def _around(self, robot: Robot) -> None:
+    def _build_predictors(self, robot: Robot) -> None:
         self._robot, base = robot, BaseModel(robot, MODEL, MODES, effects_of(robot))
         self._predictors = [Predictor(base, w, s, for_comparison=True)
                             for w, s in zip(self._windows, self._noise)]
 
     def around(self, robot: Robot) -> Residuals:
-        """Return the same logs with the predictor of another robot."""
+        """Return the residuals of the same logs with the predictor of another robot."""
         other = object.__new__(Residuals)
         other._windows, other._noise = self._windows, self._noise
-        other._around(robot)
+        other._build_predictors(robot)
         return other
 
     def of(self, robot: Robot) -> Array:
         """
-        Return y - y_predicted of a robot close by, with this one's gain, (W, length, m).
+        Return y - y_predicted of a robot close to this one, with this one's gain, (W, length, m).
 
-        The predictor takes scales and zeros off the gauges; here they are put on again, or else
-        a large scale would pass for a small error.
+        The predictor removes scales and zeros from the gauges. Here the scales are applied again;
+        otherwise a large scale would make the errors appear small.
         """
         added = self._gauge_changes(robot)
         errors = np.concatenate([p.innovations(added, robot, p.steady)[0]
@@ -87,7 +91,7 @@ class Residuals:
         return errors
 
     def _gauge_changes(self, robot: Robot) -> tuple[Effect, ...]:
-        """Return what turns this robot's gauges into another's: a scale and a zero each."""
+        """Return the effects, scale and zero, that turn this robot's gauges into another's."""
         changes: list[Effect] = []
         kinds = catalogue()['strain_gain'], catalogue()['strain_bias']
         for name, (old, old_zero), (new, new_zero) in zip(
@@ -100,7 +104,7 @@ class Residuals:
 
 
 def gauge_readings(robot: Robot) -> tuple[tuple[float, float], ...]:
-    """Return scale and zero (m/m) of every gauge, as the robot file's effects say."""
+    """Return scale and zero (m/m) of every gauge from the robot's effects."""
     told = {(spec.name, spec.site): next(iter(spec.values.values())) for spec in robot.effects
             if spec.name in ('strain_gain', 'strain_bias')}
     return tuple((told.get(('strain_gain', name), 1.0), told.get(('strain_bias', name), 0.0))
@@ -108,7 +112,7 @@ def gauge_readings(robot: Robot) -> tuple[tuple[float, float], ...]:
 
 
 def with_gauge(robot: Robot, k: int, scale: float, zero: float) -> Robot:
-    """Return the robot whose gauge k has a scale and a zero, m/m, among its effects."""
+    """Return the robot with a scale and a zero, m/m, of gauge k among its effects."""
     name = robot.gauge_names[k]
     others = [spec for spec in robot.effects
               if (spec.name, spec.site) not in (('strain_gain', name), ('strain_bias', name))]

@@ -1,4 +1,4 @@
-"""The user's robot file with other numbers: comments and order stay."""
+"""Writes new numbers into the text of a user's robot file and keeps its comments and order."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from flex_plant_sim.diagnosis.report.extended_file import document, EFFECTS_BLOC
 from msg_config.errors import InputError
 import yaml
 
-# Of a number written: no part of an arm is known so well.
+# Significant digits of a written number: no part of an arm is known better.
 DIGITS = 6
 Path = tuple[str, ...]
 
@@ -21,22 +21,21 @@ def with_numbers(text: str, robot: Robot) -> str:
     """
     Return the text of a robot file with the numbers, tolerances and effects of a robot.
 
-    Numbers that differ are replaced where they stand, missing keys are added to their mapping.
-    A drive of another kind is written anew as a whole. A text that cannot be edited so is
-    written anew as a whole.
+    Numbers that differ are replaced in place, and missing keys are added to their mapping. A drive
+    of another kind is rewritten as a whole. So is the whole text if it cannot be edited this way.
 
     Parameters
     ----------
     text : str
         A valid robot file.
     robot : Robot
-        As the new file is to be read, to six digits.
+        Robot that the new text describes, to six digits.
 
     """
     wanted = document(robot)
     edited = _edited(text, document(parse_robot(text, 'robot')), wanted)
     edited = EFFECTS_BLOCK.sub('', edited).rstrip('\n') + '\n' + _effects(robot)
-    if _says(edited, robot):
+    if _describes(edited, robot):
         return edited
     return yaml.safe_dump(_rounded(wanted), sort_keys=False, allow_unicode=True) + _effects(robot)
 
@@ -51,7 +50,7 @@ def _effects(robot: Robot) -> str:
 
 
 def _edited(text: str, old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
-    """Return the text with every leaf that differs replaced or added, the last ones first."""
+    """Return the text with every value that differs replaced or added, from the end backwards."""
     edits = sorted(_edits(yaml.compose(text, yaml.SafeLoader), old, new, ()),
                    key=lambda edit: edit[0], reverse=True)
     for start, end, words in edits:
@@ -61,7 +60,7 @@ def _edited(text: str, old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
 
 def _edits(node: Any, old: Mapping[str, Any], new: Mapping[str, Any], path: Path
            ) -> Iterator[tuple[int, int, str]]:
-    """Yield (start, end, words) for a mapping's text."""
+    """Yield the edits (start, end, new text) of a mapping."""
     there = {key.value: value for key, value in node.value}
     for key, value in new.items():
         was = old.get(key)
@@ -82,7 +81,7 @@ def _replacement(node: Any, there: Any, key: str, value: Any) -> tuple[int, int,
     words = yaml.safe_dump(_rounded(value), default_flow_style=True, width=10**6,
                            allow_unicode=True).removesuffix('...\n').strip()
     if there is not None:
-        # A block mapping ends behind its last line's end; its first key stands on its own line.
+        # A block mapping ends after the end of its last line, and its first key is on a new line.
         block = isinstance(there, yaml.CollectionNode) and not there.flow_style
         tail = '\n' if block else ''
         return there.start_mark.index, there.end_mark.index, words + tail
@@ -110,8 +109,8 @@ def _same(a: Any, b: Any) -> bool:
     return bool(_rounded(a) == _rounded(b))
 
 
-def _says(text: str, robot: Robot) -> bool:
-    """Tell whether a text is read as a robot, to the digits that are written."""
+def _describes(text: str, robot: Robot) -> bool:
+    """Return whether a text describes a robot, to the digits that are written."""
     try:
         found = parse_robot(text, 'edited')
     except InputError:

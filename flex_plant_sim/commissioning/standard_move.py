@@ -1,4 +1,8 @@
-"""The move that tells what a log of an arm could tell: both joints to and fro, smoothly."""
+"""
+The standard move, in which both joints swing smoothly to and fro.
+
+The observability bound and simulated logs use it; `flex_robot move` writes it for the real arm.
+"""
 
 from __future__ import annotations
 
@@ -15,22 +19,25 @@ from flex_plant_sim.simulation.simulator import Noise, simulate, Simulator
 from msg_config.errors import InputError
 import numpy as np
 
-# rad and s: strokes of 0.5 rad, during which the links of a bench arm swing about twice.
+# Amplitude, rad, and duration, s, of a stroke: 0.5 rad from side to side, during which the links
+# of a bench arm swing about twice.
 AMPLITUDE, STROKE = 0.25, 1.0
-# The elbow's strokes are shorter, so that every combination of the two comes.
+# Duration of the elbow's strokes over the shoulder's: with different durations, every combination
+# of the two occurs.
 ELBOW_SHARE = 0.8
-# Ten seconds, as the demo's run.
+# Number of strokes: ten seconds, as in the run of the demo.
 STROKES = 10
-# A stroke that the drives cannot make is tried so much slower, up to this long, s.
+# Factor by which a stroke is made longer if the drives cannot follow it, and its longest
+# duration, s.
 SLOWER, SLOWEST = 1.25, 50.0
-# Samples of a move: as CSV, some 140 bytes each, they are a log that is read again.
-MOST_SAMPLES = MAX_BYTES // 160
+# Largest number of samples, so that the log as CSV, some 140 bytes each, can be read again.
+MAX_SAMPLES = MAX_BYTES // 160
 
 
 @dataclass(frozen=True)
 class Move:
     """
-    Commands of a move.
+    The commands of a move.
 
     Attributes
     ----------
@@ -49,14 +56,14 @@ class Move:
 
 def standard_move(robot: Robot, strokes: int = STROKES) -> Move:
     """
-    Return minimum-jerk strokes of 0.5 rad, of 1 s or as much slower as the drives need.
+    Return minimum-jerk strokes of 0.5 rad, of 1 s or as much longer as the drives require.
 
-    The commands are those of a rigid arm, so that any kind of drive makes about the same move.
+    The commands are computed for a rigid arm, so that any kind of drive makes about the same move.
 
     Raises
     ------
     InputError
-        Of more samples than a log in a CSV file may have.
+        The move has more samples than a log in a CSV file may have.
 
     """
     stroke = STROKE
@@ -70,8 +77,8 @@ def standard_move(robot: Robot, strokes: int = STROKES) -> Move:
 
 def _commands(robot: Robot, stroke: float, strokes: int) -> Array:
     count = round(strokes * stroke / robot.sample_time)
-    if count > MOST_SAMPLES:
-        raise InputError(f'strokes: expected at most {MOST_SAMPLES} samples in all, got {strokes} '
+    if count > MAX_SAMPLES:
+        raise InputError(f'strokes: expected at most {MAX_SAMPLES} samples in all, got {strokes} '
                          f'strokes of {stroke:g} s, {count} samples')
     time = np.asarray(robot.sample_time * (np.arange(count) + 0.5), dtype=float)
     speed, acceleration = np.stack(
@@ -83,9 +90,9 @@ def _commands(robot: Robot, stroke: float, strokes: int) -> Array:
 
 
 def _profile(time: Array, stroke: float) -> tuple[Array, Array]:
-    """Return speed and acceleration at times (N,), s: 10 s^3 - 15 s^4 + 6 s^5, to and fro."""
+    """Return speed and acceleration at times (N,), s, of strokes 10 s^3 - 15 s^4 + 6 s^5."""
     s = time / stroke % 1.0
-    # The first stroke goes from the middle to one side, so it is half as long.
+    # The first stroke goes only from the middle to one side.
     sign = np.where((time // stroke).astype(int) % 2 == 0, 1.0, -1.0)
     sign[time < stroke] = 0.5
     size = 2.0 * AMPLITUDE * sign
@@ -95,7 +102,7 @@ def _profile(time: Array, stroke: float) -> tuple[Array, Array]:
 
 
 def simulated_move(robot: Robot, strokes: int, modes: int, seed: int) -> Log:
-    """Return what the arm and its noisy sensors should log over the standard move."""
+    """Return the log of the standard move by the simulated arm with noisy sensors."""
     move = standard_move(robot, strokes)
     arm = ExtendedArm(robot, 'assumed_modes', modes, effects=nominal_effects(robot))
     noise = Noise(robot.angle_noise, robot.strain_noise)

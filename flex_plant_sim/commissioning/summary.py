@@ -1,4 +1,4 @@
-"""What an arm would be like: frequencies, gauge sensitivity, deflection; no motion yet."""
+"""Figures of an arm at rest: natural frequencies, gauge sensitivity, deflection of the tip."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from flex_plant_sim.arm.state_space import state_space
 import numpy as np
 from scipy.linalg import eigh
 
-# cos theta_2 of the straight arm.
+# cos(theta_2) of the straight arm.
 STRAIGHT = 1.0
 
 
 @dataclass(frozen=True)
-class Closed:
+class ClosedLoopMode:
     """
-    A natural mode with the drives working on zero command.
+    A natural mode of the arm with the drives active at zero command.
 
     Attributes
     ----------
     frequency : float
-        Hz.
+        Undamped natural frequency, Hz.
     damping : float
         Damping ratio.
 
@@ -37,23 +37,24 @@ class Closed:
 def locked_modes(robot: Robot, modes: int, payload: float, cosine: float = STRAIGHT
                  ) -> tuple[Array, Array]:
     """
-    Return frequencies (Hz, ascending) and shapes with both joints held.
+    Return natural frequencies (Hz, ascending) and mode shapes with both joints held.
 
     Parameters
     ----------
     robot : Robot
-        As its file says.
+        The robot as in its file.
     modes : int
-        Modes a link.
+        Modes per link.
     payload : float
         kg.
     cosine : float
-        Of the elbow's angle.
+        Cosine of the elbow angle.
 
     Returns
     -------
     tuple of Array
-        (2 modes,), and over the flexible coordinates (2 modes, 2 modes), a column each.
+        Frequencies, (2 modes,), and shapes over the flexible coordinates, one in each column,
+        (2 modes, 2 modes).
 
     """
     form = assumed_modes(robot, modes)
@@ -62,24 +63,25 @@ def locked_modes(robot: Robot, modes: int, payload: float, cosine: float = STRAI
     return np.sqrt(np.maximum(values, 0.0)) / (2.0 * np.pi), vectors
 
 
-def closed_modes(robot: Robot, modes: int, payload: float) -> tuple[Closed, ...]:
-    """Return the modes that swing, elbow straight, with the drives' own damping and inertia."""
+def closed_modes(robot: Robot, modes: int, payload: float) -> tuple[ClosedLoopMode, ...]:
+    """Return the oscillating modes of the straight arm with the drives' damping and inertia."""
     roots = np.linalg.eigvals(state_space(assumed_modes(robot, modes), STRAIGHT, payload).a)
     swinging = sorted(roots[roots.imag > 0.0], key=abs)
-    return tuple(Closed(abs(root) / (2.0 * np.pi), -root.real / abs(root)) for root in swinging)
+    return tuple(ClosedLoopMode(abs(root) / (2.0 * np.pi), -root.real / abs(root))
+                 for root in swinging)
 
 
 @dataclass(frozen=True)
 class TipForce:
     """
-    What 1 N across the tip does, arm straight, joints held.
+    The response to a force across the tip, with the arm straight and the joints held.
 
     Attributes
     ----------
     deflection : float
-        Of the tip, m/N.
+        Deflection of the tip, m/N.
     strain : Array
-        At the gauges, 1/N, (gauges,).
+        Strain at the gauges, 1/N, (gauges,).
 
     """
 
@@ -88,7 +90,7 @@ class TipForce:
 
 
 def tip_force(robot: Robot, modes: int) -> TipForce:
-    """Return what a static force of 1 N across the tip does."""
+    """Return the response to a static force of 1 N across the tip."""
     form = assumed_modes(robot, modes)
     shapes = (RitzShapes.of(robot.links[0].beam(modes)), RitzShapes.of(robot.links[1].beam(modes)))
     rows = KinematicRows.of(robot, shapes, modes)

@@ -1,4 +1,4 @@
-"""The residuals of logs linearised in the parts: one Gauss-Newton step and its covariance."""
+"""The residuals of logs linearised in the calibrated parts: a Gauss-Newton step and covariance."""
 
 from __future__ import annotations
 
@@ -7,16 +7,18 @@ from dataclasses import dataclass
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.commissioning.items import changed, Item
+from flex_plant_sim.commissioning.items import Item, with_deviations
 from flex_plant_sim.commissioning.residuals import Residuals
 import numpy as np
 
-# Of a tolerance: large against rounding, small against what bends the residuals.
+# Step of the finite differences, in tolerances: large against rounding, and small against the size
+# at which the residuals become nonlinear.
 STEP = 0.1
-# Blocks a window, each longer than half a period of the slowest mode.
+# Number of blocks per window, each longer than half a period of the slowest mode.
 BLOCKS = 8
-# What the model of few modes lacks is the same again and again, and no blocks of one log show it.
-# benchmarks/calibration.py: with it, errors on another simulator's arms are about what is stated.
+# Factor of the temper for errors of a model with few modes. They repeat themselves throughout a
+# log, so the blocks of one log do not show them. With this value the errors on arms of another
+# simulator are about as large as stated (benchmarks/calibration.py).
 MODEL_TEMPER = 20.0
 
 
@@ -30,13 +32,13 @@ class System:
     whitener : Array
         L^-1 with L L' the covariance of the residuals, (m, m).
     precision : Array
-        Of the posterior, (p, p), the residuals' share divided by their temper.
+        Precision of the posterior, (p, p); the part of the residuals is divided by their temper.
     downhill : Array
         Minus the gradient of the negative log posterior, (p,).
     covariance : Array
-        Of the posterior, (p, p).
+        Covariance of the posterior, (p, p).
     temper : float
-        How much less than independent samples the residuals count.
+        Number of residuals that count as one independent sample.
 
     """
 
@@ -50,12 +52,12 @@ class System:
     def of(cls, residuals: Residuals, robot: Robot, items: Sequence[Item],
            values: Array) -> System:
         """Return the system at values (p,), by forward differences."""
-        errors = residuals.of(changed(robot, items, values))
+        errors = residuals.of(with_deviations(robot, items, values))
         columns = []
         for k in range(len(items)):
             moved = values.copy()
             moved[k] += STEP
-            columns.append((residuals.of(changed(robot, items, moved)) - errors) / STEP)
+            columns.append((residuals.of(with_deviations(robot, items, moved)) - errors) / STEP)
         flat = errors.reshape(-1, errors.shape[-1])
         whitener = np.linalg.inv(np.linalg.cholesky(flat.T @ flat / len(flat)))
         white = errors @ whitener.T
@@ -77,16 +79,17 @@ class System:
         return np.asarray(np.linalg.solve(self.precision, self.downhill), dtype=float)
 
     def height(self, errors: Array, values: Array) -> float:
-        """Return the negative log posterior of residuals and values, but for a constant."""
+        """Return the negative log posterior of residuals and values, up to a constant."""
         white = errors @ self.whitener.T
         return 0.5 * float(np.sum(white**2) / self.temper + values @ values)
 
 
 def temper_of(white: Array, slopes: Array) -> float:
     """
-    Return the long-run over the white variance of the scores, their median over the parts.
+    Return the temper: the ratio of the long-run to the white variance of the scores.
 
-    Coloured residuals repeat themselves; within a block they count together.
+    It is the median over the parts, times MODEL_TEMPER. Coloured residuals are not independent, so
+    those of a block are summed before the variance is taken.
     """
     windows, length = len(white), white.shape[1] // BLOCKS
     blocks = windows * BLOCKS

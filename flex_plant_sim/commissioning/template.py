@@ -1,4 +1,4 @@
-"""The template of a robot file and the docs page about it, from one table of keys."""
+"""Writes the template of a robot file and its docs page from the table in arm/robot_keys.py."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from flex_plant_sim.arm.robot import Tolerances
 from flex_plant_sim.arm.robot_keys import (
     EFFECTS_ABOUT,
     Key,
+    KEY_GROUPS,
+    KeyGroup,
     KIND,
-    Section,
-    SECTIONS,
     TOLERANCES,
     TOLERANCES_ABOUT,
 )
 
-# Characters a line; the sources have 99.
+# Characters per line of the template.
 WIDTH = 95
 HEAD = (
     'Robot file of a two-link flexible arm that moves in the horizontal plane. Replace the '
@@ -30,26 +30,26 @@ def template() -> str:
     """Return a robot file with a comment for every key."""
     parts = [_comment(HEAD, '')]
     mapping = ''
-    for section in SECTIONS:
-        for index, place in enumerate(section.places):
-            if section.kind and place not in section.examples:
+    for group in KEY_GROUPS:
+        for index, place in enumerate(group.places):
+            if group.kind and place not in group.examples:
                 continue
             outer, _, inner = place.rpartition('.')
             if outer and outer != mapping:
                 parts.append(f'{outer}:\n')
             mapping = outer
-            parts.append(_block(section, index, inner or place, '  ' if outer else ''))
+            parts.append(_block(group, index, inner or place, '  ' if outer else ''))
     parts.append(_tolerances())
     return ''.join(parts)
 
 
-def _block(section: Section, index: int, name: str, indent: str) -> str:
+def _block(group: KeyGroup, index: int, name: str, indent: str) -> str:
     lines = f'{indent}{name}:\n' if name else ''
     inner = f'{indent}  ' if name else indent
-    if section.kind:
+    if group.kind:
         lines += _comment(f'One of {KIND}; all their keys: docs/robot_file.md.', inner,
-                          index) + f'{inner}kind: {section.kind}\n'
-    for key in section.keys:
+                          index) + f'{inner}kind: {group.kind}\n'
+    for key in group.keys:
         text = key.examples[min(index, len(key.examples) - 1)]
         lines += _comment(_words(key), inner, index) + f'{inner}{key.name}: {text}\n'
     return lines
@@ -62,7 +62,7 @@ def _words(key: Key) -> str:
 
 
 def _comment(text: str, indent: str, index: int = 0) -> str:
-    """Return a comment, for the first place of a section only."""
+    """Return a comment; it is empty except for the first place of a group of keys."""
     if index:
         return ''
     return ''.join(f'{indent}# {line}\n' for line in wrap(text, WIDTH - len(indent)))
@@ -82,16 +82,16 @@ def reference_page() -> str:
             'in the names of the keys. `flex_robot template` prints one with a comment for every '
             'key. A key without a default must be there. A number outside its range '
             'is refused: a unit or a decimal point is wrong.\n')
-    return head + ''.join(_table(section) for section in SECTIONS) + _ending()
+    return head + ''.join(_table(group) for group in KEY_GROUPS) + _ending()
 
 
-def _table(section: Section) -> str:
-    where = ' and '.join(f'`{place}`' for place in section.places if place) or 'the top'
-    kind = f' `kind: {section.kind}`.' if section.kind else ''
+def _table(group: KeyGroup) -> str:
+    where = ' and '.join(f'`{place}`' for place in group.places if place) or 'the top'
+    kind = f' `kind: {group.kind}`.' if group.kind else ''
     rows = ''.join(
         f'| `{key.name}` | {key.unit} | {key.meaning} | {key.measure} | {_range(key)} '
-        f'| {key.default} |\n' for key in section.keys)
-    return (f'\n## {section.title}\n\nAt {where}.{kind} {section.about}\n\n'
+        f'| {key.default} |\n' for key in group.keys)
+    return (f'\n## {group.title}\n\nAt {where}.{kind} {group.about}\n\n'
             '| key | unit | meaning | how to measure it | range | default |\n'
             f'|---|---|---|---|---|---|\n{rows}')
 

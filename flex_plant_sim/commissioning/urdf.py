@@ -1,4 +1,4 @@
-"""URDF of the rigid skeleton of an arm, for robot_state_publisher."""
+"""Writes the URDF of an arm with rigid links, for robot_state_publisher."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from xml.etree import ElementTree
 
 from flex_plant_sim.arm.robot import Robot
 
-# As the frame of the topic arm_markers.
+# Name of the base frame, that of the topic arm_markers.
 BASE = 'base'
 LINKS = ('upper', 'lower')
 TIP = 'tip'
-# Where a drive has no limits of its own: URDF wants numbers.
-FAST, STRONG = 100.0, 1e4
+# Joint speed, rad/s, and torque, N m, that URDF requires as limits if a drive has none.
+MAX_SPEED, MAX_TORQUE = 100.0, 1e4
 COLOURS = ('0.2 0.4 0.75 1', '0.2 0.65 0.45 1')
-# kg m^2: URDF readers refuse an inertia of zero.
+# Least moment of inertia, kg m^2: URDF readers refuse zero.
 LEAST_INERTIA = 1e-9
 
 
@@ -25,9 +25,9 @@ def urdf(robot: Robot, prefix: str = '') -> str:
     Parameters
     ----------
     robot : Robot
-        As its file says.
+        The robot as in its file.
     prefix : str
-        Before the name of every link, hence of every frame; joints keep their names.
+        Prefix of the name of every link, and so of every frame; joints keep their names.
 
     """
     root = ElementTree.Element('robot', name=robot.name)
@@ -65,8 +65,8 @@ def _joint(root: ElementTree.Element, robot: Robot, j: int, parent: str, child: 
     torque = drive.torque_gain * drive.command_limit
     speed = torque / drive.damping if drive.damping else math.inf
     ends = {'lower': f'{low:.9g}', 'upper': f'{high:.9g}'} if limited else {}
-    _add(joint, 'limit', effort=f'{min(torque, STRONG):.6g}',
-         velocity=f'{min(speed, FAST):.6g}', **ends)
+    _add(joint, 'limit', effort=f'{min(torque, MAX_TORQUE):.6g}',
+         velocity=f'{min(speed, MAX_SPEED):.6g}', **ends)
 
 
 def _link(root: ElementTree.Element, robot: Robot, j: int, name: str) -> None:
@@ -100,6 +100,6 @@ def _inertial(link: ElementTree.Element, bodies: list[tuple[float, float, float]
     _add(inertial, 'origin', xyz=f'{centre:.9g} 0 0')
     _add(inertial, 'mass', value=f'{mass:.9g}')
     about = f'{max(moment, LEAST_INERTIA):.9g}'
-    # Along itself a link is thin: it turns as easily about y as about z, and hardly resists x.
+    # A link is thin: its inertia about y equals that about z, and that about x is negligible.
     _add(inertial, 'inertia', ixx=f'{LEAST_INERTIA:.9g}', iyy=about, izz=about, ixy='0', ixz='0',
          iyz='0')

@@ -1,4 +1,8 @@
-"""The catalogue of effects: every module below this package that defines one is in it."""
+"""
+The catalogue of effects, which collects every effect defined in a module of this package.
+
+Effects extend the arm model to the plant; the diagnosis proposes them as causes.
+"""
 
 from __future__ import annotations
 
@@ -12,17 +16,18 @@ from flex_plant_sim.arm.robot import EffectSpec, Robot
 from flex_plant_sim.effects.base import Effect
 from msg_config.errors import InputError
 
-# What a class may name as its sites, beside the gauges, which are the robot's own.
+# Sites by the value of an effect's `sites`. The gauges depend on the robot and are added to those
+# of GAUGE_SITES.
 SITES: Mapping[str, tuple[str, ...]] = MappingProxyType({
     'joint': ('joint_1', 'joint_2'), 'link': ('link_1', 'link_2'), 'arm': ('arm',),
     'hub': ('joint_1', 'joint_2', 'elbow'), 'velocity_loop': ('joint_1', 'joint_2'),
     'gauge': (), 'amplifier': ('arm', 'link_1', 'link_2')})
-AT_GAUGES = ('gauge', 'amplifier')
+GAUGE_SITES = ('gauge', 'amplifier')
 
 
 @lru_cache(maxsize=1)
 def kinds() -> Mapping[str, type[Effect]]:
-    """Return all that a robot file may name, by identifier, sorted by family and identifier."""
+    """Return all effects that a robot file may name, by identifier, in the order of families."""
     found = []
     for module in pkgutil.walk_packages(__path__, f'{__name__}.'):
         if module.ispkg or module.name == f'{__name__}.__main__':
@@ -36,16 +41,16 @@ def kinds() -> Mapping[str, type[Effect]]:
 
 @lru_cache(maxsize=1)
 def catalogue() -> Mapping[str, type[Effect]]:
-    """Return the causes that have a name: all kinds but tables for what has none."""
+    """Return the effects that are causes with a name; tables of measured forces are not."""
     return MappingProxyType({name: kind for name, kind in kinds().items() if kind.named})
 
 
 def sites(effect: type[Effect], robot: Robot) -> tuple[str, ...]:
     """
-    Return where an effect can act on a robot: joints, links, gauges or the whole arm.
+    Return the sites at which an effect can act on a robot: joints, links, gauges or the arm.
 
-    A velocity loop only where a drive has one; an amplifier of a link only where it serves more
-    than one gauge.
+    Effects of a velocity loop apply only to drives that have one. The amplifier of a link is a
+    site only if it serves more than one gauge.
     """
     fixed = SITES[effect.sites]
     if effect.sites == 'velocity_loop':
@@ -53,19 +58,19 @@ def sites(effect: type[Effect], robot: Robot) -> tuple[str, ...]:
     if effect.sites == 'amplifier':
         shared = [len(link.gauge_positions) > 1 for link in robot.links]
         fixed = ('arm', *(site for site, several in zip(SITES['link'], shared) if several))
-    return (*fixed, *robot.gauge_names) if effect.sites in AT_GAUGES else fixed
+    return (*fixed, *robot.gauge_names) if effect.sites in GAUGE_SITES else fixed
 
 
 def build(spec: EffectSpec, robot: Robot | None = None) -> Effect:
     """
-    Return the effect that a robot file names.
+    Return the effect that a robot file specifies.
 
     Parameters
     ----------
     spec : EffectSpec
         Name, site and values.
     robot : Robot, optional
-        Needed to check the name of a gauge, and what is conceivable on it.
+        Needed to check the name of a gauge and the bounds on this robot.
 
     Raises
     ------
@@ -85,7 +90,7 @@ def _check_site(effect: type[Effect], spec: EffectSpec, robot: Robot | None) -> 
     allowed = SITES[effect.sites] if robot is None else sites(effect, robot)
     if spec.site in allowed:
         return
-    at_gauges = robot is None and effect.sites in AT_GAUGES
+    at_gauges = robot is None and effect.sites in GAUGE_SITES
     if at_gauges and spec.site.startswith('strain_'):
         return
     names = [*(allowed if robot is None or allowed else ['none: this robot has no such place']),
@@ -96,14 +101,14 @@ def _check_site(effect: type[Effect], spec: EffectSpec, robot: Robot | None) -> 
 
 def parse(text: str) -> EffectSpec:
     """
-    Return what a text such as coulomb_friction:joint_2:level_n_m=0.4 names.
+    Return the effect that a text such as coulomb_friction:joint_2:level_n_m=0.4 specifies.
 
     Several parameters are separated by commas.
 
     Raises
     ------
     InputError
-        Where the text has another form.
+        The text has another form.
 
     """
     parts = text.split(':')
@@ -119,12 +124,12 @@ def parse(text: str) -> EffectSpec:
 
 def effects_of(robot: Robot) -> tuple[Effect, ...]:
     """
-    Return the effects that a robot's file names, ready for an ExtendedArm.
+    Return the effects in a robot's file, ready for an ExtendedArm.
 
     Raises
     ------
     InputError
-        See `build`; with the robot's name.
+        See `build`; the message names the robot.
 
     """
     try:
@@ -134,12 +139,12 @@ def effects_of(robot: Robot) -> tuple[Effect, ...]:
 
 
 def explain(effect: Effect) -> str:
-    """Return the effect in one plain sentence with its site."""
+    """Return an effect's explanation with its site, in one sentence."""
     return explanation_at(type(effect), effect.site)
 
 
 def explanation_at(effect: type[Effect], site: str) -> str:
-    """Return an effect's explanation at a site, as a reader says it."""
+    """Return the explanation of a kind of effect at a site, with the site's name in words."""
     words = site.replace('_', ' ')
     if effect.sites == 'amplifier':
         words = {'arm': 'all gauges'}.get(site, f'gauge {words}' if 'strain' in site else words)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from flex_plant_sim.effects import AT_GAUGES, catalogue, SITES
+from flex_plant_sim.effects import catalogue, GAUGE_SITES, SITES
 from flex_plant_sim.effects.base import Effect, Parameter
 
 HEAD = """# Effects
@@ -34,7 +34,7 @@ TABLE = """
 
 
 def page() -> str:
-    """Return the page, one section a family."""
+    """Return the page, with one section for each family."""
     families = dict.fromkeys(effect.family for effect in catalogue().values())
     return HEAD + ''.join(_section(family) for family in families)
 
@@ -66,7 +66,7 @@ def _row(effect: type[Effect], k: int) -> str:
 
 
 def _sites(effect: type[Effect]) -> str:
-    places = [*SITES[effect.sites], *(['each gauge'] if effect.sites in AT_GAUGES else [])]
+    places = [*SITES[effect.sites], *(['each gauge'] if effect.sites in GAUGE_SITES else [])]
     where = ' with a velocity loop' if effect.sites == 'velocity_loop' else ''
     return ', '.join(places) + where
 

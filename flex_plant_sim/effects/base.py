@@ -1,4 +1,8 @@
-"""What an effect is: parameters, a site, and hooks into the arm; every hook defaults to no-op."""
+"""
+The base class of effects: parameters, a site, and hooks into the arm that do nothing by default.
+
+`ExtendedArm` calls the hooks when it builds the plant and at every step.
+"""
 
 from __future__ import annotations
 
@@ -21,12 +25,12 @@ FRICTION, GAP = 'friction', 'gap'
 @dataclass(frozen=True)
 class Parameter:
     """
-    A parameter of an effect; sizes are those of the reference robot, see robot_scale.
+    A parameter of an effect; its numbers are for the reference robot, see robot_scale.
 
     Attributes
     ----------
     name : str
-        With its unit at the end, as the robot file spells it, for example level_n_m.
+        Name in the robot file, with the unit at its end, for example level_n_m.
     unit : str
     null : float
         The value at which the effect is absent.
@@ -35,16 +39,16 @@ class Parameter:
     starts : tuple of float
         Values from which a fit starts.
     smallest : float
-        Smallest deviation from null that matters in practice; inf where the parameter only
-        shapes an effect whose size another parameter gives.
+        Smallest deviation from null that matters in practice; inf if the parameter only shapes
+        an effect whose size another parameter gives.
     typical : float
-        Standard deviation of the prior around null: what size is conceivable, 68 % within it,
-        on robots of this kind; of a parameter that cannot be below null, of the half that is
-        left. inf for a time, which may be anywhere in the record.
+        Standard deviation of the Gaussian prior around null: 68 % of the conceivable sizes on
+        robots of this kind are within it. The prior of a parameter that cannot be below null is
+        the upper half of that Gaussian. inf for a time, which may be anywhere in the record.
     optional : bool
-        Whether a robot file may leave it out: it is then at null.
+        Whether a robot file may leave it out; it then has its null value.
     discrete : bool
-        Whether nature has it at one of `starts`, each as likely, and nowhere between.
+        Whether the true value is one of `starts`, all equally likely, and never between.
 
     """
 
@@ -60,7 +64,7 @@ class Parameter:
     discrete: bool = False
 
     def scaled(self, factor: float) -> Parameter:
-        """Return the parameter of a robot on which its unit is worth a factor more."""
+        """Return the parameter with its sizes multiplied by a factor, see robot_scale."""
         if factor == 1.0:
             return self
         return replace(self, null=factor * self.null, low=factor * self.low,
@@ -72,9 +76,9 @@ class Parameter:
 @dataclass(frozen=True)
 class Motion:
     """
-    Where the arm is, for the hooks that depend on it; leading axes are a batch.
+    State and command of the arm for the hooks that depend on them; leading axes are a batch.
 
-    At the start of a step; for `force`, at its predicted middle.
+    It is taken at the start of a step; for `force`, at the predicted middle of the step.
 
     Attributes
     ----------
@@ -85,14 +89,14 @@ class Motion:
     command : Array
         u after the command hooks, (…, 2).
     robot : Robot
-        With the parameter effects applied.
+        Robot with the parameter effects applied.
     form : SecondOrderForm
     payload : float
         kg.
     step : float
         Length of the step, s.
     change : Array
-        Of (p, p') over the step, (…, 2 N); for `force` of effects that are `inertial`.
+        Change of (p, p') over the step, (…, 2 N); for `force` of effects that are `inertial`.
 
     """
 
@@ -112,9 +116,9 @@ class Effect(ABC):
     """
     One effect at one site, with its parameter values.
 
-    Values are floats, or arrays (B, 1) where a batch of arms differs in them; hooks that build
-    matrices (on_robot, on_form, on_state_space) or move a joint's angle, on which the matrices
-    depend, take floats only. `structural` says which.
+    Values are floats, or arrays (B, 1) for a batch of arms that differ in them. Effects that build
+    matrices (on_robot, on_form, on_state_space), or move a joint's angle, on which the matrices
+    depend, take only floats; they are marked by `structural`.
     """
 
     identifier: ClassVar[str]
@@ -123,19 +127,19 @@ class Effect(ABC):
     parameters: ClassVar[tuple[Parameter, ...]]
     sites: ClassVar[str]
     structural: ClassVar[bool] = False
-    # Whether the states mean something else with it: it bends in other shapes.
+    # Whether the effect changes the shapes in which links bend, and so the meaning of the states.
     reshapes: ClassVar[bool] = False
     # Whether the effect is a cause with a name, which the diagnosis may propose.
     named: ClassVar[bool] = True
-    # What decides within a step, beside the linear plant: FRICTION, GAP or nothing.
+    # Kind of contact that acts within a step, beside the linear plant: FRICTION, GAP or none.
     contact: ClassVar[str] = ''
-    # The parameter that says when it happens, if it is an event.
+    # Parameter that gives the time of an event; empty if the effect is not an event.
     event_time: ClassVar[str] = ''
-    # The one that says how long that takes.
+    # Parameter that gives the duration of the event.
     event_duration: ClassVar[str] = ''
-    # Whether what it adds is proportional to its sizes.
+    # Whether the contribution of the effect is proportional to its sizes.
     linear: ClassVar[bool] = False
-    # Whether every arm has it, so that what may be hidden is that a model leaves it out.
+    # Whether every arm has the effect, so that the possible cause is a model that leaves it out.
     in_nature: ClassVar[bool] = False
     # Whether its force depends on the acceleration.
     inertial: ClassVar[bool] = False
@@ -144,7 +148,7 @@ class Effect(ABC):
     values: tuple[Any, ...]
 
     def __getitem__(self, name: str) -> Any:
-        """Return a value by its parameter's name."""
+        """Return the value of a parameter by name."""
         names = [parameter.name for parameter in self.parameters]
         return self.values[names.index(name)]
 
@@ -155,25 +159,25 @@ class Effect(ABC):
 
     @property
     def modes(self) -> int:
-        """Return the least number of shapes a link that the effect asks for."""
+        """Return the least number of shapes per link that the effect requires."""
         return 0
 
     @classmethod
     def read(cls, values: Mapping[str, Any], parameters: Sequence[Parameter]) -> tuple[Any, ...]:
         """
-        Return the effect's values from what a robot file says, by parameter name.
+        Return the effect's values from those of a robot file.
 
         Parameters
         ----------
         values : Mapping
-            By parameter name.
+            Values by parameter name.
         parameters : sequence of Parameter
-            With the bounds that are allowed.
+            The parameters, with the bounds that are allowed.
 
         Raises
         ------
         InputError
-            A parameter that is missing, unknown or out of bounds.
+            A parameter is missing, unknown or out of bounds.
 
         """
         known = [parameter.name for parameter in parameters]
@@ -185,12 +189,12 @@ class Effect(ABC):
         return tuple(_value(cls.identifier, parameter, values) for parameter in parameters)
 
     def written(self) -> dict[str, Any]:
-        """Return what a robot file says of the effect, by parameter name."""
+        """Return the values as a robot file holds them, by parameter name."""
         return {p.name: float(value) for p, value in zip(self.parameters, self.values)}
 
     @classmethod
     def at(cls, site: str, robot: Robot) -> tuple[Parameter, ...]:
-        """Return the parameters at a site of a robot: what each can be, what is conceivable."""
+        """Return the parameters with bounds and sizes for a site of a robot."""
         return tuple(p.scaled(robot_scale(p.unit, site, robot)) for p in cls.parameters)
 
     def on_robot(self, robot: Robot) -> Robot:
@@ -215,7 +219,7 @@ class Effect(ABC):
         command : Array
             (…, 2), applied from `time` on.
         history : Array
-            (…, H, 2), the commands before it, the latest last; H = memory samples.
+            (…, H, 2), the H = memory commands before it, latest last.
         time : Any
             s.
         sample_time : float
@@ -225,7 +229,7 @@ class Effect(ABC):
         return command
 
     def memory(self, sample_time: float) -> int:
-        """Return how many past commands on_command needs."""
+        """Return the number of past commands that on_command needs."""
         return 0
 
     def force(self, motion: Motion) -> Array | float:
@@ -233,7 +237,7 @@ class Effect(ABC):
         return 0.0
 
     def inertia(self, motion: Motion) -> Array | float:
-        """Return the mass matrix that an `inertial` force's part with p'' has, (…, N, N), or 0."""
+        """Return the mass matrix of the part of an `inertial` force with p'', (…, N, N), or 0."""
         return 0.0
 
     def dry_friction(self, motion: Motion) -> tuple[Array, Array] | None:
@@ -241,7 +245,7 @@ class Effect(ABC):
         return None
 
     def yielding(self) -> Array:
-        """Return how far each joint's friction gives before it slides, rad/(N m), (…, 2)."""
+        """Return the presliding compliance of each joint's friction, rad/(N m), (…, 2)."""
         return np.zeros(2)
 
     def open_form(self, form: SecondOrderForm, robot: Robot) -> SecondOrderForm:
@@ -256,33 +260,33 @@ class Effect(ABC):
         Parameters
         ----------
         after, parted : Array
-            (…, n), what the step gives with the contact closed and with it open.
+            (…, n), the state after the step with the contact closed and with it open.
         state : Array
-            (…, n), at the start of the step.
+            (…, n), the state at the start of the step.
         impulse : Array
             (…, n, 4), the change of `after` by a unit impulse, N m s, on each joint at the start
             of the step, then at its end.
         motion : Motion
-            At the start of the step.
+            The motion at the start of the step.
 
         """
         return after
 
     def on_output(self, output: Array, time: Any, robot: Robot) -> Array:
-        """Return what the sensors say, given the true (theta_1, theta_2, strain…) (…, m)."""
+        """Return the sensor readings for the true (theta_1, theta_2, strain…), (…, m)."""
         return output
 
     def late(self, sample_time: float) -> tuple[int, Effect]:
-        """Return by how many whole samples the strain reads late, and the effect less those."""
+        """Return the delay of the strain in whole samples, and the effect without those."""
         return 0, self
 
     def payload_at(self, time: Any, payload: Any) -> Any:
-        """Return the payload, kg, at times, s, given what it would be without; scalar or (N,)."""
+        """Return the payload, kg, at times, s, given that without the effect; scalar or (N,)."""
         return payload
 
 
 def _full(name: str, known: Sequence[str]) -> str:
-    """Return the one name that this is, with its unit left out (level for level_n_m)."""
+    """Return the full name of a parameter given without its unit (level for level_n_m)."""
     longer = [full for full in known if full.startswith(f'{name}_')]
     return longer[0] if name not in known and len(longer) == 1 else name
 

@@ -1,10 +1,10 @@
 """
-What sizes are conceivable on a robot: those of the catalogue, by what their units are worth there.
+Scales the sizes of effects, which the catalogue gives for the reference robot, to other robots.
 
-The catalogue's numbers are those of the reference robot. An arm that is like it in all but length
-and mass, at the same pace, moves and bends like it: what is wrong with one is as conceivable on
-the other if it is scaled as lengths, masses and torques are. What has no dimension of length or
-mass (angles, times, strains, factors) is the same on all, and so is the air.
+An arm that differs from the reference robot only in length and mass, and moves at the same pace,
+moves and bends like it. An effect is as conceivable on one as on the other if it is scaled like
+lengths, masses and torques. Quantities without a dimension of length or mass (angles, times,
+strains, factors) are the same on all robots, and so is the density of the air.
 """
 
 from __future__ import annotations
@@ -26,44 +26,45 @@ def _inertia(robot: Robot, site: str) -> float:
 
 
 def _damping(robot: Robot, site: str) -> float:
-    """Return the torque of a joint at 1 rad/s and 1 rad/s^2: what a loop resists counts, too."""
+    """Return a joint's torque at 1 rad/s and 1 rad/s^2, including that of its velocity loop."""
     return robot.drives[int(site[-1]) - 1].damping + _inertia(robot, site)
 
 
 def _command(robot: Robot, site: str) -> float:
-    """Return the command that asks for such a torque, or the largest that the drive takes."""
+    """Return the command for the torque of `_damping`, at most the drive's limit."""
     drive = robot.drives[int(site[-1]) - 1]
     return min(_damping(robot, site) / drive.torque_gain, drive.command_limit)
 
 
-# How large a quantity in each unit is on a robot, at a site, at a pace of a second.
-LARGE: dict[str, Callable[[Robot, str], float]] = {
+# Size of a quantity in each unit on a robot, at a site, for motion with a time scale of 1 s.
+UNIT_SIZES: dict[str, Callable[[Robot, str], float]] = {
     'kg': _mass, 'kg m^2': _inertia, 'N m': _inertia, 'N m/rad': _inertia,
     'N m s/rad': _damping, 'command unit': _command,
     '1/command unit': lambda robot, site: 1.0 / _command(robot, site),
     'rad/(N m)': lambda robot, site: 1.0 / _inertia(robot, site),
     'm/N': lambda robot, site: 1.0 / _mass(robot, site)}
-# Where on the reference robot the catalogue's number is meant, if not at the same site.
-MEANT_AT = {'N m s/rad': 'joint_2'}
+# Site of the reference robot for which the catalogue's number is given, if not the same site.
+REFERENCE_SITES = {'N m s/rad': 'joint_2'}
 
 
 def robot_scale(unit: str, site: str, robot: Robot) -> float:
     """
-    Return by what the catalogue's sizes in a unit are multiplied at a site of a robot.
+    Return the factor of the catalogue's sizes in a unit at a site of a robot.
 
     Parameters
     ----------
     unit : str
-        Of a parameter of an effect.
+        Unit of a parameter of an effect.
     site : str
-        joint_1, link_2, elbow, arm, a gauge.
+        joint_1, link_2, elbow, arm or a gauge.
     robot : Robot
-        Whose lengths, masses and drives count.
+        The robot, of which lengths, masses and drives matter.
 
     """
-    if unit not in LARGE:
+    if unit not in UNIT_SIZES:
         return 1.0
-    return LARGE[unit](robot, site) / LARGE[unit](_reference(), MEANT_AT.get(unit, site))
+    reference_site = REFERENCE_SITES.get(unit, site)
+    return UNIT_SIZES[unit](robot, site) / UNIT_SIZES[unit](_reference(), reference_site)
 
 
 @lru_cache(maxsize=1)

@@ -1,4 +1,8 @@
-"""One gate for what comes in: finite, in the arm's range, no faster than a drive can."""
+"""
+Refuses samples that the arm cannot have produced: not finite, out of range, or too fast.
+
+Live measurements and rows of logs pass this gate before anything is computed from them.
+"""
 
 from __future__ import annotations
 
@@ -14,37 +18,39 @@ from flex_plant_sim.arm.second_order import Array
 from msg_config.input_mapping import JOINTS
 import numpy as np
 
-# Wires to the gauges and the second motor let a joint turn a few times and not more.
-TURNS = 16
-# No joint with a flexible link behind it turns faster, whatever its drive; used where the file
-# limits no command.
-FASTEST = 100.0
-# Of a drive's steady speed: from one way to the other, without any loss, it would swing so far.
+# Turns of a joint: the wires to the gauges and to the second motor allow only a few.
+MAX_TURNS = 16
+# Joint speed, rad/s, that no joint with a flexible link exceeds, whatever its drive; it replaces
+# the drive's limit if the robot file limits no command.
+MAX_SPEED = 100.0
+# Largest joint speed over a drive's steady speed: what a reversal without any loss would reach.
 OVERSHOOT = 3.0
-# Spring steel yields at 0.7 %, titanium at 0.9 %: more is no elastic strain of a metal.
-METAL = 0.01
-# Of the command limit: a current controller without any damping would overshoot so far.
+# Largest elastic strain of a metal, m/m: spring steel yields at 0.7 %, titanium at 0.9 %.
+YIELD_STRAIN = 0.01
+# Largest command over the command limit: the overshoot of a current controller without damping.
 COMMAND_MARGIN = 2.0
-# Two neighbours' noise, so seldom passed that a night's samples hold none.
-NOISE = 8.0
+# Standard deviations of one sample's noise by which two neighbours may differ: exceeded so rarely
+# that a night's samples contain no case.
+NOISE_MARGIN = 8.0
+# Kinds of refusal.
 NOT_FINITE, RANGE, SPEED = 'not finite', 'out of range', 'too fast'
 
 
 @dataclass(frozen=True)
 class Limits:
     """
-    What the arm's measurements cannot pass.
+    Bounds of the measurements and commands of an arm.
 
     Attributes
     ----------
     low, high : Array
-        Of angles and strains, rad and m/m, (m,).
+        Least and largest angles and strains, rad and m/m, (m,).
     speed : Array
-        Of the joints, rad/s, (2,).
+        Largest joint speeds, rad/s, (2,).
     command : Array
-        Magnitude, in the drives' own unit, (2,).
+        Largest magnitude of the commands, in the drives' own unit, (2,).
     noise : float
-        By how much noise alone can move an angle between two samples, rad.
+        Largest change of an angle between two samples by noise alone, rad.
 
     """
 
@@ -57,34 +63,36 @@ class Limits:
     @classmethod
     def of(cls, robot: Robot) -> Limits:
         """
-        Return what a robot's file allows.
+        Return the bounds that follow from a robot file.
 
-        A strain may reach what turns the tip by a quarter under a tip force, which is
-        pi b / (2 L) at the clamp (b: thickness), or where metals yield, whichever comes first;
-        beyond, neither gauge nor beam theory holds.
+        The bound of a strain is the lesser of two: the strain at the clamp when a tip force turns
+        the tip by a quarter turn, pi b / (2 L) (b: thickness), and the strain at which metals
+        yield. Beyond, neither the gauge nor beam theory holds.
         """
-        ranges = np.clip(np.array(robot.angle_limits), -2.0 * np.pi * TURNS, 2.0 * np.pi * TURNS)
-        strain = [min(METAL, np.pi * link.thickness / (2.0 * link.length))
+        largest = 2.0 * np.pi * MAX_TURNS
+        ranges = np.clip(np.array(robot.angle_limits), -largest, largest)
+        strain = [min(YIELD_STRAIN, np.pi * link.thickness / (2.0 * link.length))
                   for link in robot.links for _ in link.gauge_positions]
         drives = robot.drives
-        speed = [min(FASTEST, OVERSHOOT * drive.torque_gain * drive.command_limit / drive.damping)
-                 if drive.damping > 0.0 else FASTEST for drive in drives]
+        speed = [
+            min(MAX_SPEED, OVERSHOOT * drive.torque_gain * drive.command_limit / drive.damping)
+            if drive.damping > 0.0 else MAX_SPEED for drive in drives]
         return cls(np.array([*ranges[:, 0], *(-s for s in strain)]),
                    np.array([*ranges[:, 1], *strain]), np.array(speed),
                    COMMAND_MARGIN * np.array([_largest_command(drive) for drive in drives]),
-                   NOISE * math.sqrt(2.0) * robot.angle_noise)
+                   NOISE_MARGIN * math.sqrt(2.0) * robot.angle_noise)
 
 
 def _largest_command(drive: Drive) -> float:
-    """Return what a drive takes; where its file does not say, what turns it at FASTEST."""
+    """Return a drive's command limit; if the file has none, the command for MAX_SPEED."""
     if math.isfinite(drive.command_limit) or drive.damping == 0.0:
         return drive.command_limit
-    return FASTEST * drive.damping / drive.torque_gain
+    return MAX_SPEED * drive.damping / drive.torque_gain
 
 
 @dataclass(frozen=True)
 class Refusal:
-    """Why a sample was refused: its kind (for counting) and one line."""
+    """Why a sample was refused: the kind, by which refusals are counted, and one line of text."""
 
     kind: str
     text: str
@@ -92,10 +100,11 @@ class Refusal:
 
 class Gate:
     """
-    Passes samples that the arm can have made, and counts the others by kind.
+    Passes samples that the arm can have produced, and counts the others by kind.
 
-    A jump is judged from the last sample that passed; what was refused for CONVINCED samples in
-    a row at steps that a drive can make is believed (the arm was moved by hand, or re-zeroed).
+    The speed of a sample is taken from the last one that passed. After CONVINCED samples in a row
+    that were refused for their speed but are consistent with one another, the new position is
+    believed: the arm was moved by hand, or an encoder was zeroed again.
 
     Parameters
     ----------
@@ -117,42 +126,42 @@ class Gate:
         self.restart()
 
     def restart(self) -> None:
-        """Judge the next sample's speed from nothing."""
+        """Forget the last sample, so that the next one passes whatever its speed."""
         self._last: tuple[float, list[float]] | None = None
         self._doubted: tuple[float, list[float]] | None = None
         self._doubts = 0
 
     @property
     def limits(self) -> Limits:
-        """Return what is in force."""
+        """Return the bounds in force."""
         return self._limits
 
     @limits.setter
     def limits(self, limits: Limits) -> None:
-        # For a few numbers plain comparisons take a fifth of the time that arrays do.
+        # Comparing a few numbers as lists takes a fifth of the time that arrays take.
         self._limits = limits
         self._low, self._high, self._fastest, self._command = (
             part.tolist() for part in (limits.low, limits.high, limits.speed, limits.command))
 
     def judge(self, time: float, output: Array, command: Array) -> Refusal | None:
         """
-        Return why a sample cannot be, or None where it passes.
+        Return why a sample is refused, or None if it passes.
 
         Parameters
         ----------
         time : float
-            s, later than the last.
+            s, later than that of the sample before.
         output : Array
             Angles and strains, rad and m/m, (m,).
         command : Array
-            In the drives' own unit, (2,).
+            Command in the drives' own unit, (2,).
 
         """
         values = output.tolist()
         inside = all(map(le, self._low, values)) and all(map(le, values, self._high))
-        refusal = (None if inside else self._measured(output)) \
-            or (None if self.takes(command) else self._commanded(command)) \
-            or self._speed(time, values[:2])
+        refusal = (None if inside else self._refuse_output(output)) \
+            or (None if self.takes(command) else self._refuse_command(command)) \
+            or self._judge_speed(time, values[:2])
         if refusal is not None:
             self.refused[refusal.kind] += 1
         return refusal
@@ -162,7 +171,7 @@ class Gate:
         sizes = list(map(abs, command.tolist()))
         return all(map(le, sizes, self._command)) and all(map(math.isfinite, sizes))
 
-    def _measured(self, output: Array) -> Refusal:
+    def _refuse_output(self, output: Array) -> Refusal:
         if not math.isfinite(sum(output.tolist())):
             k = int(np.argmin(np.isfinite(output)))
             return Refusal(NOT_FINITE, f'{self._names[k]}: expected a finite number, '
@@ -172,7 +181,7 @@ class Gate:
         return Refusal(RANGE, f'{self._names[k]}: expected {self.limits.low[k]:.4g} to '
                               f'{self.limits.high[k]:.4g} {unit}, got {output[k]:.6g}')
 
-    def _commanded(self, command: Array) -> Refusal:
+    def _refuse_command(self, command: Array) -> Refusal:
         k = int(np.argmax(~(np.abs(command) <= self.limits.command) | ~np.isfinite(command)))
         if not math.isfinite(command[k]):
             return Refusal(NOT_FINITE, f'command of {JOINTS[k]}: expected a finite number, '
@@ -180,7 +189,7 @@ class Gate:
         return Refusal(RANGE, f'command of {JOINTS[k]}: expected at most '
                               f'{self.limits.command[k]:.4g}, got {command[k]:.6g}')
 
-    def _speed(self, time: float, angle: list[float]) -> Refusal | None:
+    def _judge_speed(self, time: float, angle: list[float]) -> Refusal | None:
         k = self._too_fast(self._last, time, angle)
         if k is None or self._convinced(time, angle):
             self._last, self._doubts = (time, angle), 0
@@ -192,7 +201,7 @@ class Gate:
 
     def _too_fast(self, since: tuple[float, list[float]] | None, time: float,
                   angle: list[float]) -> int | None:
-        """Return the first joint that no drive brings so far so soon."""
+        """Return the first joint that would have moved faster than allowed; None if none did."""
         if since is None:
             return None
         span = max(time - since[0], self._interval)
@@ -202,7 +211,7 @@ class Gate:
         return None
 
     def _convinced(self, time: float, angle: list[float]) -> bool:
-        """Return whether the samples refused for their speed have long agreed among themselves."""
+        """Return whether more than CONVINCED refused samples in a row are consistent."""
         agrees = self._doubts > 0 and self._too_fast(self._doubted, time, angle) is None
         self._doubts = self._doubts + 1 if agrees else 1
         self._doubted = (time, angle)
@@ -210,19 +219,20 @@ class Gate:
 
 
 def counted(refused: Counter[str] | dict[str, int]) -> str:
-    """Return refusals by kind as text."""
+    """Return the numbers of refusals by kind as text."""
     return ', '.join(f'{number} {kind}' for kind, number in sorted(refused.items()) if number)
 
 
-def judge_all(gate: Gate, time: Array, output: Array, command: Array) -> Sequence[Refusal | None]:
-    """Return the judgement of every row of a record, (N,), (N, m), (N, 2)."""
+def judge_record(gate: Gate, time: Array, output: Array, command: Array
+                 ) -> Sequence[Refusal | None]:
+    """Return why each row is refused, or None, for times (N,), outputs (N, m), commands (N, 2)."""
     if _all_pass(gate.limits, time, output, command):
         return [None] * len(time)
     return [gate.judge(float(t), y, u) for t, y, u in zip(time, output, command)]
 
 
 def _all_pass(limits: Limits, time: Array, output: Array, command: Array) -> bool:
-    """Return whether a fresh gate would refuse nothing: then each row is judged from the last."""
+    """Return whether a fresh gate would pass every row, checked for all rows at once."""
     if not bool(((output >= limits.low) & (output <= limits.high)).all()
                 and (np.abs(command) <= limits.command).all() and np.isfinite(command).all()):
         return False

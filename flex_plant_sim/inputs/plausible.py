@@ -1,4 +1,8 @@
-"""Hints: which unit, sign or clock makes implausible numbers plausible."""
+"""
+Hints on implausible measurements: which unit, sign, channel or clock would make them plausible.
+
+The readers and tools that take logs add these hints to their errors and notes.
+"""
 
 from __future__ import annotations
 
@@ -12,46 +16,49 @@ from flex_plant_sim.inputs.gate import Refusal
 from msg_config.input_mapping import TIME_UNITS
 import numpy as np
 
-# Two units of time are a factor of a thousand apart: a ratio this far from one belongs to one.
-SAME = 30.0
-# How many of another unit make one rad, one m/m.
+# Ratio of two sampling intervals up to which they may have the same unit: units of time are a
+# factor of a thousand squared_difference, and this is about its square root.
+SAME_TIME_UNIT = 30.0
+# How many of another unit make one rad or one m/m.
 UNITS = {'rad': {180.0 / math.pi: 'degrees'},
          'm/m': {1e6: 'µm/m (microstrain)', 1e3: 'mm/m', 1e2: 'percent'}}
-# A model that is off by its payload and its friction still gets the size within this factor.
-SIZE = 4.0
-# No part of an arm is off by as much.
-FAR = 10.0
-# Of increments, which forget drift and offsets.
-ALIKE = 0.5
-# Of a joint that does not follow its command: the model has less than a sixteenth of its motion.
-# Simulated arms with a cause have 0.9 and more, a real arm of another make 0.6.
-UNLIKE = 0.25
-# Of the squared difference from the model that is left where two channels change places: two
-# gauges of a link differ by little more than their size. Simulated logs leave 0.3 to 0.7 of it
-# where they are exchanged, and more than all where they are not.
-BETTER = 0.75
+# Factor within which a model with a wrong payload and friction still gets the size of a signal.
+SIZE_TOLERANCE = 4.0
+# Ratio of sizes that no deviation of an arm's parts explains.
+WRONG_SCALE = 10.0
+# Least correlation, in magnitude, of a channel that moves as the model does. It is that of the
+# increments, which do not depend on drift and offsets.
+FOLLOWS = 0.5
+# Below this correlation a joint does not follow its command: the model explains less than a
+# sixteenth of its motion. Simulated arms with a cause have 0.9 and more, a real arm of another
+# make 0.6.
+UNRELATED = 0.25
+# Two channels look exchanged if exchanging them leaves less than this share of the squared
+# difference from the model: two gauges of a link differ by little more than their size.
+# Simulated logs leave 0.3 to 0.7 of it if channels are exchanged, and more than 1 if not.
+EXCHANGE_GAIN = 0.75
 
 
 def time_unit(interval: float, expected: float) -> str | None:
     """
-    Return the unit in which a sampling interval fits what is expected, or None if none does.
+    Return the unit in which a sampling interval fits the expected one, or None if none does.
 
     Parameters
     ----------
     interval : float
-        Between samples, as it came.
+        Time between samples, in the unknown unit.
     expected : float
-        The robot file's, s.
+        Sampling interval of the robot file, s.
 
     """
     for unit, factor in TIME_UNITS.items():
-        if expected / SAME <= interval * factor <= expected * SAME:
+        if expected / SAME_TIME_UNIT <= interval * factor <= expected * SAME_TIME_UNIT:
             return unit
     return None
 
 
 def unit_hint(refusal: Refusal) -> str:
-    """Return a question that names the unit in which a refused value would pass, or nothing."""
+    """Return a question that names the unit in which a refused value would pass, or ''."""
     match = re.search(r'expected (\S+) to (\S+) (rad|m/m), got (\S+)$', refusal.text)
     if match is None:
         return ''
@@ -63,7 +70,7 @@ def unit_hint(refusal: Refusal) -> str:
 def channel_hints(measured: Array, expected: Array, names: Sequence[str],
                   units: Sequence[str], noise: Array) -> tuple[str, ...]:
     """
-    Return, for each channel unlike what its model expects, the unit or the sign that explains it.
+    Return a hint for each channel that disagrees with the model: unit, sign, scale or exchange.
 
     Increments are compared: their correlation tells the sign, the ratio of their sizes the unit.
 
@@ -72,9 +79,9 @@ def channel_hints(measured: Array, expected: Array, names: Sequence[str],
     measured, expected : Array
         (N, m).
     names, units : sequence of str
-        Of the channels, m; units as in SI.
+        Names and SI units of the m channels.
     noise : Array
-        Standard deviations of the channels, (m,).
+        Standard deviations of the channels' noise, (m,).
 
     """
     found = list(_exchanged(np.diff(measured, axis=0), np.diff(expected, axis=0), names, units))
@@ -83,31 +90,33 @@ def channel_hints(measured: Array, expected: Array, names: Sequence[str],
         size, wanted = float(np.linalg.norm(own)), float(np.linalg.norm(model))
         if not (size > 0.0 and wanted > 0.0):
             continue
-        alike = float(own @ model) / (size * wanted)
+        correlation = float(own @ model) / (size * wanted)
         fits = [text for factor, text in UNITS[unit].items()
-                if 1.0 / SIZE < size / wanted / factor < SIZE]
+                if 1.0 / SIZE_TOLERANCE < size / wanted / factor < SIZE_TOLERANCE]
         ratio = size / wanted
-        if abs(alike) > ALIKE and (fits or not 1.0 / FAR < ratio < FAR) \
-                or not 1.0 / FAR**2 < ratio < FAR**2 \
-                or unit == 'rad' and not 1.0 / FAR < ratio < FAR:
+        if abs(correlation) > FOLLOWS and (fits or not 1.0 / WRONG_SCALE < ratio < WRONG_SCALE) \
+                or not 1.0 / WRONG_SCALE**2 < ratio < WRONG_SCALE**2 \
+                or unit == 'rad' and not 1.0 / WRONG_SCALE < ratio < WRONG_SCALE:
             found.append(f'{name}: {size / wanted:.3g} times what the model expects: '
                          + (f'is it in {fits[0]}?' if fits else 'is its scale right, or the '
                             "command's, and is it this column?"))
-        elif unit == 'rad' and abs(alike) < UNLIKE and size > 2.0 * std * math.sqrt(len(own)):
-            found.append(f'{name}: hardly moves as the model expects (correlation {alike:.2f}): '
-                         "is it this column, and the command's column and scale?")
-        if alike < -ALIKE:
+        elif unit == 'rad' and abs(correlation) < UNRELATED \
+                and size > 2.0 * std * math.sqrt(len(own)):
+            found.append(f'{name}: hardly moves as the model expects (correlation '
+                         f"{correlation:.2f}): is it this column, and the command's column and "
+                         'scale?')
+        if correlation < -FOLLOWS:
             found.append(f'{name}: moves against what the model expects (correlation '
-                         f'{alike:.2f}): is its sign inverted?')
+                         f'{correlation:.2f}): is its sign inverted?')
     return tuple(found)
 
 
 def _exchanged(measured: Array, expected: Array, names: Sequence[str], units: Sequence[str]
                ) -> Iterator[str]:
-    def apart(i: int, j: int) -> float:
+    def squared_difference(i: int, j: int) -> float:
         return float(np.sum((measured[:, i] - expected[:, j])**2))
     for i, j in combinations(range(len(names)), 2):
-        if units[i] == units[j] and apart(i, j) + apart(j, i) \
-                < BETTER * (apart(i, i) + apart(j, j)):
+        if units[i] == units[j] and squared_difference(i, j) + squared_difference(j, i) \
+                < EXCHANGE_GAIN * (squared_difference(i, i) + squared_difference(j, j)):
             also = ', or the commands' if units[i] == 'rad' else ''
             yield f'{names[i]} and {names[j]} look exchanged{also}'

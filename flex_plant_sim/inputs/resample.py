@@ -1,4 +1,8 @@
-"""Samples with jitter and gaps onto the even grid that they were meant for."""
+"""
+Brings samples with jitter and gaps onto the even grid on which they were meant to be taken.
+
+A log is resampled here before it is simulated or diagnosed.
+"""
 
 from __future__ import annotations
 
@@ -12,36 +16,37 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_banded
 
 Rows = NDArray[np.int64]
-# A stamp nearer to another sample's place than to its own says nothing.
+# Largest distance of a stamp from its place on the grid, in sampling intervals. From 0.5 on it
+# would be nearer to the place of another sample.
 JITTER = 0.4
-# Lost samples in a row that a cubic through their neighbours still bridges: the fastest mode
-# that the noise leaves visible is sampled four times a period or more.
+# Lost samples in a row that a cubic spline through their neighbours still interpolates: the
+# fastest mode visible above the noise is sampled four times a period or more.
 BRIDGED = 3
-# Of all samples; more are no accident.
+# Largest share of all samples that may be lost; more is not an accident.
 LOST = 0.1
-# Of the samples that a record must keep for what is found in it to be of the whole record.
+# Least share of the samples that a record must keep for findings to apply to the whole record.
 KEPT = 0.9
 
 
 @dataclass(frozen=True)
 class Grid:
     """
-    Where the samples of a record belong.
+    The even grid of a record, and the place of each sample on it.
 
     Attributes
     ----------
     interval : float
         T, s.
     place : array of int
-        Number of every sample kept on the grid, increasing from 0, (N,).
+        Place of every kept sample on the grid, increasing from 0, (N,).
     start : float
         Time of place 0, s.
     first, last : int
-        The rows kept, last exclusive: the longest stretch without a long gap.
+        Range of the kept rows, last exclusive: the longest stretch without a long gap.
     jitter : float
         Largest distance of a stamp from its place, s.
     dropped : int
-        Rows outside the stretch.
+        Number of rows outside this stretch.
 
     """
 
@@ -55,17 +60,17 @@ class Grid:
 
     @property
     def samples(self) -> int:
-        """Return the number of places, those of lost samples included."""
+        """Return the number of places, including those of lost samples."""
         return int(self.place[-1]) + 1
 
     @property
     def lost(self) -> int:
-        """Return how many places no sample has."""
+        """Return the number of places without a sample."""
         return self.samples - len(self.place)
 
     @property
     def missing(self) -> Array:
-        """Return 1 at the places that no sample has, else 0, (samples,)."""
+        """Return 1 at the places without a sample, else 0, (samples,)."""
         found = np.ones(self.samples)
         found[self.place] = 0.0
         return found
@@ -78,36 +83,36 @@ class Grid:
 
 def even_grid(time: Array, source: str, row: Callable[[int], str] = 'row {}'.format) -> Grid:
     """
-    Return the even grid under increasing times, s, (N,), N >= 2.
+    Return the even grid that increasing times belong to.
 
     Parameters
     ----------
     time : Array
-        s, (N,).
+        s, (N,), N >= 2.
     source : str
-        Named in errors.
+        Name of the record, for error messages.
     row : callable
-        Names row k, from 0.
+        Gives the name of row k, counted from 0.
 
     Raises
     ------
     InputError
-        The times are not near any even grid, or too many are lost; with the row.
+        The times are not near any even grid, or too many samples are lost; names the row.
 
     """
     interval = np.diff(time)
-    # The lower median: what is lost only lengthens an interval.
+    # The lower median, because lost samples only lengthen intervals.
     usual = float(np.sort(interval)[(len(interval) - 1) // 2])
     steps = np.rint(interval / usual)
-    # Times that drift against the first guess of T would leave their places.
+    # Intervals that are no multiple of the first guess of T would move samples off their places.
     off = (np.abs(interval - steps * usual) > 2.0 * JITTER * usual) & (steps <= BRIDGED + 1)
     if steps.min() < 1 or off.any():
         k = int(np.argmax((steps < 1) | off))
         raise InputError(f'{source}: {row(k + 1)}: time: expected {usual:.6g} s after the row '
                          f'before, got {interval[k]:.6g} s')
-    first, last = _longest(steps)
+    first, last = _longest_stretch(steps)
     place = np.concatenate([[0], np.cumsum(steps[first:last - 1])]).astype(np.int64)
-    slope, start = _line(place, time[first:last])
+    slope, start = _fit_line(place, time[first:last])
     jitter = float(np.max(np.abs(time[first:last] - start - slope * place)))
     if jitter > JITTER * slope:
         raise InputError(f'{source}: time: expected a sample every {slope:.6g} s, got some '
@@ -121,7 +126,7 @@ def even_grid(time: Array, source: str, row: Callable[[int], str] = 'row {}'.for
     return grid
 
 
-def _longest(steps: Array) -> tuple[int, int]:
+def _longest_stretch(steps: Array) -> tuple[int, int]:
     """Return first and last (exclusive) row of the longest stretch without a long gap."""
     breaks = np.flatnonzero(steps > BRIDGED + 1)
     edges = [0, *(breaks + 1), len(steps) + 1]
@@ -129,21 +134,23 @@ def _longest(steps: Array) -> tuple[int, int]:
     return int(edges[k]), int(edges[k + 1])
 
 
-def _line(place: Rows, time: Array) -> tuple[float, float]:
+def _fit_line(place: Rows, time: Array) -> tuple[float, float]:
+    """Return the interval, s, and the time of place 0, s, of the line through the samples."""
     if len(place) < 2:
         return float(time[-1] - time[0]) or 1.0, float(time[0])
-    # An even clock needs no fit, and keeps its own digits.
+    # An even clock needs no fit, which would only add rounding errors.
     if np.ptp(time - time[0] - (time[-1] - time[0]) / place[-1] * place) < 1e-9:
         return float(time[-1] - time[0]) / float(place[-1]), float(time[0])
     slope, start = np.polyfit(place, time - time[0], 1)
     return float(slope), float(start + time[0])
 
 
-def filled(grid: Grid, values: Array) -> Array:
+def fill_by_spline(grid: Grid, values: Array) -> Array:
     """
-    Return rows at every place of the grid, (samples, n), from those kept, (N, n).
+    Return measurements at every place of the grid, (samples, n), from the kept rows, (N, n).
 
-    What came stays as it came, at its place; what was lost lies on a cubic spline through it.
+    Received rows are moved to their places unchanged; lost ones are interpolated by a cubic
+    spline.
     """
     found = np.empty((grid.samples, values.shape[1]))
     found[grid.place] = values
@@ -155,15 +162,15 @@ def filled(grid: Grid, values: Array) -> Array:
 
 def _spline(x: Rows, y: Array, at: Rows) -> Array:
     """
-    Return the cubic spline through y at x, (N, n), N >= 4, at other places.
+    Return the values at other places of the cubic spline through y (N, n) at x, N >= 4.
 
-    de Boor, A Practical Guide to Splines (1978), ch. IV, not-a-knot ends; scipy.interpolate has
-    it, too, but its import takes longer than all that is read.
+    de Boor, A Practical Guide to Splines (1978), ch. IV, not-a-knot ends. scipy.interpolate has
+    the same spline, but importing it takes longer than reading the log.
     """
     h, bands = np.diff(x).astype(float), np.zeros((3, len(x) - 2))
     slope = np.diff(y, axis=0) / h[:, None]
     bands[0, 1:], bands[1], bands[2, :-1] = h[1:-1], 2.0 * (h[:-1] + h[1:]), h[1:-1]
-    # At either end the second derivative goes on along its line.
+    # Not-a-knot ends: the second derivative is extrapolated on a line into the end intervals.
     first, last = h[0] / h[1], h[-1] / h[-2]
     bands[1, [0, -1]] += [h[0] * (1.0 + first), h[-1] * (1.0 + last)]
     bands[0, 1] -= h[0] * first
@@ -177,7 +184,7 @@ def _spline(x: Rows, y: Array, at: Rows) -> Array:
     return y[k] + t * (tangent + t * (0.5 * bend[k] + t * (bend[k + 1] - bend[k]) / (6.0 * width)))
 
 
-def bridged(grid: Grid, values: Array) -> Array:
-    """Return commands at every place, (samples, n): on a line where some were lost."""
+def fill_by_line(grid: Grid, values: Array) -> Array:
+    """Return commands at every place, (samples, n), with lost ones interpolated linearly."""
     places = np.arange(grid.samples)
     return np.stack([np.interp(places, grid.place, column) for column in values.T], axis=1)

@@ -1,4 +1,8 @@
-"""Single numbers of a record that the rest of it contradicts: a sample, or a command."""
+"""
+Finds single wrong numbers in a record, measured or commanded, that the rest of it contradicts.
+
+The log reader adds a note for each; the numbers themselves are not changed.
+"""
 
 from __future__ import annotations
 
@@ -8,24 +12,27 @@ from flex_plant_sim.arm.second_order import Array
 import numpy as np
 from numpy.typing import NDArray
 
-# Samples before that predict the next: two of six channels tell the state of two modes a link.
+# Order of the autoregression, samples: two samples of six channels determine the state of two
+# modes per link.
 ORDER = 2
-# Rows for each number that is fitted, at least.
-ROWS = 4
-# Of reweighting; with 3 to 16 the tests find the same errors.
+# Least number of rows per fitted coefficient.
+ROWS_PER_COEFFICIENT = 4
+# Rounds of reweighting in the robust fit; with 3 to 16 the tests find the same errors.
 ROUNDS = 8
-# Standard deviations beyond which a row counts less, and mean leverages.
+# Above this misfit, in standard deviations, or this multiple of the mean leverage, a row gets
+# less weight in the fit.
 ROBUST, LEVERAGE = 3.0, 4.0
-# Of the channel's range: what digits leave, and what is no more than that.
+# Floor of a standard deviation, as a share of the channel's range, for rounding to few digits.
 DIGITS = 1e-9
-# Standard deviations; a smaller error than VISIBLE of the range misleads nobody.
-STANDS_OUT, VISIBLE = 10.0, 0.02
-# Of the square of the residuals around it that the error goes with.
+# An error is reported from this score on, in standard deviations, and if it exceeds this share of
+# the channel's range; a smaller one misleads nobody.
+MIN_SCORE, MIN_SIZE = 10.0, 0.02
+# Share of the squared residuals around an error that the error must explain.
 EXPLAINED = 0.9
 
 
 class SingleError(NamedTuple):
-    """A number that stands out: row and column of (commands, outputs), and by how much."""
+    """A wrong number: its row, its column in (commands, outputs), and the size of the error."""
 
     row: int
     column: int
@@ -34,18 +41,19 @@ class SingleError(NamedTuple):
 
 def single_errors(command: Array, output: Array) -> list[SingleError]:
     """
-    Return the numbers that are wrong alone, the surest first; none where there are few rows.
+    Return the single wrong numbers, most certain first; none if there are too few rows.
 
-    Outputs are predicted from the ORDER samples before (least squares, with less weight for what
-    fits badly or has leverage). An error d of one output leaves d in its own residual and, with
-    the coefficients, in those after it; of a command, in those after it only. Where that pattern
-    is nearly all there is, it was that number (generalised likelihood ratio: Willsky, Automatica
-    12, 1976). A command must also stand out from its neighbours: a step is one.
+    Outputs are predicted from the ORDER samples before by least squares, in which rows that fit
+    badly or have high leverage weigh less. An error d of an output leaves d in its own residual
+    and, multiplied by the coefficients, in the residuals after it; an error of a command only in
+    those after it. If this pattern explains nearly all of the residuals there, that number is
+    wrong (generalised likelihood ratio: Willsky, Automatica 12, 1976). A command must also lie
+    outside the range of its neighbours, since a step of the command leaves the same pattern.
 
     Parameters
     ----------
     command, output : Array
-        Evenly sampled, (N, 2) and (N, m); a row's command acts from it on.
+        Evenly sampled, (N, 2) and (N, m); the command of a row acts from that row on.
 
     """
     values = np.hstack([command, output])
@@ -53,7 +61,7 @@ def single_errors(command: Array, output: Array) -> list[SingleError]:
     columns = np.flatnonzero(span > 0.0)
     of_output = columns >= command.shape[1]
     size = ORDER * len(columns) + 1
-    if len(values) - ORDER < ROWS * size or not of_output.any():
+    if len(values) - ORDER < ROWS_PER_COEFFICIENT * size or not of_output.any():
         return []
     scaled = (values[:, columns] - values[0, columns]) / span[columns]
     rows = len(scaled) - ORDER
@@ -64,18 +72,23 @@ def single_errors(command: Array, output: Array) -> list[SingleError]:
     for place, column in enumerate(columns):
         own = np.eye(len(columns))[place][of_output]
         score, error = _scores(fit, [own, *(-fit.coefficients[place:-1:len(columns)])])
-        bad = np.abs(score) > STANDS_OUT
-        bad &= (np.abs(error) > VISIBLE) & (score**2 > EXPLAINED * fit.power)
+        bad = np.abs(score) > MIN_SCORE
+        bad &= (np.abs(error) > MIN_SIZE) & (score**2 > EXPLAINED * fit.power)
         if not of_output[place]:
-            bad &= _apart(scaled[:, place])[ORDER:]
+            bad &= _outside_neighbours(scaled[:, place])[ORDER:]
         found += [(-abs(float(score[k])), SingleError(
             int(k) + ORDER, int(column), float(error[k] * span[column])))
             for k in np.flatnonzero(bad)]
-    return _alone([error for _, error in sorted(found)])
+    return _without_overlaps([error for _, error in sorted(found)])
 
 
 class _Fit(NamedTuple):
-    """Coefficients (K, m), whitened residuals and their squares over ORDER + 1 rows, whitener."""
+    """
+    A robust autoregression.
+
+    `coefficients` is (K, m); `white` holds the whitened residuals, padded by ORDER rows of zeros;
+    `power` the sum of their squares over ORDER + 1 rows; `whiten` the whitening matrix.
+    """
 
     coefficients: Array
     white: Array
@@ -84,10 +97,10 @@ class _Fit(NamedTuple):
 
 
 def _scores(fit: _Fit, pattern: list[Array]) -> tuple[Array, Array]:
-    """Return for each row how surely an error with a pattern is there, and its size, (N,)."""
+    """Return for each row the score, in standard deviations, and the size of an error, (N,)."""
     white = [fit.whiten @ row for row in pattern]
     rows = len(fit.power)
-    # Near the end only the first rows of the pattern are there.
+    # Near the end of the record only the first rows of the pattern fit in.
     there = np.cumsum([row @ row for row in white])
     norm = np.sqrt(there[np.minimum(np.arange(rows)[::-1], len(white) - 1)])
     score = np.sum([fit.white[k:k + rows] @ row for k, row in enumerate(white)], axis=0)
@@ -99,7 +112,7 @@ def _ratio(part: Array, whole: Array) -> Array:
 
 
 def _fit(before: Array, after: Array) -> _Fit:
-    """Return a robust fit: what fits badly, or has leverage, weighs less."""
+    """Return a fit in which rows that fit badly or have high leverage weigh less."""
     weight, size = np.ones(len(before)), before.shape[1]
     for _ in range(ROUNDS):
         weighted = before * weight[:, None]
@@ -119,16 +132,16 @@ def _fit(before: Array, after: Array) -> _Fit:
     return _Fit(coefficients, white, power, whiten)
 
 
-def _apart(values: Array) -> NDArray[np.bool_]:
-    """Return where a value is outside what its two neighbours span, (N,)."""
+def _outside_neighbours(values: Array) -> NDArray[np.bool_]:
+    """Return where a value lies outside the range of its two neighbours by MIN_SIZE, (N,)."""
     padded = np.pad(values, 1, mode='edge')
-    low = np.minimum(padded[:-2], padded[2:]) - VISIBLE
-    high = np.maximum(padded[:-2], padded[2:]) + VISIBLE
+    low = np.minimum(padded[:-2], padded[2:]) - MIN_SIZE
+    high = np.maximum(padded[:-2], padded[2:]) + MIN_SIZE
     return (values < low) | (values > high)
 
 
-def _alone(errors: list[SingleError]) -> list[SingleError]:
-    """Return the surest of those whose patterns overlap."""
+def _without_overlaps(errors: list[SingleError]) -> list[SingleError]:
+    """Return, of errors whose patterns overlap, only the most certain one."""
     kept: list[SingleError] = []
     for error in errors:
         if all(abs(error.row - other.row) > ORDER for other in kept):

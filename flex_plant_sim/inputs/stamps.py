@@ -1,19 +1,24 @@
-"""Stamps that must go on: new, repeated, stale, leaping ahead, or begun again."""
+"""
+Classifies message stamps by their order: new, repeated, stale, ahead, or started again.
+
+The nodes apply it to whole samples, so that none is filtered twice or out of order.
+"""
 
 from __future__ import annotations
 
 from enum import Enum
 
-# In a second.
+# Nanoseconds per second.
 NANOSECONDS = 1_000_000_000
-# A pause that a recorder or a busy machine makes is shorter than this; a clock that is set is not.
+# A jump of the stamps, ns. A pause of a recorder or of a busy machine is shorter; a clock that is
+# set jumps further.
 LEAP = NANOSECONDS
-# Samples that may be lost without a doubt of the next one's stamp, as many as logs bridge.
+# Samples that may be lost in a row before the next stamp is doubted: as many as logs interpolate.
 LOST = 3
 
 
 class Order(Enum):
-    """What a stamp is, after those before it."""
+    """The kind of a stamp, judged by the stamps before it."""
 
     NEW = 'new'
     REPEATED = 'repeated'
@@ -22,27 +27,27 @@ class Order(Enum):
     RESTARTED = 'restarted'
 
 
-def sane_stamp(seconds: int, nanoseconds: int) -> bool:
-    """Return whether a header's stamp is a time."""
+def valid_stamp(seconds: int, nanoseconds: int) -> bool:
+    """Return whether a header's stamp is a valid time."""
     return seconds >= 0 and 0 <= nanoseconds < NANOSECONDS
 
 
 class StampOrder:
     """
-    Tells new samples from repeated and stale ones, and from a time that began again.
+    Tells new samples from repeated and stale ones, and recognises a time that started again.
 
-    A sample further ahead than LOST samples, or from the past, says nothing alone: the next one
-    may be where it belongs. A second one that goes on from it, or repeats it, is believed: after
-    a pause of less than LEAP as new, else the source began again there (a bag that loops, a
-    simulation that was reset, a clock that was set). What is stale by less than LOST samples
-    only repetition makes believable: a time that goes on will pass it.
+    A single stamp further ahead than LOST samples, or in the past, is not believed, since the
+    next one may be in order again. A second stamp that continues from it, or repeats it, confirms
+    it: as new after a pause of less than LEAP, otherwise as a restart of the source (a bag that
+    loops, a simulation that was reset, a clock that was set). A stamp at most LOST samples in the
+    past is confirmed only by its repetition, because a time that runs on will soon pass it.
 
     Attributes
     ----------
     interval : int
-        Between samples, ns.
+        Time between samples, ns.
     last : int or None
-        The last stamp taken, ns.
+        The last stamp accepted, ns.
 
     """
 
@@ -51,15 +56,16 @@ class StampOrder:
         self.clear()
 
     def clear(self) -> None:
-        """Take whatever comes next."""
+        """Forget the last stamp, so that the next one is new whatever it is."""
         self.last: int | None = None
         self._suspect: int | None = None
 
     def judge(self, stamp: int, held_up: bool = False) -> Order:
         """
-        Return what a stamp is, ns; new and restarted ones become the last.
+        Return the kind of a stamp, ns; new and restarted stamps become the last one.
 
-        Where this side was held up, it may have lost the samples itself for less than LEAP.
+        `held_up` says that the receiver itself was busy: it may then have lost samples, and a
+        gap of up to LEAP is accepted.
         """
         if stamp == self.last:
             return Order.REPEATED

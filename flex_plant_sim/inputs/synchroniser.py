@@ -1,4 +1,8 @@
-"""Samples out of parts whose stamps are near each other, live and in logs alike."""
+"""
+Assembles samples from messages whose stamps are close to each other.
+
+The nodes use it on live topics and the bag reader on recorded ones, before the gate.
+"""
 
 from __future__ import annotations
 
@@ -9,29 +13,29 @@ import math
 from statistics import median
 from typing import Any
 
-# Share of the sampling interval by which the stamps of one sample may differ. Below a half, two
-# messages of one topic can never both be near enough, so that the first match is the only one.
+# Share of the sampling interval by which the stamps of one sample may differ. Below one half, two
+# messages of one topic cannot both be close enough, so that the first match is the only one.
 SLOP = 0.4
-# Messages of a part that wait for another, as many as a publisher keeps (topics.yaml).
+# Messages of a part that may wait for another part: as many as a publisher keeps (topics.yaml).
 PENDING = 10
-# Offsets of late, of which the median is told where no stamps fit.
+# Recent offsets between stamps, of which the median is reported if no stamps match.
 OFFSETS = 50
 
 
 def slop_of(sample_time: float) -> int:
-    """Return by how much the stamps of one sample may differ, ns, at a sample time, s."""
+    """Return the largest difference, ns, of the stamps of one sample, at a sample time, s."""
     return int(SLOP * sample_time * 1e9)
 
 
 @dataclass(frozen=True)
-class Together:
+class PairedSample:
     """
-    A whole sample.
+    A complete sample.
 
     Attributes
     ----------
     stamp : int
-        Of its first part, ns.
+        Stamp of its first part, ns.
     parts : dict
         Part name to its value.
 
@@ -47,7 +51,7 @@ class _Waiting:
     count: int = 0
 
     def put(self, stamp: int, value: Any) -> None:
-        """Let a value wait, in place of one of the same stamp."""
+        """Add a value to the queue; it replaces one with the same stamp."""
         for k, (at, _) in enumerate(self.queue):
             if at == stamp:
                 self.queue[k] = (stamp, value)
@@ -55,7 +59,7 @@ class _Waiting:
         self.queue.append((stamp, value))
 
     def nearest(self, stamp: int) -> tuple[int, Any] | None:
-        """Return what waits with the stamp nearest to one."""
+        """Return the waiting stamp and value nearest to a stamp."""
         if self.queue and self.queue[0][0] == stamp:
             return self.queue[0]
         return min(self.queue, key=lambda item: abs(item[0] - stamp), default=None)
@@ -65,20 +69,20 @@ class Synchroniser:
     """
     Collects the parts of a sample, as message_filters' ApproximateTimeSynchronizer does.
 
-    The first part's stamp is the sample's. The parts may come in any order, twice, or never; at
-    most PENDING of each wait.
+    The stamp of the first part becomes that of the sample. The parts may come in any order,
+    twice, or never; at most PENDING messages of each part wait.
 
     Parameters
     ----------
     parts : sequence of str
-        Their names.
+        Names of the parts.
     slop : int
-        By how much their stamps may differ from the first part's, ns; see slop_of.
+        Largest difference of their stamps from that of the first part, ns; see slop_of.
 
     Attributes
     ----------
     lost : int
-        How many messages were given up since clear(), because another part never came.
+        Messages dropped since clear(), because another part of their sample never came.
 
     """
 
@@ -87,14 +91,14 @@ class Synchroniser:
         self.clear()
 
     def clear(self) -> None:
-        """Forget what waits."""
+        """Drop all waiting messages and counts."""
         self._waiting = {part: _Waiting() for part in self._parts}
         self._offsets: dict[str, deque[int]] = {
             part: deque(maxlen=OFFSETS) for part in self._parts[1:]}
         self.lost = 0
 
-    def add(self, part: str, stamp: int, value: Any) -> Together | None:
-        """Return the whole sample if this was its last part, whose stamp is in ns."""
+    def add(self, part: str, stamp: int, value: Any) -> PairedSample | None:
+        """Return the sample that this part, with its stamp in ns, completes, or None."""
         own = self._waiting[part]
         own.count += 1
         own.put(stamp, value)
@@ -106,7 +110,7 @@ class Synchroniser:
         return found
 
     def _reference(self, part: str, stamp: int) -> int | None:
-        """Return the first part's stamp that a stamp belongs to."""
+        """Return the waiting stamp of the first part that is nearest to a stamp."""
         if part == self._parts[0]:
             return stamp
         nearest = self._waiting[self._parts[0]].nearest(stamp)
@@ -115,7 +119,7 @@ class Synchroniser:
         self._offsets[part].append(stamp - nearest[0])
         return nearest[0]
 
-    def _complete(self, reference: int) -> Together | None:
+    def _complete(self, reference: int) -> PairedSample | None:
         chosen = {}
         for part, waiting in self._waiting.items():
             near = waiting.nearest(reference)
@@ -124,10 +128,10 @@ class Synchroniser:
             chosen[part] = near
         for part, (stamp, _) in chosen.items():
             self._drop_up_to(part, stamp)
-        return Together(reference, {part: value for part, (_, value) in chosen.items()})
+        return PairedSample(reference, {part: value for part, (_, value) in chosen.items()})
 
     def _drop_up_to(self, part: str, stamp: int) -> None:
-        """Give up what began to arrive before a whole sample: its missing part was lost."""
+        """Drop messages older than those of a complete sample: their other parts were lost."""
         queue = self._waiting[part].queue
         while queue:
             at, _ = queue.popleft()
@@ -136,7 +140,7 @@ class Synchroniser:
             self.lost += 1
 
     def why_nothing(self) -> str:
-        """Return why no sample is whole, in one line; empty where nothing came yet."""
+        """Return in one line why no sample is complete; empty if no message came yet."""
         counts = {part: waiting.count for part, waiting in self._waiting.items()}
         if not any(counts.values()):
             return ''

@@ -1,4 +1,8 @@
-"""Logs as rosbag2 (sqlite3 or MCAP): the topics of the contract, paired by header stamp."""
+"""
+Reads and writes logs as rosbag2 (sqlite3 or MCAP).
+
+The topics of the contract are paired by header stamp into rows, which `rows` turns into a log.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +27,8 @@ from msg_config.errors import InputError
 from msg_config.input_mapping import CONTRACT, InputMapping
 import numpy as np
 
-# Strain that comes this much more seldom than the joints sets the sampling.
+# Ratio of sampling intervals from which the slower of joints and strain is reported to set the
+# sampling.
 SLOWER = 1.5
 
 
@@ -31,15 +36,15 @@ def read_bag(path: Path, robot: Robot) -> Log:
     """
     Return the record in a bag folder, or in a single .mcap or .db3 file.
 
-    A sample is a pair of `joint_states` and `strain` whose stamps are near; names in every
-    message say which value is whose. Its command is the effort that the next `joint_states`
-    says was applied, or else the last `command` stamped before the middle of the sample. Time
-    starts at zero.
+    A sample is a pair of `joint_states` and `strain` whose stamps are close; the names in each
+    message assign its values to channels. The command of a sample is the effort that the next
+    `joint_states` reports as applied, or else the last `command` stamped before the middle of the
+    sample. Time starts at zero.
 
     Raises
     ------
     InputError
-        No bag, missing topic, wrong gauges or joints, uneven time; with its topic or message.
+        No bag, a missing topic, wrong gauges or joints, or uneven time; names topic or message.
 
     """
     streams, notes = read_messages(path, robot.inputs)
@@ -56,10 +61,10 @@ def read_bag(path: Path, robot: Robot) -> Log:
     if rate is not None and not np.isfinite(rate).all():
         rate = None
     rows = Rows(str(path), time, angle[j], surface[g],
-                commands.at_rows(joints.stamps[j]), None if rate is None else rate[j],
+                commands.around(joints.stamps[j]), None if rate is None else rate[j],
                 lambda k: f'sample {k + 1}, stamp {seconds_text(joints.stamps[j[k]])}',
                 (*notes, *commands.notes), notes)
-    rows = _compared(rows, joints, strain, pairs)
+    rows = _with_rate_notes(rows, joints, strain, pairs)
     log = to_log(rows, robot, lambda grid: commands.on(grid, int(start)))
     known = np.flatnonzero(np.isfinite(log.command).all(axis=1))
     if known.size < 2:
@@ -69,7 +74,7 @@ def read_bag(path: Path, robot: Robot) -> Log:
 
 
 def _pairs(path: Path, joints: Stream, strain: Stream) -> np.ndarray:
-    """Return the rows of joint states and strain that make a sample, (N, 2)."""
+    """Return the message numbers of joint states and strain of each sample, (N, 2)."""
     for stream in (joints, strain):
         if len(stream.stamps) < 2:
             raise InputError(f'{path}: {stream.name}: expected at least 2 messages, '
@@ -85,23 +90,23 @@ def _pairs(path: Path, joints: Stream, strain: Stream) -> np.ndarray:
     return np.array(pairs)
 
 
-def _compared(rows: Rows, joints: Stream, strain: Stream, pairs: np.ndarray) -> Rows:
-    """Return the rows with a note where one topic has less than the other."""
+def _with_rate_notes(rows: Rows, joints: Stream, strain: Stream, pairs: np.ndarray) -> Rows:
+    """Return the rows with a note if one topic is slower or shorter than the other."""
     paired = np.diff(joints.stamps[pairs[:, 0]])
     for stream in (joints, strain):
         own = float(np.median(np.diff(stream.stamps)))
         usual = float(np.median(paired))
         if usual > SLOWER * own:
             slower = 'strain' if stream is joints else 'joint_states'
-            rows = rows.said(f'{slower} comes every {usual * 1e-6:.4g} ms, {stream.name} every '
-                             f'{own * 1e-6:.4g} ms: used every {usual / own:.0f}th of these, '
-                             'commands averaged', doubtful=True)
+            rows = rows.noted(f'{slower} comes every {usual * 1e-6:.4g} ms, {stream.name} every '
+                              f'{own * 1e-6:.4g} ms: used every {usual / own:.0f}th of these, '
+                              'commands averaged', doubtful=True)
         span = float(stream.stamps[-1] - stream.stamps[0])
         shared = float(joints.stamps[pairs[-1, 0]] - joints.stamps[pairs[0, 0]])
         if shared < KEPT * span:
             other = 'strain' if stream is joints else 'joint_states'
-            rows = rows.said(f'{stream.name} lasts {span * 1e-9:.4g} s, {other} shares '
-                             f'{shared * 1e-9:.4g} s of it: used those', doubtful=True)
+            rows = rows.noted(f'{stream.name} lasts {span * 1e-9:.4g} s, {other} shares '
+                              f'{shared * 1e-9:.4g} s of it: used those', doubtful=True)
     return rows
 
 
@@ -115,17 +120,17 @@ def write_bag(path: str | Path, log: Log, storage: Literal['mcap', 'sqlite3'] = 
     path : str or Path
         The folder.
     log : Log
-        In SI.
+        In SI units.
     storage : str
         mcap or sqlite3.
     inputs : InputMapping
-        The topics, names and units that the arm's robot file has, so that it reads what is
-        written; the contract's where it has none.
+        Topics, names and units of the arm's robot file, so that the bag can be read with that
+        file; by default those of the contract.
 
     Raises
     ------
     InputError
-        If nothing can be written there.
+        Nothing can be written there.
 
     """
     try:

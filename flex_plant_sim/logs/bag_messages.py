@@ -1,4 +1,8 @@
-"""The messages of a bag that make a log, topic by topic, and their values by name."""
+"""
+Reads the messages of a bag that make up a log, topic by topic, and finds their values by name.
+
+`bag_log` pairs them into samples.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.inputs.stamps import NANOSECONDS, sane_stamp
+from flex_plant_sim.inputs.stamps import NANOSECONDS, valid_stamp
 from flex_plant_sim.logs.bounded import bounded, MEMORY
 from msg_config.contract import load_topics
 from msg_config.errors import InputError
@@ -19,27 +23,28 @@ from numpy.typing import NDArray
 
 TOPICS = ('joint_states', 'strain', 'command')
 FIELDS = ('position', 'velocity', 'effort')
-# Several drivers may share joint_states, each with names of its own.
-MOST_NAMES = 100
+# Largest number of different lists of names on a topic. Several drivers may share joint_states,
+# each with its own names.
+MAX_NAME_LISTS = 100
 Stamps = NDArray[np.int64]
 
 
 def seconds_text(stamp: int) -> str:
-    """Return a stamp, ns, in s; a double has no room for the digits of today's clock."""
+    """Return a stamp, ns, as text in s; a double cannot hold all digits of today's clock."""
     return f'{stamp // NANOSECONDS}.{stamp % NANOSECONDS:09d} s'
 
 
 @dataclass(frozen=True)
 class Fields:
     """
-    One field of a topic's messages, end to end.
+    One field of all messages of a topic.
 
     Attributes
     ----------
     flat : Array
-        The values of all messages.
+        The values of all messages, one message after the other.
     count : array of int
-        How many of them each message has, (N,).
+        Number of values of each message, (N,).
 
     """
 
@@ -47,7 +52,7 @@ class Fields:
     count: Stamps
 
     def of(self, rows: Stamps) -> tuple[Array, Stamps]:
-        """Return of these messages the values and where each begins."""
+        """Return all values, and the index of the first value of each of these messages."""
         begin = np.concatenate([[0], np.cumsum(self.count)])
         return self.flat, begin[rows]
 
@@ -60,15 +65,15 @@ class Stream:
     Attributes
     ----------
     path : Path
-        Of the bag, for errors.
+        Path of the bag, for error messages.
     name : str
-        Of the topic in the contract.
+        Name of the topic in the contract.
     stamps : array of int
-        ns, increasing, (N,).
+        Stamps, ns, increasing, (N,).
     names : tuple of tuple of str
-        The lists of names that came.
+        The different lists of names in the messages.
     group : array of int
-        Which of them each message bears, (N,).
+        Index in `names` of the list of each message, (N,).
     fields : Mapping of str to Fields
         position, velocity and effort.
 
@@ -82,19 +87,25 @@ class Stream:
     fields: Mapping[str, Fields]
 
     def naming(self, channels: Channels) -> Stream:
-        """Return the messages that name any of the channels; drivers share joint_states."""
+        """
+        Return only the messages that name any of the channels.
+
+        Several drivers may share joint_states, so that some messages are of other joints.
+        """
         own = {name for names in channels.sources for name in names}
         tells = np.array([bool(own.intersection(names)) for names in self.names], dtype=bool)
         kept = np.flatnonzero(tells[self.group]) if tells.size else np.zeros(0, dtype=np.int64)
         if len(kept) in (0, len(self.stamps)):
             return self
         return replace(self, stamps=self.stamps[kept], group=self.group[kept],
-                       fields={field: _kept(values, kept)
+                       fields={field: _selected(values, kept)
                                for field, values in self.fields.items()})
 
     def values(self, channels: Channels, field: str, rate: bool = False) -> Array:
         """
-        Return a field of all messages in SI, (N, n); each message's names say whose is what.
+        Return a field of all messages in SI units, (N, n), assigned by each message's names.
+
+        With `rate`, the values are rates of change, to which offsets do not apply.
 
         Raises
         ------
@@ -118,18 +129,18 @@ class Stream:
         return channels.rate(found) if rate else channels.si(found)
 
     def has(self, field: str) -> bool:
-        """Return whether every message fills a field."""
+        """Return whether every message has values in a field."""
         return len(self.stamps) > 0 and bool(self.fields[field].count.all())
 
 
-def _kept(field: Fields, rows: Stamps) -> Fields:
+def _selected(field: Fields, rows: Stamps) -> Fields:
     inside = np.zeros(len(field.count), dtype=bool)
     inside[rows] = True
     return Fields(field.flat[np.repeat(inside, field.count)], field.count[rows])
 
 
 class _Collector:
-    """Takes what is wanted of one topic's messages, some forty bytes a value."""
+    """Collects the needed parts of a topic's messages, with some forty bytes per value."""
 
     def __init__(self, path: Path, name: str):
         self.path, self.name = path, name
@@ -139,10 +150,10 @@ class _Collector:
         self.count = {field: array('q') for field in FIELDS}
 
     def add(self, message: Any) -> None:
-        """Take a message whose stamp comes after the last one's."""
+        """Add a message, whose stamp must be later than that of the one before."""
         own = message.header.stamp
         where = f'{self.path}: {self.name}: message {len(self.stamps) + 1}'
-        if not sane_stamp(own.sec, own.nanosec):
+        if not valid_stamp(own.sec, own.nanosec):
             raise InputError(f'{where}: header.stamp: expected a time, got {own.sec} s and '
                              f'{own.nanosec} ns')
         stamp = own.sec * NANOSECONDS + own.nanosec
@@ -150,8 +161,8 @@ class _Collector:
             raise InputError(f'{where}: expected a stamp after {seconds_text(self.stamps[-1])}, '
                              f'got {seconds_text(stamp)}')
         names = tuple(message.name)
-        if len(self.names) > MOST_NAMES:
-            raise InputError(f'{where}: name: expected at most {MOST_NAMES} different lists')
+        if len(self.names) > MAX_NAME_LISTS:
+            raise InputError(f'{where}: name: expected at most {MAX_NAME_LISTS} different lists')
         self.stamps.append(stamp)
         self.group.append(self.names.setdefault(names, len(self.names)))
         for field in FIELDS:
@@ -160,7 +171,7 @@ class _Collector:
             self.count[field].append(len(values))
 
     def stream(self) -> Stream:
-        """Return what was taken."""
+        """Return the collected messages."""
         fields = {field: Fields(np.array(self.flat[field]),
                                 np.array(self.count[field], dtype=np.int64)) for field in FIELDS}
         return Stream(self.path, self.name, np.array(self.stamps, dtype=np.int64),
@@ -170,12 +181,12 @@ class _Collector:
 def read_messages(path: Path, mapping: InputMapping
                   ) -> tuple[dict[str, Stream], tuple[str, ...]]:
     """
-    Return the messages of the topics that make a log, and notes on what could not be read.
+    Return the messages of the topics that make up a log, and notes on what could not be read.
 
     Raises
     ------
     InputError
-        No bag, or a topic is missing, twice there, or of another type.
+        No bag, or a topic is missing, ambiguous, or of another type.
 
     """
     try:
@@ -193,7 +204,7 @@ def read_messages(path: Path, mapping: InputMapping
     except MemoryError:
         raise InputError(f'{path}: expected a bag that takes at most {MEMORY / 1e6:g} MB of '
                          'memory; a long one can be split') from None
-    except Exception as error:  # noqa: B902  a torn bag raises what its bytes happen to hit
+    except Exception as error:  # noqa: B902  a damaged bag can raise anything
         raise InputError(f'{path}: expected a rosbag2, got: '
                          f'{type(error).__name__}: {error}') from None
     return {name: collector.stream() for name, collector in found.items()}, notes
@@ -210,7 +221,7 @@ def _collected(path: Path, reader: Any, mapping: InputMapping
     for connection, _, data in reader.messages(wanted):
         name = owner[id(connection)]
         came[name] += 1
-        # In lock-step a sample that nobody answers in time is sent again.
+        # In lock-step a sample that is not answered in time is sent again: equal messages are one.
         if before.get(name) != data:
             found[name].add(reader.deserialize(data, connection.msgtype))
         before[name] = data
@@ -223,7 +234,7 @@ def _collected(path: Path, reader: Any, mapping: InputMapping
 
 
 def _connections(path: Path, reader: Any, name: str, mapping: InputMapping) -> list[Any]:
-    """Return the connections of a topic of the contract, whatever namespace it is in."""
+    """Return the connections of a topic of the contract, in any namespace."""
     topic = load_topics()[name]
     own = mapping.topics.get(name, topic.name)
     group = [c for c in reader.connections if f'/{c.topic}'.endswith(f'/{own.lstrip("/")}')]

@@ -1,4 +1,4 @@
-"""A bound on what a strange file may make a reader take of memory and disk."""
+"""Bounds the memory and disk space that reading a file from an untrusted source may take."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 import resource
 
-# Bytes of memory, and of a compressed bag once unpacked. A length that was crafted, or a bomb,
-# takes more; half an hour at 200 Hz takes less.
+# Limits in bytes: of memory, and of a compressed bag once it is unpacked. A forged length or a
+# decompression bomb takes more; half an hour at 200 Hz takes less.
 MEMORY, FILE = 400_000_000, 1_000_000_000
 
 
 def _in_use() -> int:
-    """Return the size of this process' address space, bytes."""
+    """Return the size of the address space of this process, bytes."""
     with open('/proc/self/statm', encoding='ascii') as file:
         return int(file.read().split()[0]) * resource.getpagesize()
 
@@ -20,9 +20,10 @@ def _in_use() -> int:
 @contextmanager
 def bounded() -> Iterator[None]:
     """
-    Let the block take so much more MEMORY, and write files no longer than FILE.
+    Limit the block to MEMORY more bytes of memory and to files of at most FILE bytes.
 
-    What exceeds it raises MemoryError or OSError. The bound is the process', all its threads'.
+    Exceeding them raises MemoryError or OSError. The limits apply to the whole process, with all
+    its threads.
     """
     try:
         wanted = {resource.RLIMIT_AS: _in_use() + MEMORY, resource.RLIMIT_FSIZE: FILE}

@@ -1,4 +1,8 @@
-"""Which command acted when: as applied (effort) where it is known, else as sent."""
+"""
+Finds the command that acted at each sample of a bag.
+
+It is the command that was applied (effort of joint_states) if that is known, else the one sent.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +16,8 @@ from flex_plant_sim.logs.bag_messages import Stamps, Stream
 from msg_config.input_mapping import InputMapping
 import numpy as np
 
-# Of the largest command: what nine digits of a file, and floats of a driver, may change.
+# Share of the largest command up to which two commands count as equal: rounding to the nine
+# digits of a file, or to a driver's single precision, may change as much.
 SAME = 1e-6
 
 
@@ -24,11 +29,11 @@ class Commands:
     Attributes
     ----------
     until, applied : array
-        Stamps, ns, and the command that acted up to each, (N,), (N, 2); empty where unknown.
+        Stamps, ns, and the command that acted up to each, (N,), (N, 2); empty if unknown.
     since, sent : array
         Stamps, ns, and the command sent at each, (M,), (M, 2).
     notes : tuple of str
-        Which of the two is used.
+        Notes on which of the two is used.
 
     """
 
@@ -41,7 +46,7 @@ class Commands:
     @classmethod
     def of(cls, streams: Mapping[str, Stream], mapping: InputMapping) -> Commands:
         """
-        Return the commands of joint_states' effort and of the topic command.
+        Return the commands in the effort of joint_states and on the topic command.
 
         Raises
         ------
@@ -59,9 +64,9 @@ class Commands:
         found = cls(until, applied, command.stamps, sent)
         if len(until) and not (np.isfinite(applied).all() and (applied.any() or not sent.any())):
             found = cls(*none, command.stamps, sent)
-        return found._noted(joints)
+        return found._with_note(joints)
 
-    def _noted(self, joints: Stream) -> Commands:
+    def _with_note(self, joints: Stream) -> Commands:
         if not len(self.since):
             return self
         if not len(self.until):
@@ -77,8 +82,8 @@ class Commands:
                 f'{int(both.sum())} samples the topic command says otherwise')
         return Commands(self.until, self.applied, self.since, self.sent, (note,))
 
-    def at_rows(self, stamps: Stamps) -> Array:
-        """Return the command known to have acted around each stamp, for the gate, (N, 2)."""
+    def around(self, stamps: Stamps) -> Array:
+        """Return the command that acted around each stamp, for the gate, (N, 2); 0 if unknown."""
         if len(self.until):
             return self.applied[np.searchsorted(self.until, stamps)]
         if not len(self.since):
@@ -90,15 +95,16 @@ class Commands:
         """
         Return the mean command from every place of a grid to the next, (samples, 2).
 
-        What was applied up to a stamp acted since the stamp before. Where that is not known,
-        it is what was sent last before the middle, or else NaN at the ends and a line inside.
+        A command that was applied up to a stamp acted since the stamp before it. If the applied
+        command is not known, the command sent last before the middle of the interval is taken. If
+        there is none either, the result is interpolated linearly, and NaN at the ends.
 
         Parameters
         ----------
         grid : Grid
-            Of the samples.
+            Grid of the samples.
         start : int
-            The stamp of its time 0, ns.
+            Stamp of its time 0, ns.
 
         """
         found = self._sent_on(grid, start)
@@ -106,14 +112,14 @@ class Commands:
             at = ((self.until - start) / NANOSECONDS - grid.start) / grid.interval
             share = max(round(grid.interval * NANOSECONDS / float(np.median(
                 np.diff(self.until)))), 1)
-            # On the finer grid of the joints, rounded, so that jitter moves nothing.
+            # Rounded to the finer grid of the joints, so that jitter does not shift a command.
             place = np.ceil(np.rint(at * share) / share - 1e-9).astype(np.int64) - 1
             inside = (place >= 0) & (place < grid.samples)
             count = np.bincount(place[inside], minlength=grid.samples)
             for joint in (0, 1):
                 total = np.bincount(place[inside], self.applied[inside, joint], grid.samples)
                 found[count > 0, joint] = (total / np.maximum(count, 1))[count > 0]
-        return _filled_inside(found)
+        return _interpolated(found)
 
     def _sent_on(self, grid: Grid, start: int) -> Array:
         found = np.full((grid.samples, 2), np.nan)
@@ -125,7 +131,7 @@ class Commands:
         return found
 
 
-def _filled_inside(values: Array) -> Array:
+def _interpolated(values: Array) -> Array:
     known = np.flatnonzero(np.isfinite(values).all(axis=1))
     if not known.size:
         return values

@@ -1,4 +1,8 @@
-"""Logs as CSV: one header row, then one row a sample."""
+"""
+Reads and writes logs as CSV: one header row, then one row for each sample.
+
+`csv_table` reads the table and `rows` turns its rows into a log.
+"""
 
 from __future__ import annotations
 
@@ -25,13 +29,14 @@ def read_csv(path: Path, robot: Robot) -> Log:
     Return the record in a CSV file.
 
     Columns, in any order: time (s), command_1, command_2 (the drives' own unit), joint_1,
-    joint_2 (rad), the robot's gauges (m/m), and velocity_1, velocity_2 (rad/s) if there are
-    any; or as the robot file's `inputs:` names them. Other columns are left alone.
+    joint_2 (rad), the robot's gauges (m/m), and optionally velocity_1, velocity_2 (rad/s); or as
+    the section `inputs:` of the robot file names them. Other columns are ignored.
 
     Raises
     ------
     InputError
-        Missing column, wrong gauges, no number, what no arm does, uneven time; with its line.
+        A missing column, wrong gauges, text in place of a number, values that no arm has, or
+        uneven time; names the line.
 
     """
     table = read_table(path)
@@ -50,7 +55,7 @@ def read_csv(path: Path, robot: Robot) -> Log:
 
 
 def _columns(mapping: InputMapping, gauges: Sequence[str]) -> list[str]:
-    """Return the names of the columns of time, commands, joints and gauges, in this order."""
+    """Return the column names of time, commands, joints and gauges, in this order."""
     commands = [mapping.commands[own].name if own in mapping.commands else f'command_{k}'
                 for k, own in enumerate(JOINTS, start=1)]
     return [mapping.time.name, *commands, *mapping.joint_channels().names,
@@ -58,7 +63,7 @@ def _columns(mapping: InputMapping, gauges: Sequence[str]) -> list[str]:
 
 
 def _in_seconds(rows: Rows, robot: Robot) -> Rows:
-    """Return the rows with their time in s, told from the sampling interval if not given."""
+    """Return the rows with time in s; a unit that is not given is found from the interval."""
     given = robot.inputs.time.factor
     if given:
         return replace(rows, time=rows.time * given)
@@ -73,28 +78,28 @@ def _in_seconds(rows: Rows, robot: Robot) -> Rows:
                          f'got one every {interval:g}')
     factor = TIME_UNITS[unit]
     surely = abs(interval * factor - robot.sample_time) <= SAMPLING_AGREES * robot.sample_time
-    return replace(rows, time=rows.time * factor).said(
+    return replace(rows, time=rows.time * factor).noted(
         f'time: a sample every {interval:g}, taken as {unit}: expected about '
         f'{robot.sample_time:g} s', doubtful=not surely)
 
 
 def write_csv(path: str | Path, log: Log, inputs: InputMapping = CONTRACT) -> None:
     """
-    Write a log with 9 digits, whole or not at all, and what made it beside it.
+    Write a log with 9 digits, whole or not at all, and its origin in a file beside it.
 
     Parameters
     ----------
     path : str or Path
         The file.
     log : Log
-        In SI.
+        In SI units.
     inputs : InputMapping
-        The names and units that the arm's robot file has, so that it reads what is written.
+        Names and units of the arm's robot file, so that the log can be read with that file.
 
     Raises
     ------
     InputError
-        If nothing can be written there.
+        Nothing can be written there.
 
     """
     joints, gauges = inputs.joint_channels(), inputs.gauge_channels(log.gauge_names)

@@ -1,4 +1,4 @@
-"""The table in a CSV file, whatever its dialect: encoding, separator, decimal sign."""
+"""Reads the table in a CSV file and detects its encoding, separator and decimal sign."""
 
 from __future__ import annotations
 
@@ -13,14 +13,15 @@ from flex_plant_sim.arm.second_order import Array
 from msg_config.errors import InputError
 import numpy as np
 
-# Nine minutes at 1 kHz in nine digits (140 bytes a row); a log beyond that is a bag, or several
-# files.
+# Largest file, bytes: nine minutes at 1 kHz in nine digits (140 bytes per row). A longer log is
+# to be a bag, or several files.
 MAX_BYTES = 80_000_000
-# Characters: 4000 numbers, more channels than a recorder has.
+# Longest line, characters: 4000 numbers, more channels than a recorder has.
 MAX_LINE = 60_000
 UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 SEPARATORS = (',', ';', '\t')
-# Writers that pad an exponent to two digits always do: one digit is what is left of two.
+# A writer that pads exponents to two digits always does so; a single digit is then what a cut
+# line leaves of two.
 PADDED = re.compile(r'[eE][-+]0\d')
 CUT = re.compile(r'(?<=[\d.])[eE](?:[-+]?\d?)(?=[,;\t"\s]|$)')
 
@@ -28,20 +29,20 @@ CUT = re.compile(r'(?<=[\d.])[eE](?:[-+]?\d?)(?=[,;\t"\s]|$)')
 @dataclass(frozen=True)
 class Table:
     """
-    A header and the lines below it.
+    The header of a CSV file and the lines below it.
 
     Attributes
     ----------
     path : Path
     header : list of str
     lines : list of str
-        Without empty ones and comments.
+        Lines without empty ones and comments.
     numbers_of_lines : list of int
-        Where they stand in the file, from 1.
+        Their line numbers in the file, from 1.
     separator : str
     decimal_comma : bool
     notes : tuple of str
-        What a reader must know.
+        Notes for the user on how the file was read.
 
     """
 
@@ -60,7 +61,7 @@ class Table:
         Raises
         ------
         InputError
-            A line has too many or too few columns, or no number; with the line.
+            A line has too many or too few columns, or text in place of a number; names the line.
 
         """
         lines = self.lines
@@ -76,10 +77,10 @@ class Table:
                                   quotechar='"', usecols=columns)
             except ValueError:
                 pass
-        raise InputError(f'{self.path}: {self._fault(lines, columns)}')
+        raise InputError(f'{self.path}: {self._first_error(lines, columns)}')
 
-    def _fault(self, lines: list[str], columns: list[int]) -> str:
-        """Return what is wrong in the first line that is not one number a column."""
+    def _first_error(self, lines: list[str], columns: list[int]) -> str:
+        """Return what is wrong in the first line that does not have one number per column."""
         for number, line in zip(self.numbers_of_lines, lines):
             row = line.split(self.separator)
             if len(row) != len(self.header):
@@ -106,13 +107,13 @@ def read_table(path: Path) -> Table:
     """
     Return the table in a CSV file: UTF-8 or UTF-16, separated by comma, semicolon or tab.
 
-    Between semicolons or tabs numbers may have decimal commas. Lines that start with # before
-    the header are comments; a last line without its end may be cut, and is left out.
+    With semicolons or tabs, numbers may have decimal commas. Lines before the header that start
+    with # are comments. A last line without a line end may be cut, and is left out.
 
     Raises
     ------
     InputError
-        Naming the line and the likely cause.
+        The file is no such table; names the line and the likely cause.
 
     """
     text = _text(path)
@@ -166,7 +167,7 @@ def _text(path: Path) -> str:
 
 
 def _check_exponents(path: Path, text: str) -> None:
-    """Raise where a number was cut in its exponent: a strain of 1e-0 was 1e-05 or so."""
+    """Raise InputError if a number was cut in its exponent: 1e-0 may have been 1e-05."""
     found = CUT.search(text) if PADDED.search(text) else None
     if found:
         number = text.count('\n', 0, found.start()) + 1

@@ -1,4 +1,8 @@
-"""A measured or simulated record of the arm."""
+"""
+A log: the measured or simulated record of an arm on an even time grid, in SI units.
+
+Every reader returns it; the replay, the estimators and the diagnosis take it.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +16,12 @@ import numpy as np
 @dataclass(frozen=True)
 class Log:
     """
-    What was sampled at `time` and the command applied from then on, N rows.
+    The samples taken at `time` and the command that acts from then on, N rows.
 
     Attributes
     ----------
     source : str
-        File or bag, for messages.
+        File or bag, for error messages.
     time : Array
         s, (N,), evenly spaced.
     command : Array
@@ -29,15 +33,15 @@ class Log:
     gauge_names : tuple of str
         G names, in the robot's order.
     velocity : Array, optional
-        Joint velocities, rad/s, (N, 2), where they were recorded.
+        Joint velocities, rad/s, (N, 2), if they were recorded.
     notes : tuple of str
-        What a reader must know of how the record was made of what came, a line each.
+        Notes for the user on how the log was made from the recording, one line each.
     doubts : tuple of str
-        Those of them for which the record is no evidence of the arm: it is not diagnosed.
+        Those of the notes that make the log unfit as evidence of the arm: it is not diagnosed.
     origin : Origin, optional
-        The simulation that made it, where it says so.
+        The simulation that made the log, if known.
     lost : Array, optional
-        Which rows were lost and are interpolated, (N,), where any were.
+        1 in rows that were lost and are interpolated, else 0, (N,); None if none were.
 
     """
 
@@ -64,7 +68,7 @@ class Log:
 
     @property
     def measured(self) -> Array:
-        """Return the output with NaN in the rows that were lost, (N, 2 + G)."""
+        """Return the output with NaN in the lost rows, (N, 2 + G)."""
         output = self.output
         if self.lost is not None:
             output[self.lost.astype(bool)] = np.nan
@@ -77,7 +81,7 @@ class Log:
 
     @property
     def sample_time(self) -> float:
-        """Return T, s, the mean over the record, to a nanosecond."""
+        """Return T, s: the mean interval of the record, rounded to a nanosecond."""
         return round(float(self.time[-1] - self.time[0]) / (len(self) - 1), 9)
 
     def part(self, start: int, stop: int) -> Log:

@@ -1,4 +1,8 @@
-"""What made a simulated log, kept beside a CSV file and in a bag's metadata."""
+"""
+The origin of a simulated log, kept beside a CSV file and in a bag's metadata.
+
+The tools compare it with the model they are told to use.
+"""
 
 from __future__ import annotations
 
@@ -24,11 +28,11 @@ class Origin:
     Attributes
     ----------
     robot : str
-        Its name.
+        Name of the robot.
     model : str
         A key of extended_arm.MODELS.
     modes : int
-        Modes a link.
+        Modes per link.
     coriolis : bool
         Whether Coriolis and centripetal forces acted.
 
@@ -41,14 +45,14 @@ class Origin:
 
     def against(self, robot: str, model: str, modes: int, coriolis: bool | None) -> str:
         """
-        Return in one line how an arm differs from the one simulated; empty where not.
+        Return in one line how a model differs from the one simulated, or '' if it does not.
 
         Parameters
         ----------
         robot, model, modes
             As the attributes.
         coriolis : bool or None
-            None where these forces are estimated.
+            None if these forces are estimated.
 
         """
         forced = self.coriolis if coriolis is None else coriolis
@@ -62,18 +66,18 @@ class Origin:
 
 
 def origin_path(log: Path) -> Path:
-    """Return the file beside a CSV log that says what made it."""
+    """Return the path of the file beside a CSV log that holds its origin."""
     return log.with_suffix('.origin.yaml')
 
 
 def write_origin(log: Path, origin: Origin) -> None:
     """
-    Write what made a CSV log beside it.
+    Write the origin of a CSV log to the file beside it.
 
     Raises
     ------
     InputError
-        If nothing can be written there.
+        Nothing can be written there.
 
     """
     with whole_file(origin_path(log)) as temporary:
@@ -81,7 +85,7 @@ def write_origin(log: Path, origin: Origin) -> None:
 
 
 def csv_origin(log: Path) -> Origin | None:
-    """Return what made a CSV log, where a file beside it says so."""
+    """Return the origin of a CSV log from the file beside it, or None."""
     path = origin_path(log)
     if not path.is_file():
         return None
@@ -93,7 +97,7 @@ def csv_origin(log: Path) -> Origin | None:
 
 
 def bag_origin(bag: Path) -> Origin | None:
-    """Return what made a bag, where its metadata say so."""
+    """Return the origin of a bag from its metadata, or None."""
     path = (bag if bag.is_dir() else bag.parent) / 'metadata.yaml'
     try:
         with open(path, encoding='utf-8') as file:
@@ -105,7 +109,7 @@ def bag_origin(bag: Path) -> Origin | None:
 
 
 def bag_text(origin: Origin) -> str:
-    """Return an origin as a bag's metadata keep it."""
+    """Return an origin as the text for a bag's metadata."""
     return json.dumps(asdict(origin))
 
 

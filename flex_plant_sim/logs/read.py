@@ -1,4 +1,4 @@
-"""The readers of logs, one for each storage format."""
+"""Reads a log in any storage format; the entry of the tools to this package."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class LogReader(Protocol):
         Raises
         ------
         InputError
-            Naming file and row, column or topic, what was expected and what came.
+            Names file and row, column or topic, what was expected and what was found.
 
         """
 
@@ -35,7 +35,7 @@ def read_log(path: str | Path, robot: Robot) -> Log:
     Raises
     ------
     InputError
-        Naming file and row, column or topic, what was expected and what came.
+        Names file and row, column or topic, what was expected and what was found.
 
     """
     path = Path(path)

@@ -1,4 +1,8 @@
-"""From rows as they came to a log: gated, on an even grid, with what was done said."""
+"""
+Turns rows as they were read into a log: gated, on an even grid, with notes on what was done.
+
+Both formats, CSV and bag, come through here.
+"""
 
 from __future__ import annotations
 
@@ -7,17 +11,26 @@ from dataclasses import dataclass, replace
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.inputs.gate import counted, Gate, judge_all, Refusal
+from flex_plant_sim.inputs.gate import counted, Gate, judge_record, Refusal
 from flex_plant_sim.inputs.plausible import unit_hint
-from flex_plant_sim.inputs.resample import bridged, even_grid, filled, Grid, KEPT, LOST
+from flex_plant_sim.inputs.resample import (
+    even_grid,
+    fill_by_line,
+    fill_by_spline,
+    Grid,
+    KEPT,
+    LOST,
+)
 from flex_plant_sim.inputs.single_errors import single_errors
 from flex_plant_sim.logs.log import Log
 from msg_config.errors import InputError
 import numpy as np
 
-# Of the sampling interval; below, stamps are as even as a file's digits.
-EVEN = 0.01
-# Of a sampling interval: ten times what two crystals (100 ppm) differ by.
+# Jitter, as a share of the sampling interval, from which a note is made; less may come from the
+# digits of a file.
+NOTED_JITTER = 0.01
+# Relative difference up to which two sampling intervals agree: ten times that of two quartz
+# clocks (100 ppm).
 SAMPLING_AGREES = 1e-3
 COMMANDS = ('command_1', 'command_2')
 
@@ -25,7 +38,7 @@ COMMANDS = ('command_1', 'command_2')
 @dataclass(frozen=True)
 class Rows:
     """
-    Samples as they came, in SI, in the robot's order.
+    Samples as they were recorded, in SI units, with channels in the robot's order.
 
     Attributes
     ----------
@@ -38,7 +51,7 @@ class Rows:
     velocity : Array, optional
         rad/s, (N, 2).
     row : callable
-        Names row k (from 0) as the reader's user finds it.
+        Gives the name of row k (from 0) by which a user finds it in the file.
     notes, doubts : tuple of str
         As in Log.
 
@@ -55,14 +68,14 @@ class Rows:
     doubts: tuple[str, ...] = ()
 
     def kept(self, which: Array | slice | Sequence[int]) -> Rows:
-        """Return some of the rows, under the names that they had."""
+        """Return some of the rows, which keep their names."""
         numbers = np.arange(len(self.time))[which]
         velocity = None if self.velocity is None else self.velocity[which]
         return replace(self, time=self.time[which], joint=self.joint[which],
                        strain=self.strain[which], command=self.command[which],
                        velocity=velocity, row=lambda k: self.row(int(numbers[k])))
 
-    def said(self, note: str, doubtful: bool = False) -> Rows:
+    def noted(self, note: str, doubtful: bool = False) -> Rows:
         """Return the rows with one more note."""
         return replace(self, notes=(*self.notes, note),
                        doubts=(*self.doubts, note) if doubtful else self.doubts)
@@ -70,41 +83,42 @@ class Rows:
 
 def to_log(rows: Rows, robot: Robot, commands: Callable[[Grid], Array] | None = None) -> Log:
     """
-    Return rows as a log on an even grid; samples that cannot be are taken as lost.
+    Return rows as a log on an even grid; samples that the gate refuses are treated as lost.
 
     Parameters
     ----------
     rows : Rows
-        With increasing times.
+        Rows with increasing times.
     robot : Robot
-        Its gate, gauges and sampling.
+        Gives the gate, the gauges and the sampling interval.
     commands : callable, optional
-        The command at every place of the grid, (samples, 2), whose time is 0 at the first row
-        given; without it, that of the rows.
+        Gives the command at every place of a grid, (samples, 2), whose time is 0 at the first
+        row; by default the commands are those of the rows.
 
     Raises
     ------
     InputError
-        Too few rows, times that do not run, values that no arm has; with the row.
+        Too few rows, times that do not increase, or values that no arm has; names the row.
 
     """
     if len(rows.time) < 2:
         raise InputError(f'{rows.source}: expected at least 2 samples, got {len(rows.time)}')
     _check_time(rows)
     start = float(rows.time[0])
-    rows = _gated(rows, robot)
+    rows = _pass_gate(rows, robot)
     grid = even_grid(rows.time, rows.source, rows.row)
-    rows = _described(rows, grid).kept(slice(grid.first, grid.last))
+    rows = _with_grid_notes(rows, grid).kept(slice(grid.first, grid.last))
     if grid.samples < 2:
         raise InputError(f'{rows.source}: expected at least 2 samples in a row, got 1')
-    rows = _with_stuck(rows, robot)
+    rows = _with_stuck_note(rows, robot)
     shifted = replace(grid, start=grid.start - start)
     log = Log(rows.source, rows.time[0] + grid.time,
-              bridged(grid, rows.command) if commands is None else commands(shifted),
-              filled(grid, rows.joint), filled(grid, rows.strain), robot.gauge_names,
-              None if rows.velocity is None else filled(grid, rows.velocity),
+              fill_by_line(grid, rows.command) if commands is None else commands(shifted),
+              fill_by_spline(grid, rows.joint), fill_by_spline(grid, rows.strain),
+              robot.gauge_names,
+              None if rows.velocity is None else fill_by_spline(grid, rows.velocity),
               rows.notes, rows.doubts, lost=grid.missing if grid.lost else None)
-    return _sampled_otherwise(_with_single_errors(log, rows, grid), robot)
+    return _with_sampling_note(_with_error_note(log, rows, grid), robot)
 
 
 def _check_time(rows: Rows) -> None:
@@ -119,10 +133,10 @@ def _check_time(rows: Rows) -> None:
                          f'{rows.time[k - 1]:.9g} s, got {rows.time[k]:.9g} s')
 
 
-def _gated(rows: Rows, robot: Robot) -> Rows:
-    """Return the rows without those that the arm cannot have made."""
+def _pass_gate(rows: Rows, robot: Robot) -> Rows:
+    """Return the rows without those that the arm cannot have produced."""
     gate = Gate(robot)
-    refusals = judge_all(gate, rows.time, np.hstack([rows.joint, rows.strain]), rows.command)
+    refusals = judge_record(gate, rows.time, np.hstack([rows.joint, rows.strain]), rows.command)
     refused = [k for k, refusal in enumerate(refusals) if refusal is not None]
     if not refused:
         return rows
@@ -133,43 +147,43 @@ def _gated(rows: Rows, robot: Robot) -> Rows:
         more = '' if len(refused) == 1 else f'; {len(refused)} of {len(rows.time)} samples like it'
         raise InputError(f'{rows.source}: {where}{unit_hint(first)}{more}')
     kept = rows.kept(np.setdiff1d(np.arange(len(rows.time)), refused))
-    return kept.said(f'{len(refused)} of {len(rows.time)} samples refused '
-                     f'({counted(gate.refused)}), the first at {where}')
+    return kept.noted(f'{len(refused)} of {len(rows.time)} samples refused '
+                      f'({counted(gate.refused)}), the first at {where}')
 
 
-def _described(rows: Rows, grid: Grid) -> Rows:
+def _with_grid_notes(rows: Rows, grid: Grid) -> Rows:
     if grid.dropped:
         kept, count = grid.last - grid.first, len(rows.time)
-        rows = rows.said(f'a gap in time: used the {kept} of {count} samples from '
-                         f'{rows.row(grid.first)} to {rows.row(grid.last - 1)}',
-                         kept < KEPT * count)
+        rows = rows.noted(f'a gap in time: used the {kept} of {count} samples from '
+                          f'{rows.row(grid.first)} to {rows.row(grid.last - 1)}',
+                          kept < KEPT * count)
     if grid.lost:
-        rows = rows.said(f'{grid.lost} of {grid.samples} samples lost: interpolated by a cubic, '
-                         'commands by a line')
-    if grid.jitter > EVEN * grid.interval:
-        rows = rows.said(f'stamps jitter by up to {1e3 * grid.jitter:.3g} ms: taken as even, '
-                         f'every {1e3 * grid.interval:.6g} ms')
+        rows = rows.noted(f'{grid.lost} of {grid.samples} samples lost: interpolated by a cubic, '
+                          'commands by a line')
+    if grid.jitter > NOTED_JITTER * grid.interval:
+        rows = rows.noted(f'stamps jitter by up to {1e3 * grid.jitter:.3g} ms: taken as even, '
+                          f'every {1e3 * grid.interval:.6g} ms')
     return rows
 
 
-def _with_stuck(rows: Rows, robot: Robot) -> Rows:
+def _with_stuck_note(rows: Rows, robot: Robot) -> Rows:
     output = np.hstack([rows.joint, rows.strain])
     still = np.ptp(output, axis=0) == 0.0
     if still.all() or not still.any():
         return rows
     names = [name for name, stuck in zip(robot.output_names, still) if stuck]
-    return rows.said(f'{", ".join(names)}: never changes while the rest moves: stuck, or not '
-                     'connected?', doubtful=True)
+    return rows.noted(f'{", ".join(names)}: never changes while the rest moves: stuck, or not '
+                      'connected?', doubtful=True)
 
 
-def _with_single_errors(log: Log, rows: Rows, grid: Grid) -> Log:
-    """Return the log with a note where a number of it contradicts the others."""
+def _with_error_note(log: Log, rows: Rows, grid: Grid) -> Log:
+    """Return the log with a note if single numbers of it contradict the others."""
     known = np.flatnonzero(np.isfinite(log.command).all(axis=1))
     if not known.size:
         return log
     start, stop = known[0], known[-1] + 1
     found = [error for error in single_errors(log.command[start:stop], log.output[start:stop])
-             # What was lost is interpolated.
+             # Lost rows are interpolated, so they are no evidence.
              if log.lost is None or not log.lost[start + error.row]]
     if not found:
         return log
@@ -183,7 +197,7 @@ def _with_single_errors(log: Log, rows: Rows, grid: Grid) -> Log:
     return replace(log, notes=(*log.notes, note))
 
 
-def _sampled_otherwise(log: Log, robot: Robot) -> Log:
+def _with_sampling_note(log: Log, robot: Robot) -> Log:
     own, said = log.sample_time, robot.sample_time
     if own <= 0.0:
         raise InputError(f'{log.source}: time: expected a sample about every {said:g} s, '

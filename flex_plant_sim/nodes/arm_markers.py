@@ -9,27 +9,28 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 FRAME = 'base'
-# m; and RGB, 0 to 1, of links and payload.
+# Width of the lines of links, m, and RGB colours, 0 to 1, of links and payload.
 LINE_WIDTH = 0.008
 COLOURS, PAYLOAD_COLOUR = ((0.20, 0.40, 0.75), (0.20, 0.65, 0.45)), (0.85, 0.35, 0.15)
-# A payload is drawn as a sphere of this density, kg/m^3, but never too small to be seen, m.
+# A payload is drawn as a sphere of this density, kg/m^3, with at least this radius, m, so that it
+# can be seen.
 PAYLOAD_DENSITY, SMALLEST_RADIUS = 1000.0, 0.008
 
 
 def arm_markers(stamp: int, lines: Array, mass: float, space: str = 'arm') -> MarkerArray:
     """
-    Return one line strip a link and a sphere for the payload.
+    Return one line strip for each link and a sphere for the payload.
 
     Parameters
     ----------
     stamp : int
-        ns.
+        Stamp of the markers, ns.
     lines : Array
         Centre lines, m, (2, P, 2).
     mass : float
         Payload, kg.
     space : str
-        Namespace of the markers: the arm as it is, or as it is measured.
+        Namespace of the markers, which tells the true arm from the measured one.
 
     """
     markers = [*(_link(stamp, index, line) for index, line in enumerate(lines)),

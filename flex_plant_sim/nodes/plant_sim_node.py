@@ -1,4 +1,8 @@
-"""The node that stands in for the arm: takes commands, publishes what its sensors say."""
+"""
+The node plant_sim, which takes the place of the real arm.
+
+It receives commands, steps the simulator and publishes the sensor readings.
+"""
 
 from __future__ import annotations
 
@@ -29,24 +33,25 @@ from msg_config.wire import MessageWriter
 import numpy as np
 from sensor_msgs.msg import JointState
 
-# Lock-step: a sample without a command for so long, s, was lost on its way, and comes again.
+# Lock-step: time, s, after which a sample without a command counts as lost and is sent again.
 RESEND_INTERVAL = 0.1
-# Real time: a command this old, s, is no longer held, and the drives get zero, as a drive's own
-# watchdog does.
+# Real time: age, s, from which a command is no longer held and the drives get zero, as by the
+# watchdog of a drive.
 COMMAND_TIMEOUT = 0.1
-# Further behind the wall clock than this, samples are not made up for.
-MOST_STEPS_BEHIND = 100
-# Fields of joint_states and strain that hold numbers.
-NUMBERS = ('header', 'position', 'velocity', 'effort')
+# Real time: number of steps behind the wall clock from which the missing samples are skipped.
+MAX_STEPS_BEHIND = 100
+# Fields of joint_states and strain whose numbers change.
+NUMBER_FIELDS = ('header', 'position', 'velocity', 'effort')
 
 
 class PlantSim(ContractNode):
     """
     Steps the simulator and publishes joint_states, strain, /clock and arm_markers.
 
-    Lock-step: a sample goes out, and the command with its stamp makes the next one. Where none
-    comes, the sample goes out again, so that a lost message or a late node stops nothing.
-    Real time: the wall clock makes the samples; a command that is late is held, and reported.
+    In lock-step, a sample is published, and the command with the same stamp triggers the next
+    step. If no command comes, the sample is sent again, so that a lost message or a late node does
+    not stop the loop. In real time, the wall clock triggers the samples; if a command is late, the
+    one before is held, which is reported.
     """
 
     def __init__(self, **options: Any):
@@ -65,9 +70,10 @@ class PlantSim(ContractNode):
         self._largest = Limits.of(self.simulator.arm.robot).command.tolist()
         zeros = np.zeros(2)
         self._writers = (
-            MessageWriter(joint_state(0, self._joints.names, zeros, zeros, zeros), *NUMBERS),
-            MessageWriter(joint_state(0, self._gauges.names, np.zeros(len(gauges))), *NUMBERS))
-        # In real time the tick asks which command there is, and nothing does before it.
+            MessageWriter(joint_state(0, self._joints.names, zeros, zeros, zeros), *NUMBER_FIELDS),
+            MessageWriter(joint_state(0, self._gauges.names, np.zeros(len(gauges))),
+                          *NUMBER_FIELDS))
+        # In real time nothing needs the command before the tick, which then takes it.
         self.subscribe('command', self._on_command, polled=not self._lockstep)
         self.offer('~/reset', self._on_reset)
         self.offer('~/pause', self._on_pause)
@@ -82,23 +88,23 @@ class PlantSim(ContractNode):
         self.bring_up()
 
     def begin(self) -> None:
-        """Begin where the node becomes active."""
+        """Start the simulation when the node becomes active."""
         self._start()
 
     def build(self, values: dict[str, Any]) -> Any:
-        """Return the simulator that parameters describe, and how its arm is drawn."""
+        """Return the simulator that the parameters describe, and the shape of its arm."""
         simulator = simulator_of(values)
         return simulator, ArmShape.of(simulator.arm)
 
     def install(self, built: Any) -> None:
-        """Take over what `build` gave."""
+        """Use the simulator and shape that `build` returned."""
         self.simulator, self.shape = built
         arm = self.simulator.arm
         self.get_logger().info('simulates ' + model_words(
             arm.robot.name, arm.model_name, arm.modes, has_coriolis(arm.effects)))
 
     def _start(self) -> None:
-        """Begin at rest: at time zero in lock-step, and now in real time."""
+        """Start at rest: at time zero in lock-step, at the present time in real time."""
         self.simulator.reset()
         self._epoch = 0 if self._lockstep else time.time_ns()
         self._sent, self._permits = np.zeros(2), 0
@@ -129,7 +135,7 @@ class PlantSim(ContractNode):
         self._publish_markers()
 
     def _diverge(self) -> None:
-        """Hold, and publish nothing that is not a number."""
+        """Stop, since the sample is not finite and must not be published."""
         self._paused, self._answered, self._diverged = True, False, True
         self.get_logger().error(f'the simulated arm diverged at {self._now} with command '
                                 f'{self._sent.tolist()}; ~/reset starts it again')
@@ -185,13 +191,13 @@ class PlantSim(ContractNode):
             self._publish()
 
     def _tick(self) -> None:
-        """Make the samples that are due by the wall clock."""
+        """Take the samples that are due by the wall clock."""
         self.take_waiting('command')
         if self._paused:
             return
         interval = self.simulator.arm.robot.sample_time
         due = int((self.wall_time() - self._origin) / interval)
-        if due - self.simulator.samples > MOST_STEPS_BEHIND:
+        if due - self.simulator.samples > MAX_STEPS_BEHIND:
             self._follow_wall_clock()
             due = self.simulator.samples + 1
         while self.simulator.samples < due:
@@ -202,13 +208,13 @@ class PlantSim(ContractNode):
             self.held.add('held', self.wall_time())
         quiet = seconds(self._stamp - self._latest_stamp) > COMMAND_TIMEOUT
         if quiet != self._quiet:
-            # Told at once, and not when the diagnostics are due.
+            # Reported at once, not only when the next diagnostics are due.
             self._quiet = quiet
             self._report()
         return np.zeros(2) if quiet else self._latest
 
     def _follow_wall_clock(self) -> None:
-        """Let the present sample be that of now: after a pause, or where the computer is slow."""
+        """Assign the present sample to the present time, after a pause or on a slow computer."""
         self._origin = self.wall_time() - self.simulator.time
         if not self._lockstep:
             self._epoch = time.time_ns() - nanoseconds(self.simulator.time)
@@ -247,7 +253,7 @@ class PlantSim(ContractNode):
         return response
 
     def _another_clock(self) -> bool:
-        """Return whether a publisher of /clock with a smaller gid than this one is there."""
+        """Return whether there is a publisher of /clock with a smaller gid than this node's."""
         infos = self.get_publishers_info_by_topic('/clock')
         own = [bytes(info.endpoint_gid) for info in infos
                if (info.node_name, info.node_namespace) == (
@@ -259,7 +265,7 @@ class PlantSim(ContractNode):
         return f'{self.simulator.time:.6g} s'
 
     def _report(self) -> None:
-        """Say how the commands come, and leave /clock to one arm."""
+        """Publish the diagnostics of the commands, and leave /clock to one arm."""
         if self._clock_out is not None and self._another_clock():
             self.destroy_publisher(self._clock_out)
             self._clock_out = None

@@ -1,4 +1,4 @@
-"""The program of the node; `python -m flex_plant_sim.nodes.start` runs it too."""
+"""The entry point of the node plant_sim; `python -m flex_plant_sim.nodes.start` runs it too."""
 
 from msg_config.node_start import run_node
 

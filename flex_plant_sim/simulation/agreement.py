@@ -1,4 +1,4 @@
-"""How well a simulation agrees with a measurement, per channel."""
+"""Measures of agreement between a simulation and a measurement, per channel."""
 
 from __future__ import annotations
 

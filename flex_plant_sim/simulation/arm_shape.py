@@ -1,4 +1,8 @@
-"""Where the bent links are in the plane: for markers and plots."""
+"""
+The bent links as lines in the plane, computed from the coordinates p, for markers and plots.
+
+The node plant_sim and the report draw the arm with it.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,8 @@ from flex_plant_sim.arm.second_order import Array, link_slice
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 
-# Of a centre line: its chords are off a bent link by 0.1 % of what that bends.
+# Number of points of a centre line; its chords then deviate from a bent link by 0.1 % of the
+# deflection.
 POINTS = 21
 
 
@@ -21,10 +26,10 @@ class ArmShape:
     Attributes
     ----------
     along : Array
-        Distance of the points from the joint axis along the undeformed link, m, (2, P); the
-        first is the axis itself, so that a rigid hub shows as the first stretch.
+        Distance of the points from the joint axis along the undeformed link, m, (2, P). The first
+        point is the axis itself, so that a rigid hub appears as the first line segment.
     deflection : tuple of Array
-        phi_i at those points, (P, n) a link.
+        phi_i at those points, (P, n) for each link.
     tip_slope : Array
         phi_i' at the upper link's end, 1/m, (n,).
 
@@ -51,7 +56,7 @@ class ArmShape:
         """
         Return the centre lines for p (N,) or longer: (2, P, 2), x and y in m, joint 1 at 0.
 
-        Deflections are across the undeformed link, as in the small-deflection model.
+        Deflections are perpendicular to the undeformed link, as in the small-deflection model.
         """
         q_1, q_2 = (position[link_slice(j, self.tip_slope.size)] for j in (0, 1))
         upper = _placed(self.along[0], self.deflection[0] @ q_1, position[0])

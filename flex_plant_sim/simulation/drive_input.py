@@ -1,4 +1,8 @@
-"""The one way from a command to what the drive makes of it: limits, then effects, in a row."""
+"""
+Computes the command that a drive applies from the command sent: limit first, then the effects.
+
+The simulator and the predictors of the diagnosis both use it.
+"""
 
 from __future__ import annotations
 
@@ -12,10 +16,10 @@ import numpy as np
 
 class DriveInput:
     """
-    What reaches an arm's drives, sample by sample or for a whole record.
+    The commands applied by an arm's drives, sample by sample or for a whole record.
 
-    The drive obeys a command up to its limit; each effect then acts on what the one before it
-    made, and remembers that, so that a delayed command is one that was obeyed.
+    The drive clips a command to its limit. Each effect then acts on the output of the effect
+    before it and keeps the past of that, so that a delay delays the clipped command.
 
     Parameters
     ----------
@@ -31,11 +35,11 @@ class DriveInput:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past commands: they were zero."""
+        """Set all past commands to zero."""
         self._past = [np.zeros((effect.memory(self.step), 2)) for effect in self.effects]
 
     def __call__(self, command: Array, time: float) -> Array:
-        """Return what of a command (2,), sent at a time, s, reaches the drives, (2,)."""
+        """Return the commands applied, (2,), for commands (2,) sent at a time, s."""
         applied: Array = np.minimum(np.maximum(command, -self.limits), self.limits)
         for k, effect in enumerate(self.effects):
             sent, past = applied, self._past[k]
@@ -44,7 +48,11 @@ class DriveInput:
         return applied
 
     def of_record(self, commands: Array, time: Any) -> Array:
-        """Return what reaches the drives of commands (N, 2) at times (N,): (N, 1 or B, 2)."""
+        """
+        Return the commands applied for commands (N, 2) sent at times (N,), s; (N, 1 or B, 2).
+
+        B is the number of parameter sets if the effects hold a batch of them.
+        """
         applied = np.clip(commands, -self.limits, self.limits)[:, None, :]
         for effect in self.effects:
             memory = effect.memory(self.step)

@@ -1,4 +1,8 @@
-"""The arm with its effects: one discrete step for simulator, predictor and diagnosis."""
+"""
+The plant: an arm model extended by effects and sampled in time.
+
+The simulator, the predictors and the diagnosis all take their discrete step from here.
+"""
 
 from __future__ import annotations
 
@@ -33,22 +37,22 @@ class ExtendedArm:
         'assumed_modes' or 'paper' (both with the full actuators), or 'paper_reduced': the
         state space (12)-(16), which takes no effect that acts on forces or coordinates.
     modes : int
-        Modes a link.
+        Modes per link.
     payload : float
         kg.
     effects : sequence of Effect
     step : float
         Length of one step, s.
     nodes : int
-        Interpolation nodes over cos(theta_2).
+        Number of interpolation nodes over cos(theta_2).
     in_step : bool
-        Whether whole samples of a strain delay are left out, for a caller who brings the strain
-        forward by `late` samples.
+        Whether to leave out the whole samples of a strain delay, for a caller that shifts the
+        measured strain forward by `late` samples instead.
 
     Raises
     ------
     InputError
-        Unknown model.
+        The model is unknown, or is paper_reduced with an effect that needs joint velocities.
 
     """
 
@@ -62,7 +66,7 @@ class ExtendedArm:
         delays = [effect.late(robot.sample_time) if in_step else (0, effect)
                   for effect in effects]
         self.late = sum(samples for samples, _ in delays)
-        # What replaces the model comes first; what looks back on raw commands next.
+        # Effects that replace the model come first, then those that need past raw commands.
         effects = sorted((effect for _, effect in delays), key=lambda effect: (
             not effect.reshapes, -effect.memory(robot.sample_time)))
         self.model_name, self.effects = model, tuple(effects)
@@ -91,12 +95,12 @@ class ExtendedArm:
 
     @cached_property
     def plant(self) -> StateSpace:
-        """Return the continuous plant at the nodes, extra states included."""
+        """Return the continuous plant at the nodes, including the states that effects add."""
         return self._plant(self.nodes, self.payload)
 
     @cached_property
     def schedule(self) -> Schedule:
-        """Return the sampled plant over cos(theta_2)."""
+        """Return the sampled plant as a table over cos(theta_2)."""
         return Schedule.of(self.plant, self.nodes, self.step_time)
 
     def matrices(self, cosine: float, payload: float) -> tuple[Array, Array, Array]:
@@ -126,15 +130,15 @@ class ExtendedArm:
     @cached_property
     def openings(self) -> tuple[Schedule, ...]:
         """
-        Return how each contact acts on a step: [F_open - F, G_open - G, F M^-1 Q, M^-1 Q].
+        Return, for each backlash, [F_open - F, G_open - G, F M^-1 Q, M^-1 Q] over cos(theta_2).
 
-        The change while the contact is open, and what unit impulses on the joints at the start
-        of the step and at its end do.
+        These are the change of the step while the gear teeth are out of contact, and the change
+        of state by unit impulses on the joints at the start and at the end of the step.
         """
         changes = []
         for effect in self.gaps:
             free = state_space(effect.open_form(self.form, self.robot), self.nodes, self.payload)
-            # Torques of the drive turn the rotor alone.
+            # With open backlash a drive torque turns only the rotor.
             free.e[..., effect.index] = 0.0
             opened = Schedule.of(self._with_states(free), self.nodes, self.step_time)
             changes.append(self._with_impulses(opened))
@@ -165,7 +169,7 @@ class ExtendedArm:
         return other
 
     def finer(self, steps: int) -> ExtendedArm:
-        """Return the same arm with so many steps in place of one."""
+        """Return the same arm with its step divided by `steps`."""
         other = object.__new__(ExtendedArm)
         other.__dict__.update({key: value for key, value in self.__dict__.items()
                                if key not in ('schedule', 'openings')})
@@ -174,21 +178,21 @@ class ExtendedArm:
 
     @property
     def has_contact(self) -> bool:
-        """Tell whether dry friction or backlash decides within a step."""
+        """Return whether the arm has dry friction or backlash, which act within a step."""
         return bool(self._friction or self.gaps)
 
     @property
     def has_friction(self) -> bool:
-        """Tell whether dry friction decides within a step."""
+        """Return whether the arm has dry friction."""
         return bool(self._friction)
 
     @property
     def acts_on_output(self) -> bool:
-        """Tell whether any effect acts on the sensors."""
+        """Return whether any effect acts on the sensors."""
         return bool(self._output)
 
     def motion(self, state: Array, command: Array, time: Any) -> Motion:
-        """Return what the hooks may look at."""
+        """Return the motion that is passed to the hooks of effects."""
         n = self.form.order
         return Motion(time, state[..., :n], state[..., n:2 * n], command, self.robot, self.form,
                       self.payload, self.step_time)
@@ -200,7 +204,7 @@ class ExtendedArm:
 
     @property
     def passes(self) -> int:
-        """Return how often a step's forces are asked: again where they go with acceleration."""
+        """Return how often a step evaluates its forces: twice if any depends on acceleration."""
         return 2 if any(effect.inertial for effect in self._torque) else 1
 
     def advance(self, matrices: tuple[Array, Array, Array], state: Array, command: Array,
@@ -208,8 +212,8 @@ class ExtendedArm:
         """
         Return the state one step later.
 
-        Dry friction is solved implicitly: the torque that would stop a joint within the step,
-        limited to what friction can give (a time-stepping scheme; no chatter at any T).
+        Dry friction is solved implicitly: it is the torque that would stop a joint within the
+        step, limited to the friction level (a time-stepping scheme; no chatter at any T).
 
         Parameters
         ----------
@@ -218,9 +222,9 @@ class ExtendedArm:
         state : Array
             (…, n).
         command : Array
-            At the drive, (…, 2).
+            Commands applied by the drives, (…, 2).
         time : Any
-            s, at the start of the step.
+            Time at the start of the step, s.
 
         """
         f, g, e = matrices
@@ -229,22 +233,23 @@ class ExtendedArm:
 
     def apply_effects(self, e: Array, state: Array, after: Array, command: Array,
                       time: Any) -> Array:
-        """Return the state one step later, given what the linear plant alone would do."""
+        """Return the state one step later, given `after`, the step of the linear plant alone."""
         if not (self._torque or self.has_contact):
             return after
         motion, pushed = self.motion(state, command, time), after
         for _ in range(self.passes if self._torque else 0):
             middle = self.motion_between(state, pushed, command, time)
             found = after + _apply(e, self.smooth_force(middle))
-            pushed = self._implicit(e, pushed, found, middle) if self.passes > 1 else found
+            pushed = self._newton_step(e, pushed, found, middle) if self.passes > 1 else found
         return self.apply_contact(e, state, pushed, motion)
 
-    def _implicit(self, e: Array, guess: Array, found: Array, middle: Motion) -> Array:
+    def _newton_step(self, e: Array, guess: Array, found: Array, middle: Motion) -> Array:
         """
-        Return the state after a step whose forces gave `found` for `guess` (Newton's step).
+        Return the Newton step of a state `guess` whose forces lead to `found`.
 
-        Forces that go with the acceleration change with the velocity they bring about; a light
-        link with a heavy payload has more of such mass than of its own.
+        Forces that depend on acceleration change with the velocity that they cause. In a light
+        link with a heavy payload this added mass exceeds the link's own, so that plain iteration
+        would not converge.
         """
         n, step, residual = self.form.order, self.step_time, found - guess
         mass = np.zeros((n, n)) + sum(effect.inertia(middle) for effect in self._torque)
@@ -257,12 +262,12 @@ class ExtendedArm:
         return np.zeros(self.form.order) + sum(effect.force(motion) for effect in self._torque)
 
     def apply_contact(self, e: Array, state: Array, after: Array, motion: Motion) -> Array:
-        """Return the state one step later with backlash and dry friction, given it without."""
+        """Return `after`, the state one step later, corrected for backlash and dry friction."""
         after = self.apply_gaps(state, after, motion, np.cos(motion.position[..., 1]))
         return self.apply_friction(e, state, after, motion)
 
     def apply_gaps(self, state: Array, after: Array, motion: Motion, cosine: Array) -> Array:
-        """Return the state one step later with backlash, opening at cos(theta_2), given it not."""
+        """Return `after`, the state one step later, corrected for backlash; cosine of theta_2."""
         for effect, opening in zip(self.gaps, self.openings):
             f, g, impulse = opening.at(cosine)
             parted = after + _apply(f, state) + _apply(g, motion.command)
@@ -270,11 +275,11 @@ class ExtendedArm:
         return after
 
     def apply_friction(self, e: Array, state: Array, after: Array, motion: Motion) -> Array:
-        """Return the state one step later with dry friction, given it without."""
-        return self._stop(e, state, after, motion) if self._friction else after
+        """Return `after`, the state one step later, corrected for dry friction."""
+        return self._brake(e, state, after, motion) if self._friction else after
 
     def friction_limits(self, motion: Motion) -> tuple[Array, Array]:
-        """Return what dry friction can give against forward and backward motion, N m, (…, 2)."""
+        """Return the largest friction against forward and backward motion, N m, (…, 2) each."""
         forward, backward = np.zeros(2), np.zeros(2)
         for effect in self._friction:
             limits = effect.dry_friction(motion)
@@ -283,27 +288,32 @@ class ExtendedArm:
         return forward, backward
 
     def friction_columns(self, e: Array) -> tuple[Array, Array]:
-        """Return what unit joint torques do to the state (…, n, 2) and to their joint (…, 2)."""
+        """
+        Return the effect of unit joint torques over a step.
+
+        It is the change of the state (…, n, 2), and of the velocity of the torque's own joint
+        (…, 2).
+        """
         order, columns = self.form.order, e @ self.form.force
         return columns, np.stack([columns[..., order, 0], columns[..., order + 1, 1]], axis=-1)
 
     @property
     def bends(self) -> tuple[int, int]:
-        """Return where p holds the bend of each joint's friction; -1 where it does not give."""
+        """Return the index in p of each joint's presliding deflection; -1 if it has none."""
         names = [f'bend_joint_{j}' for j in (1, 2)]
         first, second = (self.form.names.index(name) if name in self.form.names else -1
                          for name in names)
         return first, second
 
     def yielding(self) -> Array:
-        """Return how far each joint's friction gives before it slides, rad/(N m), (…, 2)."""
+        """Return the presliding compliance of each joint's friction, rad/(N m), (…, 2)."""
         return np.zeros(2) + sum(effect.yielding() for effect in self._friction)
 
-    def _stop(self, e: Array, state: Array, free: Array, motion: Motion) -> Array:
+    def _brake(self, e: Array, state: Array, free: Array, motion: Motion) -> Array:
         """
-        Return the state after a step in which friction brakes.
+        Return the state after a step with dry friction, from the one without, `free`.
 
-        Its torque is that at the end of the step (implicit), within its limits.
+        The friction torque is that at the end of the step (implicit), within its limits.
         """
         order, step, bends = self.form.order, self.step_time, self.bends
         forward, backward = self.friction_limits(motion)
@@ -319,18 +329,18 @@ class ExtendedArm:
         return after
 
     def joint_velocity(self, state: Array, command: Array) -> Array:
-        """Return (theta_1', theta_2'), rad/s, (…, 2): the tachometers."""
+        """Return (theta_1', theta_2'), as tachometers measure them, rad/s, (…, 2)."""
         if self.compact is None:
             return state[..., self.form.order:self.form.order + 2]
         flexible = state[..., 2:self.form.order]
         return flexible @ self.compact.m_6.T + command @ self.compact.m_7.T
 
     def output(self, state: Array, time: Any) -> Array:
-        """Return what the sensors say of a state (…, n): (…, m), rad and strain, no noise."""
+        """Return the sensor readings of a state (…, n), without noise; rad and m/m, (…, m)."""
         return self.sense(state @ self.output_matrix.T, time)
 
     def sense(self, output: Array, time: Any) -> Array:
-        """Return what the sensors say of true outputs (…, m), after the sensor effects."""
+        """Return the sensor readings of true outputs (…, m): the sensor effects are applied."""
         for effect in self._output:
             output = effect.on_output(output, time, self.robot)
         return output

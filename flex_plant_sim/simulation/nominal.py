@@ -1,4 +1,8 @@
-"""The model that every tool takes unless told otherwise, and how fast it may be moved."""
+"""
+The nominal model, which every tool uses by default, and the joint speed it was checked for.
+
+It decides which effects are added to those of the robot file before the arm is built.
+"""
 
 from __future__ import annotations
 
@@ -15,29 +19,31 @@ from flex_plant_sim.effects.structure.coriolis_centripetal import (
 )
 import numpy as np
 
-# The paper's equations have no Coriolis and centripetal forces, and its models stay as printed.
+# Models with Coriolis and centripetal forces by default. The paper's equations do not have them,
+# and the paper's models are kept as printed.
 WITH_CORIOLIS = ('assumed_modes',)
-# rad/s. The commands of 1 rad/s in the table of docs/simulator.md turn the joints at up to 1.46
-# and 1.54 rad/s; nothing faster was set beside the finite elements.
+# Joint speed up to which the model was compared with finite elements, rad/s. The commands of
+# 1 rad/s in the table of docs/simulator.md turn the joints at up to 1.46 and 1.54 rad/s.
 CHECKED_SPEED = 1.5
-# s, over which a speed is taken: sensor noise and steps of an encoder are then no motion.
-SPEED_OVER = 0.05
+# Time over which a speed is taken, s: long enough that sensor noise and encoder steps are not
+# mistaken for motion.
+SPEED_INTERVAL = 0.05
 
 
 def nominal_robot(robot: Robot, model: str = 'assumed_modes', coriolis: bool = True) -> Robot:
     """
-    Return the robot with Coriolis and centripetal forces where its model has them by default.
+    Return the robot with Coriolis and centripetal forces if its model has them by default.
 
-    What the robot names among its effects, it keeps.
+    Effects that the robot already has are kept.
 
     Parameters
     ----------
     robot : Robot
-        As its file says.
+        The robot as in its file.
     model : str
-        A key of extended_arm.MODELS; those of the paper have none.
+        A key of extended_arm.MODELS; the paper's models do not have these forces.
     coriolis : bool
-        False leaves them out.
+        Whether to add the forces.
 
     """
     name = CoriolisCentripetal.identifier
@@ -53,18 +59,18 @@ def nominal_effects(robot: Robot, model: str = 'assumed_modes', coriolis: bool =
 
 
 def has_coriolis(effects: Sequence[Effect]) -> bool:
-    """Tell whether Coriolis and centripetal forces act among effects."""
+    """Return whether Coriolis and centripetal forces are among the effects."""
     return any(e['share'] != 0.0 for e in effects if isinstance(e, CoriolisCentripetal))
 
 
 def model_words(name: str, model: str, modes: int, coriolis: bool | None) -> str:
-    """Return in a few words which model of a robot is used; None: the forces are estimated."""
+    """Return a short text of the model in use; coriolis is None if the forces are estimated."""
     return f'{name}, {model}, {modes} modes, {coriolis_words(coriolis)}'
 
 
 def beyond_checked(time: Array, joint: Array) -> str:
     """
-    Return in one line where a record is faster than the model was checked for; else nothing.
+    Return a one-line warning if a record is faster than the model was checked for, else ''.
 
     Parameters
     ----------
@@ -76,7 +82,8 @@ def beyond_checked(time: Array, joint: Array) -> str:
     """
     if len(time) < 2:
         return ''
-    lag = min(max(round(SPEED_OVER * (len(time) - 1) / (time[-1] - time[0])), 1), len(time) - 1)
+    samples = round(SPEED_INTERVAL * (len(time) - 1) / (time[-1] - time[0]))
+    lag = min(max(samples, 1), len(time) - 1)
     speed = np.abs(joint[lag:] - joint[:-lag]) / (time[lag:] - time[:-lag])[:, None]
     k = int(np.argmax(speed.max(axis=0)))
     if not speed[:, k].max() > CHECKED_SPEED:

@@ -1,4 +1,4 @@
-"""A payload over time: constant, pick, drop or ramp."""
+"""The payload mass of the simulated arm over time: constant, pick, drop or ramp."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class PayloadProfile:
     times : tuple of float
         s, not decreasing.
     masses : tuple of float
-        kg, not negative; held before the first and after the last time.
+        kg, not negative; constant before the first and after the last time.
 
     """
 
@@ -27,7 +27,7 @@ class PayloadProfile:
     masses: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        """Validate."""
+        """Check times and masses."""
         if not self.masses or len(self.times) != len(self.masses):
             raise InputError(f'payload: expected as many times as masses, got {len(self.times)} '
                              f'and {len(self.masses)}')
@@ -39,17 +39,17 @@ class PayloadProfile:
 
     @classmethod
     def constant(cls, mass: float) -> PayloadProfile:
-        """Return a payload that stays, kg."""
+        """Return a constant payload, kg."""
         return cls((0.0,), (mass,))
 
     @classmethod
     def step(cls, before: float, time: float, after: float) -> PayloadProfile:
-        """Return a pick or a drop at a time, s."""
+        """Return a pick or a drop at a time, s, with the masses before and after it, kg."""
         return cls((time, time), (before, after))
 
     @classmethod
     def of_pairs(cls, pairs: Sequence[float]) -> PayloadProfile:
-        """Return the profile of pairs: time, mass, time, mass and so on."""
+        """Return the profile through pairs: time, s, mass, kg, time, mass and so on."""
         return cls(tuple(pairs[::2]), tuple(pairs[1::2]))
 
     def at(self, time: float) -> float:

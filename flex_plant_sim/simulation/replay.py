@@ -1,4 +1,4 @@
-"""A log simulated from its own commands."""
+"""Simulates the arm with the commands of a log and compares the result with its measurements."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from flex_plant_sim.simulation.simulator import simulate, Simulator
 from msg_config.errors import InputError
 import numpy as np
 
-# No arm turns or stretches so far: a simulation that does has diverged.
-ANGLE_BEYOND_REASON, STRAIN_BEYOND_REASON = 1e3, 1.0
+# Angle, rad, and strain, m/m, that no arm reaches: a simulation that does has diverged.
+DIVERGED_ANGLE, DIVERGED_STRAIN = 1e3, 1.0
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Replay:
     log : Log
     arm : ExtendedArm
     simulated : Array
-        Without noise, (N, m), columns as log.output.
+        Outputs without noise, (N, m), columns as in log.output.
 
     """
 
@@ -59,7 +59,7 @@ class Replay:
         return rmse(self.log.output, self.simulated)
 
     def results(self) -> dict[str, Any]:
-        """Return settings and figures for JSON; the fit of a channel at rest is null."""
+        """Return settings and figures for JSON; the fit of an unmoving channel is null."""
         return {
             'log': self.log.source, 'samples': len(self.log),
             'duration_s': round(float(self.log.time[-1] - self.log.time[0]), 9),
@@ -77,9 +77,9 @@ class Replay:
 def replay(log: Log, robot: Robot, model: str = 'assumed_modes', modes: int = 3,
            payload: float | None = None, coriolis: bool = True) -> Replay:
     """
-    Simulate a log from its commands alone, the arm at rest at the log's first joint angles.
+    Simulate a log from its commands alone, starting at rest at the log's first joint angles.
 
-    The nominal effects act. The log's own sample time replaces the robot's.
+    The nominal effects are applied. The sample time is that of the log, not of the robot.
 
     Parameters
     ----------
@@ -90,9 +90,9 @@ def replay(log: Log, robot: Robot, model: str = 'assumed_modes', modes: int = 3,
     model : str
         A key of extended_arm.MODELS.
     modes : int
-        Modes a link.
+        Modes per link.
     payload : float, optional
-        kg, the robot's if not given.
+        kg; that of the robot if not given.
     coriolis : bool
         See nominal_robot.
 
@@ -108,7 +108,7 @@ def replay(log: Log, robot: Robot, model: str = 'assumed_modes', modes: int = 3,
     simulator = Simulator(arm)
     at_zero = arm.output(simulator.state, 0.0)[:2]
     simulator.state[:2] = log.joint[0] - at_zero
-    # What overflows is reported below, once.
+    # An overflow is reported below, once.
     with np.errstate(all='ignore'):
         simulated, _ = simulate(simulator, log.command)
     _check_bounded(log, arm, simulated)
@@ -116,7 +116,7 @@ def replay(log: Log, robot: Robot, model: str = 'assumed_modes', modes: int = 3,
 
 
 def _check_bounded(log: Log, arm: ExtendedArm, simulated: Array) -> None:
-    limits = np.array([ANGLE_BEYOND_REASON] * 2 + [STRAIN_BEYOND_REASON] * log.strain.shape[1])
+    limits = np.array([DIVERGED_ANGLE] * 2 + [DIVERGED_STRAIN] * log.strain.shape[1])
     fault = ~(np.abs(simulated) < limits)
     if fault.any():
         k, channel = (int(index) for index in np.argwhere(fault)[0])

@@ -1,4 +1,8 @@
-"""The arm that stands in for the real one: steps with commands, measures with noise."""
+"""
+The simulator, which takes the place of the real arm: it applies commands and measures with noise.
+
+It steps the plant of `extended_arm`; the node plant_sim and the tools drive it.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +43,7 @@ class Noise:
 @dataclass(frozen=True)
 class Measurement:
     """
-    What is sampled at one instant.
+    The measurements of one instant.
 
     Attributes
     ----------
@@ -50,7 +54,7 @@ class Measurement:
     strain : Array
         m/m, (gauges,).
     command : Array
-        At the drive before this instant, (2,).
+        Commands that the drives applied before this instant, (2,).
 
     """
 
@@ -70,13 +74,13 @@ class Simulator:
     """
     Steps an extended arm at its sample time, nonlinear in theta_2 and in the payload.
 
-    The linear parts are exact for a command held over the step; theta_2 and the payload are
-    those at its start.
+    The linear part of a step is exact for a constant command; theta_2 and the payload are those
+    at the start of the step.
 
     Parameters
     ----------
     arm : ExtendedArm
-        Its step may be the sample time divided by a whole number of substeps.
+        Its step may be the sample time divided by an integer number of substeps.
     payload : PayloadProfile
     noise : Noise
     seed : int
@@ -96,7 +100,7 @@ class Simulator:
         self._sensor_noise = np.array(
             [noise.angle] * 2 + [noise.strain] * (len(arm.output_matrix) - 2))
         self._angle = schedule_row(arm)
-        # Made now, so that no sample waits for compilation.
+        # Built now, so that no sample has to wait for compilation.
         self._arms = {arm.payload: (arm, Stepper.of(arm))}
         self._pushes = arm.schedule.forces
         if noise.torque and not self._pushes:
@@ -105,7 +109,7 @@ class Simulator:
         self.reset()
 
     def reset(self) -> None:
-        """Go back to rest at time zero, with the same noise to come."""
+        """Return to rest at time zero and restart the noise from its seed."""
         self.time, self.samples = 0.0, 0
         self.state = np.zeros(self.arm.states)
         self._applied = np.zeros(2)
@@ -113,14 +117,14 @@ class Simulator:
         self._random = np.random.default_rng(self._seed)
 
     def mass(self, time: float) -> float:
-        """Return the payload at a time, kg, effects included."""
+        """Return the payload at a time, kg, including effects on it."""
         mass = self.payload.at(time)
         for effect in self.arm.effects:
             mass = effect.payload_at(time, mass)
         return mass
 
     def measure(self) -> Measurement:
-        """Return what the sensors say now, with noise."""
+        """Return the sensor readings of the present state, with noise."""
         output = self.arm.output(self.state, self.time)
         velocity = self.arm.joint_velocity(self.state, self._applied)
         output = output + self._sensor_noise * self._random.standard_normal(output.size)
@@ -128,14 +132,15 @@ class Simulator:
                            self._applied.copy())
 
     def draws(self, count: int) -> Array:
-        """Return the standard normal numbers of samples: outputs', then torques', (N, m + 2)."""
+        """Return standard normal numbers of N samples: m outputs, then 2 torques; (N, m + 2)."""
         return self._random.standard_normal((count, len(self.arm.output_matrix) + 2))
 
     def step(self, command: Array) -> None:
         """
         Advance one sample with a command (2,), in the drives' own unit.
 
-        As `advance` does; what many samples share costs more than one step.
+        The result is that of `advance`, whose preparation for many samples would cost more than
+        one step.
         """
         command = np.asarray(command, dtype=float)
         if not all(map(math.isfinite, command.tolist())):
@@ -152,13 +157,13 @@ class Simulator:
 
     def _substep(self, time: float, command: Array, force: Array) -> None:
         mass = self.mass(time)
-        arm, stepper = self._carrying(mass, mass != self.mass(time + self.arm.step_time))
-        run = stepper.run if stepper else partial(self._one_by_one, arm, np.array([time]))
+        arm, stepper = self._arm_with_payload(mass, mass != self.mass(time + self.arm.step_time))
+        run = stepper.run if stepper else partial(self._run_in_python, arm, np.array([time]))
         self.state = run(self.state, command, force)[1]
 
     def advance(self, commands: Array, draws: Array) -> tuple[Array, Array]:
         """
-        Advance many samples; return the states (N, n) and the commands at the drives (N, 2).
+        Advance many samples; return the states (N, n) and the commands applied before, (N, 2).
 
         Parameters
         ----------
@@ -169,14 +174,14 @@ class Simulator:
 
         """
         count = len(commands)
-        applied = self._at_drive(commands)
+        applied = self._commands_applied(commands)
         starts = (self.samples + np.arange(count))[:, None] * self.arm.robot.sample_time
         forces = np.zeros((count, self._pushes))
         if self.noise.torque:
             forces[:, :2] = self.noise.torque * draws
         times: Array = (starts + self.arm.step_time * np.arange(self.substeps)).ravel()
-        states = self._run(times, np.repeat(applied, self.substeps, axis=0),
-                           np.repeat(forces, self.substeps, axis=0))
+        states = self._run_by_payload(times, np.repeat(applied, self.substeps, axis=0),
+                                      np.repeat(forces, self.substeps, axis=0))
         self.samples += count
         self.time = self.samples * self.arm.robot.sample_time
         self.state = states[-1].copy()
@@ -184,15 +189,15 @@ class Simulator:
         self._applied = applied[-1]
         return states[:-1:self.substeps], before
 
-    def _at_drive(self, commands: Array) -> Array:
+    def _commands_applied(self, commands: Array) -> Array:
         if not self._drive_input.effects:
             return self._drive_input(commands, 0.0)
         step = self.arm.robot.sample_time
         return np.array([self._drive_input(sent, (self.samples + k) * step)
                          for k, sent in enumerate(commands)]).reshape(-1, 2)
 
-    def _run(self, times: Array, commands: Array, forces: Array) -> Array:
-        """Return the states before each step and after the last, payload by payload."""
+    def _run_by_payload(self, times: Array, commands: Array, forces: Array) -> Array:
+        """Return the states before each step and after the last, one run for each payload."""
         masses = np.array([self.mass(time) for time in (*times, times[-1] + self.arm.step_time)])
         states, start = [self.state[None]], 0
         while start < len(times):
@@ -200,14 +205,20 @@ class Simulator:
             while stop < len(times) and masses[stop] == masses[start]:
                 stop += 1
             rows = slice(start, stop)
-            arm, stepper = self._carrying(masses[start], masses[start] != masses[start + 1])
-            run = stepper.run if stepper else partial(self._one_by_one, arm, times[rows])
+            ramps = masses[start] != masses[start + 1]
+            arm, stepper = self._arm_with_payload(masses[start], ramps)
+            run = stepper.run if stepper else partial(self._run_in_python, arm, times[rows])
             states.append(run(states[-1][-1], commands[rows], forces[rows])[1:])
             start = stop
         return np.concatenate(states)
 
-    def _carrying(self, mass: float, ramps: bool) -> tuple[ExtendedArm, Stepper | None]:
-        """Return a payload's arm, with a schedule while it stays, to be discretised afresh."""
+    def _arm_with_payload(self, mass: float, ramps: bool) -> tuple[ExtendedArm, Stepper | None]:
+        """
+        Return the arm with a payload, kg, and its compiled steps if it has any.
+
+        A constant payload gets a schedule, which is kept. A payload that ramps is used for one
+        step only, so its matrices are discretised exactly without one.
+        """
         if mass not in self._arms:
             arm = self.arm.at_payload(mass)
             if ramps:
@@ -215,9 +226,9 @@ class Simulator:
             self._arms[mass] = arm, Stepper.of(arm)
         return self._arms[mass]
 
-    def _one_by_one(self, arm: ExtendedArm, times: Array, start: Array, commands: Array,
-                    forces: Array) -> Array:
-        """Return the states before each step and after the last, asking the effects at each."""
+    def _run_in_python(self, arm: ExtendedArm, times: Array, start: Array, commands: Array,
+                       forces: Array) -> Array:
+        """Return the states before each step and after the last, with all effects evaluated."""
         states = [start]
         for time, command, force in zip(times, commands, forces):
             cosine = float(np.cos(self._angle @ states[-1]))
@@ -230,7 +241,7 @@ class Simulator:
 
 
 def check_finite(commands: Array) -> None:
-    """Raise InputError where commands (N, 2) are not finite."""
+    """Raise InputError if any of the commands (N, 2) is not finite."""
     if not np.all(np.isfinite(commands)):
         k = int(np.argmin(np.isfinite(commands).all(axis=1)))
         raise InputError(f'command: expected finite numbers, got {commands[k]}')
@@ -240,7 +251,7 @@ def simulate(simulator: Simulator, commands: Array) -> tuple[Array, Array]:
     """
     Return outputs (N, m) and joint velocities (N, 2) for commands (N, 2).
 
-    Row k is what is sampled before command k is applied.
+    Row k is sampled before command k is applied.
     """
     commands = np.asarray(commands, dtype=float)
     check_finite(commands)

@@ -1,4 +1,8 @@
-"""Many steps of a scheduled arm in one loop, compiled where Numba is installed."""
+"""
+Many steps of a scheduled arm in one loop, compiled if Numba is installed.
+
+The simulator uses it if the arm has no effect that must be evaluated in Python at every step.
+"""
 
 from __future__ import annotations
 
@@ -18,26 +22,26 @@ import numpy as np
 @dataclass(frozen=True)
 class Stepper:
     """
-    [F G E](angle) = sum_k series[k] cos(k angle), and the velocity's forces where an arm has them.
+    [F G E](angle) = sum_k series[k] cos(k angle), and the velocity-dependent forces if any.
 
-    The interpolant is that of `Schedule`, written as a cosine series: one product a step, and
-    no node at which a weight divides by zero.
+    The interpolant is that of `Schedule`, written as a cosine series: it takes one product per
+    step, and there are no nodes at which a weight would divide by zero.
 
     Attributes
     ----------
     series : Array
         (K, n (n + 2 + N)).
     angle : Array
-        The angle over the state, (n,).
+        The row that gives the angle from the state, (n,).
     turning : Array
-        The four rows of CoriolisCentripetal.rows over p' and the angle between the links over
-        p, (5, N), or (0, N) without.
+        The four rows of CoriolisCentripetal.rows over p', then the row of the angle between the
+        links over p, (5, N); (0, N) if the arm has no Coriolis forces.
     bending : BendingTerms
-        Of Foreshortening.
+        Terms of Foreshortening.
     share : float
-        What share of it acts; 0 where the arm has none.
+        Share of foreshortening that acts; 0 if the arm has none.
     step : float
-        s.
+        Length of a step, s.
 
     """
 
@@ -50,7 +54,7 @@ class Stepper:
 
     @classmethod
     def of(cls, arm: ExtendedArm) -> Stepper | None:
-        """Return the stepper of an arm, None where something must be asked at every step."""
+        """Return the stepper of an arm; None if an effect must be evaluated at every step."""
         forces = _forces(arm)
         if forces is None or arm.has_contact:
             return None
@@ -59,7 +63,7 @@ class Stepper:
         series: Array = np.linalg.inv(np.cos(turns)) @ arm.schedule.table
         stepper = cls(series, schedule_row(arm), *forces, arm.step_time)
         if COMPILED:
-            # No steps, but they are compiled for.
+            # A run of no steps compiles the loop.
             stepper.run(np.zeros(arm.states), np.zeros((0, 2)), np.zeros((0, arm.form.order)))
         return stepper
 
@@ -70,26 +74,27 @@ class Stepper:
         Parameters
         ----------
         start : Array
-            (n,).
+            State, (n,).
         commands, forces : Array
-            Held over each step, (S, 2) and (S, N).
+            Commands and generalised forces, constant over each step, (S, 2) and (S, N).
 
         """
         inputs = np.concatenate([commands, forces], axis=1)
         states = np.empty((len(inputs) + 1, start.size))
         states[0] = start
-        _run(self.series, self.angle, self.turning, self.bending, self.share, self.step, inputs,
-             states)
+        _run_steps(self.series, self.angle, self.turning, self.bending, self.share, self.step,
+                   inputs, states)
         return states
 
 
 def schedule_row(arm: ExtendedArm) -> Array:
     """
-    Return the angle whose cosine the plant is scheduled on, over the state, (n,).
+    Return the row over the state, (n,), of the angle whose cosine schedules the plant.
 
-    theta_2, as (1)-(7) have it. With Coriolis forces it is the angle between the links, upper
-    tip slope included: they do the work of that angle's inertia, so that energy needs it. With
-    foreshortening it is that at the step's middle, so that the scheme is of second order.
+    The angle is theta_2, as in (1)-(7). With Coriolis forces it is the angle between the links,
+    which includes the upper link's tip slope: these forces do the work due to the inertia that
+    depends on this angle, so energy is conserved only with it. With foreshortening in addition it
+    is the angle at the middle of the step, so that the scheme is of second order.
     """
     row, n = np.zeros(arm.states), arm.form.order
     if not any(isinstance(effect, CoriolisCentripetal) and effect['share'] != 0.0
@@ -103,7 +108,7 @@ def schedule_row(arm: ExtendedArm) -> Array:
 
 
 def _forces(arm: ExtendedArm) -> tuple[Array, BendingTerms, float] | None:
-    """Return turning, bending and share of a Stepper; None for an arm with other forces."""
+    """Return `turning`, `bending` and `share` of a Stepper; None if the arm has other forces."""
     forces = [e for e in arm.effects if type(e).force is not Effect.force]
     turning = [e for e in forces if isinstance(e, CoriolisCentripetal)]
     bending = [e for e in forces if isinstance(e, Foreshortening)]
@@ -118,8 +123,8 @@ def _forces(arm: ExtendedArm) -> tuple[Array, BendingTerms, float] | None:
 
 
 @compiled
-def _run(series: Array, angle: Array, turning: Array, bending: BendingTerms, share: float,
-         step: float, inputs: Array, states: Array) -> None:
+def _run_steps(series: Array, angle: Array, turning: Array, bending: BendingTerms, share: float,
+               step: float, inputs: Array, states: Array) -> None:
     n = states.shape[1]
     force = n + 2
     harmonics = np.arange(len(series)) * 1.0
@@ -133,26 +138,30 @@ def _run(series: Array, angle: Array, turning: Array, bending: BendingTerms, sha
         after = np.dot(matrices, drive)
         states[k + 1] = after
         before = momentum(bending, state) if share != 0.0 else state
-        # From the middle of the step; once more where forces go with what they bring about.
+        # Forces at the middle of the step; evaluated twice if they depend on acceleration.
         for _ in range(2 if share != 0.0 else 1):
             push[force:] = inputs[k, 2:]
             middle = 0.5 * (state + states[k + 1])
             if len(turning) > 0:
-                push[force:] += _turning_force(turning, middle)
+                push[force:] += _coriolis_force(turning, middle)
             if share != 0.0:
                 gained = momentum(bending, states[k + 1]) - before
                 push[force:] += share * (slopes(bending, middle) - gained / step)
             found = after + np.dot(matrices, push)
             if share != 0.0 and np.isfinite(found).all():
-                found -= _held_back(bending, share / step, matrices[:, force:].copy(),
-                                    states[k + 1], found)
+                found -= _newton_correction(bending, share / step, matrices[:, force:].copy(),
+                                            states[k + 1], found)
             states[k + 1] = found
 
 
 @compiled
-def _held_back(bending: BendingTerms, share: float, push: Array, guess: Array, found: Array
-               ) -> Array:
-    """Return what ExtendedArm._implicit takes from `found`, (n,); share over the step, 1/s."""
+def _newton_correction(bending: BendingTerms, share: float, push: Array, guess: Array,
+                       found: Array) -> Array:
+    """
+    Return what ExtendedArm._newton_step subtracts from `found`, (n,).
+
+    Here `share` is the share of foreshortening divided by the step, 1/s.
+    """
     order = push.shape[1]
     mass, moving = np.zeros((order, order)), guess.copy()
     for i in range(order):
@@ -167,7 +176,7 @@ def _held_back(bending: BendingTerms, share: float, push: Array, guess: Array, f
 
 
 @compiled
-def _turning_force(turning: Array, middle: Array) -> Array:
+def _coriolis_force(turning: Array, middle: Array) -> Array:
     order = turning.shape[1]
     elbow, across, root_1, root_2 = np.dot(turning[:4], middle[order:2 * order])
     return np.sin(np.dot(turning[4], middle[:order])) * (

@@ -1,14 +1,14 @@
-"""Command-line tools."""
+"""Command-line tools that need no estimator, and the parts that all tools share."""
 
 import os
 import sys
 
 from flex_plant_sim.quiet_signals import quiet_until_running
 
-# Before NumPy is imported, and only where the user has not said otherwise: the matrices here are
-# small, so that threads of the linear algebra library cost several times what they give.
+# Set before NumPy is imported, unless the user has set it: the matrices here are small, so threads
+# of the linear algebra library cost several times what they gain.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
-# Only in a tool's own process: its script, or python -m, which imports this package first.
+# Only in a tool's own process: started by its script, or by python -m, which imports this first.
 if os.path.basename(sys.argv[0] if sys.argv else '').startswith(('flex_', '-m')):
     quiet_until_running()
     from msg_config.quiet_start import open_what_is_closed

@@ -1,4 +1,4 @@
-"""What all command-line tools share: options, one-line errors, exit codes."""
+"""The common part of all command-line tools: options, one-line errors, exit codes."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from flex_plant_sim.tools.outputs import forget_standard_output
 from msg_config.errors import InputError
 
 COMPILING = 'compiling the inner loops (once for each installation, about a minute) …'
-# Exit codes: Python's own, and argparse's.
+# Exit codes: 1 as Python itself uses, and 2 as argparse.
 UNFORESEEN, BAD_INPUT = 1, 2
 TRACEBACK = 'FLEX_TRACEBACK'
-# kg, as in a robot file.
+# Largest payload, kg, as in a robot file.
 LARGEST_MASS = PLAUSIBLE['mass_kg'][1]
 
 
 class OneLineParser(argparse.ArgumentParser):
-    """A parser that reports a bad option in one line, as every other bad input."""
+    """A parser that reports a bad option in one line, like any other bad input."""
 
     def error(self, message: str) -> NoReturn:
         """Print the message and exit with code 2."""
@@ -38,7 +38,7 @@ class OneLineParser(argparse.ArgumentParser):
 
 
 class DefaultsShown(argparse.ArgumentDefaultsHelpFormatter):
-    """Help that shows a default where there is one to show."""
+    """A help formatter that shows the default of an option if it has one."""
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
         shown = action.default not in (None, False, '', []) and not action.required
@@ -46,7 +46,7 @@ class DefaultsShown(argparse.ArgumentDefaultsHelpFormatter):
 
 
 def parser(description: str) -> argparse.ArgumentParser:
-    """Return a parser that shows defaults."""
+    """Return a parser whose help shows defaults."""
     return OneLineParser(description=description, formatter_class=DefaultsShown)
 
 
@@ -58,7 +58,7 @@ def add_log_argument(options: argparse.ArgumentParser, nargs: str | None = None)
 
 def add_arm_arguments(options: argparse.ArgumentParser, model: str = 'assumed_modes',
                       modes: int = 3, payload: bool = True) -> None:
-    """Add --robot, --model, --modes and, where it is asked for, --payload."""
+    """Add --robot, --model, --modes and, if `payload`, --payload."""
     options.add_argument('--robot', default='reference', metavar='NAME|FILE',
                          help=f'{", ".join(built_in_robots())} or a YAML file')
     options.add_argument('--model', default=model, choices=sorted(MODELS), help='arm model')
@@ -83,42 +83,42 @@ def add_json_argument(options: argparse.ArgumentParser) -> None:
 
 
 def say_if_compiling(function: Callable[..., Any]) -> None:
-    """Say on stderr that a compiled function is about to be compiled, where it is."""
+    """Print a line to stderr if calling a function is about to compile it."""
     if cold(function):
         print(COMPILING, file=sys.stderr, flush=True)
 
 
 def modes_number(text: str) -> int:
     """Return a number of modes, 1 to 20."""
-    if not 1 <= _whole(text) <= 20:
+    if not 1 <= _integer(text) <= 20:
         raise argparse.ArgumentTypeError(f'expected a whole number from 1 to 20, got {text!r}')
     return int(text)
 
 
 def count(text: str) -> int:
-    """Return a whole number >= 1, at most a million."""
-    if not (1 <= _whole(text) <= 10**6):
+    """Return an integer from 1 to a million."""
+    if not (1 <= _integer(text) <= 10**6):
         raise argparse.ArgumentTypeError(f'expected a whole number from 1 to 1e6, got {text!r}')
     return int(text)
 
 
 def processes(text: str) -> int:
-    """Return a number of processes, 1 to 1000: more would only end this machine."""
-    if not (1 <= _whole(text) <= 1000):
+    """Return a number of processes, 1 to 1000: more would only exhaust the machine."""
+    if not (1 <= _integer(text) <= 1000):
         raise argparse.ArgumentTypeError(f'expected a whole number from 1 to 1000, got {text!r}')
     return int(text)
 
 
 def seed(text: str) -> int:
     """Return the seed of a random number generator."""
-    if not (0 <= _whole(text) < 2**32):
+    if not (0 <= _integer(text) < 2**32):
         raise argparse.ArgumentTypeError(
             f'expected a whole number from 0 to 2^32 - 1, got {text!r}')
     return int(text)
 
 
-def _whole(text: str) -> int:
-    """Return a number of at most ten digits; -1 for any other text."""
+def _integer(text: str) -> int:
+    """Return an integer of at most ten digits; -1 for any other text."""
     return int(text) if text.isascii() and text.isdigit() and len(text) <= 10 else -1
 
 
@@ -131,7 +131,7 @@ def number(text: str) -> float:
 
 
 def mass(text: str) -> float:
-    """Return a mass, kg, not negative and no more than a robot file may have."""
+    """Return a mass, kg, not negative and at most the largest in a robot file."""
     value = number(text)
     if not 0.0 <= value <= LARGEST_MASS:
         raise argparse.ArgumentTypeError(
@@ -146,7 +146,7 @@ def write_json(path: str | Path, results: Mapping[str, Any]) -> None:
     Raises
     ------
     InputError
-        If nothing can be written there.
+        Nothing can be written there.
 
     """
     text = json.dumps(_finite({'written_by': AUTHOR, **results}), indent=2, allow_nan=False)
@@ -164,45 +164,45 @@ def _finite(value: Any) -> Any:
 
 def run(main: Callable[[], int | None]) -> int:
     """
-    Return a tool's exit code: its own or 0, 2 after bad input, 130 after Ctrl-C or SIGTERM.
+    Run a tool and return its exit code: its own or 0, 2 after bad input, 130 after a signal.
 
-    Whatever goes wrong is one line on stderr. What nobody foresaw ends with 1; its traceback is
-    shown where the environment variable FLEX_TRACEBACK is set.
+    Any error is reported in one line on stderr. The signals are Ctrl-C and SIGTERM. An unforeseen
+    error gives 1; its traceback is shown if the environment variable FLEX_TRACEBACK is set.
     """
-    _write_what_can_be_written()
+    _replace_unencodable()
     try:
         with interruptible():
             code = main() or 0
             sys.stdout.flush()
             return code
     except InputError as error:
-        return _complain(str(error), BAD_INPUT)
+        return _print_error(str(error), BAD_INPUT)
     except KeyboardInterrupt:
-        return _complain('interrupted', INTERRUPTED, '')
+        return _print_error('interrupted', INTERRUPTED, '')
     except MemoryError:
-        return _complain('out of memory', BAD_INPUT)
+        return _print_error('out of memory', BAD_INPUT)
     except BrokenPipeError:
         forget_standard_output()
-        return _complain('standard output: nobody reads it any more', BAD_INPUT)
+        return _print_error('standard output: nobody reads it any more', BAD_INPUT)
     except OSError as error:
         forget_standard_output()
-        return _complain(f'{error.filename or "standard output"}: {error.strerror or error}',
-                         BAD_INPUT)
-    except Exception as error:  # noqa: B902  a verdict or one line, always
+        return _print_error(f'{error.filename or "standard output"}: {error.strerror or error}',
+                            BAD_INPUT)
+    except Exception as error:  # noqa: B902  a tool ends with a result or one line
         if os.environ.get(TRACEBACK):
             raise
-        return _complain(f'unforeseen {type(error).__name__}: {error} '
-                         f'(set {TRACEBACK}=1 to see where)', UNFORESEEN)
+        return _print_error(f'unforeseen {type(error).__name__}: {error} '
+                            f'(set {TRACEBACK}=1 to see where)', UNFORESEEN)
 
 
-def _write_what_can_be_written() -> None:
-    """Let a terminal or a pipe that knows no ± have a question mark there."""
+def _replace_unencodable() -> None:
+    """Let terminals and pipes that cannot encode a character such as ± show a question mark."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper) and stream.errors != 'replace':
             stream.reconfigure(errors='replace')
 
 
-def _complain(line: str, code: int, prefix: str = 'error: ') -> int:
+def _print_error(line: str, code: int, prefix: str = 'error: ') -> int:
     try:
         print(prefix + str(InputError(line)), file=sys.stderr, flush=True)
     except OSError:  # nobody reads this either

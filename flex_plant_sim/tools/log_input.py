@@ -1,4 +1,4 @@
-"""Reading a log in a tool: says what was done with it, and what does not look like the arm."""
+"""Reads a log for a tool and reports what was done to it and what does not look like the arm."""
 
 from __future__ import annotations
 
@@ -17,23 +17,24 @@ from flex_plant_sim.simulation.simulator import simulate, Simulator
 from msg_config.errors import InputError
 import numpy as np
 
-# A few swings of the slowest mode; signs and units show within them.
+# Duration that is compared with a simulation, s: a few swings of the slowest mode, enough to show
+# wrong signs and units.
 HINT_DURATION = 10.0
 
 
 def read_log_aloud(path: str, robot: Robot, model: str, modes: int,
                    coriolis: bool | None = None) -> Log:
     """
-    Return a log, and say on stderr, a line each, what a user must know before believing it.
+    Return a log, and print to stderr, one line each, what a user must know before trusting it.
 
-    That is what was done to read it, what made it where that is another model, joints faster
-    than the models are checked for, and channels whose unit or sign looks wrong beside a
-    simulation from the same commands. Whether Coriolis forces act, None leaves open.
+    This is what was done to read it, its origin if that is another model, joints faster than the
+    models are checked for, and channels whose unit or sign looks wrong in comparison with a
+    simulation from the same commands. `coriolis` is None if it is open whether these forces act.
 
     Raises
     ------
     InputError
-        It cannot be read; with file and row, column or topic.
+        The log cannot be read; names file and row, column or topic.
 
     """
     log = read_log(path, robot)
@@ -47,12 +48,13 @@ def read_log_aloud(path: str, robot: Robot, model: str, modes: int,
 def read_logs(paths: Sequence[str], robot: Robot, model: str, modes: int,
               coriolis: bool = True) -> list[Log]:
     """
-    Return the logs, all sampled alike.
+    Return several logs with the same sampling interval.
 
     Raises
     ------
     InputError
-        Naming the file that cannot be read, is sampled otherwise, or is no evidence of the arm.
+        A log cannot be read, is sampled differently, or is no evidence of the arm; names the
+        file.
 
     """
     forces = has_coriolis(nominal_effects(robot, model, coriolis))
@@ -73,7 +75,7 @@ def _other_origin(log: Log, robot: Robot, model: str, modes: int,
 
 
 def hints(log: Log, robot: Robot) -> tuple[str, ...]:
-    """Return which channels of a log look as if their unit or sign were another."""
+    """Return hints on channels of a log whose unit or sign looks wrong."""
     part = log.part(0, min(len(log), round(HINT_DURATION / log.sample_time)))
     if len(part) < 3 or not part.command.any():
         return ()

@@ -1,18 +1,19 @@
-"""A limit of memory below which the libraries cannot be loaded is said in one line."""
+"""Reports in one line a memory limit (`ulimit -v`) that is too low to load the libraries."""
 
 from __future__ import annotations
 
 import os
 import resource
 
-# kB of address space, as ulimit has it. Below, libraries cannot be found (300000), wait for room
-# for ever (350000) or abort (500000); with it a log of 30 s is estimated.
-LEAST = 600_000
+# Least address space, kB as in ulimit. With less, libraries are not found (300000), wait for
+# memory for ever (350000) or abort (500000); with this much a log of 30 s can be estimated.
+LEAST_KB = 600_000
 
 
 def refuse_too_little() -> None:
-    """End with one line and code 2 below a `ulimit -v` at which nothing can be loaded."""
+    """End the process with one line and exit code 2 if the memory limit is too low."""
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
-    if limit != resource.RLIM_INFINITY and limit // 1024 < LEAST:
-        os.write(2, f'error: ulimit -v: expected at least {LEAST}, got {limit // 1024}\n'.encode())
+    if limit != resource.RLIM_INFINITY and limit // 1024 < LEAST_KB:
+        os.write(2, (f'error: ulimit -v: expected at least {LEAST_KB}, '
+                     f'got {limit // 1024}\n').encode())
         os._exit(2)

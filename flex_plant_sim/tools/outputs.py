@@ -1,4 +1,8 @@
-"""The outputs of a tool: checked before the work, written so that one failure keeps the rest."""
+"""
+Checks the outputs of a tool before its work, and writes them after it.
+
+If one output cannot be written, the others still are.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +17,7 @@ from typing import Any
 from flex_plant_sim.atomic_file import check_replaceable
 from msg_config.errors import InputError
 
-# Bytes, as file systems have them: an empty file has room on a full disk.
+# Block size of file systems, bytes: an empty file could be created even on a full disk.
 BLOCK = 4096
 IMAGES = ('.png', '.pdf', '.svg')
 
@@ -21,23 +25,23 @@ IMAGES = ('.png', '.pdf', '.svg')
 def check_outputs(outputs: Mapping[str, str | Path | None], inputs: Sequence[str | Path],
                   folder: bool = False) -> None:
     """
-    Raise, before any work, where an output cannot be written or would replace something.
+    Check, before any work, that the outputs can be written and replace nothing else.
 
-    An output replaces nothing but an empty file, or an earlier output of these tools.
+    An output may replace only an empty file or an earlier output of these tools.
 
     Parameters
     ----------
     outputs : Mapping
-        Option to its file or folder; None where it is not asked for.
+        Option to its file or folder; None if the option is not given.
     inputs : sequence of path
-        What the tool reads; names that are no paths do no harm.
+        Files that the tool reads; names that are no paths are ignored.
     folder : bool
-        Whether the outputs are folders written whole.
+        Whether the outputs are folders that are written whole.
 
     Raises
     ------
     InputError
-        Naming the option and the place.
+        Names the option and the path.
 
     """
     places = {option: Path(path) for option, path in outputs.items() if path is not None}
@@ -56,14 +60,14 @@ def check_outputs(outputs: Mapping[str, str | Path | None], inputs: Sequence[str
 def check_folder(option: str, folder: str | Path, names: Sequence[str],
                  inputs: Sequence[str | Path] = (), nested: bool = False) -> None:
     """
-    Raise where a folder, made if need be, cannot take files of these names.
+    Check that files of these names can be written to a folder, which may have to be created.
 
-    Other files in it are left alone; nested, the folders around it are made as well.
+    Other files in it are ignored. With `nested`, its parent folders may be missing as well.
 
     Raises
     ------
     InputError
-        Naming the option and the place.
+        Names the option and the path.
 
     """
     folder = Path(folder)
@@ -90,7 +94,7 @@ def _same(a: Path, b: Path) -> bool:
 
 
 def _overlap(output: Path, read: Path) -> bool:
-    """Return whether one is the other, or lies in it; a file of the same folder does not."""
+    """Return whether two paths are the same, or one is a folder that contains the other."""
     if not read.exists():
         return False
     a, b = Path(os.path.realpath(output)), Path(os.path.realpath(read))
@@ -98,7 +102,7 @@ def _overlap(output: Path, read: Path) -> bool:
 
 
 def _check_room(place: Path) -> None:
-    """Write a block where the output shall stand, and let it vanish."""
+    """Check that there is room for an output: write a temporary block beside it."""
     try:
         with TemporaryFile(dir=Path(os.path.realpath(place)).parent) as file:
             file.write(b'0' * BLOCK)
@@ -111,11 +115,12 @@ def _check_room(place: Path) -> None:
 
 def check_image(path: str | Path) -> None:
     """
-    Raise where a name has not the suffix of an image.
+    Check that a file name has the suffix of an image.
 
     Raises
     ------
     InputError
+        It has another suffix.
 
     """
     if Path(path).suffix not in IMAGES:
@@ -126,12 +131,12 @@ def check_image(path: str | Path) -> None:
 @contextmanager
 def results() -> Iterator[Callable[..., None]]:
     """
-    Yield a function that calls what writes one output, and goes on after a failure.
+    Yield a function that calls the writer of one output and continues after a failure.
 
     Raises
     ------
     InputError
-        At the end: the first failure, and how many more there were.
+        At the end of the block; gives the first failure and the number of others.
 
     """
     failed: list[str] = []
@@ -156,7 +161,7 @@ def results() -> Iterator[Callable[..., None]]:
 
 
 def forget_standard_output() -> None:
-    """Let what nobody can read vanish, so that no later flush fails again."""
+    """Discard further standard output, which nobody reads, so that no later flush fails."""
     try:
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, sys.stdout.fileno())

@@ -1,4 +1,4 @@
-"""flex_replay: simulate a log from its commands and say how well the model does."""
+"""flex_replay: simulate a log from its commands and print how well the model agrees."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from flex_plant_sim.tools.replay_plot import fit_text, write_plot
 
 
 def table(result: Replay) -> str:
-    """Return the figures as text."""
+    """Return the fit and error of every channel as text."""
     log, arm = result.log, result.arm
     words = model_words(arm.robot.name, arm.model_name, arm.modes, has_coriolis(arm.effects))
     lines = [f'{log.source}: {len(log)} samples at {1.0 / log.sample_time:g} Hz; '

@@ -1,4 +1,4 @@
-"""The plot of flex_replay: measured and simulated, and what is left."""
+"""The plot of flex_replay: measured and simulated channels, and their difference."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from pathlib import Path
 from flex_plant_sim.atomic_file import image_metadata, whole_file
 from flex_plant_sim.simulation.replay import Replay
 
-# Factor and name of the unit that is drawn.
+# Factor and name of the unit that is plotted, by SI unit.
 SHOWN = {'rad': (1.0, 'rad'), 'm/m': (1e6, 'µm/m')}
 
 
 def fit_text(fit: float) -> str:
-    """Return a fit as text; a channel at rest has none."""
+    """Return a fit as text; a channel that does not move has none."""
     return 'channel at rest' if math.isnan(fit) else f'fit {fit:.1f} %'
 
 
@@ -24,7 +24,7 @@ def write_plot(path: str | Path, result: Replay) -> None:
     Raises
     ------
     InputError
-        If nothing can be written there.
+        Nothing can be written there.
 
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg

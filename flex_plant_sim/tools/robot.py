@@ -1,4 +1,4 @@
-"""flex_robot: a robot file of one's own: template, check, drawing, prior, calibration, URDF."""
+"""flex_robot: work on a robot file: template, check, drawing, prior, move, calibration, URDF."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import sys
 
 from flex_plant_sim.arm.robot_file import built_in_robots, load_robot, robot_text
 from flex_plant_sim.atomic_file import MARK, whole_file
+from flex_plant_sim.commissioning.calibrated_robot import calibrated_robot, calibration_text
 from flex_plant_sim.commissioning.calibration import calibrate
 from flex_plant_sim.commissioning.check import Check
 from flex_plant_sim.commissioning.drawing import write_drawing
-from flex_plant_sim.commissioning.earned import calibration_text, earned
 from flex_plant_sim.commissioning.residuals import MODEL, MODES
 from flex_plant_sim.commissioning.robot_text import with_numbers
 from flex_plant_sim.commissioning.standard_move import simulated_move, STROKES
@@ -92,7 +92,7 @@ def _calibrate(arguments: argparse.Namespace) -> None:
     logs = read_logs(arguments.log, robot, MODEL, MODES)
     found = calibrate(logs, robot, arguments.payload,
                       lambda words: print(words, file=sys.stderr))
-    text = with_numbers(robot_text(arguments.robot), earned(robot, found))
+    text = with_numbers(robot_text(arguments.robot), calibrated_robot(robot, found))
     before, after = ([replay(log, item, payload=arguments.payload) for log in logs]
                      for item in (robot, found.robot))
     print(calibration_text(found))

@@ -1,1 +1,1 @@
-"""What is printed, drawn and written: answer, report, extended robot file."""
+"""The outputs of a diagnosis: the answer, the HTML report and the extended robot file."""

@@ -1,4 +1,4 @@
-"""The extended robot: the user's file, with what the diagnosis found under `effects:`."""
+"""Writes the extended robot: the user's file with the causes found added under `effects:`."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from flex_plant_sim.effects.base import Effect
 from msg_config.errors import InputError
 import yaml
 
-# The key at the start of a line and all that is indented below it.
+# The key `effects:` at the start of a line and everything that is indented below it.
 EFFECTS_BLOCK = re.compile(r'^effects:[^\n]*\n(?:(?:[ \t]+|-)[^\n]*\n|\s*\n(?=[ \t-]))*', re.M)
 
 
 def specs(effects: Sequence[Effect]) -> tuple[EffectSpec, ...]:
-    """Return effects as a robot file names them."""
+    """Return effects in the form in which a robot file holds them."""
     return tuple(EffectSpec(e.identifier, e.site, e.written()) for e in effects)
 
 
@@ -30,17 +30,17 @@ def extended_text(source: str | Path, robot: Robot, effects: Sequence[Effect]) -
     """
     Return the YAML text of an extended robot.
 
-    The user's own text stays, comments included, as long as only effects were added; otherwise
-    the file is written anew with the same keys.
+    The user's text, with its comments, is kept if only effects were added. Otherwise the file is
+    rewritten with the same keys.
 
     Parameters
     ----------
     source : str or Path
-        Built-in robot or file that the extension started from.
+        Built-in robot or file that was extended.
     robot : Robot
-        With the parameters to write; its effects are ignored.
+        Robot with the parameters to write; its effects are ignored.
     effects : sequence of Effect
-        All that act, those of the user's file included.
+        All effects, including those of the user's file.
 
     """
     text = robot_text(source)
@@ -73,7 +73,7 @@ def write_extended(path: str | Path, source: str | Path, robot: Robot,
     Raises
     ------
     InputError
-        If nothing can be written there, or the source cannot be read.
+        Nothing can be written there, or the source cannot be read.
 
     """
     text = extended_text(source, robot, effects)
@@ -82,7 +82,7 @@ def write_extended(path: str | Path, source: str | Path, robot: Robot,
 
 
 def document(robot: Robot) -> dict[str, Any]:
-    """Return a robot without its effects as parse_robot reads it."""
+    """Return a robot without its effects as the data that parse_robot reads."""
     inputs = inputs_document(robot.inputs)
     return {
         'name': robot.name,

@@ -1,4 +1,4 @@
-"""The figures of the report: one small SVG a channel, sized for a phone, as data URIs."""
+"""The figures of the report: one small SVG for each channel, sized for a phone, as data URIs."""
 
 from __future__ import annotations
 
@@ -21,33 +21,34 @@ from flex_plant_sim.diagnosis.report.symptoms import drift, DRIFTED, one_step, s
 import numpy as np
 
 MEASURED, BEFORE, AFTER = '#333333', '#d95f02', '#1b6ca8'
-# Factor and name of what a reader sees.
+# Factor and name of the unit in figures, by SI unit.
 SHOWN = {'rad': (180.0 / np.pi, '°'), 'm/m': (1e6, 'µm/m')}
-# Inches: three beside each other on a desk.
+# Size of a figure, inches: three fit side by side on a desktop screen.
 SIZE = (4.4, 2.7)
-# Of a trace, more than a picture's width has pixels on a phone.
+# Number of points of a trace, more than a figure has pixels in width on a phone.
 POINTS = 400
-# Ten periods of the reference arm, which the eye still parts.
+# Length of the traces, s: ten periods of the reference arm, which can still be told apart.
 SHOWN_SECONDS = 8.0
-# Where an axis has less than two decades, one may show no mark.
-THIRDS = 100.0
+# Range of an axis, as a ratio, below which thirds of decades are marked too: an axis of less than
+# two decades may contain no decade mark.
+THIRDS_BELOW = 100.0
 
 
 @dataclass(frozen=True)
 class Picture:
-    """An image ready for <img src>, and what it shows for those who cannot see it."""
+    """An image for <img src>, with its title and a text alternative."""
 
     source: str
     text: str
 
 
 def shown(unit: str) -> tuple[float, str]:
-    """Return factor and name of the unit that a reader sees."""
+    """Return factor and name of the unit used in figures."""
     return SHOWN[unit]
 
 
 def gain_pictures(gains: Sequence[Gain]) -> list[Picture]:
-    """Return the error before and after over the horizon, one picture a channel."""
+    """Return the errors before and after over the horizon, one picture for each channel."""
     pictures = []
     for channel in dict.fromkeys(gain.channel for gain in gains):
         rows = [gain for gain in gains if gain.channel == channel and np.isfinite(gain.before)]
@@ -74,7 +75,7 @@ def gain_pictures(gains: Sequence[Gain]) -> list[Picture]:
 
 
 def trace_pictures(nominal: Predictor, extended: Predictor) -> list[Picture]:
-    """Return measurement and free runs of both models on the locked part, and what is left."""
+    """Return the measurement, both models' free runs on the locked part, and their errors."""
     step, (first, stop) = nominal.base.robot.sample_time, window_rows(nominal)
     steps = min(stop - first, horizon_samples(SHOWN_SECONDS, step))
     rows = first + np.arange(steps)
@@ -102,7 +103,7 @@ def _draw_traces(figure: Any, time: Array, lines: Sequence[Array], unit: str) ->
     upper.plot(time, after, color=AFTER, label='after')
     upper.plot(time, measured, color=MEASURED, linewidth=0.8, linestyle=(0, (3, 1)),
                label='measured')
-    # A model that diverges must not squeeze the measurement to a line.
+    # A model that diverges must not compress the measurement to a line.
     reach = 1.5 * np.ptp(measured) + 1e-9
     upper.set_ylim(measured.min() - reach * 0.5, measured.max() + reach * 0.5)
     upper.autoscale(axis='y', tight=False) if np.max(np.abs(before)) < 3.0 * reach else None
@@ -117,7 +118,7 @@ def _draw_traces(figure: Any, time: Array, lines: Sequence[Array], unit: str) ->
 
 
 def speed_pictures(nominal: Sequence[Predictor], extended: Sequence[Predictor]) -> list[Picture]:
-    """Return the mean error after a short free run over the speed of the joint nearest to it."""
+    """Return the mean error after a short free run over the speed of the nearest joint."""
     both = [_speeds_and_errors(predictors) for predictors in (nominal, extended)]
     pictures = []
     for k, name in enumerate(nominal[0].base.robot.output_names):
@@ -154,7 +155,7 @@ def _speeds_and_errors(predictors: Sequence[Predictor]) -> tuple[Array, Array]:
 
 
 def _binned(speed: Array, error: Array) -> Array:
-    """Return bin centres, means and standard deviations of bins with enough, (3, K)."""
+    """Return centres, means and standard deviations of the bins with enough samples, (3, K)."""
     edges = np.quantile(speed, np.linspace(0.0, 1.0, CURVE_BINS + 1))
     inside = np.clip(np.searchsorted(edges, speed, side='right') - 1, 0, CURVE_BINS - 1)
     rows = [(speed[inside == b].mean(), error[inside == b].mean(), error[inside == b].std())
@@ -164,7 +165,7 @@ def _binned(speed: Array, error: Array) -> Array:
 
 def spectrum_pictures(nominal: Sequence[Predictor],
                       extended: Sequence[Predictor]) -> list[Picture]:
-    """Return the power density of the one-step error before and after, and of the noise."""
+    """Return the power spectral density of the one-step errors before and after, and of noise."""
     step = nominal[0].base.robot.sample_time
     both = [spectrum([one_step(p) for p in predictors], step)
             for predictors in (nominal, extended)]
@@ -193,19 +194,23 @@ def spectrum_pictures(nominal: Sequence[Predictor],
 
 
 def _plain_ticks(axis: Any) -> None:
-    """Mark decades, or thirds of few, in plain figures: formulas take half of the drawing."""
+    """
+    Mark decades, or thirds of decades on a short axis, with plain numbers.
+
+    Matplotlib's own tick labels are formulas, which take half of the drawing time.
+    """
     from matplotlib.ticker import LogLocator
     axis.minorticks_off()
     for scale in (axis.xaxis, axis.yaxis):
         low, high = scale.get_view_interval()
-        if high < THIRDS * low:
+        if high < THIRDS_BELOW * low:
             scale.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         scale.set_major_formatter('{x:g}')
 
 
 def picture(draw: Callable[[Any], None], title: str, text: str,
             size: tuple[float, float] = SIZE) -> Picture:
-    """Return what `draw` puts on a figure."""
+    """Return the picture that `draw` makes on a figure."""
     from matplotlib import rc_context
     from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure
@@ -229,7 +234,7 @@ def picture(draw: Callable[[Any], None], title: str, text: str,
 
 def all_pictures(gains: Sequence[Gain], nominal: Sequence[Predictor],
                  extended: Sequence[Predictor]) -> dict[str, list[Picture]]:
-    """Return every picture of the report; the traces are those of the first record."""
+    """Return all pictures of the report by section; traces are those of the first record."""
     return {'gains': gain_pictures(gains),
             'traces': trace_pictures(nominal[0], extended[0]),
             'speed': speed_pictures(nominal, extended),

@@ -1,4 +1,4 @@
-"""The report: one HTML file that needs no other, for a phone, a desk or paper."""
+"""The report: one self-contained HTML file, for a phone, a desktop screen or paper."""
 
 from __future__ import annotations
 
@@ -38,30 +38,30 @@ VERDICT_TEXT: Mapping[str, str] = {
     'cannot_tell': 'cannot tell which', 'not_in_catalogue': 'not in the catalogue',
     'cause_and_remainder': 'cause found, something is left',
     'data_cannot_answer': 'the data cannot answer'}
-# Candidates that are listed.
+# Number of candidates that are listed.
 RANKED = 12
 
 
 @dataclass(frozen=True)
 class Report:
     """
-    All that the report shows.
+    The contents of the report.
 
     Attributes
     ----------
     diagnosis : Diagnosis
     before, after : tuple of ChannelResidual
-        What is wrong with the nominal model, and what is left with the extended one.
+        Residuals of the nominal and of the extended model.
     gains : tuple of Gain
     payload : tuple of PayloadGain
     settings : Mapping
         Robot, model, logs, seed, version.
     pictures : Mapping
-        Under traces, gains, speed and spectrum.
+        Pictures by section: traces, gains, speed and spectrum.
     latent : tuple of LatentSection
-        The nominal model's latent forces, the joints first.
+        Latent forces of the nominal model, joints first.
     unnamed : tuple of LatentSection
-        What is left of them beside the causes.
+        Latent forces that remain beside the causes.
 
     """
 
@@ -83,7 +83,7 @@ def render(report: Report) -> str:
     Raises
     ------
     InputError
-        Without jinja2.
+        jinja2 is not installed.
 
     """
     try:
@@ -108,7 +108,7 @@ def render(report: Report) -> str:
 
 
 def _verdict(diagnosis: Diagnosis) -> str:
-    """Return the verdict in few words; a cause that is likelier none is not found."""
+    """Return the verdict in a few words; a cause less likely than none counts as not found."""
     doubtful = all(cause.probability < 0.5 for cause in diagnosis.causes)
     if diagnosis.verdict == 'cause_and_remainder' and doubtful:
         return 'more likely something that is not in the catalogue'
@@ -116,19 +116,19 @@ def _verdict(diagnosis: Diagnosis) -> str:
 
 
 def _posterior(diagnosis: Diagnosis) -> list[Picture]:
-    """Return the pictures of the posterior, as far as the search has one."""
+    """Return the pictures of the posterior, if the search has one."""
     return [*([sets_picture(diagnosis.sets)] if diagnosis.sets else []),
             *([parts_picture(diagnosis.parts)] if diagnosis.parts else [])]
 
 
 def write_report(folder: str | Path, report: Report) -> Path:
     """
-    Write report.html into a folder, made if need be; return its path.
+    Write report.html into a folder, which is created if needed; return its path.
 
     Raises
     ------
     InputError
-        If nothing can be written there.
+        Nothing can be written there.
 
     """
     folder = Path(folder)
@@ -143,7 +143,7 @@ def write_report(folder: str | Path, report: Report) -> Path:
 
 
 def _site_text(label: str) -> str:
-    """Return identifier:site as a reader says it."""
+    """Return a label identifier:site in words."""
     name, _, site = label.partition(':')
     return name_text(name, site)
 
@@ -156,7 +156,7 @@ def _cause(cause: Cause) -> dict[str, Any]:
 
 
 def _error_rows(gains: Sequence[Gain]) -> list[dict[str, Any]]:
-    """Return a row per channel and horizon, in the reader's units."""
+    """Return one row for each channel and horizon, in the units of the figures."""
     rows, order = [], list(dict.fromkeys(gain.channel for gain in gains))
     for gain in sorted(gains, key=lambda g: order.index(g.channel)):
         scale, unit = shown(gain.unit)
@@ -195,7 +195,7 @@ def _channel_rows(report: Report) -> list[dict[str, Any]]:
 
 
 def _ranking(candidates: Sequence[Alternative]) -> list[dict[str, Any]]:
-    """Return the best candidates of a round, with the length of their bars in percent."""
+    """Return the best candidates of a round, with the lengths of their bars in percent."""
     best = sorted(candidates, key=lambda c: -c.gain)[:RANKED]
     largest = max((c.gain for c in best), default=0.0)
     return [{'title': name_text(c.name, c.site), 'gain': c.gain,
@@ -216,7 +216,7 @@ def _remainder(diagnosis: Diagnosis) -> list[tuple[str, str]]:
 
 
 def _plain(value: object) -> str:
-    """Return a value of the remainder as text: numbers short, mappings as pairs."""
+    """Return a value of the remainder as text: numbers rounded, mappings as pairs."""
     if isinstance(value, Mapping):
         return ', '.join(f'{str(k).replace("_", " ")} {_plain(v)}' for k, v in value.items())
     if isinstance(value, float):

@@ -1,4 +1,8 @@
-"""What the extended model gains on the locked part of the records: errors before and after."""
+"""
+The improvement by the extended model: prediction errors before and after.
+
+They are measured on the locked part of the records, which the diagnosis has not used.
+"""
 
 from __future__ import annotations
 
@@ -17,12 +21,12 @@ from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from msg_config.errors import InputError
 import numpy as np
 
-# Of so many the bounds of a 95 % interval hold 2.5 ± 0.5 % outside.
+# Number of bootstrap replicates: 2.5 ± 0.5 % are then outside each bound of a 95 % interval.
 REPLICATES = 1000
-# Per cent: 95 between.
+# Percentiles that bound the 95 % interval.
 INTERVAL = (2.5, 97.5)
-# Blocks at least as long as the horizon, but never so long that fewer than this many remain.
-FEWEST_BLOCKS = 5
+# Blocks are at least as long as the horizon, but at most so long that this many remain.
+MIN_BLOCKS = 5
 
 
 @dataclass(frozen=True)
@@ -34,15 +38,15 @@ class Gain:
     ----------
     channel, unit : str
     horizon : float
-        Time since the last measurement used, s; one sample time is one-step prediction.
+        Time since the last measurement used, s; one sample time means one-step prediction.
     before, after : float
-        Root mean square over the start instants of the error at the end of the horizon.
+        Root mean square, over the start instants, of the error at the end of the horizon.
     low, high : float
         95 % bootstrap interval of `after`.
     ratio_low, ratio_high : float
-        The same of after / before, from the same replicates (pairs stay together).
+        95 % bootstrap interval of after / before, from the same replicates (pairs are kept).
     starts : int
-        Start instants.
+        Number of start instants.
 
     """
 
@@ -67,26 +71,26 @@ def measure_gain(nominal: Sequence[Predictor], extended: Sequence[Predictor],
                  horizons: Sequence[float] = HORIZONS, seed: int = 0, jobs: int = 1
                  ) -> tuple[Gain, ...]:
     """
-    Return the errors before and after per channel and horizon.
+    Return the errors before and after for each channel and horizon.
 
-    Moving blocks of start instants are drawn again, circularly within each record and together
-    for both models (Künsch, Annals of Statistics 17 (1989)).
+    The bootstrap resamples moving blocks of start instants, circularly within each record and
+    jointly for both models (Künsch, Annals of Statistics 17 (1989)).
 
     Parameters
     ----------
     nominal, extended : sequence of Predictor
-        One per record each, over the locked windows of the same records.
+        One for each record, over the locked windows of the same records.
     horizons : sequence of float
-        s; those that no record is long enough for are left out.
+        s; horizons longer than every record are left out.
     seed : int
-        Of the bootstrap.
+        Seed of the bootstrap.
     jobs : int
-        Processes.
+        Number of processes.
 
     Raises
     ------
     InputError
-        No record, or not the same ones.
+        There is no record, or the records of the models differ.
 
     """
     if not nominal or len(nominal) != len(extended):
@@ -125,9 +129,9 @@ def _gains(names: Sequence[str], horizon: float, pairs: Sequence[Array],
 
 
 def _resampled_sums(squares: Array, block: int, rng: np.random.Generator) -> Array:
-    """Return sums over drawn circular blocks of squares (2, S, m), scaled to S: (R, 2, m)."""
+    """Return sums over resampled circular blocks of squares (2, S, m), scaled to S: (R, 2, m)."""
     count = squares.shape[1]
-    length = max(1, min(block, count // FEWEST_BLOCKS))
+    length = max(1, min(block, count // MIN_BLOCKS))
     rounds = -(-count // length)
     wrapped = np.concatenate([squares, squares[:, :length]], axis=1)
     sums = np.cumsum(np.pad(wrapped, ((0, 0), (1, 0), (0, 0))), axis=1)
@@ -138,10 +142,10 @@ def _resampled_sums(squares: Array, block: int, rng: np.random.Generator) -> Arr
 
 def gain_results(gains: Sequence[Gain]) -> Mapping[str, Mapping[str, Any]]:
     """
-    Return the gains for JSON: by channel, one list per figure, over the horizons.
+    Return the gains for JSON: by channel, a list over the horizons for each figure.
 
-    `low` and `high` bound `after` (95 %), `ratio_low` and `ratio_high` after / before. Figures
-    of a simulation that diverged are null.
+    `low` and `high` bound `after` (95 %), and `ratio_low` and `ratio_high` bound after / before.
+    Figures of a simulation that diverged are null.
     """
     results: dict[str, dict[str, Any]] = {}
     for gain in gains:

@@ -1,4 +1,4 @@
-"""The answer of a run: for programs (JSON) and for a terminal."""
+"""The answer of a diagnosis: as JSON for programs, and as text for a terminal."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from flex_plant_sim.diagnosis.verdict.results import Alternative, Cause, Diagnos
 from flex_plant_sim.diagnosis.verdict.wording import name_text, parameter_text, percent_text
 import numpy as np
 
-# s, one of HORIZONS: a swing of the reference arm.
+# Horizon of the gain in the sentence, s, one of HORIZONS: a swing of the reference arm.
 SENTENCE_HORIZON = 1.0
 
 
 def with_gain(diagnosis: Diagnosis, gains: Sequence[Gain], unnamed: int = 0) -> Diagnosis:
-    """Return the diagnosis with what its causes and unnamed torques gain in its sentence."""
+    """Return the diagnosis with the gain by its causes and unnamed torques in its sentence."""
     count = len(diagnosis.causes) + unnamed
     sure = [gain for gain in gains if gain.horizon == SENTENCE_HORIZON and gain.ratio_high < 1.0]
     if not count or not sure:
@@ -42,10 +42,10 @@ def answer(diagnosis: Diagnosis, gains: Sequence[Gain], before: Sequence[Channel
            settings: Mapping[str, Any],
            latent: Mapping[str, LatentView] = MappingProxyType({})) -> dict[str, Any]:
     """
-    Return everything for JSON.
+    Return the answer for JSON.
 
-    `verdict`, `causes`, `cannot_tell`, `detection_limits`, `gain`, `payload`, `latent` are meant
-    for programs and stay; numbers that are not finite are null.
+    The keys `verdict`, `causes`, `cannot_tell`, `detection_limits`, `gain`, `payload` and `latent`
+    are an interface for programs and do not change. Numbers that are not finite are null.
     """
     rows = [row.results() for row in payload]
     found = {
@@ -88,7 +88,7 @@ def _candidate(item: Alternative) -> dict[str, Any]:
 
 
 def plain(value: Any) -> Any:
-    """Return a value as JSON knows it: no arrays, no numpy numbers, nothing infinite."""
+    """Return a value in types of JSON: no arrays or numpy numbers; null where not finite."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple, np.ndarray)):
@@ -102,7 +102,7 @@ def plain(value: Any) -> Any:
 
 def answer_text(diagnosis: Diagnosis, gains: Sequence[Gain],
                 payload: Sequence[PayloadGain]) -> str:
-    """Return what a reader wants first: the sentence, causes, errors before and after."""
+    """Return the text for the terminal: sentence, causes, errors before and after."""
     lines = [diagnosis.sentence, *([diagnosis.advice] if diagnosis.advice else []), '']
     for cause in diagnosis.causes:
         sizes = ', '.join(map(parameter_text, cause.parameters))
@@ -116,7 +116,7 @@ def answer_text(diagnosis: Diagnosis, gains: Sequence[Gain],
 
 
 def _gain_lines(gains: Sequence[Gain]) -> list[str]:
-    """Return a table of the rms errors, before -> after, on the locked part."""
+    """Return the lines of a table of the rms errors, before -> after, on the locked part."""
     table = {(gain.channel, gain.horizon): gain for gain in gains}
     horizons = [h for h in dict.fromkeys(gain.horizon for gain in gains)
                 if h in HORIZONS]

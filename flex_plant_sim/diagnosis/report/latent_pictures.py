@@ -1,4 +1,4 @@
-"""The report's first pictures: latent torques and gauge errors over what they may depend on."""
+"""The report's first pictures: latent torques and gauge errors over variables of the motion."""
 
 from __future__ import annotations
 
@@ -14,13 +14,14 @@ from flex_plant_sim.diagnosis.verdict.wording import percent_text, shown_unit
 from flex_plant_sim.interval import Z95
 import numpy as np
 
-# As many as a picture shows apart, and no more in its file.
+# Largest numbers of dots, points of a line and points of a trace in a picture: as many as can be
+# distinguished, so that the file stays small.
 DOTS, LINE_POINTS, TRACE_POINTS = 1500, 400, 1200
 
 
 @dataclass(frozen=True)
 class LatentSection:
-    """One joint or gauge: what is said of it, and its pictures, the best variable first."""
+    """A joint or gauge: the text about it, and its pictures, the best variable first."""
 
     title: str
     text: str
@@ -28,7 +29,7 @@ class LatentSection:
 
 
 def latent_sections(view: LatentView) -> tuple[LatentSection, ...]:
-    """Return a section for each joint that moves, and for gauges that err beyond a good model."""
+    """Return sections for joints that move, and for gauges with errors beyond a good model's."""
     shown = (*view.torques, *(f for f in view.gauges if f.exceeds_model_error))
     return tuple(_section(finding, view) for finding in shown)
 
@@ -39,7 +40,7 @@ def _section(finding: Finding, view: LatentView) -> LatentSection:
     what = 'torque' if series.unit == 'N m' else 'error'
     band = Z95 * float(np.median(series.deviation[series.scored]))
     text = (f'{scale * series.rms:.2g} {unit} rms, 95 % band ± {scale * band:.2g} {unit}. '
-            + _said(finding))
+            + _finding_text(finding))
     order: list[str] = [t.variable for t in finding.validations if t.variable in series.variables]
     wanted = order if what == 'torque' else [best.variable, 'time']
     names = [n for n in dict.fromkeys(wanted) if n in series.variables]
@@ -48,15 +49,15 @@ def _section(finding: Finding, view: LatentView) -> LatentSection:
         _picture(finding, validations[name]) for name in names))
 
 
-def _said(finding: Finding) -> str:
+def _finding_text(finding: Finding) -> str:
     law, line = finding.law, finding.line
     if not finding.exceeds_model_error:
         return 'No more than two good models of an arm differ by.'
     if law.stated and law.variable == CONSTANT:
         return 'It is constant.'
     if law.stated:
-        return (f'Its {_words(law.variable)} explains {percent_text(law.share)} of it where not '
-                'fitted.')
+        return (f'Its {_variable_text(law.variable)} explains {percent_text(law.share)} of it '
+                'where not fitted.')
     if finding.has_memory:
         swings = f' It swings at {line.frequency:.2g} Hz.' if line else ''
         return ('None of these explains half of it: behind it are several, an acceleration (as of '
@@ -64,7 +65,7 @@ def _said(finding: Finding) -> str:
     return 'No one variable explains it clearly better than the others.'
 
 
-def _words(variable: str) -> str:
+def _variable_text(variable: str) -> str:
     return variable.replace('_', ' ')
 
 
@@ -88,13 +89,13 @@ def _picture(finding: Finding, trial: CrossValidation) -> Picture:
         if law.stated and law.variable == variable:
             _draw_law(axis, factor, scale, finding)
         axis.locator_params(axis='x', nbins=6)
-        axis.set_xlabel(', '.join(t for t in (_words(variable), at_unit) if t))
+        axis.set_xlabel(', '.join(t for t in (_variable_text(variable), at_unit) if t))
         axis.set_ylabel(unit)
         if explained:
             figure.text(0.97, 0.95, f'explains {explained}', ha='right', va='top', fontsize=9.0,
                         color=AFTER if law.stated and law.variable == variable else MEASURED)
 
-    title = f'{series.site} over {_words(variable)}'
+    title = f'{series.site} over {_variable_text(variable)}'
     return picture(draw, title, f'{title}: smoothed latent force with its mean and spread; '
                    f'explains {explained or "nothing that matters"} where not fitted')
 
@@ -112,7 +113,7 @@ def _draw_means(axis: Any, curve: Sequence[Array]) -> None:
 
 def _draw_trace(axis: Any, time: Array, value: Array, deviation: Array) -> None:
     kept = slice(None, None, max(1, len(time) // TRACE_POINTS))
-    # Records follow each other; each starts its time anew.
+    # The records are concatenated, and the time of each starts again.
     starts = np.flatnonzero(np.diff(time[kept]) < 0.0) + 1
     for t, v, d in zip(*(np.split(part[kept], starts) for part in (time, value, deviation))):
         axis.fill_between(t, v - Z95 * d, v + Z95 * d, color=BEFORE, alpha=0.35, linewidth=0)

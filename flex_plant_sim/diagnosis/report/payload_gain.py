@@ -1,4 +1,4 @@
-"""What the extended model gains for the payload estimate, where the true payload is known."""
+"""The improvement of the payload estimate by the extended model, if the true payload is known."""
 
 from __future__ import annotations
 
@@ -10,16 +10,17 @@ from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.report.extended_file import specs
 from flex_plant_sim.logs.log import Log
 
-# What the estimator estimates must not be told to it.
+# Effects that the estimator must not be given, because it estimates them.
 ESTIMATED = ('payload_mass', 'payload_change')
-# Payload at the end of a log and its standard deviation, kg, of an estimator that is told a model.
+# An estimator: from a log and a model to the payload at the end of the log and its standard
+# deviation, kg.
 Weigh = Callable[[Log, BaseModel], tuple[float, float]]
 
 
 @dataclass(frozen=True)
 class PayloadGain:
     """
-    The payload at the end of a log, as the package's default estimator tells it.
+    The payload at the end of a log, as estimated by the package's default estimator.
 
     Attributes
     ----------
@@ -27,9 +28,9 @@ class PayloadGain:
     true : float
         kg.
     before, before_std : float
-        With the nominal model: mass and its stated standard deviation, kg.
+        Estimate with the nominal model and its stated standard deviation, kg.
     after, after_std : float
-        The same with the extended model.
+        The same for the extended model.
 
     """
 
@@ -67,22 +68,22 @@ def payload_gain(logs: Sequence[Log], true: float, nominal: BaseModel, extended:
     Parameters
     ----------
     logs : sequence of Log
-        With the same payload each.
+        Logs with the same payload.
     true : float
         The payload, kg, > 0.
-    nominal, extended : Base
-        Models; a payload_mass or payload_change found in the logs is left out: it is what is
-        to be estimated.
+    nominal, extended : BaseModel
+        Models; a payload_mass or payload_change found in the logs is left out, because the payload
+        is to be estimated.
     estimator, weigh : str, Weigh
-        Its name, and what it does.
+        The name of the estimator, and the estimator.
 
     """
-    return tuple(PayloadGain(log.source, estimator, true, *weigh(log, _told(nominal, log)),
-                             *weigh(log, _told(extended, log))) for log in logs)
+    return tuple(PayloadGain(log.source, estimator, true, *weigh(log, _model_told(nominal, log)),
+                             *weigh(log, _model_told(extended, log))) for log in logs)
 
 
-def _told(base: BaseModel, log: Log) -> BaseModel:
-    """Return what an estimator is told: a model's effects but the payload's, at the log's pace."""
+def _model_told(base: BaseModel, log: Log) -> BaseModel:
+    """Return the model for the estimator: without payload effects, at the log's sample time."""
     effects = [effect for effect in base.effects if effect.identifier not in ESTIMATED]
     return replace(base, robot=replace(base.robot, sample_time=log.sample_time,
                                        effects=specs(effects)))

@@ -1,4 +1,4 @@
-"""Pictures of the posterior: the sets of causes, and the parts that moved."""
+"""Pictures of the posterior: the sets of causes, and the parts that deviate most."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from flex_plant_sim.diagnosis.verdict.results import PartEstimate
 from flex_plant_sim.diagnosis.verdict.wording import label_text, part_text, percent_text
 from flex_plant_sim.interval import Z95
 
-# Rows that a picture has room for.
+# Largest numbers of sets and of parts in a picture.
 SETS, PARTS = 8, 14
-# What rounds to no per cent is not shown.
-LEAST = 0.005
-# Of a tolerance: what moved by less is as it was told.
+# Least probability that is shown: a smaller one rounds to 0 %.
+LEAST_PROBABILITY = 0.005
+# Deviation, in tolerances, from which a part is shown.
 MOVED = 1.0
 PRIOR = '#cfd8dc'
 
 
 def sets_picture(sets: Sequence[tuple[tuple[str, ...], float]]) -> Picture:
     """Return the most probable sets of causes as bars."""
-    shown = [(set_text(labels), p) for labels, p in sets[:SETS] if p >= LEAST] or [
+    shown = [(set_text(labels), p) for labels, p in sets[:SETS] if p >= LEAST_PROBABILITY] or [
         (set_text(labels), p) for labels, p in sets[:1]]
 
     def draw(figure: Any) -> None:
@@ -42,13 +42,13 @@ def sets_picture(sets: Sequence[tuple[tuple[str, ...], float]]) -> Picture:
 
 
 def set_text(labels: Sequence[str]) -> str:
-    """Return a set of labels as a reader says it."""
+    """Return a set of labels in words."""
     words = [label_text(label) for label in labels]
     return ' + '.join(words) or 'nothing wrong'
 
 
 def parts_picture(parts: Sequence[PartEstimate]) -> Picture:
-    """Return the parts that moved most: prior and posterior, in tolerances."""
+    """Return the parts that deviate most: prior and posterior, in tolerances."""
     shown = sorted(parts, key=lambda part: -abs(part.mean) / part.prior)[:PARTS]
 
     def draw(figure: Any) -> None:
@@ -69,6 +69,6 @@ def parts_picture(parts: Sequence[PartEstimate]) -> Picture:
 
 
 def moved(parts: Sequence[PartEstimate]) -> list[PartEstimate]:
-    """Return the parts beyond their tolerance, the furthest first."""
+    """Return the parts that deviate by more than their tolerance, largest deviation first."""
     far = [part for part in parts if abs(part.mean) > MOVED * part.prior]
     return sorted(far, key=lambda part: -abs(part.mean) / part.prior)

@@ -1,4 +1,8 @@
-"""What is wrong before any cause is named: sizes, whiteness and shape of the residual."""
+"""
+The symptoms of a model: size, whiteness and dependences of its residuals, whatever the cause.
+
+The report and the JSON answer give them for the nominal and for the extended model.
+"""
 
 from __future__ import annotations
 
@@ -16,26 +20,26 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_toeplitz
 from scipy.special import chdtrc
 
-# s, some of improvement.py's.
+# Horizons of free runs, s, some of those of improvement.py.
 HORIZONS = (0.2, 1.0, 5.0)
-# Samples: a quarter of the reference arm's slowest swing.
+# Number of lags, samples: a quarter of the reference arm's slowest period.
 LAGS = 20
-# Of five parts each is predicted by the other four.
+# Number of folds of the cross-validation: each fifth is predicted from the other four.
 FOLDS = 5
-# Samples: a delay of 0.05 s, the longest that fits start at, at 100 Hz.
+# Number of past commands, samples: a delay of 0.05 s, the longest start of a fit, at 100 Hz.
 COMMAND_LAGS = 6
-# Free runs of seconds, and of DRIFTED, which overlap less.
+# Number of free runs of seconds, and of those of DRIFTED, which overlap less.
 STARTS, SHORT_STARTS = 120, 900
-# s of free run, after which an error of torque has moved the arm.
+# Duration of a short free run, s, after which an error of torque has moved the arm.
 DRIFTED = 0.2
-# Errors that no sensor can have: the prediction has diverged. Fourth powers still add up.
+# Error from which the prediction has diverged; sums of its fourth power are still finite.
 DIVERGED = 1e50
 
 
 @dataclass(frozen=True)
 class Whiteness:
     """
-    How far the past of a residual tells its future.
+    How far the past of a residual predicts its future.
 
     Attributes
     ----------
@@ -43,10 +47,10 @@ class Whiteness:
         Ljung and Box, Biometrika 65 (1978): Q over `lags` lags.
     lags : int
     p_value : float
-        Of Q if the residual were white; with many samples any residual fails.
+        p-value of Q for a white residual; with many samples any residual fails.
     predictable : float
-        Share of the variance that an autoregression of as many lags explains: the size that
-        counts in practice.
+        Share of the variance that an autoregression with `lags` lags explains, which is what
+        matters in practice.
 
     """
 
@@ -59,7 +63,7 @@ class Whiteness:
 @dataclass(frozen=True)
 class ChannelResidual:
     """
-    What is wrong in one channel.
+    The symptoms in one channel.
 
     Attributes
     ----------
@@ -67,12 +71,12 @@ class ChannelResidual:
     noise : float
         Standard deviation of the sensor's white noise, from the record itself.
     free_run : Mapping
-        Root mean square error by horizon, s; the sample time stands for one-step prediction.
+        Root mean square error by horizon, s; the sample time means one-step prediction.
     whiteness : Whiteness
-        Of the one-step residual.
+        Whiteness of the one-step residual.
     one_step, drifted : Mapping
-        Share of the residual's power that a shape explains on held-out stretches: of the
-        one-step residual, and of the error after DRIFTED seconds of free run.
+        Share of the power that a shape explains on held-out stretches, by shape: of the one-step
+        residual, and of the error after DRIFTED seconds of free run.
     bands : tuple
         (low Hz, high Hz, share of the one-step residual's power, share if it were white).
 
@@ -88,7 +92,7 @@ class ChannelResidual:
     bands: tuple[tuple[float, float, float, float], ...]
 
     def results(self) -> dict[str, Any]:
-        """Return the figures for JSON; what diverged is null."""
+        """Return the figures for JSON; those that diverged are null."""
         found = asdict(self)
         found['free_run'] = {f'{h:g}': v if np.isfinite(v) else None
                              for h, v in self.free_run.items()}
@@ -96,7 +100,7 @@ class ChannelResidual:
 
 
 def whiteness(parts: Sequence[Array], lags: int = LAGS) -> Whiteness:
-    """Return the whiteness of a residual given as stretches (N_k,) without a gap each."""
+    """Return the whiteness of a residual, given as stretches (N_k,) without gaps."""
     count = sum(len(part) for part in parts)
     lags = min(lags, *(len(part) - 1 for part in parts))
     mean = sum(part.sum() for part in parts) / count
@@ -113,13 +117,13 @@ def whiteness(parts: Sequence[Array], lags: int = LAGS) -> Whiteness:
 
 def shapes(predictor: Predictor) -> dict[str, Array]:
     """
-    Return what a residual may depend on, by name: columns (N, k) over the record.
+    Return the shapes that a residual may depend on, by name: columns (N, k) over the record.
 
-    They come from the predicted state and the commands, not from the measured channels, whose
-    noise is in the residual too.
+    They are computed from the predicted state and the commands, not from the measured channels,
+    whose noise is also in the residual.
     """
     arm, record, order = predictor.arm, predictor.record, predictor.arm.form.order
-    states = _tame(predictor.states)
+    states = _zero_if_diverged(predictor.states)
     angle, speed = states[:, :2], states[:, order:order + 2]
     load = arm.output(states, record.time)[:, 2:]
     rest = REST_SPEED_SHARE * np.sqrt(np.mean(speed**2, axis=0)) + 1e-12
@@ -137,7 +141,7 @@ def shapes(predictor: Predictor) -> dict[str, Array]:
 
 def explained_share(residual: Array, columns: Array, fold: NDArray[np.int_]) -> Array:
     """
-    Return the share of each channel's power that the columns explain where not fitted, (m,).
+    Return the share of each channel's power that the columns explain on held-out rows, (m,).
 
     Parameters
     ----------
@@ -171,7 +175,7 @@ def _dependences(residual: Array, columns: Mapping[str, Array],
 
 
 def natural_frequencies(predictor: Predictor) -> Array:
-    """Return the vibration frequencies of the base at the middle angle, Hz, ascending."""
+    """Return the vibration frequencies of the base model at the middle angle, Hz, ascending."""
     plant = predictor.arm.plant.a
     poles = np.linalg.eigvals(plant[len(plant) // 2])
     swinging = poles[poles.imag > 1e-3 * np.abs(poles)]
@@ -179,7 +183,7 @@ def natural_frequencies(predictor: Predictor) -> Array:
 
 
 def spectrum(parts: Sequence[Array], sample_time: float) -> tuple[Array, Array]:
-    """Return frequencies, Hz, (F,), and the power density of stretches (N_k, m), (F, m)."""
+    """Return frequencies, Hz, (F,), and the power density (F, m) of stretches (N_k, m)."""
     length = min(512, *(len(part) for part in parts))
     spectra = [power_density(part, sample_time, length) for part in parts]
     weight = np.array([len(part) for part in parts], dtype=float)
@@ -189,7 +193,7 @@ def spectrum(parts: Sequence[Array], sample_time: float) -> tuple[Array, Array]:
 
 def bands(parts: Sequence[Array], edges: Array, sample_time: float
           ) -> list[tuple[tuple[float, float, float, float], ...]]:
-    """Return per channel (low, high, share of power, share if white) between edges, Hz."""
+    """Return for each channel (low, high, share of power, share if white) between edges, Hz."""
     frequency, power = spectrum(parts, sample_time)
     inside = [(frequency >= low) & (frequency < high) for low, high in zip(edges, edges[1:])]
     total = np.maximum(power.sum(axis=0), 1e-300)
@@ -199,7 +203,7 @@ def bands(parts: Sequence[Array], edges: Array, sample_time: float
 
 
 def band_edges(predictor: Predictor) -> Array:
-    """Return band edges: below the slowest mode, around each of two, above; Hz."""
+    """Return edges of bands below the slowest mode, around two modes, and above; Hz."""
     nyquist = 0.5 / predictor.base.robot.sample_time
     modes = natural_frequencies(predictor)
     inner = [0.5 * modes[0], *(np.sqrt(modes[:2] * modes[1:3]))] if len(modes) > 2 else []
@@ -207,7 +211,7 @@ def band_edges(predictor: Predictor) -> Array:
 
 
 def one_step(predictor: Predictor) -> Array:
-    """Return measured minus predicted over the whole record but the first window, (N, m)."""
+    """Return measured minus predicted over the record except for its first window, (N, m)."""
     with np.errstate(over='ignore', invalid='ignore'):
         predicted = predictor.arm.output(predictor.states, predictor.record.time)
     return (predictor.record.output - predicted)[predictor.windows.warm_up:]
@@ -216,20 +220,20 @@ def one_step(predictor: Predictor) -> Array:
 def describe(predictors: Sequence[Predictor],
              horizons: Sequence[float] = HORIZONS) -> tuple[ChannelResidual, ...]:
     """
-    Return what is wrong in every channel, over the whole of all records.
+    Return the symptoms in every channel over all records.
 
     Parameters
     ----------
     predictors : sequence of Predictor
-        One per record, of the model to judge.
+        One for each record, of the model to judge.
     horizons : sequence of float
-        Of free runs, s; those beyond the records are left out.
+        Horizons of free runs, s; those longer than the records are left out.
 
     """
     first = predictors[0]
     step, names = first.base.robot.sample_time, first.base.robot.output_names
     raw = [one_step(p) for p in predictors]
-    steps = [_tame(e) for e in raw]
+    steps = [_zero_if_diverged(e) for e in raw]
     now = _over_records(predictors, steps, [
         p.windows.warm_up + np.arange(len(e)) for p, e in zip(predictors, steps)])
     rows, final = zip(*(drift(p) for p in predictors))
@@ -245,7 +249,7 @@ def describe(predictors: Sequence[Predictor],
 
 def _over_records(predictors: Sequence[Predictor], residuals: Sequence[Array],
                   rows: Sequence[NDArray[np.int_]]) -> list[dict]:
-    """Return the dependences of residuals at sample numbers, all records together."""
+    """Return the dependences of residuals at given sample numbers over all records."""
     found = [shapes(p) for p in predictors]
     columns = {name: np.vstack([s[name][r] for s, r in zip(found, rows)]) for name in found[0]}
     fold = np.concatenate([r // p.windows.length % FOLDS for p, r in zip(predictors, rows)])
@@ -254,16 +258,16 @@ def _over_records(predictors: Sequence[Predictor], residuals: Sequence[Array],
 
 def drift(predictor: Predictor,
           horizon: float = DRIFTED) -> tuple[NDArray[np.int_], Array]:
-    """Return sample numbers amid short free runs, (S,), and the errors at their end, (S, m)."""
+    """Return the middle samples of short free runs, (S,), and the errors at their ends, (S, m)."""
     samples = horizon_samples(horizon, predictor.base.robot.sample_time)
     starts = start_instants(predictor.windows.warm_up, len(predictor.record.time) - samples,
                             SHORT_STARTS)
     final = errors(predictor, starts, samples)[-1]
-    return starts + samples // 2, _tame(final)
+    return starts + samples // 2, _zero_if_diverged(final)
 
 
-def _tame(values: Array) -> Array:
-    """Return values with zero where a prediction has diverged: there they show no shape."""
+def _zero_if_diverged(values: Array) -> Array:
+    """Return values, with zero where a prediction has diverged and so shows no dependence."""
     return np.where(np.abs(values) < DIVERGED, values, 0.0)
 
 

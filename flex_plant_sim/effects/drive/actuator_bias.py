@@ -9,7 +9,7 @@ from flex_plant_sim.effects.base import Effect, one_hot, Parameter
 
 
 class ActuatorBias(Effect):
-    """A constant on one drive's command, in the drive's own unit."""
+    """A constant added to the command of one drive, in the drive's own unit."""
 
     identifier = 'actuator_bias'
     family = 'drive and timing'

@@ -10,7 +10,7 @@ import numpy as np
 
 
 class ActuatorDeadZone(Effect):
-    """One drive sees sign(u) max(|u| - half width, 0)."""
+    """One drive receives sign(u) max(|u| - half width, 0) instead of its command u."""
 
     identifier = 'actuator_dead_zone'
     family = 'drive and timing'

@@ -1,4 +1,4 @@
-"""Actuator gain: a drive makes more or less of a command than it should."""
+"""Actuator gain: a drive responds to a command more or less strongly than it should."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from flex_plant_sim.effects.base import Effect, one_hot, Parameter
 
 
 class ActuatorGain(Effect):
-    """A factor on one drive's command."""
+    """A factor on the command of one drive."""
 
     identifier = 'actuator_gain'
     family = 'drive and timing'

@@ -1,4 +1,4 @@
-"""Saturation: a drive cuts commands off earlier than it should."""
+"""Saturation: a drive limits commands to less than it should."""
 
 from __future__ import annotations
 
@@ -8,15 +8,16 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.effects.base import Effect, Parameter
 import numpy as np
 
-# 1/command unit: no robot file has a command_limit beyond 1e6.
+# Inverse limit, 1/command unit, below which there is none: no robot file has a command_limit
+# beyond 1e6.
 NO_LIMIT = 1e-9
 
 
 class ActuatorSaturation(Effect):
     """
-    One drive's command is limited; the log holds what was asked for.
+    The command of one drive is limited; the log holds the command before that.
 
-    The parameter is one over the limit, so that no limit is zero.
+    The parameter is one over the limit, so that zero means no limit.
     """
 
     identifier = 'actuator_saturation'

@@ -8,11 +8,11 @@ from flex_plant_sim.effects.base import Effect, Parameter
 
 class DriveBandwidth(Effect):
     """
-    A factor on a velocity loop's time constant; its steady gain stays.
+    A factor on a velocity loop's time constant; its steady gain does not change.
 
-    The loop's torque is J/tau (k u - theta'), so both its pull and its damping fall by the
-    factor. A current drive has no loop: its damping is `viscous_friction`'s, its pull
-    `actuator_gain`'s.
+    The loop's torque is J/tau (k u - theta'), so its torque gain and its damping are both divided
+    by the factor. A current drive has no loop: `viscous_friction` changes its damping, and
+    `actuator_gain` its torque gain.
     """
 
     identifier = 'drive_bandwidth'
@@ -25,7 +25,7 @@ class DriveBandwidth(Effect):
     structural = True
 
     def on_robot(self, robot: Robot) -> Robot:
-        """Return the robot with the loop's pull and damping divided by the factor."""
+        """Return the robot with the loop's torque gain and damping divided by the factor."""
         drive, factor = robot.drives[self.index], self['time_constant_factor']
         return robot.with_drive(self.index, torque_gain=drive.torque_gain / factor,
                                 damping=drive.damping / factor)

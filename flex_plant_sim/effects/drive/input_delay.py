@@ -12,10 +12,10 @@ import numpy as np
 
 class InputDelay(Effect):
     """
-    Both commands arrive late by any time, also a fraction of a sample.
+    Both commands are delayed by the same time, which may be a fraction of a sample.
 
-    A step's command is the mean of what reaches the drive within it: for a delay of (k + f)
-    samples, (1 - f) u_k + f u_(k+1) of the commands k and k + 1 samples ago.
+    The command of a step is the mean of those that reach the drive within it: for a delay of
+    k + f samples, (1 - f) u_k + f u_(k+1) of the commands k and k + 1 samples ago.
     """
 
     identifier = 'input_delay'

@@ -1,4 +1,4 @@
-"""Motor lag: a drive builds up its torque with a delay of first order."""
+"""Motor lag: a drive builds up its torque with a first-order lag."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from flex_plant_sim.effects.base import Effect, Parameter
 from flex_plant_sim.effects.mechanics.extra_states import with_states
 import numpy as np
 
-# s; a hundredth of a sample at 1 kHz.
+# Time constant, s, below which there is no lag: a hundredth of a sample at 1 kHz.
 NO_LAG = 1e-5
 
 
 class MotorLag(Effect):
     """
-    z' = (u - z) / tau between one command and its drive, or around the drive's torque.
+    z' = (u - z) / tau between one command and its drive, or for the whole torque of the drive.
 
-    A share inside_loop of the drive's damping d comes late as well: with 1 the whole torque of
-    a velocity loop does, z' = (u - d/g theta' - z) / tau with g N m per unit of command; with 0
-    the command alone.
+    A share inside_loop of the drive's damping d lags as well. With 1 the whole torque of a
+    velocity loop lags, z' = (u - d/g theta' - z) / tau with g in N m per unit of command; with 0
+    only the command does.
     """
 
     identifier = 'motor_lag'

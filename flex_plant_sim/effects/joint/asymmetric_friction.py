@@ -7,7 +7,7 @@ from flex_plant_sim.effects.base import Effect, FRICTION, Motion, one_hot, Param
 
 
 class AsymmetricFriction(Effect):
-    """Dry friction of one joint with a level for each direction."""
+    """Dry friction of one joint with its own level in each direction."""
 
     identifier = 'asymmetric_friction'
     family = 'joint and gear'

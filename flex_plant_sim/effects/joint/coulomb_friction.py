@@ -7,7 +7,7 @@ from flex_plant_sim.effects.base import Effect, FRICTION, Motion, one_hot, Param
 
 
 class CoulombFriction(Effect):
-    """Dry friction of one joint, the same both ways."""
+    """Dry friction of one joint, with the same level in both directions."""
 
     identifier = 'coulomb_friction'
     family = 'joint and gear'
@@ -19,6 +19,6 @@ class CoulombFriction(Effect):
     contact = FRICTION
 
     def dry_friction(self, motion: Motion) -> tuple[Array, Array]:
-        """Return the level both ways, N m."""
+        """Return the level in both directions, N m."""
         level = self['level_n_m'] * one_hot(self.index, 2)
         return level, level

@@ -9,27 +9,29 @@ from flex_plant_sim.arm.second_order import SecondOrderForm
 from flex_plant_sim.effects.base import Effect, Parameter
 from flex_plant_sim.effects.mechanics.elastic_root import root_moment, with_elastic_root
 from flex_plant_sim.effects.mechanics.kinematics import (
-    extended,
     is_energy_form,
+    with_coordinates,
     with_root_turn,
 )
 import numpy as np
 
-# Below these the twist has no coordinate: it would be a stiff one that nobody sees.
+# Compliance, rad/(N m), and hub share below which the twist has no coordinate of its own: it would
+# be stiff and unobservable.
 RIGID, LEAST_SHARE = 1e-7, 1e-3
-# Of the hub alone on the gear: steel gears with backlash-free preload lose a few per cent.
+# Damping ratio of the hub alone on the gear: preloaded steel gears without backlash lose a few
+# per cent.
 DAMPING_RATIO = 0.05
 
 
 class GearCompliance(Effect):
     """
-    A massless torsion spring at the joint axis; drive, friction and tachometer are the rotor's.
+    A massless torsion spring at the joint axis; drive, friction and tachometer act on the rotor.
 
-    The joint's angle sensor (a potentiometer in the paper) sits behind the gear; with
-    sensor_behind_gear = 0 it sits on the motor, and with no hub radius the gear is then the same
-    as a clamp compliance. A hub_share of the joint's inertia sits behind the gear; the twist
-    is then a coordinate of its own (in the paper's form, whose rows are no balance of a hub, it
-    stays without one and the torque that the hub takes is left out).
+    The joint's angle sensor (a potentiometer in the paper) is behind the gear. With
+    sensor_behind_gear = 0 it is on the motor; without a hub radius the gear is then the same as a
+    clamp compliance. With a hub_share of the joint's inertia behind the gear, the twist becomes a
+    coordinate of its own. In the paper's form, whose rows do not balance a hub, it does not, and
+    the torque that accelerates the hub is left out.
     """
 
     identifier = 'gear_compliance'
@@ -45,7 +47,7 @@ class GearCompliance(Effect):
     structural = True
 
     def on_form(self, form: SecondOrderForm, robot: Robot) -> SecondOrderForm:
-        """Return the form with the link's root turning by the gear's twist as well."""
+        """Return the form in which the link's root also turns by the gear's twist."""
         compliance, j = self['compliance_rad_per_n_m'], self.index
         if self['hub_share'] > LEAST_SHARE and compliance > RIGID and is_energy_form(form):
             return self._with_hub(form, robot)
@@ -57,9 +59,9 @@ class GearCompliance(Effect):
         return replace(twisted, angle=angle)
 
     def _with_hub(self, form: SecondOrderForm, robot: Robot) -> SecondOrderForm:
-        """Return the form with the twist as its last coordinate: the hub turns with it."""
+        """Return the form with the twist as its last coordinate, by which the hub turns."""
         j, share, stiffness = self.index, self['hub_share'], 1.0 / self['compliance_rad_per_n_m']
-        wide = extended(form, (f'twist_{self.site}',))
+        wide = with_coordinates(form, (f'twist_{self.site}',))
         wide = with_root_turn(wide, robot, j, np.eye(wide.order)[-1], share)
         hub = share * robot.drives[j].inertia
         wide.stiffness[0, -1, -1] += stiffness

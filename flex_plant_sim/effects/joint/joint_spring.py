@@ -1,4 +1,4 @@
-"""Joint spring: a cable or a hose pulls the joint to where it hangs loose."""
+"""Joint spring: a cable or a hose pulls the joint to the angle at which it is slack."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class JointSpring(Effect):
     family = 'joint and gear'
     explanation = 'A spring, such as a cable or a hose, pulls {site} to one angle.'
     parameters = (
-        # Conceivable as friction's 1 N m is, at an angle of 1 rad.
+        # At an angle of 1 rad as conceivable as a friction of 1 N m.
         Parameter('stiffness_n_m_per_rad', 'N m/rad', 0.0, 0.0, 50.0, (0.2, 1.0, 4.0), 0.05, 1.0),
         Parameter('rest_rad', 'rad', 0.0, -6.3, 6.3, (0.0,), np.inf, 0.5))
     sites = 'joint'

@@ -1,4 +1,4 @@
-"""Measured torque: the tabulated law of a torque that has no name."""
+"""Measured torque: a tabulated law of a torque that no effect of the catalogue explains."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ VARIABLES = ('speed', 'angle', 'load', 'command', 'time')
 
 class MeasuredTorque(Effect):
     """
-    A torque on one joint over one variable, linear between knots, constant beyond them.
+    A torque on one joint as a function of one variable, linear between knots, constant beyond.
 
     `variable` is speed (rad/s), angle (rad), load (N m, the moment at the link's first gauge),
-    command (the drive's unit) or time (s). A knot that stands twice is a step. What of a law over
-    speed works against the motion acts as dry friction does, so that it never turns a joint back.
+    command (the drive's unit) or time (s). A knot that stands twice is a step. The part of a law
+    over speed that opposes the motion acts like dry friction, so that it never reverses a joint.
     """
 
     identifier = 'measured_torque'
@@ -33,7 +33,7 @@ class MeasuredTorque(Effect):
 
     @property
     def variable(self) -> str:
-        """Return what the torque depends on."""
+        """Return the name of the variable that the torque depends on."""
         return str(self.values[0])
 
     @property
@@ -64,31 +64,31 @@ class MeasuredTorque(Effect):
         return str(variable), knots, torques
 
     def written(self) -> dict[str, Any]:
-        """Return what a robot file says of it."""
+        """Return the values as a robot file holds them."""
         return {'variable': self.variable, 'knots': tuple(map(float, self.values[1])),
                 'torques_n_m': tuple(map(float, self.values[2]))}
 
     def force(self, motion: Motion) -> Array:
-        """Return the torque as a generalised force, (…, N), without what brakes the joint."""
-        torque = np.asarray(self._driving(motion))[..., None]
+        """Return the torque as a generalised force, (…, N), without the part like dry friction."""
+        torque = np.asarray(self._driving_torque(motion))[..., None]
         return torque * motion.form.force[:, self.index]
 
     def dry_friction(self, motion: Motion) -> tuple[Array, Array]:
-        """Return what brakes a joint that moves forward or backward, N m, (…, 2)."""
+        """Return the torques that brake forward and backward motion, N m, (…, 2) each."""
         joint = one_hot(self.index, 2)
         if self.variable != 'speed':
             return 0.0 * joint, 0.0 * joint
         speed = motion.velocity[..., self.index]
-        forward, backward = self._sides(speed)
+        forward, backward = self._directional_torques(speed)
         return (np.maximum(-forward, 0.0)[..., None] * joint,
                 np.maximum(backward, 0.0)[..., None] * joint)
 
-    def _driving(self, motion: Motion) -> Array:
+    def _driving_torque(self, motion: Motion) -> Array:
         j = self.index
         knots, torques = self.table
         if self.variable == 'speed':
             speed = motion.velocity[..., j]
-            forward, backward = self._sides(speed)
+            forward, backward = self._directional_torques(speed)
             moved = np.where(speed > 0.0, np.maximum(forward, 0.0), 0.0)
             return self._offset() + np.where(speed < 0.0, np.minimum(backward, 0.0), moved)
         at = {'angle': lambda: motion.position[..., j], 'command': lambda: motion.command[..., j],
@@ -102,8 +102,8 @@ class MeasuredTorque(Effect):
         left, right = _beside_zero(knots, torques)
         return 0.5 * (left + right)
 
-    def _sides(self, speed: Array) -> tuple[Array, Array]:
-        """Return the torque less its offset when going forward and when going backward."""
+    def _directional_torques(self, speed: Array) -> tuple[Array, Array]:
+        """Return the torque without its offset for forward and for backward motion."""
         knots, torques = self.table
         left, right = _beside_zero(knots, torques)
         offset, above, below = 0.5 * (left + right), knots > 0.0, knots < 0.0

@@ -5,10 +5,10 @@ from __future__ import annotations
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array, SecondOrderForm
 from flex_plant_sim.effects.base import Effect, FRICTION, Motion, one_hot, Parameter
-from flex_plant_sim.effects.mechanics.kinematics import decided_by_step
+from flex_plant_sim.effects.mechanics.kinematics import with_step_coordinate
 import numpy as np
 
-# N m; nothing is divided by zero.
+# Least level, N m, so that the stiffness of the bristles is never zero.
 LEAST_LEVEL = 1e-9
 
 
@@ -16,10 +16,10 @@ class PreslidingFriction(Effect):
     """
     A Maxwell-slip element: bristles of stiffness level/travel that slip at the level.
 
-    Al-Bender, Lampaert and Swevers, IEEE TAC 50 (2005), one element. The bend z is a coordinate
-    that the step decides, implicitly: the torque that the bristles have at the end of the step,
-    (z + T v) / (travel/level + T reach), limited to the level. So it is stable at any T however
-    stiff the bristles are, and dry friction in the limit of no travel.
+    Al-Bender, Lampaert and Swevers, IEEE TAC 50 (2005), one element. The deflection z of the
+    bristles is a coordinate that the step sets implicitly: their torque is that at the end of the
+    step, (z + T v) / (travel/level + T reach), limited to the level. It is therefore stable at any
+    T however stiff the bristles are, and becomes dry friction in the limit of no travel.
     """
 
     identifier = 'presliding_friction'
@@ -35,19 +35,19 @@ class PreslidingFriction(Effect):
 
     @property
     def bend(self) -> str:
-        """Return the name of the coordinate that holds the bristles' bend, rad."""
+        """Return the name of the coordinate of the bristles' deflection, rad."""
         return f'bend_{self.site}'
 
     def on_form(self, form: SecondOrderForm, robot: Robot) -> SecondOrderForm:
-        """Return the form with the bend as a coordinate that only the step moves."""
-        return form if self.bend in form.names else decided_by_step(form, self.bend)
+        """Return the form with the deflection as a coordinate that only the step changes."""
+        return form if self.bend in form.names else with_step_coordinate(form, self.bend)
 
     def dry_friction(self, motion: Motion) -> tuple[Array, Array]:
-        """Return the level both ways, N m."""
+        """Return the level in both directions, N m."""
         level = self['level_n_m'] * one_hot(self.index, 2)
         return level, level
 
     def yielding(self) -> Array:
-        """Return how far each joint's friction gives under a torque, rad/(N m), (2,)."""
+        """Return the presliding compliance of each joint's friction, rad/(N m), (2,)."""
         level = np.maximum(self['level_n_m'], LEAST_LEVEL)
         return np.asarray(self['travel_rad'] / level * one_hot(self.index, 2), dtype=float)

@@ -1,4 +1,4 @@
-"""Stribeck friction: dry friction that falls as a joint gets going."""
+"""Stribeck friction: dry friction that falls as the speed of a joint rises from zero."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class StribeckFriction(Effect):
     contact = FRICTION
 
     def dry_friction(self, motion: Motion) -> tuple[Array, Array]:
-        """Return the level both ways at the present speed, N m."""
+        """Return the level in both directions at the present speed, N m."""
         share = np.exp(-(motion.velocity[..., :2] / self['speed_rad_per_s'])**2)
         level = (self['level_n_m'] + self['extra_n_m'] * share) * one_hot(self.index, 2)
         return level, level

@@ -8,7 +8,7 @@ import numpy as np
 
 
 class TorqueRipple(Effect):
-    """sine sin(k theta) + cosine cos(k theta) on one joint, k periods a turn."""
+    """The torque sine sin(k theta) + cosine cos(k theta) on one joint, k periods per turn."""
 
     identifier = 'torque_ripple'
     family = 'joint and gear'

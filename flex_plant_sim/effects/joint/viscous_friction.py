@@ -7,13 +7,13 @@ from dataclasses import replace
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.effects.base import Effect, Parameter
 
-# Share of a drive's damping that is left where the effect would take all of it, as the reduced
-# model divides by it: a five-hundredth of the tolerance to which that damping is known.
-LEAST = 1e-4
+# Least share of a drive's damping that a negative value leaves, because the reduced model divides
+# by the damping: a five-hundredth of the tolerance to which it is known.
+LEAST_DAMPING_SHARE = 1e-4
 
 
 class ViscousFriction(Effect):
-    """Damping added to one drive; negative where the data sheet says too much."""
+    """Damping added to one drive; negative if the data sheet gives too much."""
 
     identifier = 'viscous_friction'
     family = 'joint and gear'
@@ -30,10 +30,10 @@ class ViscousFriction(Effect):
         """Return the parameter with bounds that leave the drive some damping."""
         damping, = super().at(site, robot)
         own = robot.drives[cls(site, (0.0,)).index].damping
-        return (replace(damping, low=max(damping.low, (LEAST - 1.0) * own)),)
+        return (replace(damping, low=max(damping.low, (LEAST_DAMPING_SHARE - 1.0) * own)),)
 
     def on_robot(self, robot: Robot) -> Robot:
         """Return the robot with the drive's damping changed (it stays positive)."""
         own = robot.drives[self.index].damping
-        damping = max(own + self['damping_n_m_s'], LEAST * own)
+        damping = max(own + self['damping_n_m_s'], LEAST_DAMPING_SHARE * own)
         return robot.with_drive(self.index, damping=damping)

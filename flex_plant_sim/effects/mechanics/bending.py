@@ -1,6 +1,8 @@
 """
 The kinetic energy of second order in the deflections, which the linear equations leave out.
 
+The effect `foreshortening` and the simulator take its forces from here.
+
 A point of a bent link is at (x - s, w), s = int w'^2 dx / 2, in axes that turn with its root. With
 e p' = epsilon, s p' = sigma and the root rates w_1, w_2 of CoriolisCentripetal, eta the angle
 between the links, the elbow's deflection tau = t p, alpha = int w dm of the lower link, the
@@ -11,14 +13,14 @@ energy gains
     + sin(eta) ((w_1 tau + P') sigma - epsilon (w_2 alpha + beta'))
     + cos(eta) (w_1 w_2 tau alpha - w_1 P sigma - epsilon w_2 beta),
 
-M_2 the mass beyond the elbow: centrifugal stiffening and spin softening, and the upper tip's
-motion along the lower link and along itself. Third order in (q, q') is left out. These are
-Lagrange's forces of that energy, and what the linear equations' own M(eta) has beyond
-CoriolisCentripetal: sin(eta) (w_2 epsilon s - w_1 sigma e - epsilon sigma h), h the row of eta,
-nothing where the links are rigid.
+with M_2 the mass beyond the elbow. The terms are centrifugal stiffening and spin softening, and
+the upper tip's motion along the lower link and along its own. Third order in (q, q') is left out.
+The forces here are Lagrange's forces of that energy, and those of the linear equations' own M(eta)
+that CoriolisCentripetal does not have: sin(eta) (w_2 epsilon s - w_1 sigma e - epsilon sigma h),
+h the row of eta, which vanish for rigid links.
 
-All this is of first order. A link that bends by a third of its length is beyond it, and beyond any
-elastic strain; there the forces fade, for left alone they grow without bound.
+These forces are of first order. A link that bends by a third of its length is beyond their range,
+and beyond any elastic strain. The forces fade there; otherwise they would grow without bound.
 """
 
 from __future__ import annotations
@@ -31,15 +33,17 @@ from flex_plant_sim.arm.second_order import Array, SecondOrderForm
 from flex_plant_sim.effects.mechanics.kinematics import link_columns, link_shapes, root_row
 import numpy as np
 
-# A tip beside its link's axis by 0.37 of the link's length is nearer by 0.08 of that length
-# (0.6 w^2 / L, Euler and Bernoulli's beam under a tip load). An energy of second order makes the
-# mass matrix of heavily loaded links indefinite from about there on.
-SHORTEST, STEEP = 0.08, 8
+# The forces have faded to a half at a shortening of FADE_SHORTENING times the link's length, with
+# FADE_EXPONENT the power of the shortening in the fading factor. A tip deflected by 0.37 of the
+# length shortens the link by 0.08 of it (0.6 w^2 / L, Euler and Bernoulli's beam under a tip
+# load). From about there on, an energy of second order makes the mass matrix of heavily loaded
+# links indefinite.
+FADE_SHORTENING, FADE_EXPONENT = 0.08, 8
 
 
 class BendingTerms(NamedTuple):
     """
-    What the energy is made of, over the coordinates.
+    The terms of the energy as rows and matrices over the coordinates.
 
     Attributes
     ----------
@@ -53,7 +57,7 @@ class BendingTerms(NamedTuple):
     carried : float
         M_2, kg.
     most : tuple of float
-        P and beta where the forces have faded to a half, m and kg m.
+        P and beta at which the forces have faded to a half, m and kg m.
 
     """
 
@@ -65,7 +69,7 @@ class BendingTerms(NamedTuple):
 
     @classmethod
     def none(cls, form: SecondOrderForm) -> BendingTerms:
-        """Return terms of no mass."""
+        """Return the terms of links without mass, which give no force."""
         n = form.order
         return cls(np.zeros((3 + 2 * n, n)), np.zeros((4 + n, n)), np.zeros(n), 0.0, (1.0, 1.0))
 
@@ -85,7 +89,7 @@ class LinkTerms(NamedTuple):
     tip_shortening : Array
         S at the tip, 1/m, (n, n).
     reach : float
-        From the joint's axis to the tip, m.
+        Distance from the joint axis to the tip, m.
 
     """
 
@@ -104,13 +108,13 @@ class LinkTerms(NamedTuple):
 
 @lru_cache(maxsize=16)
 def link_terms(link: Link, modes: int) -> LinkTerms:
-    """Return the integrals of a link that bends in statically complete shapes."""
+    """Return the integrals of a link that bends in Ritz shapes."""
     shapes = link_shapes(link, modes, True)
     points, weights = np.polynomial.legendre.leggauss(40 + 4 * modes)
     length, radius = link.length, link.hub_radius
     x, w = 0.5 * length * (points + 1.0), 0.5 * length * weights
     slope, density, rest = shapes.shape(x, 1), link.mass / length, length - x
-    # A slope at x shortens all that lies beyond it.
+    # A slope at x shortens the link for all mass beyond x.
     beyond = density * rest
     moments = density * (radius * rest + 0.5 * (length**2 - x**2))
     tip = np.asarray(shapes.shape(length), dtype=float)
@@ -143,18 +147,18 @@ def _terms(form: SecondOrderForm, links: tuple[Link, Link], elbow_mass: float, p
     return BendingTerms(np.vstack([bent, shortening, centrifugal]),
                         np.vstack([turning, shortening]), q_1.astype(np.float64),
                         links[1].mass + payload,
-                        (SHORTEST * links[0].length,
-                         SHORTEST * links[1].length * (links[1].mass / 3.0 + payload)))
+                        (FADE_SHORTENING * links[0].length,
+                         FADE_SHORTENING * links[1].length * (links[1].mass / 3.0 + payload)))
 
 
 def remaining(short: Any, most: tuple[float, float]) -> Any:
-    """Return how much of the forces is left of arms that bend beyond their order: 1 … 0."""
-    return 1.0 / (1.0 + (short[0] / most[0])**STEEP + (short[3] / most[1])**STEEP)
+    """Return the factor, from 1 to 0, by which the forces fade at large deflections."""
+    return 1.0 / (1.0 + (short[0] / most[0])**FADE_EXPONENT + (short[3] / most[1])**FADE_EXPONENT)
 
 
 def momentum_factors(rate: Any, bent: Any, short: Any, carried: float) -> tuple[Any, ...]:
     """
-    Return what the momenta along w_1, w_2, epsilon, sigma are, and those of P' and beta'.
+    Return the momenta conjugate to w_1, w_2, epsilon, sigma, P' and beta'.
 
     Parameters
     ----------
@@ -181,9 +185,11 @@ def momentum_factors(rate: Any, bent: Any, short: Any, carried: float) -> tuple[
 
 def field_factors(rate: Any, bent: Any, short: Any, carried: float) -> tuple[Any, ...]:
     """
-    Return the energy's slopes along tau, alpha, eta, P and beta, as momentum_factors does.
+    Return the energy's derivatives with respect to tau, alpha, eta, P and beta.
 
-    Then what M(eta) has beyond CoriolisCentripetal, along epsilon and sigma (and in eta).
+    They are followed by the forces of M(eta) that CoriolisCentripetal does not have, along
+    epsilon and sigma; their part along eta is in the third value. The parameters are those of
+    momentum_factors.
     """
     w_1, w_2, epsilon, sigma = rate
     tau, alpha, s, c = bent
@@ -200,18 +206,18 @@ def field_factors(rate: Any, bent: Any, short: Any, carried: float) -> tuple[Any
 def bending_force(terms: BendingTerms, position: Array, velocity: Array, change: Array,
                   step: float) -> Array:
     """
-    Return dL/dp - d/dt dL/dp' of that energy: the mean over a step, (…, N).
+    Return dL/dp - d/dt dL/dp' of the energy of second order: the mean over a step, (…, N).
 
     Parameters
     ----------
     terms : BendingTerms
-        What the energy is made of.
+        Terms of the energy.
     position, velocity : Array
-        p and p' at the step's middle, (…, N).
+        p and p' at the middle of the step, (…, N).
     change : Array
-        Of (p, p') over the step, (…, 2 N).
+        Change of (p, p') over the step, (…, 2 N).
     step : float
-        s.
+        Length of the step, s.
 
     """
     n = len(terms.upper)
@@ -222,12 +228,16 @@ def bending_force(terms: BendingTerms, position: Array, velocity: Array, change:
 
 
 def bending_mass(terms: BendingTerms, position: Array) -> Array:
-    """Return what that energy adds to the mass matrix, (…, N, N)."""
+    """Return the contribution of the energy to the mass matrix, (…, N, N)."""
     return _momentum(terms, position[..., None, :], np.eye(len(terms.upper)))
 
 
 def _scalars(terms: BendingTerms, position: Array, velocity: Array) -> tuple[Any, ...]:
-    """Return rate, bent and short of momentum_factors; S p, C p and S p', S of P and beta."""
+    """
+    Return rate, bent and short of momentum_factors, then S p, C p and S p'.
+
+    S is the matrix of 2 P and 2 beta, and C that of C_1 and C_2.
+    """
     n, upper = len(terms.upper), terms.upper
     over_p, over_v = position @ terms.over_position.T, velocity @ terms.over_velocity.T
     rate = tuple(np.moveaxis(over_v[..., :4], -1, 0)[..., None])

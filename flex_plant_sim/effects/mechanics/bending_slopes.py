@@ -1,4 +1,4 @@
-"""The derivatives of bending.py's factors over the scalars that they are made of."""
+"""Derivatives of the factors in bending.py with respect to their scalars, for linearisation."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import compiled
 import numpy as np
 
-# Of w_1, w_2, epsilon, sigma, tau, alpha, eta, P, P', C_1, beta, beta', C_2.
+# Number of scalars: w_1, w_2, epsilon, sigma, tau, alpha, eta, P, P', C_1, beta, beta', C_2.
 SCALARS = 13
 
 
@@ -25,7 +25,7 @@ def momentum_derivatives(z: Array, carried: float) -> Array:
     """
     w_1, w_2, epsilon, sigma, tau, alpha, eta, p, dp, c_1, beta, dbeta, c_2 = z
     s, c, found = np.sin(eta), np.cos(eta), np.zeros((6, SCALARS))
-    # The first four are the energy's own slopes: their derivatives are symmetric.
+    # The first four are derivatives of the energy, so their own derivatives are symmetric.
     found[0, 0], found[1, 1] = carried * tau * tau + c_1, c_2
     found[0, 1] = found[1, 0] = c * tau * alpha
     found[0, 2] = found[2, 0] = -carried * p
@@ -51,7 +51,7 @@ def field_derivatives(z: Array, carried: float) -> Array:
     """Return the derivatives of `field_factors`, (7, SCALARS); see momentum_derivatives."""
     w_1, w_2, epsilon, sigma, tau, alpha, eta, p, dp, _, beta, dbeta, _ = z
     s, c, found = np.sin(eta), np.cos(eta), np.zeros((7, SCALARS))
-    # What cos eta and sin eta go with in the third.
+    # Factors of cos eta and of -sin eta in the third.
     even = (w_1 * tau + dp) * sigma - epsilon * (w_2 * alpha + dbeta)
     odd = w_1 * w_2 * tau * alpha - w_1 * p * sigma - epsilon * w_2 * beta + epsilon * sigma
     found[0, 0] = 2.0 * carried * w_1 * tau + s * sigma + c * w_2 * alpha

@@ -61,7 +61,7 @@ def momentum(terms: BendingTerms, state: Array) -> Array:
 
 @compiled
 def slopes(terms: BendingTerms, state: Array) -> Array:
-    """Return its dL/dp, and what M(eta) has beyond CoriolisCentripetal, (N,)."""
+    """Return dL/dp, with the forces of M(eta) that CoriolisCentripetal does not have, (N,)."""
     n, rows, turning = len(terms.upper), terms.over_position, terms.over_velocity
     rate, bent, short, over_p, over_v = scalars(terms, state)
     f, left = _field_factors(rate, bent, short, terms.carried), _remaining(short, terms.most)
@@ -80,14 +80,14 @@ def slopes(terms: BendingTerms, state: Array) -> Array:
 
 def step_force(terms: BendingTerms, position: Array, velocity: Array, change: Array, step: float
                ) -> Array:
-    """Return bending_force of one arm at one instant, (N,)."""
+    """Return bending_force for a single arm, (N,)."""
     middle = np.concatenate([position, velocity])
     gained = momentum(terms, middle + 0.5 * change) - momentum(terms, middle - 0.5 * change)
     return np.asarray(slopes(terms, middle) - gained / step)
 
 
 @compiled
-def _parted(z: Array) -> tuple[Any, Any, Any]:
+def _grouped(z: Array) -> tuple[Any, Any, Any]:
     """Return rate, bent and short of momentum_factors from the scalars of `_over_state`."""
     return ((z[0], z[1], z[2], z[3]), (z[4], z[5], np.sin(z[6]), np.cos(z[6])),
             (z[7], z[8], z[9], z[10], z[11], z[12]))
@@ -98,8 +98,8 @@ def _over_state(terms: BendingTerms, state: Array) -> tuple[Array, Array, float,
     """
     Return w_1, w_2, epsilon, sigma, tau, alpha, eta, P, P', C_1, beta, beta', C_2, (13,).
 
-    Then their derivatives over the state, (13, 2 N), what remains of the forces, and the products
-    with p and p'.
+    They are followed by their derivatives over the state, (13, 2 N), the factor by which the
+    forces fade, and the products with p and p'.
     """
     n = len(terms.upper)
     rate, _, short, over_p, over_v = scalars(terms, state)
@@ -118,13 +118,13 @@ def _over_state(terms: BendingTerms, state: Array) -> tuple[Array, Array, float,
 @compiled
 def momentum_slope(terms: BendingTerms, state: Array, first: int) -> Array:
     """
-    Return the derivative of `momentum` over the state from one of it on, (N, 2 N - first).
+    Return the derivative of `momentum` over the states from `first` on, (N, 2 N - first).
 
-    What fades of arms that bend beyond their order fades with it, its own slope apart.
+    It includes the factor by which the forces fade, but not the derivative of that factor.
     """
     n, link = len(terms.upper), terms.over_position[3:]
     z, slope, left, over_p, _ = _over_state(terms, state)
-    rate, bent, short = _parted(z)
+    rate, bent, short = _grouped(z)
     f = _momentum_factors(rate, bent, short, terms.carried)
     by = np.dot(momentum_derivatives(z, terms.carried), slope[:, first:].copy())
     found = np.dot(terms.over_velocity[:4].T, by[:4])
@@ -140,12 +140,12 @@ def field_slope(terms: BendingTerms, state: Array) -> Array:
     """Return the derivative of `slopes` over the state, (N, 2 N); see momentum_slope."""
     n, rows = len(terms.upper), terms.over_position
     z, slope, left, over_p, over_v = _over_state(terms, state)
-    rate, bent, short = _parted(z)
+    rate, bent, short = _grouped(z)
     f = _field_factors(rate, bent, short, terms.carried)
     by = np.dot(field_derivatives(z, terms.carried), slope)
     found = np.dot(rows[:3].T, by[:3]) + np.dot(terms.over_velocity[2:4].T, by[5:7])
     for i in range(n):
-        # The upper link has sigma sin(eta) S p' + w_1^2 C p besides, the lower one likewise.
+        # Beside these the upper link has sigma sin(eta) S p' + w_1^2 C p; the lower link likewise.
         upper = terms.upper[i] > 0.0
         of, own = (by[3], f[3]) if upper else (by[4], f[4])
         across, w, sign = (3, 0, 1.0) if upper else (2, 1, -1.0)

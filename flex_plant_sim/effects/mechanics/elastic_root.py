@@ -1,4 +1,8 @@
-"""A massless torsion spring at a link's root, without a coordinate of its own."""
+"""
+A massless torsion spring at a link's root, without a coordinate of its own.
+
+The effects of clamp and gear compliance and of backlash use it.
+"""
 
 from __future__ import annotations
 
@@ -30,25 +34,25 @@ def with_elastic_root(form: SecondOrderForm, robot: Robot, index: int, complianc
     """
     Return the form with psi = compliance * moment p between rotor and link root.
 
-    Nothing heavy sits between rotor and link, so the spring carries the link's root moment and
-    psi follows from the bending: no stiff extra state at any compliance, and a smooth limit at
-    zero. Its energy is moment^2 compliance / 2, its loss that of the link's material. (The
-    paper's rotor rows hold the root moment already and stay.)
+    There is no mass between rotor and link, so the spring carries the link's root moment and psi
+    follows from the bending. This needs no stiff extra state at any compliance, and has a smooth
+    limit at zero. The spring's energy is moment^2 compliance / 2, its loss that of the link's
+    material. (The paper's rows of the rotors already hold the root moment and do not change.)
 
     Parameters
     ----------
     form : SecondOrderForm
         The arm's equations.
     robot : Robot
-        With the parameter effects applied.
+        Robot with the parameter effects applied.
     index : int
         Joint and link, 0 or 1.
     compliance : float
-        rad/(N m).
+        Compliance of the spring, rad/(N m).
     moment : Array
         Row of the moment in the spring over p, (N,).
     lever : float
-        Turn about the joint axis per turn of the spring.
+        Rotation about the joint axis per rotation of the spring.
     carried : float
         Share of the rotor's inertia behind the spring, 0 to 1.
 

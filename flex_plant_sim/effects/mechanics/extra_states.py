@@ -1,4 +1,4 @@
-"""Room for first-order states behind those of the arm."""
+"""Adds first-order states of effects behind those of the arm."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def with_states(plant: StateSpace, count: int) -> StateSpace:
 
 
 def _wider(matrix: Array, rows: int, columns: int) -> Array:
-    # Asked for at every hypothesis: np.pad takes ten times as long.
+    # Called for every hypothesis of a diagnosis; np.pad takes ten times as long.
     *points, height, width = matrix.shape
     found = np.zeros((*points, height + rows, width + columns))
     found[..., :height, :width] = matrix

@@ -1,4 +1,4 @@
-"""Where gauges stand among the outputs."""
+"""The places of gauges among the outputs, for effects on sensors."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ def gauge_places(robot: Robot, site: str) -> NDArray[np.intp]:
     Parameters
     ----------
     robot : Robot
-        Whose gauges.
+        The robot that has the gauges.
     site : str
-        A gauge, a link (its gauges) or the arm (all).
+        A gauge, a link (all its gauges) or the arm (all gauges).
 
     """
     if site == 'arm':

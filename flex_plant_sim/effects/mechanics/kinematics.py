@@ -1,4 +1,8 @@
-"""How effects read and extend the two kinds of second-order form."""
+"""
+Helpers with which effects read and extend the two kinds of second-order form.
+
+These are the energy form of assumed_modes and the paper's form.
+"""
 
 from __future__ import annotations
 
@@ -22,24 +26,24 @@ def is_energy_form(form: SecondOrderForm) -> bool:
     q_j are link j's equation projected on its shapes, and loads on a link reach a rotor only
     through the link's root moment.
     """
-    # One pair tells: only M of an energy couples theta_1 with q_11 as q_11 with theta_1.
+    # One pair decides: only an energy form couples theta_1 to q_11 as q_11 to theta_1.
     return math.isclose(form.mass[0, 0, 2], form.mass[0, 2, 0], rel_tol=1e-9)
 
 
 def link_columns(form: SecondOrderForm, index: int) -> NDArray[np.bool_]:
-    """Return True where p holds the deflections of a link (index 0 or 1), (N,)."""
+    """Return which coordinates are deflections of a link (index 0 or 1), (N,)."""
     return np.array([name.startswith(f'q_{index + 1}') for name in form.names])
 
 
 def shapes_of(form: SecondOrderForm, robot: Robot, index: int) -> Shapes:
-    """Return the shapes in which the form lets a link bend."""
+    """Return the shapes in which a link bends in the form."""
     modes = int(link_columns(form, index).sum())
     return link_shapes(robot.links[index], modes, is_energy_form(form))
 
 
 @lru_cache(maxsize=64)
 def link_shapes(link: Link, modes: int, energy: bool) -> Shapes:
-    """Return the shapes of an energy form or of the paper's."""
+    """Return a link's shapes in an energy form, or else in the paper's form."""
     beam = link.beam(modes)
     return RitzShapes.of(beam) if energy else beam
 
@@ -52,17 +56,17 @@ def root_row(form: SecondOrderForm, index: int) -> Array:
 
 def momentum_rows(form: SecondOrderForm, robot: Robot, index: int) -> tuple[Array, Array]:
     """
-    Return the angular momentum that a joint's rotor gives its link, over p'.
+    Return the angular momentum that the rotor of a joint transmits to its link, over p'.
 
-    Polynomials in cos(theta_2), (3, N) each: without payload, and per kilogram of it. The
-    paper's rows of theta hold no momentum but the rotor's, so it is taken from the energy of the
-    paper's own shapes.
+    These are polynomials in cos(theta_2), (3, N) each: without payload, and per kilogram of
+    payload. The paper's rows of theta hold only the momentum of the rotor, so for that form it is
+    taken from the energy of the paper's own shapes.
     """
     if is_energy_form(form):
         mass, payload = form.mass[:, index].copy(), form.payload_mass[:, index]
     else:
         plain = _paper_energy(replace(robot, effects=()), int(link_columns(form, 0).sum()))
-        wide = extended(plain, form.names[plain.order:])
+        wide = with_coordinates(plain, form.names[plain.order:])
         mass, payload = wide.mass[:, index].copy(), wide.payload_mass[:, index]
     mass[0, index] -= robot.drives[index].inertia
     return mass, payload
@@ -73,8 +77,8 @@ def _paper_energy(robot: Robot, modes: int) -> SecondOrderForm:
     return energy_form(robot, (robot.links[0].beam(modes), robot.links[1].beam(modes)), modes)
 
 
-def extended(form: SecondOrderForm, names: tuple[str, ...]) -> SecondOrderForm:
-    """Return the form with idle coordinates added at the end, without mass or stiffness."""
+def with_coordinates(form: SecondOrderForm, names: tuple[str, ...]) -> SecondOrderForm:
+    """Return the form with coordinates without mass, stiffness and coupling added at the end."""
     count = len(names)
     square, rows, last = ((0, 0), (0, count), (0, count)), ((0, count), (0, 0)), (0, count)
     return replace(
@@ -86,9 +90,13 @@ def extended(form: SecondOrderForm, names: tuple[str, ...]) -> SecondOrderForm:
         field=np.pad(form.field, ((0, 0), (0, 0), last)))
 
 
-def decided_by_step(form: SecondOrderForm, name: str) -> SecondOrderForm:
-    """Return the form with a coordinate that is stable by itself: nothing to observe there."""
-    wide = extended(form, (name,))
+def with_step_coordinate(form: SecondOrderForm, name: str) -> SecondOrderForm:
+    """
+    Return the form with an uncoupled coordinate, which an effect sets within the step.
+
+    It has stable dynamics of its own, so that a filter does not have to observe it.
+    """
+    wide = with_coordinates(form, (name,))
     wide.mass[0, -1, -1] = 1.0
     wide.damping[-1, -1], wide.stiffness[0, -1, -1] = 20.0, 100.0
     return wide
@@ -99,16 +107,16 @@ def with_root_turn(form: SecondOrderForm, robot: Robot, index: int, turn: Array,
     """
     Return the form of an arm whose link root turns by theta_j + turn p, the rotor by theta_j.
 
-    With E = I + e_j turn', all that the link moves gets E' M E, the rotor stays but for the
-    share of its inertia that is carried by the link. The paper's
-    rows are balances, not conjugate to coordinates, so there only the columns change: M E.
+    With E = I + e_j turn', the mass matrix of all that the link moves becomes E' M E; of the
+    rotor only the share of its inertia that the link carries takes part. The paper's rows are
+    balances and not conjugate to coordinates, so in its form only the columns change: M E.
 
     Parameters
     ----------
     form : SecondOrderForm
         The arm's equations.
     robot : Robot
-        With the parameter effects applied.
+        Robot with the parameter effects applied.
     index : int
         Joint and link, 0 or 1.
     turn : Array
@@ -135,15 +143,16 @@ def field_load(form: SecondOrderForm, robot: Robot, payload: float, upper: Array
     """
     Return the generalised force of a uniform acceleration field, (…, N).
 
-    The paper's upper link feels the lower one's shear through q_2, and of the field on the lower
-    link only what acts along it, (m_l2 + m_p) (a_1 - c a_2).
+    In the paper's form the shear of the lower link acts on the upper link through q_2. Of the
+    field on the lower link, only the part along the link acts on the upper one:
+    (m_l2 + m_p) (a_1 - c a_2).
 
     Parameters
     ----------
     form : SecondOrderForm
         The arm's equations.
     robot : Robot
-        With the parameter effects applied.
+        Robot with the parameter effects applied.
     payload : float
         kg.
     upper, lower, cosine : Array
@@ -161,7 +170,7 @@ def field_load(form: SecondOrderForm, robot: Robot, payload: float, upper: Array
 
 
 def lower_rows(form: SecondOrderForm) -> NDArray[np.bool_]:
-    """Return True for the paper's rows that carry loads on the lower link, (N,)."""
+    """Return which rows of the paper's form carry loads on the lower link, (N,)."""
     rows = np.logical_not(link_columns(form, 0))
     rows[:2] = False
     return rows

@@ -5,12 +5,16 @@ from __future__ import annotations
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import SecondOrderForm
 from flex_plant_sim.effects.base import Effect, Parameter
-from flex_plant_sim.effects.mechanics.kinematics import extended, is_energy_form, link_columns
+from flex_plant_sim.effects.mechanics.kinematics import (
+    is_energy_form,
+    link_columns,
+    with_coordinates,
+)
 import numpy as np
 
-# m/N; a softer grip has a coordinate of its own.
+# Compliance, m/N, below which the grip counts as rigid and gets no coordinate.
 RIGID = 1e-7
-# kg; the coordinate needs a mass where nothing is carried.
+# Mass of the grip, kg: its coordinate needs one if there is no payload.
 GRIP_MASS = 1e-6
 
 
@@ -18,8 +22,8 @@ class LoosePayload(Effect):
     """
     A share of the payload on a spring and damper across the lower link's tip.
 
-    z' is relative to the tip; the damping ratio is that of the loose part on the spring alone,
-    and the rest of the payload is held.
+    z' is relative to the tip. The damping ratio is that of the loose part on the spring alone; the
+    rest of the payload is held firmly.
     """
 
     identifier = 'loose_payload'
@@ -37,7 +41,7 @@ class LoosePayload(Effect):
         """Return the form with the payload's displacement, m, as its last coordinate."""
         if self['compliance_m_per_n'] < RIGID:
             return form
-        wide, stiffness = extended(form, ('z_payload',)), 1.0 / self['compliance_m_per_n']
+        wide, stiffness = with_coordinates(form, ('z_payload',)), 1.0 / self['compliance_m_per_n']
         elbow, tip, share = wide.field[0, 1], wide.field[1, 1], self['share']
         energy, lower = is_energy_form(form), link_columns(wide, 1)
         wide.payload_mass[0, :, -1] += share * (tip if energy else tip * lower)

@@ -9,7 +9,7 @@ import numpy as np
 
 
 class PayloadChange(Effect):
-    """The payload changes by a mass from a time on: at once, or by a ramp or leak."""
+    """The payload changes by a mass from a time on, either at once or along a ramp (a leak)."""
 
     identifier = 'payload_change'
     family = 'payload'
@@ -27,7 +27,7 @@ class PayloadChange(Effect):
     structural = True
 
     def payload_at(self, time: Any, payload: Any) -> Any:
-        """Return the payload, kg, at times, s; at the instant of a step, that after it."""
+        """Return the payload, kg, at times, s; at the time of a step, that after the step."""
         late = np.asarray(time) - self['time_s']
         share = late / self['duration_s'] if self['duration_s'] > 0.0 else late >= 0.0
         return np.maximum(payload + np.clip(share, 0.0, 1.0) * self['change_kg'], 0.0)

@@ -9,7 +9,7 @@ from flex_plant_sim.effects.base import Effect, Parameter
 
 
 class PayloadInertia(Effect):
-    """Moment of inertia about the tip, added to what the robot's file says."""
+    """Moment of inertia about the tip, added to that of the robot file."""
 
     identifier = 'payload_inertia'
     family = 'payload'

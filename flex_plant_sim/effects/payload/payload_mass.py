@@ -9,7 +9,7 @@ from flex_plant_sim.effects.base import Effect, Parameter
 
 
 class PayloadMass(Effect):
-    """A deviation of the payload from what the arm was told, all the time."""
+    """A constant deviation of the payload from the mass that the arm was told."""
 
     identifier = 'payload_mass'
     family = 'payload'

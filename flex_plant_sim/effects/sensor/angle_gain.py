@@ -10,7 +10,7 @@ from flex_plant_sim.effects.base import Effect, one_hot, Parameter
 
 
 class AngleGain(Effect):
-    """A factor on one joint angle's reading."""
+    """A factor on the reading of one joint angle."""
 
     identifier = 'angle_gain'
     family = 'sensors'

@@ -1,4 +1,4 @@
-"""Angle offset: a joint sensor's zero is not the arm's."""
+"""Angle offset: the zero of a joint sensor is not that of the arm."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from flex_plant_sim.effects.base import Effect, one_hot, Parameter
 
 
 class AngleOffset(Effect):
-    """A constant on one joint angle's reading; without gravity only joint 2's can be seen."""
+    """A constant added to one joint angle; without gravity only that of joint 2 is observable."""
 
     identifier = 'angle_offset'
     family = 'sensors'

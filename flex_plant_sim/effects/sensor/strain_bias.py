@@ -11,7 +11,7 @@ from flex_plant_sim.effects.mechanics.gauge import gauge_row
 
 
 class StrainBias(Effect):
-    """A constant on one gauge's reading."""
+    """A constant added to the reading of one gauge."""
 
     identifier = 'strain_bias'
     family = 'sensors'

@@ -12,7 +12,7 @@ import numpy as np
 
 
 class StrainCrosstalk(Effect):
-    """One gauge reads a share of another's strain as well."""
+    """One gauge also reads a share of the strain of another."""
 
     identifier = 'strain_crosstalk'
     family = 'sensors'
@@ -25,7 +25,7 @@ class StrainCrosstalk(Effect):
     linear = True
 
     def on_output(self, output: Array, time: Any, robot: Robot) -> Array:
-        """Return the readings with the share added; a gauge picks up nothing of itself."""
+        """Return the readings with the share added; a gauge does not pick up its own strain."""
         own = gauge_row(robot, self.site)
         number = np.arange(output.shape[-1]) - 1
         picked = (number == np.round(self['source'])) & (own == 0.0)

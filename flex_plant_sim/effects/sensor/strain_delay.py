@@ -9,9 +9,9 @@ from flex_plant_sim.effects.mechanics.extra_states import with_states
 from flex_plant_sim.effects.mechanics.gauge import gauge_places
 import numpy as np
 
-# s; a hundredth of a sample at 1 kHz.
+# Delay, s, below which there is none: a hundredth of a sample at 1 kHz.
 NO_DELAY = 1e-5
-# Of a sample: what is nearer to the next whole one counts as whole.
+# A delay closer than this to the next whole number of samples counts as whole, in samples.
 WHOLE = 1e-6
 
 
@@ -19,9 +19,9 @@ class StrainDelay(Effect):
     """
     The Padé approximant (2, 3) of a delay on a site's gauges.
 
-    exp(-s) = (60 - 24 s + 3 s^2) / (60 + 36 s + 9 s^2 + s^3) with s tau for s; like a delay, and
-    unlike the approximant (2, 2), it does not answer at once. Its phase is right to 1 % up to
-    omega tau = 2. Whole samples can be taken out of what all gauges share.
+    exp(-s) = (60 - 24 s + 3 s^2) / (60 + 36 s + 9 s^2 + s^3) with s tau for s. Like a delay, and
+    unlike the approximant (2, 2), it has no direct response. Its phase is correct to 1 % up to
+    omega tau = 2. Whole samples can be split off a delay that all gauges share.
     """
 
     identifier = 'strain_delay'
@@ -40,7 +40,7 @@ class StrainDelay(Effect):
         return whole, StrainDelay(self.site, (max(self['delay_s'] - whole * sample_time, 0.0),))
 
     def on_state_space(self, plant: StateSpace, robot: Robot) -> StateSpace:
-        """Return the plant with three states a gauge, of which a gauge reads the first."""
+        """Return the plant with three states per gauge; the gauge reads the first of them."""
         delay = self['delay_s']
         if delay < NO_DELAY:
             return plant

@@ -1,4 +1,4 @@
-"""Strain drift: a gauge's zero wanders steadily."""
+"""Strain drift: the zero of a gauge drifts steadily."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 
 class StrainDrift(Effect):
-    """One gauge's reading grows linearly with the time since the record's start."""
+    """The reading of one gauge grows linearly with the time since the start of the record."""
 
     identifier = 'strain_drift'
     family = 'sensors'

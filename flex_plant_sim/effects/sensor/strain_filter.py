@@ -9,12 +9,12 @@ from flex_plant_sim.effects.mechanics.extra_states import with_states
 from flex_plant_sim.effects.mechanics.gauge import gauge_places
 import numpy as np
 
-# s; a tenth of a sample at 1 kHz.
+# Time constant, s, below which there is no filter: a tenth of a sample at 1 kHz.
 NO_FILTER = 1e-4
 
 
 class StrainFilter(Effect):
-    """1 / (1 + 2 zeta tau s + tau^2 s^2) on a site's gauges; the cut-off is 1/tau, rad/s."""
+    """Low pass 1 / (1 + 2 zeta tau s + tau^2 s^2) on a site's gauges; cut-off 1/tau, rad/s."""
 
     identifier = 'strain_filter'
     family = 'sensors'

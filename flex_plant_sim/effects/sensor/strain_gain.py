@@ -11,7 +11,7 @@ from flex_plant_sim.effects.mechanics.gauge import gauge_row
 
 
 class StrainGain(Effect):
-    """A factor on one gauge's reading."""
+    """A factor on the reading of one gauge."""
 
     identifier = 'strain_gain'
     family = 'sensors'

@@ -16,15 +16,16 @@ from flex_plant_sim.effects.mechanics.kinematics import (
 )
 import numpy as np
 
-# Exact up to degree 11: a cubic's speed squared times a cubic has 9.
+# Number of Gauss points per link, exact up to degree 11: the square of a cubic speed times a cubic
+# shape has degree 9.
 POINTS = 6
 
 
 class AirDrag(Effect):
     """
-    -rho C_d h v |v| / 2 per length of both links, v the speed across the link.
+    The force -rho C_d h v |v| / 2 per length of both links, v the speed across the link.
 
-    One coefficient, density times drag coefficient; integrated with Gauss points.
+    Its one coefficient is density times drag coefficient. It is integrated with Gauss points.
     """
 
     identifier = 'air_drag'
@@ -58,7 +59,7 @@ def _push(speed: Array, area: Array) -> Array:
 
 
 def _strips(form: SecondOrderForm, robot: Robot, index: int) -> tuple[Array, Array]:
-    """Return rows of the speed across a link less the elbow's (points, N) and areas, m^2."""
+    """Return rows of the speed across a link less the elbow's, (points, N), and areas, m^2."""
     columns = link_columns(form, index)
     x, bend, area = _points(robot.links[index], int(columns.sum()), is_energy_form(form))
     rows = np.outer(robot.links[index].hub_radius + x, root_row(form, index))
@@ -68,7 +69,7 @@ def _strips(form: SecondOrderForm, robot: Robot, index: int) -> tuple[Array, Arr
 
 @lru_cache(maxsize=16)
 def _points(link: Link, modes: int, energy: bool) -> tuple[Array, Array, Array]:
-    """Return Gauss points x, m, the shapes there (points, n) and the area each stands for."""
+    """Return Gauss points x, m, the shapes there, (points, n), and the area of each, m^2."""
     points, weights = np.polynomial.legendre.leggauss(POINTS)
     x = 0.5 * link.length * (points + 1.0)
     return x, link_shapes(link, modes, energy).shape(x), 0.5 * link.length * weights * link.height

@@ -6,21 +6,25 @@ from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import SecondOrderForm
 from flex_plant_sim.effects.base import Effect, Parameter
 from flex_plant_sim.effects.mechanics.elastic_root import root_moment
-from flex_plant_sim.effects.mechanics.kinematics import extended, is_energy_form, with_root_turn
+from flex_plant_sim.effects.mechanics.kinematics import (
+    is_energy_form,
+    with_coordinates,
+    with_root_turn,
+)
 import numpy as np
 
-# rad/(N m); a softer mounting has a coordinate of its own.
+# Compliance, rad/(N m), below which the mounting counts as rigid and gets no coordinate.
 RIGID = 1e-7
-# Of the mounting, with what it carries of the base.
+# Damping ratio of the base alone on its mounting.
 DAMPING_RATIO = 0.03
 
 
 class BaseCompliance(Effect):
     """
-    A base with inertia on a lightly damped torsion spring; joint 1 is measured against it.
+    A base with inertia on a lightly damped torsion spring; theta_1 is measured relative to it.
 
     The upper link's root turns by theta_1 + psi. The rotor's inertia acts on theta_1 alone, as
-    with a high gear ratio, so the base feels the upper link's root moment.
+    with a high gear ratio, so the upper link's root moment acts on the base.
     """
 
     identifier = 'base_compliance'
@@ -37,7 +41,7 @@ class BaseCompliance(Effect):
         """Return the form with the base's angle as its last coordinate."""
         if self['compliance_rad_per_n_m'] < RIGID:
             return form
-        wide = extended(form, ('psi_base',))
+        wide = with_coordinates(form, ('psi_base',))
         wide = with_root_turn(wide, robot, 0, np.eye(wide.order)[-1])
         stiffness, inertia = 1.0 / self['compliance_rad_per_n_m'], self['inertia_kg_m2']
         wide.mass[0, -1, -1] += inertia

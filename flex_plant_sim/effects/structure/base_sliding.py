@@ -7,15 +7,15 @@ from flex_plant_sim.arm.second_order import SecondOrderForm
 from flex_plant_sim.effects.base import Effect, Parameter
 from flex_plant_sim.effects.mechanics.elastic_root import root_moment
 from flex_plant_sim.effects.mechanics.kinematics import (
-    extended,
     is_energy_form,
     link_columns,
     lower_rows,
+    with_coordinates,
 )
 from flex_plant_sim.effects.structure.base_compliance import DAMPING_RATIO
 import numpy as np
 
-# m/N; a softer mounting has coordinates of its own.
+# Compliance, m/N, below which the mounting counts as rigid and gets no coordinate.
 RIGID = 1e-9
 
 
@@ -23,17 +23,18 @@ class BaseSliding(Effect):
     """
     A base with mass on a lightly damped spring across the upper link.
 
-    The coordinate is the base's shift across the upper link, m, which turns with the link: the
-    shift's other component moves the upper link along itself only. Coupling is that of a uniform
-    acceleration field across the upper link, whose share across the lower link is cos(theta_2).
-    The paper's rows balance the beams alone; there the base feels the upper link's root shear.
+    The coordinate is the base's displacement across the upper link, m, in axes that turn with the
+    link; the other component moves the upper link only along itself. The coupling is that of a
+    uniform acceleration field across the upper link, whose share across the lower link is
+    cos(theta_2). The paper's rows balance only the beams; in its form the upper link's root shear
+    acts on the base.
     """
 
     identifier = 'base_sliding'
     family = 'links and structure'
     explanation = 'The base shifts on its mounting when the arm pushes against it.'
     parameters = (
-        # The upper reference link's tip gives 9 mm per newton.
+        # The tip of the reference robot's upper link deflects by 9 mm per newton.
         Parameter('compliance_m_per_n', 'm/N', 0.0, 0.0, 0.1, (2e-4, 1e-3, 4e-3), 5e-5, 1e-3),
         Parameter('mass_kg', 'kg', 5.0, 0.1, 500.0, (2.0, 10.0), np.inf, 5.0))
     sites = 'arm'
@@ -43,7 +44,7 @@ class BaseSliding(Effect):
         """Return the form with the base's shift as its last coordinate."""
         if self['compliance_m_per_n'] < RIGID:
             return form
-        wide = extended(form, ('slide_base',))
+        wide = with_coordinates(form, ('slide_base',))
         upper, lower = wide.field.copy()
         moving = robot.links[0].mass + robot.elbow_mass + robot.links[1].mass
         along = (robot.links[1].mass * upper[1], upper[1])
@@ -58,7 +59,7 @@ class BaseSliding(Effect):
                 mass[1, :, -1] = lower_rows(wide) * lower[k]
                 mass[2, :, -1] = -1.0 * link_columns(wide, 0) * along[k]
         if not is_energy_form(form):
-            # E I times the root's third derivative: the moment at no radius less that at 1 m.
+            # E I w''' at the root: the root moment at radius 0 less that at radius 1 m.
             wide.stiffness[0, -1] += (root_moment(wide, robot, 0, 0.0)
                                       - root_moment(wide, robot, 0, 1.0))
         stiffness = 1.0 / self['compliance_m_per_n']

@@ -13,8 +13,8 @@ class BaseTilt(Effect):
     """
     Gravity g (sin tilt_x, sin tilt_y) in the plane of motion.
 
-    x points along the stretched arm at zero angles, y to its left: a positive tilt lets that side
-    sink.
+    x points along the stretched arm at zero angles, y to its left. With a positive tilt that side
+    is lower.
     """
 
     identifier = 'base_tilt'

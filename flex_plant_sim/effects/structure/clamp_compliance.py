@@ -10,10 +10,10 @@ from flex_plant_sim.effects.mechanics.elastic_root import root_moment, with_elas
 
 class ClampCompliance(Effect):
     """
-    A massless torsion spring between a hub and the beam; the joint's sensor sees the hub.
+    A massless torsion spring between a hub and the beam; the joint's sensor measures the hub.
 
-    Where the clamp sits off the joint axis, the turn about the axis is scaled so that the
-    link's tip moves as it would about the clamp.
+    If the clamp is off the joint axis, the rotation about the axis is scaled so that the link's
+    tip moves as it would for a rotation about the clamp.
     """
 
     identifier = 'clamp_compliance'
@@ -26,7 +26,7 @@ class ClampCompliance(Effect):
     structural = True
 
     def on_form(self, form: SecondOrderForm, robot: Robot) -> SecondOrderForm:
-        """Return the form with the beam's root turning by the clamp's yield as well."""
+        """Return the form in which the beam's root also turns by the clamp's deflection."""
         link = robot.links[self.index]
         return with_elastic_root(form, robot, self.index, self['compliance_rad_per_n_m'],
                                  root_moment(form, robot, self.index, 0.0),

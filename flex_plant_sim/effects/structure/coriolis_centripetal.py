@@ -16,12 +16,12 @@ import numpy as np
 
 class CoriolisCentripetal(Effect):
     """
-    sin(eta) (sigma w_2 e - epsilon w_1 s), of zeroth order in the deflections.
+    The force sin(eta) (sigma w_2 e - epsilon w_1 s), of zeroth order in the deflections.
 
     e is the row of the elbow's velocity epsilon = e p', s that of the lower link's and the
     payload's static moment sigma = s p', w_1 and w_2 the rotation rates of the links' roots and
-    eta the angle between the links. For rigid links this is the textbook's term; its power is
-    -(p' dM/dt p')/2, so energy is conserved. share = 1 is nature.
+    eta the angle between the links. For rigid links this is the textbook term. Its power is
+    -(p' dM/dt p')/2, so energy is conserved. share = 1 is the true value.
     """
 
     identifier = 'coriolis_centripetal'
@@ -60,6 +60,6 @@ class CoriolisCentripetal(Effect):
 
 
 def coriolis_words(coriolis: bool | None) -> str:
-    """Return in words whether Coriolis and centripetal forces act; None: they are estimated."""
+    """Return in words whether Coriolis and centripetal forces act; None if they are estimated."""
     words = {True: 'with Coriolis forces', False: 'without Coriolis forces'}
     return 'Coriolis forces estimated' if coriolis is None else words[coriolis]

@@ -1,4 +1,4 @@
-"""Foreshortening: bent links are shorter and carry their mass beside their axes as they turn."""
+"""Foreshortening: bent links are shorter, and their mass is off their axes when they turn."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ import numpy as np
 
 class Foreshortening(Effect):
     """
-    The inertial forces of first order in the deflections, beside CoriolisCentripetal's.
+    The inertial forces of first order in the deflections, beside those of CoriolisCentripetal.
 
-    Centrifugal stiffening, spin softening and the elbow's motion along the links; see
-    mechanics/bending.py. Part of them goes with the acceleration. The paper's form, which is not
-    made from an energy, has none. share = 1 is nature.
+    They are centrifugal stiffening, spin softening and the elbow's motion along the links; see
+    mechanics/bending.py. Part of them depends on the acceleration. The paper's form, which does
+    not come from an energy, has none. share = 1 is the true value.
     """
 
     identifier = 'foreshortening'
@@ -28,7 +28,7 @@ class Foreshortening(Effect):
     explanation = 'The links bend so far while they turn that they become shorter and lopsided.'
     parameters = (Parameter('share', '', 0.0, -1.0, 3.0, (1.0,), 0.3, 1.0),)
     sites = 'arm'
-    # Not a cause to look for: it is too small to be told from the parts' tolerances.
+    # Not a cause to look for: it is too small to be told apart from the parts' tolerances.
     named = False
     in_nature = True
     inertial = True
@@ -45,7 +45,7 @@ class Foreshortening(Effect):
                                                 motion.step))
 
     def inertia(self, motion: Motion) -> Array | float:
-        """Return what the force holds of the acceleration, at the end of the step, (…, N, N)."""
+        """Return the mass of the force's part with p'' at the end of the step, (…, N, N)."""
         if not is_energy_form(motion.form):
             return 0.0
         n = motion.form.order

@@ -1,4 +1,4 @@
-"""Hub inertia: something at a joint turns with the links and was not counted."""
+"""Hub inertia: a part at a joint turns with the links and is missing in the robot file."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class HubInertia(Effect):
     """
     Rotary inertia at the root of a link (joint_1, joint_2) or at the upper link's end (elbow).
 
-    At joint 1 it acts as more rotor inertia would.
+    At joint 1 it acts like additional rotor inertia.
     """
 
     identifier = 'hub_inertia'
@@ -27,7 +27,7 @@ class HubInertia(Effect):
     structural = True
 
     def on_form(self, form: SecondOrderForm, robot: Robot) -> SecondOrderForm:
-        """Return the form with the hub's inertia; theta_1 of the paper balances the rotor."""
+        """Return the form with the hub's inertia; the paper's row of theta_1 is the rotor's."""
         row = root_row(form, 0 if self.site == 'joint_1' else 1)
         if self.site == 'elbow':
             row = row - np.eye(form.order)[1]

@@ -11,10 +11,10 @@ from flex_plant_sim.effects.mechanics.kinematics import is_energy_form, link_col
 
 class ModalTruncation(Effect):
     """
-    At least so many shapes a link, statically complete ones.
+    A least number of Ritz shapes per link.
 
-    The paper's clamped-free modes miss a good part of the shear under a tip load when few are
-    taken; its form is replaced by the assumed-modes one, whose shapes carry tip loads exactly.
+    A few of the paper's clamped-free modes miss a good part of the shear under a tip load. The
+    form is replaced by that of assumed modes, whose shapes represent tip loads exactly.
     """
 
     identifier = 'modal_truncation'
@@ -29,11 +29,11 @@ class ModalTruncation(Effect):
 
     @property
     def modes(self) -> int:
-        """Return the least number of shapes a link that the effect asks for."""
+        """Return the least number of shapes per link that the effect requires."""
         return int(round(self['modes']))
 
     def on_form(self, form: SecondOrderForm, robot: Robot) -> SecondOrderForm:
-        """Return a statically complete form."""
+        """Return the form of assumed modes with Ritz shapes."""
         if self.modes <= 1 or is_energy_form(form):
             return form
         return assumed_modes(robot, int(link_columns(form, 0).sum()))

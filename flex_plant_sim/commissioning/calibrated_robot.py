@@ -1,4 +1,4 @@
-"""What a calibration earned: the new numbers, and tolerances no wider than the logs left them."""
+"""The calibrated robot with the tolerances that its logs support, and a table of the results."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.commissioning.calibration import Calibration
 from flex_plant_sim.commissioning.items import Item
 
-# Where a part is not called as its tolerance in the robot file.
+# Tolerance in the robot file of a part with another name.
 TOLERANCE_OF = {'position': 'gauge_position_m', 'payload_inertia': 'payload_inertia_kg_m2'}
-# Of a standard deviation, as the GUM (7.2.6) has it.
+# Significant digits of a standard deviation (GUM, 7.2.6).
 DIGITS = 2
 
 
-def earned(robot: Robot, found: Calibration) -> Robot:
+def calibrated_robot(robot: Robot, found: Calibration) -> Robot:
     """
-    Return the calibrated robot with the tolerances that the logs left.
+    Return the calibrated robot with its tolerances reduced to the remaining uncertainty.
 
-    A tolerance that several parts share is that of the least well known.
+    A tolerance that several parts share is that of the least certain part.
     """
     left: dict[str, float] = {}
     for item in found.items:
@@ -30,7 +30,7 @@ def earned(robot: Robot, found: Calibration) -> Robot:
 
 
 def tolerance_name(item: Item) -> str:
-    """Return the tolerance that an item's prior comes from."""
+    """Return the name of the tolerance that gives an item's prior."""
     name = item.name.split(':')[0]
     kind = name if name in TOLERANCE_OF else name.split('_strain_')[0].removesuffix('_1')
     kind = kind.removesuffix('_2')
@@ -38,7 +38,7 @@ def tolerance_name(item: Item) -> str:
 
 
 def calibration_text(found: Calibration) -> str:
-    """Return what was found, a row a part."""
+    """Return the results as text, one row for each part."""
     lines = [f'{"part":<24}{"tolerance":>14}{"found":>28}']
     for item in found.items:
         told = item.size(item.tolerance)
