@@ -85,7 +85,7 @@ def check_replaceable(path: str | Path, folder: bool = False, known: bool = Fals
     """
     target = Path(os.path.realpath(path))
     try:
-        if os.path.abspath(path).startswith(SYSTEM_FOLDERS):
+        if os.path.abspath(path).startswith(tuple(f'{folder}/' for folder in SYSTEM_FOLDERS)):
             raise InputError(f'{path}: expected a file to write, got a device or a pipe')
         if not target.parent.is_dir():
             raise InputError(f'{path}: expected an existing folder, got '

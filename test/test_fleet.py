@@ -16,7 +16,8 @@ from flex_payload_estimator.fleet.journal import Journal
 from flex_payload_estimator.fleet.log_task import diagnose_and_weigh, LogTask, Row
 from flex_payload_estimator.fleet.table import since, write_csv
 from flex_payload_estimator.tools.fleet import main as fleet
-from flex_payload_estimator.tools.fleet import run
+from flex_payload_estimator.tools.fleet import options as fleet_options
+from flex_payload_estimator.tools.fleet import run, tasks_of
 from msg_config.errors import InputError
 import numpy as np
 import pytest
@@ -118,6 +119,27 @@ def test_a_log_that_is_found_twice_counts_once(tmp_path: Path) -> None:
     (tmp_path / 'a' / 'around').symlink_to(tmp_path)
     found = logs_below([str(tmp_path), str(tmp_path / 'b')], tmp_path / 'out')
     assert found == [(tmp_path, tmp_path / 'a' / '1.csv'), (tmp_path, tmp_path / 'b' / '2.CSV')]
+
+
+def test_a_log_keeps_its_page_when_others_join(tmp_path: Path) -> None:
+    out = tmp_path / 'out'
+    options = fleet_options().parse_args([str(tmp_path / 'night'), '--out', str(out)])
+    for name in ('a.csv', 'c.csv'):
+        _log_at_rest(tmp_path / 'night' / name, 1)
+    before = {task.log: task.report for task in tasks_of(options, out)}
+    _log_at_rest(tmp_path / 'night' / 'b.csv', 2)
+    after = {task.log: task.report for task in tasks_of(options, out)}
+    assert before.items() <= after.items() and len(set(after.values())) == 3
+
+
+def test_a_log_with_an_error_is_tried_again(tmp_path: Path) -> None:
+    journal, tasks = Journal(tmp_path / 'out'), [
+        LogTask('arm', str(tmp_path / name), 'reference', str(tmp_path / name)) for name in 'ab']
+    for task, error in zip(tasks, ('', 'given up after 1 s')):
+        journal.add(task, Row('arm', task.log, 'nothing_wrong', error=error))
+    kept, again = run(tasks, journal, None, 1)
+    assert (kept.verdict, kept.error) == ('nothing_wrong', '')
+    assert 'does not exist' in again.error
 
 
 def test_names_of_any_bytes_cost_no_table(tmp_path: Path) -> None:

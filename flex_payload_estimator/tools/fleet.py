@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace
+from hashlib import sha256
 import os
 from pathlib import Path
 import sys
@@ -49,8 +50,9 @@ def tasks_of(arguments: argparse.Namespace, out: Path) -> list[LogTask]:
     """Return a task for every log below the folders."""
     load_robot(arguments.robot)
     found = []
-    for index, (folder, log) in enumerate(logs_below(arguments.folder, out)):
-        page = out / 'pages' / f'{index:06d}'
+    for folder, log in logs_below(arguments.folder, out):
+        # By the log's own path: a page keeps its place when further logs join.
+        page = out / 'pages' / sha256(os.fsencode(log.absolute())).hexdigest()[:12]
         found.append(LogTask(
             arm_of(folder, log), str(log.absolute()), robot_of(folder, log, arguments.robot),
             str(page.absolute()), arguments.payload, float(arguments.timeout)))
@@ -59,8 +61,8 @@ def tasks_of(arguments: argparse.Namespace, out: Path) -> list[LogTask]:
 
 def run(tasks: Sequence[LogTask], journal: Journal, scheduler: str | None, workers: int
         ) -> list[Row]:
-    """Return the rows of all tasks; tasks whose row the journal has are not done again."""
-    known = journal.rows()
+    """Return the rows of all tasks; those that the journal has without an error are kept."""
+    known = {key: row for key, row in journal.rows().items() if not row.error}
     left = [task for task in tasks if task.key not in known]
     with _progress(len(tasks), len(tasks) - len(left)) as bar:
         if left:
