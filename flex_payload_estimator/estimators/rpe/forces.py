@@ -7,7 +7,7 @@ here for one step of a filter, with the payload that it believes.
 
 from __future__ import annotations
 
-from flex_payload_estimator.estimators.rpe.products import applied, inner, inverse, product
+from flex_payload_estimator.estimators.rpe.small_matrices import applied, inner, inverse, product
 from flex_payload_estimator.kalman.in_place import add, add_column, add_outer, put
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import compiled

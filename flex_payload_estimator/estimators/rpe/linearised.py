@@ -5,17 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from flex_payload_estimator.estimators.rpe.forces import motion_rows
-from flex_payload_estimator.estimators.rpe.kernel import MASS
 from flex_payload_estimator.estimators.rpe.schedule import (
     ANGLE_TERMS,
     at_angle,
+    BoundedCache,
+    CACHED_PARTS,
     COARSE_TERMS,
     coefficients,
-    Kept,
-    KEPT_PARTS,
     PART_ANGLE,
     PayloadSchedule,
 )
+from flex_payload_estimator.estimators.rpe.time_update import MASS
 from flex_plant_sim.arm.parts import Part
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
@@ -29,13 +29,13 @@ MASS_STEP, PART_SHARE = 0.01, 0.02
 
 
 @dataclass(frozen=True)
-class Linearised:
+class LinearisedModel:
     """
     The model about one payload and one set of parts.
 
     Attributes
     ----------
-    anchor, nominal : Array
+    reference, nominal : Array
         Parameters about which, (B,), and the same with parts that do not deviate: the tables
         have them.
     series : Array
@@ -49,13 +49,13 @@ class Linearised:
 
     """
 
-    anchor: Array
+    reference: Array
     nominal: Array
     series: Array
     parts: Array
     count: int
     motion: Array
-    angles: Kept = field(default_factory=lambda: Kept(KEPT_PARTS))
+    angles: BoundedCache = field(default_factory=lambda: BoundedCache(CACHED_PARTS))
 
     def parts_at(self, angle: float) -> Array:
         """Return derivatives over the parts at an angle, rad: (p, n (n + 2))."""
@@ -92,10 +92,10 @@ class Lineariser:
     effects: tuple[Effect, ...]
     soft_mass: float
 
-    def about(self, anchor: Array) -> Linearised:
+    def about(self, reference: Array) -> LinearisedModel:
         """Return the model about parameters, (B,)."""
         columns = slice(self.first, self.first + len(self.parts))
-        deviations, mass = anchor[columns], max(float(anchor[MASS]), 0.0)
+        deviations, mass = reference[columns], max(float(reference[MASS]), 0.0)
         robot, step = self._robot(deviations), MASS_STEP * (mass + self.soft_mass)
         arm = self._arm(robot)
         low = max(mass - step, 0.0)
@@ -104,9 +104,9 @@ class Lineariser:
         slope = (above - below) / (mass + step - low)
         base = coefficients(arm, COARSE_TERMS, np.array([mass]), forces=False)
         rows = self._slopes(robot, base, mass)
-        nominal = anchor.copy()
+        nominal = reference.copy()
         nominal[columns] = 0.0
-        return Linearised(anchor, nominal, np.hstack([value, slope, 0.0 * slope]), rows,
+        return LinearisedModel(reference, nominal, np.hstack([value, slope, 0.0 * slope]), rows,
                           len(self.parts), motion_rows(arm))
 
     def _slopes(self, robot: Robot, base: Array, mass: float) -> Array:
@@ -130,10 +130,10 @@ class Lineariser:
                            step=self.robot.sample_time)
 
 
-def held(schedule: PayloadSchedule, anchor: Array, motion: Array) -> Linearised:
+def at_payload(schedule: PayloadSchedule, reference: Array, motion: Array) -> LinearisedModel:
     """Return the robot file's arm about parameters, (B,); motion as of forces.motion_rows."""
-    piece = schedule.cut(max(float(anchor[MASS]), 0.0))
-    away, (value, slope, bend) = float(anchor[MASS]) - piece.payload, np.split(
+    piece = schedule.cut(max(float(reference[MASS]), 0.0))
+    away, (value, slope, bend) = float(reference[MASS]) - piece.payload, np.split(
         piece.series, 3, axis=1)
     series = np.hstack([value + away * (slope + 0.5 * away * bend), slope + away * bend, bend])
-    return Linearised(anchor, anchor, series, np.zeros((0, 1)), 0, motion)
+    return LinearisedModel(reference, reference, series, np.zeros((0, 1)), 0, motion)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from flex_payload_estimator.estimators.rpe.kernel import FIRST_BIAS, MASS
-from flex_payload_estimator.estimators.rpe.products import applied, inner, whitener
+from flex_payload_estimator.estimators.rpe.small_matrices import applied, inner, whitener
+from flex_payload_estimator.estimators.rpe.time_update import FIRST_BIAS, MASS
 from flex_payload_estimator.kalman.in_place import logarithms
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import compiled
@@ -11,7 +11,7 @@ import numpy as np
 
 
 @compiled
-def model_averaged(beta: Array, spread: Array, std: Array) -> tuple[float, float]:
+def model_averaged(beta: Array, beta_cov: Array, std: Array) -> tuple[float, float]:
     """
     Return payload, kg, and its variance where what lasts may as well be none.
 
@@ -23,17 +23,17 @@ def model_averaged(beta: Array, spread: Array, std: Array) -> tuple[float, float
 
     Parameters
     ----------
-    beta, spread : Array
+    beta, beta_cov : Array
         (B,) and V, (B, B).
     std : Array
         Prior standard deviation of the biases, m/m, (G,), or of these and the forces, (G + 4,).
 
     """
-    mass, variance = beta[MASS], spread[MASS, MASS]
+    mass, variance = beta[MASS], beta_cov[MASS, MASS]
     last = FIRST_BIAS + std.size
-    white = whitener(spread[FIRST_BIAS:last, FIRST_BIAS:last].copy())
+    white = whitener(beta_cov[FIRST_BIAS:last, FIRST_BIAS:last].copy())
     bias = applied(white, beta[FIRST_BIAS:last])
-    cross = applied(white, spread[FIRST_BIAS:last, MASS].copy())
+    cross = applied(white, beta_cov[FIRST_BIAS:last, MASS].copy())
     evidence = logarithms(white) + np.log(std).sum() - 0.5 * inner(bias, bias)
     if not np.isfinite(evidence):
         return mass, variance

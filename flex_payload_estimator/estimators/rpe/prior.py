@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 import math
 
-from flex_payload_estimator.estimators.rpe.kernel import CORIOLIS, FIRST_BIAS, MASS
 from flex_payload_estimator.estimators.rpe.schedule import Mixture, PayloadSchedule
+from flex_payload_estimator.estimators.rpe.time_update import CORIOLIS, FIRST_BIAS, MASS
 from flex_plant_sim.arm.parts import gauge_parts, Part, robot_parts
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
@@ -39,7 +39,7 @@ FARTHEST = 5.0
 @dataclass(frozen=True)
 class Prior:
     """
-    Mean and standard deviation of beta's columns but the payload's, in the order of kernel.py.
+    Mean and standard deviation of beta's columns but the payload's, as time_update.py has them.
 
     Attributes
     ----------
@@ -89,11 +89,11 @@ class Prior:
         found[MASS] = max(beta[MASS], 0.0)
         return np.asarray(found)
 
-    def spread(self, mass_std: float) -> Array:
+    def covariance(self, mass_std: float) -> Array:
         """
         Return V of an arm whose payload is known to a standard deviation, kg, (B, B).
 
-        Without the scale of the whole arm, which `FilterStep.payload` adds: linearised about
+        Without the scale of the whole arm, which `FilterStep.published` adds: linearised about
         estimates that move, a filter would find in the record what is not there.
         """
         std = self.std.copy()
@@ -101,7 +101,7 @@ class Prior:
         free = np.diag(std**2 * (1.0 + REGULAR))
         return free - self.scale_variance * np.outer(self.scale, self.scale)
 
-    def considered(self, spread: Array) -> float:
+    def consider_variance(self, beta_cov: Array) -> float:
         """
         Return by how much the payload's variance grows where parts are considered, kg^2.
 
@@ -112,18 +112,19 @@ class Prior:
 
         Parameters
         ----------
-        spread : Array
+        beta_cov : Array
             V, (B, B).
 
         """
         parts = slice(self.mean.size - self.parts - self.gains, None)
         own = 1.0 / self.std[parts]
-        believed = own[:, None] * spread[parts, parts] * own
-        slope = np.linalg.solve(believed + REGULAR * np.eye(own.size), own * spread[parts, MASS])
+        believed = own[:, None] * beta_cov[parts, parts] * own
+        slope = np.linalg.solve(believed + REGULAR * np.eye(own.size),
+                                own * beta_cov[parts, MASS])
         return max(0.0, float(slope @ slope - slope @ believed @ slope))
 
 
-def lasting_std(robot: Robot, turns: bool) -> Array:
+def disturbance_std(robot: Robot, turns: bool) -> Array:
     """
     Return the standard deviation of what forces last, (4,): wind, a tilt, a cable, a drive.
 
@@ -141,7 +142,7 @@ def lasting_std(robot: Robot, turns: bool) -> Array:
 
 
 @compiled
-def tolerances_off(beta: Array, spread: Array, mean: Array, weights: Array) -> float:
+def tolerances_off(beta: Array, beta_cov: Array, mean: Array, weights: Array) -> float:
     """
     Return the mean square of the parts' deviations over their tolerances, as the posterior has it.
 
@@ -152,7 +153,7 @@ def tolerances_off(beta: Array, spread: Array, mean: Array, weights: Array) -> f
     total = 0.0
     for i in range(beta.size):
         off = beta[i] - mean[i]
-        total += weights[i] * (off * off + spread[i, i])
+        total += weights[i] * (off * off + beta_cov[i, i])
     return total
 
 
@@ -191,7 +192,7 @@ def prior_of(robot: Robot, effects: Sequence[Effect], turns: bool) -> Prior:
     parts, gauges = moving_parts(robot), gauge_parts(robot)
     biases = [max(part.tolerance, BIAS_STD) for part in gauges if part.kind == 'bias']
     gains = [part.tolerance for part in gauges if part.kind == 'gain']
-    forces = lasting_std(robot, turns)
+    forces = disturbance_std(robot, turns)
     std = np.array([0.0, 0.0, *biases, *forces, *(part.tolerance for part in parts), *gains])
     mean, lowest = np.zeros(std.size), np.full(std.size, -np.inf)
     first = FIRST_BIAS + len(biases) + forces.size

@@ -27,7 +27,7 @@ SOFT_SHARE = 0.4
 # (m + soft mass) and PART_ANGLE of the angle, rad.
 SLICE_STEP, WIDE, PART_STEP, PART_ANGLE = 4e-3, 12, 0.05, 0.02
 # Entries of late that are kept; what else is asked is made again.
-KEPT_SLICES, KEPT_LAYERS, KEPT_PARTS = 128, 16, 512
+CACHED_SLICES, CACHED_LAYERS, CACHED_PARTS = 128, 16, 512
 
 
 Mixture = Sequence[tuple[ExtendedArm, float]]
@@ -73,7 +73,7 @@ class PayloadSlice:
     series: Array
 
 
-class Kept:
+class BoundedCache:
     """The last few results of a function of a number."""
 
     def __init__(self, most: int):
@@ -121,9 +121,9 @@ class PayloadSchedule:
     parameters: int
     soft_mass: float
     span: float
-    slices: Kept = field(default_factory=lambda: Kept(KEPT_SLICES))
-    part_slices: Kept = field(default_factory=lambda: Kept(KEPT_PARTS))
-    part_layers: Kept = field(default_factory=lambda: Kept(KEPT_LAYERS))
+    slices: BoundedCache = field(default_factory=lambda: BoundedCache(CACHED_SLICES))
+    part_slices: BoundedCache = field(default_factory=lambda: BoundedCache(CACHED_PARTS))
+    part_layers: BoundedCache = field(default_factory=lambda: BoundedCache(CACHED_LAYERS))
 
     @classmethod
     def of(cls, arm: ExtendedArm, heaviest: float,

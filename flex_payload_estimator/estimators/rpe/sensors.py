@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from flex_payload_estimator.estimators.rpe.onward import DRIVE, MEAN, STRAIN
+from flex_payload_estimator.estimators.rpe.compiled_step import DRIVE, MEAN, STRAIN
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np

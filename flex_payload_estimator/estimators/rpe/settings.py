@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from flex_payload_estimator.estimators.rpe.effects import EffectStep
-from flex_payload_estimator.estimators.rpe.filter import FilterStep
+from flex_payload_estimator.estimators.rpe.filter_step import FilterStep
 from flex_payload_estimator.estimators.rpe.forces import motion_rows, moves
-from flex_payload_estimator.estimators.rpe.kernel import FIRST_BIAS, FORCES
 from flex_payload_estimator.estimators.rpe.linearised import Lineariser
 from flex_payload_estimator.estimators.rpe.prior import moving_parts, prior_of, tabulated
 from flex_payload_estimator.estimators.rpe.sensors import start_spread, told_noise
+from flex_payload_estimator.estimators.rpe.time_update import DISTURBANCES, FIRST_BIAS
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.effects.structure.coriolis_centripetal import CoriolisCentripetal
@@ -66,7 +66,7 @@ def stepper_of(robot: Robot, model: str, modes: int, effects: Sequence[Effect],
     schedule = tabulated(bare, model, modes, others, heaviest)
     motion = motion_rows(arm, bent), motion_rows(arm)
     gains = np.array([drive.torque_gain for drive in robot.drives])
-    first = FIRST_BIAS + len(robot.gauge_names) + FORCES
+    first = FIRST_BIAS + len(robot.gauge_names) + DISTURBANCES
     lineariser = Lineariser(bare, moving_parts(robot), first, model, modes, others,
                             schedule.soft_mass)
     return FilterStep(schedule, motion, lineariser, prior_of(robot, effects, moves(arm)),
