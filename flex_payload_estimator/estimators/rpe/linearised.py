@@ -1,4 +1,4 @@
-"""The sampled arm and its derivatives about parts that are not the robot file's."""
+"""The sampled arm and its derivatives about one payload, and parts beside the robot file's."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 
-# Differences over the payload, a share of (m + soft mass), and over a part, of its tolerance:
-# their remainders are 1e-4 of a derivative, their rounding 1e-10.
+# Steps of finite differences: over the payload as a share of (m + soft mass), over a part as a
+# share of its tolerance. Their remainders are 1e-4 of a derivative, their rounding 1e-10.
 MASS_STEP, PART_SHARE = 0.01, 0.02
 
 
@@ -35,15 +35,18 @@ class LinearisedModel:
 
     Attributes
     ----------
-    reference, nominal : Array
-        Parameters about which, (B,), and the same with parts that do not deviate: the tables
-        have them.
+    reference : Array
+        The parameters, (B,).
+    nominal : Array
+        The same with parts that do not deviate, because `series` has the deviations, (B,).
     series : Array
-        As of a PayloadSlice, without the second derivative, for the payload is held.
+        T [A B E] and its derivatives over the payload, see schedule.PayloadSlice; the second
+        derivative does not count, for the payload is fixed.
     parts : Array
-        Derivatives of T [A B], (K', p n (n + 2)).
+        Derivatives of T [A B] over the parts, as cosine series over the angle,
+        (K', p n (n + 2)).
     count : int
-        p.
+        Number of parts, p.
     motion : Array
         See forces.motion_rows.
 
@@ -67,16 +70,16 @@ class LinearisedModel:
 @dataclass(frozen=True)
 class Lineariser:
     """
-    What makes the model about other parts.
+    Makes models about other parts.
 
     Attributes
     ----------
     robot : Robot
         The robot file's.
     parts : tuple of Part
-        Columns of beta.
+        In the order of their parameters.
     first : int
-        Where they begin.
+        Index of the first one among the parameters.
     model, modes, effects
         As of ExtendedArm.
     soft_mass : float
@@ -131,7 +134,19 @@ class Lineariser:
 
 
 def at_payload(schedule: PayloadSchedule, reference: Array, motion: Array) -> LinearisedModel:
-    """Return the robot file's arm about parameters, (B,); motion as of forces.motion_rows."""
+    """
+    Return the model of the robot file's parts about parameters.
+
+    Parameters
+    ----------
+    schedule : PayloadSchedule
+        The robot file's arm.
+    reference : Array
+        The parameters, (B,).
+    motion : Array
+        See forces.motion_rows.
+
+    """
     piece = schedule.cut(max(float(reference[MASS]), 0.0))
     away, (value, slope, bend) = float(reference[MASS]) - piece.payload, np.split(
         piece.series, 3, axis=1)

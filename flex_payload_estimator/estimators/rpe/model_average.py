@@ -1,4 +1,4 @@
-"""The payload averaged over two models: with biases and forces that last, and with none."""
+"""The payload averaged over two models: with biases and constant disturbances, and without."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ import numpy as np
 @compiled
 def model_averaged(beta: Array, beta_cov: Array, std: Array) -> tuple[float, float]:
     """
-    Return payload, kg, and its variance where what lasts may as well be none.
+    Return payload, kg, and its variance, kg^2, by Bayesian model averaging.
 
-    The gauges' biases, with parts forces at the tip and in the drives as well. Their prior is a
-    spike and slab (Mitchell and Beauchamp, J. Am. Stat. Assoc. 83, 1988): half of it says none.
-    That model is the posterior given that they vanish, and the evidence for it the ratio of
-    posterior to prior density there (Savage and Dickey), exact as they act linearly. The mean and
-    variance are those of Bayesian model averaging.
+    The gauges' biases, and with free parts the constant disturbances, have a spike-and-slab prior
+    (Mitchell and Beauchamp, J. Am. Stat. Assoc. 83, 1988): with probability 1/2 all are zero. The
+    posterior of that model is the filter's, given that they are zero, and its Bayes factor is the
+    ratio of posterior to prior density there (Savage and Dickey), exact as they act linearly.
 
     Parameters
     ----------
     beta, beta_cov : Array
         (B,) and V, (B, B).
     std : Array
-        Prior standard deviation of the biases, m/m, (G,), or of these and the forces, (G + 4,).
+        Prior standard deviation of the biases, m/m, (G,), or of these and of the disturbances,
+        (G + 4,).
 
     """
     mass, variance = beta[MASS], beta_cov[MASS, MASS]
