@@ -48,7 +48,9 @@ def update_loads(after: Array, packed: Array, reference: Array, fixed: bool, ave
                  table: Array, share: float, output: Array, command: Array, speed: Array,
                  told: Array, swing_variance: float) -> tuple[bool, Moments]:
     """
-    Write the loads after a sample; return whether a gauge swings, and the payload's moments.
+    Write the loads after a sample; return whether the arm moves, and the payload's moments.
+
+    It moves where a gauge varies, or a joint of an arm that has none.
 
     Parameters
     ----------
@@ -66,13 +68,13 @@ def update_loads(after: Array, packed: Array, reference: Array, fixed: bool, ave
     told : Array
         The robot file's noise variances, (m,).
     swing_variance : float
-        Variance of a gauge over that of its noise from which it swings.
+        Variance of a channel over that of its noise from which it swings.
 
     """
     x, _, sensitivity, beta, beta_cov, statistics, _ = unpack_compiled(
         packed, speed.shape[1], reference.size, output.size)
     held_by = applied(speed, state_estimate(x, sensitivity, beta, reference, fixed))
-    swings = False
+    swings, first_gauge = False, 2 if output.size > 2 else 0
     add_matrix(after, 1.0 - share, table)
     for i in range(output.size):
         if i < 2:
@@ -82,7 +84,7 @@ def update_loads(after: Array, packed: Array, reference: Array, fixed: bool, ave
         if i > 1:
             after[STRAIN, i] += share * output[i] * output[i]
         after[SWING, i] += (1.0 - share) * share * deviation * deviation
-        swings |= i > 1 and after[SWING, i] > swing_variance * told[i] * statistics[i]
+        swings |= i >= first_gauge and after[SWING, i] > swing_variance * told[i] * statistics[i]
     return swings, model_averaged(beta, beta_cov, averaged_std)
 
 

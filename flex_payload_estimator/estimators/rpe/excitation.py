@@ -9,8 +9,8 @@ from flex_payload_estimator.estimators.rpe.sensors import Loads
 from flex_plant_sim.arm.second_order import Array
 import numpy as np
 
-# The arm moves while a gauge varies by this many standard deviations of its noise, and for
-# EXCITED_S, s, after: set-points are held that long.
+# The arm moves while a gauge, or without gauges a joint, varies by this many standard deviations
+# of its noise, and for EXCITED_S, s, after: set-points are held that long.
 EXCITED_STD, EXCITED_S = 5.0, 2.0
 
 

@@ -255,7 +255,7 @@ class FilterStep:
     def update_loads(self, f: Filter, command: Array, output: Array, loads: Loads,
                      swing_variance: float) -> tuple[Loads, bool, compiled_step.Moments]:
         """
-        Return the loads after a sample, whether a gauge swings, and the payload's moments.
+        Return the loads after a sample, whether the arm moves, and the payload's moments.
 
         Parameters
         ----------
@@ -266,7 +266,7 @@ class FilterStep:
         loads : Loads
             Before it.
         swing_variance : float
-            Variance of a gauge, over that of its noise, from which it swings.
+            Variance of a channel, over that of its noise, from which it swings.
 
         """
         after = Loads(loads.share, np.zeros(loads.table.shape))
@@ -277,7 +277,13 @@ class FilterStep:
         return after, swings, moments
 
     def modes_differ(self, f: Filter, loads: Loads, mode: Mode) -> bool:
-        """Tell whether the model error of a mode is well above the noise now."""
+        """
+        Tell whether the model error of a mode is well above the noise now.
+
+        The gauges tell; without any, the modes always count as different.
+        """
+        if len(self._told) == 2:
+            return True
         # All gauges have one noise scale; plain numbers are quicker for a few.
         scale = DISTINCT_ERROR**2 / (mode.gauge_error**2 * self._error_samples) \
             * float(f.statistics[2])

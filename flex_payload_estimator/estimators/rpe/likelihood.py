@@ -108,7 +108,7 @@ def update_statistics(statistics: Array, innovation: Array, before: Array, varia
     samples, drop_gain = statistics[channels + 10], 0.0
     cut = min(1.0, gate / max(inner(scores, scores), 1e-300))
     minus_twice_log = minus_twice_stated = log_det
-    for kind in range(2):
+    for kind in range(2 if channels > 2 else 1):
         first, last = (0, 2) if kind == 0 else (2, channels)
         count, place = last - first, channels + 8 + kind
         square = cut / count * inner(scores[first:last], scores[first:last])
@@ -205,6 +205,8 @@ def reduced_chi_square(statistics: Array) -> float:
 
 
 def noise_log_prior(statistics: Array) -> float:
-    """Return the log of the prior density of the noise's scales, of angles and gauges."""
-    larger = np.log(np.maximum(statistics[[0, 2]], 1.0))
+    """Return the log of the prior density of the noise's scales, of angles and of any gauges."""
+    scales = statistics[[0, 2]] if statistics.size > initial_statistics(2).size \
+        else statistics[:1]
+    larger = np.log(np.maximum(scales, 1.0))
     return float(-0.5 * (larger @ larger) / NOISE_PRIOR_STD**2)

@@ -30,6 +30,8 @@ def model_averaged(beta: Array, beta_cov: Array, std: Array) -> tuple[float, flo
 
     """
     mass, variance = beta[MASS], beta_cov[MASS, MASS]
+    if std.size == 0:
+        return mass, variance
     last = FIRST_BIAS + std.size
     white = whitener(beta_cov[FIRST_BIAS:last, FIRST_BIAS:last].copy())
     bias = applied(white, beta[FIRST_BIAS:last])

@@ -101,8 +101,8 @@ class SampleWindow:
             return np.ones(told_variance.size)
         squares = np.array([np.mean(np.diff(values, k, axis=0)**2, axis=0) / comb(2 * k, k)
                             for k in orders]) / told_variance
-        kinds = squares[:, :2].mean(1).min(), squares[:, 2:].mean(1).min()
-        return np.repeat(kinds, (2, told_variance.size - 2))
+        kinds = [kind.mean(1).min() for kind in np.split(squares, [2], axis=1) if kind.size]
+        return np.repeat(kinds, (2, told_variance.size - 2)[:len(kinds)])
 
     def add(self, stored: StoredSample) -> None:
         """
