@@ -75,10 +75,10 @@ class FixedMode:
 
     def update(self, sample: Sample) -> None:
         """Advance one sample and learn from it."""
-        loads, lived = self.motion.loads, self.stepper.step_time * self.motion.excited
-        self.past.append((sample, loads, lived))
+        loads, moved = self.motion.loads, self.stepper.step_time * self.motion.excited
+        self.past.append((sample, loads, moved))
         for f in self.filters:
-            self._learn(f, sample, loads, lived)
+            self._learn(f, sample, loads, moved)
         self.motion.update(sample.measured, self.best, sample)
         best = self.best
         if best.age >= FIRST_PASS_S and best.passes < PASSES:
@@ -86,9 +86,9 @@ class FixedMode:
         elif best.passes == PASSES and best.age >= 2.0 * max(best.age_linearised, FIRST_PASS_S):
             self.filters = [relinearised(best, self.stepper)]
 
-    def _learn(self, f: Filter, sample: Sample, loads: Loads, lived: float) -> None:
+    def _learn(self, f: Filter, sample: Sample, loads: Loads, moved: float) -> None:
         self.stepper.step(f, sample, loads)
-        f.log_likelihood, f.age = f.log_likelihood + f.log_density, f.age + lived
+        f.log_likelihood, f.age = f.log_likelihood + f.log_density, f.age + moved
 
     def _again(self, best: Filter) -> Filter:
         """Do at once what `ModeCompetition` does while samples come."""

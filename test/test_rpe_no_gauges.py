@@ -82,5 +82,3 @@ def test_its_variance_is_that_of_its_error_when_parts_are_off(robot: Robot, seed
     # Parts of some tolerances leave at least half a percent of the payload open.
     assert found[-1].status == 'ok' and 0.005 * mass < std[-1] < 0.2 * mass
     assert (np.abs(errors[100:]) < 3.0 * std[100:]).all()
-
-

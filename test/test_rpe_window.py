@@ -105,7 +105,7 @@ def test_an_exact_model_that_does_not_fit_is_judged_only_after_parts_learn_again
     competition, rough = estimator._competition, astray(estimator)
     replay = repeated_exact_search(estimator.incumbent, competition.window, estimator.stepper)
     for misfit, rounds, judges in ((1.0, 0, True), (2.0, 0, False), (2.0, 1, True)):
-        replay.best.filter.statistics[-3:-1], rough.passes = misfit, rounds
+        replay.best.kalman.statistics[-3:-1], rough.passes = misfit, rounds
         assert competition._conclude_pass(replay, rough, 0.4) is rough
         assert bool(competition._pass and competition._pass.compares) is judges
 
@@ -116,10 +116,10 @@ def test_an_exact_model_is_given_up_where_parts_lead_by_what_it_must_gain() -> N
     must = false_alarm_threshold(stepper.step_time)
     exact, parts = (PassFilter(stepper.begin(mode, np.zeros(6), 0.1, 0.1))
                     for mode in (EXACT, PARTS_FREE))
-    exact.filter.log_likelihood = -must
+    exact.kalman.log_likelihood = -must
     replay = WindowPass([exact, parts], window.first + 60, compares=True)
     for lead, lost in ((0.0, False), (0.9 * must, False), (1.1 * must, True)):
-        parts.filter.log_likelihood = lead
+        parts.kalman.log_likelihood = lead
         assert replay.exact_is_behind(window, must) is lost
     # Not in the first half, nor where nobody judges.
     for behind in (WindowPass([exact, parts], window.first + 40, compares=True),

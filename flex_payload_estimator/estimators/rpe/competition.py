@@ -95,7 +95,7 @@ class ModeCompetition:
         """Bring the trials across a sample without a measurement."""
         self.remember(sample, loads, excited)
         for trial in self.trials:
-            self.stepper.predict(trial.filter, sample, loads)
+            self.stepper.predict(trial.kalman, sample, loads)
 
     def advance(self, incumbent: Filter, sample: Sample, loads: Loads, excited: bool) -> Filter:
         """Step the trials over a sample that the incumbent has learnt; return the next one."""
@@ -137,17 +137,17 @@ class ModeCompetition:
         # The filter that first finds that the noise has dropped gains by that alone, until the
         # other one finds it too.
         self.trials = [t for t in self.trials
-                       if t.filter.noise_drop_gain == incumbent.noise_drop_gain == 0.0
+                       if t.kalman.noise_drop_gain == incumbent.noise_drop_gain == 0.0
                        or t.has_less_freedom(incumbent)]
 
     def _step(self, trial: Trial, incumbent: Filter, sample: Sample, loads: Loads,
               excited: bool) -> None:
         """Let a trial learn a sample, and add its log-likelihood ratio."""
         step = self.stepper.step_time
-        self.stepper.step(trial.filter, sample, loads)
+        self.stepper.step(trial.kalman, sample, loads)
         if trial.kind == 'change':
-            trial.filter = self.stepper.after_jump(trial.filter, sample, loads)
-        trial.filter.age += step if excited else 0.0
+            trial.kalman = self.stepper.after_jump(trial.kalman, sample, loads)
+        trial.kalman.age += step if excited else 0.0
         # A mode with more freedom that gains does differ, however much noise hides its error.
         differs = trial.kind != 'mode' or trial.is_cusum(incumbent) \
             or self.stepper.modes_differ(incumbent, loads, ROUGH)
@@ -167,7 +167,7 @@ class ModeCompetition:
         if not walking and 'change' not in kinds and freedom(incumbent.mode) < 2:
             self._add_trial('change', with_payload_walk(incumbent, self.walk), incumbent, time)
         for mode in transitions.modes_to_try(incumbent, time >= self._pause_end):
-            if not any(trial.kind == 'mode' and freedom(trial.filter.mode) == freedom(mode)
+            if not any(trial.kind == 'mode' and freedom(trial.kalman.mode) == freedom(mode)
                        for trial in self.trials):
                 self._pause_end = time + TRIAL_S
                 self._add_trial('mode', in_other_mode(incumbent, mode, self.stepper), incumbent,
@@ -183,9 +183,9 @@ class ModeCompetition:
     def _end(self, trial: Trial, incumbent: Filter) -> None:
         """End a trial; an exact model may be linearised wrongly, and seeks a better point."""
         self.trials.remove(trial)
-        exact = trial.kind == 'mode' and not trial.filter.mode.free_parts
+        exact = trial.kind == 'mode' and not trial.kalman.mode.free_parts
         if exact and incumbent.mode.payload_walk == 0.0 and not self._pass:
-            self._pass = repeated_exact_search(trial.filter, self.window, self.stepper)
+            self._pass = repeated_exact_search(trial.kalman, self.window, self.stepper)
 
     def _promote(self, trial: Trial, incumbent: Filter, time: float) -> Filter:
         """
@@ -194,12 +194,12 @@ class ModeCompetition:
         Trials of other modes go on where the mode stays, and count from the new incumbent; an
         incumbent of another mode goes on as a trial.
         """
-        new_mode = trial.filter.mode.name != incumbent.mode.name
+        new_mode = trial.kalman.mode.name != incumbent.mode.name
         self.trials = [other for other in self.trials if other.kind == 'mode'
                        and other is not trial and not new_mode and trial.kind != 'constant']
         for other in self.trials:
             log_ratio = other.log_ratio - trial.log_ratio
-            other.log_ratio = max(log_ratio, 0.0) if other.is_cusum(trial.filter) else log_ratio
+            other.log_ratio = max(log_ratio, 0.0) if other.is_cusum(trial.kalman) else log_ratio
         if trial.kind == 'change':
             # A payload that was constant for a moment only goes on changing.
             goes_on = time - self._constant_since < SAME_CHANGE_S
@@ -207,13 +207,13 @@ class ModeCompetition:
                 else CONSTANT_S
             self.ongoing_change, self._change_found = trial, time
             self.window.clear()
-        elif trial.filter.mode.payload_walk == 0.0:
+        elif trial.kalman.mode.payload_walk == 0.0:
             self._end_change(trial, time)
         self._pass, self._last_attempt = None, 0.0
         if new_mode:
             self.keep(incumbent, time)
         self._pause_end = time + TRIAL_S
-        return trial.filter
+        return trial.kalman
 
     def _end_change(self, trial: Trial, time: float) -> None:
         """Report the change that is over, or forget what another mode explains."""
@@ -221,10 +221,10 @@ class ModeCompetition:
         self.reported_change = self.ongoing_change if constant else None
         if constant:
             # It is linearised by what it learns of this payload from now on.
-            trial.filter.age = trial.filter.age_linearised = 0.0
+            trial.kalman.age = trial.kalman.age_linearised = 0.0
         self.ongoing_change, self._constant_since = None, time
         # What `coarse` allows for may have been there all the time: its window stays.
-        if constant or freedom(trial.filter.mode) == 1:
+        if constant or freedom(trial.kalman.mode) == 1:
             self.window.clear()
 
     def _next_pass(self, now: Situation) -> WindowPass | None:
@@ -236,7 +236,7 @@ class ModeCompetition:
             return gauss_newton_pass(f, window, stepper) if f.passes < PASSES else None
         for trial in transitions.exact_trials(now):
             if transitions.exact_trial_is_compared(trial, now):
-                return comparison(trial.filter, f, window, stepper, trial)
+                return comparison(trial.kalman, f, window, stepper, trial)
         due = transitions.exact_attempt_is_due(now, self._last_attempt)
         search = due and transitions.exact_can_be_searched(f)
         if f.passes < PASSES and not search:
@@ -262,7 +262,7 @@ class ModeCompetition:
 
     def _conclude_pass(self, done: WindowPass, incumbent: Filter, time: float) -> Filter:
         """Return the incumbent after a pass that has caught up."""
-        self._pass, best = None, done.best.filter
+        self._pass, best = None, done.best.kalman
         if done.finds_exact:
             if transitions.found_exact_is_compared(best, incumbent):
                 self._pass = comparison(best, incumbent, self.window, self.stepper)

@@ -166,13 +166,14 @@ def _bent(rows: Array, mass: float, x: Array, after: Array, push: Array
     guess = after + applied(push, force)
     middle = 0.5 * (x + guess)
     rigid, over_x, over_mass = rigid_force(rows, mass, middle)
-    bent, gained = bent_force(terms, before, x, guess, step), momentum_slope(terms, guess, 0)
-    force = force + applied(newton_matrix(gained[:, n:].copy(), push, step), rigid + bent - force)
+    bent, slope_after = bent_force(terms, before, x, guess, step), momentum_slope(terms, guess, 0)
+    residual = rigid + bent - force
+    force = force + applied(newton_matrix(slope_after[:, n:].copy(), push, step), residual)
     over_x *= 0.5
     over_x[:, :2 * n] += 0.5 * field_slope(terms, middle)
     over_after = over_x.copy()
     over_x[:, :2 * n] += momentum_slope(terms, x, 0) / step
-    over_after[:, :2 * n] -= gained / step
+    over_after[:, :2 * n] -= slope_after / step
     heavier = terms_at(rows, mass + PAYLOAD_STEP)
     more = bent_force(heavier, momentum(heavier, x), x, guess, step)
     return force, over_x, over_after, over_mass + (more - bent) / PAYLOAD_STEP
@@ -239,13 +240,13 @@ def tip_force(rows: Array, x: Array, force: Array, push: Array) -> tuple[Array, 
     add_column(over_force, 1, np.cos(first), elbow)
     add_column(over_force, 1, np.cos(second), tip)
     # The derivative over a link's angle of the force across it is minus that along it.
-    beside = -(np.cos(first) * force[0] + np.sin(first) * force[1])
-    beyond, turning = np.zeros(x.size), np.zeros(x.size)
-    add(beyond, -(np.cos(second) * force[0] + np.sin(second) * force[1]), tip)
-    put(turning[:n], rows[ANGLE])
-    turning[0] += 1.0
-    add_outer(over_x, beyond, turning)
-    add_column(over_x, 0, beside, elbow)
+    over_first = -(np.cos(first) * force[0] + np.sin(first) * force[1])
+    over_second, angle_row = np.zeros(x.size), np.zeros(x.size)
+    add(over_second, -(np.cos(second) * force[0] + np.sin(second) * force[1]), tip)
+    put(angle_row[:n], rows[ANGLE])
+    angle_row[0] += 1.0
+    add_outer(over_x, over_second, angle_row)
+    add_column(over_x, 0, over_first, elbow)
     return applied(over_force, force), over_x, over_force
 
 

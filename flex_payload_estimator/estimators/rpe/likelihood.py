@@ -106,12 +106,12 @@ def update_statistics(statistics: Array, innovation: Array, before: Array, varia
     channels = innovation.size
     memory = max(MEMORY_S / step, MEMORY_SAMPLES)
     samples, drop_gain = statistics[channels + 10], 0.0
-    cut = min(1.0, gate / max(inner(scores, scores), 1e-300))
+    gate_share = min(1.0, gate / max(inner(scores, scores), 1e-300))
     minus_twice_log = minus_twice_stated = log_det
     for kind in range(2 if channels > 2 else 1):
         first, last = (0, 2) if kind == 0 else (2, channels)
         count, place = last - first, channels + 8 + kind
-        square = cut / count * inner(scores[first:last], scores[first:last])
+        square = gate_share / count * inner(scores[first:last], scores[first:last])
         fit = min(max(statistics[place], SMALLEST_CHI_SQUARE), 1.0)
         minus_twice_log += count * (square / fit + np.log(fit))
         minus_twice_stated += count * square

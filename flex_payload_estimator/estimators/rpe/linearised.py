@@ -95,7 +95,7 @@ class Lineariser:
     effects: tuple[Effect, ...]
     soft_mass: float
 
-    def about(self, reference: Array) -> LinearisedModel:
+    def model_about(self, reference: Array) -> LinearisedModel:
         """Return the model about parameters, (B,)."""
         columns = slice(self.first, self.first + len(self.parts))
         deviations, mass = reference[columns], max(float(reference[MASS]), 0.0)
@@ -110,7 +110,7 @@ class Lineariser:
         nominal = reference.copy()
         nominal[columns] = 0.0
         return LinearisedModel(reference, nominal, np.hstack([value, slope, 0.0 * slope]), rows,
-                          len(self.parts), motion_rows(arm))
+                               len(self.parts), motion_rows(arm))
 
     def _slopes(self, robot: Robot, base: Array, mass: float) -> Array:
         """Return the derivatives over the parts, (K', p n (n + 2))."""

@@ -94,8 +94,8 @@ def _learn(x: Array, cov: Array, sensitivity: Array, beta: Array, beta_cov: Arra
     Update x, P, s, beta and V; or return True, and change nothing, where the state is lost.
 
     `at_reference` is the innovation at the reference parameters, (m,); `scores` that at beta,
-    whitened by L^-1 with L L' = Sigma, (m,); `gain` is K, (n, m); `beta_gain` V Psi' L'^-1,
-    (B, m).
+    whitened by L^-1 with L L' = Sigma and the gate, (m,); `gain` is K, (n, m); `beta_gain` is
+    V Psi' L'^-1, (B, m).
     """
     moved, after, reduced = applied(gain, at_reference), beta.copy(), beta_cov.copy()
     add(after, 1.0, applied(beta_gain, scores))

@@ -28,7 +28,8 @@ class _RelocatedFilter:
 
     Attributes
     ----------
-    filter : Filter
+    kalman : Filter
+        Its Kalman filter.
     log_ratio : float
         Log-likelihood ratio over the filter that went on, nats.
     samples : int
@@ -36,7 +37,7 @@ class _RelocatedFilter:
 
     """
 
-    filter: Filter
+    kalman: Filter
     log_ratio: float = 0.0
     samples: int = 0
 
@@ -108,7 +109,7 @@ class OutlierTests:
         if unknown is not None:
             return *unknown, False
         self._relocated = _RelocatedFilter(learnt.before_prediction())
-        self._stepper.relocate(self._relocated.filter, sample.measured)
+        self._stepper.relocate(self._relocated.kalman, sample.measured)
         return after, sample, False
 
     def _is_beyond_gate(self, f: Filter, sample: Sample) -> bool:
@@ -128,10 +129,10 @@ class OutlierTests:
     def _compare(self, relocated: _RelocatedFilter, after: Filter, sample: Sample, loads: Loads
                  ) -> Filter | None:
         """Step a filter whose state was begun again; return it once it is likely enough."""
-        self._stepper.step(relocated.filter, sample, loads)
-        relocated.log_ratio += relocated.filter.stated_log_density - after.stated_log_density
+        self._stepper.step(relocated.kalman, sample, loads)
+        relocated.log_ratio += relocated.kalman.stated_log_density - after.stated_log_density
         relocated.samples += 1
         if relocated.samples < RELOCATED_SAMPLES:
             return None
         self._relocated = None
-        return relocated.filter if relocated.log_ratio > LOST_STATE_NATS else None
+        return relocated.kalman if relocated.log_ratio > LOST_STATE_NATS else None

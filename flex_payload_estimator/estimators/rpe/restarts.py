@@ -104,7 +104,7 @@ def linearised_every_sample(f: Filter) -> Filter:
 def relinearised(f: Filter, stepper: FilterStep) -> Filter:
     """Return the same filter, linearised about its present estimate from now on."""
     if f.mode.free_parts:
-        model = stepper.lineariser.about(stepper.prior.within(f.beta))
+        model = stepper.lineariser.model_about(stepper.prior.within(f.beta))
     else:
         model = at_payload(stepper.schedule, f.beta.copy(), stepper.motion[f.mode.bending])
     new = replace(f, packed=f.packed.copy(), model=model, age_linearised=f.age, previous=None)

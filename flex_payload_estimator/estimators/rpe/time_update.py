@@ -112,8 +112,9 @@ def _increment(x: Array, beta: Array, series: Array, parts: Array, mass_offset: 
     n, moves, share = x.size, len(motion) > 0, beta[CORIOLIS]
     # The angle at which M is taken: theta_2, and with forces of motion that between the links.
     over_state = scheduling_row(motion, n) if moves else np.zeros(n)
-    beyond = inner(over_state, x)
-    flat, flat_over_angle, flat_over_mass = series_at(x[1] + share * beyond, series, mass_offset)
+    angle_offset = inner(over_state, x)
+    flat, flat_over_angle, flat_over_mass = series_at(x[1] + share * angle_offset, series,
+                                                      mass_offset)
     width = flat.size // n
     matrix, inputs = flat.reshape(n, width), np.zeros(width)
     put(inputs[:n], x)
@@ -138,7 +139,7 @@ def _increment(x: Array, beta: Array, series: Array, parts: Array, mass_offset: 
         add_column(over_beta, CORIOLIS, 1.0, by_force)
     over_angle = applied(flat_over_angle.reshape(n, width), inputs)
     add_column(over_beta, MASS, 1.0, applied(flat_over_mass.reshape(n, width), inputs))
-    add_column(over_beta, CORIOLIS, beyond, over_angle)
+    add_column(over_beta, CORIOLIS, angle_offset, over_angle)
     over_state *= share
     over_state[1] += 1.0
     add_outer(jacobian, over_angle, over_state)

@@ -93,7 +93,7 @@ def wins(trial: Trial, now: Situation) -> bool:
         return to_constant_payload(trial, now)
     if trial.kind == 'change':
         return to_walking_payload(trial, now)
-    if not trial.filter.mode.free_parts:
+    if not trial.kalman.mode.free_parts:
         # An exact model is compared over all that it has to explain, see `to_exact`.
         return False
     if trial.is_cusum(now.incumbent):
@@ -115,17 +115,17 @@ def to_walking_payload(trial: Trial, now: Situation) -> bool:
     else:
         fits = now.time_in_motion >= MODES_OPEN_S
     return fits and trial.log_ratio > now.threshold * CHANGE_FACTORS[freedom(f.mode)] \
-        and not _is_outdone(trial, now)
+        and not _another_leads(trial, now)
 
 
 def to_constant_payload(trial: Trial, now: Situation) -> bool:
     """Tell whether the payload is constant: for long enough, and about as likely as a walk."""
     return trial.counted >= now.constant_s and trial.log_ratio > -CONSTANT_MARGIN \
-        and not _is_outdone(trial, now)
+        and not _another_leads(trial, now)
 
 
-def _is_outdone(trial: Trial, now: Situation) -> bool:
-    """Tell whether another trial explains better what one about the payload explains."""
+def _another_leads(trial: Trial, now: Situation) -> bool:
+    """Tell whether another trial explains the same samples better."""
     return any(other.log_ratio > trial.log_ratio for other in now.trials
                if other.is_cusum(now.incumbent) or other.kind == trial.kind)
 
@@ -151,7 +151,7 @@ def from_coarse_to_rough(trial: Trial, now: Situation) -> bool:
 
 def _leads(trial: Trial, now: Situation) -> bool:
     """Tell whether a mode leads by the threshold, with the priors of the noises' scales."""
-    return trial.log_ratio + noise_log_prior(trial.filter.statistics) \
+    return trial.log_ratio + noise_log_prior(trial.kalman.statistics) \
         - noise_log_prior(now.incumbent.statistics) > now.threshold
 
 
@@ -173,7 +173,7 @@ def has_failed(trial: Trial, now: Situation) -> bool:
         return trial.log_ratio < -now.threshold
     if trial.is_cusum(now.incumbent):
         return trial.run >= TRIAL_S and trial.log_ratio == 0.0
-    out_of_time = trial.filter.mode.free_parts and trial.counted >= COARSE_EXIT_S
+    out_of_time = trial.kalman.mode.free_parts and trial.counted >= COARSE_EXIT_S
     return out_of_time or trial.log_ratio < -now.threshold
 
 
@@ -195,7 +195,7 @@ def modes_to_try(incumbent: Filter, pause_is_over: bool) -> list[Mode]:
 def exact_trials(now: Situation) -> list[Trial]:
     """Return the trials of exact models."""
     return [trial for trial in now.trials
-            if trial.kind == 'mode' and not trial.filter.mode.free_parts]
+            if trial.kind == 'mode' and not trial.kalman.mode.free_parts]
 
 
 def exact_trial_is_compared(trial: Trial, now: Situation) -> bool:

@@ -21,7 +21,8 @@ class Trial:
     kind : str
         'change': a payload that walks, beside one that is constant; 'constant': a constant
         payload beside one that walks; 'mode': another mode.
-    filter : Filter
+    kalman : Filter
+        Its Kalman filter.
     since : float
         When it began; of a CUSUM, when it was last zero, which dates a change, s.
     mass_before : float
@@ -39,7 +40,7 @@ class Trial:
     """
 
     kind: str
-    filter: Filter
+    kalman: Filter
     since: float
     mass_before: float
     log_ratio: float = 0.0
@@ -62,16 +63,16 @@ class Trial:
     def is_settling(self) -> bool:
         """Whether it restarted just now, and is still behind for that alone."""
         if self.kind == 'mode':
-            return not self.filter.mode.free_parts and self.filter.age < SETTLING_S
+            return not self.kalman.mode.free_parts and self.kalman.age < SETTLING_S
         return self.kind == 'constant' and self.counted < SETTLING_S
 
     def is_cusum(self, incumbent: Filter) -> bool:
         """Tell whether its hypothesis may become true at any time, so that Page's sum counts."""
-        return self.kind == 'change' or freedom(self.filter.mode) > freedom(incumbent.mode)
+        return self.kind == 'change' or freedom(self.kalman.mode) > freedom(incumbent.mode)
 
     def has_less_freedom(self, incumbent: Filter) -> bool:
         """Tell whether its mode has less freedom than the incumbent's."""
-        return freedom(self.filter.mode) < freedom(incumbent.mode)
+        return freedom(self.kalman.mode) < freedom(incumbent.mode)
 
     def sample_log_ratio(self, incumbent: Filter) -> float:
         """
@@ -80,6 +81,6 @@ class Trial:
         Within one mode by the densities as stated; across modes by those scaled to the fit,
         because a larger model error would otherwise pay for itself.
         """
-        if self.filter.mode.name == incumbent.mode.name:
-            return self.filter.stated_log_density - incumbent.stated_log_density
-        return self.filter.log_density - incumbent.log_density
+        if self.kalman.mode.name == incumbent.mode.name:
+            return self.kalman.stated_log_density - incumbent.stated_log_density
+        return self.kalman.log_density - incumbent.log_density

@@ -52,19 +52,20 @@ class PassFilter:
 
     Attributes
     ----------
-    filter : Filter
+    kalman : Filter
+        Its Kalman filter.
     log_densities : list of float
         Log-likelihood of each sample learnt, nats; see Filter.log_density.
 
     """
 
-    filter: Filter
+    kalman: Filter
     log_densities: list[float] = field(default_factory=list)
 
     @property
     def evidence(self) -> float:
         """Return the log of its marginal likelihood, with the prior of the noise's scale, nats."""
-        return self.filter.log_likelihood + noise_log_prior(self.filter.statistics)
+        return self.kalman.log_likelihood + noise_log_prior(self.kalman.statistics)
 
 
 @dataclass(eq=False)
@@ -119,7 +120,7 @@ class WindowPass:
             return False
         # Less the handicap of exact models, see `comparison`.
         exact = [candidate.evidence + threshold for candidate in self.filters
-                 if not candidate.filter.mode.free_parts]
+                 if not candidate.kalman.mode.free_parts]
         return self.best.evidence > max(exact) + threshold
 
     def log_ratio(self, window: SampleWindow, since: float) -> float:
@@ -139,7 +140,7 @@ class WindowPass:
 
     @staticmethod
     def _learn(candidate: PassFilter, stored: StoredSample, stepper: FilterStep) -> None:
-        f = candidate.filter
+        f = candidate.kalman
         if stored.sample.measured is None:
             stepper.predict(f, stored.sample, stored.loads)
         else:
@@ -209,7 +210,7 @@ def comparison(exact: Filter, f: Filter, window: SampleWindow, stepper: FilterSt
     filters = _variants(base, window, stepper)
     # Whoever takes the incumbent's place must lead by the false-alarm threshold: a handicap.
     for candidate in filters:
-        candidate.filter.log_likelihood -= false_alarm_threshold(stepper.step_time)
+        candidate.kalman.log_likelihood -= false_alarm_threshold(stepper.step_time)
     filters.append(_from_prior(f, PARTS_FREE, float(f.beta[CORIOLIS]), window, stepper))
     return WindowPass(filters, window.first + 1, compares=True, trial=trial)
 
@@ -228,7 +229,7 @@ def _variants(f: Filter, window: SampleWindow, stepper: FilterStep) -> list[Pass
         filters.append(_from_prior(f, EXACT_BENDING, stepper.shares[-1], window, stepper))
         # What the robot file does not name must lead by the false-alarm threshold.
         if mode != EXACT_BENDING:
-            filters[-1].filter.log_likelihood = -false_alarm_threshold(stepper.step_time)
+            filters[-1].kalman.log_likelihood = -false_alarm_threshold(stepper.step_time)
     return filters
 
 
