@@ -17,11 +17,11 @@ import time
 
 from filterpy.kalman import ExtendedKalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
 from flex_payload_estimator.estimators.factory import make_estimator
-from flex_payload_estimator.estimators.rpe.kernel import predict
 from flex_payload_estimator.estimators.rpe.modes import Mode, MODES
 from flex_payload_estimator.estimators.rpe.prior import tabulated
 from flex_payload_estimator.estimators.rpe.schedule import PayloadSchedule
 from flex_payload_estimator.estimators.rpe.sensors import start_spread, told_noise
+from flex_payload_estimator.estimators.rpe.time_update import predict
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
@@ -83,7 +83,7 @@ class Arm:
     def noise(self, mode: Mode, strain: float) -> Array:
         """Return each channel's variance over the told one, (m,), at a strain of the gauges."""
         error = np.zeros(self.told.size)
-        error[2:] = mode.gauge * strain
+        error[2:] = mode.gauge_error * strain
         return 1.0 + (error / self.told)**2
 
 

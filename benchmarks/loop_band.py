@@ -4,7 +4,7 @@ Check rpe's 95 % band in the demo's closed loop, on arms that bend in more modes
 Each arm has its parts drawn from the robot file's tolerances. The LQG controller moves it by small
 steps, and rpe, told the file's parts and fewer modes, weighs it. Prints error over stated standard
 deviation at each time. Seeds 10 to 15 set the model error of `rough` in estimators/rpe/modes.py;
-10 to 22 may set LASTING in estimators/rpe/filter.py; from 24 on they score.
+10 to 22 may set PERSISTENT_ERROR in estimators/rpe/filter_step.py; from 24 on they score.
 """
 
 from __future__ import annotations

@@ -19,13 +19,20 @@ from pathlib import Path
 import sys
 
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
-from flex_payload_estimator.estimators.rpe.filter import FilterStep
-from flex_payload_estimator.estimators.rpe.hypothesis import Filter, Mode, Sample
-from flex_payload_estimator.estimators.rpe.kernel import CORIOLIS
-from flex_payload_estimator.estimators.rpe.motion import Motion
-from flex_payload_estimator.estimators.rpe.replay import FRESH, HOLD_S, ROUNDS
+from flex_payload_estimator.estimators.rpe.excitation import Excitation
+from flex_payload_estimator.estimators.rpe.filter import Filter, Sample
+from flex_payload_estimator.estimators.rpe.filter_step import FilterStep
+from flex_payload_estimator.estimators.rpe.modes import Mode
+from flex_payload_estimator.estimators.rpe.restarts import (
+    PASSES,
+    relinearised,
+    restarted_at,
+    WIDE_PAYLOAD,
+)
 from flex_payload_estimator.estimators.rpe.sensors import Loads
-from flex_payload_estimator.estimators.rpe.start import Start
+from flex_payload_estimator.estimators.rpe.start import StartBank
+from flex_payload_estimator.estimators.rpe.time_update import CORIOLIS
+from flex_payload_estimator.estimators.rpe.window_pass import FIRST_PASS_S
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.interval import Z95
@@ -55,40 +62,40 @@ class FixedMode:
     """
 
     def __init__(self, stepper: FilterStep, amplitude: float, measured: Array):
-        self.stepper, self.motion = stepper, Motion(stepper)
+        self.stepper, self.motion = stepper, Excitation(stepper)
         self.mode = Mode('fixed', True, amplitude, amplitude)
-        self.filters = [f for f in Start(stepper).bank(measured) if f.mode.parts]
+        self.filters = [f for f in StartBank(stepper).bank(measured) if f.mode.free_parts]
         self.motion.begin(measured)
         self.past: list[tuple[Sample, Loads, float]] = []
 
     @property
     def best(self) -> Filter:
         """Return the likeliest of the start, or what began again."""
-        return max(self.filters, key=lambda f: f.log)
+        return max(self.filters, key=lambda f: f.log_likelihood)
 
     def update(self, sample: Sample) -> None:
         """Advance one sample and learn from it."""
-        loads, lived = self.motion.loads, self.stepper.step_time * self.motion.excited
-        self.past.append((sample, loads, lived))
+        loads, moved = self.motion.loads, self.stepper.step_time * self.motion.excited
+        self.past.append((sample, loads, moved))
         for f in self.filters:
-            self._learn(f, sample, loads, lived)
-        self.motion.follow(sample.measured, self.best, sample)
+            self._learn(f, sample, loads, moved)
+        self.motion.update(sample.measured, self.best, sample)
         best = self.best
-        if best.age >= HOLD_S and best.rounds < ROUNDS:
+        if best.age >= FIRST_PASS_S and best.passes < PASSES:
             self.filters = [self._again(best)]
-        elif best.rounds == ROUNDS and best.age >= 2.0 * max(best.linearised, HOLD_S):
-            self.filters = [self.stepper.about(best)]
+        elif best.passes == PASSES and best.age >= 2.0 * max(best.age_linearised, FIRST_PASS_S):
+            self.filters = [relinearised(best, self.stepper)]
 
-    def _learn(self, f: Filter, sample: Sample, loads: Loads, lived: float) -> None:
+    def _learn(self, f: Filter, sample: Sample, loads: Loads, moved: float) -> None:
         self.stepper.step(f, sample, loads)
-        f.log, f.age = f.log + f.gained, f.age + lived
+        f.log_likelihood, f.age = f.log_likelihood + f.log_density, f.age + moved
 
     def _again(self, best: Filter) -> Filter:
-        """Do at once what `modes.Modes` does while samples come."""
+        """Do at once what `ModeCompetition` does while samples come."""
         (first, loads, _), *rest = self.past
         base = best.copy()
         base.mode = self.mode
-        new = self.stepper.again(base, FRESH, first, loads, None)
+        new = restarted_at(base, WIDE_PAYLOAD, first, loads, None, self.stepper)
         for moment in rest:
             self._learn(new, *moment)
         return new
@@ -110,7 +117,7 @@ def fixed(record: Record, amplitude: float, stepper: FilterStep) -> list[tuple[f
         applied = stepper.effects.at_drive(command, time - stepper.step_time)
         runner.update(Sample(time, output, applied))
         if np.isclose(time, TIMES_S).any():
-            found.append(stepper.payload(runner.best))
+            found.append(stepper.published(runner.best))
     return found
 
 
@@ -145,7 +152,7 @@ def study(truth: str, seeds: range, amplitudes: Sequence[float], modes: int, sco
             answers[WHOLE] = whole(record, estimator)
             f = estimator.incumbent
             print(f'seed {seed}: share of the forces of motion {f.beta[CORIOLIS]:.3f} +- '
-                  f'{f.spread[CORIOLIS, CORIOLIS]**0.5:.3f}, mode {f.mode.name}')
+                  f'{f.beta_cov[CORIOLIS, CORIOLIS]**0.5:.3f}, mode {f.mode.name}')
         for name, answer in answers.items():
             mass, variance = np.array(answer).T
             error = mass - case.payload_true

@@ -3,8 +3,8 @@ Count how often rpe finds changes of the payload: drawn masses and times, in fas
 
 `python benchmarks/payload_changes.py [--runs N] [--seed S] [--bent]` simulates the reference arm,
 which the estimator knows exactly, or with --bent one whose bent links push as nature's do. The
-times of `rpe/modes.py` were chosen on seeds 100 to 115 and 200 to 219; those from 220 to 539 have
-compared variants since; those from 540 on judge.
+times of `rpe/transitions.py` were chosen on seeds 100 to 115 and 200 to 219; those from 220 to
+539 have compared variants since; those from 540 on judge.
 """
 
 from __future__ import annotations

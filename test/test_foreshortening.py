@@ -7,10 +7,11 @@ from typing import Any
 
 from extended_arms import arm, effect, ROBOT, stiff
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
+from flex_payload_estimator.estimators.rpe.filter import Sample
 from flex_payload_estimator.estimators.rpe.forces import forces_of_motion, motion_rows
-from flex_payload_estimator.estimators.rpe.hypothesis import NATURAL, Sample
-from flex_payload_estimator.estimators.rpe.kernel import FIRST_BIAS, MASS
+from flex_payload_estimator.estimators.rpe.modes import EXACT_BENDING
 from flex_payload_estimator.estimators.rpe.sensors import Loads
+from flex_payload_estimator.estimators.rpe.time_update import FIRST_BIAS, MASS
 from flex_plant_sim.arm.ritz import RitzShapes
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
@@ -138,11 +139,11 @@ def test_the_estimator_s_derivatives_are_differences_of_the_simulator_s_steps(mo
         return found.run(start, command[None], np.zeros((1, x.size // 2)))[-1]
 
     def told(slope: Array) -> Array:
-        f = stepper.begin(NATURAL, np.zeros(6), mass, 1e-3, 1.0)
-        f.x[:], f.sens[:, FIRST_BIAS] = x, slope
+        f = stepper.begin(EXACT_BENDING, np.zeros(6), mass, 1e-3, 1.0)
+        f.x[:], f.sensitivity[:, FIRST_BIAS] = x, slope
         stepper.predict(f, Sample(step, None, command), Loads.none(np.zeros(6), step))
         np.testing.assert_allclose(f.x, after(mass, x), rtol=0, atol=1e-9)
-        return f.sens
+        return f.sensitivity
 
     for unit in np.eye(x.size):
         expected = (after(mass, x + h * unit) - after(mass, x - h * unit)) / (2.0 * h)

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 from flex_payload_estimator.estimators.factory import make_estimator
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
-from flex_payload_estimator.estimators.rpe.hypothesis import Filter, ROUGH, Sample
+from flex_payload_estimator.estimators.rpe.filter import Filter, Sample
+from flex_payload_estimator.estimators.rpe.modes import ROUGH
 from flex_payload_estimator.estimators.rpe.prior import tabulated
 from flex_payload_estimator.estimators.rpe.sensors import Loads, start_spread
 from flex_payload_estimator.kalman.cramer_rao import linearise, payload_bound
@@ -45,8 +46,8 @@ def test_the_schedule_and_its_derivatives_are_those_of_the_sampled_arm() -> None
 
 def joint(f: Filter) -> Array:
     """Return the covariance of (x, beta) from its factors."""
-    cross = f.sens @ f.spread
-    return np.block([[f.cov + cross @ f.sens.T, cross], [cross.T, f.spread]])
+    cross = f.sensitivity @ f.beta_cov
+    return np.block([[f.cov + cross @ f.sensitivity.T, cross], [cross.T, f.beta_cov]])
 
 
 def anywhere(estimator: RecursivePredictionError) -> Filter:
@@ -57,8 +58,8 @@ def anywhere(estimator: RecursivePredictionError) -> Filter:
     spread = np.sqrt(np.diag(f.cov))
     f.x += 0.1 * spread * random.standard_normal(n)
     f.x[1] = 0.9
-    f.beta += 0.3 * np.sqrt(np.diag(f.spread)) * random.standard_normal(size)
-    f.sens[:] = np.outer(spread, 1.0 / np.sqrt(np.diag(f.spread))) \
+    f.beta += 0.3 * np.sqrt(np.diag(f.beta_cov)) * random.standard_normal(size)
+    f.sensitivity[:] = np.outer(spread, 1.0 / np.sqrt(np.diag(f.beta_cov))) \
         * random.standard_normal((n, size))
     return f
 
@@ -79,10 +80,10 @@ def test_a_prediction_moves_the_joint_covariance_by_its_own_derivatives() -> Non
         step = 1e-4 * np.sqrt(joint(f)[k, k]) * np.eye(n + size)[k]
         move[:n, k] = (predicted(step) - predicted(-step)) / (2.0 * step[k])
     after = f.copy()
-    after.mode = f.mode._replace(drive=0.0)
+    after.mode = f.mode._replace(drive_error=0.0)
     stepper.predict(after, sample, loads)
     # What a wrong model says of the parts fades: not what is tested here.
-    after.spread[:] = f.spread
+    after.beta_cov[:] = f.beta_cov
     expected, found = move @ joint(f) @ move.T, joint(after)
     scale = np.sqrt(np.diag(expected))
     np.testing.assert_allclose(found / np.outer(scale, scale),
@@ -92,7 +93,7 @@ def test_a_prediction_moves_the_joint_covariance_by_its_own_derivatives() -> Non
 def test_a_walk_and_a_measurement_are_those_of_the_augmented_kalman_filter() -> None:
     stepper = (estimator := estimator_of()).stepper
     f = anywhere(estimator)
-    f.mode = f.mode._replace(gauge=0.0)
+    f.mode = f.mode._replace(gauge_error=0.0)
     n, size, gauges = f.x.size, f.beta.size, 4
     expected = joint(f)
     expected[n, n] += 0.02**2
@@ -152,7 +153,7 @@ def test_the_covariance_stays_symmetric_positive_definite_at_a_fine_step() -> No
     arm = ExtendedArm(robot, 'assumed_modes', 2, 0.1)
     run = Run(estimator, PayloadProfile.constant(0.1), 0.3, arm=arm)
     f = estimator.incumbent
-    for cov in (f.cov, f.spread):
+    for cov in (f.cov, f.beta_cov):
         scale = np.sqrt(np.diag(cov))
         assert np.array_equal(cov, cov.T)
         assert np.linalg.eigvalsh(cov / np.outer(scale, scale)).min() > 0.0

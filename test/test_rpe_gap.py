@@ -19,6 +19,6 @@ def test_coarse_finds_its_way_back_from_where_a_wrong_model_has_led() -> None:
                                           record.command):
         found = estimator.update(float(time), np.r_[joint, strain], command)
         command = after
-    assert estimator.incumbent.mode.name == 'coarse' and estimator.incumbent.rounds > 0
+    assert estimator.incumbent.mode.name == 'coarse' and estimator.incumbent.passes > 0
     assert abs(found.mass - case.payload_true) < 1.96 * found.variance**0.5
     assert found.variance**0.5 < 0.3 * case.payload_true

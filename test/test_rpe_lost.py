@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import lru_cache
 
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
-from flex_payload_estimator.estimators.rpe.hypothesis import Mode, MODES
+from flex_payload_estimator.estimators.rpe.modes import Mode, MODES
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.payload_profile import PayloadProfile
@@ -71,7 +71,7 @@ def test_a_state_that_is_lost_in_a_gap_is_told_by_the_next_measurement(
     for k in range(50):
         estimator.update(k * STEP, *rows[k])
     estimator.conclude()
-    stepper, loads = estimator.stepper, estimator._motion.loads
+    stepper, loads = estimator.stepper, estimator._excitation.loads
     f = stepper.begin(mode, rows[49][0], 0.1, 0.05)
     f.x[:] = spoilt
     for k in (50, 51):

@@ -8,7 +8,7 @@ import math
 from flex_payload_estimator.estimators.factory import make_estimator
 from flex_payload_estimator.estimators.rpe import estimator as rpe
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
-from flex_payload_estimator.estimators.rpe.kernel import predict
+from flex_payload_estimator.estimators.rpe.time_update import predict
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.payload_profile import PayloadProfile
@@ -102,8 +102,8 @@ def test_what_a_gap_lacks_is_predicted_together_as_one_by_one(monkeypatch: pytes
     """A gap of 47 samples, of which ten at most go together, in motion and at the start."""
     estimator, rows = estimator_of(FAST), samples(0.4)
     found = []
-    for together in (rpe.TOGETHER_S, 0.0):
-        monkeypatch.setattr(rpe, 'TOGETHER_S', together)
+    for together in (rpe.GAP_STEP_S, 0.0):
+        monkeypatch.setattr(rpe, 'GAP_STEP_S', together)
         estimator.reset()
         found.append([estimator.update(*row) for k, row in enumerate(rows)
                       if not (100 < k <= 147 or 300 < k <= 347)])

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
-from flex_payload_estimator.estimators.rpe.hand_over import hand_over
-from flex_payload_estimator.estimators.rpe.hypothesis import Filter
-from flex_payload_estimator.estimators.rpe.kernel import FIRST_BIAS
+from flex_payload_estimator.estimators.rpe.filter import Filter
+from flex_payload_estimator.estimators.rpe.restarts import hand_over_rest
+from flex_payload_estimator.estimators.rpe.time_update import FIRST_BIAS
 from flex_plant_sim.arm.second_order import Array
 import numpy as np
 from rpe_runs import estimator_of, robot_with
@@ -31,8 +31,8 @@ def rested(samples: int) -> tuple[RecursivePredictionError, Filter]:
 def joint(f: Filter) -> tuple[Array, Array]:
     """Return mean and covariance of state and gauge biases, all else summed out."""
     size, gauges = f.x.size, slice(FIRST_BIAS, FIRST_BIAS + len(BIAS))
-    whole = np.block([[f.cov + f.sens @ f.spread @ f.sens.T, f.sens @ f.spread],
-                      [f.spread @ f.sens.T, f.spread]])
+    cross = f.sensitivity @ f.beta_cov
+    whole = np.block([[f.cov + cross @ f.sensitivity.T, cross], [cross.T, f.beta_cov]])
     kept = np.r_[0:size, size + gauges.start:size + gauges.stop]
     return np.concatenate([f.state, f.beta[gauges]]), whole[np.ix_(kept, kept)]
 
@@ -49,12 +49,12 @@ def test_where_it_moves_the_bank_knows_what_the_one_knew_but_the_payload() -> No
     estimator, before = rested(50)
     start, random = estimator._start, np.random.default_rng(5)
     # As if much of the state owed to the payload and to the gauges.
-    before.sens[:] = random.standard_normal(before.sens.shape)
-    before.spread[:] += 1e-10 * np.cov(random.standard_normal((before.beta.size, 20)))
+    before.sensitivity[:] = random.standard_normal(before.sensitivity.shape)
+    before.beta_cov[:] += 1e-10 * np.cov(random.standard_normal((before.beta.size, 20)))
     mean, cov = joint(before)
     for f in start.bank(np.zeros(6)):
         mass, variance = f.mass, f.variance
-        hand_over(before, f)
+        hand_over_rest(before, f)
         assert np.allclose(joint(f)[0], mean, rtol=1e-12, atol=0.0)
         assert np.allclose(joint(f)[1], cov, rtol=1e-9, atol=1e-12 * np.abs(cov).max())
         assert (f.mass, f.variance) == (mass, variance)
@@ -69,6 +69,6 @@ def test_the_first_motion_fills_the_bank() -> None:
 
 def test_the_estimate_before_any_motion_is_the_prior() -> None:
     estimator, _ = rested(5)
-    first = estimator._start.moments_before
+    first = estimator._start.prior_moments
     last = estimator.update(0.06, np.concatenate([[0.1, -0.2], BIAS]), np.zeros(2))
     assert (last.mass, last.variance, last.status) == (*first, 'not_excited')

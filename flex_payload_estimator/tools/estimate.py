@@ -10,7 +10,7 @@ from typing import Any
 
 from flex_payload_estimator.estimators.base import PayloadEstimator
 from flex_payload_estimator.estimators.factory import coriolis_of, make_estimator
-from flex_payload_estimator.estimators.rpe import onward
+from flex_payload_estimator.estimators.rpe import compiled_step
 from flex_payload_estimator.tools.words import decimals_of, with_uncertainty
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import load_robot
@@ -123,7 +123,7 @@ def estimate_file(path: str, robot: Robot, name: str, model: str, modes: int) ->
     """
     log = read_log_aloud(path, robot, model, modes, coriolis_of(name, robot, model))
     if name == 'rpe':
-        command_line.say_if_compiling(onward.stepped)
+        command_line.say_if_compiling(compiled_step.step_packed)
     return estimate(log, make_estimator(
         name, replace(robot, sample_time=log.sample_time), model, modes))
 

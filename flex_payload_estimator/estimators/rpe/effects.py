@@ -8,17 +8,26 @@ from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 
-# Over cos theta_2, which leaves 1e-5 of the matrices; and payloads of late whose arm is kept.
-NODES, KEPT = 9, 16
+# Nodes over cos theta_2, which leave 1e-5 of the matrices, and payloads whose arms are kept.
+NODES, CACHED_ARMS = 9, 16
 
 
 class EffectStep:
     """
-    The hooks of an extended arm that are not in its sampled matrices.
+    The effects of an extended arm that are not in its sampled matrices.
 
     Parameters
     ----------
     arm : ExtendedArm
+
+    Attributes
+    ----------
+    moves : bool
+        Whether an effect acts on the motion, by a force or a contact.
+    memory : int
+        Number of past commands that effects need.
+    history : Array
+        These commands, the oldest first, (memory, 2).
 
     """
 
@@ -42,7 +51,7 @@ class EffectStep:
         return (self.arm.output(unit, 0.0) - self.arm.output(0.0 * unit, 0.0)).T
 
     def at_drive(self, command: Array, time: float) -> Array:
-        """Return what of a sent command (2,) reaches the drives, (2,)."""
+        """Return the command at the drives, (2,), for one that is sent, (2,), at a time, s."""
         applied = np.clip(command, -self.limits, self.limits) if self.limited else command
         for effect in self.arm.effects:
             applied = effect.on_command(applied, self.history, time,
@@ -54,14 +63,14 @@ class EffectStep:
     def push(self, payload: float, before: Array, after: Array, command: Array,
              time: float) -> Array:
         """
-        Return the state after a step, given what the linear plant alone would do.
+        Return the state after a step with the effects' forces and contacts, (n,).
 
         Parameters
         ----------
         payload : float
             kg, of the slice of the schedule in use.
         before, after : Array
-            (n,).
+            State before the step, and after it by the linear plant alone, (n,).
         command : Array
             At the drive, (2,).
         time : float
@@ -72,7 +81,7 @@ class EffectStep:
         if arm is None:
             arm = self.arm.at_payload(payload)
             arm.nodes = chebyshev_nodes(NODES)
-            if len(self._loaded) >= KEPT:
+            if len(self._loaded) >= CACHED_ARMS:
                 self._loaded.clear()
             self._loaded[payload] = arm
         force = arm.schedule.at(np.cos(before[1]))[2]

@@ -6,16 +6,15 @@ from collections.abc import Callable, Iterator, Sequence
 import math
 
 from flex_payload_estimator.estimators.base import Estimate, Event
+from flex_payload_estimator.estimators.rpe.competition import ModeCompetition
 from flex_payload_estimator.estimators.rpe.events import EventLog
-from flex_payload_estimator.estimators.rpe.evidence import misfit_of
-from flex_payload_estimator.estimators.rpe.hypothesis import Filter, Sample
-from flex_payload_estimator.estimators.rpe.modes import Modes
-from flex_payload_estimator.estimators.rpe.motion import Motion
-from flex_payload_estimator.estimators.rpe.replay import MISFIT
+from flex_payload_estimator.estimators.rpe.excitation import Excitation
+from flex_payload_estimator.estimators.rpe.filter import Filter, Sample
+from flex_payload_estimator.estimators.rpe.likelihood import POOR_FIT, reduced_chi_square
+from flex_payload_estimator.estimators.rpe.outliers import OutlierTests
 from flex_payload_estimator.estimators.rpe.sensors import Loads
 from flex_payload_estimator.estimators.rpe.settings import RpeSettings, stepper_of
-from flex_payload_estimator.estimators.rpe.shocks import Shocks
-from flex_payload_estimator.estimators.rpe.start import Start
+from flex_payload_estimator.estimators.rpe.start import StartBank
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.effects import effects_of
@@ -23,18 +22,18 @@ from flex_plant_sim.effects.base import Effect
 from msg_config.errors import InputError
 import numpy as np
 
-# A gap longer than this, s, loses the state. Numbers beyond these are no reading.
+# A gap longer than this, s, loses the state.
 LONGEST_GAP_S = 1.0
-# For so long, s, one set of matrices serves where nothing is measured, as it does at 100 Hz.
-TOGETHER_S = 0.01
-# rad, m/m, the drive's own unit: no sensor and no drive has more.
+# Where nothing is measured, one set of matrices serves for so long, s, as it does at 100 Hz.
+GAP_STEP_S = 0.01
+# Numbers beyond these are no reading: rad, m/m, and the drive's own unit.
 LARGEST_ANGLES, LARGEST_STRAIN, LARGEST_COMMANDS = (1e6, 1e6), 1.0, (1e6, 1e6)
-# Where a variance is to be multiplied by this, no model that is known holds.
-SUSPECT = 3.0
+# Where the published variance has to be multiplied by more than this, no mode's model holds.
+SUSPECT_FACTOR = 3.0
 
 
 def _within(values: list[float], limits: tuple[float, ...]) -> bool:
-    """Tell whether all are finite, and less than their limits; quicker than NumPy for a few."""
+    """Tell whether numbers are finite and within their limits; quicker than NumPy for a few."""
     for value, limit in zip(values, limits):
         # A comparison with NaN is false.
         if not -limit < value < limit:
@@ -46,16 +45,18 @@ class RecursivePredictionError:
     """
     A joint posterior of state, payload, parts and gauges, under the mode that predicts best.
 
-    See docs/estimators.md; modes.py has the hypotheses about the model and all ways between.
+    docs/estimators.md has the method; modes.py the hypotheses about the model, and transitions.py
+    every way from one to another. A sample passes through `update`, which predicts, learns and
+    answers, and `conclude`, which steps the trials and decides who is the incumbent.
 
     Parameters
     ----------
     robot : Robot
-        Its noise is where the noise's estimate starts, its tolerances are the prior of parts.
+        Its noise is where the noise estimate starts; its tolerances are the parts' prior.
     model : str
         'assumed_modes', 'paper' or 'paper_reduced'.
     modes : int
-        Modes a link.
+        ModeCompetition a link.
     effects : sequence of Effect or None
         None takes the robot file's.
     settings : RpeSettings or None
@@ -64,7 +65,11 @@ class RecursivePredictionError:
     Attributes
     ----------
     rejected : int
-        Samples that were no measurement.
+        Number of samples that were no measurement.
+    stepper : FilterStep
+    arm : ExtendedArm
+        The model, with the robot file's effects.
+    settings : RpeSettings
 
     """
 
@@ -75,16 +80,16 @@ class RecursivePredictionError:
         chosen = effects_of(robot) if effects is None else tuple(effects)
         self.stepper = stepper_of(robot, model, modes, chosen, self.settings)
         self.arm = self.stepper.effects.arm
-        self._modes, self._start = Modes(self.stepper), Start(self.stepper)
-        self._shocks = Shocks(self.stepper)
+        self._competition, self._start = ModeCompetition(self.stepper), StartBank(self.stepper)
+        self._outliers = OutlierTests(self.stepper)
         self._channels = self.stepper.told_variance.size
         self._largest = (*LARGEST_ANGLES, *[LARGEST_STRAIN] * (self._channels - 2))
         self._warm()
 
     def _warm(self) -> None:
-        """Compile or load the kernels where they are compiled, so that no sample waits for it."""
+        """Compile the inner loops, or load them compiled, so that no sample waits for it."""
         self.reset()
-        # At rest, and with joints that move and bring in the bank.
+        # At rest, and with joints that move, so that the bank begins.
         for k, angle in enumerate((0.0, 0.0, 0.0, 0.1, 0.2)):
             measured = np.zeros(self._channels)
             measured[:2] = angle
@@ -95,18 +100,18 @@ class RecursivePredictionError:
 
     def reset(self) -> None:
         """Forget everything."""
-        self._modes.clear()
+        self._competition.clear()
         self._start.clear()
-        self._shocks.clear()
+        self._outliers.clear()
         self.stepper.effects.reset()
         self.rejected = 0
         self._log = EventLog()
         self._incumbent: Filter | None = None
-        self._motion = Motion(self.stepper)
-        self._loads = self._motion.loads
-        self._ahead: tuple[Array, Sample, Array] | None = None
-        self._open: Sample | None = None
-        self._command, self._before, self._time = np.zeros(2), np.zeros(2), math.nan
+        self._excitation = Excitation(self.stepper)
+        self._loads = self._excitation.loads
+        self._prediction: tuple[Array, Sample, Array] | None = None
+        self._unconcluded: Sample | None = None
+        self._command, self._previous_command, self._time = np.zeros(2), np.zeros(2), math.nan
         mass, channels = 0.5 * self.stepper.heaviest, self._channels
         self._last = Estimate(0.0, mass, mass**2 / 3.0, mass**2 / 3.0, np.zeros(channels),
                               np.full(channels, np.inf), 'not_excited')
@@ -119,7 +124,7 @@ class RecursivePredictionError:
 
     @property
     def incumbent(self) -> Filter:
-        """Return the filter that gives the estimate, or the likeliest of the start."""
+        """Return the filter that gives the estimate; during the start, the likeliest."""
         return self._incumbent or self._start.best()
 
     def update(self, time: float, output: Array, command: Array) -> Estimate:
@@ -155,7 +160,7 @@ class RecursivePredictionError:
         if math.isnan(self._time):
             return self._begin(time, output) if good else self._reject(time)
         if sent:
-            self._before, self._command = self._command, command
+            self._previous_command, self._command = self._command, command
         if not good:
             self._advance(self._time + self.arm.step_time, None)
             return self._reject(time if math.isfinite(time) else self._time)
@@ -175,14 +180,14 @@ class RecursivePredictionError:
         """
         self.conclude()
         command = np.array(command, dtype=float)
-        if math.isnan(self._time) or self._ahead \
+        if math.isnan(self._time) or self._prediction \
                 or not _within(command.tolist(), LARGEST_COMMANDS):
             return
         history = self.stepper.effects.history
         sample = self._sample(self._time + self.arm.step_time, None, command)
         for f in self._filters():
-            self.stepper.predict(f, sample, self._motion.loads)
-        self._ahead = command, sample, history
+            self.stepper.predict(f, sample, self._excitation.loads)
+        self._prediction = command, sample, history
 
     def conclude(self) -> None:
         """
@@ -190,23 +195,23 @@ class RecursivePredictionError:
 
         Otherwise `update` does, before it takes the next sample: its answers are the same.
         """
-        sample, self._open = self._open, None
+        sample, self._unconcluded = self._unconcluded, None
         if sample is None:
             return
         if self._incumbent is None:
-            if not self._motion.moved:
-                self._modes.clear()
-            self._modes.remember(sample, self._loads, self._motion.excited)
-            self._start.heed(self._modes.past, sample, self._loads)
-            left = self._start.decide(self._motion.excited)
+            if not self._excitation.has_moved:
+                self._competition.clear()
+            self._competition.remember(sample, self._loads, self._excitation.excited)
+            self._start.restart_if_noisier(self._competition.window, sample, self._loads)
+            left = self._start.select(self._excitation.excited)
             for f in left[1:]:
-                self._modes.keep(f, sample.time)
+                self._competition.keep(f, sample.time)
             self._incumbent = left[0] if left else None
             return
-        self._incumbent = self._modes.advance(self._incumbent, sample, self._loads,
-                                              self._motion.excited)
-        self._log.follow(self._modes.change, self._modes.moved, self._incumbent, sample.time,
-                         self.stepper.schedule.soft_mass)
+        self._incumbent = self._competition.advance(self._incumbent, sample, self._loads,
+                                                    self._excitation.excited)
+        self._log.update(self._competition.reported_change, self._competition.ongoing_change,
+                         self._incumbent, sample.time, self.stepper.schedule.soft_mass)
 
     def _filters(self) -> list[Filter]:
         return self._start.filters if self._incumbent is None else [self._incumbent]
@@ -218,119 +223,122 @@ class RecursivePredictionError:
     def _begin(self, time: float, output: Array) -> Estimate:
         self._time = time
         self._start.begin(output)
-        self._motion.begin(output)
+        self._excitation.begin(output)
         sample = Sample(time, output, np.zeros(2))
         for f in self._start.filters:
-            self.stepper.correct(f, sample, self._motion.loads)
-        self._open = sample
+            self.stepper.correct(f, sample, self._excitation.loads)
+        self._unconcluded = sample
         return self._estimate(time)
 
     def _advance(self, time: float, output: Array | None) -> None:
         """Bring the filters to the time of a sample, across a gap if there is one, and learn."""
-        step, ahead = self.arm.step_time, self._take_back(time)
+        step, predicted = self.arm.step_time, self._take_prediction(time)
         steps = max(1, round((time - self._time) / step))
         if steps > 1:
             self._cross(steps, output)
         self._time = max(time, self._time)
-        self._loads, filters = self._motion.loads, self._filters()
-        if ahead:
-            sample = ahead._replace(measured=output)
+        self._loads, filters = self._excitation.loads, self._filters()
+        if predicted:
+            sample = predicted._replace(measured=output)
         else:
             sample = self._sample(self._time, output, self._command)
-        advance = self._advancing(output, ahead is not None)
+        advance = self._advancing(output, predicted is not None)
         for f in filters:
             advance(f, sample, self._loads)
         if self._incumbent is not None:
-            self._incumbent, sample, lost = self._shocks.taken(
+            self._incumbent, sample, lost = self._outliers.resolve(
                 self._incumbent, sample, self._loads)
             if lost:
-                self._modes.clear()
-        # Loads count from the next sample on, so that a prediction ahead knows them too.
-        self._motion.follow(output, self.incumbent, sample)
-        # Where one filter does not fit, its noise may hide a motion.
-        if self._start.at_rest and (self._motion.excited
-                                    or misfit_of(self.incumbent.record) > MISFIT):
-            rested = filters[0].before()
+                self._competition.clear()
+        # Loads count from the next sample on, so that a prediction made in advance has them too.
+        self._excitation.update(output, self.incumbent, sample)
+        # Where the filter at rest does not fit, what it takes for noise may be a motion.
+        if self._start.at_rest and (self._excitation.excited
+                                    or reduced_chi_square(self.incumbent.statistics) > POOR_FIT):
+            rested = filters[0].before_prediction()
             self._start.leave_rest(rested, sample, self._loads)
-            self._modes.leave_rest(rested)
-            self._motion.said = None
-        if not self._motion.excited:
+            self._competition.leave_rest(rested)
+            self._excitation.moments = None
+        if not self._excitation.excited:
             self._drift()
-        self._open = sample
+        self._unconcluded = sample
 
     def _cross(self, steps: int, output: Array | None) -> None:
         """Predict across a gap of so many samples, or begin anew after it."""
         if steps * self.arm.step_time > LONGEST_GAP_S:
             for f in self._filters():
                 self.stepper.relocate(f, output)
-            self._modes.clear()
+            self._competition.clear()
             return
         for sample in self._missing(steps):
             for f in self._filters():
-                self.stepper.predict(f, sample, self._motion.loads)
-            self._modes.missed(sample, self._motion.loads, self._motion.excited)
+                self.stepper.predict(f, sample, self._excitation.loads)
+            self._competition.predict(sample, self._excitation.loads, self._excitation.excited)
 
     def _advancing(self, output: Array | None, predicted: bool
                    ) -> Callable[[Filter, Sample, Loads], None]:
-        """Return what brings a filter to a sample, and lets it learn."""
+        """Return the step that brings a filter to a sample and lets it learn."""
         if predicted:
             return self.stepper.correct
         return self.stepper.predict if output is None else self.stepper.step
 
     def _missing(self, steps: int) -> Iterator[Sample]:
-        """Yield what a gap of so many samples lacks: together while the arm hardly turns."""
-        step, effects, doubt = self.arm.step_time, self.stepper.effects, self._doubt(steps)
-        most = 1 if effects.moves or effects.memory else max(1, round(TOGETHER_S / step))
+        """Yield the samples that a gap lacks, several in one while the arm hardly turns."""
+        step, effects = self.arm.step_time, self.stepper.effects
+        variance = self._lost_command_variance(steps)
+        most = 1 if effects.moves or effects.memory else max(1, round(GAP_STEP_S / step))
         for done in range(0, steps - 1, most):
             some = min(most, steps - 1 - done)
             yield self._sample(self._time + (done + some) * step, None, self._command)._replace(
-                doubt=doubt, steps=some)
+                command_variance=variance, steps=some)
 
-    def _doubt(self, steps: int) -> Array:
+    def _lost_command_variance(self, steps: int) -> Array:
         """
-        Return the variance of a command that was lost in a gap of so many samples, (2,).
+        Return the variance of the commands that were lost in a gap of so many samples, (2,).
 
-        It lasts for the gap: as white noise of each sample it counts so many times as much.
+        The error is constant over the gap; as white noise it counts that many times as much.
         """
-        change = self._command - self._before
+        change = self._command - self._previous_command
         return steps * (change * change + self._loads.drive)
 
-    def _take_back(self, time: float) -> Sample | None:
-        """Return the sample that was predicted for, where it is this one; else undo that."""
-        if self._ahead is None:
+    def _take_prediction(self, time: float) -> Sample | None:
+        """Return the sample that `prepare` predicted if it is the present one; else undo that."""
+        if self._prediction is None:
             return None
-        command, sample, history = self._ahead
-        self._ahead = None
+        command, sample, history = self._prediction
+        self._prediction = None
         if command.tolist() == self._command.tolist() and \
                 round((time - self._time) / self.arm.step_time) <= 1:
             return sample
         self.stepper.effects.history = history
         for f in self._filters():
-            f.take_back()
+            f.undo_prediction()
         return None
 
     def _drift(self) -> None:
-        """Let the payload walk at rest, where nobody sees it."""
+        """Let the payload walk at random at rest, where nothing tells of it."""
         variance = self.settings.rest_drift**2 * self.arm.step_time
         for f in self._filters():
             self.stepper.drift(f, variance)
-        self._motion.said = None
+        self._excitation.moments = None
 
     def _estimate(self, time: float) -> Estimate:
         best = self.incumbent
-        doubt, said = self.stepper.doubt(best), self._motion.said or self.stepper.said(best)
-        if not self._motion.moved:
-            # Noise alone tells which payload explains less, not which it is.
-            mass, variance = self._start.moments_before
+        factor = self.stepper.variance_factor(best)
+        moments = self._excitation.moments or self.stepper.moments(best)
+        if not self._excitation.has_moved:
+            # At rest the likelihood tells which payload fits the noise, not which it is.
+            mass, variance = self._start.prior_moments
         elif self._incumbent is None:
             mass, variance = self._start.moments()
         else:
-            mass, variance = self.stepper.payload(best, said, doubt)
-        suspect = doubt > SUSPECT
-        status = 'model_suspect' if suspect else 'ok' if self._motion.excited \
+            mass, variance = self.stepper.published(best, moments, factor)
+        suspect = factor > SUSPECT_FACTOR
+        status = 'model_suspect' if suspect else 'ok' if self._excitation.excited \
             and self._incumbent is not None else 'not_excited'
-        reading = best.reading.copy()
-        self._last = Estimate(time, mass, variance, best.variance, reading[0], reading[1], status)
+        innovation, innovation_std = best.innovations.copy()
+        self._last = Estimate(time, mass, variance, best.variance, innovation, innovation_std,
+                              status)
         return self._last
 
     def _reject(self, time: float) -> Estimate:

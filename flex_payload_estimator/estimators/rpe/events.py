@@ -1,15 +1,15 @@
-"""Changes of the payload: which a walking payload is worth telling."""
+"""The changes of the payload that are worth reporting."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 from flex_payload_estimator.estimators.base import Event
-from flex_payload_estimator.estimators.rpe.hypothesis import Filter
-from flex_payload_estimator.estimators.rpe.modes import LASTS_S
+from flex_payload_estimator.estimators.rpe.competition import SAME_CHANGE_S
+from flex_payload_estimator.estimators.rpe.filter import Filter
 from flex_payload_estimator.estimators.rpe.trial import Trial
 
-# A change counts from this many standard deviations, and this share of (m + soft mass).
+# A change counts from so many standard deviations on, and from this share of (m + soft mass) on.
 DEVIATIONS, SHARE = 4.0, 0.03
 
 
@@ -18,35 +18,37 @@ class EventLog:
 
     def __init__(self) -> None:
         self.events: list[Event] = []
-        self._told: Trial | None = None
+        self._reported: Trial | None = None
 
-    def follow(self, change: Trial | None, moved: Trial | None, incumbent: Filter, time: float,
-               soft: float) -> None:
+    def update(self, reported: Trial | None, ongoing: Trial | None, incumbent: Filter,
+               time: float, soft_mass: float) -> None:
         """
         Take what is known after a sample.
 
         Parameters
         ----------
-        change, moved : Trial or None
-            Of a walking payload, see Modes.
+        reported, ongoing : Trial or None
+            The change that may be reported, and the one that goes on; see ModeCompetition.
         incumbent : Filter
-            Of this sample.
-        time, soft : float
-            s, and soft mass, kg.
+            After the sample.
+        time, soft_mass : float
+            s and kg.
 
         """
-        if self._told is not None and moved in (None, self._told):
+        if self._reported is not None and ongoing in (None, self._reported):
             self.events[-1] = replace(self.events[-1], after=incumbent.mass)
-        if change is None or change is self._told:
+        if reported is None or reported is self._reported:
             return
-        apart = incumbent.mass - change.mass
-        if abs(apart) <= max(DEVIATIONS * incumbent.variance**0.5, SHARE * (change.mass + soft)):
+        change = incumbent.mass - reported.mass_before
+        if abs(change) <= max(DEVIATIONS * incumbent.variance**0.5,
+                              SHARE * (reported.mass_before + soft_mass)):
             return
-        self._told = change
-        if not self.events or not self._goes_on(self.events[-1], change, apart):
-            self.events.append(Event(change.since, time, change.mass, incumbent.mass))
+        self._reported = reported
+        if not self.events or not self._continues(self.events[-1], reported, change):
+            self.events.append(Event(reported.since, time, reported.mass_before, incumbent.mass))
 
     @staticmethod
-    def _goes_on(last: Event, change: Trial, apart: float) -> bool:
+    def _continues(last: Event, trial: Trial, change: float) -> bool:
         """Tell whether a change is the last one, going on after it seemed to be over."""
-        return change.since - last.found < LASTS_S and apart * (last.after - last.before) > 0.0
+        return trial.since - last.found < SAME_CHANGE_S \
+            and change * (last.after - last.before) > 0.0

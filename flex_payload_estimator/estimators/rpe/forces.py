@@ -2,12 +2,12 @@
 The forces of motion: Coriolis and centripetal ones, and what bent links add to first order.
 
 They are those of the effects CoriolisCentripetal and Foreshortening, which follow from one energy;
-here for one step of a filter, with the payload that it believes.
+here for one step of a filter, at the payload that it estimates.
 """
 
 from __future__ import annotations
 
-from flex_payload_estimator.estimators.rpe.products import applied, inner, inverse, product
+from flex_payload_estimator.estimators.rpe.small_matrices import applied, inner, inverse, product
 from flex_payload_estimator.kalman.in_place import add, add_column, add_outer, put
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import compiled
@@ -22,35 +22,36 @@ from flex_plant_sim.effects.mechanics.kinematics import is_energy_form, root_row
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 
-# Rows of `motion_rows`: the elbow's velocity e, the static moment s_0 and s_1 of lower link and
-# payload, the rates w_1 and w_2 of the links' roots, the angle between the links; then what is a
-# deflection of the upper link; BendingTerms' numbers and the step, without payload and per kg of
-# it; its over_position likewise.
+# Rows of `motion_rows`, over the coordinates: the elbow's velocity e; the static moments s_0 of
+# the lower link and s_1 per kg of payload; the angular rates w_1 and w_2 of the links' roots; the
+# angle between the links. With bending also: which coordinates are deflections of the upper link;
+# BendingTerms' numbers and the sampling time, without payload, and per kg of it; and from FIRST on
+# BendingTerms' over_position, likewise.
 ELBOW, ACROSS, PER_KG, ROOT_1, ROOT_2, ANGLE, UPPER, NUMBERS, FIRST = *range(8), 9
-# Difference over the payload, kg.
+# Step of the finite difference over the payload, kg.
 PAYLOAD_STEP = 1e-6
 
 
 def moves(arm: ExtendedArm) -> bool:
-    """Tell whether an arm has forces of motion: the paper's equations, of no energy, have none."""
+    """Tell whether an arm has forces of motion; the paper's equations, of no energy, do not."""
     return arm.compact is None and is_energy_form(arm.form)
 
 
 def motion_rows(arm: ExtendedArm, bent: bool = True) -> Array:
     """
-    Return what the forces of motion are made of, over the coordinates.
+    Return the rows over the coordinates from which the forces of motion are computed.
 
     Parameters
     ----------
     arm : ExtendedArm
         The model.
     bent : bool
-        With what bent links add.
+        Whether with the terms of bending links.
 
     Returns
     -------
     Array
-        (15 + 4 N, N), or (6, N) of rigid links' alone; (0, N) for an arm without.
+        (15 + 4 N, N), or (6, N) for rigid links; (0, N) for an arm without forces of motion.
 
     """
     form = arm.form
@@ -120,21 +121,24 @@ def rigid_force(rows: Array, mass: float, middle: Array) -> tuple[Array, Array, 
 
 @compiled
 def bent_force(terms: BendingTerms, before: Array, x: Array, after: Array, step: float) -> Array:
-    """Return Foreshortening's mean force over a step from x, of momentum `before`, (N,)."""
+    """Return the mean force of bent links over a step, s, from x with momentum `before`, (N,)."""
     return slopes(terms, 0.5 * (x + after)) - (momentum(terms, after) - before) / step
 
 
 @compiled
 def newton_matrix(mass: Array, push: Array, step: float) -> Array:
     """
-    Return by what a miss of the forces corrects them, (N, N): (1 + M_b E_v / T)^-1.
+    Return Newton's matrix, (N, N), by which the forces' residual corrects them.
+
+    That is (1 + M_b E_v / T)^-1.
 
     Parameters
     ----------
     mass : Array
-        M_b that bent links add, their momentum's derivative over the velocity, (N, N).
+        M_b, the derivative of bent links' momentum over the velocity, (N, N).
     push : Array
-        What a unit of each force does to the state over a step, (n, N); E_v of it to velocities.
+        Change of the state over a step by a unit of each force, (n, N); E_v is that of the
+        velocities.
     step : float
         T, s.
 
@@ -147,12 +151,12 @@ def newton_matrix(mass: Array, push: Array, step: float) -> Array:
 def _bent(rows: Array, mass: float, x: Array, after: Array, push: Array
           ) -> tuple[Array, Array, Array, Array]:
     """
-    Return the forces of motion, and their derivatives but for what acts on themselves.
+    Return the forces of motion and their partial derivatives, see `forces_of_motion`.
 
-    Bent links' forces go with the acceleration, and so with themselves: two steps of Newton's, as
-    the simulator makes them (stepping.py), so that the model is its arm to rounding. At 0.3 kg in
-    fast motion two evaluations alone (Picard) are 6 % of the largest force off at 100 Hz, 25 % at
-    1 kHz.
+    The forces of bent links depend on the acceleration, and so on themselves. They are solved by
+    two steps of Newton's method, as in the simulator (stepping.py), so that the model is its arm
+    to rounding. At 0.3 kg in fast motion two fixed-point (Picard) evaluations are off by 6 % of
+    the largest force at 100 Hz, by 25 % at 1 kHz.
     """
     terms, step, n = terms_at(rows, mass), rows[NUMBERS, 3], rows.shape[1]
     before = momentum(terms, x)
@@ -162,13 +166,14 @@ def _bent(rows: Array, mass: float, x: Array, after: Array, push: Array
     guess = after + applied(push, force)
     middle = 0.5 * (x + guess)
     rigid, over_x, over_mass = rigid_force(rows, mass, middle)
-    bent, gained = bent_force(terms, before, x, guess, step), momentum_slope(terms, guess, 0)
-    force = force + applied(newton_matrix(gained[:, n:].copy(), push, step), rigid + bent - force)
+    bent, slope_after = bent_force(terms, before, x, guess, step), momentum_slope(terms, guess, 0)
+    residual = rigid + bent - force
+    force = force + applied(newton_matrix(slope_after[:, n:].copy(), push, step), residual)
     over_x *= 0.5
     over_x[:, :2 * n] += 0.5 * field_slope(terms, middle)
     over_after = over_x.copy()
     over_x[:, :2 * n] += momentum_slope(terms, x, 0) / step
-    over_after[:, :2 * n] -= gained / step
+    over_after[:, :2 * n] -= slope_after / step
     heavier = terms_at(rows, mass + PAYLOAD_STEP)
     more = bent_force(heavier, momentum(heavier, x), x, guess, step)
     return force, over_x, over_after, over_mass + (more - bent) / PAYLOAD_STEP
@@ -181,7 +186,7 @@ def forces_of_motion(rows: Array, mass: float, x: Array, after: Array, push: Arr
     Return the forces of motion over a step, (N,), and their derivatives.
 
     Over the state before the step, and over the one after it without these forces, (N, n) each;
-    over the payload, (N,). Bent links' forces act on themselves: so does each derivative.
+    over the payload, (N,). They are total derivatives: bent links' forces act on themselves.
 
     Parameters
     ----------
@@ -192,7 +197,7 @@ def forces_of_motion(rows: Array, mass: float, x: Array, after: Array, push: Arr
     x, after : Array
         State before the step and, without these forces, after it, (n,).
     push : Array
-        What a unit of each force does to the state, as far as they act, (n, N).
+        Change of the state by a unit of each force, times the share of the forces, (n, N).
 
     """
     if len(rows) > NUMBERS:
@@ -209,10 +214,11 @@ def forces_of_motion(rows: Array, mass: float, x: Array, after: Array, push: Arr
 @compiled
 def tip_force(rows: Array, x: Array, force: Array, push: Array) -> tuple[Array, Array, Array]:
     """
-    Return what a constant force at the tip does to the state over a step, (n,), to first order.
+    Return the change of the state by a constant force at the tip over a step, (n,).
 
-    Then its derivatives over the state, (n, n), and over the force, (n, 2). The tip moves with the
-    elbow across the upper link, and against it across the lower one.
+    To first order in the deflections; then its derivatives over the state, (n, n), and over the
+    force, (n, 2). The tip moves with the elbow across the upper link, and relative to it across
+    the lower one.
 
     Parameters
     ----------
@@ -221,7 +227,7 @@ def tip_force(rows: Array, x: Array, force: Array, push: Array) -> tuple[Array, 
     x, force : Array
         State, (n,), and force along the world's axes, N, (2,).
     push : Array
-        What a unit of each generalised force does to the state, (n, N).
+        Change of the state by a unit of each generalised force, (n, N).
 
     """
     n = rows.shape[1]
@@ -233,24 +239,24 @@ def tip_force(rows: Array, x: Array, force: Array, push: Array) -> tuple[Array, 
     add_column(over_force, 0, -np.sin(second), tip)
     add_column(over_force, 1, np.cos(first), elbow)
     add_column(over_force, 1, np.cos(second), tip)
-    # Across a link that turns the force falls by what acts along it.
-    beside = -(np.cos(first) * force[0] + np.sin(first) * force[1])
-    beyond, turning = np.zeros(x.size), np.zeros(x.size)
-    add(beyond, -(np.cos(second) * force[0] + np.sin(second) * force[1]), tip)
-    put(turning[:n], rows[ANGLE])
-    turning[0] += 1.0
-    add_outer(over_x, beyond, turning)
-    add_column(over_x, 0, beside, elbow)
+    # The derivative over a link's angle of the force across it is minus that along it.
+    over_first = -(np.cos(first) * force[0] + np.sin(first) * force[1])
+    over_second, angle_row = np.zeros(x.size), np.zeros(x.size)
+    add(over_second, -(np.cos(second) * force[0] + np.sin(second) * force[1]), tip)
+    put(angle_row[:n], rows[ANGLE])
+    angle_row[0] += 1.0
+    add_outer(over_x, over_second, angle_row)
+    add_column(over_x, 0, over_first, elbow)
     return applied(over_force, force), over_x, over_force
 
 
 @compiled
 def scheduling_row(rows: Array, states: int) -> Array:
     """
-    Return by what the angle of the schedule is beyond theta_2 at share 1, over the state, (n,).
+    Return the row over the state, (n,), that adds to theta_2 for the schedule's angle at share 1.
 
-    See stepping.schedule_row: the angle between the links, with bent links' forces that in the
-    middle of the step.
+    See stepping.schedule_row: the schedule's angle is that between the links; with forces of bent
+    links, in the middle of the step.
     """
     row, order = np.zeros(states), rows.shape[1]
     put(row[:order], rows[ANGLE])

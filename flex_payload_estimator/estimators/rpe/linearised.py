@@ -1,21 +1,21 @@
-"""The sampled arm and its derivatives about parts that are not the robot file's."""
+"""The sampled arm and its derivatives about one payload, and parts beside the robot file's."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
 from flex_payload_estimator.estimators.rpe.forces import motion_rows
-from flex_payload_estimator.estimators.rpe.kernel import MASS
 from flex_payload_estimator.estimators.rpe.schedule import (
     ANGLE_TERMS,
     at_angle,
+    BoundedCache,
+    CACHED_PARTS,
     COARSE_TERMS,
     coefficients,
-    Kept,
-    KEPT_PARTS,
     PART_ANGLE,
     PayloadSchedule,
 )
+from flex_payload_estimator.estimators.rpe.time_update import MASS
 from flex_plant_sim.arm.parts import Part
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
@@ -23,39 +23,42 @@ from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 
-# Differences over the payload, a share of (m + soft mass), and over a part, of its tolerance:
-# their remainders are 1e-4 of a derivative, their rounding 1e-10.
+# Steps of finite differences: over the payload as a share of (m + soft mass), over a part as a
+# share of its tolerance. Their remainders are 1e-4 of a derivative, their rounding 1e-10.
 MASS_STEP, PART_SHARE = 0.01, 0.02
 
 
 @dataclass(frozen=True)
-class Linearised:
+class LinearisedModel:
     """
     The model about one payload and one set of parts.
 
     Attributes
     ----------
-    anchor, nominal : Array
-        Parameters about which, (B,), and the same with parts that do not deviate: the tables
-        have them.
+    reference : Array
+        The parameters, (B,).
+    nominal : Array
+        The same with parts that do not deviate, because `series` has the deviations, (B,).
     series : Array
-        As of a PayloadSlice, without the second derivative, for the payload is held.
+        T [A B E] and its derivatives over the payload, see schedule.PayloadSlice; the second
+        derivative does not count, for the payload is fixed.
     parts : Array
-        Derivatives of T [A B], (K', p n (n + 2)).
+        Derivatives of T [A B] over the parts, as cosine series over the angle,
+        (K', p n (n + 2)).
     count : int
-        p.
+        Number of parts, p.
     motion : Array
         See forces.motion_rows.
 
     """
 
-    anchor: Array
+    reference: Array
     nominal: Array
     series: Array
     parts: Array
     count: int
     motion: Array
-    angles: Kept = field(default_factory=lambda: Kept(KEPT_PARTS))
+    angles: BoundedCache = field(default_factory=lambda: BoundedCache(CACHED_PARTS))
 
     def parts_at(self, angle: float) -> Array:
         """Return derivatives over the parts at an angle, rad: (p, n (n + 2))."""
@@ -67,16 +70,16 @@ class Linearised:
 @dataclass(frozen=True)
 class Lineariser:
     """
-    What makes the model about other parts.
+    Makes models about other parts.
 
     Attributes
     ----------
     robot : Robot
         The robot file's.
     parts : tuple of Part
-        Columns of beta.
+        In the order of their parameters.
     first : int
-        Where they begin.
+        Index of the first one among the parameters.
     model, modes, effects
         As of ExtendedArm.
     soft_mass : float
@@ -92,10 +95,10 @@ class Lineariser:
     effects: tuple[Effect, ...]
     soft_mass: float
 
-    def about(self, anchor: Array) -> Linearised:
+    def model_about(self, reference: Array) -> LinearisedModel:
         """Return the model about parameters, (B,)."""
         columns = slice(self.first, self.first + len(self.parts))
-        deviations, mass = anchor[columns], max(float(anchor[MASS]), 0.0)
+        deviations, mass = reference[columns], max(float(reference[MASS]), 0.0)
         robot, step = self._robot(deviations), MASS_STEP * (mass + self.soft_mass)
         arm = self._arm(robot)
         low = max(mass - step, 0.0)
@@ -104,10 +107,10 @@ class Lineariser:
         slope = (above - below) / (mass + step - low)
         base = coefficients(arm, COARSE_TERMS, np.array([mass]), forces=False)
         rows = self._slopes(robot, base, mass)
-        nominal = anchor.copy()
+        nominal = reference.copy()
         nominal[columns] = 0.0
-        return Linearised(anchor, nominal, np.hstack([value, slope, 0.0 * slope]), rows,
-                          len(self.parts), motion_rows(arm))
+        return LinearisedModel(reference, nominal, np.hstack([value, slope, 0.0 * slope]), rows,
+                               len(self.parts), motion_rows(arm))
 
     def _slopes(self, robot: Robot, base: Array, mass: float) -> Array:
         """Return the derivatives over the parts, (K', p n (n + 2))."""
@@ -130,10 +133,22 @@ class Lineariser:
                            step=self.robot.sample_time)
 
 
-def held(schedule: PayloadSchedule, anchor: Array, motion: Array) -> Linearised:
-    """Return the robot file's arm about parameters, (B,); motion as of forces.motion_rows."""
-    piece = schedule.cut(max(float(anchor[MASS]), 0.0))
-    away, (value, slope, bend) = float(anchor[MASS]) - piece.payload, np.split(
+def at_payload(schedule: PayloadSchedule, reference: Array, motion: Array) -> LinearisedModel:
+    """
+    Return the model of the robot file's parts about parameters.
+
+    Parameters
+    ----------
+    schedule : PayloadSchedule
+        The robot file's arm.
+    reference : Array
+        The parameters, (B,).
+    motion : Array
+        See forces.motion_rows.
+
+    """
+    piece = schedule.cut(max(float(reference[MASS]), 0.0))
+    away, (value, slope, bend) = float(reference[MASS]) - piece.payload, np.split(
         piece.series, 3, axis=1)
     series = np.hstack([value + away * (slope + 0.5 * away * bend), slope + away * bend, bend])
-    return Linearised(anchor, anchor, series, np.zeros((0, 1)), 0, motion)
+    return LinearisedModel(reference, reference, series, np.zeros((0, 1)), 0, motion)

@@ -1,9 +1,9 @@
-"""The payload averaged over two models: with biases and forces that last, and with none."""
+"""The payload averaged over two models: with biases and constant disturbances, and without."""
 
 from __future__ import annotations
 
-from flex_payload_estimator.estimators.rpe.kernel import FIRST_BIAS, MASS
-from flex_payload_estimator.estimators.rpe.products import applied, inner, whitener
+from flex_payload_estimator.estimators.rpe.small_matrices import applied, inner, whitener
+from flex_payload_estimator.estimators.rpe.time_update import FIRST_BIAS, MASS
 from flex_payload_estimator.kalman.in_place import logarithms
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import compiled
@@ -11,29 +11,31 @@ import numpy as np
 
 
 @compiled
-def model_averaged(beta: Array, spread: Array, std: Array) -> tuple[float, float]:
+def model_averaged(beta: Array, beta_cov: Array, std: Array) -> tuple[float, float]:
     """
-    Return payload, kg, and its variance where what lasts may as well be none.
+    Return payload, kg, and its variance, kg^2, by Bayesian model averaging.
 
-    The gauges' biases, with parts forces at the tip and in the drives as well. Their prior is a
-    spike and slab (Mitchell and Beauchamp, J. Am. Stat. Assoc. 83, 1988): half of it says none.
-    That model is the posterior given that they vanish, and the evidence for it the ratio of
-    posterior to prior density there (Savage and Dickey), exact as they act linearly. The mean and
-    variance are those of Bayesian model averaging.
+    The gauges' biases, and with free parts the constant disturbances, have a spike-and-slab prior
+    (Mitchell and Beauchamp, J. Am. Stat. Assoc. 83, 1988): with probability 1/2 all are zero. The
+    posterior of that model is the filter's, given that they are zero, and its Bayes factor is the
+    ratio of posterior to prior density there (Savage and Dickey), exact as they act linearly.
 
     Parameters
     ----------
-    beta, spread : Array
+    beta, beta_cov : Array
         (B,) and V, (B, B).
     std : Array
-        Prior standard deviation of the biases, m/m, (G,), or of these and the forces, (G + 4,).
+        Prior standard deviation of the biases, m/m, (G,), or of these and of the disturbances,
+        (G + 4,).
 
     """
-    mass, variance = beta[MASS], spread[MASS, MASS]
+    mass, variance = beta[MASS], beta_cov[MASS, MASS]
+    if std.size == 0:
+        return mass, variance
     last = FIRST_BIAS + std.size
-    white = whitener(spread[FIRST_BIAS:last, FIRST_BIAS:last].copy())
+    white = whitener(beta_cov[FIRST_BIAS:last, FIRST_BIAS:last].copy())
     bias = applied(white, beta[FIRST_BIAS:last])
-    cross = applied(white, spread[FIRST_BIAS:last, MASS].copy())
+    cross = applied(white, beta_cov[FIRST_BIAS:last, MASS].copy())
     evidence = logarithms(white) + np.log(std).sum() - 0.5 * inner(bias, bias)
     if not np.isfinite(evidence):
         return mass, variance

@@ -1,4 +1,4 @@
-"""What is believed of payload, Coriolis forces, gauges and parts before any sample."""
+"""The prior of the parameters: payload, forces of motion, gauges, disturbances and parts."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 import math
 
-from flex_payload_estimator.estimators.rpe.kernel import CORIOLIS, FIRST_BIAS, MASS
 from flex_payload_estimator.estimators.rpe.schedule import Mixture, PayloadSchedule
+from flex_payload_estimator.estimators.rpe.time_update import CORIOLIS, FIRST_BIAS, MASS
 from flex_plant_sim.arm.parts import gauge_parts, Part, robot_parts
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
@@ -19,39 +19,38 @@ from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 from scipy.special import log_ndtr
 
-# The share of the Coriolis forces: the paper's equations have none, nature has all.
-# An exact model has one of the two; with parts it may be between.
+# Share of the forces of motion that an exact model may have: the paper's equations have none, real
+# arms all. With free parts the share is a parameter of this mean and standard deviation.
 SHARES = (0.0, 1.0)
-# Halfway, and as far as to either.
 SHARE, SHARE_STD = 0.5, 0.5
-# A gauge's bias, m/m, at least: a bridge drifts by 20 microstrain while it warms up, whatever the
-# file says of the day it was balanced.
+# Smallest standard deviation of a gauge's bias, m/m: a bridge drifts by 20 microstrain while it
+# warms up, whatever the robot file says of the day it was balanced.
 BIAS_STD = 2e-5
-# Keeps V regular where the scale is taken out of it.
+# Added to relative variances, so that matrices stay regular where the arm's scale is taken out.
 REGULAR = 1e-6
-# A column whose value is certain.
+# Standard deviation of a parameter whose value is known, in its unit.
 CERTAIN = 1e-9
 PAYLOAD_INERTIA = 'payload_inertia'
-# A model is nowhere linearised about parts further off than this many standard deviations.
+# No model is linearised about parts that are off by more than this many standard deviations.
 FARTHEST = 5.0
 
 
 @dataclass(frozen=True)
 class Prior:
     """
-    Mean and standard deviation of beta's columns but the payload's, in the order of kernel.py.
+    The prior of beta but for the payload; time_update.py has the order of the parameters.
 
     Attributes
     ----------
     mean, std : Array
-        (B,).
+        Of each parameter, in its unit, (B,).
     lowest : Array
-        What no column can be less than, (B,).
+        Smallest value of each parameter, (B,).
     parts, gains : int
-        How many of the columns are parts, with the forces that last, and gauges' gains.
+        Number of parts, with the constant disturbances, and of gauge gains, among the parameters.
     scale : Array
-        The columns that grow together where the whole arm is heavier, stiffer and stronger, with
-        the payload's logarithm, (B,). No output shows it.
+        1 for each parameter that grows with the scale of the arm, if all masses, inertias,
+        stiffnesses and drives grow by one factor, else 0, (B,). No output shows that factor.
 
     """
 
@@ -64,74 +63,83 @@ class Prior:
 
     @cached_property
     def scale_variance(self) -> float:
-        """Return the variance of the arm's scale, relative: what no record can make smaller."""
+        """Return the relative variance of the arm's scale, which no record can make smaller."""
         information = float(((self.scale / self.std)**2).sum())
         return 1.0 / information if information else 0.0
 
     @cached_property
     def weights(self) -> Array:
-        """Return the inverse variance of each part and gain over their number, else 0, (B,)."""
+        """Return 1 / (N std^2) for each of the N parts and gains, else 0, (B,)."""
         count, found = self.parts + self.gains, np.zeros(self.mean.size)
         found[found.size - count:] = 1.0 / (max(count, 1) * self.std[found.size - count:]**2)
         return found
 
     def exact(self) -> Prior:
-        """Return the prior where all parts and gains are the robot file's."""
+        """Return the prior of an exact model, whose parts and gains are the robot file's."""
         kept = self.mean.size - self.parts - self.gains
         std = self.std[:kept].copy()
         std[CORIOLIS] = CERTAIN
         return Prior(self.mean[:kept], std, self.lowest[:kept], 0, 0, np.zeros(kept))
 
     def within(self, beta: Array) -> Array:
-        """Return parameters that a robot can have, (B,)."""
+        """Return the parameters clipped to what a robot can have, (B,)."""
         far = FARTHEST * self.std
         found = np.clip(beta, np.maximum(self.mean - far, self.lowest), self.mean + far)
         found[MASS] = max(beta[MASS], 0.0)
         return np.asarray(found)
 
-    def spread(self, mass_std: float) -> Array:
+    def covariance(self, mass_std: float) -> Array:
         """
-        Return V of an arm whose payload is known to a standard deviation, kg, (B, B).
+        Return V for a standard deviation of the payload, kg, (B, B).
 
-        Without the scale of the whole arm, which `FilterStep.payload` adds: linearised about
-        estimates that move, a filter would find in the record what is not there.
+        It is without the variance of the arm's scale, which `FilterStep.published` adds: a filter
+        that is linearised about moving estimates would find a scale that no output shows.
         """
         std = self.std.copy()
         std[MASS] = mass_std
         free = np.diag(std**2 * (1.0 + REGULAR))
         return free - self.scale_variance * np.outer(self.scale, self.scale)
 
-    def considered(self, spread: Array) -> float:
+    def consider_variance(self, beta_cov: Array) -> float:
         """
-        Return by how much the payload's variance grows where parts are considered, kg^2.
+        Return the consider variance of the payload for the parts p, c' (V_prior - V_pp) c, kg^2.
 
-        A wrong model's estimates of the parts soak up what the model lacks, so that their own
-        spread says too little. Given them the record still tells the payload: its mean moves with
-        them by c = V_pp^-1 V_pm, and they are as uncertain as the robot file says (Schmidt's
-        consider filter; Bierman, Factorization Methods, 1977, VIII).
+        A wrong model's estimates of the parts take up what the model lacks, so that V_pp is too
+        small. The payload given the parts is still known: its mean moves with them by
+        c = V_pp^-1 V_pm, and they are as uncertain as the robot file says (Schmidt's consider
+        filter; Bierman, Factorization Methods, 1977, VIII).
 
         Parameters
         ----------
-        spread : Array
+        beta_cov : Array
             V, (B, B).
 
         """
         parts = slice(self.mean.size - self.parts - self.gains, None)
         own = 1.0 / self.std[parts]
-        believed = own[:, None] * spread[parts, parts] * own
-        slope = np.linalg.solve(believed + REGULAR * np.eye(own.size), own * spread[parts, MASS])
-        return max(0.0, float(slope @ slope - slope @ believed @ slope))
+        relative = own[:, None] * beta_cov[parts, parts] * own
+        slope = np.linalg.solve(relative + REGULAR * np.eye(own.size),
+                                own * beta_cov[parts, MASS])
+        return max(0.0, float(slope @ slope - slope @ relative @ slope))
 
 
-def lasting_std(robot: Robot, turns: bool) -> Array:
+def disturbance_std(robot: Robot, turns: bool) -> Array:
     """
-    Return the standard deviation of what forces last, (4,): wind, a tilt, a cable, a drive.
+    Return the standard deviation of the constant disturbances, (4,): wind, a tilt, a cable.
 
-    A force at the tip that bends the lower link's root as much as its gauge's bias: a bridge that
-    is balanced with the arm in place reads such a force as zero, and it turns up when the arm
-    turns.
-    A drive's bias is the torque that this force has about its joint. The paper's models come of
-    no energy: no force at the tip is derived for them.
+    First a force at the tip along the world's axes, N, which bends the lower link's root as much
+    as its gauge's bias: a bridge that is balanced with the arm in place reads such a force as
+    zero, and shows it when the arm turns. Then each drive's bias, in the command's unit, which has
+    the torque of that force about the joint.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its lower link and drives count.
+    turns : bool
+        Whether the model has forces of motion. The paper's models, which follow from no energy,
+        have none, and no force at the tip either.
+
     """
     upper, lower = robot.links
     force = 2.0 * BIAS_STD * lower.bending_stiffness / (lower.thickness * lower.length)
@@ -141,23 +149,31 @@ def lasting_std(robot: Robot, turns: bool) -> Array:
 
 
 @compiled
-def tolerances_off(beta: Array, spread: Array, mean: Array, weights: Array) -> float:
+def tolerances_off(beta: Array, beta_cov: Array, mean: Array, weights: Array) -> float:
     """
-    Return the mean square of the parts' deviations over their tolerances, as the posterior has it.
+    Return the posterior mean of the parts' squared deviations over their tolerances squared.
 
-    The likeliest scale of a prior's variances (Dempster, Laird, Rubin, 1977: EM): a part that
-    nothing tells counts as told. Beyond 1 something acts on the arm that no part has, and the
-    posterior, which the tolerances set, is as much wider (Birge's ratio).
+    That is the likeliest factor of the prior's variances by one step of EM (Dempster, Laird,
+    Rubin, 1977): a part of which nothing is learnt counts 1. Above 1 something acts on the arm
+    that no part has, and the posterior is too narrow by that factor (Birge's ratio squared).
+
+    Parameters
+    ----------
+    beta, beta_cov : Array
+        (B,) and V, (B, B).
+    mean, weights : Array
+        See Prior, (B,).
+
     """
     total = 0.0
     for i in range(beta.size):
         off = beta[i] - mean[i]
-        total += weights[i] * (off * off + spread[i, i])
+        total += weights[i] * (off * off + beta_cov[i, i])
     return total
 
 
 def moving_parts(robot: Robot) -> tuple[Part, ...]:
-    """Return the parts that act on the motion; what acts on gauges, their gains stand for."""
+    """Return the parts that act on the motion; gauge gains stand for those that act on gauges."""
     return tuple(part for part in robot_parts(robot)
                  if not part.name.startswith(('length', 'position')))
 
@@ -166,8 +182,8 @@ def positive(nominal: float, tolerance: float) -> tuple[float, float]:
     """
     Return mean and standard deviation of a normal deviation that leaves its part positive.
 
-    For what is as good as zero in the robot file, as the inertia of a payload that should be a
-    point, they are 0.8 and 0.6 tolerances.
+    Where the part is zero in the robot file, as the inertia of a payload that is a point, they are
+    0.8 and 0.6 tolerances (the truncated normal distribution).
     """
     low = -nominal / tolerance
     mean = math.exp(-0.5 * low**2 - log_ndtr(-low)) / math.sqrt(2.0 * math.pi)
@@ -176,22 +192,22 @@ def positive(nominal: float, tolerance: float) -> tuple[float, float]:
 
 def prior_of(robot: Robot, effects: Sequence[Effect], turns: bool) -> Prior:
     """
-    Return the prior of a robot's columns.
+    Return the prior of a robot's parameters.
 
     Parameters
     ----------
     robot : Robot
-        Its tolerances count.
+        Its tolerances are the standard deviations.
     effects : sequence of Effect
-        Of the robot file: Coriolis forces among them are known.
+        Of the robot file. Coriolis forces among them are known.
     turns : bool
-        Whether the model has Coriolis forces.
+        Whether the model has forces of motion.
 
     """
     parts, gauges = moving_parts(robot), gauge_parts(robot)
     biases = [max(part.tolerance, BIAS_STD) for part in gauges if part.kind == 'bias']
     gains = [part.tolerance for part in gauges if part.kind == 'gain']
-    forces = lasting_std(robot, turns)
+    forces = disturbance_std(robot, turns)
     std = np.array([0.0, 0.0, *biases, *forces, *(part.tolerance for part in parts), *gains])
     mean, lowest = np.zeros(std.size), np.full(std.size, -np.inf)
     first = FIRST_BIAS + len(biases) + forces.size
@@ -217,9 +233,10 @@ def prior_of(robot: Robot, effects: Sequence[Effect], turns: bool) -> Prior:
 def tabulated(robot: Robot, model: str, modes: int, effects: tuple[Effect, ...],
               heaviest: float) -> PayloadSchedule:
     """
-    Return the schedule over the parts; some are kept.
+    Return the sampled arm with its derivatives over the parts; the last few are kept.
 
-    Derivatives are central differences over the tolerances; an inertia that is zero only grows.
+    Derivatives are central differences over the tolerances, but one-sided for the payload's
+    inertia, which may be zero.
     """
     arm = ExtendedArm(robot, model, modes, effects=effects)
 

@@ -1,4 +1,4 @@
-"""The sampled arm over theta_2 and payload: a cosine series, with its derivatives."""
+"""The sampled arm over theta_2 and payload, as cosine series, with its derivatives."""
 
 from __future__ import annotations
 
@@ -15,21 +15,23 @@ from flex_plant_sim.arm.state_space import zero_order_hold
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 
-# Each leaves 1e-9 of the matrices on the reference arm, 4e-7 on the Quanser.
+# Terms of the cosine series and Chebyshev nodes over the payload: remainders of 1e-9 of the
+# matrices on the reference arm, 4e-7 on the Quanser's.
 ANGLE_TERMS, PAYLOAD_NODES = 19, 28
-# For the parts, which act through deviations of some percent: 4e-5 and 2e-4.
+# The same of the parts' derivatives, which act through deviations of some percent: 4e-5, 2e-4.
 COARSE_TERMS, COARSE_NODES = 9, 12
-# The arm over xi = m / (m + soft mass) is nearly a polynomial; soft mass over lower link's mass.
+# Soft mass over the lower link's mass: over xi = m / (m + soft mass) the arm is nearly polynomial.
 SOFT_SHARE = 0.4
-# Slices stand at steps of this share of (m + soft mass): a cubic remainder of 1e-8. A payload
-# known to no better than WIDE of them has every WIDE-th only: a remainder of 2e-6. The parts'
-# derivatives, which act through deviations of a few percent, are held over steps of PART_STEP of
-# (m + soft mass) and PART_ANGLE of the angle, rad.
+# Slices are at steps of this share of (m + soft mass), which leaves a cubic remainder of 1e-8. A
+# payload known no better than to WIDE steps takes every WIDE-th only, which leaves 2e-6. The
+# parts' derivatives, which act through deviations of a few percent, are held over steps of
+# PART_STEP of (m + soft mass) and PART_ANGLE of the angle, rad.
 SLICE_STEP, WIDE, PART_STEP, PART_ANGLE = 4e-3, 12, 0.05, 0.02
-# Entries of late that are kept; what else is asked is made again.
-KEPT_SLICES, KEPT_LAYERS, KEPT_PARTS = 128, 16, 512
+# Sizes of the caches.
+CACHED_SLICES, CACHED_LAYERS, CACHED_PARTS = 128, 16, 512
 
 
+# A derivative over a part: arms, and the weight of each one's table in it.
 Mixture = Sequence[tuple[ExtendedArm, float]]
 
 
@@ -73,14 +75,22 @@ class PayloadSlice:
     series: Array
 
 
-class Kept:
-    """The last few results of a function of a number."""
+class BoundedCache:
+    """
+    The last results of a function of a key.
+
+    Parameters
+    ----------
+    most : int
+        Number of results; the oldest one is dropped for another.
+
+    """
 
     def __init__(self, most: int):
         self.most, self.results = most, {}  # type: int, dict[Any, Any]
 
     def get(self, key: Any, make: Callable[[], Any]) -> Any:
-        """Return the result of a key, made if it is not there."""
+        """Return the result of a key, and call `make` for it if it is not there."""
         if key not in self.results:
             if len(self.results) >= self.most:
                 del self.results[next(iter(self.results))]
@@ -93,7 +103,7 @@ class PayloadSchedule:
     """
     T [A B E] of the delta model x+ = x + T (A x + B u + E f), over theta_2 and m.
 
-    f are the forces of motion, see forces.py.
+    f are the forces of motion, (N,), see forces.py.
 
     Attributes
     ----------
@@ -121,9 +131,9 @@ class PayloadSchedule:
     parameters: int
     soft_mass: float
     span: float
-    slices: Kept = field(default_factory=lambda: Kept(KEPT_SLICES))
-    part_slices: Kept = field(default_factory=lambda: Kept(KEPT_PARTS))
-    part_layers: Kept = field(default_factory=lambda: Kept(KEPT_LAYERS))
+    slices: BoundedCache = field(default_factory=lambda: BoundedCache(CACHED_SLICES))
+    part_slices: BoundedCache = field(default_factory=lambda: BoundedCache(CACHED_PARTS))
+    part_layers: BoundedCache = field(default_factory=lambda: BoundedCache(CACHED_LAYERS))
 
     @classmethod
     def of(cls, arm: ExtendedArm, heaviest: float,
@@ -138,8 +148,8 @@ class PayloadSchedule:
         heaviest : float
             kg.
         variants : sequence of Mixture
-            For each part: arms in which it is changed and what to multiply each one's table
-            with, so that their sum is the derivative.
+            For each part, arms in which it is changed, and the weights with which their tables
+            sum to the derivative.
 
         """
         soft = SOFT_SHARE * arm.robot.links[1].mass
@@ -150,7 +160,7 @@ class PayloadSchedule:
         base = coefficients(arm, COARSE_TERMS, masses, forces=False)
         parts = np.zeros((COARSE_NODES, COARSE_TERMS, len(variants), width))
         for k, mixture in enumerate(variants):
-            # Less the nominal table, which a derivative does not have, for the sake of digits.
+            # The weights sum to 0, or to 1 / step: less the nominal table, for the digits.
             found = sum(share * (coefficients(variant, COARSE_TERMS, masses, forces=False) - base)
                         for variant, share in mixture)
             parts[:, :, k] = np.reshape(found, (COARSE_NODES, COARSE_TERMS, width))
@@ -158,11 +168,11 @@ class PayloadSchedule:
                    differentiation_matrix(axis), arm.states, len(variants), soft, span)
 
     def index(self, payload: float, step: float = SLICE_STEP) -> int:
-        """Return which slice serves a payload, kg."""
+        """Return the index of the slice nearest to a payload, kg."""
         return round(math.log1p(payload / self.soft_mass) / step)
 
     def cut(self, payload: float, variance: float = 0.0) -> PayloadSlice:
-        """Return the slice that serves a payload, kg, known to a variance, kg^2."""
+        """Return the slice for a payload, kg, that is known to a variance, kg^2."""
         index = self.index(payload)
         if variance > (WIDE * SLICE_STEP * (payload + self.soft_mass))**2:
             index = WIDE * round(index / WIDE)
@@ -180,7 +190,7 @@ class PayloadSchedule:
         return PayloadSlice(index, payload, np.concatenate(cuts, axis=1))
 
     def parts_at(self, payload: float, angle: float) -> Array:
-        """Return derivatives over the part parameters near a payload, kg, and angle: (p, W')."""
+        """Return the derivatives over the parts near a payload, kg, and an angle, rad, (p, W')."""
         turn = round(angle / PART_ANGLE)
         key = (self.index(payload, PART_STEP), turn)
         found: Array = self.part_slices.get(key, lambda: self._cut_parts(*key))
@@ -197,12 +207,12 @@ class PayloadSchedule:
         return np.asarray(weights @ self.parts).reshape(COARSE_TERMS, -1)
 
     def _place(self, payload: float) -> float:
-        """Return where a payload, kg, stands on the axis: -1 … 1, and a little beyond."""
+        """Return the place of a payload, kg, on the axis: from -1 to 1, and a little beyond."""
         return 2.0 * payload / (payload + self.soft_mass) / self.span - 1.0
 
 
 def at_angle(layers: Array, turn: int, count: int) -> Array:
-    """Return what series (K', count W) are at an angle of so many PART_ANGLE, (count, W)."""
+    """Return cosine series (K', count W) at an angle of `turn` PART_ANGLE, (count, W)."""
     wave = np.cos(turn * PART_ANGLE * np.arange(COARSE_TERMS))
     return np.asarray(wave @ layers).reshape(count, -1)
 
@@ -213,7 +223,7 @@ def _payloads(axis: Array, span: float, soft: float) -> Array:
 
 
 def coefficients(arm: ExtendedArm, terms: int, payloads: Array, forces: bool = True) -> Array:
-    """Return the series coefficients of int_0^T exp(A s) ds [A B E], (L, terms W)."""
+    """Return the cosine coefficients of int_0^T exp(A s) ds [A B E], (L, terms W)."""
     transform, cosines = cosine_transform(terms), chebyshev_nodes(terms)
     layers = []
     for payload in payloads:

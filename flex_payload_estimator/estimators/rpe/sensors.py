@@ -1,15 +1,15 @@
-"""What the sensors are told to be, what they carry now, and where the arm may be at the start."""
+"""The sensors' noise as the robot file has it, the recent loads, and the state's prior."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-from flex_payload_estimator.estimators.rpe.onward import DRIVE, MEAN, STRAIN
+from flex_payload_estimator.estimators.rpe.compiled_step import DRIVE, MEAN, STRAIN
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 
-# Loads are remembered this long, s: about a period of the arm.
+# Memory of the loads, s: about a period of the arm.
 LOAD_MEMORY_S = 0.3
 
 
@@ -20,7 +20,7 @@ def told_noise(arm: ExtendedArm) -> Array:
 
 
 def speed_feedback(arm: ExtendedArm) -> Array:
-    """Return the command that holds a joint velocity of 1 rad/s, over the states, (2, n)."""
+    """Return the commands that hold a joint velocity, over the state, (2, n)."""
     rows = np.zeros((2, arm.states))
     if arm.compact is None:
         for j, drive in enumerate(arm.robot.drives):
@@ -44,15 +44,18 @@ def start_spread(arm: ExtendedArm) -> Array:
 
 class Loads(NamedTuple):
     """
-    Mean squares of what the gauges see and of the drives' net torques, remembered for a while.
+    Recent mean squares of the gauges' strains and of the drives' net torques.
+
+    A model error is a share of these.
 
     Attributes
     ----------
     share : float
-        What a sample counts.
+        Weight of one sample in the exponentially fading means.
     table : Array
-        Rows, (4, m): mean of each channel, rad and m/m; mean square, zero for angles; variance
-        about the mean; of the first two columns, net torques in the command's unit, squared.
+        (4, m), rows as in compiled_step.py: mean of each channel, rad and m/m; mean square, zero
+        for angles; variance about the mean; in the first two columns, mean square of the net
+        torques in the command's unit.
 
     """
 
@@ -61,7 +64,7 @@ class Loads(NamedTuple):
 
     @classmethod
     def none(cls, output: Array, step: float) -> Loads:
-        """Return those of an arm at rest whose channels read what they read, (m,)."""
+        """Return the loads of an arm at rest with outputs (m,) and a sampling time, s."""
         table = np.zeros((4, output.size))
         table[MEAN] = output
         return cls(min(1.0, step / LOAD_MEMORY_S), table)

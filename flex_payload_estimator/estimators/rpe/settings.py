@@ -1,4 +1,4 @@
-"""Choices of the recursive-prediction-error estimator, and what they make of a robot."""
+"""Settings of the recursive-prediction-error estimator, and its model of a robot."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from flex_payload_estimator.estimators.rpe.effects import EffectStep
-from flex_payload_estimator.estimators.rpe.filter import FilterStep
+from flex_payload_estimator.estimators.rpe.filter_step import FilterStep
 from flex_payload_estimator.estimators.rpe.forces import motion_rows, moves
-from flex_payload_estimator.estimators.rpe.kernel import FIRST_BIAS, FORCES
 from flex_payload_estimator.estimators.rpe.linearised import Lineariser
 from flex_payload_estimator.estimators.rpe.prior import moving_parts, prior_of, tabulated
 from flex_payload_estimator.estimators.rpe.sensors import start_spread, told_noise
+from flex_payload_estimator.estimators.rpe.time_update import DISTURBANCES, FIRST_BIAS
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.effects.structure.coriolis_centripetal import CoriolisCentripetal
@@ -31,7 +31,7 @@ class RpeSettings:
     payload_max : float or None
         Largest payload, kg; None: four lower links and twice the robot file's payload.
     torque_noise : tuple of float
-        Told process noise: torque on each joint held over a sample, N m.
+        Told process noise: standard deviation of a torque on each joint, held over a sample, N m.
     rest_drift : float
         Random walk of the payload while nothing tells of it, kg per square root of a second.
 
@@ -53,9 +53,10 @@ class RpeSettings:
 def stepper_of(robot: Robot, model: str, modes: int, effects: Sequence[Effect],
                settings: RpeSettings) -> FilterStep:
     """
-    Return what steps the filters of a robot; its forces of motion are a parameter.
+    Return the model of a robot that steps its filters.
 
-    An exact arm is what the simulator makes of the robot file; nature bends its links as well.
+    The forces of motion are no effect here but parameters: rigid links' as the simulator has them
+    if the robot file names no more, and those with bending links, which real arms have.
     """
     others = tuple(e for e in effects
                    if not isinstance(e, (CoriolisCentripetal, Foreshortening)))
@@ -66,7 +67,7 @@ def stepper_of(robot: Robot, model: str, modes: int, effects: Sequence[Effect],
     schedule = tabulated(bare, model, modes, others, heaviest)
     motion = motion_rows(arm, bent), motion_rows(arm)
     gains = np.array([drive.torque_gain for drive in robot.drives])
-    first = FIRST_BIAS + len(robot.gauge_names) + FORCES
+    first = FIRST_BIAS + len(robot.gauge_names) + DISTURBANCES
     lineariser = Lineariser(bare, moving_parts(robot), first, model, modes, others,
                             schedule.soft_mass)
     return FilterStep(schedule, motion, lineariser, prior_of(robot, effects, moves(arm)),

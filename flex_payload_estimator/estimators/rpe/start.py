@@ -1,36 +1,48 @@
-"""The start: one filter at rest, then filters over the range of payloads, until one is left."""
+"""The start: one filter at rest, then a bank over the range of payloads, until one is left."""
 
 from __future__ import annotations
 
 import math
 
-from flex_payload_estimator.estimators.rpe.evidence import misfit_of, NOISIER
-from flex_payload_estimator.estimators.rpe.filter import CELLS, FilterStep
-from flex_payload_estimator.estimators.rpe.hand_over import hand_over
-from flex_payload_estimator.estimators.rpe.hypothesis import EXACT, Filter, PARTS, Sample, SEEK
-from flex_payload_estimator.estimators.rpe.kernel import CORIOLIS
-from flex_payload_estimator.estimators.rpe.modes import OPEN_S
-from flex_payload_estimator.estimators.rpe.past import Past
-from flex_payload_estimator.estimators.rpe.replay import CLOSE, DOUBT, FRESH, MISFIT
+from flex_payload_estimator.estimators.rpe.filter import Filter, Sample
+from flex_payload_estimator.estimators.rpe.filter_step import FilterStep
+from flex_payload_estimator.estimators.rpe.likelihood import (
+    NOISE_RATIO,
+    POOR_FIT,
+    reduced_chi_square,
+)
+from flex_payload_estimator.estimators.rpe.modes import EXACT, PARTS_FREE, ROUGH_ON_TRIAL
+from flex_payload_estimator.estimators.rpe.restarts import (
+    begin_at,
+    hand_over_rest,
+    NARROW_PAYLOAD,
+    RESTART_STATE_STD,
+    restarted,
+    WIDE_PAYLOAD,
+)
+from flex_payload_estimator.estimators.rpe.sample_window import SampleWindow
 from flex_payload_estimator.estimators.rpe.sensors import Loads
+from flex_payload_estimator.estimators.rpe.time_update import CORIOLIS
+from flex_payload_estimator.estimators.rpe.transitions import MODES_OPEN_S
 from flex_plant_sim.arm.second_order import Array
 import numpy as np
 
-# Filters linearised about payloads this close agree: a share of (m + soft mass).
-FINE = 0.05
-# Behind by this, nats, a filter is given up.
-BEHIND = 15.0
-# Which mode fits is told by the last so many seconds: the noise must be known first.
+# Filters linearised about payloads this close are taken for one, as a share of (m + soft mass).
+SAME_LINEARISATION = 0.05
+# A filter this far behind the likeliest is given up, nats.
+GIVE_UP_NATS = 15.0
+# Memory of the log-likelihood that chooses the mode, s: until the noise is known, the whole
+# log-likelihood says little.
 RECENT_S = 0.25
 
 
-class Start:
+class StartBank:
     """
-    A bank of filters that starts over the whole range of payloads.
+    A bank of filters over the whole range of payloads.
 
-    A filter is linearised about its payload, so one alone, started at 0.1 kg, is tens of standard
-    deviations off at 0.3 kg. Until the arm first moves one is enough: all would know the same of
-    state, gauges and noise, and nothing of the payload.
+    A filter is linearised about its payload, so that one alone, begun at 0.1 kg, is tens of
+    standard deviations off at 0.3 kg. Until the arm first moves one is enough: all would learn
+    the same of state, gauges and noise, and nothing of the payload.
 
     Parameters
     ----------
@@ -41,7 +53,7 @@ class Start:
     filters : list of Filter
     at_rest : bool
         Whether the arm has not moved yet.
-    moments_before : tuple of float
+    prior_moments : tuple of float
         Mean and variance of the payload before any sample, kg and kg^2.
 
     """
@@ -54,144 +66,149 @@ class Start:
         """Forget everything."""
         self.filters: list[Filter] = []
         self.at_rest = True
-        self._noise = np.ones(self.stepper.told_variance.size)
+        # The noise variance over that of the robot file with which the bank began, (m,).
+        self._assumed_noise = np.ones(self.stepper.told_variance.size)
 
     def begin(self, measured: Array) -> None:
-        """Begin at rest, anywhere on the range of payloads."""
+        """Begin at rest, with outputs (m,), and with any payload of the range."""
         self.at_rest = True
         self.filters = self.bank(measured)
-        self.moments_before = mass, variance = self.moments()
+        self.prior_moments = mass, variance = self.moments()
         self.filters = [self.stepper.begin(EXACT, measured, mass, math.sqrt(variance),
                                            self.stepper.shares[0])]
 
     def bank(self, measured: Array) -> list[Filter]:
-        """Return filters of payloads from 0 to the heaviest, with and without Coriolis forces."""
+        """Return filters of each payload cell: exact with each share of the forces, and rough."""
         bank = []
-        for mode, shares in ((EXACT, self.stepper.shares), (PARTS, (None,))):
-            for low, high in self.stepper.cells(CELLS):
+        for mode, shares in ((EXACT, self.stepper.shares), (PARTS_FREE, (None,))):
+            for low, high in self.stepper.payload_cells():
                 bank += [self.stepper.begin(mode, measured, 0.5 * (low + high),
                                             0.5 * (high - low), share) for share in shares]
         return bank
 
     def leave_rest(self, rested: Filter, sample: Sample, loads: Loads) -> None:
         """
-        Go on with the whole bank, which knows of state, gauges and noise what one has learnt.
+        Go on with the whole bank, which takes over what was learnt at rest.
 
         Parameters
         ----------
         rested : Filter
             As it was before the sample: what it makes of a motion holds for its payload alone.
         sample, loads : Sample, Loads
-            The first that shows a motion.
+            The first sample that shows a motion, and the loads before it.
 
         """
         self.at_rest = False
-        self._noise = rested.noise.copy()
-        self.filters = self.bank(rested.reading[0])
+        self._assumed_noise = rested.noise_scale.copy()
+        self.filters = self.bank(rested.innovations[0])
         for f in self.filters:
-            hand_over(rested, f)
+            hand_over_rest(rested, f)
             self.stepper.step(f, sample, loads)
 
-    def heed(self, past: Past, sample: Sample, loads: Loads) -> None:
+    def restart_if_noisier(self, window: SampleWindow, sample: Sample, loads: Loads) -> None:
         """
-        Begin the bank anew where it has found that it began with far too little noise.
+        Begin the bank again where it has found that it began with far too little noise.
 
-        What it was sure of by then is wrong, and what it saw next it took for a motion. What is
-        dropped is learnt again, see modes.py. Angles tell: links that swing look like noise of
-        the gauges, in differences as well.
+        What it was sure of by then is wrong, and it took what it saw next for a motion. The
+        samples are not lost: a pass over the window learns them again. Only the angles tell,
+        because links that swing look like noise of the gauges, in differences as well.
 
         Parameters
         ----------
-        past : Past
-            The samples of late.
+        window : SampleWindow
+            Its last samples bound the noise.
         sample, loads : Sample, Loads
-            The last one.
+            The last sample, and the loads before it.
 
         """
-        known = NOISIER * self._noise.item(0)
-        if self.at_rest or sample.measured is None or self.best().record.item(0) < known:
+        limit = NOISE_RATIO * self._assumed_noise.item(0)
+        if self.at_rest or sample.measured is None \
+                or self.best().statistics.item(0) < limit:
             return
-        noise = past.most_noise(self.stepper.told_variance)
-        if noise.item(0) < known:
+        noise = window.largest_noise(self.stepper.told_variance)
+        if noise.item(0) < limit:
             return
-        self._noise = np.maximum(noise, self._noise)
+        self._assumed_noise = np.maximum(noise, self._assumed_noise)
         self.filters = self.bank(sample.measured)
         for f in self.filters:
-            f.noise[:] = self._noise
-            self.stepper.begin_at(f, sample, loads, None)
+            f.noise_scale[:] = self._assumed_noise
+            begin_at(f, sample, loads, None, self.stepper)
 
     def best(self) -> Filter:
         """Return the likeliest filter."""
-        return max(self.filters, key=lambda f: f.log)
+        return max(self.filters, key=lambda f: f.log_likelihood)
 
-    def decide(self, excited: bool) -> list[Filter]:
+    def select(self, excited: bool) -> list[Filter]:
         """
-        Take the last sample's evidence and drop what is unlikely within its mode.
+        Add the last sample's log-likelihoods, drop unlikely filters, and return who is left.
 
-        Of a mode that is behind another the likeliest is enough, and of each after OPEN_S in
-        motion: what is open then, such as Coriolis forces too small to show, another trial of the
-        mode settles when it shows. Returns one filter a mode, the likeliest first, once no mode
-        has more; else none.
+        The likeliest filter of each mode stays. Of the others of its mode, those stay that are
+        likely, linearised elsewhere, and no older than MODES_OPEN_S in motion, while the mode
+        itself is likely. What is still open then, such as forces of motion too small to show, a
+        later trial settles. Returns one filter a mode, the first incumbent first, once no mode
+        has more than one; else none.
         """
         if self.at_rest:
             return []
         for f in self.filters:
             f.age += self.stepper.step_time if excited else 0.0
-            f.log += f.gained
-            f.recent += f.gained - self._share * f.recent
+            f.log_likelihood += f.log_density
+            f.recent_log_likelihood += f.log_density - self._share * f.recent_log_likelihood
         kept: list[Filter] = []
-        top = self.best().log
-        for f in sorted(self.filters, key=lambda f: -f.log):
+        top = self.best().log_likelihood
+        for f in sorted(self.filters, key=lambda f: -f.log_likelihood):
             same = [other for other in kept if other.mode == f.mode]
-            enough = f.log < top - BEHIND or f.age >= OPEN_S
-            if not same or not (enough or f.log < same[0].log - BEHIND
-                                or self._agrees(f, same)):
+            one_is_enough = f.log_likelihood < top - GIVE_UP_NATS or f.age >= MODES_OPEN_S
+            if not same or not (one_is_enough
+                                or f.log_likelihood < same[0].log_likelihood - GIVE_UP_NATS
+                                or self._is_same_linearisation(f, same)):
                 kept.append(f)
         self.filters = kept
         if len(kept) > len({f.mode for f in kept}):
             return []
-        kept.sort(key=lambda f: -f.recent)
-        return [self._sound(f, kept[0], top) for f in kept]
+        kept.sort(key=lambda f: -f.recent_log_likelihood)
+        return [self._checked(f, kept[0], top) for f in kept]
 
-    def _sound(self, f: Filter, first: Filter, top: float) -> Filter:
-        """Return a filter, or one that begins afresh where it cannot have learnt well."""
-        if not f.mode.parts:
-            return f if self._learnt_well(f) else self._again(f)
-        # With more freedom than another it can only be behind where it went astray; and where it
-        # does not fit, more than parts is off.
-        fits = misfit_of(f.record) < MISFIT and (f is first or f.log > top - BEHIND)
-        return f if fits else self.stepper.renewed(first, SEEK, FRESH, DOUBT)
+    def _checked(self, f: Filter, first: Filter, top: float) -> Filter:
+        """Return a filter, or a restarted one where it cannot have learnt well."""
+        if not f.mode.free_parts:
+            return f if self._has_learnt_well(f) \
+                else restarted(f, f.mode, NARROW_PAYLOAD, RESTART_STATE_STD, self.stepper)
+        # Free parts contain the exact model: they are behind it only if they went astray. Where
+        # they do not fit, more than parts is off.
+        fits = reduced_chi_square(f.statistics) < POOR_FIT and (
+            f is first or f.log_likelihood > top - GIVE_UP_NATS)
+        return f if fits else restarted(first, ROUGH_ON_TRIAL, WIDE_PAYLOAD, RESTART_STATE_STD,
+                                        self.stepper)
 
-    def _learnt_well(self, f: Filter) -> bool:
-        """Tell whether the noise was about what it was taken for while it learnt."""
-        known = NOISIER * self._noise
-        return misfit_of(f.record) < MISFIT and bool((f.noise < known).all())
+    def _has_learnt_well(self, f: Filter) -> bool:
+        """Tell whether a filter fits, and the noise was about what it was taken for."""
+        limit = NOISE_RATIO * self._assumed_noise
+        return reduced_chi_square(f.statistics) < POOR_FIT \
+            and bool((f.noise_scale < limit).all())
 
-    def _again(self, f: Filter) -> Filter:
-        """Return a filter that begins afresh where one is, knowing the noise."""
-        return self.stepper.renewed(f, f.mode, CLOSE, DOUBT)
-
-    def _agrees(self, f: Filter, others: list[Filter]) -> bool:
+    def _is_same_linearisation(self, f: Filter, others: list[Filter]) -> bool:
         """Tell whether a filter is linearised about the same as one of others."""
-        width = FINE * (f.mass + self.stepper.schedule.soft_mass)
+        width = SAME_LINEARISATION * (f.mass + self.stepper.schedule.soft_mass)
         return f.variance < width**2 and any(
             abs(f.mass - other.mass) < width
             and abs(f.beta[CORIOLIS] - other.beta[CORIOLIS]) < 0.2 for other in others)
 
     def moments(self) -> tuple[float, float]:
         """
-        Return mean and variance of the payload, kg and kg^2.
+        Return mean and variance of the payload over the bank, kg and kg^2.
 
-        The filters count by their evidence. An exact model that needs more noise than it was told,
-        or does not fit, has none: its innovations are no noise. The modes then count alike.
+        The filters are weighted by their likelihoods. Where the likeliest does not fit, or needs
+        more noise than the bank began with, its innovations are no noise and its likelihood says
+        nothing about modes: both modes then weigh the same.
         """
-        logs = np.array([f.log + f.gained for f in self.filters])
-        if not self._learnt_well(self.filters[int(logs.argmax())]):
-            parts = np.array([f.mode.parts for f in self.filters])
+        logs = np.array([f.log_likelihood + f.log_density for f in self.filters])
+        if not self._has_learnt_well(self.filters[int(logs.argmax())]):
+            parts = np.array([f.mode.free_parts for f in self.filters])
             for mode in np.unique(parts):
                 logs[parts == mode] -= logs[parts == mode].max()
         weights = np.exp(logs - logs.max())
         weights /= weights.sum()
-        found = np.array([self.stepper.payload(f) for f in self.filters])
+        found = np.array([self.stepper.published(f) for f in self.filters])
         mean = float(weights @ found[:, 0])
         return mean, float(weights @ (found[:, 1] + (found[:, 0] - mean)**2))

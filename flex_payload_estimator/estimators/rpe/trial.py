@@ -1,76 +1,86 @@
-"""A filter beside the incumbent, that may take its place."""
+"""A trial: a filter beside the incumbent that may take its place."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from flex_payload_estimator.estimators.rpe.hypothesis import Filter, level
+from flex_payload_estimator.estimators.rpe.filter import Filter
+from flex_payload_estimator.estimators.rpe.modes import freedom
 
-# What begins afresh takes so long, s, to know what it can.
-SETTLES_S = 0.1
+# A filter that begins afresh needs this long, s, to know what it can know of the state.
+SETTLING_S = 0.1
 
 
 @dataclass(eq=False)
 class Trial:
     """
-    A filter beside the incumbent.
+    A filter beside the incumbent, and how much likelier than that it is.
 
     Attributes
     ----------
     kind : str
-        'moved', 'still' or 'other'.
-    runner : Filter
+        'change': a payload that walks, beside one that is constant; 'constant': a constant
+        payload beside one that walks; 'mode': another mode.
+    kalman : Filter
+        Its Kalman filter.
     since : float
-        When it began, or was best to begin, s: the time of a change.
-    mass : float
-        The incumbent's payload then, kg.
-    gain : float
-        Log-likelihood over the incumbent's: since it began, or since when it was best to begin.
-    age : float
-        For how long that is, s; of a trial of a simpler mode, while the modes differ.
-    time : float
-        For how long it has run, s, counted alike.
-    best : float
-        The largest gain since it counts.
+        When it began; of a CUSUM, when it was last zero, which dates a change, s.
+    mass_before : float
+        The incumbent's payload when it began, kg.
+    log_ratio : float
+        Log-likelihood ratio over the incumbent since `since`, nats.
+    counted : float
+        Time over which that is counted, s; while a trial of a mode with less freedom cannot be
+        told from the incumbent, it is not counted.
+    run : float
+        Time since it began, s, counted alike.
+    largest : float
+        Largest log_ratio since `since`, nats.
 
     """
 
     kind: str
-    runner: Filter
+    kalman: Filter
     since: float
-    mass: float
-    gain: float = 0.0
-    age: float = 0.0
-    time: float = 0.0
-    best: float = 0.0
+    mass_before: float
+    log_ratio: float = 0.0
+    counted: float = 0.0
+    run: float = 0.0
+    largest: float = 0.0
 
-    def count(self, took: float, gain: float) -> None:
-        """Count a sample that took so long, s, and gained so much."""
-        self.time, self.age, self.gain = self.time + took, self.age + took, self.gain + gain
-        self.best = max(self.best, self.gain)
+    def add(self, time: float, log_ratio: float) -> None:
+        """Count a sample: its time, s, and its log-likelihood ratio, nats."""
+        self.run, self.counted = self.run + time, self.counted + time
+        self.log_ratio = self.log_ratio + log_ratio
+        self.largest = max(self.largest, self.log_ratio)
 
-    def begin(self, time: float) -> None:
-        """Count from now on."""
-        self.gain = self.age = self.best = 0.0
+    def restart_sum(self, time: float) -> None:
+        """Count from a time, s, on."""
+        self.log_ratio = self.counted = self.largest = 0.0
         self.since = time
 
     @property
-    def settles(self) -> bool:
-        """Whether it began afresh just now, and pays for what the incumbent knows already."""
-        if self.kind == 'other':
-            return not self.runner.mode.parts and self.runner.age < SETTLES_S
-        return self.kind == 'still' and self.age < SETTLES_S
+    def is_settling(self) -> bool:
+        """Whether it restarted just now, and is still behind for that alone."""
+        if self.kind == 'mode':
+            return not self.kalman.mode.free_parts and self.kalman.age < SETTLING_S
+        return self.kind == 'constant' and self.counted < SETTLING_S
 
-    def any_time(self, incumbent: Filter) -> bool:
-        """Tell whether what it takes to be may have begun at any time."""
-        return self.kind == 'moved' or level(self.runner.mode) > level(incumbent.mode)
+    def is_cusum(self, incumbent: Filter) -> bool:
+        """Tell whether its hypothesis may become true at any time, so that Page's sum counts."""
+        return self.kind == 'change' or freedom(self.kalman.mode) > freedom(incumbent.mode)
 
-    def simpler(self, incumbent: Filter) -> bool:
+    def has_less_freedom(self, incumbent: Filter) -> bool:
         """Tell whether its mode has less freedom than the incumbent's."""
-        return level(self.runner.mode) < level(incumbent.mode)
+        return freedom(self.kalman.mode) < freedom(incumbent.mode)
 
-    def gained(self, incumbent: Filter) -> float:
-        """Return what it gained over the incumbent with the last sample, nats."""
-        if self.runner.mode.name == incumbent.mode.name:
-            return self.runner.stated - incumbent.stated
-        return self.runner.gained - incumbent.gained
+    def sample_log_ratio(self, incumbent: Filter) -> float:
+        """
+        Return the log-likelihood ratio of the last sample over the incumbent, nats.
+
+        Within one mode by the densities as stated; across modes by those scaled to the fit,
+        because a larger model error would otherwise pay for itself.
+        """
+        if self.kalman.mode.name == incumbent.mode.name:
+            return self.kalman.stated_log_density - incumbent.stated_log_density
+        return self.kalman.log_density - incumbent.log_density

@@ -16,7 +16,7 @@ def _waves_by_loops(angle: float, count: int) -> Array:
     cosine, sine = 1.0, 0.0
     for k in range(count):
         waves[0, k], waves[1, k] = cosine, -k * sine
-        # Turned on by one angle: a sixth of the time of two functions.
+        # Rotated by the angle once more, in a sixth of the time of a cosine and a sine.
         cosine, sine = cosine * once - sine * turn, sine * once + cosine * turn
     return waves
 
@@ -44,7 +44,7 @@ def _summed_by_loops(waves: Array, series: Array) -> Array:
     found, width = np.zeros((2, series.shape[1])), series.shape[1] // 3
     for k in range(len(series)):
         wave, slope = waves[0, k], waves[1, k]
-        # Row by row, as the table lies in memory; of two rows BLAS would make a copy of it first.
+        # Row by row, as the table lies in memory; for two rows BLAS would copy it first.
         for j in range(found.shape[1]):
             found[0, j] += wave * series[k, j]
         for j in range(width):
@@ -52,12 +52,12 @@ def _summed_by_loops(waves: Array, series: Array) -> Array:
     return found
 
 
-# What the series are at an angle, (2, 3 W), with the derivative of their first third.
+# The series at an angle, and below them the derivative of their first third, (2, 3 W).
 _summed = _summed_by_loops if COMPILED else np.dot
 
 
 @compiled
-def series_at(angle: float, series: Array, away: float) -> tuple[Array, Array, Array]:
+def series_at(angle: float, series: Array, mass_offset: float) -> tuple[Array, Array, Array]:
     """
     Return M and its derivatives over the angle and over the payload, each flat, (W,).
 
@@ -67,14 +67,14 @@ def series_at(angle: float, series: Array, away: float) -> tuple[Array, Array, A
         rad.
     series : Array
         See PayloadSlice.
-    away : float
-        Payload beyond the slice's, kg.
+    mass_offset : float
+        Payload less that of the slice, kg.
 
     """
     width, found = series.shape[1] // 3, _summed(_waves(angle, len(series)), series)
     flat, over_m, bend = found[0][:width], found[0][width:2 * width], found[0][2 * width:]
-    if away != 0.0:
-        add(flat, away, over_m)
-        add(flat, 0.5 * away * away, bend)
-        add(over_m, away, bend)
+    if mass_offset != 0.0:
+        add(flat, mass_offset, over_m)
+        add(flat, 0.5 * mass_offset * mass_offset, bend)
+        add(over_m, mass_offset, bend)
     return flat, found[1][:width], over_m

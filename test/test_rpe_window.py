@@ -7,19 +7,18 @@ from dataclasses import replace
 
 from extended_arms import arm, ROBOT
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
-from flex_payload_estimator.estimators.rpe.evidence import rare
-from flex_payload_estimator.estimators.rpe.hypothesis import (
-    EXACT,
-    Filter,
-    NATURAL,
-    PARTS,
-    ROUGH,
-    Sample,
-)
-from flex_payload_estimator.estimators.rpe.motion import Motion
-from flex_payload_estimator.estimators.rpe.past import Moment, Past
+from flex_payload_estimator.estimators.rpe.excitation import Excitation
+from flex_payload_estimator.estimators.rpe.filter import Filter, Sample
+from flex_payload_estimator.estimators.rpe.likelihood import false_alarm_threshold
+from flex_payload_estimator.estimators.rpe.modes import EXACT, EXACT_BENDING, PARTS_FREE, ROUGH
 from flex_payload_estimator.estimators.rpe.prior import tolerances_off
-from flex_payload_estimator.estimators.rpe.replay import exact_again, Relearner, Replay
+from flex_payload_estimator.estimators.rpe.restarts import restarted
+from flex_payload_estimator.estimators.rpe.sample_window import SampleWindow, StoredSample
+from flex_payload_estimator.estimators.rpe.window_pass import (
+    PassFilter,
+    repeated_exact_search,
+    WindowPass,
+)
 from flex_plant_sim.arm.parts import drawn
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.payload_profile import PayloadProfile
@@ -42,32 +41,32 @@ def misled(estimator: RecursivePredictionError) -> Filter:
 def astray(estimator: RecursivePredictionError) -> Filter:
     """Return one that holds the parts of an exact arm for unknown."""
     assert estimator._incumbent is not None
-    estimator._modes.trials = []
-    return estimator.stepper.renewed(estimator._incumbent, ROUGH, 0.3, 0.01)
+    estimator._competition.trials = []
+    return restarted(estimator._incumbent, ROUGH, 0.3, 0.01, estimator.stepper)
 
 
 def unlucky(estimator: RecursivePredictionError) -> Filter:
     """Return one of parts that a start of much noise preferred; the exact one is on trial."""
     assert estimator._incumbent is not None
     f = astray(estimator)
-    f.mode, f.rounds = PARTS, 0
-    estimator._modes.keep(estimator._incumbent, 0.4)
+    f.mode, f.passes = PARTS_FREE, 0
+    estimator._competition.keep(estimator._incumbent, 0.4)
     return f
 
 
-def remembering(noise: list[float], most: int = 1000) -> Past:
+def remembering(noise: list[float], size: int = 1000) -> SampleWindow:
     """Return a past in which the noise's variance was so many times the told one."""
-    past, loads = Past(most), Motion(estimator_of().stepper).loads
+    window, loads = SampleWindow(size), Excitation(estimator_of().stepper).loads
     for k, variance in enumerate(noise):
         sample = Sample(0.01 * k, np.zeros(6), np.zeros(2))
-        past.add(Moment(sample, loads, 0.01, 0.0, np.full(6, variance)))
-    return past
+        window.add(StoredSample(sample, loads, 0.01, 0.0, np.full(6, variance)))
+    return window
 
 
 def noisy(variance: float) -> Filter:
     """Return a filter that takes the noise's variance for so many times the told one."""
     f = estimator_of().stepper.begin(ROUGH, np.zeros(6), 0.1, 0.1)
-    f.record[:6] = variance
+    f.statistics[:6] = variance
     return f
 
 
@@ -103,59 +102,61 @@ def test_an_exact_model_that_its_start_led_astray_is_back_within_half_a_second()
 def test_an_exact_model_that_does_not_fit_is_judged_only_after_parts_learn_again() -> None:
     estimator = estimator_of()
     Run(estimator, PayloadProfile.constant(MASS), 0.4)
-    modes, rough = estimator._modes, astray(estimator)
-    replay = exact_again(estimator.incumbent, modes.past, estimator.stepper)
+    competition, rough = estimator._competition, astray(estimator)
+    replay = repeated_exact_search(estimator.incumbent, competition.window, estimator.stepper)
     for misfit, rounds, judges in ((1.0, 0, True), (2.0, 0, False), (2.0, 1, True)):
-        replay.best.runner.record[-3:-1], rough.rounds = misfit, rounds
-        assert modes._relearnt(replay, rough, 0.4) is rough
-        assert bool(modes._replay and modes._replay.judged) is judges
+        replay.best.kalman.statistics[-3:-1], rough.passes = misfit, rounds
+        assert competition._conclude_pass(replay, rough, 0.4) is rough
+        assert bool(competition._pass and competition._pass.compares) is judges
 
 
 def test_an_exact_model_is_given_up_where_parts_lead_by_what_it_must_gain() -> None:
     # It begins as far behind as it must lead in the end: level with parts, it has lost nothing.
-    stepper, past = estimator_of().stepper, remembering([1.0] * 100)
-    must = rare(stepper.step_time)
-    exact, parts = (Relearner(stepper.begin(mode, np.zeros(6), 0.1, 0.1))
-                    for mode in (EXACT, PARTS))
-    exact.runner.log = -must
-    replay = Replay([exact, parts], past.first + 60, judged=True)
+    stepper, window = estimator_of().stepper, remembering([1.0] * 100)
+    must = false_alarm_threshold(stepper.step_time)
+    exact, parts = (PassFilter(stepper.begin(mode, np.zeros(6), 0.1, 0.1))
+                    for mode in (EXACT, PARTS_FREE))
+    exact.kalman.log_likelihood = -must
+    replay = WindowPass([exact, parts], window.first + 60, compares=True)
     for lead, lost in ((0.0, False), (0.9 * must, False), (1.1 * must, True)):
-        parts.runner.log = lead
-        assert replay.lost(past, must) is lost
+        parts.kalman.log_likelihood = lead
+        assert replay.exact_is_behind(window, must) is lost
     # Not in the first half, nor where nobody judges.
-    assert not Replay([exact, parts], past.first + 40, judged=True).lost(past, must)
-    assert not Replay([exact, parts], past.first + 60, sought=True).lost(past, must)
+    for behind in (WindowPass([exact, parts], window.first + 40, compares=True),
+                   WindowPass([exact, parts], window.first + 60, finds_exact=True)):
+        assert not behind.exact_is_behind(window, must)
 
 
 def test_noise_counts_as_grown_from_four_times_its_variance_on_then() -> None:
     # Variances 1, 2, 3, …, over the robot file's; twenty samples, ten of them kept.
-    past, f = remembering([1.0 + k for k in range(20)], most=10), noisy(1.0)
-    assert past.first == 10
+    window, f = remembering([1.0 + k for k in range(20)], size=10), noisy(1.0)
+    assert window.first == 10
     for since, then in ((0.195, 20.0), (0.165, 17.0), (0.105, 11.0)):
-        assert not past.noisier(noisy(3.9 * then), since)
-        assert past.noisier(noisy(4.1 * then), since)
+        assert not window.noise_has_risen(noisy(3.9 * then), since)
+        assert window.noise_has_risen(noisy(4.1 * then), since)
     # Before the oldest one nothing is known: it stands for what was.
-    assert past.noisier(noisy(4.1 * 11.0), -5.0) and not past.noisier(noisy(3.9 * 11.0), -5.0)
+    assert window.noise_has_risen(noisy(4.1 * 11.0), -5.0)
+    assert not window.noise_has_risen(noisy(3.9 * 11.0), -5.0)
     # Gauges alone are enough; what else the record has does not count.
-    f.record[2:6], f.record[6:] = 81.0, 1e9
-    assert past.noisier(f, 0.19)
-    f.record[2:6] = 1.0
-    assert not past.noisier(f, 0.19)
+    f.statistics[2:6], f.statistics[6:] = 81.0, 1e9
+    assert window.noise_has_risen(f, 0.19)
+    f.statistics[2:6] = 1.0
+    assert not window.noise_has_risen(f, 0.19)
 
 
 def test_the_noise_at_most_is_that_of_differences_and_no_motion_hides_any() -> None:
     random, told = np.random.default_rng(3), np.array([1e-3] * 2 + [1e-6] * 4)
     sizes = np.repeat([2.0, 50.0], (2, 4)) * told
-    loads = Motion(estimator_of().stepper).loads
+    loads = Excitation(estimator_of().stepper).loads
     for swing, most in ((0.0, 2.0), (1e4, 4.0)):
-        past, squares = Past(1000), []
-        assert (past.most_noise(told**2) == 1.0).all()
+        window, squares = SampleWindow(1000), []
+        assert (window.largest_noise(told**2) == 1.0).all()
         for k in range(400):
             outputs = sizes * random.standard_normal(6) + swing * told * np.sin(0.03 * k)
             # Every seventh is no measurement.
             sample = Sample(0.01 * k, None if k % 7 == 0 else outputs, np.zeros(2))
-            past.add(Moment(sample, loads, 0.01, 0.0, np.ones(6)))
-            squares += [past.most_noise(told**2) * told**2 / sizes**2] if k > 40 else []
+            window.add(StoredSample(sample, loads, 0.01, 0.0, np.ones(6)))
+            squares += [window.largest_noise(told**2) * told**2 / sizes**2] if k > 40 else []
         assert (0.5 < np.median(squares, axis=0)).all()
         assert (np.median(squares, axis=0)[2:] < most).all()
 
@@ -182,7 +183,7 @@ def test_what_bent_links_add_is_found_where_the_robot_file_has_none_of_it() -> N
     estimator = estimator_of(ROBOT)
     nature = arm('coriolis_centripetal:arm:share=1', 'foreshortening:arm:share=1', modes=2)
     run = Run(estimator, PayloadProfile.constant(MASS), 1.2, arm=nature.at_payload(MASS))
-    assert estimator.incumbent.mode == NATURAL and not estimator.events
+    assert estimator.incumbent.mode == EXACT_BENDING and not estimator.events
     assert abs(run.mass[-1] - MASS) < 4.0 * run.std[-1] < 4e-4
 
 
@@ -203,7 +204,7 @@ def test_an_exact_model_of_another_arm_does_not_come_back_in_a_gentle_motion() -
         command = 4.0 * (amplitude * np.array([1.0 - np.cos(2.0 * turn), np.sin(turn)**2])
                          - sample.angle)
         simulator.step(command)
-    assert estimator.incumbent.mode.parts and not estimator.events
+    assert estimator.incumbent.mode.free_parts and not estimator.events
     assert abs(found.mass - mass) < 3.0 * found.variance**0.5 < 0.15 * mass
 
 
@@ -218,8 +219,8 @@ def test_tolerances_count_as_off_by_what_the_posterior_says_of_the_parts() -> No
     assert found == pytest.approx(expected, rel=0.02)
     stepper = estimator_of().stepper
     f = stepper.begin(ROUGH, np.zeros(6), 0.1, 0.1)
-    f.beta[:], f.spread[:] = beta, root @ root.T
-    assert stepper.doubt(f) == pytest.approx(expected, rel=0.02)
+    f.beta[:], f.beta_cov[:] = beta, root @ root.T
+    assert stepper.variance_factor(f) == pytest.approx(expected, rel=0.02)
     # Nothing learnt: as told.
     spread = np.diag(prior.std**2)
     assert tolerances_off(prior.mean, spread, prior.mean, prior.weights) == pytest.approx(1.0)
@@ -231,15 +232,16 @@ def test_who_learns_again_gives_up_where_the_past_is_dropped() -> None:
     estimator, command, given_up = estimator_of(robot), np.zeros(2), 0
     simulator = Simulator(ExtendedArm(robot, 'assumed_modes', 2, MASS), None,
                           Noise(robot.angle_noise, robot.strain_noise), 5)
-    modes = estimator._modes
+    competition = estimator._competition
     for _ in range(100):
         sample = simulator.measure()
         estimator.update(sample.time, sample.output, command)
         estimator.conclude()
-        learner = modes._replay
-        assert learner is None or learner.place >= modes.past.first
+        learner = competition._pass
+        assert learner is None or learner.place >= competition.window.first
         if learner and not given_up:
-            modes.past.most, given_up = (modes.past.end - modes.past.first) // 2, 1
+            window, given_up = competition.window, 1
+            window.size = (window.end - window.first) // 2
         command = 4.0 * (square(sample.time) - sample.angle)
         simulator.step(command)
     assert given_up

@@ -1,0 +1,289 @@
+"""The incumbent beside trials of other hypotheses; transitions.py has the rules."""
+
+from __future__ import annotations
+
+import math
+
+from flex_payload_estimator.estimators.rpe import transitions
+from flex_payload_estimator.estimators.rpe.filter import Filter, Sample
+from flex_payload_estimator.estimators.rpe.filter_step import FilterStep
+from flex_payload_estimator.estimators.rpe.likelihood import false_alarm_threshold
+from flex_payload_estimator.estimators.rpe.modes import freedom, ROUGH
+from flex_payload_estimator.estimators.rpe.restarts import (
+    in_other_mode,
+    linearised_every_sample,
+    PASSES,
+    relinearised,
+    with_constant_payload,
+    with_payload_walk,
+)
+from flex_payload_estimator.estimators.rpe.sample_window import SampleWindow, StoredSample
+from flex_payload_estimator.estimators.rpe.sensors import Loads
+from flex_payload_estimator.estimators.rpe.transitions import FREER_MODE_S, Situation, TRIAL_S
+from flex_payload_estimator.estimators.rpe.trial import Trial
+from flex_payload_estimator.estimators.rpe.window_pass import (
+    comparison,
+    exact_search,
+    gauss_newton_pass,
+    repeated_exact_search,
+    WindowPass,
+)
+import numpy as np
+
+# A walking payload may be anywhere on its range after this, s.
+WALK_S = 1.0
+# Length of the sample window at least, s.
+WINDOW_S = 10.0
+# A payload counts as constant after CONSTANT_S, s. Where the next change comes within
+# SAME_CHANGE_S, s, the last one goes on, and the payload has to be constant for twice as long.
+CONSTANT_S, SAME_CHANGE_S = 0.1, 2.0
+
+
+class ModeCompetition:
+    """
+    The trials beside the incumbent, and who is the next incumbent.
+
+    Parameters
+    ----------
+    stepper : FilterStep
+
+    Attributes
+    ----------
+    window : SampleWindow
+    trials : list of Trial
+    ongoing_change : Trial or None
+        The trial that found the change of the payload that is going on.
+    reported_change : Trial or None
+        The same once it may be reported, because a model that is wrong would have shown by now:
+        FREER_MODE_S later, or when the payload is constant.
+
+    """
+
+    def __init__(self, stepper: FilterStep):
+        self.stepper, self._threshold = stepper, false_alarm_threshold(stepper.step_time)
+        self.walk = stepper.heaviest / math.sqrt(WALK_S) / 4.0
+        self._told_noise = np.ones(stepper.told_variance.size)
+        self.window = SampleWindow(round(WINDOW_S / stepper.step_time))
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self.trials: list[Trial] = []
+        self.window.clear()
+        self._pass: WindowPass | None = None
+        # Time in the window at the last attempt at `exact`, s, and when `coarse` may be left.
+        self._last_attempt, self._pause_end = 0.0, -math.inf
+        self._time_in_motion = 0.0
+        self.ongoing_change: Trial | None = None
+        self.reported_change: Trial | None = None
+        self._constant_since, self._change_found = -math.inf, -math.inf
+        self._constant_s = CONSTANT_S
+
+    def remember(self, sample: Sample, loads: Loads, excited: bool, f: Filter | None = None
+                 ) -> None:
+        """Put a sample into the window, with what an incumbent f made of it."""
+        time = sample.steps * self.stepper.step_time if excited else 0.0
+        log_density, noise = (f.log_density, f.noise_scale.copy()) if f \
+            else (0.0, self._told_noise)
+        self.window.add(StoredSample(sample, loads, time, log_density, noise))
+
+    def leave_rest(self, rested: Filter) -> None:
+        """Keep what a filter knew at rest, after the last sample of the window."""
+        self.window.rested = rested
+
+    def predict(self, sample: Sample, loads: Loads, excited: bool) -> None:
+        """Bring the trials across a sample without a measurement."""
+        self.remember(sample, loads, excited)
+        for trial in self.trials:
+            self.stepper.predict(trial.kalman, sample, loads)
+
+    def advance(self, incumbent: Filter, sample: Sample, loads: Loads, excited: bool) -> Filter:
+        """Step the trials over a sample that the incumbent has learnt; return the next one."""
+        if sample.measured is None:
+            self.predict(sample, loads, excited)
+            return incumbent
+        self.remember(sample, loads, excited, incumbent)
+        self.reported_change = self.ongoing_change \
+            if sample.time - self._change_found >= FREER_MODE_S else None
+        time = self.stepper.step_time if excited else 0.0
+        incumbent.age, self._time_in_motion = incumbent.age + time, self._time_in_motion + time
+        self._step_trials(incumbent, sample, loads, excited)
+        now = self._situation(incumbent)
+        for trial in list(self.trials):
+            if transitions.wins(trial, now):
+                return self._promote(trial, incumbent, sample.time)
+            if transitions.has_failed(trial, now):
+                self._end(trial, incumbent)
+        incumbent = self._advance_pass(incumbent, sample.time)
+        if excited:
+            self._begin_trials(incumbent, sample.time)
+            self._pass = self._pass or self._next_pass(self._situation(incumbent))
+            if transitions.relinearisation_due(incumbent):
+                incumbent = relinearised(incumbent, self.stepper)
+        return incumbent
+
+    def _situation(self, incumbent: Filter) -> Situation:
+        return Situation(incumbent, self.trials, self.window, self._time_in_motion,
+                         self._constant_s, self._threshold)
+
+    def _step_trials(self, incumbent: Filter, sample: Sample, loads: Loads, excited: bool
+                     ) -> None:
+        """Let the trials learn a sample, and drop those whose lead means nothing."""
+        if not excited:
+            # At rest nothing tells one payload, or one model, from another.
+            self.trials = [trial for trial in self.trials if trial.kind == 'constant']
+        for trial in self.trials:
+            self._step(trial, incumbent, sample, loads, excited)
+        # The filter that first finds that the noise has dropped gains by that alone, until the
+        # other one finds it too.
+        self.trials = [t for t in self.trials
+                       if t.kalman.noise_drop_gain == incumbent.noise_drop_gain == 0.0
+                       or t.has_less_freedom(incumbent)]
+
+    def _step(self, trial: Trial, incumbent: Filter, sample: Sample, loads: Loads,
+              excited: bool) -> None:
+        """Let a trial learn a sample, and add its log-likelihood ratio."""
+        step = self.stepper.step_time
+        self.stepper.step(trial.kalman, sample, loads)
+        if trial.kind == 'change':
+            trial.kalman = self.stepper.after_jump(trial.kalman, sample, loads)
+        trial.kalman.age += step if excited else 0.0
+        # A mode with more freedom that gains does differ, however much noise hides its error.
+        differs = trial.kind != 'mode' or trial.is_cusum(incumbent) \
+            or self.stepper.modes_differ(incumbent, loads, ROUGH)
+        trial.add(step if differs else 0.0, trial.sample_log_ratio(incumbent))
+        if trial.is_cusum(incumbent) and trial.log_ratio <= 0.0:
+            trial.restart_sum(sample.time)
+        elif trial.is_settling:
+            trial.log_ratio = 0.0
+
+    def _begin_trials(self, incumbent: Filter, time: float) -> None:
+        """Begin the trials that should run and do not."""
+        kinds = [trial.kind for trial in self.trials]
+        walking = incumbent.mode.payload_walk > 0.0
+        if walking and 'constant' not in kinds:
+            for f in with_constant_payload(incumbent, self.stepper):
+                self._add_trial('constant', f, incumbent, time)
+        if not walking and 'change' not in kinds and freedom(incumbent.mode) < 2:
+            self._add_trial('change', with_payload_walk(incumbent, self.walk), incumbent, time)
+        for mode in transitions.modes_to_try(incumbent, time >= self._pause_end):
+            if not any(trial.kind == 'mode' and freedom(trial.kalman.mode) == freedom(mode)
+                       for trial in self.trials):
+                self._pause_end = time + TRIAL_S
+                self._add_trial('mode', in_other_mode(incumbent, mode, self.stepper), incumbent,
+                                time)
+
+    def _add_trial(self, kind: str, f: Filter, incumbent: Filter, time: float) -> None:
+        self.trials.append(Trial(kind, f, time, incumbent.mass))
+
+    def keep(self, former: Filter, time: float) -> None:
+        """Let a former incumbent, or the second of the start, go on as a trial."""
+        self._add_trial('mode', former, former, time)
+
+    def _end(self, trial: Trial, incumbent: Filter) -> None:
+        """End a trial; an exact model may be linearised wrongly, and seeks a better point."""
+        self.trials.remove(trial)
+        exact = trial.kind == 'mode' and not trial.kalman.mode.free_parts
+        if exact and incumbent.mode.payload_walk == 0.0 and not self._pass:
+            self._pass = repeated_exact_search(trial.kalman, self.window, self.stepper)
+
+    def _promote(self, trial: Trial, incumbent: Filter, time: float) -> Filter:
+        """
+        Make a trial the incumbent, and return its filter.
+
+        Trials of other modes go on where the mode stays, and count from the new incumbent; an
+        incumbent of another mode goes on as a trial.
+        """
+        new_mode = trial.kalman.mode.name != incumbent.mode.name
+        self.trials = [other for other in self.trials if other.kind == 'mode'
+                       and other is not trial and not new_mode and trial.kind != 'constant']
+        for other in self.trials:
+            log_ratio = other.log_ratio - trial.log_ratio
+            other.log_ratio = max(log_ratio, 0.0) if other.is_cusum(trial.kalman) else log_ratio
+        if trial.kind == 'change':
+            # A payload that was constant for a moment only goes on changing.
+            goes_on = time - self._constant_since < SAME_CHANGE_S
+            self._constant_s = min(2.0 * self._constant_s, SAME_CHANGE_S) if goes_on \
+                else CONSTANT_S
+            self.ongoing_change, self._change_found = trial, time
+            self.window.clear()
+        elif trial.kalman.mode.payload_walk == 0.0:
+            self._end_change(trial, time)
+        self._pass, self._last_attempt = None, 0.0
+        if new_mode:
+            self.keep(incumbent, time)
+        self._pause_end = time + TRIAL_S
+        return trial.kalman
+
+    def _end_change(self, trial: Trial, time: float) -> None:
+        """Report the change that is over, or forget what another mode explains."""
+        constant = trial.kind == 'constant'
+        self.reported_change = self.ongoing_change if constant else None
+        if constant:
+            # It is linearised by what it learns of this payload from now on.
+            trial.kalman.age = trial.kalman.age_linearised = 0.0
+        self.ongoing_change, self._constant_since = None, time
+        # What `coarse` allows for may have been there all the time: its window stays.
+        if constant or freedom(trial.kalman.mode) == 1:
+            self.window.clear()
+
+    def _next_pass(self, now: Situation) -> WindowPass | None:
+        """Return the pass over the window that is due, if any."""
+        f, window, stepper = now.incumbent, self.window, self.stepper
+        if f.mode.payload_walk > 0.0 or window.first == window.end:
+            return None
+        if not f.mode.free_parts:
+            return gauss_newton_pass(f, window, stepper) if f.passes < PASSES else None
+        for trial in transitions.exact_trials(now):
+            if transitions.exact_trial_is_compared(trial, now):
+                return comparison(trial.kalman, f, window, stepper, trial)
+        due = transitions.exact_attempt_is_due(now, self._last_attempt)
+        search = due and transitions.exact_can_be_searched(f)
+        if f.passes < PASSES and not search:
+            return gauss_newton_pass(f, window, stepper)
+        if not due:
+            return None
+        self._last_attempt = window.time_in_motion
+        if search:
+            return exact_search(f, window, stepper)
+        # Over a window that begins in the middle of a motion, the parts are thrown far off.
+        return gauss_newton_pass(f, window, stepper) if window.is_complete else None
+
+    def _advance_pass(self, incumbent: Filter, time: float) -> Filter:
+        """Advance the pass over the window, and return the incumbent after it."""
+        if self._pass and self._pass.place < self.window.first:
+            # The sample that it would learn next has been dropped.
+            self._pass = None
+        if self._pass and self._pass.advance(self.window, self.stepper):
+            return self._conclude_pass(self._pass, incumbent, time)
+        if self._pass and self._pass.exact_is_behind(self.window, self._threshold):
+            self._reject_exact(self._pass)
+        return incumbent
+
+    def _conclude_pass(self, done: WindowPass, incumbent: Filter, time: float) -> Filter:
+        """Return the incumbent after a pass that has caught up."""
+        self._pass, best = None, done.best.kalman
+        if done.finds_exact:
+            if transitions.found_exact_is_compared(best, incumbent):
+                self._pass = comparison(best, incumbent, self.window, self.stepper)
+            return incumbent
+        if done.compares:
+            if not transitions.to_exact(best):
+                self._reject_exact(done)
+                return incumbent
+            done.store_log_densities(self.window)
+            trial = done.trial if done.trial in self.trials else None
+            return self._promote(trial or Trial('mode', best, time, incumbent.mass), incumbent,
+                                 time)
+        # A walk begins again from what is known now; other modes must beat the better incumbent.
+        self.trials = [trial for trial in self.trials if trial.kind == 'mode']
+        for trial in self.trials:
+            trial.log_ratio -= done.log_ratio(self.window, trial.since)
+        done.store_log_densities(self.window)
+        last = best.passes == PASSES and not best.mode.free_parts
+        return linearised_every_sample(best) if last else best
+
+    def _reject_exact(self, done: WindowPass) -> None:
+        """End a comparison that the free parts have won, and the exact model's trial."""
+        self._pass = None
+        self.trials = [trial for trial in self.trials if trial is not done.trial]

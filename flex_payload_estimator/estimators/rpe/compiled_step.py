@@ -1,0 +1,196 @@
+"""
+One step of a filter in one compiled call, or in two: the prediction, and the measurement.
+
+A call from Python, and each array that it returns, costs as much as the arithmetic of a few small
+arrays. So everything that a step needs is computed inside, and the filter is written in place.
+"""
+
+from __future__ import annotations
+
+from flex_payload_estimator.estimators.rpe.likelihood import update_statistics
+from flex_payload_estimator.estimators.rpe.measurement_update import correct
+from flex_payload_estimator.estimators.rpe.model_average import model_averaged
+from flex_payload_estimator.estimators.rpe.packing import unpack_compiled
+from flex_payload_estimator.estimators.rpe.small_matrices import applied, inner
+from flex_payload_estimator.estimators.rpe.time_update import predict, walk
+from flex_payload_estimator.kalman.in_place import add, add_matrix, put
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.compiled import compiled
+import numpy as np
+
+# What a mode assumes: variance of a drive's model error over the square of its net command;
+# variance of the payload's walk in a sampling time, kg^2; variance of a gauge's model error over
+# the square of its strain; smallest noise variance over that of the robot file; number of gauge
+# gains among beta; largest payload, kg; sampling time, s. See modes.noise_model.
+NoiseModel = tuple[float, float, float, float, float, float, float]
+# Payload, kg, and its variance, kg^2; see model_average.py.
+Moments = tuple[float, float]
+# Rows of the table of sensors.Loads.
+MEAN, STRAIN, SWING, DRIVE = range(4)
+# Largest e' Sigma^-1 e of a sample; beyond it the sample's noise counts as larger. The squares of
+# six standard normal numbers sum to more once in 10^7 samples.
+GATE = 44.0
+
+
+@compiled
+def state_estimate(x: Array, sensitivity: Array, beta: Array, reference: Array, fixed: bool
+                   ) -> Array:
+    """Return the state at the estimated parameters, x + s (beta - reference), (n,)."""
+    if not fixed:
+        return x
+    state = applied(sensitivity, beta - reference)
+    add(state, 1.0, x)
+    return state
+
+
+@compiled
+def update_loads(after: Array, packed: Array, reference: Array, fixed: bool, averaged_std: Array,
+                 table: Array, share: float, output: Array, command: Array, speed: Array,
+                 told: Array, swing_variance: float) -> tuple[bool, Moments]:
+    """
+    Write the loads after a sample; return whether the arm moves, and the payload's moments.
+
+    It moves where a gauge varies, or a joint of an arm that has none.
+
+    Parameters
+    ----------
+    after, table, share : Array, Array, float
+        Table of sensors.Loads after the sample, zero until it is written; table before it; share
+        that a sample counts.
+    packed, reference, fixed
+        Of the incumbent, see `correct_packed`.
+    averaged_std : Array
+        See model_average.model_averaged.
+    output, command : Array
+        Of the sample, (m,) and (2,).
+    speed : Array
+        See sensors.speed_feedback.
+    told : Array
+        The robot file's noise variances, (m,).
+    swing_variance : float
+        Variance of a channel over that of its noise from which it swings.
+
+    """
+    x, _, sensitivity, beta, beta_cov, statistics, _ = unpack_compiled(
+        packed, speed.shape[1], reference.size, output.size)
+    held_by = applied(speed, state_estimate(x, sensitivity, beta, reference, fixed))
+    swings, first_gauge = False, 2 if output.size > 2 else 0
+    add_matrix(after, 1.0 - share, table)
+    for i in range(output.size):
+        if i < 2:
+            after[DRIVE, i] += share * (command[i] - held_by[i])**2
+        deviation = output[i] - table[MEAN, i]
+        after[MEAN, i] = table[MEAN, i] + share * deviation
+        if i > 1:
+            after[STRAIN, i] += share * output[i] * output[i]
+        after[SWING, i] += (1.0 - share) * share * deviation * deviation
+        swings |= i >= first_gauge and after[SWING, i] > swing_variance * told[i] * statistics[i]
+    return swings, model_averaged(beta, beta_cov, averaged_std)
+
+
+@compiled
+def predict_packed(previous: Array, packed: Array, reference: Array, fixed: bool,
+                   model_beta: Array, series: Array, parts: Array, mass_offset: float,
+                   motion: Array, command: Array, command_variance: Array, speed: Array,
+                   loads: Array, steps: int, noise_model: NoiseModel) -> None:
+    """
+    Predict a filter over some sampling times of one command: x, P, s and V.
+
+    Parameters
+    ----------
+    previous : Array
+        Is made a copy of `packed` as it was.
+    packed : Array
+        The filter's arrays, see packing.unpack; changed.
+    reference, fixed
+        See measurement_update.correct.
+    model_beta : Array
+        Parameters at which the model is evaluated, (B,).
+    series, parts, mass_offset, motion
+        The model there, see time_update.predict.
+    command, command_variance : Array
+        u and the variance of its disturbance, in its unit and that squared, (2,).
+    speed : Array
+        See sensors.speed_feedback.
+    loads : Array
+        Table of sensors.Loads. A drive's model error is a share of its recent net torque, and of
+        the present one where that is larger.
+    steps : int
+        Number of sampling times.
+    noise_model : NoiseModel
+        See modes.noise_model.
+
+    """
+    put(previous, packed)
+    x, cov, sensitivity, beta, beta_cov, _, _ = unpack_compiled(
+        packed, speed.shape[1], reference.size, loads.shape[1])
+    drive_error, walk_variance = noise_model[:2]
+    if drive_error > 0.0:
+        net = command - applied(speed, state_estimate(x, sensitivity, beta, reference, fixed))
+        command_variance = command_variance + drive_error * np.maximum(loads[DRIVE, :2],
+                                                                       net * net)
+    predict(x, cov, sensitivity, model_beta, series, parts, mass_offset, command, motion,
+            np.sqrt(command_variance), steps)
+    if walk_variance > 0.0:
+        walk(cov, sensitivity, beta_cov, steps * walk_variance)
+
+
+@compiled
+def correct_packed(packed: Array, reference: Array, fixed: bool, loads: Array, measured: Array,
+                   offset: Array, output: Array, told: Array, noise_model: NoiseModel
+                   ) -> tuple[float, float, float, float]:
+    """
+    Let a filter learn from a measurement, and keep the innovation with its standard deviation.
+
+    Parameters
+    ----------
+    packed, loads, noise_model
+        See `predict_packed`.
+    reference, fixed, measured, offset, output
+        See measurement_update.correct.
+    told : Array
+        The robot file's noise variances, (m,).
+
+    Returns
+    -------
+    log_density, stated_log_density : float
+        See likelihood.update_statistics.
+    mean_square : float
+        Mean square of the whitened innovation; NaN where the state is lost, and then nothing is
+        learnt.
+    noise_drop_gain : float
+        See likelihood.update_statistics.
+
+    """
+    channels = measured.size
+    gauge_error, least_scale, gains, heaviest, step = noise_model[2:]
+    x, cov, sensitivity, beta, beta_cov, statistics, innovations = unpack_compiled(
+        packed, output.shape[1], reference.size, channels)
+    noise = told * np.maximum(statistics[:channels], least_scale)
+    if gauge_error > 0.0:
+        strain_square = measured * measured
+        strain_square[:2] = 0.0
+        noise = noise + gauge_error * np.maximum(loads[STRAIN], strain_square)
+    innovation, variances, scores, log_det = correct(
+        x, cov, sensitivity, beta, beta_cov, reference, fixed, measured, offset, output, noise,
+        int(gains), GATE, heaviest)
+    if np.isnan(log_det):
+        return 0.0, 0.0, np.nan, 0.0
+    log_density, stated, noise_drop_gain = update_statistics(
+        statistics, innovation, innovations[0], variances, scores, log_det, told, GATE, step)
+    put(innovations[0], innovation)
+    put(innovations[1], np.sqrt(variances))
+    return log_density, stated, min(inner(scores, scores), GATE) / channels, noise_drop_gain
+
+
+@compiled
+def step_packed(measured: Array, offset: Array, output: Array, told: Array, previous: Array,
+                packed: Array, reference: Array, fixed: bool, model_beta: Array, series: Array,
+                parts: Array, mass_offset: float, motion: Array, command: Array,
+                command_variance: Array, speed: Array, loads: Array, steps: int,
+                noise_model: NoiseModel) -> tuple[float, float, float, float]:
+    """Predict, and learn from a measurement: `predict_packed`, then `correct_packed`."""
+    predict_packed(previous, packed, reference, fixed, model_beta, series, parts, mass_offset,
+                   motion, command, command_variance, speed, loads, steps, noise_model)
+    return correct_packed(packed, reference, fixed, loads, measured, offset, output, told,
+                          noise_model)

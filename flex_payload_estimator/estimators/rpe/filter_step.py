@@ -1,0 +1,336 @@
+"""What brings a filter from sample to sample, and what it states of the payload."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from flex_payload_estimator.estimators.rpe import compiled_step
+from flex_payload_estimator.estimators.rpe.effects import EffectStep
+from flex_payload_estimator.estimators.rpe.filter import Filter, Sample
+from flex_payload_estimator.estimators.rpe.likelihood import initial_statistics, reduced_chi_square
+from flex_payload_estimator.estimators.rpe.linearised import Lineariser
+from flex_payload_estimator.estimators.rpe.model_average import model_averaged
+from flex_payload_estimator.estimators.rpe.modes import Mode, noise_model
+from flex_payload_estimator.estimators.rpe.packing import pack
+from flex_payload_estimator.estimators.rpe.prior import Prior, SHARE_STD, SHARES, tolerances_off
+from flex_payload_estimator.estimators.rpe.schedule import PayloadSchedule
+from flex_payload_estimator.estimators.rpe.sensors import Loads, speed_feedback
+from flex_payload_estimator.estimators.rpe.time_update import (
+    CORIOLIS,
+    DISTURBANCES,
+    FIRST_BIAS,
+    MASS,
+    walk,
+)
+from flex_plant_sim.arm.second_order import Array
+import numpy as np
+
+# Two modes can be told apart while a gauge's model error is this many times its noise.
+DISTINCT_ERROR = 3.0
+# A model error, a share of the load, is white noise that is drawn afresh every 10 ms; at other
+# sampling times its spectral density is the same.
+ERROR_STEP_S = 0.01
+# The model error is not quite white: on arms of eight modes in the demo's loop, with an estimator
+# of five, the error of the payload stays at this share from 10 to 30 s, while the filter's own
+# standard deviation goes on falling (benchmarks/loop_band.py, seeds 10, 13, 16 and 22).
+PERSISTENT_ERROR = 0.01
+# Intervals of the range of payloads: a filter linearised in the middle of one converges to any
+# payload of it, where nothing else is wrong.
+PAYLOAD_CELLS = 8
+
+
+class FilterStep:
+    """
+    The arm's model and prior, and the steps of the filters that use them.
+
+    Parameters
+    ----------
+    schedule : PayloadSchedule
+        The sampled arm over angle and payload.
+    motion : tuple of Array
+        Forces of motion as the robot file has them, and with the bending of the links; see
+        forces.motion_rows. Indexed by Mode.bending.
+    lineariser : Lineariser
+    prior : Prior
+    effects : EffectStep
+    noise_std : Array
+        The robot file's standard deviation of each channel, rad and m/m, (m,).
+    torque : Array
+        Standard deviation of the process noise in the command's unit, (2,).
+    heaviest : float
+        Largest payload, kg.
+    start_std : Array
+        Standard deviation of the state at the start, (n,).
+
+    Attributes
+    ----------
+    has_bending : bool
+        Whether the forces of motion with and without bending differ.
+    exact_prior : Prior
+        Where all parts are those of the robot file.
+    shares : tuple of float
+        Shares of the forces of motion that an exact model may have.
+    told_variance : Array
+        The robot file's noise variance of each channel, rad^2 and (m/m)^2, (m,).
+    output : Array
+        C, the outputs over the state, (m, n).
+    start_cov : Array
+        Covariance of the state at the start, (n, n).
+    step_time : float
+        Sampling time, s.
+
+    """
+
+    def __init__(self, schedule: PayloadSchedule, motion: tuple[Array, Array],
+                 lineariser: Lineariser, prior: Prior, effects: EffectStep, noise_std: Array,
+                 torque: Array, heaviest: float, start_std: Array):
+        self.schedule, self.motion, self.prior, self.effects = schedule, motion, prior, effects
+        # An arm without forces of motion has no bending terms; a robot file may name them all.
+        self.has_bending = len(motion[False]) < len(motion[True])
+        self.exact_prior, self.heaviest = prior.exact(), heaviest
+        self.start_cov = np.diag(start_std**2)
+        unknown = prior.std[CORIOLIS] >= SHARE_STD
+        self.shares = SHARES if unknown else (float(prior.mean[CORIOLIS]),)
+        biases = self.exact_prior.std[FIRST_BIAS:]
+        # Of what the published payload averages over, without and with free parts.
+        self._averaged_std = biases, prior.std[FIRST_BIAS:][:biases.size + DISTURBANCES].copy()
+        self.told_variance, self._torque_variance = noise_std**2, torque**2
+        self._told: list[float] = self.told_variance.tolist()
+        self.output = np.ascontiguousarray(effects.output_matrix())
+        self.lineariser, self.step_time = lineariser, effects.arm.step_time
+        self._error_samples = ERROR_STEP_S / self.step_time
+        self._speed, self._offsets = speed_feedback(effects.arm), effects.arm.acts_on_output
+        # Whether an effect acts between prediction and measurement, so that a step is two calls.
+        self._two_calls = effects.moves or self._offsets
+        self._no_parts, self._no_offset = np.zeros((0, 1)), np.zeros(noise_std.size)
+        self._limits = self._error_samples, float(prior.gains), heaviest, self.step_time
+
+    def prior_of(self, mode: Mode) -> Prior:
+        """Return the prior of the parameters that a mode has."""
+        return self.prior if mode.free_parts else self.exact_prior
+
+    def payload_cells(self) -> list[tuple[float, float]]:
+        """Return the range of payloads in intervals over which an arm changes alike, kg."""
+        soft = self.schedule.soft_mass
+        edges = soft * (1.0 + self.heaviest / soft)**(
+            np.arange(PAYLOAD_CELLS + 1) / PAYLOAD_CELLS) - soft
+        return list(zip(edges[:-1].tolist(), edges[1:].tolist()))
+
+    def begin(self, mode: Mode, measured: Array, mass: float, std: float,
+              share: float | None = None) -> Filter:
+        """
+        Return a filter at the prior.
+
+        Parameters
+        ----------
+        mode : Mode
+            Decides which parameters it has.
+        measured : Array
+            First outputs, rad and m/m, (m,).
+        mass, std : float
+            Mean and standard deviation of the payload, kg.
+        share : float or None
+            Share of the forces of motion; None takes the prior's mean.
+
+        """
+        prior, channels = self.prior_of(mode), measured.size
+        x, beta = np.zeros(len(self.start_cov)), prior.mean.copy()
+        x[:2], beta[MASS] = measured[:2], mass
+        if share is not None:
+            beta[CORIOLIS] = share
+        packed = pack(x, self.start_cov, np.zeros((x.size, beta.size)), beta,
+                      prior.covariance(std), initial_statistics(channels),
+                      np.repeat([[0.0], [np.inf]], channels, axis=1))
+        return Filter(mode, packed, (x.size, beta.size, channels))
+
+    def step(self, f: Filter, sample: Sample, loads: Loads) -> None:
+        """Predict a sample, and learn from it where it has a measurement."""
+        if self._two_calls or sample.measured is None or not math.isfinite(f.x.item(1)):
+            self.predict(f, sample, loads)
+            self.correct(f, sample, loads)
+            return
+        self._take_likelihood(f, sample, compiled_step.step_packed(
+            sample.measured, self._no_offset, self.output, self.told_variance,
+            *self._prediction_arguments(f, sample, loads)))
+
+    def predict(self, f: Filter, sample: Sample, loads: Loads) -> None:
+        """Predict a sample; a state that is not finite waits for the next measurement."""
+        if not math.isfinite(f.x.item(1)):
+            f.previous = None
+            return
+        before = f.x
+        payload = float(f.beta[MASS] if f.model is None else f.reference[MASS])
+        if self.effects.moves:
+            before = before.copy()
+        compiled_step.predict_packed(*self._prediction_arguments(f, sample, loads))
+        if self.effects.moves:
+            f.x[:] = self.effects.push(self.schedule.cut(payload).payload, before, f.x,
+                                       sample.command, sample.time - self.step_time)
+
+    def correct(self, f: Filter, sample: Sample, loads: Loads) -> None:
+        """Learn from the measurement of a sample that has been predicted."""
+        if sample.measured is None:
+            return
+        self._take_likelihood(f, sample, compiled_step.correct_packed(
+            f.packed, f.reference, f.model is not None, loads.table, sample.measured,
+            self._offset(f.x, sample.time), self.output, self.told_variance,
+            noise_model(f.mode, *self._limits)))
+
+    def _prediction_arguments(self, f: Filter, sample: Sample, loads: Loads) -> tuple[Any, ...]:
+        """Return the arguments of `compiled_step.predict_packed`."""
+        parts, model = self._no_parts, f.model
+        if model is not None:
+            about, series, away, motion = model.nominal, model.series, 0.0, model.motion
+            if f.mode.free_parts:
+                parts = model.parts_at(f.x.item(1))
+        else:
+            # Plain numbers are quicker than NumPy's.
+            mass, about, motion = f.mass, f.beta, self.motion[f.mode.bending]
+            piece = self.schedule.cut(mass, f.variance)
+            series, away = piece.series, mass - piece.payload
+            if f.mode.free_parts:
+                parts = self.schedule.parts_at(mass, f.x.item(1))
+        variance = self._torque_variance if sample.command_variance is None \
+            else self._torque_variance + sample.command_variance
+        return (f.previous_buffer(), f.packed, f.reference, model is not None, about, series,
+                parts, away, motion, sample.command, variance, self._speed, loads.table,
+                sample.steps, noise_model(f.mode, *self._limits))
+
+    def _take_likelihood(self, f: Filter, sample: Sample, found: tuple[float, ...]) -> None:
+        """Keep what a correction returned; where the state is lost, begin the state again."""
+        log_density, stated, mean_square, f.noise_drop_gain = found
+        if math.isnan(mean_square):
+            self.relocate(f, sample.measured)
+        else:
+            f.log_density, f.stated_log_density, f.mean_square = log_density, stated, mean_square
+
+    def _offset(self, x: Array, time: float) -> Array:
+        """Return what the sensors' effects add to C x, (m,)."""
+        if not self._offsets:
+            return self._no_offset
+        return np.asarray(self.effects.arm.output(x, time) - self.output @ x)
+
+    def relocate(self, f: Filter, measured: Array | None) -> None:
+        """Begin the state again at the measured angles, and keep payload and parts."""
+        f.x[:], f.cov[:], f.sensitivity[:] = 0.0, self.start_cov, 0.0
+        if measured is not None:
+            f.x[:2] = measured[:2]
+
+    def drift(self, f: Filter, variance: float) -> None:
+        """Let the payload walk at random by a variance, kg^2."""
+        state = f.state
+        walk(f.cov, f.sensitivity, f.beta_cov, variance)
+        f.x += state - f.state
+
+    def after_jump(self, after: Filter, sample: Sample, loads: Loads) -> Filter:
+        """
+        Return the likeliest filter of a walking payload that may have jumped before a sample.
+
+        Where the sample is beyond the gate, the payload may be in any of the payload cells, and
+        the filter is linearised in the middle of it.
+
+        Parameters
+        ----------
+        after : Filter
+            Has learnt the sample without a jump.
+        sample, loads : Sample, Loads
+            The sample, and the loads before it.
+
+        """
+        if after.mean_square * self.told_variance.size < compiled_step.GATE:
+            return after
+        return max([after, *(self._jumped(after.before_prediction(), *cell, sample, loads)
+                             for cell in self.payload_cells())],
+                   key=lambda f: f.stated_log_density)
+
+    def _jumped(self, f: Filter, low: float, high: float, sample: Sample, loads: Loads) -> Filter:
+        """Move a filter's payload to the middle of a cell, kg, and let it learn a sample."""
+        self.drift(f, self.heaviest**2)
+        f.beta[MASS], f.beta_cov[MASS], f.beta_cov[:, MASS] = 0.5 * (low + high), 0.0, 0.0
+        f.beta_cov[MASS, MASS] = 0.25 * (high - low)**2
+        self.step(f, sample, loads)
+        return f
+
+    def update_loads(self, f: Filter, command: Array, output: Array, loads: Loads,
+                     swing_variance: float) -> tuple[Loads, bool, compiled_step.Moments]:
+        """
+        Return the loads after a sample, whether the arm moves, and the payload's moments.
+
+        Parameters
+        ----------
+        f : Filter
+            The incumbent.
+        command, output : Array
+            Of the sample, (2,) and (m,).
+        loads : Loads
+            Before it.
+        swing_variance : float
+            Variance of a channel, over that of its noise, from which it swings.
+
+        """
+        after = Loads(loads.share, np.zeros(loads.table.shape))
+        swings, moments = compiled_step.update_loads(
+            after.table, f.packed, f.reference, f.model is not None,
+            self._averaged_std[f.mode.free_parts], loads.table, loads.share, output, command,
+            self._speed, self.told_variance, swing_variance)
+        return after, swings, moments
+
+    def modes_differ(self, f: Filter, loads: Loads, mode: Mode) -> bool:
+        """
+        Tell whether the model error of a mode is well above the noise now.
+
+        The gauges tell; without any, the modes always count as different.
+        """
+        if len(self._told) == 2:
+            return True
+        # All gauges have one noise scale; plain numbers are quicker for a few.
+        scale = DISTINCT_ERROR**2 / (mode.gauge_error**2 * self._error_samples) \
+            * float(f.statistics[2])
+        return any(load > scale * told for load, told in zip(loads.strain.tolist(), self._told))
+
+    def moments(self, f: Filter) -> compiled_step.Moments:
+        """Return payload, kg, and its variance, kg^2, averaged over biases and none."""
+        return model_averaged(f.beta, f.beta_cov, self._averaged_std[f.mode.free_parts])
+
+    def published(self, f: Filter, moments: compiled_step.Moments | None = None,
+                  factor: float | None = None) -> tuple[float, float]:
+        """
+        Return the payload, kg, and the variance to publish, kg^2.
+
+        With free parts that is D [V_mm + (0.01 m)^2 + V_c + (m - m_a)^2 + sigma_s^2 m^2], see
+        docs/estimators.md; else the model-averaged variance.
+
+        Parameters
+        ----------
+        f : Filter
+            Usually the incumbent.
+        moments : Moments or None
+            Of f, where they are known.
+        factor : float or None
+            D, see `variance_factor`, where it is known.
+
+        """
+        mass, variance = map(float, moments or self.moments(f))
+        if f.mode.free_parts:
+            variance += (PERSISTENT_ERROR * mass)**2
+            if f.passes == 0:
+                variance += self.prior.consider_variance(f.beta_cov)
+            # The last Gauss-Newton step: the next one is no larger.
+            variance += (mass - f.reference.item(MASS))**2
+            variance += self.prior.scale_variance * mass**2
+            variance *= self.variance_factor(f) if factor is None else factor
+        return mass, variance
+
+    def variance_factor(self, f: Filter) -> float:
+        """
+        Return D, by which the variance of a mode with free parts is multiplied, at least 1.
+
+        The reduced chi-squares of the innovations and of the parts' deviations (squared Birge
+        ratios), each at least 1, multiplied.
+        """
+        factor = max(1.0, reduced_chi_square(f.statistics))
+        if f.mode.free_parts:
+            factor *= max(1.0, tolerances_off(f.beta, f.beta_cov, self.prior.mean,
+                                              self.prior.weights))
+        return factor

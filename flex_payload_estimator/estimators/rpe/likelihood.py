@@ -1,0 +1,212 @@
+"""The likelihood of a filter's innovations, their running statistics, and the sensors' noise."""
+
+from __future__ import annotations
+
+import math
+
+from flex_payload_estimator.estimators.rpe.small_matrices import inner
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.compiled import compiled
+import numpy as np
+
+# Memory of the noise's scale and of the reduced chi-square, s, so that a burst of noise is over
+# soon after its end; and in samples, at least.
+MEMORY_S, MEMORY_SAMPLES = 0.5, 30.0
+# One reading of the noise counts as no more than this many variances of the noise known so far.
+LARGEST_READING = 30.0
+# What the robot file's noise counts for at the start, in readings.
+PRIOR_READINGS = 8.0
+# Noise whose variance is so many times what it was taken for has misled a filter. A drop counts
+# from the inverse ratio on.
+NOISE_RATIO = 4.0
+# A model does not fit where the reduced chi-square of its innovations is above this.
+POOR_FIT = 1.4
+# Prior standard deviation of the logarithm of the noise variance over that of the robot file, for
+# noise above that.
+NOISE_PRIOR_STD = 2.0
+# Smallest scale and reduced chi-square, where innovations are zero and these have no logarithm.
+SMALLEST_SCALE, SMALLEST_CHI_SQUARE = 1e-6, 1e-4
+# Mean time in motion between two false alarms, at least, s.
+FALSE_ALARM_S = 3600.0
+
+
+def initial_statistics(channels: int) -> Array:
+    """
+    Return the statistics of a new filter, (m + 11,), for m channels.
+
+    In this order: noise variance over that of the robot file, of each channel, (m,); for angles
+    and for gauges, Page's sum for a drop of the noise, nats, the number of readings since it was
+    zero and their sum, (2, 3); number of readings by which the noise's scale is known, (2,); mean
+    square of the whitened innovations, (2,); number of samples.
+    """
+    return np.concatenate([np.ones(channels), np.zeros(6),
+                           [PRIOR_READINGS, PRIOR_READINGS, 1.0, 1.0, 0.0]])
+
+
+@compiled
+def false_alarm_threshold(step: float) -> float:
+    """
+    Return the log-likelihood ratio from which a hypothesis replaces another one, nats.
+
+    Page's sum, and any likelihood ratio that begins anew with each sample, passes h by chance at
+    most once in e^h samples (Lorden, Ann. Math. Statist. 42, 1971), so h = ln(FALSE_ALARM_S / T).
+
+    Parameters
+    ----------
+    step : float
+        T, s.
+
+    """
+    return math.log(FALSE_ALARM_S / step)
+
+
+@compiled
+def update_statistics(statistics: Array, innovation: Array, before: Array, variances: Array,
+                      scores: Array, log_det: float, told: Array, gate: float, step: float
+                      ) -> tuple[float, float, float]:
+    """
+    Update the statistics by an innovation, and return the sample's log-likelihoods.
+
+    What changes from one innovation to the next is noise, what stays is the model's error. So
+    the noise's variance is read from (e_k - e_{k-1})^2 / 2, compared with what the filter expects
+    of it.
+
+    Parameters
+    ----------
+    statistics : Array
+        See initial_statistics; changed.
+    innovation, before : Array
+        e of this sample and of the last, rad and m/m, (m,).
+    variances : Array
+        Expected variance of e, (m,).
+    scores : Array
+        The whitened innovation, L^-1 e with L L' = Sigma, (m,).
+    log_det : float
+        ln |Sigma|.
+    told : Array
+        The robot file's noise variances, (m,).
+    gate : float
+        See measurement_update.correct.
+    step : float
+        T, s.
+
+    Returns
+    -------
+    log_density : float
+        Log-likelihood of the sample, nats, without the constant. Sigma is scaled, for angles and
+        gauges, by the reduced chi-square so far where that is below 1: otherwise a filter whose
+        model error is not white, and that expects more than it sees, could not be compared.
+    stated : float
+        The same with Sigma as stated, for comparisons of payloads in one mode.
+    noise_drop_gain : float
+        Part of both that the last samples gain because the noise is found to have dropped a while
+        ago, nats; mostly 0.
+
+    """
+    channels = innovation.size
+    memory = max(MEMORY_S / step, MEMORY_SAMPLES)
+    samples, drop_gain = statistics[channels + 10], 0.0
+    gate_share = min(1.0, gate / max(inner(scores, scores), 1e-300))
+    minus_twice_log = minus_twice_stated = log_det
+    for kind in range(2 if channels > 2 else 1):
+        first, last = (0, 2) if kind == 0 else (2, channels)
+        count, place = last - first, channels + 8 + kind
+        square = gate_share / count * inner(scores[first:last], scores[first:last])
+        fit = min(max(statistics[place], SMALLEST_CHI_SQUARE), 1.0)
+        minus_twice_log += count * (square / fit + np.log(fit))
+        minus_twice_stated += count * square
+        statistics[place] += max(1.0 / (samples + 10.0), 1.0 / memory) \
+            * (square - statistics[place])
+        drop = statistics[channels + 3 * kind:channels + 3 * kind + 3]
+        drop_gain += _update_noise(
+            statistics, drop, channels + 6 + kind, first, last, innovation, before, variances,
+            told, statistics[place] - 1.0, memory, false_alarm_threshold(step))
+    statistics[channels + 10] = samples + 1.0
+    return drop_gain - 0.5 * minus_twice_log, drop_gain - 0.5 * minus_twice_stated, drop_gain
+
+
+@compiled
+def _update_noise(statistics: Array, drop: Array, place: int, first: int, last: int,
+                  innovation: Array, before: Array, variances: Array, told: Array, excess: float,
+                  memory: float, threshold: float) -> float:
+    """
+    Update the noise's scale of one kind of channels; return what a drop of it gains, nats.
+
+    A drop of the variance to 1 / NOISE_RATIO counts from when it was best to begin (Page's sum).
+    Where that passes the threshold, the readings since then alone give the scale, and what they
+    gain by it beyond the threshold is returned; else 0.
+
+    Parameters
+    ----------
+    statistics, drop : Array
+        All statistics, and those of a drop of this kind's noise, (3,); changed.
+    place : int
+        Where the number of readings is among the statistics.
+    first, last : int
+        The kind's channels.
+    innovation, before, variances, told
+        See update_statistics.
+    excess : float
+        Reduced chi-square of the kind, less 1.
+    memory : float
+        Samples.
+    threshold : float
+        Nats.
+
+    """
+    scale, known = statistics[first], min(statistics[place], memory * (last - first))
+    total = readings = expected_squares = drop_ratio = 0.0
+    for i in range(first, last if statistics[-1] > 0.0 else first):
+        noise = scale * told[i]
+        change = innovation[i] - before[i]
+        change *= 0.5 * change
+        # A channel whose innovation is mostly noise counts as one reading, any other as less.
+        weight = (noise / variances[i])**2
+        readings += weight
+        reading = (change - max(variances[i] - noise, 0.0)) / told[i]
+        total += weight * min(reading, LARGEST_READING * scale)
+        # The whole innovation counts here, with the model error in it, so that a model error
+        # that shows speaks against a drop.
+        square = innovation[i] * innovation[i]
+        ratio = variances[i] / (variances[i] - (1.0 - 1.0 / NOISE_RATIO) * noise)
+        drop_ratio += 0.5 * (np.log(ratio) - (ratio - 1.0) * square / variances[i])
+        # Expected square of the noise given this innovation, as in the EM algorithm.
+        expected_squares += weight * square / told[i] + scale * (1.0 - noise / variances[i])
+        if excess > 0.0:
+            # What exceeds everything that is expected counts as noise too.
+            weight = min(excess, 1.0)
+            readings += weight
+            total += weight * scale * min(change / variances[i], LARGEST_READING)
+    # Page's sum begins once the memory is full; until then few readings move the scale anyway.
+    is_full = known == memory * (last - first)
+    statistics[place], former = known + readings, scale
+    scale = max((known * scale + total) / statistics[place], SMALLEST_SCALE)
+    gain, drop[0] = 0.0, max(drop[0] + drop_ratio, 0.0) if is_full else 0.0
+    drop[1], drop[2] = drop[1] + last - first, drop[2] + expected_squares
+    if drop[0] > threshold:
+        scale = max(drop[2] / drop[1], SMALLEST_SCALE)
+        statistics[place], ratio = drop[1], scale / former
+        gain = max(0.5 * drop[1] * (ratio - 1.0 - np.log(ratio)) - threshold, 0.0)
+    if not 0.0 < drop[0] <= threshold:
+        drop[:] = 0.0
+    for i in range(first, last):
+        statistics[i] = scale
+    return gain
+
+
+def reduced_chi_square(statistics: Array) -> float:
+    """
+    Return the reduced chi-square of the innovations, the square of Birge's ratio.
+
+    That is the recent mean square of the whitened innovations, 1 where the model fits; the larger
+    of that of the angles and that of the gauges.
+    """
+    return max(statistics.item(-3), statistics.item(-2))
+
+
+def noise_log_prior(statistics: Array) -> float:
+    """Return the log of the prior density of the noise's scales, of angles and of any gauges."""
+    scales = statistics[[0, 2]] if statistics.size > initial_statistics(2).size \
+        else statistics[:1]
+    larger = np.log(np.maximum(scales, 1.0))
+    return float(-0.5 * (larger @ larger) / NOISE_PRIOR_STD**2)

@@ -1,0 +1,193 @@
+"""Filters that begin with what another one knows: after a rest, in a mode, or relinearised."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import math
+
+from flex_payload_estimator.estimators.rpe.filter import Filter, Sample
+from flex_payload_estimator.estimators.rpe.filter_step import FilterStep
+from flex_payload_estimator.estimators.rpe.likelihood import initial_statistics, NOISE_RATIO
+from flex_payload_estimator.estimators.rpe.linearised import at_payload
+from flex_payload_estimator.estimators.rpe.modes import freedom, Mode, ROUGH, ROUGH_ON_TRIAL
+from flex_payload_estimator.estimators.rpe.packing import pack
+from flex_payload_estimator.estimators.rpe.sensors import Loads
+from flex_payload_estimator.estimators.rpe.time_update import CORIOLIS, FIRST_BIAS, MASS
+from flex_plant_sim.arm.second_order import Array
+import numpy as np
+
+# Standard deviation of the payload at a restart, as a share of (m + soft mass): narrow where the
+# linearisation point comes from a freer mode that fits, wide where it comes from one that knew
+# nothing of its errors.
+NARROW_PAYLOAD, WIDE_PAYLOAD = 0.05, 0.3
+# Standard deviation of the state that a restart adds, as a share of that at the very start.
+RESTART_STATE_STD = 0.01
+# Gauss-Newton passes over the sample window, see window_pass.py.
+PASSES = 3
+
+
+def hand_over_rest(rested: Filter, f: Filter) -> None:
+    """
+    Give a filter the state, gauge biases and noise found at rest; it keeps its own payload.
+
+    The other parameters of the filter at rest are marginalised: with g the gauges' columns,
+    cov(x, beta_g) = s V_g, so the state is x with sensitivity G = s V_g V_gg^-1 to the biases and
+    P = P_rest + s V s' - G (s V_g)'.
+
+    Parameters
+    ----------
+    rested : Filter
+        At rest; unchanged.
+    f : Filter
+        Changed in place.
+
+    """
+    gauges = slice(FIRST_BIAS, rested.beta.size)
+    bias_cov = rested.beta_cov[gauges, gauges]
+    cross_cov = (rested.sensitivity @ rested.beta_cov)[:, gauges]
+    slope = cross_cov @ np.linalg.pinv(bias_cov, hermitian=True)
+    state_cov = rested.cov + rested.sensitivity @ rested.beta_cov @ rested.sensitivity.T
+    f.x[:], f.cov[:], f.sensitivity[:, gauges] = rested.x, state_cov - cross_cov @ slope.T, slope
+    f.beta[gauges], f.beta_cov[gauges, gauges] = rested.beta[gauges], bias_cov
+    f.statistics[:], f.innovations[:] = rested.statistics, rested.innovations
+
+
+def _restarted(new: Filter, f: Filter, x: Array, beta: Array, beta_cov: Array, state_std: float,
+               stepper: FilterStep) -> Filter:
+    """Return `new` with the state covariance and noise of f, and the parameters given."""
+    states, _, channels = f.sizes
+    cov = f.cov + f.sensitivity @ f.beta_cov @ f.sensitivity.T + state_std**2 * stepper.start_cov
+    statistics = initial_statistics(channels)
+    statistics[:channels] = f.noise_scale
+    packed = pack(x, cov, np.zeros((states, beta.size)), beta, beta_cov, statistics,
+                  f.innovations)
+    return replace(new, packed=packed, sizes=(states, beta.size, channels), age=0.0,
+                   age_linearised=0.0, previous=None)
+
+
+def restarted(f: Filter, mode: Mode, payload_std: float, state_std: float, stepper: FilterStep
+              ) -> Filter:
+    """
+    Return a filter of a mode at the state of another filter, with the parameters' prior.
+
+    Parameters
+    ----------
+    f : Filter
+        Gives state, noise and payload.
+    mode : Mode
+        Of the new filter.
+    payload_std : float
+        Smallest standard deviation of the payload, as a share of (m + soft mass).
+    state_std : float
+        Standard deviation of the state beyond what f states, as a share of that at the start.
+    stepper : FilterStep
+        Model and prior.
+
+    """
+    prior = stepper.prior_of(mode)
+    std = max(3.0 * math.sqrt(f.variance), payload_std * (f.mass + stepper.schedule.soft_mass))
+    beta = prior.mean.copy()
+    beta[MASS] = f.beta[MASS]
+    if not mode.free_parts:
+        beta[CORIOLIS] = min(stepper.shares, key=lambda share: abs(share - f.beta[CORIOLIS]))
+    return _restarted(replace(f, mode=mode, model=None, passes=0), f, f.state, beta,
+                      prior.covariance(std), state_std, stepper)
+
+
+def linearised_every_sample(f: Filter) -> Filter:
+    """Return the same filter, linearised about its estimate at every sample from now on."""
+    new = replace(f, packed=f.packed.copy(), model=None, previous=None)
+    new.x[:] = f.state
+    return new
+
+
+def relinearised(f: Filter, stepper: FilterStep) -> Filter:
+    """Return the same filter, linearised about its present estimate from now on."""
+    if f.mode.free_parts:
+        model = stepper.lineariser.model_about(stepper.prior.within(f.beta))
+    else:
+        model = at_payload(stepper.schedule, f.beta.copy(), stepper.motion[f.mode.bending])
+    new = replace(f, packed=f.packed.copy(), model=model, age_linearised=f.age, previous=None)
+    new.x += f.sensitivity @ (new.reference - f.reference)
+    return new
+
+
+def restarted_at(f: Filter, payload_std: float, first: Sample, loads: Loads,
+                 rested: Filter | None, stepper: FilterStep) -> Filter:
+    """
+    Return a filter that begins from its prior at an earlier sample, linearised about f's estimate.
+
+    Parameters
+    ----------
+    f : Filter
+        Gives mode and linearisation point: payload, share of the forces of motion, and parts.
+    payload_std : float
+        Standard deviation of the payload, as a share of (m + soft mass).
+    first, loads : Sample, Loads
+        Where it begins.
+    rested : Filter or None
+        What was known at that sample of an arm at rest.
+    stepper : FilterStep
+        Model and prior.
+
+    """
+    prior, new = stepper.prior_of(f.mode), relinearised(f, stepper)
+    beta = prior.mean.copy()
+    beta[MASS] = new.reference[MASS]
+    if not f.mode.free_parts:
+        beta[CORIOLIS] = new.reference[CORIOLIS]
+    beta_cov = prior.covariance(payload_std * (f.mass + stepper.schedule.soft_mass))
+    new = _restarted(new, f, new.x, beta, beta_cov, 0.0, stepper)
+    new.passes, new.log_likelihood = f.passes + 1, 0.0
+    begin_at(new, first, loads, rested, stepper)
+    return new
+
+
+def begin_at(new: Filter, first: Sample, loads: Loads, rested: Filter | None,
+             stepper: FilterStep) -> None:
+    """Begin a filter at a sample: from the rest before it if its noise was known, else anew."""
+    if rested is not None and (new.noise_scale < NOISE_RATIO * rested.noise_scale).all():
+        hand_over_rest(rested, new)
+        new.x -= new.sensitivity @ (new.beta - new.reference)
+        return
+    stepper.relocate(new, first.measured)
+    if first.measured is not None:
+        stepper.correct(new, first, loads)
+
+
+def with_payload_walk(f: Filter, walk: float) -> Filter:
+    """Return a filter that knows what f knows, and whose payload walks, kg/sqrt(s)."""
+    new = linearised_every_sample(f)
+    new.mode = f.mode._replace(payload_walk=walk)
+    return new
+
+
+def with_constant_payload(f: Filter, stepper: FilterStep) -> list[Filter]:
+    """
+    Return filters of f's mode whose payload no longer walks.
+
+    One is restarted at the present state; with free parts, another keeps what f knows.
+    """
+    mode = f.mode._replace(payload_walk=0.0)
+    return [_wide_restart(f, mode, stepper), *([_in_mode(f, mode)] if mode.free_parts else [])]
+
+
+def in_other_mode(f: Filter, mode: Mode, stepper: FilterStep) -> Filter:
+    """Return a filter of another mode; from `coarse` to `rough` it keeps what f knows."""
+    if mode.free_parts and f.mode.free_parts and freedom(mode) < freedom(f.mode):
+        return _in_mode(f, mode._replace(payload_walk=0.0))
+    return _wide_restart(f, ROUGH_ON_TRIAL if mode.name == ROUGH.name else mode, stepper)
+
+
+def _in_mode(f: Filter, mode: Mode) -> Filter:
+    new = f.copy()
+    new.mode = mode
+    return new
+
+
+def _wide_restart(f: Filter, mode: Mode, stepper: FilterStep) -> Filter:
+    new = restarted(f, mode, WIDE_PAYLOAD, RESTART_STATE_STD, stepper)
+    if not mode.free_parts:
+        # It has the present state and gauge biases, without which a pass over the window begins.
+        new.passes = PASSES
+    return new
