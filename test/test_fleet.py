@@ -132,14 +132,13 @@ def test_a_log_keeps_its_page_when_others_join(tmp_path: Path) -> None:
     assert before.items() <= after.items() and len(set(after.values())) == 3
 
 
-def test_a_log_with_an_error_is_tried_again(tmp_path: Path) -> None:
-    journal, tasks = Journal(tmp_path / 'out'), [
-        LogTask('arm', str(tmp_path / name), 'reference', str(tmp_path / name)) for name in 'ab']
-    for task, error in zip(tasks, ('', 'given up after 1 s')):
-        journal.add(task, Row('arm', task.log, 'nothing_wrong', error=error))
-    kept, again = run(tasks, journal, None, 1)
-    assert (kept.verdict, kept.error) == ('nothing_wrong', '')
-    assert 'does not exist' in again.error
+def test_a_log_that_was_given_up_is_new_with_more_time(tmp_path: Path) -> None:
+    short, long = (LogTask('arm', str(tmp_path / 'log.csv'), 'reference', str(tmp_path / 'page'),
+                           timeout=timeout) for timeout in (1.0, 600.0))
+    journal = Journal(tmp_path / 'out')
+    journal.add(short, Row('arm', short.log, error='given up'))
+    assert run([short], journal, None, 1)[0].error == 'given up'
+    assert 'does not exist' in run([long], journal, None, 1)[0].error
 
 
 def test_names_of_any_bytes_cost_no_table(tmp_path: Path) -> None:

@@ -51,7 +51,7 @@ class LogTask:
     def key(self) -> str:
         """Return what the row depends on: settings, and present state of log and robot file."""
         stamps = [_stamp(Path(self.log)), _stamp(Path(self.robot))]
-        return json.dumps([self.log, self.robot, self.payload, *stamps])
+        return json.dumps([self.log, self.robot, self.payload, self.timeout, *stamps])
 
 
 @dataclass(frozen=True)

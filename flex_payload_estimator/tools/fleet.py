@@ -61,8 +61,8 @@ def tasks_of(arguments: argparse.Namespace, out: Path) -> list[LogTask]:
 
 def run(tasks: Sequence[LogTask], journal: Journal, scheduler: str | None, workers: int
         ) -> list[Row]:
-    """Return the rows of all tasks; those that the journal has without an error are kept."""
-    known = {key: row for key, row in journal.rows().items() if not row.error}
+    """Return the rows of all tasks; tasks whose row the journal has are not done again."""
+    known = journal.rows()
     left = [task for task in tasks if task.key not in known]
     with _progress(len(tasks), len(tasks) - len(left)) as bar:
         if left:
