@@ -115,6 +115,7 @@ def test_a_payload_that_the_model_cannot_carry_is_one_line() -> None:
 @pytest.mark.parametrize('change, words', [
     (lambda r: r.with_link(0, thickness=0.01, height=0.009), 'are the two exchanged'),
     (lambda r: r.with_link(1, damping_ratio=0.3), '1 % is 0.01'),
+    (lambda r: r.with_link(1, damping_ratio=0.0), '0 is taken as exact'),
     (lambda r: r.with_link(1, gauge_positions=()), 'links.lower: no gauge'),
     (lambda r: r.with_link(1, gauge_positions=(0.02, 0.499)), 'nearer to the clamp'),
     (lambda r: replace(r, sample_time=0.1), 'to see the second mode'),
