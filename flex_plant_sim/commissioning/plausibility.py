@@ -52,8 +52,8 @@ def _links(robot: Robot) -> Iterator[str]:
                    'is 0.01')
         if link.damping_ratio == 0.0:
             # An arm told so, with 1 % in truth, was weighed 7 % too heavy, four deviations off.
-            yield (f'links.{name}.damping_ratio: 0 is taken as exact, for tolerances are shares of '
-                   'it; 1 %, 0.01, is usual')
+            yield (f'links.{name}.damping_ratio: 0 is taken as exact, for tolerances are shares '
+                   'of it; 1 %, 0.01, is usual')
 
 
 def _gauges(robot: Robot, strain: tuple[float, ...]) -> Iterator[str]:
