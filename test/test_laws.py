@@ -133,6 +133,15 @@ def test_sets_with_laws_are_told_apart_by_their_free_runs_not_one_step_ahead() -
     assert posterior.best is best.fit and posterior.probability[0] > 0.9
 
 
+def test_sets_whose_models_all_diverge_are_as_likely_as_before(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    found, data, base = braked(DiscrepancyModel().torque_share)
+    monkeypatch.setattr('flex_plant_sim.diagnosis.causes.free_run_ranking.free_run_rms',
+                        lambda model, data: np.array([[np.inf]]))
+    _, posterior = ranked_by_free_runs([found, found], data, base, 1)
+    np.testing.assert_allclose(posterior.probability, 0.5)
+
+
 def test_a_free_run_is_scored_by_the_likelihood_of_errors_of_unknown_scale() -> None:
     """The ratio of two Gaussian likelihoods, each at its most likely scale, by logpdf."""
     rng, windows = np.random.default_rng(5), 40

@@ -50,7 +50,9 @@ def ranked_by_free_runs(sets: Sequence[RefinedFit], data: Data, nominal: BaseMod
 
     windows = sum(work.starts.size for work in data.windows)
     prices = np.array([log_prior_odds_of_causes(chosen.fit, nominal) for chosen in sets])
-    score = prices + all_of(log_likelihood, sets, jobs)
+    runs = np.array(all_of(log_likelihood, sets, jobs))
+    # Where every model diverges, the prior odds are all that is known.
+    score = prices + (runs if np.any(np.isfinite(runs)) else 0.0)
     # One-step nats say nothing here, of single windows no more than of all.
     fits = [replace(chosen.fit, window_log_likelihoods=np.zeros(0)) for chosen in sets]
     best = int(np.argmax(score))
