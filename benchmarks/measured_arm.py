@@ -27,9 +27,9 @@ from matplotlib.figure import Figure
 import numpy as np
 
 RECORD = Path(__file__).resolve().parents[2] / 'shared/data/quanser_2dsfl/square_10s.csv'
-# s, of the locked part that is drawn; channels: both joints and the first gauge of each link.
-SECONDS = 5.0
-HORIZON = 2.0
+# Length of the locked part that is drawn, and horizon of the errors in the titles, s. Drawn are
+# both joints and the first two gauges.
+SECONDS, HORIZON = 5.0, 2.0
 
 
 def options() -> argparse.Namespace:

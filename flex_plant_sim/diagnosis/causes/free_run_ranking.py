@@ -2,9 +2,10 @@
 Sets with laws of unnamed torques, ranked by how their models run freely over the fitted part.
 
 A law is a table fitted to a smoothed torque. One step ahead, a set is judged by what the table
-rounds off, which goes with the motion and is no white noise: on the measured Quanser arm sets
-100 to 1000 nats apart run freely in the opposite order. A model with such a table is there to
-simulate, so it is judged by what it simulates.
+rounds off, which goes with the motion and is no white noise: over twelve sets found on the
+measured Quanser arm, up to 1400 nats apart, evidence and free runs have a rank correlation of
+-0.03. A model with such a table is there to simulate, so it is judged by what it simulates. That
+each window counts as one independent draw is an assumption, not calibrated.
 """
 
 from __future__ import annotations
