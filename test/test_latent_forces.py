@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
+from flex_plant_sim.diagnosis.prediction.friction_part import friction_part, FrictionPart
 from flex_plant_sim.diagnosis.prediction.latent_forces import latent_forces, LatentForces
 from flex_plant_sim.diagnosis.prediction.latent_series import gauge_series, torque_series
 from flex_plant_sim.diagnosis.prediction.latent_view import latent_view
@@ -134,6 +135,22 @@ def test_friction_of_a_finite_element_arm_shows_its_law(rubbing: Record) -> None
     assert law.at(np.array([0.6]))[0] == pytest.approx(-0.25, abs=0.02)
     assert not laws(found)['joint_1'].stated
     assert not any(law_of(series).stated for series in gauge_series([found], REFERENCE))
+
+
+def test_law_over_speed_is_told_as_friction() -> None:
+    hidden = (('coulomb_friction', {'joint': 2, 'torque': 0.4}),
+              ('viscous_friction', {'joint': 2, 'coefficient': 0.3}))
+    record = true_record(TruthCase(12, hidden, duration_s=SECONDS, tolerances=False))
+    series = torque_series([latent(record)], REFERENCE)[1]
+    part = friction_part(series)
+    assert part.level == pytest.approx(0.4, abs=0.02)
+    assert part.damping == pytest.approx(0.3, abs=0.04)
+    assert part.share > 0.97
+
+
+def test_friction_in_words_says_what_is_more_and_what_is_less() -> None:
+    assert str(FrictionPart(1.23, -3.41, 0.9)) == (
+        '1.2 N·m more dry friction and 3.4 N·m·s/rad less damping')
 
 
 def test_torque_that_fades_is_one_over_time() -> None:

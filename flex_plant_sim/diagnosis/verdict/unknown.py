@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from flex_plant_sim.diagnosis.prediction.friction_part import friction_part
 from flex_plant_sim.diagnosis.prediction.latent_view import Finding, LatentView
 from flex_plant_sim.diagnosis.prediction.law import CONSTANT
 from flex_plant_sim.diagnosis.verdict.results import Diagnosis
@@ -57,10 +58,19 @@ def sentence(finding: Finding) -> str:
     if law.stated:
         over = VARIABLE_TEXT.get(law.variable, law.variable.replace('_', ' '))
         return (f'An unnamed {what} of {site} ({size}) is a law over {over}, which explains '
-                f'{100.0 * law.share:.0f} % of it on stretches left out.')
+                f'{100.0 * law.share:.0f} % of it on stretches left out{_as_friction(finding)}.')
     swings = f', and swings at {finding.line.frequency:.2g} Hz' if finding.line else ''
     return (f'An unnamed {what} of {site} ({size}) follows no one variable: something with a '
             f'memory is behind it, such as a gap, a loose mass, a compliance or a delay{swings}.')
+
+
+def _as_friction(finding: Finding) -> str:
+    """Return what of a law over a joint's speed is friction; nothing for other laws."""
+    if finding.law.variable != 'speed':
+        return ''
+    part = friction_part(finding.series)
+    share = f'{100.0 * part.share:.0f} % of it'
+    return f"; {part} than the extended robot's drive has would be {share}"
 
 
 def _advice(view: LatentView) -> str:
