@@ -7,6 +7,7 @@ from dataclasses import replace
 from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.causes.gauss_newton import fit_set
 from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses, CauseSet, Hypothesis
+from flex_plant_sim.diagnosis.causes.neighbourhood import without_mean_error
 from flex_plant_sim.diagnosis.causes.posterior import Posterior, SetKey
 from flex_plant_sim.diagnosis.likelihood.evidence import (
     channel_products,
@@ -31,7 +32,7 @@ from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
 from flex_plant_sim.diagnosis.prediction.noise import steady_filter
 from flex_plant_sim.diagnosis.record.data import Data
-from flex_plant_sim.diagnosis.verdict.verdict import doubt
+from flex_plant_sim.diagnosis.verdict.verdict import doubt, nothing_verdict
 from flex_plant_sim.effects import catalogue
 import numpy as np
 import pytest
@@ -242,6 +243,27 @@ def test_what_was_not_fitted_counts_with_its_linear_evidence() -> None:
         np.exp(-1.0) * found.nothing_probability)
     causes = sum(found.effect_probability(name) for name in ('air_drag', 'payload_mass'))
     assert found.nothing_probability + causes + found.unknown_probability == pytest.approx(1.0)
+
+
+def test_what_was_not_fitted_is_as_far_off_as_what_was() -> None:
+    a, b, c, d = (frozenset({name}) for name in 'abcd')
+    # Beside the file's parts nothing scored 12: of two neighbours one nat and three were too many.
+    estimates = {a: 14.0, b: 13.0, c: 12.5}
+    assert without_mean_error(estimates, {a: 13.0, b: 10.0, d: 99.0}) == {
+        c: pytest.approx(12.5 - 2.0)}
+    assert without_mean_error(estimates, {d: 99.0}) == estimates
+
+
+def test_nothing_is_not_stated_where_something_is_likelier() -> None:
+    alike = [replace(NOTHING, hypotheses=(h,), log_evidence=-log_prior_odds(h.effect, REFERENCE))
+             for h in map(hypothesis, ('coulomb_friction:joint_1', 'air_drag:arm'))]
+    fits = [replace(NOTHING, log_evidence=0.5), *alike]
+    verdict, sentence, sets = nothing_verdict(Posterior.of(fits, BaseModel(REFERENCE)), ())
+    assert verdict == 'cannot_tell' and set(sets[0]) == {
+        'nothing', 'coulomb_friction', 'air_drag'}
+    assert 'nothing 45 %' in sentence and 'something unnamed' in sentence
+    fits[0] = replace(NOTHING, log_evidence=0.9)
+    assert nothing_verdict(Posterior.of(fits, BaseModel(REFERENCE)), ())[0] == 'nothing_wrong'
 
 
 def test_a_credible_set_holds_what_may_stand_in_a_cause_s_place() -> None:

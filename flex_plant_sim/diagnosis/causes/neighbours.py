@@ -15,6 +15,7 @@ from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
 from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.causes.gauss_newton import fit_set
 from flex_plant_sim.diagnosis.causes.hypothesis import CauseSet
+from flex_plant_sim.diagnosis.causes.neighbourhood import Neighbourhood
 from flex_plant_sim.diagnosis.causes.part_factors import fits_replacing_parts
 from flex_plant_sim.diagnosis.causes.posterior import SetKey
 from flex_plant_sim.diagnosis.causes.proposal import Proposal
@@ -71,8 +72,8 @@ class NeighbourFitter:
         return fit_set(own, causes, (fit.values,), self.error_scale)
 
 
-def fit_neighbours(state: SearchState, centre: RefinedFit) -> list[Proposal]:
-    """Fit the neighbours of a set and refine those that may lead; return the proposals."""
+def fit_neighbours(state: SearchState, centre: RefinedFit) -> Neighbourhood:
+    """Fit the neighbours of a set and refine those that may lead."""
     key, step = SetKey.of(centre.fit), f'cause {len(centre.fit.hypotheses) + 1}'
     proposals = proposals_beside(state, centre)
     if key not in state.coarse_fits:
@@ -85,7 +86,7 @@ def fit_neighbours(state: SearchState, centre: RefinedFit) -> list[Proposal]:
     for fit in (*fits, *replacing):
         _keep_if_better(state, fit)
     refine_contenders(state, replacing, state.posterior().best, centre)
-    return proposals
+    return Neighbourhood(centre.fit, tuple(proposals))
 
 
 def _keep_if_better(state: SearchState, fit: Fit) -> None:

@@ -95,13 +95,13 @@ def search(data: Data, nominal: BaseModel, jobs: int, progress: Progress,
     nothing = state.refine(CandidateSet((), (np.zeros(0),)), nominal.discrepancy)
     best = nothing.near_file_parts(nominal, data, jobs)
     probe_catalogue(state, best)
-    # Proposals beside each set whose neighbours were fitted.
-    proposals = {SetKey.of(nothing.fit): fit_neighbours(state, best)}
+    # Of each set whose neighbours were fitted.
+    neighbourhoods = {SetKey.of(nothing.fit): fit_neighbours(state, best)}
 
     def explored(found: RefinedFit) -> bool:
-        return SetKey.of(found.fit) in proposals
+        return SetKey.of(found.fit) in neighbourhoods
 
-    while len(proposals) < MAX_CENTRES:
+    while len(neighbourhoods) < MAX_CENTRES:
         refine_leading(state, best)
         try_laws(state, best)
         # A fit around another set may have been better than the refined one, which counts.
@@ -116,18 +116,18 @@ def search(data: Data, nominal: BaseModel, jobs: int, progress: Progress,
             best = state.best
         if explored(best) or _is_complete(best.fit):
             break
-        proposals[SetKey.of(best.fit)] = fit_neighbours(state, best)
+        neighbourhoods[SetKey.of(best.fit)] = fit_neighbours(state, best)
     else:
         try_far_parts(state)
         refine_leading(state, best)
-    rounds = tuple(len(key.labels) for key in proposals)
+    rounds = tuple(len(key.labels) for key in neighbourhoods)
     if state.best.fit.discrepancy.laws:
         return _ranked_by_free_runs(state, nothing.fit, rounds)
-    last = max((state.refined[key] for key in proposals), key=lambda r: state.score(r.fit))
-    last_proposals = proposals[SetKey.of(last.fit)]
-    posterior = state.posterior(last, last_proposals)
+    last = max((state.refined[key] for key in neighbourhoods), key=lambda r: state.score(r.fit))
+    around = neighbourhoods[SetKey.of(last.fit)]
+    posterior = state.posterior(around.unfitted_scores(state))
     best = state.refined.get(SetKey.of(posterior.best).without_remainder, last)
-    return SearchResult(replace(best, fit=posterior.best), tuple(last_proposals),
+    return SearchResult(replace(best, fit=posterior.best), around.proposals,
                         proposal_refiner(state, last), posterior, nothing.fit, rounds)
 
 

@@ -6,8 +6,9 @@ The state that all steps of the search share: the records, what is fitted, what 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
@@ -159,11 +160,7 @@ class SearchState:
         return rank < ALWAYS_FITTED or (
             ranked and self.penalised_gain(proposal) > MIN_PROPOSAL_GAIN)
 
-    def posterior(self, centre: RefinedFit | None = None, proposals: Sequence[Proposal] = ()
+    def posterior(self, unfitted_scores: Mapping[frozenset[str], float] = MappingProxyType({})
                   ) -> Posterior:
-        """Return the posterior over all fitted sets, and over proposals that were not fitted."""
-        unfitted_scores = {} if centre is None else {
-            SetKey.of(centre.fit).labels | {p.hypothesis.label}:
-            self.best_score(centre.fit) + self.penalised_gain(p)
-            for rank, p in enumerate(proposals) if not self.deserves_fit(rank, p)}
+        """Return the posterior over all fitted sets, and over some that were not fitted."""
         return Posterior.of(list(self.fits.values()), self.nominal, unfitted_scores)

@@ -19,7 +19,7 @@ from flex_plant_sim.diagnosis.causes.model_averaging import (
 )
 from flex_plant_sim.diagnosis.causes.posterior import is_unknown, Posterior, SetKey
 from flex_plant_sim.diagnosis.causes.search import search, SearchResult
-from flex_plant_sim.diagnosis.causes.search_state import Progress
+from flex_plant_sim.diagnosis.causes.search_state import MIN_RELATIVE_PROBABILITY, Progress
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
@@ -31,7 +31,13 @@ from flex_plant_sim.diagnosis.verdict.results import (
     ParameterValue,
     PartEstimate,
 )
-from flex_plant_sim.diagnosis.verdict.wording import apart_text, parameter_text, part_text
+from flex_plant_sim.diagnosis.verdict.wording import (
+    apart_text,
+    name_text,
+    parameter_text,
+    part_text,
+    percent_text,
+)
 from flex_plant_sim.effects import catalogue, explanation_at
 from flex_plant_sim.interval import Z95
 from flex_plant_sim.simulation.nominal import nominal_effects
@@ -40,6 +46,8 @@ import numpy as np
 # Standard deviation of the strain and range of the angles, in standard deviations of their noise,
 # below which a link or a joint counts as unmoved.
 MIN_STRAIN_SWING, MIN_ANGLE_SWING = 5.0, 30.0
+# What no name of the catalogue stands for, in words.
+UNNAMED = 'something unnamed'
 # Sets of causes that the answer lists at most.
 MAX_LISTED_SETS = 12
 
@@ -212,9 +220,7 @@ def _verdict(found: SearchResult, causes: Sequence[Cause]
     """Return verdict, sentence and the sets of causes that cannot be told apart."""
     unknown = is_unknown(found.best.fit, found.posterior.nominal)
     if not causes and not unknown:
-        return ('nothing_wrong',
-                'Nothing in the catalogue is wrong with the simulation: its errors stay within '
-                f'noise and part tolerances.{_parts_beyond_tolerance(found)}', ())
+        return nothing_verdict(found.posterior, part_estimates(found))
     if not causes:
         return ('not_in_catalogue', 'The simulation is wrong in a way that nothing in the '
                 f'catalogue explains.{_far_part(found)}', ())
@@ -228,6 +234,23 @@ def _verdict(found: SearchResult, causes: Sequence[Cause]
         alike = ' '.join(f'This record cannot tell {apart_text(names)}.' for names in sets)
         return 'cannot_tell', f'{sentence} {alike}', sets
     return 'cause', f'{sentence} Nothing else in the catalogue explains the record as well.', ()
+
+
+def nothing_verdict(posterior: Posterior, parts: Sequence[PartEstimate]
+                    ) -> tuple[str, str, tuple[tuple[str, ...], ...]]:
+    """Return the verdict where no set of causes is likelier than nothing; all together may be."""
+    nothing, far = posterior.nothing_probability, _parts_beyond_tolerance(parts)
+    if nothing >= 0.5:
+        return ('nothing_wrong',
+                'Nothing in the catalogue is wrong with the simulation: its errors stay within '
+                f'noise and part tolerances.{far}', ())
+    rows = sorted(_effect_rows(posterior).items(), key=lambda row: -row[1])
+    likely = {name: p for name, p in rows if p > MIN_RELATIVE_PROBABILITY * nothing}
+    listed = ', '.join(f'{UNNAMED if name == "unknown" else name_text(name)} {percent_text(p)}'
+                       for name, p in likely.items())
+    return ('cannot_tell', 'Whether anything is wrong with the simulation, this record cannot '
+            f'tell: {listed}.{far}',
+            (('nothing', *(name for name in likely if name in catalogue())),))
 
 
 def doubt(posterior: Posterior) -> str:
@@ -262,9 +285,9 @@ def _far_part(found: SearchResult) -> str:
                    for p in part_estimates(found) if p.name == far)
 
 
-def _parts_beyond_tolerance(found: SearchResult) -> str:
+def _parts_beyond_tolerance(parts: Sequence[PartEstimate]) -> str:
     """Return the parts that are further off than their tolerance."""
-    far = [part_text(p) for p in part_estimates(found) if abs(p.mean) > p.prior]
+    far = [part_text(p) for p in parts if abs(p.mean) > p.prior]
     return f' Parts beyond their tolerance: {", ".join(far)}.' if far else ''
 
 

@@ -1,0 +1,76 @@
+"""
+A set whose neighbours were fitted, and the scores that are estimated of those that were not.
+
+`search` keeps one for each set that it explored; the posterior counts what was not fitted too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from flex_plant_sim.diagnosis.causes.fit import Fit
+from flex_plant_sim.diagnosis.causes.posterior import SetKey
+from flex_plant_sim.diagnosis.causes.proposal import Proposal
+from flex_plant_sim.diagnosis.causes.search_state import SearchState
+import numpy as np
+
+# Scores of sets by the labels of their causes, nats.
+Scores = Mapping[frozenset[str], float]
+
+
+@dataclass(frozen=True)
+class Neighbourhood:
+    """
+    A set and the proposals beside it.
+
+    Attributes
+    ----------
+    centre : Fit
+        The set, as it was linearised for the proposals; see `RefinedFit.near_file_parts`.
+    proposals : tuple of Proposal
+        Of all other hypotheses, the best first.
+
+    """
+
+    centre: Fit
+    proposals: tuple[Proposal, ...]
+
+    def unfitted_scores(self, state: SearchState) -> Scores:
+        """Return the scores of the neighbours that were not fitted to all windows, nats."""
+        fitted: dict[frozenset[str], float] = {}
+        for fit in state.fits.values():
+            if fit.discrepancy == self.centre.discrepancy:
+                labels = SetKey.of(fit).labels
+                fitted[labels] = max(state.best_score(fit), fitted.get(labels, -np.inf))
+        return without_mean_error(self._estimates(state), fitted)
+
+    def _estimates(self, state: SearchState) -> Scores:
+        """
+        Return the estimated scores of all neighbours with one cause more.
+
+        They are those of the centre with the gain of the coarse fit, or else the linear gain.
+        """
+        key, base = SetKey.of(self.centre), state.best_score(self.centre)
+        coarse = {SetKey.of(fit).labels: state.score(fit) for fit in state.coarse_fits[key]}
+        found: dict[frozenset[str], float] = {}
+        for proposal in self.proposals:
+            labels = key.labels | {proposal.hypothesis.label}
+            found.setdefault(labels, base + (
+                coarse[labels] - coarse[key.labels] if labels in coarse
+                else state.penalised_gain(proposal)))
+        return found
+
+
+def without_mean_error(estimates: Scores, fitted: Scores) -> Scores:
+    """
+    Return the estimated scores of sets that were not fitted, without the estimates' mean error.
+
+    Estimates are in the innovations of each arm's own filter, from where proposals are linear;
+    where no model fits they are a hundred nats off, all alike. Their mean error on the sets that
+    were fitted is taken off, as with a control variate (P. Glasserman, Monte Carlo Methods in
+    Financial Engineering (2003), section 4.1).
+    """
+    errors = [score - estimates[labels] for labels, score in fitted.items() if labels in estimates]
+    shift = float(np.mean(errors)) if errors else 0.0
+    return {labels: score + shift for labels, score in estimates.items() if labels not in fitted}
