@@ -85,6 +85,12 @@ class Changes:
         """Names of the parameters whose changes wait for the next reset."""
         return [name for name, value in self._wanted.items() if value != self.values[name]]
 
+    @property
+    def unused(self) -> list[str]:
+        """What changes nothing beside the other parameters as they will be after the reset."""
+        return [f'{name} changes nothing with {unmet}' for name, row in self._rows.items()
+                if self._wanted[name] != row.default and (unmet := row.unmet(self._wanted))]
+
     def take(self) -> Any:
         """Put the waiting changes in force; return what was built for them, or None."""
         built, self._built = self._built, None

@@ -164,7 +164,7 @@ class ContractNode(LifecycleNode, ABC):
         self.values = self._parameter_changes.accept(live, later, prepared)
         if later:
             # ROS drops the reason of a success, so it is logged; the diagnostics report it too.
-            self.get_logger().info(f'{", ".join(later)}: in force after ~/reset')
+            self.get_logger().info(self._parameter_text())
         return SetParametersResult(successful=True)
 
     def configured(self, make: Callable[[], Configured]) -> Configured:
@@ -331,10 +331,15 @@ class ContractNode(LifecycleNode, ABC):
         return self.status('publishers', 'error' if heard else 'warn', text, values)
 
     def parameter_status(self) -> DiagnosticStatus:
-        """Return the status of parameters that wait for a reset."""
-        waiting = self._parameter_changes.waiting
-        text = f'{", ".join(waiting)}: in force after ~/reset' if waiting else 'ok'
-        return self.status('parameters', 'ok', text, {})
+        """Return the status of parameters that wait for a reset, or change nothing."""
+        level = 'warn' if self._parameter_changes.unused else 'ok'
+        return self.status('parameters', level, self._parameter_text() or 'ok', {})
+
+    def _parameter_text(self) -> str:
+        changes = self._parameter_changes
+        waiting = [f'{", ".join(changes.waiting)}: in force after ~/reset'] \
+            if changes.waiting else []
+        return '; '.join([*waiting, *changes.unused])
 
     def publish_diagnostics(self, statuses: Sequence[DiagnosticStatus]) -> None:
         """Publish statuses together with those of input, publishers and parameters."""

@@ -6,8 +6,8 @@ It is the one source for declaration, validation, parameter files and docs/param
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
 import math
@@ -71,6 +71,8 @@ class Parameter:
     applies : str
         When a change takes effect: live, reset (at the node's ~/reset) or read_only (never
         while the node runs).
+    needs : Mapping
+        Choices of other parameters beside which it changes anything; empty if beside all.
 
     """
 
@@ -83,6 +85,19 @@ class Parameter:
     maximum: float | None = None
     choices: tuple[str, ...] = ()
     applies: str = 'read_only'
+    needs: Mapping[str, Sequence[str]] = field(default_factory=dict)
+
+    def unmet(self, values: Mapping[str, object]) -> str:
+        """Return which of a node's values lets this parameter change nothing, or ''."""
+        return ', '.join(f'{name} {values[name]}' for name, choices in self.needs.items()
+                         if values[name] not in choices)
+
+    @property
+    def meaning(self) -> str:
+        """The description, with what the parameter needs."""
+        only = ''.join(f' Only where {name} is {" or ".join(choices)}.'
+                       for name, choices in self.needs.items())
+        return f'{self.description}{only}'
 
     def check(self, value: object) -> Value:
         """
@@ -178,7 +193,7 @@ def _file_lines(row: Parameter) -> list[str]:
     unit = f' [{row.unit}]' if row.unit else ''
     pair = yaml.safe_dump({row.name: _plain(row.default)}, default_flow_style=False).strip()
     absent = '' if row.default != () else '# '
-    return [f'    # {row.description}{unit} ({row.applies})', f'    {absent}{pair}']
+    return [f'    # {row.meaning}{unit} ({row.applies})', f'    {absent}{pair}']
 
 
 def _shown(value: Value) -> str:
@@ -211,7 +226,7 @@ def markdown_table() -> str:
              '|---|---|---|---|---|---|---|---|']
     lines += [
         f'| {node} | `{row.name}` | {row.type} | `{_shown(row.default)}` | {row.unit} '
-        f'| {_limits(row)} | {APPLIES[row.applies]} | {row.description} |'
+        f'| {_limits(row)} | {APPLIES[row.applies]} | {row.meaning} |'
         for node, row in _rows()]
     return '\n'.join(lines)
 

@@ -199,7 +199,7 @@ def descriptor(row: Parameter) -> ParameterDescriptor:
     """Return the ROS description of a parameter: text, unit, choices and range."""
     unit = f' [{row.unit}]' if row.unit else ''
     result = ParameterDescriptor(
-        description=row.description + unit,
+        description=row.meaning + unit,
         additional_constraints=f'expected {row.expected}; a change applies '
                                + APPLIES[row.applies].replace('`', ''),
         # A statically typed double would refuse an int such as `payload: 1`, and the errors of the

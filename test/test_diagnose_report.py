@@ -160,10 +160,20 @@ def test_json_holds_nothing_that_json_does_not_know() -> None:
 def test_sentence_ends_with_the_surest_gain() -> None:
     r = report()
     assert with_gain(r.diagnosis, [GAIN]).sentence.endswith(
-        'With it the 1 s prediction error of joint 2 falls from 3.7° to 0.038°.')
+        'With it and the parts as estimated the 1 s prediction error of joint 2 falls from 3.7° '
+        'to 0.038°.')
     unsure = replace(GAIN, ratio_high=1.2)
     assert with_gain(r.diagnosis, [unsure]) == r.diagnosis
     assert with_gain(replace(r.diagnosis, causes=()), [GAIN]).sentence == r.diagnosis.sentence
+
+
+def test_sentence_says_which_error_the_extension_makes_larger() -> None:
+    worse = replace(GAIN, channel='joint_1', after=0.13, ratio_low=1.5, ratio_high=2.5)
+    both = with_gain(report().diagnosis, [GAIN, worse]).sentence
+    assert both.endswith('joint 2 falls from 3.7° to 0.038°, that of joint 1 rises from 3.7° to '
+                         '7.4°.')
+    alone = with_gain(report().diagnosis, [worse]).sentence
+    assert alone.endswith('prediction error of joint 1 rises from 3.7° to 7.4°.')
 
 
 def test_terminal_text_is_short_and_complete() -> None:

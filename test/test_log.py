@@ -135,11 +135,18 @@ FAULTS: list[tuple[str, Callable[[list[str]], list[str]], str]] = [
     (HEADER, edit(1, 2, '-inf'),
      'line 3: command of joint_2: expected a finite number, got -inf'),
     (HEADER, edit(5, 0, 'nan'), 'line 7: time: expected a finite number, got nan'),
-    (HEADER, edit(2, 3, ''), "line 4: joint_1: expected a number, got ''"),
+    (HEADER, edit(2, 3, ''), 'line 4: joint_1: expected a finite number, got nan'),
+    (HEADER, edit(2, 3, '1e6'), 'line 4: joint_1: expected -100.5 to 100.5 rad, got 1e+06'),
+    (HEADER, edit(2, 5, '430'), 'line 4: strain_1a: expected -0.007854 to 0.007854 m/m, got 430 '
+                                '(is it in µm/m (microstrain)? say so'),
+    (HEADER, edit(2, 5, '0.43'), 'line 4: strain_1a: expected -0.007854 to 0.007854 m/m, got '
+                                 '0.43 (is it in µm/m (microstrain) or mm/m or percent? say so'),
     (HEADER, edit(2, 3, 'many'), "line 4: joint_1: expected a number, got 'many'"),
     (HEADER, edit(4, 8, '.002,9'), 'line 6: expected 9 columns, got 10'),
     (HEADER, edit(3, 0, '0.02'), 'line 5: time: expected more than 0.02 s, got 0.02 s'),
     (HEADER, edit(3, 0, '0.005'), 'line 5: time: expected more than 0.02 s, got 0.005 s'),
+    (HEADER, lambda rows: [f'1700000000{row[1:]}' for row in [*rows[:2], rows[1]]],
+     'line 4: time: expected more than 1700000000.01 s, got 1700000000.01 s'),
     (HEADER, lambda rows: rows[:3] + rows[4:], 'line 5: time: expected 0.01 s after the row '
                                                'before, got 0.02 s'),
     (HEADER, lambda rows: rows[:1], 'expected at least 2 samples, got 1'),

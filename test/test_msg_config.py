@@ -102,6 +102,14 @@ def test_defaults_satisfy_their_own_rows(node: str) -> None:
     assert check_parameters(node, {}) == {name: row.default for name, row in table.items()}
 
 
+@pytest.mark.parametrize('node', NODES)
+def test_what_a_parameter_needs_are_choices_of_its_node(node: str) -> None:
+    table = load_parameters()[node]
+    for row in table.values():
+        assert all(set(choices) <= set(table[name].choices) for name, choices in row.needs.items())
+        assert not row.unmet({name: choices[0] for name, choices in row.needs.items()})
+
+
 def test_parameter_file_holds_every_default() -> None:
     content = yaml.safe_load(parameter_file())
     for node in NODES:

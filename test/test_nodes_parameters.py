@@ -91,7 +91,8 @@ def test_every_parameter_is_applied_or_refused_with_a_reason(loop: RosLoop, name
             assert node.values[row.name] == row.check(wanted)
             continue
         if before != row.check(wanted):
-            assert node.parameter_status().message == f'{row.name}: in force after ~/reset'
+            said = node.parameter_status().message.partition('; ')[0]
+            assert said == f'{row.name}: in force after ~/reset'
         assert node.values[row.name] == before
         assert loop.call(name, 'reset').success
         assert node.values[row.name] == row.check(wanted), row.name
@@ -158,6 +159,22 @@ def test_a_payload_takes_effect_at_the_reset(loop: RosLoop) -> None:
     assert node.simulator.mass(0.0) == 0.1
     assert loop.call('plant_sim', 'reset').success
     assert node.simulator.mass(0.0) == 0.3
+
+
+def test_what_changes_nothing_is_said(loop: RosLoop) -> None:
+    """With `rpe` the constants of SF1 were accepted, and said to be in force after the reset."""
+    from flex_payload_estimator.nodes.payload_estimator_node import PayloadEstimatorNode
+
+    node = loop.start(PayloadEstimatorNode, model='assumed_modes', modes=1, estimator='rpe')
+    assert node.parameter_status().message == 'ok'
+    assert setting(loop, 'payload_estimator', payload_initial=0.3)[0].successful
+    assert node.parameter_status().message == (
+        'payload_initial: in force after ~/reset; '
+        'payload_initial changes nothing with estimator rpe')
+    assert loop.call('payload_estimator', 'reset').success
+    assert node.parameter_status().message == 'payload_initial changes nothing with estimator rpe'
+    assert setting(loop, 'payload_estimator', estimator='sf1')[0].successful
+    assert node.parameter_status().message == 'estimator: in force after ~/reset'
 
 
 def test_the_generated_file_and_the_documented_effect_start_every_node(

@@ -64,6 +64,15 @@ def test_a_joint_that_does_not_follow_its_command_is_named(spoil: Callable[[Log]
     assert any(line.startswith('joint_2: hardly moves as the model expects') for line in said)
 
 
+@pytest.mark.parametrize('lost', [(0,), (0, 1)])
+def test_a_command_that_was_not_logged_is_named(lost: tuple[int, ...]) -> None:
+    log = good()
+    log.command[:, lost] = 0.0
+    said = hints(log, ROBOT)
+    assert [line[:13] for line in said] == [f'joint_{k + 1} turns' for k in lost]
+    assert all('its command never changes' in line for line in said)
+
+
 @pytest.mark.parametrize('noise', [0.0, 1.0])
 @pytest.mark.parametrize('name', ['reference', 'quanser_2dsfl'])
 @pytest.mark.parametrize('kind', ['step', 'square', 'pulse', 'sines'])

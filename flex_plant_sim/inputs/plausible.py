@@ -58,13 +58,14 @@ def time_unit(interval: float, expected: float) -> str | None:
 
 
 def unit_hint(refusal: Refusal) -> str:
-    """Return a question that names the unit in which a refused value would pass, or ''."""
+    """Return a question that names the units in which a refused value would pass, or ''."""
     match = re.search(r'expected (\S+) to (\S+) (rad|m/m), got (\S+)$', refusal.text)
     if match is None:
         return ''
     low, high, value = (float(match[k]) for k in (1, 2, 4))
     fits = [name for factor, name in UNITS[match[3]].items() if low <= value / factor <= high]
-    return f' (is it in {fits[0]}? say so under inputs: in the robot file)' if fits else ''
+    return (f' (is it in {" or ".join(fits)}? say so under inputs: in the robot file)'
+            if fits else '')
 
 
 def channel_hints(measured: Array, expected: Array, names: Sequence[str],

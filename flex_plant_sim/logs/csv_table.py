@@ -56,7 +56,7 @@ class Table:
 
     def numbers(self, names: Sequence[str]) -> Array:
         """
-        Return columns by name, (N, len(names)).
+        Return columns by name, (N, len(names)); an empty cell is NaN.
 
         Raises
         ------
@@ -72,12 +72,18 @@ class Table:
         columns = [self.header.index(name) for name in names]
         commas = len(self.header) - 1
         if all(line.count(self.separator) == commas for line in lines):
-            try:
-                return np.loadtxt(lines, delimiter=self.separator, ndmin=2, comments=None,
-                                  quotechar='"', usecols=columns)
-            except ValueError:
-                pass
+            for read in (lambda: lines, lambda: self._filled(lines)):
+                try:
+                    return np.loadtxt(read(), delimiter=self.separator, ndmin=2, comments=None,
+                                      quotechar='"', usecols=columns)
+                except ValueError:
+                    pass
         raise InputError(f'{self.path}: {self._first_error(lines, columns)}')
+
+    def _filled(self, lines: list[str]) -> list[str]:
+        """Return lines with nan in empty cells, which is how pandas writes it."""
+        return [self.separator.join(cell if cell.strip() else 'nan'
+                                    for cell in line.split(self.separator)) for line in lines]
 
     def _first_error(self, lines: list[str], columns: list[int]) -> str:
         """Return what is wrong in the first line that does not have one number per column."""
@@ -89,7 +95,7 @@ class Table:
                 return (f'line {number}: expected {len(self.header)} columns, got {len(row)}'
                         f'{why}')
             for k in columns:
-                if not _is_number(row[k]):
+                if row[k].strip() and not _is_number(row[k]):
                     return (f'line {number}: {self.header[k]}: expected a number, '
                             f'got {row[k][:40]!r}')
         return f'expected {len(self.header)} numbers a line'

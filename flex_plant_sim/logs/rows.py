@@ -33,6 +33,8 @@ NOTED_JITTER = 0.01
 # clocks (100 ppm).
 SAMPLING_AGREES = 1e-3
 COMMANDS = ('command_1', 'command_2')
+# Digits of a stamp: seconds since 1970 have ten before the point.
+STAMP_DIGITS = 15
 
 
 @dataclass(frozen=True)
@@ -130,7 +132,8 @@ def _check_time(rows: Rows) -> None:
     if (interval <= 0.0).any():
         k = int(np.argmax(interval <= 0.0)) + 1
         raise InputError(f'{rows.source}: {rows.row(k)}: time: expected more than '
-                         f'{rows.time[k - 1]:.9g} s, got {rows.time[k]:.9g} s')
+                         f'{rows.time[k - 1]:.{STAMP_DIGITS}g} s, '
+                         f'got {rows.time[k]:.{STAMP_DIGITS}g} s')
 
 
 def _pass_gate(rows: Rows, robot: Robot) -> Rows:

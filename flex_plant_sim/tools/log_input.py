@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 import sys
 
 from flex_plant_sim.arm.robot import Robot
-from flex_plant_sim.inputs.plausible import channel_hints
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.inputs.plausible import channel_hints, WRONG_SCALE
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.logs.read import read_log
 from flex_plant_sim.logs.rows import SAMPLING_AGREES
@@ -75,9 +76,9 @@ def _other_origin(log: Log, robot: Robot, model: str, modes: int,
 
 
 def hints(log: Log, robot: Robot) -> tuple[str, ...]:
-    """Return hints on channels of a log whose unit or sign looks wrong."""
+    """Return hints on channels of a log whose unit or sign looks wrong, or with no command."""
     part = log.part(0, min(len(log), round(HINT_DURATION / log.sample_time)))
-    if len(part) < 3 or not part.command.any():
+    if len(part) < 3:
         return ()
     robot = replace(robot, sample_time=log.sample_time)
     try:
@@ -92,4 +93,15 @@ def hints(log: Log, robot: Robot) -> tuple[str, ...]:
         return ()
     units = ('rad', 'rad', *('m/m' for _ in log.gauge_names))
     noise = np.where(np.array(units) == 'rad', robot.angle_noise, robot.strain_noise)
-    return channel_hints(part.output, expected, log.output_names, units, noise)
+    # What follows from a command that was not logged would be taken for wrong units and signs.
+    uncommanded = tuple(command_hints(part, expected, noise))
+    return uncommanded or channel_hints(part.output, expected, log.output_names, units, noise)
+
+
+def command_hints(log: Log, expected: Array, noise: Array) -> Iterator[str]:
+    """Yield a hint for each joint that turns, though its command never changes."""
+    turned, modelled = np.ptp(log.joint, axis=0), np.ptp(expected[:, :2], axis=0)
+    for k, still in enumerate(np.ptp(log.command, axis=0) == 0.0):
+        if still and turned[k] > WRONG_SCALE * (modelled[k] + noise[k]):
+            yield (f'joint_{k + 1} turns by {turned[k]:.2g} rad, and its command never changes: '
+                   'is it logged?')

@@ -22,19 +22,30 @@ SENTENCE_HORIZON = 1.0
 
 
 def with_gain(diagnosis: Diagnosis, gains: Sequence[Gain], unnamed: int = 0) -> Diagnosis:
-    """Return the diagnosis with the gain by its causes and unnamed torques in its sentence."""
+    """Return the diagnosis with, in words, the errors that surely fall and rise most."""
     count = len(diagnosis.causes) + unnamed
-    sure = [gain for gain in gains if gain.horizon == SENTENCE_HORIZON and gain.ratio_high < 1.0]
-    if not count or not sure:
+    at_horizon = [gain for gain in gains if gain.horizon == SENTENCE_HORIZON]
+    smaller = [gain for gain in at_horizon if gain.ratio_high < 1.0]
+    larger = [gain for gain in at_horizon if gain.ratio_low > 1.0]
+    changes = [f'{of} {_change(gain)}' for of, gain in (
+        ('of', min(smaller, key=lambda gain: gain.ratio, default=None)),
+        ('that of' if smaller else 'of', max(larger, key=lambda gain: gain.ratio, default=None)))
+        if gain is not None]
+    if not count or not changes:
         return diagnosis
-    best = min(sure, key=lambda gain: gain.ratio)
-    scale, unit = shown(best.unit)
-    space = '' if unit == '°' else ' '
-    them = 'it' if count == 1 else 'them'
-    text = (f'With {them} the {best.horizon:g} s prediction error of '
-            f'{best.channel.replace("_", " ")} falls from {scale * best.before:.2g}{space}{unit} '
-            f'to {scale * best.after:.2g}{space}{unit}.')
+    text = (f'With {"it" if count == 1 else "them"} and the parts as estimated the '
+            f'{SENTENCE_HORIZON:g} s prediction error {", ".join(changes)}.')
     return replace(diagnosis, sentence=f'{diagnosis.sentence} {text}')
+
+
+def _change(gain: Gain) -> str:
+    scale, unit = shown(gain.unit)
+    space = '' if unit == '°' else ' '
+    channel = gain.channel.replace('_', ' ')
+    if not math.isfinite(gain.after):
+        return f'{channel} diverges'
+    return (f'{channel} {"falls" if gain.ratio < 1.0 else "rises"} from '
+            f'{scale * gain.before:.2g}{space}{unit} to {scale * gain.after:.2g}{space}{unit}')
 
 
 def answer(diagnosis: Diagnosis, gains: Sequence[Gain], before: Sequence[ChannelResidual],

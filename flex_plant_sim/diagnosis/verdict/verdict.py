@@ -231,7 +231,8 @@ def _verdict(found: SearchResult, causes: Sequence[Cause]
                 f'{sentence}{_unnamed_remainder(found)}{_far_part(found)}', sets)
     sentence += doubt(found.posterior)
     if sets:
-        alike = ' '.join(f'This record cannot tell {apart_text(names)}.' for names in sets)
+        alike = ' '.join(dict.fromkeys(
+            f'This record cannot tell {apart_text(names)}.' for names in sets))
         return 'cannot_tell', f'{sentence} {alike}', sets
     return 'cause', f'{sentence} Nothing else in the catalogue explains the record as well.', ()
 
