@@ -245,6 +245,13 @@ def test_what_was_not_fitted_counts_with_its_linear_evidence() -> None:
     assert found.nothing_probability + causes + found.unknown_probability == pytest.approx(1.0)
 
 
+def test_what_was_not_fitted_beside_a_set_with_a_remainder_has_one_too() -> None:
+    unfitted = {frozenset({'air_drag:arm'}): 0.0}
+    shares = [Posterior.of([NOTHING], BaseModel(REFERENCE), unfitted, unknown).effect_probability(
+        'air_drag') for unknown in (False, True)]
+    assert shares == pytest.approx([0.5 / (1.0 + imitation_odds(k)) for k in (0, 1)])
+
+
 def test_what_was_not_fitted_is_as_far_off_as_what_was() -> None:
     a, b, c, d = (frozenset({name}) for name in 'abcd')
     # Beside the file's parts nothing scored 12: of two neighbours one nat and three were too many.

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from flex_plant_sim.diagnosis.causes.fit import Fit
-from flex_plant_sim.diagnosis.causes.posterior import SetKey
+from flex_plant_sim.diagnosis.causes.posterior import is_unknown, SetKey
 from flex_plant_sim.diagnosis.causes.proposal import Proposal
 from flex_plant_sim.diagnosis.causes.search_state import SearchState
 import numpy as np
@@ -35,6 +35,10 @@ class Neighbourhood:
 
     centre: Fit
     proposals: tuple[Proposal, ...]
+
+    def has_unknown(self, state: SearchState) -> bool:
+        """Tell whether something unknown belongs to the set as its score counts it."""
+        return is_unknown(state.best_interpretation(self.centre), state.nominal)
 
     def unfitted_scores(self, state: SearchState) -> Scores:
         """Return the scores of the neighbours that were not fitted to all windows, nats."""

@@ -114,7 +114,9 @@ class Posterior:
         Of each, (S,); together with those of the sets that were not fitted they sum to one.
     nominal : BaseModel
     unfitted : Mapping
-        Labels of sets that were not fitted to their probabilities by linear evidence.
+        Labels of sets that were not fitted to their probabilities.
+    unfitted_unknown : bool
+        Whether something unknown belongs to those, too.
 
     """
 
@@ -122,10 +124,12 @@ class Posterior:
     probability: Array
     nominal: BaseModel
     unfitted: Mapping[frozenset[str], float] = field(default_factory=dict)
+    unfitted_unknown: bool = False
 
     @classmethod
     def of(cls, fits: Sequence[Fit], nominal: BaseModel,
-           unfitted_scores: Mapping[frozenset[str], float] = MappingProxyType({})) -> Posterior:
+           unfitted_scores: Mapping[frozenset[str], float] = MappingProxyType({}),
+           unfitted_unknown: bool = False) -> Posterior:
         """
         Return the posterior over sets.
 
@@ -136,17 +140,19 @@ class Posterior:
         nominal : BaseModel
             The model in question.
         unfitted_scores : Mapping
-            Labels of sets that were not fitted to their scores by linear evidence, nats.
+            Labels of sets that were not fitted to their estimated scores, nats.
+        unfitted_unknown : bool
+            Whether something unknown belongs to those, too.
 
         """
         fits = [reading for fit in fits for reading in interpretations(fit)]
         score = np.array([fit.log_evidence + log_prior(fit, nominal) for fit in fits])
-        return cls.from_scores(fits, score, nominal, unfitted_scores)
+        return cls.from_scores(fits, score, nominal, unfitted_scores, unfitted_unknown)
 
     @classmethod
     def from_scores(cls, fits: Sequence[Fit], score: Array, nominal: BaseModel,
-                    unfitted_scores: Mapping[frozenset[str], float] = MappingProxyType({})
-                    ) -> Posterior:
+                    unfitted_scores: Mapping[frozenset[str], float] = MappingProxyType({}),
+                    unfitted_unknown: bool = False) -> Posterior:
         """Return the posterior over sets whose log posterior odds, nats, are the scores, (S,)."""
         order, known = np.argsort(-score), {SetKey.of(fit).labels for fit in fits}
         top = score[order[0]]
@@ -155,7 +161,8 @@ class Posterior:
                   for labels, value in unfitted_scores.items() if labels not in known}
         total = weight.sum() + sum(others.values())
         return cls(tuple(fits[k] for k in order), weight / total, nominal,
-                   {labels: value / total for labels, value in others.items()})
+                   {labels: value / total for labels, value in others.items()},
+                   unfitted_unknown)
 
     @property
     def best(self) -> Fit:
@@ -167,7 +174,8 @@ class Posterior:
         """Return all sets, those fitted first."""
         return [*(_SetProbability(SetKey.of(fit).labels, float(p), is_unknown(fit, self.nominal))
                   for fit, p in zip(self.fits, self.probability)),
-                *(_SetProbability(labels, p, False) for labels, p in self.unfitted.items())]
+                *(_SetProbability(labels, p, self.unfitted_unknown)
+                  for labels, p in self.unfitted.items())]
 
     @property
     def genuine_probability(self) -> float:

@@ -127,7 +127,11 @@ class SearchState:
 
     def best_score(self, fit: Fit) -> float:
         """Return the score of the more probable interpretation of a fit, nats."""
-        return max(map(self.score, interpretations(fit)))
+        return self.score(self.best_interpretation(fit))
+
+    def best_interpretation(self, fit: Fit) -> Fit:
+        """Return the more probable interpretation of a fit."""
+        return max(interpretations(fit), key=self.score)
 
     def score_margin(self, best: Fit, centre: RefinedFit, least: float) -> float:
         """Return by how much a set's score may be behind the best around a centre, nats."""
@@ -160,7 +164,8 @@ class SearchState:
         return rank < ALWAYS_FITTED or (
             ranked and self.penalised_gain(proposal) > MIN_PROPOSAL_GAIN)
 
-    def posterior(self, unfitted_scores: Mapping[frozenset[str], float] = MappingProxyType({})
-                  ) -> Posterior:
+    def posterior(self, unfitted_scores: Mapping[frozenset[str], float] = MappingProxyType({}),
+                  unfitted_unknown: bool = False) -> Posterior:
         """Return the posterior over all fitted sets, and over some that were not fitted."""
-        return Posterior.of(list(self.fits.values()), self.nominal, unfitted_scores)
+        return Posterior.of(list(self.fits.values()), self.nominal, unfitted_scores,
+                            unfitted_unknown)
