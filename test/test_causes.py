@@ -22,12 +22,14 @@ from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.record.data import Data
-from flex_plant_sim.diagnosis.verdict.detection import detection_limits
+from flex_plant_sim.diagnosis.record.windows import Record
+from flex_plant_sim.diagnosis.verdict.detection import detection_limits, visible_size
 from flex_plant_sim.effects import catalogue
 import numpy as np
 import pytest
 from scipy.stats import norm
 from simulated_records import effects, REFERENCE, simulated, SLOWEST
+from truth.records import make_record, TruthCase
 
 # Friction and what imitates it while the gauge is wrong, too; what parts may undo; an event.
 ASKED = ('viscous_friction', 'actuator_gain', 'strain_gain', 'link_stiffness', 'payload_change')
@@ -46,6 +48,14 @@ def searched(hidden: tuple[str, ...], data: Data | None = None, asked: tuple[str
     others = [name for name in catalogue() if name not in asked]
     with np.errstate(all='ignore'):
         return search(data, base or BaseModel(REFERENCE), jobs, lambda *told: None, others), data
+
+
+def of_elements(hidden: tuple[tuple[str, dict[str, float]], ...]) -> tuple[SearchResult, Data]:
+    """Return whether more inertia of a hub is found in a finite-element arm."""
+    truth = make_record(TruthCase(5, hidden, duration_s=28.0, tolerances=False))
+    record = Record('truth', truth.time, truth.command, np.hstack([truth.joint, truth.strain]),
+                    0.1)
+    return searched((), Data.of([record], SLOWEST, REFERENCE.sample_time), ('hub_inertia',))
 
 
 @pytest.fixture(scope='module')
@@ -165,7 +175,7 @@ def test_nothing_is_found_where_nothing_is_hidden(clean: tuple[SearchResult, Dat
 def test_a_limit_is_what_parts_cannot_undo(clean: tuple[SearchResult, Data]) -> None:
     found, data = clean
     with np.errstate(all='ignore'):
-        limits = detection_limits(found.proposals, REFERENCE, data.duration, found.refiner)
+        limits = detection_limits(found.proposals, REFERENCE, data.duration, found.information)
     # What one Gaussian that is wider promises over the tolerance's own, on average, is the price.
     effect, tolerance = catalogue()['link_stiffness'], REFERENCE.tolerances.stiffness
     wide = np.hypot(tolerance, effect.parameters[0].typical)
@@ -184,28 +194,48 @@ def test_a_limit_of_commands_shows_only_where_commands_reach_it(
     _, data = clean
     found, _ = searched((), data, ('actuator_saturation',))
     with np.errstate(all='ignore'):
-        limits = detection_limits(found.proposals, REFERENCE, data.duration, found.refiner)
+        limits = detection_limits(found.proposals, REFERENCE, data.duration, found.information)
     for joint, reached in enumerate(np.abs(data.windows[0].record.command).max(axis=0)):
         inverse = limits[f'actuator_saturation:joint_{joint + 1}'][0]
         assert 0.3 * reached < 1.0 / inverse < reached
 
 
-def test_a_limit_is_where_the_evidence_turns_however_steeply_information_rises(
-        clean: tuple[SearchResult, Data]) -> None:
+@pytest.mark.parametrize('guess', [0.01, 0.5, 1.2, 30.0])
+def test_a_limit_is_where_the_evidence_turns_however_steeply_information_rises(guess: float
+                                                                               ) -> None:
     """Of a clean bench record (case_8009d8b8), whose commands reach 0.857: said was 0.012."""
     saturation, = (h for h in all_hypotheses(REFERENCE)
                    if h.label == 'actuator_saturation:joint_1')
-    sizes = np.array([1.0, 1.14, 1.18, 1.22, 1.3, 1.7, 2.8, 5.0])
-    information = np.array([0.0, 0.0, 1.1e-4, 2.35, 39.9, 344.5, 390.6, 171.3])
-    proposal = replace(clean[0].proposals[0], hypothesis=saturation, probed_sizes=sizes,
-                       information=information)
-    found, = detection_limits([proposal], REFERENCE, 40.0, clean[0].refiner).values()
-    assert 1.22 < found[0] < 1.3
-    at = np.exp(np.interp(np.log(found[0]), np.log(sizes[2:]), np.log(information[2:])))
+    sizes = np.log([1.14, 1.18, 1.22, 1.3, 1.7, 2.8, 5.0])
+    information = np.log([1e-9, 1.1e-4, 2.35, 39.9, 344.5, 390.6, 171.3])
     # One-sided, so the prior is twice as dense.
     price = -log_prior_odds(saturation.effect, REFERENCE) - np.log(2.0)
-    assert found[0] == pytest.approx(
-        detectable_size(float(at), float(saturation.prior(40.0).width[0]), price), rel=1e-4)
+
+    def needed(size: float) -> float:
+        known = np.exp(np.interp(np.log(size), sizes, information))
+        return detectable_size(float(known), float(saturation.prior(40.0).width[0]), price)
+
+    found = visible_size(needed, guess, 100.0)
+    assert 1.22 < found < 1.3 and needed(found) <= found
+    assert needed(0.94 * found) > 0.94 * found
+
+
+def test_from_its_limit_on_a_cause_is_named_though_parts_follow_it() -> None:
+    # A softer upper link is nearly an elbow of more inertia: of 0.0209 nothing was named where
+    # 0.0052 was said to show.
+    found, data = of_elements(())
+    limit = detection_limits(found.proposals, REFERENCE, data.duration, found.information)[
+        'hub_inertia:elbow'][0]
+    named = [of_elements((('hub_inertia', {'inertia': factor * limit}),))[0]
+             .posterior.effect_probability('hub_inertia') for factor in (0.6, 2.0)]
+    assert named[0] < 0.5 < 0.8 < named[1]
+
+
+def test_no_limit_is_stated_where_no_size_shows() -> None:
+    assert visible_size(lambda size: 2.0 * size, 0.1, 50.0) == np.inf
+    assert visible_size(lambda size: np.inf, 0.1, 50.0) == np.inf
+    assert visible_size(lambda size: 3.0, 0.1, 2.0) == np.inf
+    assert visible_size(lambda size: 3.0, 0.1, 4.0) == pytest.approx(3.0)
 
 
 def test_what_diverges_is_no_prediction_though_its_last_sample_is_finite(

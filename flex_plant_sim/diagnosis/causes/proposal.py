@@ -1,18 +1,18 @@
 """
 Proposals: the linear evidence of each further cause beside a set of causes, and where to start.
 
-They are computed from `Sensitivity` by algebra. The search fits the best of them, and detection
-limits follow from their information.
+They are computed from `Sensitivity` by algebra. The search fits the best of them, and their
+information is a first guess of detection limits.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.causes.hypothesis import Hypothesis
-from flex_plant_sim.diagnosis.causes.sensitivity import Sensitivity, SensitivityProbe
+from flex_plant_sim.diagnosis.causes.sensitivity import Sensitivity
 from flex_plant_sim.diagnosis.likelihood.evidence import GaussianMarginal
 from flex_plant_sim.diagnosis.record.windows import Indices
 import numpy as np
@@ -48,29 +48,6 @@ class Proposal:
     probe_starts: tuple[Array, ...]
     probed_sizes: Array
     information: Array
-
-
-@dataclass(frozen=True)
-class ProposalRefiner:
-    """Probes hypotheses at further sizes, beside the same causes as a scorer."""
-
-    probe: SensitivityProbe
-    scorer: ProposalScorer
-
-    def __call__(self, item: tuple[Proposal, float]) -> Proposal:
-        """Return a proposal with the information at one more size, (proposal, size)."""
-        proposal, size = item
-        first = int(np.argmax(proposal.hypothesis.is_size))
-        deviation = proposal.hypothesis.probe_deviations()[0]
-        sensitivities = self.probe.sensitivities(
-            proposal.hypothesis, deviation * size / abs(deviation[first]))
-        if not sensitivities:
-            return proposal
-        found = self.scorer.propose(proposal.hypothesis, sensitivities)
-        sizes = np.concatenate([found.probed_sizes, proposal.probed_sizes])
-        order = np.argsort(sizes)
-        return replace(proposal, probed_sizes=sizes[order], information=np.concatenate(
-            [found.information, proposal.information])[order])
 
 
 @dataclass(frozen=True)

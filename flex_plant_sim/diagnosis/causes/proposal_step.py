@@ -7,11 +7,7 @@ minima, and large errors of one channel do not mask the others. Evidence does no
 
 from __future__ import annotations
 
-from flex_plant_sim.diagnosis.causes.proposal import (
-    Proposal,
-    ProposalRefiner,
-    ProposalScorer,
-)
+from flex_plant_sim.diagnosis.causes.proposal import Proposal, ProposalScorer
 from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit
 from flex_plant_sim.diagnosis.causes.search_state import SearchState
 from flex_plant_sim.diagnosis.causes.sensitivity import SensitivityProbe
@@ -54,12 +50,6 @@ def proposal_scorer(state: SearchState, centre: RefinedFit, left_out: int | None
         np.sqrt(state.thinned.weight) * rows.reshape(len(rows), -1) * weight,
         np.concatenate([fit.statistics.prior.width[kept], likelihood.tolerances]), weight,
         state.data.duration)
-
-
-def proposal_refiner(state: SearchState, centre: RefinedFit) -> ProposalRefiner:
-    """Return what probes proposals beside a set at further sizes."""
-    return ProposalRefiner(SensitivityProbe(state.thinned, state.data.duration),
-                           proposal_scorer(state, centre))
 
 
 def proposals_beside(state: SearchState, centre: RefinedFit, left_out: int | None = None

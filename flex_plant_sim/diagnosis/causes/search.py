@@ -14,12 +14,13 @@ from dataclasses import dataclass, replace
 from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
 from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.causes.free_run_ranking import ranked_by_free_runs
+from flex_plant_sim.diagnosis.causes.information import InformationProbe
 from flex_plant_sim.diagnosis.causes.neighbours import fit_neighbours
 from flex_plant_sim.diagnosis.causes.posterior import ORDINARY_FAULTS, Posterior, SetKey
-from flex_plant_sim.diagnosis.causes.proposal import Proposal, ProposalRefiner
+from flex_plant_sim.diagnosis.causes.proposal import Proposal
 from flex_plant_sim.diagnosis.causes.proposal_step import (
+    COARSE_SAMPLES,
     probe_catalogue,
-    proposal_refiner,
     proposals_beside,
 )
 from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit
@@ -49,8 +50,8 @@ class SearchResult:
         The most probable set.
     proposals : tuple of Proposal
         Of all other hypotheses, beside the most probable set whose neighbours were fitted.
-    refiner : ProposalRefiner
-        Probes them at further sizes.
+    information : InformationProbe
+        On further causes of any size, beside the same set.
     posterior : Posterior
         Over all sets that were fitted.
     nothing : Fit
@@ -62,7 +63,7 @@ class SearchResult:
 
     best: RefinedFit
     proposals: tuple[Proposal, ...]
-    refiner: ProposalRefiner
+    information: InformationProbe
     posterior: Posterior
     nothing: Fit
     round_sizes: tuple[int, ...]
@@ -125,10 +126,11 @@ def search(data: Data, nominal: BaseModel, jobs: int, progress: Progress,
         return _ranked_by_free_runs(state, nothing.fit, rounds)
     last = max((state.refined[key] for key in neighbourhoods), key=lambda r: state.score(r.fit))
     around = neighbourhoods[SetKey.of(last.fit)]
-    posterior = state.posterior(around.unfitted_scores(state))
+    posterior = state.posterior(around.unfitted_scores(state), around.has_unknown(state))
     best = state.refined.get(SetKey.of(posterior.best).without_remainder, last)
-    return SearchResult(replace(best, fit=posterior.best), around.proposals,
-                        proposal_refiner(state, last), posterior, nothing.fit, rounds)
+    return SearchResult(
+        replace(best, fit=posterior.best), around.proposals,
+        InformationProbe.beside(last, COARSE_SAMPLES), posterior, nothing.fit, rounds)
 
 
 def _is_complete(fit: Fit) -> bool:
@@ -145,5 +147,5 @@ def _ranked_by_free_runs(state: SearchState, nothing: Fit, rounds: tuple[int, ..
     """Return where a search ends in which laws of unknown torques lead."""
     best, posterior = ranked_by_free_runs(
         state.refined_with_laws, state.data, state.nominal, state.jobs)
-    return SearchResult(best, tuple(proposals_beside(state, best)), proposal_refiner(state, best),
-                        posterior, nothing, rounds)
+    return SearchResult(best, tuple(proposals_beside(state, best)),
+                        InformationProbe.beside(best, COARSE_SAMPLES), posterior, nothing, rounds)

@@ -1,34 +1,34 @@
 """
 Detection limits: the smallest size of each effect that a record would have shown.
 
-`verdict` computes them from the proposals that the search leaves. A limit is the size from which
-on the evidence would favour the effect.
+A limit is the size from which on the evidence would favour the effect, on average.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 import math
 
 from flex_plant_sim.arm.robot import Robot
-from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.causes.proposal import Proposal, ProposalRefiner
+from flex_plant_sim.diagnosis.causes.hypothesis import Hypothesis
+from flex_plant_sim.diagnosis.causes.proposal import Proposal
 from flex_plant_sim.diagnosis.likelihood.evidence import detectable_size
 from flex_plant_sim.diagnosis.likelihood.prior import factors_on_parts, log_prior_odds
 from flex_plant_sim.diagnosis.pool import each
 import numpy as np
 
-# Bisections of the interval between two probed sizes, on a logarithm: 1e-6 of it is left.
-BISECTIONS = 20
-# Times that a limit far below the probed sizes is probed itself, and its ratio to the smallest of
-# them that is far: between probed sizes, information is interpolated.
-MAX_REPROBES, FAR_BELOW_PROBES = 2, 0.7
-# Bisections, on a logarithm, between a size that changes nothing and one that is visible.
-MAX_HALVINGS = 4
+# Sizes probed at most, and the relative error of a limit at which it is close enough.
+MAX_PROBES, CLOSE = 10, 0.05
+# Largest factor from one probed size to the next: further off, its information tells little.
+STRIDE = 10.0
+
+# (hypothesis, deviation from null) -> information on it there, see `causes.information`.
+Information = Callable[[Hypothesis, float], float]
 
 
 def detection_limits(proposals: Sequence[Proposal], robot: Robot, duration: float,
-                     refiner: ProposalRefiner, jobs: int = 1) -> dict[str, tuple[float, str]]:
+                     information: Information, jobs: int = 1) -> dict[str, tuple[float, str]]:
     """
     Return 'identifier:site' to (smallest deviation from null, unit); inf where none is visible.
 
@@ -37,101 +37,95 @@ def detection_limits(proposals: Sequence[Proposal], robot: Robot, duration: floa
     Parameters
     ----------
     proposals : sequence of Proposal
-        Of each hypothesis, beside the causes that were found.
+        Of each hypothesis, beside the causes that were found; limits are first guessed from them.
     robot : Robot
         Whose sites share an effect's prior odds.
     duration : float
         Of the longest record, s.
-    refiner : ProposalRefiner
-        Probes further sizes, where a limit is far below those that were probed.
+    information : Callable
+        Information on a deviation, beside the same causes.
     jobs : int
         Processes.
 
     """
-    for number in range(MAX_REPROBES + MAX_HALVINGS):
-        sizes = [(p, _next_probe_size(p, robot, duration, number < MAX_REPROBES))
-                 for p in proposals]
-        wanted = [(p, size) for p, size in sizes if size is not None]
-        refined = {p.hypothesis: p for p in each(refiner, wanted, jobs)}
-        proposals = [refined.get(p.hypothesis, p) for p in proposals]
+    def limit(proposal: Proposal) -> float:
+        hypothesis = proposal.hypothesis
+        prior, k = hypothesis.prior(duration), int(np.argmax(hypothesis.is_size))
+        # The density of a one-sided prior is twice that of the Gaussian.
+        price = -log_prior_odds(hypothesis.effect, robot)
+        price -= math.log(2.0) * (prior.one_sided[k] != 0.0)
+        one, width = hypothesis.parameters[k], float(prior.width[k])
+        guess = first_guess(proposal, width, price)
+        sides = dict.fromkeys(math.copysign(1.0, d[k]) for d in hypothesis.probe_deviations())
+
+        # Of a factor on a part, no record has more information than the part's prior lacks.
+        same = factors_on_parts(robot).get(hypothesis.label)
+        most = math.inf if same is None else same.part.tolerance**-2
+
+        def needed(side: float, size: float) -> float:
+            known = min(information(hypothesis, side * size), most)
+            return detectable_size(known, width, price)
+
+        # The other side of null is asked where the first has no room for the size that shows.
+        size = math.inf
+        for side in sides:
+            room = one.high - one.null if side > 0.0 else one.null - one.low
+            size = min(size, visible_size(partial(needed, side), guess, room))
+            if size < math.inf:
+                break
+        return size
+
     found: dict[str, tuple[float, str]] = {}
-    for p in proposals:
-        size, (hidden, visible) = _limit(p, robot, duration), _visible_sizes(p)
-        # An effect that changes nothing up to some size is visible from the next one on.
-        least = size if hidden == 0.0 else max(size, visible)
-        limit = (least, p.hypothesis.parameters[_size_index(p)].unit)
+    for proposal, size in zip(proposals, each(limit, proposals, jobs)):
+        h = proposal.hypothesis
+        told = (size, h.parameters[int(np.argmax(h.is_size))].unit)
         # Of several discrete values, the one that is hardest to see counts.
-        found[p.hypothesis.label] = max(limit, found.get(p.hypothesis.label, limit))
+        found[h.label] = max(told, found.get(h.label, told))
     return found
 
 
-def _next_probe_size(proposal: Proposal, robot: Robot, duration: float, below: bool
-                     ) -> float | None:
+def first_guess(proposal: Proposal, width: float, price: float) -> float:
+    """Return a size near the limit, by the proposal's information, or one that was probed."""
+    for size, information in zip(proposal.probed_sizes, proposal.information):
+        guess = detectable_size(information, width, price)
+        if math.isfinite(guess):
+            return guess if proposal.hypothesis.effect.linear else max(guess, 0.1 * size)
+    return float(proposal.probed_sizes[-1])
+
+
+def visible_size(needed: Callable[[float], float], guess: float, most: float) -> float:
     """
-    Return the size to probe next, if any; `below` allows one far below the probed sizes.
+    Return the least size that is as large as what is needed, by its own information, to show.
 
-    At sizes far below those, parts may do what the effect does, or the effect changes nothing, as
-    a limit that no command reaches.
+    What is needed is not monotone in the size: parts undo small sizes, commands never reach
+    limits. So iteration x -> needed(x) is kept between a size that is hidden and a visible one.
+
+    Parameters
+    ----------
+    needed : Callable
+        Size -> size from which on it would show with the information there; inf for none.
+    guess : float
+        Where to begin.
+    most : float
+        The largest size; where that does not show, inf is returned.
+
     """
-    size, (hidden, visible) = _limit(proposal, robot, duration), _visible_sizes(proposal)
-    if hidden > 0.0 and size < visible:
-        return math.sqrt(hidden * visible)
-    far = below and not proposal.hypothesis.effect.linear and size < FAR_BELOW_PROBES * visible
-    return size if far else None
-
-
-def _visible_sizes(proposal: Proposal) -> tuple[float, float]:
-    """Return the largest probed size that changes nothing, or 0, and the next larger one."""
-    visible = proposal.information > 0.0
-    least = float(np.min(proposal.probed_sizes[visible], initial=np.inf))
-    hidden = proposal.probed_sizes[proposal.probed_sizes < least]
-    return float(np.max(hidden, initial=0.0)), least
-
-
-def _size_index(proposal: Proposal) -> int:
-    return int(np.argmax(proposal.hypothesis.is_size))
-
-
-def _limit(proposal: Proposal, robot: Robot, duration: float) -> float:
-    """
-    Return the size that its own information makes just detectable; inf beyond the bounds.
-
-    Of a factor on a part, no record has more information than one over the part's variance. The
-    information does not say so by itself, as it is linearised in the part.
-    """
-    prior, k = proposal.hypothesis.prior(duration), _size_index(proposal)
-    # The density of a one-sided prior is twice that of the Gaussian.
-    price = -log_prior_odds(proposal.hypothesis.effect, robot)
-    price -= np.log(2.0) * (prior.one_sided[k] != 0.0)
-    known = proposal.information > 0.0
-    if not known.any():
-        return float('inf')
-    found = factors_on_parts(robot).get(proposal.hypothesis.label)
-    most = np.inf if found is None else found.part.tolerance**-2
-    sizes = proposal.probed_sizes[known]
-    information = np.minimum(proposal.information[known], most)
-    size = _threshold(np.log(sizes), np.log(information), float(prior.width[k]), price)
-    one = proposal.hypothesis.parameters[k]
-    return size if size <= max(one.high - one.null, one.null - one.low) else float('inf')
-
-
-def _threshold(sizes: Array, information: Array, width: float, price: float) -> float:
-    """
-    Return the least size that its own information makes detectable.
-
-    Sizes and information are given as logarithms. The size is bisected between the probed ones:
-    information may rise with any power of the size, as of a limit that commands just reach, so
-    that fixed-point iteration need not converge.
-    """
-    def needed(at: float) -> float:
-        known = float(np.exp(np.interp(at, sizes, information)))
-        return float(np.log(detectable_size(known, width, price)))
-
-    visible = [k for k, at in enumerate(sizes) if needed(at) <= at]
-    if not visible or visible[0] == 0:
-        return float(np.exp(needed(sizes[0 if visible else -1])))
-    low, high = sizes[visible[0] - 1:visible[0] + 1]
-    for _ in range(BISECTIONS):
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if needed(middle) <= middle else (middle, high)
-    return float(np.exp(high))
+    hidden, visible, size = 0.0, math.inf, min(guess, most)
+    for _ in range(MAX_PROBES):
+        enough = needed(size)
+        if enough <= size:
+            visible = size
+        else:
+            hidden = size
+        if abs(enough - size) <= CLOSE * size:
+            return enough if enough <= most else math.inf
+        if visible < math.inf and visible - hidden <= CLOSE * visible:
+            return visible
+        if hidden >= most:
+            return math.inf
+        if hidden < enough < visible:
+            size = min(enough, STRIDE * size, most)
+        else:
+            size = math.sqrt(max(hidden, visible / STRIDE) * visible) if visible < math.inf \
+                else min(STRIDE * hidden, most)
+    return visible

@@ -127,7 +127,8 @@ def _cannot_answer(unmoved: Sequence[str]) -> Diagnosis:
 
 
 def _diagnosis(found: SearchResult, data: Data, nominal: BaseModel, jobs: int) -> Diagnosis:
-    limits = detection_limits(found.proposals, nominal.robot, data.duration, found.refiner, jobs)
+    limits = detection_limits(found.proposals, nominal.robot, data.duration, found.information,
+                              jobs)
     causes = causes_of(found.posterior, found.best.fit)
     verdict, sentence, sets = _verdict(found, causes)
     channels = nominal.robot.output_names
