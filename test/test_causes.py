@@ -236,6 +236,7 @@ def test_no_limit_is_stated_where_no_size_shows() -> None:
     assert visible_size(lambda size: np.inf, 0.1, 50.0) == np.inf
     assert visible_size(lambda size: 3.0, 0.1, 2.0) == np.inf
     assert visible_size(lambda size: 3.0, 0.1, 4.0) == pytest.approx(3.0)
+    assert visible_size(lambda size: 0.5 * size, 0.1, 4.0, 0.02) == 0.02
 
 
 def test_what_diverges_is_no_prediction_though_its_last_sample_is_finite(

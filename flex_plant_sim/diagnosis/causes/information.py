@@ -72,16 +72,23 @@ class InformationProbe:
         Twice the nats that causes and parts at their best leave of what it changes, over its
         square. NaN where no prediction is finite.
         """
-        probed, first = hypothesis.probe_deviations()[0], int(np.argmax(hypothesis.is_size))
-        found = SensitivityProbe(self.likelihood, self.duration).sensitivities(
-            hypothesis, probed * deviation / probed[first])
-        if not found:
+        changes = self._changes(hypothesis, deviation)
+        if not changes:
             return math.nan
-        changes = [(s.changes[0].reshape(len(self.weight), -1) * self.weight).ravel()
-                   for s in found]
         linear = [self._linear(change, self.columns)[1] for change in changes]
         chosen = int(np.argsort(linear)[int(LESS_SHARE * len(linear))])
         return 2.0 * self._left(changes[chosen]) / deviation**2
+
+    def _changes(self, hypothesis: Hypothesis, deviation: float) -> list[Array]:
+        """Return what a deviation of the first size changes, weighted, at each shape, (m N,)."""
+        probed, first = hypothesis.probe_deviations()[0], int(np.argmax(hypothesis.is_size))
+        take = SensitivityProbe(self.likelihood, self.duration).sensitivities
+        found = take(hypothesis, probed * deviation / probed[first])
+        # A contact may change the arm at null already: bristles bend under other friction, too.
+        null = take(hypothesis, 0.0 * probed) if hypothesis.effect.contact else []
+        at_null = {tuple(s.shape): s.changes[0] for s in null}
+        return [((s.changes[0] - at_null.get(tuple(s.shape), 0.0)).reshape(len(self.weight), -1)
+                 * self.weight).ravel() for s in found]
 
     def _linear(self, change: Array, columns: Array) -> tuple[Array, float]:
         """Return what of causes and parts undoes a change best, (k + p,), and what is left."""

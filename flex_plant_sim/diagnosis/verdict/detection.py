@@ -22,6 +22,9 @@ import numpy as np
 MAX_PROBES, CLOSE = 10, 0.05
 # Largest factor from one probed size to the next: further off, its information tells little.
 STRIDE = 10.0
+# Of an effect that is not linear, share of the smallest probed size below which none is asked
+# about: a contact's break-away is then finer than the sensors.
+LEAST_SHARE = 0.1
 
 # (hypothesis, deviation from null) -> information on it there, see `causes.information`.
 Information = Callable[[Hypothesis, float], float]
@@ -56,6 +59,7 @@ def detection_limits(proposals: Sequence[Proposal], robot: Robot, duration: floa
         price -= math.log(2.0) * (prior.one_sided[k] != 0.0)
         one, width = hypothesis.parameters[k], float(prior.width[k])
         guess = first_guess(proposal, width, price)
+        least = 0.0 if hypothesis.effect.linear else LEAST_SHARE * proposal.probed_sizes[0]
         sides = dict.fromkeys(math.copysign(1.0, d[k]) for d in hypothesis.probe_deviations())
 
         # Of a factor on a part, no record has more information than the part's prior lacks.
@@ -63,14 +67,15 @@ def detection_limits(proposals: Sequence[Proposal], robot: Robot, duration: floa
         most = math.inf if same is None else same.part.tolerance**-2
 
         def needed(side: float, size: float) -> float:
-            known = min(information(hypothesis, side * size), most)
-            return detectable_size(known, width, price)
+            known = information(hypothesis, side * size)
+            # What has no finite prediction shows.
+            return 0.0 if math.isnan(known) else detectable_size(min(known, most), width, price)
 
         # The other side of null is asked where the first has no room for the size that shows.
         size = math.inf
         for side in sides:
             room = one.high - one.null if side > 0.0 else one.null - one.low
-            size = min(size, visible_size(partial(needed, side), guess, room))
+            size = min(size, visible_size(partial(needed, side), guess, room, least))
             if size < math.inf:
                 break
         return size
@@ -86,14 +91,12 @@ def detection_limits(proposals: Sequence[Proposal], robot: Robot, duration: floa
 
 def first_guess(proposal: Proposal, width: float, price: float) -> float:
     """Return a size near the limit, by the proposal's information, or one that was probed."""
-    for size, information in zip(proposal.probed_sizes, proposal.information):
-        guess = detectable_size(information, width, price)
-        if math.isfinite(guess):
-            return guess if proposal.hypothesis.effect.linear else max(guess, 0.1 * size)
-    return float(proposal.probed_sizes[-1])
+    guesses = [detectable_size(known, width, price) for known in proposal.information]
+    return next(filter(math.isfinite, guesses), float(proposal.probed_sizes[-1]))
 
 
-def visible_size(needed: Callable[[float], float], guess: float, most: float) -> float:
+def visible_size(needed: Callable[[float], float], guess: float, most: float, least: float = 0.0
+                 ) -> float:
     """
     Return the least size that is as large as what is needed, by its own information, to show.
 
@@ -108,9 +111,11 @@ def visible_size(needed: Callable[[float], float], guess: float, most: float) ->
         Where to begin.
     most : float
         The largest size; where that does not show, inf is returned.
+    least : float
+        The smallest size to ask about; where that shows, it is returned.
 
     """
-    hidden, visible, size = 0.0, math.inf, min(guess, most)
+    hidden, visible, size = 0.0, math.inf, min(max(guess, least), most)
     for _ in range(MAX_PROBES):
         enough = needed(size)
         if enough <= size:
@@ -119,12 +124,12 @@ def visible_size(needed: Callable[[float], float], guess: float, most: float) ->
             hidden = size
         if abs(enough - size) <= CLOSE * size:
             return enough if enough <= most else math.inf
-        if visible < math.inf and visible - hidden <= CLOSE * visible:
+        if visible <= least or (visible < math.inf and visible - hidden <= CLOSE * visible):
             return visible
         if hidden >= most:
             return math.inf
         if hidden < enough < visible:
-            size = min(enough, STRIDE * size, most)
+            size = min(max(enough, least), STRIDE * size, most)
         else:
             size = math.sqrt(max(hidden, visible / STRIDE) * visible) if visible < math.inf \
                 else min(STRIDE * hidden, most)

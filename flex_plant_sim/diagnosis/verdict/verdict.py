@@ -260,8 +260,8 @@ def doubt(posterior: Posterior) -> str:
     real = posterior.genuine_probability
     if real >= 0.5:
         return ''
-    return (' So many faults at once are rare: one thing that the catalogue lacks may be behind '
-            f'all of them. {_genuine_text(posterior)}')
+    return (' So much at once is rare: one thing that the catalogue lacks may be behind it all. '
+            f'{_genuine_text(posterior)}')
 
 
 def _genuine_text(posterior: Posterior) -> str:
