@@ -127,13 +127,12 @@ class Arena:
         self.loop.until(lambda: len(self.payload) > seen + 50 and self.error() < 1.0, timeout)
         return time.monotonic() - begin
 
-    def again_right(self) -> float:
-        """Return the motion, s of data, from the first new estimate to a right one that stays."""
+    def expect_right_again(self) -> None:
+        """Wait for new estimates and MOTION more; fail unless the payload is right then."""
         seen = len(self.payload)
         self.loop.until(lambda: len(self.payload) > seen, START)
         self.loop.wait(MOTION)
         assert self.error() < 1.0, f'{self.payload[-1].position[0]:.4f} for {self.mass} kg'
-        return MOTION
 
     def said(self, text: str, since: float) -> float:
         """Wait for a text on diagnostics; return the time since `since`, s."""
@@ -194,7 +193,7 @@ def killed(node: str, text: str, **values: Any) -> Callable[[Arena], None]:
         finally:
             arena.mass = values.get('payload', arena.mass)
             arena.start(node, **values)
-        arena.again_right()
+        arena.expect_right_again()
     return fault
 
 
@@ -209,7 +208,7 @@ def stopped(node: str, text: str) -> Callable[[Arena], None]:
             arena.loop.wait(max(0.0, 2.0 - (time.monotonic() - begin)))
         finally:
             arena.signal(node, signal.SIGCONT)
-        arena.again_right()
+        arena.expect_right_again()
     return fault
 
 
@@ -221,7 +220,7 @@ def second_plant(arena: Arena) -> None:
     try:
         arena.loop.until(lambda: arena.second is not None, START)
         arena.said('publishers of', arena.second or 0.0)
-        arena.again_right()
+        arena.expect_right_again()
     finally:
         second.kill()
         second.wait()
@@ -230,7 +229,7 @@ def second_plant(arena: Arena) -> None:
 def clock_back(arena: Arena) -> None:
     """Let the plant begin again: in real time a new stamp, and the arm back at rest."""
     assert arena.loop.call('plant_sim', 'reset').success
-    arena.again_right()
+    arena.expect_right_again()
 
 
 NO_SAMPLE, NO_PAYLOAD = 'no message on', 'payload/inertia is late or missing'
