@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.causes.gauss_newton import GaussNewton
 from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses, CauseSet
@@ -24,6 +25,7 @@ from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.diagnosis.verdict.detection import detection_limits, visible_size
+from flex_plant_sim.diagnosis.verdict.verdict import nominal_base, slowest_frequency
 from flex_plant_sim.effects import catalogue
 import numpy as np
 import pytest
@@ -97,6 +99,23 @@ def test_a_dropped_payload_is_found_and_nothing_beside_it() -> None:
     change, start, duration = found.posterior.best.values
     assert change == pytest.approx(-0.095, abs=0.003)
     assert start + 0.5 * duration == pytest.approx(12.3, abs=0.05) and duration < 0.5
+
+
+def test_a_spring_is_found_that_rests_where_the_joint_works() -> None:
+    # Its torque then swings around zero, and one that rests at zero looks like no spring.
+    robot, rest = load_robot('quanser_2dsfl'), -0.213
+    truth = make_record(TruthCase(
+        1004, (('joint_spring', {'joint': 2, 'stiffness': 0.3, 'rest': rest}),), robot.name,
+        duration_s=28.0, tolerances=False, payload_true=0.157, payload_told=0.157))
+    assert np.mean(truth.joint[:, 1]) == pytest.approx(rest, abs=0.01)
+    record = Record('truth', truth.time, truth.command, np.hstack([truth.joint, truth.strain]),
+                    0.157)
+    base = nominal_base(robot, 'assumed_modes', 3)
+    data = Data.of([record], slowest_frequency(base, 0.157), robot.sample_time)
+    found, _ = searched((), data, ('joint_spring', 'torque_ripple'), base)
+    cause, = found.posterior.best.hypotheses
+    assert cause.label == 'joint_spring:joint_2'
+    assert found.posterior.best.values[1] == pytest.approx(rest, abs=0.1)
 
 
 def test_a_brake_far_stronger_than_the_drive_s_damping_is_found() -> None:

@@ -16,7 +16,10 @@ class JointSpring(Effect):
     parameters = (
         # At an angle of 1 rad as conceivable as a friction of 1 N m.
         Parameter('stiffness_n_m_per_rad', 'N m/rad', 0.0, 0.0, 50.0, (0.2, 1.0, 4.0), 0.05, 1.0),
-        Parameter('rest_rad', 'rad', 0.0, -6.3, 6.3, (0.0,), np.inf, 0.5))
+        # Quantiles of the prior: where the joint works around another angle, a spring that rests
+        # at zero looks like no spring.
+        Parameter('rest_rad', 'rad', 0.0, -6.3, 6.3, (-1.0, -0.4, -0.15, 0.0, 0.15, 0.4, 1.0),
+                  np.inf, 0.5))
     sites = 'joint'
     linear = True
 
