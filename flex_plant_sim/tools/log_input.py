@@ -95,7 +95,9 @@ def hints(log: Log, robot: Robot) -> tuple[str, ...]:
     noise = np.where(np.array(units) == 'rad', robot.angle_noise, robot.strain_noise)
     # What follows from a command that was not logged would be taken for wrong units and signs.
     uncommanded = tuple(command_hints(part, expected, noise))
-    return uncommanded or channel_hints(part.output, expected, log.output_names, units, noise)
+    if uncommanded or not part.command.any():
+        return uncommanded
+    return channel_hints(part.output, expected, log.output_names, units, noise)
 
 
 def command_hints(log: Log, expected: Array, noise: Array) -> Iterator[str]:
