@@ -122,6 +122,11 @@ def test_a_payload_that_the_model_cannot_carry_is_one_line() -> None:
     (lambda r: r.with_link(1, youngs_modulus=7e9), 'large deflections'),
     (lambda r: r.with_link(0, youngs_modulus=7e15).with_link(1, youngs_modulus=7e15),
      'flexible at all'),
+    (lambda r: r.with_link(0, density=2.7), 'steel is 7850'),
+    (lambda r: replace(r, drives=(r.drives[0], replace(r.drives[1], damping=0.02))), 'in ms'),
+    (lambda r: replace(r, angle_noise=0.1), 'in degrees'),
+    (lambda r: replace(r, strain_noise=5e-3), '1 um/m is 1e-6'),
+    (lambda r: replace(r, tolerances=replace(r.tolerances, stiffness=3.0)), 'is 300 %'),
 ])
 def test_what_hardly_any_arm_is_gets_a_hint(change: Callable[[Robot], Robot], words: str) -> None:
     robot = change(REFERENCE)

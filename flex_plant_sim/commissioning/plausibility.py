@@ -17,6 +17,13 @@ MAX_DAMPING = 0.1
 # alias; by Nyquist two are the limit.
 SAMPLES_PER_PERIOD = 4.0
 LINKS = ('upper', 'lower')
+DRIVES = ('shoulder', 'elbow')
+# Densities of what links are made of, kg/m^3: from balsa to lead.
+MATERIALS = (100.0, 11400.0)
+# Noise of a joint's sensor, rad, and of a gauge, m/m, above which neither shows how an arm bends.
+COARSE_ANGLE, COARSE_STRAIN = 0.005, 1e-4
+# Longest usual time constant of a drive's velocity loop, s.
+SLOW_LOOP = 1.0
 
 
 def hints(robot: Robot, frequencies: tuple[float, ...], deflection: float,
@@ -36,7 +43,27 @@ def hints(robot: Robot, frequencies: tuple[float, ...], deflection: float,
         Strain at the gauges under 1 N across the tip, m/m.
 
     """
-    return (*_links(robot), *_gauges(robot, strain), *_motion(robot, frequencies, deflection))
+    return (*_links(robot), *_gauges(robot, strain), *_motion(robot, frequencies, deflection),
+            *_units(robot))
+
+
+def _units(robot: Robot) -> Iterator[str]:
+    """Yield hints on values that are usual in another unit."""
+    for name, link in zip(LINKS, robot.links):
+        if not MATERIALS[0] <= link.density <= MATERIALS[1]:
+            yield (f'links.{name}.density_kg_per_m3: {link.density:g}: no usual material is so '
+                   'light or heavy; steel is 7850')
+    for name, drive in zip(DRIVES, robot.drives):
+        if drive.closed_loop and drive.inertia > SLOW_LOOP * drive.damping:
+            yield (f'drives.{name}: {drive.inertia / drive.damping:g} s to follow its command is '
+                   'long; is it in ms?')
+    if robot.angle_noise > COARSE_ANGLE:
+        yield f'measurement.angle_noise_rad: {robot.angle_noise:g} is much; is it in degrees?'
+    if robot.strain_noise > COARSE_STRAIN:
+        yield f'measurement.strain_noise: {robot.strain_noise:g} is much; 1 um/m is 1e-6'
+    for name, value in vars(robot.tolerances).items():
+        if value > 1.0:
+            yield f'tolerances.{name}: {value:g} is {100.0 * value:g} %; 3 % is 0.03'
 
 
 def _links(robot: Robot) -> Iterator[str]:
