@@ -51,35 +51,7 @@ def detection_limits(proposals: Sequence[Proposal], robot: Robot, duration: floa
         Processes.
 
     """
-    def limit(proposal: Proposal) -> float:
-        hypothesis = proposal.hypothesis
-        prior, k = hypothesis.prior(duration), int(np.argmax(hypothesis.is_size))
-        # The density of a one-sided prior is twice that of the Gaussian.
-        price = -log_prior_odds(hypothesis.effect, robot)
-        price -= math.log(2.0) * (prior.one_sided[k] != 0.0)
-        one, width = hypothesis.parameters[k], float(prior.width[k])
-        guess = first_guess(proposal, width, price)
-        least = 0.0 if hypothesis.effect.linear else LEAST_SHARE * proposal.probed_sizes[0]
-        sides = dict.fromkeys(math.copysign(1.0, d[k]) for d in hypothesis.probe_deviations())
-
-        # Of a factor on a part, no record has more information than the part's prior lacks.
-        same = factors_on_parts(robot).get(hypothesis.label)
-        most = math.inf if same is None else same.part.tolerance**-2
-
-        def needed(side: float, size: float) -> float:
-            known = information(hypothesis, side * size)
-            # What has no finite prediction shows.
-            return 0.0 if math.isnan(known) else detectable_size(min(known, most), width, price)
-
-        # The other side of null is asked where the first has no room for the size that shows.
-        size = math.inf
-        for side in sides:
-            room = one.high - one.null if side > 0.0 else one.null - one.low
-            size = min(size, visible_size(partial(needed, side), guess, room, least))
-            if size < math.inf:
-                break
-        return size
-
+    limit = partial(_limit, robot=robot, duration=duration, information=information)
     found: dict[str, tuple[float, str]] = {}
     for proposal, size in zip(proposals, each(limit, proposals, jobs)):
         h = proposal.hypothesis
@@ -87,6 +59,37 @@ def detection_limits(proposals: Sequence[Proposal], robot: Robot, duration: floa
         # Of several discrete values, the one that is hardest to see counts.
         found[h.label] = max(told, found.get(h.label, told))
     return found
+
+
+def _limit(proposal: Proposal, robot: Robot, duration: float, information: Information) -> float:
+    """Return the size from which on a proposal's hypothesis shows; inf where none does."""
+    hypothesis = proposal.hypothesis
+    prior, k = hypothesis.prior(duration), int(np.argmax(hypothesis.is_size))
+    # The density of a one-sided prior is twice that of the Gaussian.
+    price = -log_prior_odds(hypothesis.effect, robot)
+    price -= math.log(2.0) * (prior.one_sided[k] != 0.0)
+    one, width = hypothesis.parameters[k], float(prior.width[k])
+    guess = first_guess(proposal, width, price)
+    least = 0.0 if hypothesis.effect.linear else LEAST_SHARE * proposal.probed_sizes[0]
+    sides = dict.fromkeys(math.copysign(1.0, d[k]) for d in hypothesis.probe_deviations())
+
+    # Of a factor on a part, no record has more information than the part's prior lacks.
+    same = factors_on_parts(robot).get(hypothesis.label)
+    most = math.inf if same is None else same.part.tolerance**-2
+
+    def needed(side: float, size: float) -> float:
+        known = information(hypothesis, side * size)
+        # What has no finite prediction shows.
+        return 0.0 if math.isnan(known) else detectable_size(min(known, most), width, price)
+
+    # The other side of null is asked where the first has no room for the size that shows.
+    size = math.inf
+    for side in sides:
+        room = one.high - one.null if side > 0.0 else one.null - one.low
+        size = min(size, visible_size(partial(needed, side), guess, room, least))
+        if size < math.inf:
+            break
+    return size
 
 
 def first_guess(proposal: Proposal, width: float, price: float) -> float:
