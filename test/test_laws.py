@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 import json
 from pathlib import Path
@@ -41,12 +42,13 @@ BRAKE: tuple[str, Parameters] = ('stribeck_friction', {
     'joint': 2, 'sliding': LEVEL, 'extra': -LEVEL, 'speed': SPEED})
 
 
-def told(folder: Path, simulator: str, *hidden: tuple[str, Parameters]
-         ) -> tuple[Any, tuple[Effect, ...]]:
+def told(folder: Path, simulator: str, *hidden: tuple[str, Parameters], payload: float = 0.1,
+         asked: Sequence[str] = ASKED) -> tuple[Any, tuple[Effect, ...]]:
     """Return what flex_diagnose says of a record of 28 s, and the extended robot's effects."""
     log, answer, robot = (folder / name for name in ('log.csv', 'answer.json', 'robot.yaml'))
-    make_record(TruthCase(91, hidden, duration_s=28.0, simulator=simulator)).write_csv(log)
-    others = [f'--exclude={name}' for name in catalogue() if name not in ASKED]
+    make_record(TruthCase(91, hidden, payload_true=payload, duration_s=28.0,
+                          simulator=simulator)).write_csv(log)
+    others = [f'--exclude={name}' for name in catalogue() if name not in asked]
     assert main([str(log), '--jobs', '1', '--payload', '0.1', '--json', str(answer),
                  '--extended', str(robot), *others]) == 0
     return json.loads(answer.read_text()), effects_of(load_robot(robot))
@@ -76,6 +78,26 @@ def test_a_cause_is_more_probable_than_a_law_that_does_the_same(tmp_path: Path) 
     found, _ = told(tmp_path, FINITE_ELEMENTS, GAUGE, viscous)
     assert {cause['name'] for cause in found['causes']} == {GAUGE[0], viscous[0]}
     assert found['verdict'] == 'cause'
+
+
+def test_a_cause_takes_the_place_of_its_law_beside_a_wrong_payload(tmp_path: Path) -> None:
+    """Alone, friction is hidden behind the payload that is not as told, and that behind parts."""
+    friction: tuple[str, Parameters] = ('coulomb_friction', {'joint': 1, 'torque': 1.9})
+    found, _ = told(tmp_path, FINITE_ELEMENTS, friction, payload=0.14,
+                    asked=('payload_mass', 'coulomb_friction', 'link_stiffness'))
+    causes = {cause['name']: cause['parameters'] for cause in found['causes']}
+    assert set(causes) == {'payload_mass', 'coulomb_friction'} and found['verdict'] == 'cause'
+    assert causes['coulomb_friction']['level_n_m']['value'] == pytest.approx(1.9, abs=0.15)
+    assert causes['payload_mass']['deviation_kg']['value'] == pytest.approx(0.04, abs=0.01)
+
+
+def test_a_set_without_a_law_may_miss_no_more_than_every_model() -> None:
+    laws = tuple(MeasuredTorque(f'joint_{k}', ('speed', (0.0, 1.0), (0.0, float(k))))
+                 for k in (1, 2))
+    told = DiscrepancyModel(torque_share=(0.05, 0.07), laws=laws, law_penalties=(3.0, 4.0))
+    one = told.without_law(laws[0])
+    assert one == DiscrepancyModel(torque_share=(0.03, 0.07), laws=laws[1:], law_penalties=(4.0,))
+    assert one.without_law(laws[1]) == DiscrepancyModel()
 
 
 def test_a_knot_pays_the_occam_factor_of_laplace_s_method() -> None:

@@ -8,7 +8,7 @@ around the linearisation of the set; `refinement` then linearises those that may
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
@@ -21,10 +21,12 @@ from flex_plant_sim.diagnosis.causes.posterior import SetKey
 from flex_plant_sim.diagnosis.causes.proposal import Proposal
 from flex_plant_sim.diagnosis.causes.proposal_step import COARSE_SAMPLES, proposals_beside
 from flex_plant_sim.diagnosis.causes.refined_fit import LINEARISATION_ERROR, RefinedFit
-from flex_plant_sim.diagnosis.causes.refinement import refine_contenders
-from flex_plant_sim.diagnosis.causes.search_state import SearchState
+from flex_plant_sim.diagnosis.causes.refinement import MAX_REFINED_AT_ONCE, refine_contenders
+from flex_plant_sim.diagnosis.causes.search_state import GAIN_UNCERTAINTY, SearchState
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
 from flex_plant_sim.diagnosis.pool import each
+from flex_plant_sim.effects.base import Effect
+import numpy as np
 
 # Budgets: alternatives fitted in the place of each cause; neighbours fitted to all windows, of
 # those that are not refined yet and of those that are.
@@ -77,24 +79,46 @@ def fit_neighbours(state: SearchState, centre: RefinedFit) -> Neighbourhood:
     key, step = SetKey.of(centre.fit), f'cause {len(centre.fit.hypotheses) + 1}'
     proposals = proposals_beside(state, centre)
     if key not in state.coarse_fits:
-        state.coarse_fits[key] = _coarse_fits(state, centre, proposals, step)
+        state.coarse_fits[key] = _coarse_fits(
+            state, centre, candidates(state, centre, proposals), step)
     selected = _selected(state, centre, state.coarse_fits[key])
-    fits = each(NeighbourFitter(centre.likelihood, centre.fit.error_scale, state.data.duration),
-                [CandidateSet.of(fit) for fit in selected], state.jobs,
-                lambda share: state.progress(step, 0.7 + 0.2 * share))
     replacing = tuple(fits_replacing_parts(state.refined[key], state.catalogue))
-    for fit in (*fits, *replacing):
-        _keep_if_better(state, fit)
+    _keep_better(state, [*_fitted(state, centre, selected, step), *replacing])
     refine_contenders(state, replacing, state.posterior().best, centre)
     return Neighbourhood(centre.fit, tuple(proposals))
 
 
-def _keep_if_better(state: SearchState, fit: Fit) -> None:
-    """Keep a fit unless its set is refined and not clearly worse."""
-    key = SetKey.of(fit)
-    known = state.fits.get(key, fit)
-    if key not in state.refined or state.score(fit) > state.score(known) + LINEARISATION_ERROR:
-        state.fits[key] = fit
+def fit_in_place_of_law(state: SearchState, with_laws: RefinedFit, law: Effect) -> None:
+    """
+    Fit causes at a joint in the place of a law of its unnamed torque; refine those that may lead.
+
+    Beside no law, a cause may hide behind parts that imitate it and what is wrong besides; beside
+    its law, parts and other causes are known as they are without it.
+    """
+    discrepancy = with_laws.fit.discrepancy.without_law(law)
+    centre = with_laws.beside(replace(state.nominal, discrepancy=discrepancy), state.data,
+                              state.jobs)
+    now, step = CandidateSet.of(with_laws.fit), f'causes in the place of a law of {law.site}'
+    at_joint = [p for p in proposals_beside(state, centre) if p.hypothesis.site == law.site]
+    sets = [now, *(now.with_proposal(p) for p in _deserving(state, at_joint))]
+    explained = max(map(state.score, _coarse_fits(state, with_laws, [now], step)), default=-np.inf)
+    coarse = sorted(_coarse_fits(state, centre, sets, step), key=lambda fit: -state.score(fit))
+    unexplained = max((state.score(fit) for fit in coarse if fit.hypotheses == now.hypotheses),
+                      default=-np.inf)
+    least = explained - max(GAIN_UNCERTAINTY * (explained - unexplained), MAX_COARSE_DEFICIT)
+    near = [fit for fit in coarse if state.score(fit) > least]
+    _keep_better(state, _fitted(state, centre, near[:MAX_FITTED], step))
+    leading = state.posterior().fits[:MAX_REFINED_AT_ONCE]
+    refine_contenders(state, leading, leading[0], with_laws)
+
+
+def _keep_better(state: SearchState, fits: Iterable[Fit]) -> None:
+    """Keep each fit unless its set is refined and not clearly worse."""
+    for fit in fits:
+        key = SetKey.of(fit)
+        known = state.fits.get(key, fit)
+        if key not in state.refined or state.score(fit) > state.score(known) + LINEARISATION_ERROR:
+            state.fits[key] = fit
 
 
 def candidates(state: SearchState, centre: RefinedFit, proposals: Sequence[Proposal]
@@ -102,8 +126,7 @@ def candidates(state: SearchState, centre: RefinedFit, proposals: Sequence[Propo
     """Yield a set and its neighbours that deserve a coarse fit."""
     now = CandidateSet.of(centre.fit)
     yield now
-    added = [p for rank, p in enumerate(proposals) if state.deserves_fit(rank, p)]
-    for proposal in {p.hypothesis.label: p for p in reversed(added)}.values():
+    for proposal in _deserving(state, proposals):
         yield from _extended(state, now, proposal)
     for index, cause in enumerate(now.hypotheses):
         rest, others = now.without(index), proposals_beside(state, centre, index)
@@ -116,6 +139,12 @@ def candidates(state: SearchState, centre: RefinedFit, proposals: Sequence[Propo
             yield from _extended(state, rest, proposal)
 
 
+def _deserving(state: SearchState, proposals: Sequence[Proposal]) -> Iterable[Proposal]:
+    """Return the best proposal of each label that deserves a coarse fit."""
+    added = [p for rank, p in enumerate(proposals) if state.deserves_fit(rank, p)]
+    return {p.hypothesis.label: p for p in reversed(added)}.values()
+
+
 def _extended(state: SearchState, candidate: CandidateSet, proposal: Proposal
               ) -> Iterable[CandidateSet]:
     """Return a set with a proposed cause; if that is resonant, from each of its probed sizes."""
@@ -124,16 +153,24 @@ def _extended(state: SearchState, candidate: CandidateSet, proposal: Proposal
     return [candidate.with_proposal(proposal)]
 
 
-def _coarse_fits(state: SearchState, centre: RefinedFit, proposals: Sequence[Proposal],
+def _coarse_fits(state: SearchState, centre: RefinedFit, sets: Iterable[CandidateSet],
                  step: str) -> list[Fit]:
-    """Return coarse fits of a set and its neighbours, one of each set."""
+    """Return coarse fits of sets around a centre, one of each set."""
     own = centre.with_own_filters
     fits = each(NeighbourFitter(own.likelihood.thinned(COARSE_SAMPLES), own.fit.error_scale,
                                 state.data.duration, coarse=True),
-                list(candidates(state, centre, proposals)), state.jobs,
+                list(sets), state.jobs,
                 lambda share: state.progress(step, 0.4 + 0.3 * share))
     # Of a set that was fitted from several sizes, the best fit comes last.
     return list({SetKey.of(fit): fit for fit in sorted(fits, key=state.score)}.values())
+
+
+def _fitted(state: SearchState, centre: RefinedFit, coarse: Sequence[Fit], step: str
+            ) -> list[Fit]:
+    """Return coarse fits fitted to all windows."""
+    return each(NeighbourFitter(centre.likelihood, centre.fit.error_scale, state.data.duration),
+                [CandidateSet.of(fit) for fit in coarse], state.jobs,
+                lambda share: state.progress(step, 0.7 + 0.2 * share))
 
 
 def _selected(state: SearchState, centre: RefinedFit, coarse: Sequence[Fit]) -> list[Fit]:

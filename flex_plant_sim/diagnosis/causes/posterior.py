@@ -78,7 +78,7 @@ def log_prior(fit: Fit, nominal: BaseModel) -> float:
     log_odds = log_prior_odds_of_causes(fit, nominal)
     if is_unknown(fit, nominal):
         kinds = fit.statistics.tolerances.size if fit.discrepancy.far_part else 1
-        log_odds += math.log(0.5 * unknown_odds() / kinds) - fit.discrepancy.laws_penalty
+        log_odds += math.log(0.5 * unknown_odds() / kinds) - sum(fit.discrepancy.law_penalties)
     return log_odds
 
 

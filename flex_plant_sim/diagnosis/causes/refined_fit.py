@@ -162,6 +162,20 @@ class RefinedFit:
         point = solver.minimise((self.fit.values,))
         return RefinedFit(likelihood, point, solver.fit(point))
 
+    def beside(self, base: BaseModel, data: Data, jobs: int = 1) -> RefinedFit:
+        """
+        Return the same causes, parts and error scales beside another base model.
+
+        Without a law of the present one, what that explained is in the residual.
+        """
+        values = self.fit.values
+        likelihood = Likelihood(base, data.windows, data.noise, self.causes.effects(values),
+                                self.fit.deviations, jobs)
+        solver = GaussNewton(likelihood, self.causes, self.fit.error_scale)
+        point = solver.linearise(values, *solver.residual_and_cost(values))
+        return RefinedFit(likelihood, point,
+                          replace(solver.fit(point), error_scale=self.fit.error_scale))
+
     @cached_property
     def with_own_filters(self) -> RefinedFit:
         """Return the same set and values under `Likelihood.with_own_filters`."""

@@ -112,7 +112,7 @@ def _refine_with_laws(state: SearchState, centre: RefinedFit) -> None:
     if laws:
         discrepancy = replace(
             centre.fit.discrepancy, laws=tuple(map(law_effect, laws)),
-            laws_penalty=sum(law.occam_penalty for law in laws),
+            law_penalties=tuple(law.occam_penalty for law in laws),
             torque_share=remaining_torque_shares(centre.fit))
         error_scale = np.concatenate([np.ones(2), centre.fit.error_scale[2:]])
         attempt(lambda candidate: state.refine(candidate, discrepancy, error_scale),

@@ -10,12 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
 from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.causes.free_run_ranking import ranked_by_free_runs
 from flex_plant_sim.diagnosis.causes.information import InformationProbe
-from flex_plant_sim.diagnosis.causes.neighbours import fit_neighbours
+from flex_plant_sim.diagnosis.causes.neighbours import fit_in_place_of_law, fit_neighbours
 from flex_plant_sim.diagnosis.causes.posterior import ORDINARY_FAULTS, Posterior, SetKey
 from flex_plant_sim.diagnosis.causes.proposal import Proposal
 from flex_plant_sim.diagnosis.causes.proposal_step import (
@@ -31,6 +32,7 @@ from flex_plant_sim.diagnosis.causes.refinement import (
     try_laws,
 )
 from flex_plant_sim.diagnosis.causes.search_state import Progress, SearchState
+from flex_plant_sim.diagnosis.pool import attempt
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.record.data import Data
 import numpy as np
@@ -102,9 +104,11 @@ def search(data: Data, nominal: BaseModel, jobs: int, progress: Progress,
     def explored(found: RefinedFit) -> bool:
         return SetKey.of(found.fit) in neighbourhoods
 
+    named: set[SetKey] = set()
     while len(neighbourhoods) < MAX_CENTRES:
         refine_leading(state, best)
         try_laws(state, best)
+        name_laws(state, named)
         # A fit around another set may have been better than the refined one, which counts.
         best = state.best
         if explored(best):
@@ -131,6 +135,14 @@ def search(data: Data, nominal: BaseModel, jobs: int, progress: Progress,
     return SearchResult(
         replace(best, fit=posterior.best), around.proposals,
         InformationProbe.beside(last, COARSE_SAMPLES), posterior, nothing.fit, rounds)
+
+
+def name_laws(state: SearchState, named: set[SetKey]) -> None:
+    """Fit causes in the place of laws until the best set has none, or no cause is better."""
+    while (key := SetKey.of((best := state.best).fit)) not in named:
+        named.add(key)
+        for law in best.fit.discrepancy.laws:
+            attempt(partial(fit_in_place_of_law, state, best), law)
 
 
 def _is_complete(fit: Fit) -> bool:

@@ -7,7 +7,7 @@ hypotheses, see M. C. Kennedy and A. O'Hagan, Journal of the Royal Statistical S
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
@@ -41,8 +41,8 @@ class DiscrepancyModel:
         Name of a part that is not as its file says, see FAR_PART_FACTOR; empty if none.
     laws : tuple of Effect
         Torques known as tables over one variable.
-    laws_penalty : float
-        Occam factor of those tables, nats, see `Law.occam_penalty`.
+    law_penalties : tuple of float
+        Occam factor of each table, nats, see `Law.occam_penalty`.
 
     """
 
@@ -56,7 +56,16 @@ class DiscrepancyModel:
     remainder: bool = False
     far_part: str = ''
     laws: tuple[Effect, ...] = ()
-    laws_penalty: float = 0.0
+    law_penalties: tuple[float, ...] = ()
+
+    def without_law(self, law: Effect) -> DiscrepancyModel:
+        """Return the same without a law; joints without a law have the default share."""
+        kept = [k for k, other in enumerate(self.laws) if other != law]
+        laws = tuple(self.laws[k] for k in kept)
+        with_law = [any(other.index == joint for other in laws) for joint in range(2)]
+        first, second = np.where(with_law, self.torque_share, DiscrepancyModel.torque_share)
+        return replace(self, torque_share=(float(first), float(second)), laws=laws,
+                       law_penalties=tuple(self.law_penalties[k] for k in kept))
 
 
 class Discrepancy(Effect):
