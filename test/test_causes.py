@@ -157,7 +157,7 @@ def test_a_cause_is_found_that_parts_far_off_stand_for() -> None:
     cause, = found.posterior.best.hypotheses
     assert cause.label == 'modal_truncation:arm' and cause.fixed_values[0] >= 3.0
     tolerances = found.best.likelihood.tolerances
-    assert np.max(np.abs(found.nothing.deviations / tolerances)) > 5.0
+    assert np.max(np.abs(found.nothing.fit.deviations / tolerances)) > 5.0
     assert np.max(np.abs(found.best.fit.deviations / tolerances)) < 2.0
 
 
@@ -169,7 +169,7 @@ def test_a_payload_told_wrong_is_found_though_parts_undo_most_of_it() -> None:
     assert cause.label == 'payload_mass:arm'
     best = found.posterior.best
     assert abs(best.values[0] - 0.04) < 2.0 * np.sqrt(best.covariance[0, 0]) < 0.01
-    assert np.max(np.abs(found.nothing.deviations / found.best.likelihood.tolerances)) > 3.0
+    assert np.max(np.abs(found.nothing.fit.deviations / found.best.likelihood.tolerances)) > 3.0
 
 
 def test_the_proposal_of_a_discrete_value_gains_what_that_value_does() -> None:
@@ -263,7 +263,7 @@ def test_what_diverges_is_no_prediction_though_its_last_sample_is_finite(
     found, data = clean
     hypothesis = next(p.hypothesis for p in found.proposals)
     causes = CauseSet([hypothesis], data.duration)
-    solver = GaussNewton(found.best.likelihood, causes, found.nothing.error_scale)
+    solver = GaussNewton(found.best.likelihood, causes, found.nothing.fit.error_scale)
     values = causes.prior.centre
     residual = solver.residual_and_cost(values)[0]
     assert np.any(solver.linearise(values, residual, 0.0).jacobian)

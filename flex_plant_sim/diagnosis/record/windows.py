@@ -104,6 +104,12 @@ class Windows:
         """Return every so-manieth window."""
         return replace(self, starts=self.starts[::every])
 
+    def with_commands_moved(self, rows: int) -> Windows:
+        """Return the windows of the same record with commands that act rows earlier."""
+        command = self.record.command
+        earlier = command[np.minimum(np.arange(len(command)) + rows, len(command) - 1)]
+        return replace(self, record=replace(self.record, command=earlier))
+
     @property
     def indices(self) -> Indices:
         """Return the sample numbers, warm-up first, (W, warm_up + length)."""
