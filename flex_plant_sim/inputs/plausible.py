@@ -16,8 +16,11 @@ from flex_plant_sim.inputs.gate import Refusal
 from msg_config.input_mapping import TIME_UNITS
 import numpy as np
 
-# Ratio of two sampling intervals up to which they may have the same unit: units of time are a
-# factor of a thousand squared_difference, and this is about its square root.
+# Relative difference up to which two sampling intervals agree: ten times that of two quartz
+# clocks (100 ppm).
+SAMPLING_AGREES = 1e-3
+# Ratio of two sampling intervals up to which they may have the same unit: about the square root of
+# the factor of a thousand between units of time.
 SAME_TIME_UNIT = 30.0
 # How many of another unit make one rad or one m/m.
 UNITS = {'rad': {180.0 / math.pi: 'degrees'},
@@ -41,7 +44,9 @@ EXCHANGE_GAIN = 0.75
 
 def time_unit(interval: float, expected: float) -> str | None:
     """
-    Return the unit in which a sampling interval fits the expected one, or None if none does.
+    Return the unit of a sampling interval: in which it is the expected one, or s if that is near.
+
+    None if neither; nothing then tells a clock in another unit from a count of the rows.
 
     Parameters
     ----------
@@ -52,9 +57,9 @@ def time_unit(interval: float, expected: float) -> str | None:
 
     """
     for unit, factor in TIME_UNITS.items():
-        if expected / SAME_TIME_UNIT <= interval * factor <= expected * SAME_TIME_UNIT:
+        if abs(interval * factor - expected) <= SAMPLING_AGREES * expected:
             return unit
-    return None
+    return 's' if 1.0 / SAME_TIME_UNIT <= interval / expected <= SAME_TIME_UNIT else None
 
 
 def unit_hint(refusal: Refusal) -> str:

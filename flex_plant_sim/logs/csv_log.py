@@ -16,7 +16,7 @@ from flex_plant_sim.inputs.plausible import time_unit
 from flex_plant_sim.logs.csv_table import read_table, Table
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.logs.origin import csv_origin, write_origin
-from flex_plant_sim.logs.rows import Rows, SAMPLING_AGREES, to_log
+from flex_plant_sim.logs.rows import Rows, to_log
 from msg_config.errors import InputError
 from msg_config.input_mapping import CONTRACT, InputMapping, JOINTS, TIME_UNITS
 import numpy as np
@@ -64,23 +64,24 @@ def _columns(mapping: InputMapping, gauges: Sequence[str]) -> list[str]:
 
 def _in_seconds(rows: Rows, robot: Robot) -> Rows:
     """Return the rows with time in s; a unit that is not given is found from the interval."""
-    given = robot.inputs.time.factor
+    name, given = robot.inputs.time.name, robot.inputs.time.factor
     if given:
         return replace(rows, time=rows.time * given)
     with np.errstate(all='ignore'):
         interval = float(np.median(np.diff(rows.time))) if len(rows.time) > 1 else 0.0
-    unit = time_unit(interval, robot.sample_time)
-    if unit == 's' or not (np.isfinite(interval) and interval > 0.0):
+    if not (np.isfinite(interval) and interval > 0.0):
         return rows
+    unit = time_unit(interval, robot.sample_time)
     if unit is None:
-        raise InputError(f'{rows.source}: time: expected a sample about every '
-                         f'{robot.sample_time:g} s as {robot.name} says, in s, ms, us or ns, '
-                         f'got one every {interval:g}')
-    factor = TIME_UNITS[unit]
-    surely = abs(interval * factor - robot.sample_time) <= SAMPLING_AGREES * robot.sample_time
-    return replace(rows, time=rows.time * factor).noted(
-        f'time: a sample every {interval:g}, taken as {unit}: expected about '
-        f'{robot.sample_time:g} s', doubtful=not surely)
+        raise InputError(f'{rows.source}: {name}: expected a sample about every '
+                         f'{robot.sample_time:g} s as {robot.name} says, got one every '
+                         f'{interval:g}: name its unit in the robot file, inputs: {{time: {{unit: '
+                         'ms}}, or of row numbers the interval, s: {time: {scale: '
+                         f'{robot.sample_time:g}}}}}')
+    if unit == 's':
+        return rows
+    return replace(rows, time=rows.time * TIME_UNITS[unit]).noted(
+        f'{name}: a sample every {interval:g}, taken as {unit}')
 
 
 def write_csv(path: str | Path, log: Log, inputs: InputMapping = CONTRACT) -> None:

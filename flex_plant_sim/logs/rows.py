@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.inputs.gate import counted, Gate, judge_record, Refusal
-from flex_plant_sim.inputs.plausible import unit_hint
+from flex_plant_sim.inputs.plausible import SAMPLING_AGREES, unit_hint
 from flex_plant_sim.inputs.resample import (
     even_grid,
     fill_by_line,
@@ -29,9 +29,6 @@ import numpy as np
 # Jitter, as a share of the sampling interval, from which a note is made; less may come from the
 # digits of a file.
 NOTED_JITTER = 0.01
-# Relative difference up to which two sampling intervals agree: ten times that of two quartz
-# clocks (100 ppm).
-SAMPLING_AGREES = 1e-3
 COMMANDS = ('command_1', 'command_2')
 # Digits of a stamp: seconds since 1970 have ten before the point.
 STAMP_DIGITS = 15
