@@ -14,10 +14,11 @@ from pathlib import Path
 import sys
 
 from flex_plant_sim.arm.robot_file import load_robot
-from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
+from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
+from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
-from flex_plant_sim.diagnosis.verdict.command_timing import evidence_without_causes
+from flex_plant_sim.diagnosis.verdict.command_timing import gain_if_moved
 from flex_plant_sim.diagnosis.verdict.verdict import nominal_base, slowest_frequency
 import numpy as np
 
@@ -37,9 +38,8 @@ def gain_of_a_row(name: str, seed: int, severity: float) -> float:
     record = Record(name, truth.time, truth.command, np.hstack([truth.joint, truth.strain]),
                     case.payload_told)
     data = Data.of([record], slowest_frequency(base, record.payload), robot.sample_time)
-    likelihood = Likelihood(base, data.windows, data.noise)
-    return (evidence_without_causes(likelihood.with_commands_moved(1))
-            - evidence_without_causes(likelihood))
+    nothing = RefinedFit.refine(CandidateSet((), (np.zeros(0),)), base, data)
+    return gain_if_moved(nothing, data, 1)
 
 
 def main() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.record.sensor_noise import measurement_noise
@@ -30,6 +30,10 @@ class Data:
         every = -(-scored // SAMPLES)
         return cls(tuple(work.thinned(every) for work, _ in pairs),
                    tuple(locked for _, locked in pairs), noise)
+
+    def with_commands_moved(self, rows: int) -> Data:
+        """Return the same windows with commands that act rows earlier."""
+        return replace(self, windows=tuple(w.with_commands_moved(rows) for w in self.windows))
 
     @property
     def duration(self) -> float:

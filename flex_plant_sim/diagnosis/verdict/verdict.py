@@ -89,7 +89,8 @@ def diagnose(records: Sequence[Record], nominal: BaseModel, jobs: int = 1,
     if unmoved:
         return _cannot_answer(unmoved), data, nominal
     found = search(data, nominal, jobs, progress, exclude)
-    diagnosis = with_command_timing(_diagnosis(found, data, nominal, jobs), found.nothing)
+    diagnosis = with_command_timing(_diagnosis(found, data, nominal, jobs), found.nothing, data,
+                                    jobs)
     return diagnosis, data, extended_base(found, nominal)
 
 
