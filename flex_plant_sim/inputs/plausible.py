@@ -112,15 +112,18 @@ def channel_hints(measured: Array, expected: Array, names: Sequence[str],
                          f"{correlation:.2f}): is it this column, and the command's column and "
                          'scale?')
         if correlation < -FOLLOWS:
+            also = ", or its command's," if unit == 'rad' else ''
             found.append(f'{name}: moves against what the model expects (correlation '
-                         f'{correlation:.2f}): is its sign inverted?')
+                         f'{correlation:.2f}): is its sign{also} inverted?')
     return tuple(found)
 
 
 def _exchanged(measured: Array, expected: Array, names: Sequence[str], units: Sequence[str]
                ) -> Iterator[str]:
     def squared_difference(i: int, j: int) -> float:
-        return float(np.sum((measured[:, i] - expected[:, j])**2))
+        # With the better of both signs, as an inverted channel is not an exchanged one.
+        return min(float(np.sum((measured[:, i] - sign * expected[:, j])**2))
+                   for sign in (1.0, -1.0))
     for i, j in combinations(range(len(names)), 2):
         if units[i] == units[j] and squared_difference(i, j) + squared_difference(j, i) \
                 < EXCHANGE_GAIN * (squared_difference(i, i) + squared_difference(j, j)):
