@@ -123,11 +123,18 @@ def _check_columns(table: Table, robot: Robot, wanted: list[str]) -> None:
     twice = [name for name in wanted if header.count(name) > 1]
     if twice:
         raise InputError(f'{path}: column {twice[0]}: expected once, got {header.count(twice[0])}')
+    _check_present(table, wanted[:-len(robot.gauge_names) or None])
     gauges = [name for name in header if name.startswith('strain_')]
     if not robot.inputs.gauges and len(gauges) != len(robot.gauge_names):
         raise InputError(f'{path}: strain: expected {len(robot.gauge_names)} gauges '
                          f'({", ".join(robot.gauge_names)}) for {robot.name}, got '
                          f'{len(gauges)} ({", ".join(gauges) or "none"})')
+    _check_present(table, wanted)
+
+
+def _check_present(table: Table, wanted: list[str]) -> None:
     for name in wanted:
-        if name not in header:
-            raise InputError(f'{path}: column {name}: missing, got {", ".join(header)}')
+        if name not in table.header:
+            raise InputError(f'{table.path}: column {name}: missing, got '
+                             f'{", ".join(table.header)}; other names are to be told under '
+                             'inputs: in the robot file')
