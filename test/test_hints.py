@@ -107,6 +107,14 @@ def test_names_that_are_spelt_otherwise_are_shown(
     assert str(error.value).startswith(f'{path}: {said}')
 
 
+def test_commands_in_thousandths_of_their_unit_are_asked_about(tmp_path: Path) -> None:
+    def in_thousandths(numbers: np.ndarray) -> None:
+        numbers[:, 1:3] *= 1000.0
+    with pytest.raises(InputError, match=r'\(in another unit\? scale it under inputs: ') as error:
+        read(tmp_path / 'log.csv', in_thousandths)
+    assert 'command of joint_' in str(error.value)
+
+
 def test_comments_may_stand_anywhere_but_are_no_header(tmp_path: Path) -> None:
     path = tmp_path / 'log.csv'
     np.savetxt(path, table(), delimiter=',', header=','.join(NAMES), comments='')

@@ -12,7 +12,7 @@ import math
 import re
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.inputs.gate import Refusal
+from flex_plant_sim.inputs.gate import RANGE, Refusal
 from msg_config.input_mapping import TIME_UNITS
 import numpy as np
 
@@ -66,7 +66,8 @@ def unit_hint(refusal: Refusal) -> str:
     """Return a question that names the units in which a refused value would pass, or ''."""
     match = re.search(r'expected (\S+) to (\S+) (rad|m/m), got (\S+)$', refusal.text)
     if match is None:
-        return ''
+        return (' (in another unit? scale it under inputs: in the robot file)'
+                if refusal.text.startswith('command of ') and refusal.kind == RANGE else '')
     low, high, value = (float(match[k]) for k in (1, 2, 4))
     fits = [name for factor, name in UNITS[match[3]].items() if low <= value / factor <= high]
     return (f' (is it in {" or ".join(fits)}? say so under inputs: in the robot file)'
