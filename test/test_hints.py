@@ -6,7 +6,9 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
+from flex_payload_estimator.tools.diagnose import record_of
 from flex_plant_sim.arm.robot_file import load_robot
+from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.logs.read import read_log
 from flex_plant_sim.tools.log_input import hints
@@ -105,6 +107,21 @@ def test_names_that_are_spelt_otherwise_are_shown(
     with pytest.raises(InputError, match='inputs: in the robot file$') as error:
         read_log(path, ROBOT)
     assert str(error.value).startswith(f'{path}: {said}')
+
+
+def test_lost_rows_leave_the_noise_as_it_is(tmp_path: Path) -> None:
+    """Interpolated rows are smoother; taken as noise they made a clean arm unexplained."""
+    rng, size = np.random.default_rng(2), np.repeat([1e-3, 1e-5], [2, 4])
+    numbers = np.tile(0.01 * np.arange(4000.0)[:, None], 9)
+    numbers[:, 1:] = np.sin(numbers[:, 1:]) * np.repeat([1.0, 1e-3], [4, 4])
+    numbers[:, 3:] += size * rng.standard_normal((4000, 6))
+    kept = np.sort(rng.choice(4000, 3640, replace=False))
+    np.savetxt(tmp_path / 'log.csv', numbers[kept], fmt='%.9g', delimiter=',',
+               header=','.join(NAMES), comments='')
+    log = read_log(tmp_path / 'log.csv', ROBOT)
+    assert log.lost is not None and log.lost.sum() > 300
+    noise, = Data.of([record_of(log, 0.1)], 10.0, 0.01).noise
+    assert noise == pytest.approx(size, rel=0.1)
 
 
 def test_commands_in_thousandths_of_their_unit_are_asked_about(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ class Data:
     def of(cls, records: Sequence[Record], slowest: float, sample_time: float) -> Data:
         """Cut the records by the slowest natural frequency, rad/s."""
         pairs = [Windows.cut(r, slowest, sample_time) for r in records]
-        noise = tuple(measurement_noise(r.output) for r in records)
+        noise = tuple(measurement_noise(r.measured) for r in records)
         scored = sum(work.starts.size * work.length for work, _ in pairs)
         every = -(-scored // SAMPLES)
         return cls(tuple(work.thinned(every) for work, _ in pairs),

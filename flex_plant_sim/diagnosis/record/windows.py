@@ -38,6 +38,8 @@ class Record:
         (theta_1, theta_2, strain…), (N, m).
     payload : float
         What the operator says the arm carries, kg.
+    lost : Array, optional
+        As in Log.
 
     """
 
@@ -46,6 +48,14 @@ class Record:
     command: Array
     output: Array
     payload: float
+    lost: Array | None = None
+
+    @property
+    def measured(self) -> Array:
+        """Return the output with NaN in the lost rows, (N, m)."""
+        if self.lost is None:
+            return self.output
+        return np.where(self.lost[:, None] > 0.0, np.nan, self.output)
 
     @cached_property
     def deviations(self) -> tuple[Array, Array]:
