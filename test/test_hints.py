@@ -42,6 +42,12 @@ def inverted(*columns: int) -> Spoil:
     return spoil
 
 
+def scaled(factor: float, *columns: int) -> Spoil:
+    def spoil(numbers: np.ndarray) -> None:
+        numbers[:, columns] *= factor
+    return spoil
+
+
 def exchanged(*columns: int) -> Spoil:
     def spoil(numbers: np.ndarray) -> None:
         numbers[:, columns] = numbers[:, columns[::-1]]
@@ -53,6 +59,9 @@ def exchanged(*columns: int) -> Spoil:
     (inverted(6), ('strain_1b',), 'is its sign inverted?'),
     (inverted(4), ('joint_2',), "is its sign, or its command's, inverted?"),
     (inverted(5, 6, 7, 8), NAMES[5:], 'is its sign inverted?'),
+    (scaled(7.0, 5), ('strain_1a',), "or the command's, and is it this column?"),
+    (scaled(0.1, 5, 6, 7, 8), NAMES[5:], "or the command's, and is it this column?"),
+    (scaled(2.0, 5, 6), (), ''),
     (exchanged(5, 6), ('strain_1a and strain_1b',), 'look exchanged'),
     (exchanged(6, 8), ('strain_1b and strain_2b',), 'look exchanged')])
 def test_only_what_is_wrong_with_a_channel_is_said(
