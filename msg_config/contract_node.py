@@ -17,7 +17,7 @@ from msg_config.contract import load_topics
 from msg_config.errors import InputError
 from msg_config.first_publisher import FirstPublisher
 from msg_config.messages import diagnostic_array, diagnostic_status
-from msg_config.recent_counts import RecentCounts, WINDOW
+from msg_config.refusals import Refusals
 from msg_config.ros import (
     create_publisher,
     create_service,
@@ -64,10 +64,6 @@ class ContractNode(LifecycleNode, ABC):
     ----------
     values : Mapping
         The parameters in force, checked.
-    rejected : Counter
-        Number of messages refused, by topic.
-    last_rejection : str
-        Reason of the last refusal.
     waited : float
         Time that the present message has waited to be taken, s.
     interrupted : Future
@@ -84,9 +80,7 @@ class ContractNode(LifecycleNode, ABC):
             raise
         for line in unknown_overrides(self, name):
             self.get_logger().warning(line)
-        self.rejected: Counter[str] = Counter()
-        self.last_rejection = ''
-        self._refusals: RecentCounts[tuple[str, str]] = RecentCounts()
+        self._refusals = Refusals()
         self._warned: dict[str, float] = {}
         self._heard, self.waited = FirstPublisher(), 0.0
         self._parameter_changes = Changes(name, self.values)
@@ -270,9 +264,7 @@ class ContractNode(LifecycleNode, ABC):
 
     def reject(self, topic: str, reason: str, kind: str = 'malformed') -> None:
         """Count an invalid message, and warn."""
-        self._refusals.add((topic, kind), time.monotonic())
-        self.rejected[topic] += 1
-        self.last_rejection = reason
+        self._refusals.add(topic, kind, reason, time.monotonic())
         self.warn_seldom('refused', f'refused {self.rejected[topic]}: {reason}')
 
     def warn_seldom(self, about: str, text: str, interval: float = WARNING_INTERVAL) -> None:
@@ -298,20 +290,21 @@ class ContractNode(LifecycleNode, ABC):
 
     def input_status(self) -> DiagnosticStatus:
         """Return the recent refusals by topic and kind, and the last reason."""
-        recent = self._refusals.recent(time.monotonic())
-        values: dict[str, object] = {'refused': self.rejected.total()}
-        values |= {f'refused {topic}: {kind}': count
-                   for (topic, kind), count in sorted(self._refusals.total.items())}
-        if not recent:
-            return self.status('input', 'ok', 'ok', values)
-        text = (f'{recent.total()} messages refused in the last {WINDOW:g} s, '
-                f'last: {self.last_rejection}')
-        return self.status('input', 'warn', text, values)
+        return self.status('input', *self._refusals.summary(time.monotonic()))
+
+    @property
+    def rejected(self) -> Counter[str]:
+        """Return the number of messages refused, by topic."""
+        return self._refusals.by_topic
+
+    @property
+    def last_rejection(self) -> str:
+        """Return the reason of the last refusal."""
+        return self._refusals.last
 
     def second_heard(self) -> set[str]:
         """Return the topics on which a second publisher has sent messages recently."""
-        return {topic for topic, kind in self._refusals.recent(time.monotonic())
-                if kind == SECOND}
+        return self._refusals.recent_topics(SECOND, time.monotonic())
 
     def publisher_status(self) -> DiagnosticStatus:
         """Return whether each topic has one publisher."""

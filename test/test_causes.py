@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from flex_plant_sim.arm.robot_file import load_robot
-from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.causes.gauss_newton import GaussNewton
 from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses, CauseSet
 from flex_plant_sim.diagnosis.causes.posterior import (
-    interpretations,
     SetKey,
 )
 from flex_plant_sim.diagnosis.causes.proposal import ProposalScorer
 from flex_plant_sim.diagnosis.causes.search import search, SearchResult
 from flex_plant_sim.diagnosis.causes.sensitivity import Sensitivity
-from flex_plant_sim.diagnosis.likelihood.evidence import detectable_size, ParameterPrior
+from flex_plant_sim.diagnosis.likelihood.evidence import detectable_size
 from flex_plant_sim.diagnosis.likelihood.prior import log_prior_odds
-from flex_plant_sim.diagnosis.likelihood.sufficient_statistics import SufficientStatistics
 from flex_plant_sim.diagnosis.pool import each
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
-from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
@@ -157,7 +151,7 @@ def test_a_cause_is_found_that_parts_far_off_stand_for() -> None:
     cause, = found.posterior.best.hypotheses
     assert cause.label == 'modal_truncation:arm' and cause.fixed_values[0] >= 3.0
     tolerances = found.best.likelihood.tolerances
-    assert np.max(np.abs(found.nothing.deviations / tolerances)) > 5.0
+    assert np.max(np.abs(found.nothing.fit.deviations / tolerances)) > 5.0
     assert np.max(np.abs(found.best.fit.deviations / tolerances)) < 2.0
 
 
@@ -169,7 +163,7 @@ def test_a_payload_told_wrong_is_found_though_parts_undo_most_of_it() -> None:
     assert cause.label == 'payload_mass:arm'
     best = found.posterior.best
     assert abs(best.values[0] - 0.04) < 2.0 * np.sqrt(best.covariance[0, 0]) < 0.01
-    assert np.max(np.abs(found.nothing.deviations / found.best.likelihood.tolerances)) > 3.0
+    assert np.max(np.abs(found.nothing.fit.deviations / found.best.likelihood.tolerances)) > 3.0
 
 
 def test_the_proposal_of_a_discrete_value_gains_what_that_value_does() -> None:
@@ -263,7 +257,7 @@ def test_what_diverges_is_no_prediction_though_its_last_sample_is_finite(
     found, data = clean
     hypothesis = next(p.hypothesis for p in found.proposals)
     causes = CauseSet([hypothesis], data.duration)
-    solver = GaussNewton(found.best.likelihood, causes, found.nothing.error_scale)
+    solver = GaussNewton(found.best.likelihood, causes, found.nothing.fit.error_scale)
     values = causes.prior.centre
     residual = solver.residual_and_cost(values)[0]
     assert np.any(solver.linearise(values, residual, 0.0).jacobian)
@@ -299,53 +293,3 @@ def test_a_search_ends_alike_in_one_process_and_in_several() -> None:
         assert one.hypotheses == other.hypotheses
         assert other.log_evidence == one.log_evidence
         assert np.array_equal(one.values, other.values)
-
-
-@pytest.mark.parametrize('change, start, duration', [
-    (-0.08, 9.0, 4.0), (0.16, 2.5, 12.0), (0.05, 6.0, 0.0)])
-def test_a_sudden_change_carries_as_much_for_as_long_as_the_slow_one(
-        change: float, start: float, duration: float) -> None:
-    """The same mass at both ends, and the same integral of it over time."""
-    event, = (h for h in all_hypotheses(REFERENCE) if h.label == 'payload_change:arm')
-    slow, time = np.array([change, start, duration]), np.arange(0.0005, 20.0, 0.001)
-    before, sudden = slow.copy(), event.as_sudden(slow)
-    assert np.array_equal(slow, before), 'the values asked about are kept'
-    carried = [event.effect_at(values).payload_at(time, 0.2) for values in (slow, sudden)]
-    assert carried[1].sum() == pytest.approx(carried[0].sum(), rel=1e-9)
-    assert set(np.round(carried[1], 12)) == {0.2, round(0.2 + change, 12)}
-
-
-def test_what_is_no_event_is_as_sudden_as_it_is_and_each_event_has_its_own_time() -> None:
-    known = {h.label: h for h in all_hypotheses(REFERENCE)}
-    ripple, event = known['torque_ripple:joint_1'], known['payload_change:arm']
-    values = np.array([0.1, 0.2, 7.0])
-    assert np.array_equal(ripple.as_sudden(values), values)
-    both = CauseSet((ripple, event), 20.0).as_sudden(np.array([*values, 0.1, 5.0, 3.0]))
-    assert both == pytest.approx([*values, 0.1, 6.5, 0.0])
-
-
-def plain_fit(scale: tuple[float, ...], samples: int = 4) -> Fit:
-    """Return a fit without causes and parts whose errors are so much larger than stated."""
-    statistics = SufficientStatistics(
-        np.zeros((len(scale), 1, 1)), np.zeros(0), ParameterPrior(*np.zeros((4, 0))), np.zeros(0),
-        samples, np.zeros(len(scale)))
-    return Fit((), DiscrepancyModel(remainder=True), np.zeros(0), np.zeros(0), np.array(scale),
-               np.zeros((0, 0)), statistics, -7.0)
-
-
-def test_a_set_pays_what_white_errors_as_large_are_less_likely() -> None:
-    errors, scale = np.random.default_rng(8).standard_normal(50), (1.0, 1.7, 1.2)
-    errors /= np.sqrt(np.mean(errors**2))
-    dear = sum(float(np.sum(norm.logpdf(s * errors) - norm.logpdf(s * errors, scale=s)))
-               for s in scale)
-    fit = replace(plain_fit(scale, 50), discrepancy=DiscrepancyModel(), varying_gain=2.0)
-    whole, more = interpretations(fit)
-    assert whole.log_evidence == pytest.approx(-7.0 + dear) and not whole.discrepancy.remainder
-    assert more.log_evidence == pytest.approx(-7.0 + 2.0) and more.discrepancy.remainder
-    # Where errors are large a change over the record may help, and costs nothing.
-    assert interpretations(replace(fit, varying_gain=-3.0))[1].log_evidence == pytest.approx(-7.0)
-    small = replace(fit, error_scale=np.ones(3))
-    assert [f.log_evidence for f in interpretations(replace(small, varying_gain=-3.0))] == [
-        -7.0, -10.0]
-    plain = replace(small, varying_gain=-np.inf)
-    assert interpretations(plain) == (plain,)

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.causes.gauss_newton import fit_set
-from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses, CauseSet, Hypothesis
-from flex_plant_sim.diagnosis.causes.neighbourhood import without_mean_error
-from flex_plant_sim.diagnosis.causes.posterior import Posterior, SetKey
+from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses, CauseSet
 from flex_plant_sim.diagnosis.likelihood.evidence import (
     channel_products,
     detectable_size,
@@ -18,21 +15,16 @@ from flex_plant_sim.diagnosis.likelihood.evidence import (
 )
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
 from flex_plant_sim.diagnosis.likelihood.prior import (
-    imitation_odds,
     log_prior_odds,
     part_priors,
     parts_without_effect,
     PROBABILITY_ANY_CAUSE,
-    PROBABILITY_UNKNOWN,
-    unknown_odds,
     with_deviations,
 )
 from flex_plant_sim.diagnosis.likelihood.sufficient_statistics import SufficientStatistics
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
-from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
 from flex_plant_sim.diagnosis.prediction.noise import steady_filter
 from flex_plant_sim.diagnosis.record.data import Data
-from flex_plant_sim.diagnosis.verdict.verdict import doubt, nothing_verdict
 from flex_plant_sim.effects import catalogue
 import numpy as np
 import pytest
@@ -45,10 +37,6 @@ RNG = np.random.default_rng(7)
 COLUMNS, PRIOR_WIDTHS = RNG.standard_normal((30, 4)), np.array([0.5, 1.0, 2.0, 1e-9])
 RESIDUAL = RNG.standard_normal(30) + COLUMNS @ np.array([0.4, -1.0, 2.5, 0.0])
 PRIOR = ParameterPrior(np.array([1.0]), np.array([0.7]), np.zeros(1), np.zeros(1, bool))
-NO_PRIOR = ParameterPrior(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0, bool))
-EMPTY = SufficientStatistics(np.zeros((1, 1, 1)), np.zeros(0), NO_PRIOR, np.zeros(0), 1.0,
-                             np.zeros(1))
-NOTHING = Fit((), DiscrepancyModel(), np.zeros(0), np.zeros(0), np.ones(1), np.eye(1), EMPTY, 0.0)
 
 
 def test_evidence_is_that_of_the_gaussian_it_stands_for() -> None:
@@ -172,7 +160,6 @@ def test_what_nature_has_one_of_two_values_of_is_weighed_at_both() -> None:
     gears = [h for h in all_hypotheses(REFERENCE) if h.label == 'gear_compliance:joint_1']
     assert sorted(h.fixed_values for h in gears) == [(0.0,), (1.0,)]
     assert {h.low[1] for h in gears} == {h.high[1] for h in gears} == {0.0, 1.0}
-    found = []
     for h in gears:
         prior = h.prior(40.0)
         residual = RESIDUAL + COLUMNS[:, 1] * prior.centre[1]
@@ -180,114 +167,6 @@ def test_what_nature_has_one_of_two_values_of_is_weighed_at_both() -> None:
         alone = np.eye(30) + prior.width[0]**2 * np.outer(COLUMNS[:, 0], COLUMNS[:, 0])
         direct = multivariate_normal(np.zeros(30), alone).logpdf(residual)
         assert joint.log_evidence == pytest.approx(direct + 15.0 * np.log(2.0 * np.pi))
-        found.append(SetKey.of(replace(NOTHING, hypotheses=(h,))))
-    # Both stand in the posterior, under one name.
-    assert found[0] != found[1] and found[0].labels == found[1].labels
-
-
-def hypothesis(label: str) -> Hypothesis:
-    """Return a hypothesis about the reference robot."""
-    found, = (h for h in all_hypotheses(REFERENCE) if h.label == label)
-    return found
-
-
-def test_probabilities_follow_evidence_and_price() -> None:
-    base, h = BaseModel(REFERENCE), hypothesis('payload_mass:arm')
-    cause = replace(NOTHING, hypotheses=(h,), log_evidence=6.0)
-    found = Posterior.of([NOTHING, cause], base)
-    odds = np.exp(6.0 + log_prior_odds(h.effect, REFERENCE))
-    like_it, real = odds / (1.0 + odds), 1.0 / (1.0 + imitation_odds())
-    assert found.effect_probability('payload_mass') == pytest.approx(like_it * real)
-    assert found.nothing_probability == pytest.approx(1.0 / (1.0 + odds))
-    assert found.unknown_probability == pytest.approx(like_it * (1.0 - real))
-    # What is unknown is as likely as stated, whether it looks like a cause or not.
-    some = sum(np.exp(log_prior_odds(h.effect, REFERENCE)) for h in all_hypotheses(REFERENCE))
-    assert some * imitation_odds() + unknown_odds() == pytest.approx(
-        PROBABILITY_UNKNOWN / (1.0 - PROBABILITY_UNKNOWN))
-
-
-def test_the_more_is_wrong_at_once_the_likelier_one_unknown_thing_imitates_it() -> None:
-    labels = [f'{name}:joint_1' for name in (
-        'coulomb_friction', 'viscous_friction', 'torque_ripple', 'actuator_bias', 'motor_lag')]
-    on = tuple(hypothesis(label) for label in labels)
-    base = BaseModel(REFERENCE)
-    stated = [Posterior.of([replace(NOTHING, hypotheses=on[:k])], base) for k in range(1, 6)]
-    chances = [p.effect_probability('coulomb_friction') for p in stated]
-    real = [1.0 / (1.0 + imitation_odds(further)) for further in range(3)]
-    # What more than two further faults would do is not known.
-    assert chances == pytest.approx([real[0], real[0], real[1], real[2], real[2]])
-    assert [p.unknown_probability for p in stated] == pytest.approx(
-        [1.0 - r**k for r, k in zip((real[0], *real, real[2]), range(1, 6))])
-    assert [bool(doubt(p)) for p in stated] == [False, False, True, True, True]
-    # Something unnamed besides is one more fault.
-    besides = Posterior.of([replace(NOTHING, hypotheses=on[:1],
-                                    discrepancy=replace(base.discrepancy, remainder=True))], base)
-    assert besides.effect_probability('coulomb_friction') == pytest.approx(real[1])
-
-
-def test_errors_larger_than_every_model_s_are_not_those_of_a_cause_alone() -> None:
-    base, h = BaseModel(REFERENCE), hypothesis('payload_mass:arm')
-    cause = replace(NOTHING, hypotheses=(h,), log_evidence=50.0)
-    loud = replace(cause, error_scale=np.array([1.1]), statistics=replace(EMPTY, samples=3000.0))
-    found = Posterior.of([NOTHING, loud], base)
-    assert found.best.discrepancy.remainder and found.best.hypotheses == (h,)
-    quiet = replace(loud, statistics=replace(EMPTY, samples=3.0))
-    assert not Posterior.of([NOTHING, quiet], base).best.discrepancy.remainder
-
-
-def test_what_was_not_fitted_counts_with_its_linear_evidence() -> None:
-    cause = replace(NOTHING, hypotheses=(hypothesis('payload_mass:arm'),), log_evidence=6.0)
-    unfitted = {frozenset({'payload_mass:arm'}): 99.0, frozenset({'air_drag:arm'}): -1.0}
-    found = Posterior.of([NOTHING, cause], BaseModel(REFERENCE), unfitted)
-    assert found.effect_probability('air_drag') * (1.0 + imitation_odds()) == pytest.approx(
-        np.exp(-1.0) * found.nothing_probability)
-    causes = sum(found.effect_probability(name) for name in ('air_drag', 'payload_mass'))
-    assert found.nothing_probability + causes + found.unknown_probability == pytest.approx(1.0)
-
-
-def test_what_was_not_fitted_beside_a_set_with_a_remainder_has_one_too() -> None:
-    unfitted = {frozenset({'air_drag:arm'}): 0.0}
-    shares = [Posterior.of([NOTHING], BaseModel(REFERENCE), unfitted, unknown).effect_probability(
-        'air_drag') for unknown in (False, True)]
-    assert shares == pytest.approx([0.5 / (1.0 + imitation_odds(k)) for k in (0, 1)])
-
-
-def test_what_was_not_fitted_is_as_far_off_as_what_was() -> None:
-    a, b, c, d = (frozenset({name}) for name in 'abcd')
-    # Beside the file's parts nothing scored 12: of two neighbours one nat and three were too many.
-    estimates = {a: 14.0, b: 13.0, c: 12.5}
-    assert without_mean_error(estimates, {a: 13.0, b: 10.0, d: 99.0}) == {
-        c: pytest.approx(12.5 - 2.0)}
-    assert without_mean_error(estimates, {d: 99.0}) == estimates
-
-
-def test_nothing_is_not_stated_where_something_is_likelier() -> None:
-    alike = [replace(NOTHING, hypotheses=(h,), log_evidence=-log_prior_odds(h.effect, REFERENCE))
-             for h in map(hypothesis, ('coulomb_friction:joint_1', 'air_drag:arm'))]
-    fits = [replace(NOTHING, log_evidence=0.5), *alike]
-    verdict, sentence, sets = nothing_verdict(Posterior.of(fits, BaseModel(REFERENCE)), ())
-    assert verdict == 'cannot_tell' and set(sets[0]) == {
-        'nothing', 'coulomb_friction', 'air_drag'}
-    assert 'nothing 45 %' in sentence and 'something unnamed' in sentence
-    fits[0] = replace(NOTHING, log_evidence=0.9)
-    assert nothing_verdict(Posterior.of(fits, BaseModel(REFERENCE)), ())[0] == 'nothing_wrong'
-
-
-def test_a_credible_set_holds_what_may_stand_in_a_cause_s_place() -> None:
-    a, b, c = (hypothesis(f'{name}:joint_1') for name in (
-        'coulomb_friction', 'stribeck_friction', 'viscous_friction'))
-    fits = [replace(NOTHING, hypotheses=(h,), log_evidence=e) for h, e in (
-        (a, 50.0), (b, 49.0), (c, 30.0))]
-    found = Posterior.of([NOTHING, *fits], BaseModel(REFERENCE))
-    assert found.credible_alternatives(a.label) == (a.label, b.label)
-
-
-def test_what_stands_beside_a_cause_is_no_look_alike() -> None:
-    a, b = hypothesis('coulomb_friction:joint_1'), hypothesis('viscous_friction:joint_1')
-    fits = [replace(NOTHING, hypotheses=on, log_evidence=e) for on, e in (
-        ((a,), 50.0), ((a, b), 53.0), ((b,), 10.0))]
-    found = Posterior.of([NOTHING, *fits], BaseModel(REFERENCE))
-    assert found.probability[1] > 0.1 and found.credible_alternatives(a.label) == (a.label,)
 
 
 def test_steady_filter_solves_the_riccati_equation() -> None:
@@ -337,7 +216,8 @@ def test_a_cause_is_fitted_with_the_evidence_that_its_prior_leaves() -> None:
     base = BaseModel(REFERENCE, effects=(nature,))
     data = Data.of([record], 10.0, REFERENCE.sample_time)
     likelihood = Likelihood(base, data.windows, data.noise)
-    causes = CauseSet((hypothesis('actuator_gain:joint_2'),), data.duration)
+    gain, = (h for h in all_hypotheses(REFERENCE) if h.label == 'actuator_gain:joint_2')
+    causes = CauseSet((gain,), data.duration)
     found = fit_set(likelihood, causes, (np.array([1.1]),))
     nothing = fit_set(likelihood, CauseSet((), data.duration), (np.zeros(0),))
     sure = 1.96 * np.sqrt(found.covariance[0, 0])

@@ -102,6 +102,37 @@ def test_shared_records_read_as_their_readme_says(shared_data: Path) -> None:
     assert np.degrees(np.abs(real.joint).max(axis=0)) == pytest.approx([25.0, 10.0], abs=5.0)
 
 
+@pytest.mark.parametrize('every, section, note', [
+    ('0.01', '', ''), ('0.02', '', 'sampled every 0.02 s, not 0.01 s'),
+    ('10', '', 'time: a sample every 10, taken as ms'),
+    ('10000', '', 'time: a sample every 10000, taken as us'),
+    ('5', 'inputs: {time: {unit: ms}}', 'sampled every 0.005 s, not 0.01 s'),
+    ('1', 'inputs: {time: {scale: 0.01}}', ''),
+    ('0.2', 'inputs: {time: {unit: ms, scale: 50}}', '')])
+def test_the_clock_is_in_the_unit_that_is_named_or_sure(
+        tmp_path: Path, every: str, section: str, note: str) -> None:
+    robot = parse_robot(f'{robot_text("reference")}\n{section}\n', 'arm.yaml')
+    rows = [f'{float(every) * k:g},1,2,3,4,.005,.004,.003,.002' for k in range(6)]
+    (tmp_path / 'log.csv').write_text('\n'.join([HEADER, *rows]) + '\n')
+    log = read_log(tmp_path / 'log.csv', robot)
+    told = {'sampled every 0.02 s, not 0.01 s': 0.02, 'sampled every 0.005 s, not 0.01 s': 0.005}
+    assert log.sample_time == pytest.approx(told.get(note, 0.01))
+    assert not log.doubts and [n.startswith(note) for n in log.notes] == [True] * bool(note)
+
+
+@pytest.mark.parametrize('every', ['1', '5', '0.0002'])
+def test_a_clock_without_a_unit_is_no_clock(tmp_path: Path, every: str) -> None:
+    """Row numbers, ms at another rate than the robot file's, 5 kHz."""
+    rows = [f'{float(every) * k:g},1,2,3,4,.005,.004,.003,.002' for k in range(6)]
+    (tmp_path / 'log.csv').write_text('\n'.join([HEADER, *rows]) + '\n')
+    with pytest.raises(InputError) as error:
+        read_log(tmp_path / 'log.csv', ROBOT)
+    assert str(error.value).endswith(
+        f'time: expected a sample about every 0.01 s as reference says, got one every {every}: '
+        'name its unit in the robot file, inputs: {time: {unit: ms}}, or of row numbers the '
+        'interval, s: {time: {scale: 0.01}}')
+
+
 def test_a_suffix_in_capitals_is_the_same(tmp_path: Path) -> None:
     write_csv(tmp_path / 'log.csv', some_log())
     (tmp_path / 'log.csv').rename(tmp_path / 'LOG.CSV')

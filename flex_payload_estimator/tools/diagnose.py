@@ -100,7 +100,8 @@ def options() -> argparse.ArgumentParser:
 
 def record_of(log: Log, payload: float) -> Record:
     """Return a log as a record of the diagnosis: time from zero, one payload in kg."""
-    return Record(log.source, log.time - log.time[0], log.command, log.output, payload)
+    return Record(log.source, log.time - log.time[0], log.command, log.output, payload,
+                  log.lost)
 
 
 def run(logs: Sequence[Log], robot: Robot, arguments: argparse.Namespace,

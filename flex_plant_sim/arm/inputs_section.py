@@ -92,10 +92,10 @@ def _read_time(section: Section) -> Source:
     value = section.take('time', 'time')
     own = Section(section.source, f'{section.path}.time',
                   value if isinstance(value, dict) else {'name': value})
-    name = own.text('name', 'time')
-    factor = _read_choice(own, 'unit', TIME_UNITS, 's') if 'unit' in own.data else 0.0
+    name, known = own.text('name', 'time'), bool({'unit', 'scale'} & set(own.data))
+    factor = own.number('scale', default=1.0) * _read_choice(own, 'unit', TIME_UNITS, 's')
     own.close()
-    return Source(name, factor)
+    return Source(name, factor if known else 0.0)
 
 
 def inputs_document(mapping: InputMapping) -> dict[str, Any]:
@@ -113,7 +113,6 @@ def inputs_document(mapping: InputMapping) -> dict[str, Any]:
     if mapping.topics:
         found['topics'] = dict(mapping.topics)
     if mapping.time != InputMapping().time:
-        units = {factor: unit for unit, factor in TIME_UNITS.items()}
-        unit = {'unit': units[mapping.time.factor]} if mapping.time.factor else {}
-        found['time'] = {'name': mapping.time.name, **unit}
+        scale = {'scale': mapping.time.factor} if mapping.time.factor else {}
+        found['time'] = {'name': mapping.time.name, **scale}
     return found

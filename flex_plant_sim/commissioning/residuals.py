@@ -47,7 +47,7 @@ class Residuals:
 
     def __init__(self, logs: Sequence[Log], robot: Robot):
         self._windows = [self._windows_of(log, robot) for log in logs]
-        self._noise = [measurement_noise(log.output) for log in logs]
+        self._noise = [measurement_noise(log.measured) for log in logs]
         self._build_predictors(robot)
 
     @staticmethod

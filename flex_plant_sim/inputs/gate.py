@@ -195,9 +195,12 @@ class Gate:
             self._last, self._doubts = (time, angle), 0
             return None
         assert self._last is not None
-        step = angle[k] - self._last[1][k]
+        step, span = angle[k] - self._last[1][k], time - self._last[0]
+        turns = 2.0 * math.pi * round(step / (2.0 * math.pi))
+        wrapped = turns and abs(step - turns) <= self._fastest[k] * span + self.limits.noise
         return Refusal(SPEED, f'{JOINTS[k]}: expected at most {self.limits.speed[k]:.4g} rad/s, '
-                              f'got a step of {step:+.4g} rad in {time - self._last[0]:.4g} s')
+                              f'got a step of {step:+.4g} rad in {span:.4g} s'
+                              + (' (a turn: is the angle wrapped?)' if wrapped else ''))
 
     def _too_fast(self, since: tuple[float, list[float]] | None, time: float,
                   angle: list[float]) -> int | None:

@@ -12,19 +12,24 @@ import math
 import re
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.inputs.gate import Refusal
+from flex_plant_sim.inputs.gate import RANGE, Refusal
 from msg_config.input_mapping import TIME_UNITS
 import numpy as np
 
-# Ratio of two sampling intervals up to which they may have the same unit: units of time are a
-# factor of a thousand squared_difference, and this is about its square root.
+# Relative difference up to which two sampling intervals agree: ten times that of two quartz
+# clocks (100 ppm).
+SAMPLING_AGREES = 1e-3
+# Ratio of two sampling intervals up to which they may have the same unit: about the square root of
+# the factor of a thousand between units of time.
 SAME_TIME_UNIT = 30.0
 # How many of another unit make one rad or one m/m.
 UNITS = {'rad': {180.0 / math.pi: 'degrees'},
          'm/m': {1e6: 'µm/m (microstrain)', 1e3: 'mm/m', 1e2: 'percent'}}
-# Factor within which a model with a wrong payload and friction still gets the size of a signal.
+# Factor within which a model with a wrong payload and friction still gets the size of a signal:
+# strain that follows the model's is within 2.7 beside any effect that is 2.5 times a clear one.
 SIZE_TOLERANCE = 4.0
-# Ratio of sizes that no deviation of an arm's parts explains.
+# Ratio of the sizes of joints that no deviation of an arm's parts explains, its square of strain
+# that does not follow.
 WRONG_SCALE = 10.0
 # Least correlation, in magnitude, of a channel that moves as the model does. It is that of the
 # increments, which do not depend on drift and offsets.
@@ -41,7 +46,9 @@ EXCHANGE_GAIN = 0.75
 
 def time_unit(interval: float, expected: float) -> str | None:
     """
-    Return the unit in which a sampling interval fits the expected one, or None if none does.
+    Return the unit of a sampling interval: in which it is the expected one, or s if that is near.
+
+    None if neither; nothing then tells a clock in another unit from a count of the rows.
 
     Parameters
     ----------
@@ -52,16 +59,17 @@ def time_unit(interval: float, expected: float) -> str | None:
 
     """
     for unit, factor in TIME_UNITS.items():
-        if expected / SAME_TIME_UNIT <= interval * factor <= expected * SAME_TIME_UNIT:
+        if abs(interval * factor - expected) <= SAMPLING_AGREES * expected:
             return unit
-    return None
+    return 's' if 1.0 / SAME_TIME_UNIT <= interval / expected <= SAME_TIME_UNIT else None
 
 
 def unit_hint(refusal: Refusal) -> str:
     """Return a question that names the units in which a refused value would pass, or ''."""
     match = re.search(r'expected (\S+) to (\S+) (rad|m/m), got (\S+)$', refusal.text)
     if match is None:
-        return ''
+        return (' (in another unit? scale it under inputs: in the robot file)'
+                if refusal.text.startswith('command of ') and refusal.kind == RANGE else '')
     low, high, value = (float(match[k]) for k in (1, 2, 4))
     fits = [name for factor, name in UNITS[match[3]].items() if low <= value / factor <= high]
     return (f' (is it in {" or ".join(fits)}? say so under inputs: in the robot file)'
@@ -92,13 +100,12 @@ def channel_hints(measured: Array, expected: Array, names: Sequence[str],
         if not (size > 0.0 and wanted > 0.0):
             continue
         correlation = float(own @ model) / (size * wanted)
+        ratio, follows = size / wanted, abs(correlation) > FOLLOWS
+        apart = WRONG_SCALE if unit == 'rad' else SIZE_TOLERANCE if follows else WRONG_SCALE**2
         fits = [text for factor, text in UNITS[unit].items()
-                if 1.0 / SIZE_TOLERANCE < size / wanted / factor < SIZE_TOLERANCE]
-        ratio = size / wanted
-        if abs(correlation) > FOLLOWS and (fits or not 1.0 / WRONG_SCALE < ratio < WRONG_SCALE) \
-                or not 1.0 / WRONG_SCALE**2 < ratio < WRONG_SCALE**2 \
-                or unit == 'rad' and not 1.0 / WRONG_SCALE < ratio < WRONG_SCALE:
-            found.append(f'{name}: {size / wanted:.3g} times what the model expects: '
+                if 1.0 / SIZE_TOLERANCE < ratio / factor < SIZE_TOLERANCE]
+        if not 1.0 / apart < ratio < apart:
+            found.append(f'{name}: {ratio:.3g} times what the model expects: '
                          + (f'is it in {fits[0]}?' if fits else 'is its scale right, or the '
                             "command's, and is it this column?"))
         elif unit == 'rad' and abs(correlation) < UNRELATED \
@@ -107,15 +114,18 @@ def channel_hints(measured: Array, expected: Array, names: Sequence[str],
                          f"{correlation:.2f}): is it this column, and the command's column and "
                          'scale?')
         if correlation < -FOLLOWS:
+            also = ", or its command's," if unit == 'rad' else ''
             found.append(f'{name}: moves against what the model expects (correlation '
-                         f'{correlation:.2f}): is its sign inverted?')
+                         f'{correlation:.2f}): is its sign{also} inverted?')
     return tuple(found)
 
 
 def _exchanged(measured: Array, expected: Array, names: Sequence[str], units: Sequence[str]
                ) -> Iterator[str]:
     def squared_difference(i: int, j: int) -> float:
-        return float(np.sum((measured[:, i] - expected[:, j])**2))
+        # With the better of both signs, as an inverted channel is not an exchanged one.
+        return min(float(np.sum((measured[:, i] - sign * expected[:, j])**2))
+                   for sign in (1.0, -1.0))
     for i, j in combinations(range(len(names)), 2):
         if units[i] == units[j] and squared_difference(i, j) + squared_difference(j, i) \
                 < EXCHANGE_GAIN * (squared_difference(i, i) + squared_difference(j, j)):

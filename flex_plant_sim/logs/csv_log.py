@@ -16,7 +16,7 @@ from flex_plant_sim.inputs.plausible import time_unit
 from flex_plant_sim.logs.csv_table import read_table, Table
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.logs.origin import csv_origin, write_origin
-from flex_plant_sim.logs.rows import Rows, SAMPLING_AGREES, to_log
+from flex_plant_sim.logs.rows import Rows, to_log
 from msg_config.errors import InputError
 from msg_config.input_mapping import CONTRACT, InputMapping, JOINTS, TIME_UNITS
 import numpy as np
@@ -64,23 +64,24 @@ def _columns(mapping: InputMapping, gauges: Sequence[str]) -> list[str]:
 
 def _in_seconds(rows: Rows, robot: Robot) -> Rows:
     """Return the rows with time in s; a unit that is not given is found from the interval."""
-    given = robot.inputs.time.factor
+    name, given = robot.inputs.time.name, robot.inputs.time.factor
     if given:
         return replace(rows, time=rows.time * given)
     with np.errstate(all='ignore'):
         interval = float(np.median(np.diff(rows.time))) if len(rows.time) > 1 else 0.0
-    unit = time_unit(interval, robot.sample_time)
-    if unit == 's' or not (np.isfinite(interval) and interval > 0.0):
+    if not (np.isfinite(interval) and interval > 0.0):
         return rows
+    unit = time_unit(interval, robot.sample_time)
     if unit is None:
-        raise InputError(f'{rows.source}: time: expected a sample about every '
-                         f'{robot.sample_time:g} s as {robot.name} says, in s, ms, us or ns, '
-                         f'got one every {interval:g}')
-    factor = TIME_UNITS[unit]
-    surely = abs(interval * factor - robot.sample_time) <= SAMPLING_AGREES * robot.sample_time
-    return replace(rows, time=rows.time * factor).noted(
-        f'time: a sample every {interval:g}, taken as {unit}: expected about '
-        f'{robot.sample_time:g} s', doubtful=not surely)
+        raise InputError(f'{rows.source}: {name}: expected a sample about every '
+                         f'{robot.sample_time:g} s as {robot.name} says, got one every '
+                         f'{interval:g}: name its unit in the robot file, inputs: {{time: {{unit: '
+                         'ms}}, or of row numbers the interval, s: {time: {scale: '
+                         f'{robot.sample_time:g}}}}}')
+    if unit == 's':
+        return rows
+    return replace(rows, time=rows.time * TIME_UNITS[unit]).noted(
+        f'{name}: a sample every {interval:g}, taken as {unit}')
 
 
 def write_csv(path: str | Path, log: Log, inputs: InputMapping = CONTRACT) -> None:
@@ -122,11 +123,18 @@ def _check_columns(table: Table, robot: Robot, wanted: list[str]) -> None:
     twice = [name for name in wanted if header.count(name) > 1]
     if twice:
         raise InputError(f'{path}: column {twice[0]}: expected once, got {header.count(twice[0])}')
+    _check_present(table, wanted[:-len(robot.gauge_names) or None])
     gauges = [name for name in header if name.startswith('strain_')]
     if not robot.inputs.gauges and len(gauges) != len(robot.gauge_names):
         raise InputError(f'{path}: strain: expected {len(robot.gauge_names)} gauges '
                          f'({", ".join(robot.gauge_names)}) for {robot.name}, got '
                          f'{len(gauges)} ({", ".join(gauges) or "none"})')
+    _check_present(table, wanted)
+
+
+def _check_present(table: Table, wanted: list[str]) -> None:
     for name in wanted:
-        if name not in header:
-            raise InputError(f'{path}: column {name}: missing, got {", ".join(header)}')
+        if name not in table.header:
+            raise InputError(f'{table.path}: column {name}: missing, got '
+                             f'{", ".join(table.header)}; other names are to be told under '
+                             'inputs: in the robot file')

@@ -113,8 +113,8 @@ def read_table(path: Path) -> Table:
     """
     Return the table in a CSV file: UTF-8 or UTF-16, separated by comma, semicolon or tab.
 
-    With semicolons or tabs, numbers may have decimal commas. Lines before the header that start
-    with # are comments. A last line without a line end may be cut, and is left out.
+    With semicolons or tabs, numbers may have decimal commas. Lines that start with # are
+    comments. A last line without a line end may be cut, and is left out.
 
     Raises
     ------
@@ -123,9 +123,8 @@ def read_table(path: Path) -> Table:
 
     """
     text = _text(path)
-    lines = [(k, line) for k, line in enumerate(text.splitlines(), start=1) if line.strip()]
-    while lines and lines[0][1].startswith('#'):
-        del lines[0]
+    lines = [(k, line) for k, line in enumerate(text.splitlines(), start=1)
+             if line.strip() and not line.startswith('#')]
     if not lines:
         raise InputError(f'{path}: expected a header row, the file is empty')
     longest = max(lines, key=lambda item: len(item[1]))
@@ -152,8 +151,8 @@ def _header(path: Path, line: str, separator: str) -> list[str]:
     except csv.Error as error:
         raise InputError(f'{path}: line 1: expected a header row, got: {error}') from None
     if all(re.fullmatch(r'[-+\d.eE]*', name) for name in header):
-        raise InputError(f'{path}: expected a header row that names the columns, '
-                         f'got {line[:60]!r}')
+        raise InputError(f'{path}: expected a header row that names the columns and is no '
+                         f'comment (#), got {line[:60]!r}')
     return header
 
 

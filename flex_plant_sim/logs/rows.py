@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.inputs.gate import counted, Gate, judge_record, Refusal
-from flex_plant_sim.inputs.plausible import unit_hint
+from flex_plant_sim.inputs.plausible import SAMPLING_AGREES, unit_hint
 from flex_plant_sim.inputs.resample import (
     even_grid,
     fill_by_line,
@@ -29,9 +29,9 @@ import numpy as np
 # Jitter, as a share of the sampling interval, from which a note is made; less may come from the
 # digits of a file.
 NOTED_JITTER = 0.01
-# Relative difference up to which two sampling intervals agree: ten times that of two quartz
-# clocks (100 ppm).
-SAMPLING_AGREES = 1e-3
+# Changes of a channel after which it is no chance that all are a multiple of two or more samples
+# apart: 2^-30, for each channel of a night's logs.
+HELD_CHANGES = 30
 COMMANDS = ('command_1', 'command_2')
 # Digits of a stamp: seconds since 1970 have ten before the point.
 STAMP_DIGITS = 15
@@ -112,7 +112,7 @@ def to_log(rows: Rows, robot: Robot, commands: Callable[[Grid], Array] | None = 
     rows = _with_grid_notes(rows, grid).kept(slice(grid.first, grid.last))
     if grid.samples < 2:
         raise InputError(f'{rows.source}: expected at least 2 samples in a row, got 1')
-    rows = _with_stuck_note(rows, robot)
+    rows = _with_held_note(_with_stuck_note(rows, robot), robot, grid)
     shifted = replace(grid, start=grid.start - start)
     log = Log(rows.source, rows.time[0] + grid.time,
               fill_by_line(grid, rows.command) if commands is None else commands(shifted),
@@ -177,6 +177,21 @@ def _with_stuck_note(rows: Rows, robot: Robot) -> Rows:
     names = [name for name, stuck in zip(robot.output_names, still) if stuck]
     return rows.noted(f'{", ".join(names)}: never changes while the rest moves: stuck, or not '
                       'connected?', doubtful=True)
+
+
+def _with_held_note(rows: Rows, robot: Robot, grid: Grid) -> Rows:
+    """Return the rows with a note if measurements are held over several samples each."""
+    output, held = np.hstack([rows.joint, rows.strain]), {}
+    for name, values in zip(robot.output_names, output.T):
+        changes = grid.place[1:][np.diff(values) != 0.0]
+        every = int(np.gcd.reduce(np.diff(changes))) if len(changes) > HELD_CHANGES else 1
+        if every > 1:
+            held[name] = every
+    if not held:
+        return rows
+    return rows.noted(f'{", ".join(held)}: {"changes" if len(held) == 1 else "change"} only every '
+                      f'{max(held.values())} samples, of '
+                      f'{1e3 * grid.interval:.4g} ms: sampled slower than the log?', doubtful=True)
 
 
 def _with_error_note(log: Log, rows: Rows, grid: Grid) -> Log:

@@ -85,8 +85,9 @@ def beyond_checked(time: Array, joint: Array) -> str:
     samples = round(SPEED_INTERVAL * (len(time) - 1) / (time[-1] - time[0]))
     lag = min(max(samples, 1), len(time) - 1)
     speed = np.abs(joint[lag:] - joint[:-lag]) / (time[lag:] - time[:-lag])[:, None]
-    k = int(np.argmax(speed.max(axis=0)))
-    if not speed[:, k].max() > CHECKED_SPEED:
+    row, k = np.unravel_index(int(np.argmax(speed)), speed.shape)
+    if not speed[row, k] > CHECKED_SPEED:
         return ''
-    return (f'joint_{k + 1} turns at up to {speed[:, k].max():.3g} rad/s: the models are checked '
-            f'up to {CHECKED_SPEED:g} rad/s, and leave out forces that bend with the links')
+    return (f'joint_{k + 1} turns at up to {speed[row, k]:.3g} rad/s, at {time[row]:.6g} s: the '
+            f'models are checked up to {CHECKED_SPEED:g} rad/s, and leave out forces that bend '
+            'with the links')

@@ -8,10 +8,9 @@ import sys
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.inputs.plausible import channel_hints, WRONG_SCALE
+from flex_plant_sim.inputs.plausible import channel_hints, SAMPLING_AGREES, WRONG_SCALE
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.logs.read import read_log
-from flex_plant_sim.logs.rows import SAMPLING_AGREES
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.nominal import beyond_checked, has_coriolis, nominal_effects
 from flex_plant_sim.simulation.simulator import simulate, Simulator

@@ -56,7 +56,7 @@ class SearchResult:
         On further causes of any size, beside the same set.
     posterior : Posterior
         Over all sets that were fitted.
-    nothing : Fit
+    nothing : RefinedFit
         The nominal model with its parts re-estimated.
     round_sizes : tuple of int
         Number of causes of each set whose neighbours were fitted.
@@ -67,7 +67,7 @@ class SearchResult:
     proposals: tuple[Proposal, ...]
     information: InformationProbe
     posterior: Posterior
-    nothing: Fit
+    nothing: RefinedFit
     round_sizes: tuple[int, ...]
 
 
@@ -127,14 +127,14 @@ def search(data: Data, nominal: BaseModel, jobs: int, progress: Progress,
         refine_leading(state, best)
     rounds = tuple(len(key.labels) for key in neighbourhoods)
     if state.best.fit.discrepancy.laws:
-        return _ranked_by_free_runs(state, nothing.fit, rounds)
+        return _ranked_by_free_runs(state, nothing, rounds)
     last = max((state.refined[key] for key in neighbourhoods), key=lambda r: state.score(r.fit))
     around = neighbourhoods[SetKey.of(last.fit)]
     posterior = state.posterior(around.unfitted_scores(state), around.has_unknown(state))
     best = state.refined.get(SetKey.of(posterior.best).without_remainder, last)
     return SearchResult(
         replace(best, fit=posterior.best), around.proposals,
-        InformationProbe.beside(last, COARSE_SAMPLES), posterior, nothing.fit, rounds)
+        InformationProbe.beside(last, COARSE_SAMPLES), posterior, nothing, rounds)
 
 
 def name_laws(state: SearchState, named: set[SetKey]) -> None:
@@ -154,7 +154,7 @@ def _is_complete(fit: Fit) -> bool:
     return bool(fit.discrepancy.laws) and len(fit.hypotheses) >= ORDINARY_FAULTS
 
 
-def _ranked_by_free_runs(state: SearchState, nothing: Fit, rounds: tuple[int, ...]
+def _ranked_by_free_runs(state: SearchState, nothing: RefinedFit, rounds: tuple[int, ...]
                          ) -> SearchResult:
     """Return where a search ends in which laws of unknown torques lead."""
     best, posterior = ranked_by_free_runs(

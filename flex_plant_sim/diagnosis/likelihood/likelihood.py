@@ -170,6 +170,12 @@ class Likelihood:
         return self._copied('centre_residual', 'with_own_filters',
                             centre_effects=tuple(effects), predictors=predictors)
 
+    def with_commands_moved(self, rows: int) -> Likelihood:
+        """Return the same likelihood with commands that act rows earlier, with the same J."""
+        predictors = self._predictors_along(self.centre_effects, (
+            (p.windows.with_commands_moved(rows), p.noise) for p in self.predictors))
+        return self._copied('centre_residual', 'with_own_filters', predictors=predictors)
+
     def _copied(self, *dropped: str, **changed: object) -> Likelihood:
         """Return a copy without some cached properties and with some attributes changed."""
         other = object.__new__(Likelihood)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.record.sensor_noise import measurement_noise
@@ -25,11 +25,15 @@ class Data:
     def of(cls, records: Sequence[Record], slowest: float, sample_time: float) -> Data:
         """Cut the records by the slowest natural frequency, rad/s."""
         pairs = [Windows.cut(r, slowest, sample_time) for r in records]
-        noise = tuple(measurement_noise(r.output) for r in records)
+        noise = tuple(measurement_noise(r.measured) for r in records)
         scored = sum(work.starts.size * work.length for work, _ in pairs)
         every = -(-scored // SAMPLES)
         return cls(tuple(work.thinned(every) for work, _ in pairs),
                    tuple(locked for _, locked in pairs), noise)
+
+    def with_commands_moved(self, rows: int) -> Data:
+        """Return the same windows with commands that act rows earlier."""
+        return replace(self, windows=tuple(w.with_commands_moved(rows) for w in self.windows))
 
     @property
     def duration(self) -> float:

@@ -38,6 +38,8 @@ class Record:
         (theta_1, theta_2, strain…), (N, m).
     payload : float
         What the operator says the arm carries, kg.
+    lost : Array, optional
+        As in Log.
 
     """
 
@@ -46,6 +48,14 @@ class Record:
     command: Array
     output: Array
     payload: float
+    lost: Array | None = None
+
+    @property
+    def measured(self) -> Array:
+        """Return the output with NaN in the lost rows, (N, m)."""
+        if self.lost is None:
+            return self.output
+        return np.where(self.lost[:, None] > 0.0, np.nan, self.output)
 
     @cached_property
     def deviations(self) -> tuple[Array, Array]:
@@ -103,6 +113,12 @@ class Windows:
     def thinned(self, every: int) -> Windows:
         """Return every so-manieth window."""
         return replace(self, starts=self.starts[::every])
+
+    def with_commands_moved(self, rows: int) -> Windows:
+        """Return the windows of the same record with commands that act rows earlier."""
+        command = self.record.command
+        earlier = command[np.minimum(np.arange(len(command)) + rows, len(command) - 1)]
+        return replace(self, record=replace(self.record, command=earlier))
 
     @property
     def indices(self) -> Indices:

@@ -23,6 +23,7 @@ from flex_plant_sim.diagnosis.causes.search_state import MIN_RELATIVE_PROBABILIT
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
+from flex_plant_sim.diagnosis.verdict.command_timing import with_command_timing
 from flex_plant_sim.diagnosis.verdict.detection import detection_limits
 from flex_plant_sim.diagnosis.verdict.results import (
     Alternative,
@@ -88,7 +89,9 @@ def diagnose(records: Sequence[Record], nominal: BaseModel, jobs: int = 1,
     if unmoved:
         return _cannot_answer(unmoved), data, nominal
     found = search(data, nominal, jobs, progress, exclude)
-    return _diagnosis(found, data, nominal, jobs), data, extended_base(found, nominal)
+    diagnosis = with_command_timing(_diagnosis(found, data, nominal, jobs), found.nothing, data,
+                                    jobs)
+    return diagnosis, data, extended_base(found, nominal)
 
 
 def slowest_frequency(base: BaseModel, payload: float) -> float:

@@ -1,0 +1,152 @@
+"""What a log that was exported wrongly is told, on a record of an arm of finite elements."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+from flex_payload_estimator.tools.diagnose import record_of
+from flex_plant_sim.arm.robot_file import load_robot
+from flex_plant_sim.diagnosis.record.data import Data
+from flex_plant_sim.logs.log import Log
+from flex_plant_sim.logs.read import read_log
+from flex_plant_sim.tools.log_input import hints
+from msg_config.errors import InputError
+import numpy as np
+import pytest
+from truth.records import make_record, TruthCase
+
+ROBOT = load_robot('reference')
+NAMES = ('time', 'command_1', 'command_2', 'joint_1', 'joint_2', 'strain_1a', 'strain_1b',
+         'strain_2a', 'strain_2b')
+Spoil = Callable[[np.ndarray], None]
+
+
+@cache
+def table() -> np.ndarray:
+    return make_record(TruthCase(96, (), duration_s=12.0)).table
+
+
+def read(path: Path, spoil: Spoil) -> Log:
+    """Return a log of the arm as it is read, with its numbers spoilt in place."""
+    numbers = table().copy()
+    spoil(numbers)
+    np.savetxt(path, numbers, fmt='%.9g', delimiter=',', header=','.join(NAMES), comments='')
+    return read_log(path, ROBOT)
+
+
+def inverted(*columns: int) -> Spoil:
+    def spoil(numbers: np.ndarray) -> None:
+        numbers[:, columns] *= -1.0
+    return spoil
+
+
+def scaled(factor: float, *columns: int) -> Spoil:
+    def spoil(numbers: np.ndarray) -> None:
+        numbers[:, columns] *= factor
+    return spoil
+
+
+def exchanged(*columns: int) -> Spoil:
+    def spoil(numbers: np.ndarray) -> None:
+        numbers[:, columns] = numbers[:, columns[::-1]]
+    return spoil
+
+
+@pytest.mark.parametrize('spoil, channels, words', [
+    (inverted(), (), ''),
+    (inverted(6), ('strain_1b',), 'is its sign inverted?'),
+    (inverted(4), ('joint_2',), "is its sign, or its command's, inverted?"),
+    (inverted(5, 6, 7, 8), NAMES[5:], 'is its sign inverted?'),
+    (scaled(7.0, 5), ('strain_1a',), "or the command's, and is it this column?"),
+    (scaled(0.1, 5, 6, 7, 8), NAMES[5:], "or the command's, and is it this column?"),
+    (scaled(2.0, 5, 6), (), ''),
+    (exchanged(5, 6), ('strain_1a and strain_1b',), 'look exchanged'),
+    (exchanged(6, 8), ('strain_1b and strain_2b',), 'look exchanged')])
+def test_only_what_is_wrong_with_a_channel_is_said(
+        tmp_path: Path, spoil: Spoil, channels: tuple[str, ...], words: str) -> None:
+    said = hints(read(tmp_path / 'log.csv', spoil), ROBOT)
+    assert len(said) == len(channels)
+    assert all(line.startswith(name) and line.endswith(words)
+               for line, name in zip(said, channels))
+
+
+@pytest.mark.parametrize('every', [2, 5])
+@pytest.mark.parametrize('columns', [range(3, 9), range(7, 9), (4,)])
+def test_measurements_that_are_held_are_no_evidence(
+        tmp_path: Path, every: int, columns: tuple[int, ...]) -> None:
+    def hold(numbers: np.ndarray) -> None:
+        for k in columns:
+            numbers[:, k] = np.repeat(numbers[::every, k], every)
+    names = ', '.join(NAMES[k] for k in columns)
+    doubt, = read(tmp_path / 'log.csv', hold).doubts
+    assert doubt.startswith(f'{names}: change')
+    assert f'only every {every} samples, of 10 ms' in doubt
+
+
+def test_commands_that_are_held_and_coarse_angles_are_evidence(tmp_path: Path) -> None:
+    def spoil(numbers: np.ndarray) -> None:
+        numbers[:, 1] = np.repeat(numbers[::2, 1], 2)
+        numbers[:, 3:5] = np.round(numbers[:, 3:5], 2)
+    assert not read(tmp_path / 'log.csv', spoil).doubts
+
+
+@pytest.mark.parametrize('offset, low', [(np.pi, -np.pi), (0.0, 0.0)])
+def test_a_wrapped_angle_is_told_from_a_fast_one(
+        tmp_path: Path, offset: float, low: float) -> None:
+    def wrap(numbers: np.ndarray) -> None:
+        numbers[:, 3] = (numbers[:, 3] + offset - low) % (2.0 * np.pi) + low
+
+    def spike(numbers: np.ndarray) -> None:
+        numbers[500, 3] += 5.0
+    assert 'rad in 0.01 s (a turn: is the angle wrapped?)' in read(
+        tmp_path / 'log.csv', wrap).notes[0]
+    assert read(tmp_path / 'log.csv', spike).notes[0].endswith(' rad in 0.01 s')
+
+
+@pytest.mark.parametrize('spell, said', [
+    (str.capitalize, 'column time: missing, got Time, Command_1, '),
+    (lambda name: name.replace('_', ' '), 'column command_1: missing, got time, command 1, '),
+    (lambda name: f'{name} [SI]', 'column time: missing, got time [SI], ')])
+def test_names_that_are_spelt_otherwise_are_shown(
+        tmp_path: Path, spell: Callable[[str], str], said: str) -> None:
+    path = tmp_path / 'log.csv'
+    np.savetxt(path, table(), delimiter=',', header=','.join(map(spell, NAMES)), comments='')
+    with pytest.raises(InputError, match='inputs: in the robot file$') as error:
+        read_log(path, ROBOT)
+    assert str(error.value).startswith(f'{path}: {said}')
+
+
+def test_lost_rows_leave_the_noise_as_it_is(tmp_path: Path) -> None:
+    """Interpolated rows are smoother; taken as noise they made a clean arm unexplained."""
+    rng, size = np.random.default_rng(2), np.repeat([1e-3, 1e-5], [2, 4])
+    numbers = np.tile(0.01 * np.arange(4000.0)[:, None], 9)
+    numbers[:, 1:] = np.sin(numbers[:, 1:]) * np.repeat([1.0, 1e-3], [4, 4])
+    numbers[:, 3:] += size * rng.standard_normal((4000, 6))
+    kept = np.sort(rng.choice(4000, 3640, replace=False))
+    np.savetxt(tmp_path / 'log.csv', numbers[kept], fmt='%.9g', delimiter=',',
+               header=','.join(NAMES), comments='')
+    log = read_log(tmp_path / 'log.csv', ROBOT)
+    assert log.lost is not None and log.lost.sum() > 300
+    noise, = Data.of([record_of(log, 0.1)], 10.0, 0.01).noise
+    assert noise == pytest.approx(size, rel=0.1)
+
+
+def test_commands_in_thousandths_of_their_unit_are_asked_about(tmp_path: Path) -> None:
+    def in_thousandths(numbers: np.ndarray) -> None:
+        numbers[:, 1:3] *= 1000.0
+    with pytest.raises(InputError, match=r'\(in another unit\? scale it under inputs: ') as error:
+        read(tmp_path / 'log.csv', in_thousandths)
+    assert 'command of joint_' in str(error.value)
+
+
+def test_comments_may_stand_anywhere_but_are_no_header(tmp_path: Path) -> None:
+    path = tmp_path / 'log.csv'
+    np.savetxt(path, table(), delimiter=',', header=','.join(NAMES), comments='')
+    lines = path.read_text().splitlines()
+    path.write_text('\n'.join(['# Monday', *lines[:9], '# pause', *lines[9:], '# end', '']))
+    assert len(read_log(path, ROBOT)) == len(table())
+    path.write_text('\n'.join([f'# {lines[0]}', *lines[1:], '']))
+    with pytest.raises(InputError, match=r'names the columns and is no comment \(#\)'):
+        read_log(path, ROBOT)
