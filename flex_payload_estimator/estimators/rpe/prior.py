@@ -14,6 +14,7 @@ from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import compiled
 from flex_plant_sim.effects.base import Effect
+from flex_plant_sim.effects.sensor.angle_offset import AngleOffset
 from flex_plant_sim.effects.structure.coriolis_centripetal import CoriolisCentripetal
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
@@ -27,8 +28,8 @@ SHARE, SHARE_STD = 0.5, 0.5
 # warms up, whatever the robot file says of the day it was balanced.
 BIAS_STD = 2e-5
 # The same of the zero of joint 2's angle, rad, whatever the robot file says of the day it was set:
-# a coupling slips, a reference run finds another edge. From this size on the diagnosis names it.
-ZERO_STD = 0.02
+# a coupling slips, a reference run finds another edge. The smallest that matters in practice.
+ZERO_STD = AngleOffset.parameters[0].smallest
 # Added to relative variances, so that matrices stay regular where the arm's scale is taken out.
 REGULAR = 1e-6
 # Standard deviation of a parameter whose value is known, in its unit.
