@@ -55,7 +55,8 @@ def test_a_zero_that_is_off_is_found_and_the_payload_is_right(zero: float) -> No
     std = np.array([e.variance for e in found[200:]])**0.5
     assert (np.abs(error) < 3.0 * std).all()
     assert abs(error[-1]) < 3.0 * std[-1] < 0.2 * payload
-    assert reference().incumbent.beta[ZERO] == pytest.approx(zero, abs=0.02)
+    # The prior draws what is many tolerances off towards zero.
+    assert reference().incumbent.beta[ZERO] == pytest.approx(zero, abs=0.01 + 0.1 * abs(zero))
     assert found[-1].status == ('ok' if abs(zero) < 0.15 else 'model_suspect')
 
 
