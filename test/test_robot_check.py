@@ -33,8 +33,10 @@ OF_LINKS = ('stiffness', 'damping', 'link_mass', 'length', 'drive_inertia', 'dri
             'drive_damping')
 NAMED = {'gauge_position_m': ('position_', GAUGES), 'strain_gain': ('strain_gain:', GAUGES),
          'strain_bias': ('strain_bias:', GAUGES), 'payload': ('payload_mass:', ('arm',)),
-         'payload_inertia_kg_m2': ('payload_inertia', ('',))}
-UNITS = {'gauge_position_m': 'm', 'strain_bias': 'm/m', 'payload_inertia_kg_m2': 'kg m^2'}
+         'payload_inertia_kg_m2': ('payload_inertia', ('',)),
+         'angle_zero_rad': ('angle_offset:', ('joint_2',))}
+UNITS = {'gauge_position_m': 'm', 'strain_bias': 'm/m', 'payload_inertia_kg_m2': 'kg m^2',
+         'angle_zero_rad': 'rad'}
 
 
 @pytest.mark.parametrize('robot', [REFERENCE, QUANSER], ids=['reference', 'quanser'])

@@ -105,7 +105,8 @@ def test_a_walk_and_a_measurement_are_those_of_the_augmented_kalman_filter() -> 
     output[:, :n] = stepper.output * (1.0 + np.r_[0.0, 0.0, f.beta[-gauges:]])[:, None]
     output[2:, n + 2:n + 2 + gauges] = np.eye(gauges)
     output[2:, -gauges:] = np.diag((stepper.output @ f.x)[2:])
-    expect = output[:, :n] @ f.x + np.r_[0.0, 0.0, f.beta[2:6]]
+    output[1, n + 2 + gauges] = 1.0
+    expect = output[:, :n] @ f.x + np.r_[0.0, f.beta[6], f.beta[2:6]]
     total = output @ expected @ output.T + np.diag(stepper.told_variance)
     gain = expected @ output.T @ np.linalg.inv(total)
     measured = expect + 0.1 * np.sqrt(np.diag(total))

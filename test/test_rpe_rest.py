@@ -29,12 +29,15 @@ def rested(samples: int) -> tuple[RecursivePredictionError, Filter]:
 
 
 def joint(f: Filter) -> tuple[Array, Array]:
-    """Return mean and covariance of state and gauge biases, all else summed out."""
+    """Return mean and covariance of readings and gauge biases, all else summed out."""
     size, gauges = f.x.size, slice(FIRST_BIAS, FIRST_BIAS + len(BIAS))
     cross = f.sensitivity @ f.beta_cov
     whole = np.block([[f.cov + cross @ f.sensitivity.T, cross], [cross.T, f.beta_cov]])
-    kept = np.r_[0:size, size + gauges.start:size + gauges.stop]
-    return np.concatenate([f.state, f.beta[gauges]]), whole[np.ix_(kept, kept)]
+    # Of joint 2 the reading is known: angle and its sensor's zero, the column after the biases.
+    rows = np.eye(size + f.beta.size)
+    rows[1, size + gauges.stop] = 1.0
+    rows = rows[np.r_[0:size, size + gauges.start:size + gauges.stop]]
+    return rows @ np.concatenate([f.state, f.beta]), rows @ whole @ rows.T
 
 
 def test_one_filter_serves_at_rest_and_learns_the_gauges() -> None:

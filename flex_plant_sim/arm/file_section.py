@@ -27,7 +27,7 @@ PLAUSIBLE = {
     'friction_n_m_s': (1e-12, 1e3), 'amplifier_gain': (1e-4, 1e6), 'tacho_gain_v_s': (1e-7, 1e3),
     'angle_noise_rad': (1e-12, 0.2), 'strain_noise': (1e-14, 1e-2),
     'tolerances.gauge_position_m': (1e-9, 1.0), 'tolerances.strain_bias': (1e-14, 1e-2),
-    'tolerances.payload_inertia_kg_m2': (1e-12, 1e3),
+    'tolerances.payload_inertia_kg_m2': (1e-12, 1e3), 'tolerances.angle_zero_rad': (1e-9, 1.0),
     # Relative standard deviations. Above 3 the nominal value would say nothing about the true
     # one: the number was probably meant as per cent.
     **{f'tolerances.{key}': (1e-9, 3.0) for key in (

@@ -97,7 +97,8 @@ class Tolerances:
 
     They say how far a healthy arm of this make may differ from its data sheet, and are the prior
     of the payload estimator and of the diagnosis. `strain_bias` is in m/m. The nominal payload
-    inertia is what the robot file gives, 0 by default; the nominal bias of a gauge is 0.
+    inertia is what the robot file gives, 0 by default; the nominal bias of a gauge is 0, and so
+    is that of joint 2's angle, `angle_zero_rad`. Joint 1's zero changes nothing in the plane.
     """
 
     stiffness: float = 0.03
@@ -113,6 +114,7 @@ class Tolerances:
     length: float = 0.001
     gauge_position_m: float = 5e-4
     strain_bias: float = 1e-6
+    angle_zero_rad: float = 0.005
     payload_inertia_kg_m2: float = 2e-4
 
 

@@ -189,6 +189,8 @@ TOLERANCES: dict[str, tuple[float, str]] = {
     'length': (0.005, 'Length of each link.'),
     'gauge_position_m': (0.001, 'Place of each gauge, m.'),
     'strain_bias': (2e-5, 'Zero of each gauge, m/m.'),
+    # A degree, as by eye along two links; the default of a file, 0.005, is 2 mm at 0.35 m.
+    'angle_zero_rad': (0.02, "Zero of joint 2's angle: it reads 0 with both links in line, rad."),
     'payload_inertia_kg_m2': (2e-4, 'Inertia of the payload about the tip, kg m^2.'),
 }
 

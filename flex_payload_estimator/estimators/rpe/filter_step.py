@@ -23,6 +23,7 @@ from flex_payload_estimator.estimators.rpe.time_update import (
     MASS,
     walk,
 )
+from flex_payload_estimator.estimators.rpe.zero import zero_column
 from flex_plant_sim.arm.second_order import Array
 import numpy as np
 
@@ -216,6 +217,7 @@ class FilterStep:
         f.x[:], f.cov[:], f.sensitivity[:] = 0.0, self.start_cov, 0.0
         if measured is not None:
             f.x[:2] = measured[:2]
+            f.x[1] -= f.reference[zero_column(measured.size)]
 
     def drift(self, f: Filter, variance: float) -> None:
         """Let the payload walk at random by a variance, kg^2."""

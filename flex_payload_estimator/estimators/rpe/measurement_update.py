@@ -1,7 +1,8 @@
 """
 The measurement update of the augmented Kalman filter in Friedland's form, on plain arrays.
 
-With y = C x + offset, gauges' gains and biases among beta, and Psi = H s + dh/dbeta:
+With y = C x + offset, gauges' gains, biases and an angle's zero among beta, and
+Psi = H s + dh/dbeta:
 
     Sigma = H P H' + R + Psi V Psi',     beta <- beta + V Psi' Sigma^-1 e,
     V <- V - V Psi' Sigma^-1 Psi V,      K = P H' (H P H' + R)^-1,      s <- s - K Psi.
@@ -57,6 +58,9 @@ def _expected(x: Array, sensitivity: Array, reference: Array, offset: Array, out
         if gains > 0:
             psi[2 + g, size - gains + g] += unscaled[2 + g]
     add(expected[2:], 1.0, reference[FIRST_BIAS:FIRST_BIAS + gauges])
+    # The state has joint 2's true angle, at which the schedule is taken.
+    expected[1] += reference[FIRST_BIAS + gauges]
+    psi[1, FIRST_BIAS + gauges] += 1.0
     return expected, slope, psi
 
 

@@ -1,4 +1,4 @@
-"""What a sample beyond the gate was: a wrong reading, a wrong command or push, or a lost state."""
+"""What a sample beyond the gate was: a wrong reading or command, a push, a slip, a lost state."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from flex_payload_estimator.estimators.rpe.filter import Filter, Sample
 from flex_payload_estimator.estimators.rpe.filter_step import FilterStep
 from flex_payload_estimator.estimators.rpe.likelihood import false_alarm_threshold, MEMORY_S
 from flex_payload_estimator.estimators.rpe.sensors import Loads
+from flex_payload_estimator.estimators.rpe.zero import slip
 import numpy as np
 
 # A state that is begun again is compared after so many samples: two samples of six channels
@@ -22,9 +23,9 @@ LOST_STATE_NATS = 48.0
 
 
 @dataclass
-class _RelocatedFilter:
+class _Candidate:
     """
-    A filter whose state was begun again at a sample.
+    A filter whose state, or whose zero of joint 2, was begun again at a sample.
 
     Attributes
     ----------
@@ -48,15 +49,16 @@ class OutlierTests:
 
     A wrong reading is over with its sample, and the gate is enough. A wrong command, or a push,
     leaves a velocity that was not predicted; an arm that was moved by hand or set back leaves
-    another state. Both look like another payload or another arm for seconds. So each is a
-    hypothesis beside the filter (generalised likelihood ratio: Willsky, Automatica 12, 1976):
+    another state; a coupling that slips leaves another zero of joint 2's sensor. All look like
+    another payload or another arm for seconds. So each is a hypothesis beside the filter
+    (generalised likelihood ratio: Willsky, Automatica 12, 1976):
 
     * the same sample with an unknown command, taken where that brings it inside the gate and is
       likelier by the false-alarm threshold;
-    * a state that begins at the sample, taken where it is likelier by LOST_STATE_NATS over the
-      next RELOCATED_SAMPLES.
+    * a state, or a zero of joint 2, that begins at the sample, taken where it is likelier by
+      LOST_STATE_NATS over the next RELOCATED_SAMPLES; of both, the likelier.
 
-    Both happen at once: samples that go on to be beyond the gate within MEMORY_S come from
+    They happen at once: samples that go on to be beyond the gate within MEMORY_S come from
     another payload or a wrong model.
 
     Parameters
@@ -72,12 +74,12 @@ class OutlierTests:
     def clear(self) -> None:
         """Forget everything."""
         self._largest_commands, self._last_outlier = [0.0, 0.0], -math.inf
-        self._relocated: _RelocatedFilter | None = None
+        self._candidates: list[_Candidate] = []
 
     def resolve(self, learnt: Filter, sample: Sample, loads: Loads
                 ) -> tuple[Filter, Sample, bool]:
         """
-        Return filter and sample under the likeliest hypothesis, and whether the state was lost.
+        Return filter and sample under the likeliest hypothesis, and whether it began again.
 
         Parameters
         ----------
@@ -94,12 +96,12 @@ class OutlierTests:
             if abs(command) > self._largest_commands[joint]:
                 self._largest_commands[joint] = abs(command)
         if sample.measured is None:
-            self._relocated = None
+            self._candidates = []
             return after, sample, False
         if after.mode.payload_walk > 0.0:
             after = self._stepper.after_jump(learnt, sample, loads)
-        if self._relocated is not None:
-            found = self._compare(self._relocated, after, sample, loads)
+        if self._candidates:
+            found = self._compare(after, sample, loads)
             return found or after, sample, found is not None
         if sample.time - self._last_outlier < MEMORY_S \
                 or not self._is_beyond_gate(after, sample):
@@ -108,8 +110,12 @@ class OutlierTests:
         unknown = self._with_unknown_command(learnt.before_prediction(), after, sample, loads)
         if unknown is not None:
             return *unknown, False
-        self._relocated = _RelocatedFilter(learnt.before_prediction())
-        self._stepper.relocate(self._relocated.kalman, sample.measured)
+        lost, slipped = (_Candidate(learnt.before_prediction()) for _ in range(2))
+        self._stepper.relocate(lost.kalman, sample.measured)
+        slip(slipped.kalman)
+        # What the sample itself says of where a state or a zero begins does not count.
+        self._stepper.step(slipped.kalman, sample, loads)
+        self._candidates = [lost, slipped]
         return after, sample, False
 
     def _is_beyond_gate(self, f: Filter, sample: Sample) -> bool:
@@ -126,13 +132,14 @@ class OutlierTests:
             return None
         return f, other
 
-    def _compare(self, relocated: _RelocatedFilter, after: Filter, sample: Sample, loads: Loads
-                 ) -> Filter | None:
-        """Step a filter whose state was begun again; return it once it is likely enough."""
-        self._stepper.step(relocated.kalman, sample, loads)
-        relocated.log_ratio += relocated.kalman.stated_log_density - after.stated_log_density
-        relocated.samples += 1
-        if relocated.samples < RELOCATED_SAMPLES:
+    def _compare(self, after: Filter, sample: Sample, loads: Loads) -> Filter | None:
+        """Step the filters that were begun again; return one once it is likely enough."""
+        for candidate in self._candidates:
+            self._stepper.step(candidate.kalman, sample, loads)
+            candidate.log_ratio += candidate.kalman.stated_log_density - after.stated_log_density
+            candidate.samples += 1
+        best = max(self._candidates, key=lambda candidate: candidate.log_ratio)
+        if best.samples < RELOCATED_SAMPLES:
             return None
-        self._relocated = None
-        return relocated.kalman if relocated.log_ratio > LOST_STATE_NATS else None
+        self._candidates = []
+        return best.kalman if best.log_ratio > LOST_STATE_NATS else None

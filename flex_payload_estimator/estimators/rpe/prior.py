@@ -14,6 +14,7 @@ from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import compiled
 from flex_plant_sim.effects.base import Effect
+from flex_plant_sim.effects.sensor.angle_offset import AngleOffset
 from flex_plant_sim.effects.structure.coriolis_centripetal import CoriolisCentripetal
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
@@ -26,6 +27,9 @@ SHARE, SHARE_STD = 0.5, 0.5
 # Smallest standard deviation of a gauge's bias, m/m: a bridge drifts by 20 microstrain while it
 # warms up, whatever the robot file says of the day it was balanced.
 BIAS_STD = 2e-5
+# The same of the zero of joint 2's angle, rad, whatever the robot file says of the day it was set:
+# a coupling slips, a reference run finds another edge. The smallest that matters in practice.
+ZERO_STD = AngleOffset.parameters[0].smallest
 # Added to relative variances, so that matrices stay regular where the arm's scale is taken out.
 REGULAR = 1e-6
 # Standard deviation of a parameter whose value is known, in its unit.
@@ -67,18 +71,28 @@ class Prior:
         information = float(((self.scale / self.std)**2).sum())
         return 1.0 / information if information else 0.0
 
+    @property
+    def zero(self) -> int:
+        """Return the column of the zero of joint 2's angle."""
+        return self.mean.size - self.parts - self.gains - 1
+
+    @property
+    def tolerated(self) -> slice:
+        """Return the columns of the zero, parts and gains; of an exact model, none."""
+        return slice(self.zero if self.parts else self.mean.size, None)
+
     @cached_property
     def weights(self) -> Array:
-        """Return 1 / (N std^2) for each of the N parts and gains, else 0, (B,)."""
-        count, found = self.parts + self.gains, np.zeros(self.mean.size)
-        found[found.size - count:] = 1.0 / (max(count, 1) * self.std[found.size - count:]**2)
+        """Return 1 / (N std^2) for each of the N parameters with a tolerance, else 0, (B,)."""
+        found, tolerated = np.zeros(self.mean.size), self.tolerated
+        found[tolerated] = 1.0 / (max(found[tolerated].size, 1) * self.std[tolerated]**2)
         return found
 
     def exact(self) -> Prior:
-        """Return the prior of an exact model, whose parts and gains are the robot file's."""
+        """Return the prior of an exact model: zero, parts and gains are the robot file's."""
         kept = self.mean.size - self.parts - self.gains
         std = self.std[:kept].copy()
-        std[CORIOLIS] = CERTAIN
+        std[[CORIOLIS, self.zero]] = CERTAIN
         return Prior(self.mean[:kept], std, self.lowest[:kept], 0, 0, np.zeros(kept))
 
     def within(self, beta: Array) -> Array:
@@ -86,6 +100,8 @@ class Prior:
         far = FARTHEST * self.std
         found = np.clip(beta, np.maximum(self.mean - far, self.lowest), self.mean + far)
         found[MASS] = max(beta[MASS], 0.0)
+        # At any angle the arm is one that can be.
+        found[self.zero] = beta[self.zero]
         return np.asarray(found)
 
     def covariance(self, mass_std: float) -> Array:
@@ -115,7 +131,7 @@ class Prior:
             V, (B, B).
 
         """
-        parts = slice(self.mean.size - self.parts - self.gains, None)
+        parts = self.tolerated
         own = 1.0 / self.std[parts]
         relative = own[:, None] * beta_cov[parts, parts] * own
         slope = np.linalg.solve(relative + REGULAR * np.eye(own.size),
@@ -208,9 +224,11 @@ def prior_of(robot: Robot, effects: Sequence[Effect], turns: bool) -> Prior:
     biases = [max(part.tolerance, BIAS_STD) for part in gauges if part.kind == 'bias']
     gains = [part.tolerance for part in gauges if part.kind == 'gain']
     forces = disturbance_std(robot, turns)
-    std = np.array([0.0, 0.0, *biases, *forces, *(part.tolerance for part in parts), *gains])
+    zero = max(robot.tolerances.angle_zero_rad, ZERO_STD)
+    std = np.array([0.0, 0.0, *biases, zero, *forces, *(part.tolerance for part in parts),
+                    *gains])
     mean, lowest = np.zeros(std.size), np.full(std.size, -np.inf)
-    first = FIRST_BIAS + len(biases) + forces.size
+    first = FIRST_BIAS + len(biases) + 1 + forces.size
     for k, part in enumerate(parts, start=first):
         if part.name == PAYLOAD_INERTIA:
             mean[k], std[k] = positive(robot.payload_inertia, part.tolerance)

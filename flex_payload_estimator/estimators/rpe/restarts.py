@@ -13,6 +13,7 @@ from flex_payload_estimator.estimators.rpe.modes import freedom, Mode, ROUGH, RO
 from flex_payload_estimator.estimators.rpe.packing import pack
 from flex_payload_estimator.estimators.rpe.sensors import Loads
 from flex_payload_estimator.estimators.rpe.time_update import CORIOLIS, FIRST_BIAS, MASS
+from flex_payload_estimator.estimators.rpe.zero import reading_sensitivity, zero_column
 from flex_plant_sim.arm.second_order import Array
 import numpy as np
 
@@ -28,11 +29,11 @@ PASSES = 3
 
 def hand_over_rest(rested: Filter, f: Filter) -> None:
     """
-    Give a filter the state, gauge biases and noise found at rest; it keeps its own payload.
+    Give a filter the state, gauge biases and noise found at rest; it keeps its payload and zero.
 
     The other parameters of the filter at rest are marginalised: with g the gauges' columns,
     cov(x, beta_g) = s V_g, so the state is x with sensitivity G = s V_g V_gg^-1 to the biases and
-    P = P_rest + s V s' - G (s V_g)'.
+    P = P_rest + s V s' - G (s V_g)'. Of theta_2 the reading is handed over, see zero.py.
 
     Parameters
     ----------
@@ -42,12 +43,16 @@ def hand_over_rest(rested: Filter, f: Filter) -> None:
         Changed in place.
 
     """
-    gauges = slice(FIRST_BIAS, rested.beta.size)
+    zero = zero_column(rested.sizes[2])
+    gauges = slice(FIRST_BIAS, zero)
     bias_cov = rested.beta_cov[gauges, gauges]
-    cross_cov = (rested.sensitivity @ rested.beta_cov)[:, gauges]
+    sensitivity = reading_sensitivity(rested)
+    cross_cov = (sensitivity @ rested.beta_cov)[:, gauges]
     slope = cross_cov @ np.linalg.pinv(bias_cov, hermitian=True)
-    state_cov = rested.cov + rested.sensitivity @ rested.beta_cov @ rested.sensitivity.T
+    state_cov = rested.cov + sensitivity @ rested.beta_cov @ sensitivity.T
     f.x[:], f.cov[:], f.sensitivity[:, gauges] = rested.x, state_cov - cross_cov @ slope.T, slope
+    f.x[1] += rested.beta[zero] - f.beta[zero]
+    f.sensitivity[1, zero] = -1.0
     f.beta[gauges], f.beta_cov[gauges, gauges] = rested.beta[gauges], bias_cov
     f.statistics[:], f.innovations[:] = rested.statistics, rested.innovations
 
@@ -56,11 +61,15 @@ def _restarted(new: Filter, f: Filter, x: Array, beta: Array, beta_cov: Array, s
                stepper: FilterStep) -> Filter:
     """Return `new` with the state covariance and noise of f, and the parameters given."""
     states, _, channels = f.sizes
-    cov = f.cov + f.sensitivity @ f.beta_cov @ f.sensitivity.T + state_std**2 * stepper.start_cov
+    zero, before, sensitivity = zero_column(channels), reading_sensitivity(f), np.zeros(
+        (states, beta.size))
+    cov = f.cov + before @ f.beta_cov @ before.T + state_std**2 * stepper.start_cov
+    x = x.copy()
+    x[1] += f.beta[zero] - beta[zero]
+    sensitivity[1, zero] = -1.0
     statistics = initial_statistics(channels)
     statistics[:channels] = f.noise_scale
-    packed = pack(x, cov, np.zeros((states, beta.size)), beta, beta_cov, statistics,
-                  f.innovations)
+    packed = pack(x, cov, sensitivity, beta, beta_cov, statistics, f.innovations)
     return replace(new, packed=packed, sizes=(states, beta.size, channels), age=0.0,
                    age_linearised=0.0, previous=None)
 

@@ -67,7 +67,7 @@ def stepper_of(robot: Robot, model: str, modes: int, effects: Sequence[Effect],
     schedule = tabulated(bare, model, modes, others, heaviest)
     motion = motion_rows(arm, bent), motion_rows(arm)
     gains = np.array([drive.torque_gain for drive in robot.drives])
-    first = FIRST_BIAS + len(robot.gauge_names) + DISTURBANCES
+    first = FIRST_BIAS + len(robot.gauge_names) + 1 + DISTURBANCES
     lineariser = Lineariser(bare, moving_parts(robot), first, model, modes, others,
                             schedule.soft_mass)
     return FilterStep(schedule, motion, lineariser, prior_of(robot, effects, moves(arm)),

@@ -9,8 +9,8 @@ and the constant parameters beta, (B,):
 * V, (B, B): covariance of beta.
 
 The joint covariance is [P + s V s', s V; V s', V]. The columns of s are the payload, the share of
-the forces of motion and each gauge's bias; with free parts also the constant disturbances, each
-part and each gauge's gain. The same code runs with and without Numba.
+the forces of motion, each gauge's bias and the zero of joint 2's angle; with free parts also the
+constant disturbances, each part and each gauge's gain. The same code runs with and without Numba.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ import numpy as np
 # Columns of s: payload, share of the forces of motion (Coriolis and centripetal, and those of bent
 # links), and the first gauge's bias.
 MASS, CORIOLIS, FIRST_BIAS = 0, 1, 2
-# Number of constant disturbances, whose columns are between the biases and the parts: a force at
+# Number of constant disturbances, whose columns are between the zero and the parts: a force at
 # the tip along the world's axes, N, and a bias of each drive, in the command's unit.
 DISTURBANCES = 4
 
@@ -53,7 +53,8 @@ DISTURBANCES = 4
 @compiled
 def _first_part(size: int, count: int) -> int:
     """Return the first column of `count` parts, of `size` columns in all."""
-    return FIRST_BIAS + DISTURBANCES + (size - FIRST_BIAS - count - DISTURBANCES) // 2
+    # Before them are as many biases as gains are behind them, and the zero besides.
+    return FIRST_BIAS + DISTURBANCES + (size - FIRST_BIAS - count - DISTURBANCES + 1) // 2
 
 
 @compiled

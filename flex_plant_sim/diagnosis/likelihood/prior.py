@@ -74,6 +74,7 @@ def part_priors(robot: Robot, payload: float) -> tuple[PartPrior, ...]:
               for gauge in robot.gauge_names]
     found += [_effect_prior('strain_bias', gauge, t.strain_bias, 0.0, 1.0, unit='m/m')
               for gauge in robot.gauge_names]
+    found.append(_effect_prior('angle_offset', 'joint_2', t.angle_zero_rad, 0.0, 1.0, unit='rad'))
     found.append(_effect_prior('payload_mass', 'arm', t.payload, 0.0, max(payload, 1e-3),
                                in_robot=False))
     return tuple(part for part in found if part.tolerance > 0.0)
