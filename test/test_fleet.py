@@ -75,7 +75,7 @@ def test_a_bad_file_and_a_killed_worker_lose_nothing_else(tmp_path: Path) -> Non
         # Noise alone gets no name.
         assert rows[f'{k}.csv']['verdict'] == 'data_cannot_answer'
         assert rows[f'{k}.csv']['causes'] == ''
-    assert 'expected 4 gauges' in rows['bad.csv']['error']
+    assert 'column time: missing, got no, log' in rows['bad.csv']['error']
     assert 'night/arm_1' in (tmp_path / 'out' / 'fleet.html').read_text()
     # Nothing is left to do: the same table, without a cluster.
     before = _table(tmp_path)
