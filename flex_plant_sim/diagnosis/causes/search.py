@@ -108,7 +108,7 @@ def search(data: Data, nominal: BaseModel, jobs: int, progress: Progress,
     while len(neighbourhoods) < MAX_CENTRES:
         refine_leading(state, best)
         try_laws(state, best)
-        name_laws(state, named)
+        _name_laws(state, named)
         # A fit around another set may have been better than the refined one, which counts.
         best = state.best
         if explored(best):
@@ -137,7 +137,7 @@ def search(data: Data, nominal: BaseModel, jobs: int, progress: Progress,
         InformationProbe.beside(last, COARSE_SAMPLES), posterior, nothing, rounds)
 
 
-def name_laws(state: SearchState, named: set[SetKey]) -> None:
+def _name_laws(state: SearchState, named: set[SetKey]) -> None:
     """Fit causes in the place of laws until the best set has none, or no cause is better."""
     while (key := SetKey.of((best := state.best).fit)) not in named:
         named.add(key)
