@@ -166,8 +166,8 @@ class FilterStep:
             before = before.copy()
         compiled_step.predict_packed(*self._prediction_arguments(f, sample, loads))
         if self.effects.moves:
-            f.x[:] = self.effects.push(self.schedule.cut(payload).payload, before, f.x,
-                                       sample.command, sample.time - self.step_time)
+            self.effects.push(f, self.schedule.cut(payload).payload, before, sample.command,
+                              sample.time - self.step_time)
 
     def correct(self, f: Filter, sample: Sample, loads: Loads) -> None:
         """Learn from the measurement of a sample that has been predicted."""
