@@ -25,7 +25,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 from simulated_records import effects, REFERENCE, simulated, SLOWEST
-from truth.records import make_record, TruthCase
+from truth.records import HAVE_MUJOCO, make_record, MUJOCO, NO_MUJOCO, TruthCase
 
 # Friction and what imitates it while the gauge is wrong, too; what parts may undo; an event.
 ASKED = ('viscous_friction', 'actuator_gain', 'strain_gain', 'link_stiffness', 'payload_change')
@@ -110,6 +110,22 @@ def test_a_spring_is_found_that_rests_where_the_joint_works() -> None:
     cause, = found.posterior.best.hypotheses
     assert cause.label == 'joint_spring:joint_2'
     assert found.posterior.best.values[1] == pytest.approx(rest, abs=0.1)
+
+
+@pytest.mark.skipif(not HAVE_MUJOCO, reason=NO_MUJOCO)
+def test_a_base_that_shifts_is_not_taken_for_one_that_turns() -> None:
+    # Along a trajectory without the base's motion, what turns looks nearer than what shifts.
+    truth = make_record(TruthCase(
+        2, (('base_sliding', {'stiffness': 612.0, 'mass': 3.0, 'damping_ratio': 0.05}),),
+        duration_s=28.0, tolerances=False, simulator=MUJOCO))
+    record = Record('truth', truth.time, truth.command, np.hstack([truth.joint, truth.strain]),
+                    0.1)
+    found, _ = searched((), Data.of([record], SLOWEST, REFERENCE.sample_time),
+                        ('base_sliding', 'base_compliance'),
+                        nominal_base(REFERENCE, 'assumed_modes', 3))
+    cause, = found.posterior.best.hypotheses
+    assert cause.label == 'base_sliding:arm'
+    assert found.posterior.best.values[0] == pytest.approx(1.0 / 612.0, rel=0.15)
 
 
 def test_a_brake_far_stronger_than_the_drive_s_damping_is_found() -> None:

@@ -117,7 +117,7 @@ class ModeCompetition:
         incumbent = self._advance_pass(incumbent, sample.time)
         if excited:
             self._begin_trials(incumbent, sample.time)
-            self._pass = self._pass or self._next_pass(self._situation(incumbent))
+            self._pass = self._pass or self._next_pass(incumbent)
             if transitions.relinearisation_due(incumbent):
                 incumbent = relinearised(incumbent, self.stepper)
         return incumbent
@@ -227,13 +227,14 @@ class ModeCompetition:
         if constant or freedom(trial.kalman.mode) == 1:
             self.window.clear()
 
-    def _next_pass(self, now: Situation) -> WindowPass | None:
-        """Return the pass over the window that is due, if any."""
-        f, window, stepper = now.incumbent, self.window, self.stepper
+    def _next_pass(self, f: Filter) -> WindowPass | None:
+        """Return the pass over the window that is due beside an incumbent, if any."""
+        window, stepper = self.window, self.stepper
         if f.mode.payload_walk > 0.0 or window.first == window.end:
             return None
         if not f.mode.free_parts:
             return gauss_newton_pass(f, window, stepper) if f.passes < PASSES else None
+        now = self._situation(f)
         for trial in transitions.exact_trials(now):
             if transitions.exact_trial_is_compared(trial, now):
                 return comparison(trial.kalman, f, window, stepper, trial)

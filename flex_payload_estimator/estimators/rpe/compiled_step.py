@@ -13,7 +13,7 @@ from flex_payload_estimator.estimators.rpe.model_average import model_averaged
 from flex_payload_estimator.estimators.rpe.packing import unpack_compiled
 from flex_payload_estimator.estimators.rpe.small_matrices import applied, inner
 from flex_payload_estimator.estimators.rpe.time_update import predict, walk
-from flex_payload_estimator.kalman.in_place import add, add_matrix, put
+from flex_payload_estimator.kalman.in_place import add, put
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import compiled
 import numpy as np
@@ -33,6 +33,16 @@ GATE = 44.0
 
 
 @compiled
+def is_reading(values: Array, limits: Array) -> bool:
+    """Tell whether numbers are finite and within their limits."""
+    for i in range(values.size):
+        # A comparison with NaN is false.
+        if not -limits[i] < values[i] < limits[i]:
+            return False
+    return True
+
+
+@compiled
 def state_estimate(x: Array, sensitivity: Array, beta: Array, reference: Array, fixed: bool
                    ) -> Array:
     """Return the state at the estimated parameters, x + s (beta - reference), (n,)."""
@@ -44,19 +54,18 @@ def state_estimate(x: Array, sensitivity: Array, beta: Array, reference: Array, 
 
 
 @compiled
-def update_loads(after: Array, packed: Array, reference: Array, fixed: bool, averaged_std: Array,
-                 table: Array, share: float, output: Array, command: Array, speed: Array,
-                 told: Array, swing_variance: float) -> tuple[bool, Moments]:
+def update_loads(table: Array, packed: Array, reference: Array, fixed: bool, averaged_std: Array,
+                 share: float, output: Array, command: Array, speed: Array, told: Array,
+                 swing_variance: float) -> tuple[bool, Moments]:
     """
-    Write the loads after a sample; return whether the arm moves, and the payload's moments.
+    Update the loads by a sample; return whether the arm moves, and the payload's moments.
 
     It moves where a gauge varies, or a joint of an arm that has none.
 
     Parameters
     ----------
-    after, table, share : Array, Array, float
-        Table of sensors.Loads after the sample, zero until it is written; table before it; share
-        that a sample counts.
+    table, share : Array, float
+        Table of sensors.Loads, changed; share that a sample counts.
     packed, reference, fixed
         Of the incumbent, see `correct_packed`.
     averaged_std : Array
@@ -75,16 +84,16 @@ def update_loads(after: Array, packed: Array, reference: Array, fixed: bool, ave
         packed, speed.shape[1], reference.size, output.size)
     held_by = applied(speed, state_estimate(x, sensitivity, beta, reference, fixed))
     swings, first_gauge = False, 2 if output.size > 2 else 0
-    add_matrix(after, 1.0 - share, table)
+    kept = 1.0 - share
     for i in range(output.size):
         if i < 2:
-            after[DRIVE, i] += share * (command[i] - held_by[i])**2
+            table[DRIVE, i] = kept * table[DRIVE, i] + share * (command[i] - held_by[i])**2
+        else:
+            table[STRAIN, i] = kept * table[STRAIN, i] + share * output[i] * output[i]
         deviation = output[i] - table[MEAN, i]
-        after[MEAN, i] = table[MEAN, i] + share * deviation
-        if i > 1:
-            after[STRAIN, i] += share * output[i] * output[i]
-        after[SWING, i] += (1.0 - share) * share * deviation * deviation
-        swings |= i >= first_gauge and after[SWING, i] > swing_variance * told[i] * statistics[i]
+        table[MEAN, i] += share * deviation
+        table[SWING, i] = kept * table[SWING, i] + kept * share * deviation * deviation
+        swings |= i >= first_gauge and table[SWING, i] > swing_variance * told[i] * statistics[i]
     return swings, model_averaged(beta, beta_cov, averaged_std)
 
 

@@ -7,6 +7,7 @@ import math
 
 from flex_payload_estimator.estimators.base import Estimate, Event
 from flex_payload_estimator.estimators.rpe.competition import ModeCompetition
+from flex_payload_estimator.estimators.rpe.compiled_step import is_reading
 from flex_payload_estimator.estimators.rpe.events import EventLog
 from flex_payload_estimator.estimators.rpe.excitation import Excitation
 from flex_payload_estimator.estimators.rpe.filter import Filter, Sample
@@ -27,18 +28,9 @@ LONGEST_GAP_S = 1.0
 # Where nothing is measured, one set of matrices serves for so long, s, as it does at 100 Hz.
 GAP_STEP_S = 0.01
 # Numbers beyond these are no reading: rad, m/m, and the drive's own unit.
-LARGEST_ANGLES, LARGEST_STRAIN, LARGEST_COMMANDS = (1e6, 1e6), 1.0, (1e6, 1e6)
+LARGEST_ANGLE, LARGEST_STRAIN, LARGEST_COMMAND = 1e6, 1.0, 1e6
 # Where the published variance has to be multiplied by more than this, no mode's model holds.
 SUSPECT_FACTOR = 3.0
-
-
-def _within(values: list[float], limits: tuple[float, ...]) -> bool:
-    """Tell whether numbers are finite and within their limits; quicker than NumPy for a few."""
-    for value, limit in zip(values, limits):
-        # A comparison with NaN is false.
-        if not -limit < value < limit:
-            return False
-    return True
 
 
 class RecursivePredictionError:
@@ -83,7 +75,8 @@ class RecursivePredictionError:
         self._competition, self._start = ModeCompetition(self.stepper), StartBank(self.stepper)
         self._outliers = OutlierTests(self.stepper)
         self._channels = self.stepper.told_variance.size
-        self._largest = (*LARGEST_ANGLES, *[LARGEST_STRAIN] * (self._channels - 2))
+        self._largest_command = np.full(2, LARGEST_COMMAND)
+        self._largest = np.repeat([LARGEST_ANGLE, LARGEST_STRAIN], (2, self._channels - 2))
         self._warm()
 
     def _warm(self) -> None:
@@ -155,8 +148,8 @@ class RecursivePredictionError:
         if output.shape != (self._channels,) or command.shape != (2,):
             raise InputError(f'output, command: expected {self._channels} and 2 numbers, got '
                              f'shapes {output.shape} and {command.shape}')
-        sent = _within(command.tolist(), LARGEST_COMMANDS)
-        good = sent and math.isfinite(time) and _within(output.tolist(), self._largest)
+        sent = is_reading(command, self._largest_command)
+        good = sent and math.isfinite(time) and is_reading(output, self._largest)
         if math.isnan(self._time):
             return self._begin(time, output) if good else self._reject(time)
         if sent:
@@ -181,7 +174,7 @@ class RecursivePredictionError:
         self.conclude()
         command = np.array(command, dtype=float)
         if math.isnan(self._time) or self._prediction \
-                or not _within(command.tolist(), LARGEST_COMMANDS):
+                or not is_reading(command, self._largest_command):
             return
         history = self.stepper.effects.history
         sample = self._sample(self._time + self.arm.step_time, None, command)
@@ -233,7 +226,7 @@ class RecursivePredictionError:
     def _advance(self, time: float, output: Array | None) -> None:
         """Bring the filters to the time of a sample, across a gap if there is one, and learn."""
         step, predicted = self.arm.step_time, self._take_prediction(time)
-        steps = max(1, round((time - self._time) / step))
+        steps = round((time - self._time) / step)
         if steps > 1:
             self._cross(steps, output)
         self._time = max(time, self._time)
@@ -336,9 +329,10 @@ class RecursivePredictionError:
         suspect = factor > SUSPECT_FACTOR
         status = 'model_suspect' if suspect else 'ok' if self._excitation.excited \
             and self._incumbent is not None else 'not_excited'
-        innovation, innovation_std = best.innovations.copy()
-        self._last = Estimate(time, mass, variance, best.variance, innovation, innovation_std,
-                              status)
+        # To unpack an array takes as long as ten of these lines: it ends in an exception.
+        innovations = best.innovations.copy()
+        self._last = Estimate(time, mass, variance, best.variance, innovations[0],
+                              innovations[1], status)
         return self._last
 
     def _reject(self, time: float) -> Estimate:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache, partial
 import math
 from typing import Any
 
@@ -105,7 +106,10 @@ class FilterStep:
         # Whether an effect acts between prediction and measurement, so that a step is two calls.
         self._two_calls = effects.moves or self._offsets
         self._no_parts, self._no_offset = np.zeros((0, 1)), np.zeros(noise_std.size)
-        self._limits = self._error_samples, float(prior.gains), heaviest, self.step_time
+        # Called for each step: a mode alone is quicker to look up than with what is the same.
+        self._noise_model = cache(partial(
+            noise_model, error_samples=self._error_samples, gains=float(prior.gains),
+            heaviest=heaviest, step=self.step_time))
 
     def prior_of(self, mode: Mode) -> Prior:
         """Return the prior of the parameters that a mode has."""
@@ -176,7 +180,7 @@ class FilterStep:
         self._take_likelihood(f, sample, compiled_step.correct_packed(
             f.packed, f.reference, f.model is not None, loads.table, sample.measured,
             self._offset(f.x, sample.time), self.output, self.told_variance,
-            noise_model(f.mode, *self._limits)))
+            self._noise_model(f.mode)))
 
     def _prediction_arguments(self, f: Filter, sample: Sample, loads: Loads) -> tuple[Any, ...]:
         """Return the arguments of `compiled_step.predict_packed`."""
@@ -196,7 +200,7 @@ class FilterStep:
             else self._torque_variance + sample.command_variance
         return (f.previous_buffer(), f.packed, f.reference, model is not None, about, series,
                 parts, away, motion, sample.command, variance, self._speed, loads.table,
-                sample.steps, noise_model(f.mode, *self._limits))
+                sample.steps, self._noise_model(f.mode))
 
     def _take_likelihood(self, f: Filter, sample: Sample, found: tuple[float, ...]) -> None:
         """Keep what a correction returned; where the state is lost, begin the state again."""
@@ -281,12 +285,12 @@ class FilterStep:
             Variance of a channel, over that of its noise, from which it swings.
 
         """
-        after = Loads(loads.share, np.zeros(loads.table.shape))
+        share, table = loads.share, loads.table.copy()
         swings, moments = compiled_step.update_loads(
-            after.table, f.packed, f.reference, f.model is not None,
-            self._averaged_std[f.mode.free_parts], loads.table, loads.share, output, command,
-            self._speed, self.told_variance, swing_variance)
-        return after, swings, moments
+            table, f.packed, f.reference, f.model is not None,
+            self._averaged_std[f.mode.free_parts], share, output, command, self._speed,
+            self.told_variance, swing_variance)
+        return Loads(share, table), swings, moments
 
     def modes_differ(self, f: Filter, loads: Loads, mode: Mode) -> bool:
         """

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from flex_payload_estimator.estimators.rpe.small_matrices import inner
+from flex_payload_estimator.kalman.in_place import Numbers, numbers
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import compiled
 import numpy as np
@@ -67,44 +68,27 @@ def update_statistics(statistics: Array, innovation: Array, before: Array, varia
     """
     Update the statistics by an innovation, and return the sample's log-likelihoods.
 
-    What changes from one innovation to the next is noise, what stays is the model's error. So
-    the noise's variance is read from (e_k - e_{k-1})^2 / 2, compared with what the filter expects
-    of it.
-
     Parameters
     ----------
     statistics : Array
         See initial_statistics; changed.
-    innovation, before : Array
-        e of this sample and of the last, rad and m/m, (m,).
-    variances : Array
-        Expected variance of e, (m,).
-    scores : Array
-        The whitened innovation, L^-1 e with L L' = Sigma, (m,).
-    log_det : float
-        ln |Sigma|.
-    told : Array
-        The robot file's noise variances, (m,).
-    gate : float
-        See measurement_update.correct.
-    step : float
-        T, s.
+    innovation, before, variances, told : Array
+        See `_read_noise`, of all channels, (m,).
+    scores, log_det, gate, step : Array, float, float, float
+        L^-1 e with L L' = Sigma, (m,); ln |Sigma|; see measurement_update.correct; T, s.
 
     Returns
     -------
-    log_density : float
+    log_density, stated : float
         Log-likelihood of the sample, nats, without the constant. Sigma is scaled, for angles and
         gauges, by the reduced chi-square so far where that is below 1: otherwise a filter whose
         model error is not white, and that expects more than it sees, could not be compared.
-    stated : float
-        The same with Sigma as stated, for comparisons of payloads in one mode.
+        Then the same with Sigma as stated, for comparisons of payloads in one mode.
     noise_drop_gain : float
-        Part of both that the last samples gain because the noise is found to have dropped a while
-        ago, nats; mostly 0.
+        Part of both that they gain as the noise is found to have dropped a while ago; mostly 0.
 
     """
-    channels = innovation.size
-    memory = max(MEMORY_S / step, MEMORY_SAMPLES)
+    channels, memory = innovation.size, max(MEMORY_S / step, MEMORY_SAMPLES)
     samples, drop_gain = statistics[channels + 10], 0.0
     gate_share = min(1.0, gate / max(inner(scores, scores), 1e-300))
     minus_twice_log = minus_twice_stated = log_det
@@ -140,43 +124,19 @@ def _update_noise(statistics: Array, drop: Array, place: int, first: int, last: 
     ----------
     statistics, drop : Array
         All statistics, and those of a drop of this kind's noise, (3,); changed.
-    place : int
-        Where the number of readings is among the statistics.
-    first, last : int
-        The kind's channels.
-    innovation, before, variances, told
-        See update_statistics.
-    excess : float
-        Reduced chi-square of the kind, less 1.
-    memory : float
-        Samples.
-    threshold : float
-        Nats.
+    place, first, last : int
+        Where the number of readings is among the statistics; the kind's channels.
+    innovation, before, variances, told, excess
+        See `_read_noise`; of all channels, (m,).
+    memory, threshold : float
+        Samples; nats.
 
     """
-    scale, known = statistics[first], min(statistics[place], memory * (last - first))
-    total = readings = expected_squares = drop_ratio = 0.0
-    for i in range(first, last if statistics[-1] > 0.0 else first):
-        noise = scale * told[i]
-        change = innovation[i] - before[i]
-        change *= 0.5 * change
-        # A channel whose innovation is mostly noise counts as one reading, any other as less.
-        weight = (noise / variances[i])**2
-        readings += weight
-        reading = (change - max(variances[i] - noise, 0.0)) / told[i]
-        total += weight * min(reading, LARGEST_READING * scale)
-        # The whole innovation counts here, with the model error in it, so that a model error
-        # that shows speaks against a drop.
-        square = innovation[i] * innovation[i]
-        ratio = variances[i] / (variances[i] - (1.0 - 1.0 / NOISE_RATIO) * noise)
-        drop_ratio += 0.5 * (np.log(ratio) - (ratio - 1.0) * square / variances[i])
-        # Expected square of the noise given this innovation, as in the EM algorithm.
-        expected_squares += weight * square / told[i] + scale * (1.0 - noise / variances[i])
-        if excess > 0.0:
-            # What exceeds everything that is expected counts as noise too.
-            weight = min(excess, 1.0)
-            readings += weight
-            total += weight * scale * min(change / variances[i], LARGEST_READING)
+    scale, known = float(statistics[first]), min(statistics[place], memory * (last - first))
+    readings, total, drop_ratio, expected_squares = _read_noise(
+        scale, excess, numbers(innovation[first:last]), numbers(before[first:last]),
+        numbers(variances[first:last]), numbers(told[first:last])) \
+        if statistics[-1] > 0.0 else (0.0, 0.0, 0.0, 0.0)
     # Page's sum begins once the memory is full; until then few readings move the scale anyway.
     is_full = known == memory * (last - first)
     statistics[place], former = known + readings, scale
@@ -192,6 +152,52 @@ def _update_noise(statistics: Array, drop: Array, place: int, first: int, last: 
     for i in range(first, last):
         statistics[i] = scale
     return gain
+
+
+@compiled
+def _read_noise(scale: float, excess: float, innovation: Numbers, before: Numbers,
+                variances: Numbers, told: Numbers) -> tuple[float, float, float, float]:
+    """
+    Return number and sum of a sample's readings of the noise of one kind of channels.
+
+    Then the log-likelihood ratio of a drop, nats, and the sum of the noise's expected squares.
+    What changes from one innovation to the next is noise, what stays is the model's error. So
+    the noise's variance is read from (e_k - e_{k-1})^2 / 2, compared with what the filter expects
+    of it.
+
+    Parameters
+    ----------
+    scale, excess : float
+        Variance of the noise over that of the robot file; reduced chi-square, less 1.
+    innovation, before : Array
+        e of this sample and of the last, rad and m/m.
+    variances, told : Array
+        Expected variance of e, and the robot file's of the noise.
+
+    """
+    readings = total = drop_ratio = expected_squares = 0.0
+    for i in range(len(innovation)):
+        noise = scale * told[i]
+        change = innovation[i] - before[i]
+        change *= 0.5 * change
+        # A channel whose innovation is mostly noise counts as one reading, any other as less.
+        weight = (noise / variances[i])**2
+        readings += weight
+        reading = (change - max(variances[i] - noise, 0.0)) / told[i]
+        total += weight * min(reading, LARGEST_READING * scale)
+        # The whole innovation counts here, with the model error in it, so that a model error
+        # that shows speaks against a drop.
+        square = innovation[i] * innovation[i]
+        ratio = variances[i] / (variances[i] - (1.0 - 1.0 / NOISE_RATIO) * noise)
+        drop_ratio += 0.5 * (math.log(ratio) - (ratio - 1.0) * square / variances[i])
+        # Expected square of the noise given this innovation, as in the EM algorithm.
+        expected_squares += weight * square / told[i] + scale * (1.0 - noise / variances[i])
+        if excess > 0.0:
+            # What exceeds everything that is expected counts as noise too.
+            weight = min(excess, 1.0)
+            readings += weight
+            total += weight * scale * min(change / variances[i], LARGEST_READING)
+    return readings, total, drop_ratio, expected_squares
 
 
 def reduced_chi_square(statistics: Array) -> float:

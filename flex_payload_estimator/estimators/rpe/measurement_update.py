@@ -65,6 +65,17 @@ def _expected(x: Array, sensitivity: Array, reference: Array, offset: Array, out
 
 
 @compiled
+def _covariances(cov: Array, beta_cov: Array, slope: Array, psi: Array, noise: Array
+                 ) -> tuple[Array, Array, Array, Array]:
+    """Return P H', H P H', V Psi' and Sigma."""
+    cross_cov, beta_cross_cov = squared(cov, slope), squared(beta_cov, psi)
+    output_cov, total = product(slope, cross_cov), product(psi, beta_cross_cov)
+    add_matrix(total, 1.0, output_cov)
+    add_diagonal(total, noise)
+    return cross_cov, output_cov, beta_cross_cov, total
+
+
+@compiled
 def _gain(cross_cov: Array, output_cov: Array, noise: Array) -> Array:
     """Return K, (n, m), of P H', H P H' and the noise's variances."""
     total = output_cov.copy()
@@ -132,31 +143,22 @@ def correct(x: Array, cov: Array, sensitivity: Array, beta: Array, beta_cov: Arr
     ----------
     x, cov, sensitivity, beta, beta_cov : Array
         x (n,), P (n, n), s (n, B), beta (B,) and V (B, B).
-    reference : Array
-        Parameters about which everything is linearised, (B,). x is the state for these; for beta
-        it is x + s (beta - reference).
-    fixed : bool
-        Whether the reference is fixed; else it is beta, and follows it.
-    measured, offset : Array
-        y, and what y is beyond C x without gains and biases, (m,).
-    output : Array
-        C, (m, n).
-    noise : Array
-        Variance of each channel's noise, (m,).
-    gains : int
-        Number of gauges whose gain is among beta: its last columns.
-    gate : float
+    reference, fixed : Array, bool
+        Parameters about which everything is linearised, (B,), and whether they are fixed; else
+        they are beta. x is the state for these; for beta it is x + s (beta - reference).
+    measured, offset, output : Array
+        y, and what it is beyond C x without gains and biases, (m,); C, (m, n).
+    noise, gains : Array, int
+        Variance of each channel's noise, (m,); number of gauge gains, the last columns of beta.
+    gate, heaviest : float
         Largest e' Sigma^-1 e. Beyond it the noise of the sample counts as so large that it is the
         gate: one absurd sample moves nothing, many in a row are believed (Huber's influence).
-    heaviest : float
-        The payload stays in [0, heaviest], kg.
+        Largest payload, kg.
 
     Returns
     -------
-    innovation, variances : Array
-        e and the diagonal of Sigma before the gate, (m,).
-    scores : Array
-        L^-1 e with L L' = Sigma before the gate, (m,).
+    innovation, variances, scores : Array
+        e, the diagonal of Sigma, and L^-1 e with L L' = Sigma; all before the gate, (m,).
     log_det : float
         ln |Sigma| with the gate; NaN where the state is lost, and then nothing is learnt.
 
@@ -164,10 +166,7 @@ def correct(x: Array, cov: Array, sensitivity: Array, beta: Array, beta_cov: Arr
     expected, slope, psi = _expected(x, sensitivity, reference, offset, output, gains)
     at_reference = measured - expected
     innovation = at_reference - applied(psi, beta - reference) if fixed else at_reference
-    cross_cov, beta_cross_cov = squared(cov, slope), squared(beta_cov, psi)
-    output_cov, total = product(slope, cross_cov), product(psi, beta_cross_cov)
-    add_matrix(total, 1.0, output_cov)
-    add_diagonal(total, noise)
+    cross_cov, output_cov, beta_cross_cov, total = _covariances(cov, beta_cov, slope, psi, noise)
     white, variances = whitener(total), np.diag(total).copy()
     scores = applied(white, innovation)
     chi_square = inner(scores, scores)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import NamedTuple
 
 from flex_payload_estimator.estimators.rpe.compiled_step import NoiseModel
@@ -63,7 +62,6 @@ def freedom(mode: Mode) -> int:
     return FREEDOM[mode.name]
 
 
-@lru_cache
 def noise_model(mode: Mode, error_samples: float, gains: float, heaviest: float, step: float
                 ) -> NoiseModel:
     """

@@ -93,65 +93,66 @@ def _add_parts(increment: Array, jacobian: Array, over_beta: Array, parts: Array
 
 
 @compiled
+def _inputs(x: Array, command: Array, beta: Array, parts: int, width: int) -> Array:
+    """Return d = (x, u, f), (width,), with the drives' biases, and no forces of motion yet."""
+    n, inputs = x.size, np.zeros(width)
+    put(inputs[:n], x)
+    put(inputs[n:n + 2], command)
+    if parts > 0:
+        first = _first_part(beta.size, parts)
+        add(inputs[n:n + 2], 1.0, beta[first - 2:first])
+    return inputs
+
+
+@compiled
+def _add_reaction(jacobian: Array, over_beta: Array, push: Array, over_before: Array,
+                  over_after: Array, over_mass: Array) -> None:
+    """Add to both derivatives how the state before and after the step changes the forces."""
+    force_slope = product(over_after, jacobian)
+    add_matrix(force_slope, 1.0, over_before)
+    add_matrix(force_slope, 1.0, over_after)
+    add_matrix(over_beta, 1.0, product(push, product(over_after, over_beta)))
+    add_column(over_beta, MASS, 1.0, applied(push, over_mass))
+    add_matrix(jacobian, 1.0, product(push, force_slope))
+
+
+@compiled
 def _increment(x: Array, beta: Array, series: Array, parts: Array, mass_offset: float,
                command: Array, motion: Array) -> tuple[Array, Array, Array, Array]:
     """
-    Return the increment of one step and its derivatives.
+    Return the increment of one step and its derivatives; see `predict` for the parameters.
 
-    Parameters
-    ----------
-    x, beta, series, parts, mass_offset, command, motion
-        See `predict`.
-
-    Returns
-    -------
-    tuple of Array
-        M d, (n,); J = d(M d)/dx, (n, n); d(M d)/dbeta, (n, B); the columns of M for commands,
-        (n, 2).
-
+    M d, (n,); J = d(M d)/dx, (n, n); d(M d)/dbeta, (n, B); the columns of M for commands, (n, 2).
     """
     n, moves, share = x.size, len(motion) > 0, beta[CORIOLIS]
     # The angle at which M is taken: theta_2, and with forces of motion that between the links.
     over_state = scheduling_row(motion, n) if moves else np.zeros(n)
     angle_offset = inner(over_state, x)
-    flat, flat_over_angle, flat_over_mass = series_at(x[1] + share * angle_offset, series,
-                                                      mass_offset)
-    width = flat.size // n
-    matrix, inputs = flat.reshape(n, width), np.zeros(width)
-    put(inputs[:n], x)
-    put(inputs[n:n + 2], command)
+    flat, over_angle, over_mass = series_at(x[1] + share * angle_offset, series, mass_offset)
+    matrix = flat.reshape(n, -1)
+    inputs = _inputs(x, command, beta, len(parts), matrix.shape[1])
     over_beta, jacobian = np.zeros((n, beta.size)), matrix[:, :n].copy()
     force_matrix, command_matrix = matrix[:, n + 2:].copy(), matrix[:, n:n + 2].copy()
-    if len(parts) > 0:
-        first = _first_part(beta.size, len(parts))
-        add(inputs[n:n + 2], 1.0, beta[first - 2:first])
     increment = applied(matrix, inputs)
     if len(parts) > 0:
         _add_parts(increment, jacobian, over_beta, parts, x, beta, inputs, motion, force_matrix,
                    command_matrix)
     if moves:
         push = share * force_matrix
-        after = x + increment
-        force, over_before, over_after, over_mass = forces_of_motion(motion, beta[MASS], x, after,
-                                                                     push)
+        force, over_before, over_after, force_over_mass = forces_of_motion(
+            motion, beta[MASS], x, x + increment, push)
         by_force = applied(force_matrix, force)
         add(increment, share, by_force)
         add(inputs[n + 2:], share, force)
         add_column(over_beta, CORIOLIS, 1.0, by_force)
-    over_angle = applied(flat_over_angle.reshape(n, width), inputs)
-    add_column(over_beta, MASS, 1.0, applied(flat_over_mass.reshape(n, width), inputs))
-    add_column(over_beta, CORIOLIS, angle_offset, over_angle)
+    turned = applied(over_angle.reshape(matrix.shape), inputs)
+    add_column(over_beta, MASS, 1.0, applied(over_mass.reshape(matrix.shape), inputs))
+    add_column(over_beta, CORIOLIS, angle_offset, turned)
     over_state *= share
     over_state[1] += 1.0
-    add_outer(jacobian, over_angle, over_state)
+    add_outer(jacobian, turned, over_state)
     if moves:
-        # What changes the state after the step changes the forces over the step.
-        force_slope = product(over_after, jacobian)
-        add_matrix(force_slope, 1.0, over_before)
-        add_matrix(force_slope, 1.0, over_after)
-        add_matrix(over_beta, 1.0, product(push, product(over_after, over_beta)))
-        add_column(over_beta, MASS, 1.0, applied(push, over_mass))
-        add_matrix(jacobian, 1.0, product(push, force_slope))
+        _add_reaction(jacobian, over_beta, push, over_before, over_after, force_over_mass)
     return increment, jacobian, over_beta, command_matrix
 
 
@@ -193,7 +194,7 @@ def _compose(jacobian: Array, columns: Array, noise: Array, steps: int
 def predict(x: Array, cov: Array, sensitivity: Array, beta: Array, series: Array, parts: Array,
             mass_offset: float, command: Array, motion: Array, torque: Array, steps: int) -> None:
     """
-    Predict x, P and s over some sampling times of one command, in delta form, in place.
+    Predict x, P and s over sampling times of one command, in delta form, in place.
 
     With the increments M d, d = (x, u, f) and f the forces of motion,
 
@@ -204,10 +205,8 @@ def predict(x: Array, cov: Array, sensitivity: Array, beta: Array, series: Array
 
     Parameters
     ----------
-    x, cov, sensitivity : Array
-        (n,), (n, n) and (n, B); changed.
-    beta : Array
-        Parameters at which the model is evaluated, (B,).
+    x, cov, sensitivity, beta : Array
+        (n,), (n, n) and (n, B), changed; parameters at which the model is evaluated, (B,).
     series : Array
         M_k with derivatives over the payload, see schedule.PayloadSlice.
     parts : Array

@@ -51,8 +51,9 @@ class Trial:
     def add(self, time: float, log_ratio: float) -> None:
         """Count a sample: its time, s, and its log-likelihood ratio, nats."""
         self.run, self.counted = self.run + time, self.counted + time
-        self.log_ratio = self.log_ratio + log_ratio
-        self.largest = max(self.largest, self.log_ratio)
+        self.log_ratio += log_ratio
+        if self.log_ratio > self.largest:
+            self.largest = self.log_ratio
 
     def restart_sum(self, time: float) -> None:
         """Count from a time, s, on."""

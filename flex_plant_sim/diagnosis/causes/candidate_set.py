@@ -54,8 +54,8 @@ class CandidateSet:
             (*self.hypotheses, proposal.hypothesis),
             tuple(np.concatenate([self.starts[0], start]) for start in proposal.starts))
 
-    def with_each_size(self, proposal: Proposal) -> Iterator[CandidateSet]:
-        """Return the same, and once more from each probed size: there are minima in between."""
+    def with_each_probe(self, proposal: Proposal) -> Iterator[CandidateSet]:
+        """Return the same, and once more from each probed start: there are minima in between."""
         yield self.with_proposal(proposal)
         for start in proposal.probe_starts:
             yield self.with_proposal(replace(proposal, starts=(start,)))

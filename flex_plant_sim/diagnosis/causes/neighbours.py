@@ -44,7 +44,7 @@ class NeighbourFitter:
     Fits sets around the linearisation of one near them.
 
     Where a set has coordinates that the trajectory there lacks, it is fitted once more along its
-    own trajectory, with the same Jacobian in the parts.
+    own trajectory, with the same Jacobian in the parts; coarsely, from its best start alone.
 
     Attributes
     ----------
@@ -67,11 +67,16 @@ class NeighbourFitter:
     def __call__(self, candidate: CandidateSet) -> Fit:
         causes = CauseSet(candidate.hypotheses, self.duration)
         fit = fit_set(self.likelihood, causes, candidate.starts, self.error_scale, self.coarse)
+        return fit if self.coarse else self.along_own_trajectory(fit)
+
+    def along_own_trajectory(self, fit: Fit) -> Fit:
+        """Return a fit made once more along its trajectory, if that has coordinates of its own."""
+        causes = CauseSet(fit.hypotheses, self.duration)
         effects = causes.effects(fit.values)
-        if self.coarse or not self.likelihood.has_new_coordinates(effects):
+        if not self.likelihood.has_new_coordinates(effects):
             return fit
         own = self.likelihood.along_trajectory_of(effects)
-        return fit_set(own, causes, (fit.values,), self.error_scale)
+        return fit_set(own, causes, (fit.values,), self.error_scale, self.coarse)
 
 
 def fit_neighbours(state: SearchState, centre: RefinedFit) -> Neighbourhood:
@@ -147,9 +152,9 @@ def _deserving(state: SearchState, proposals: Sequence[Proposal]) -> Iterable[Pr
 
 def _extended(state: SearchState, candidate: CandidateSet, proposal: Proposal
               ) -> Iterable[CandidateSet]:
-    """Return a set with a proposed cause; if that is resonant, from each of its probed sizes."""
+    """Return a set with a proposed cause; if that is resonant, from each probed start."""
     if proposal.hypothesis.label in state.resonant:
-        return candidate.with_each_size(proposal)
+        return candidate.with_each_probe(proposal)
     return [candidate.with_proposal(proposal)]
 
 
@@ -157,12 +162,14 @@ def _coarse_fits(state: SearchState, centre: RefinedFit, sets: Iterable[Candidat
                  step: str) -> list[Fit]:
     """Return coarse fits of sets around a centre, one of each set."""
     own = centre.with_own_filters
-    fits = each(NeighbourFitter(own.likelihood.thinned(COARSE_SAMPLES), own.fit.error_scale,
-                                state.data.duration, coarse=True),
-                list(sets), state.jobs,
-                lambda share: state.progress(step, 0.4 + 0.3 * share))
-    # Of a set that was fitted from several sizes, the best fit comes last.
-    return list({SetKey.of(fit): fit for fit in sorted(fits, key=state.score)}.values())
+    fitter = NeighbourFitter(own.likelihood.thinned(COARSE_SAMPLES), own.fit.error_scale,
+                             state.data.duration, coarse=True)
+    fits = each(fitter, list(sets), state.jobs,
+                lambda share: state.progress(step, 0.4 + 0.2 * share))
+    # Of a set that was fitted from several starts, the best fit comes last.
+    best = {SetKey.of(fit): fit for fit in sorted(fits, key=state.score)}
+    return each(fitter.along_own_trajectory, list(best.values()), state.jobs,
+                lambda share: state.progress(step, 0.6 + 0.1 * share))
 
 
 def _fitted(state: SearchState, centre: RefinedFit, coarse: Sequence[Fit], step: str

@@ -7,7 +7,7 @@ information is a first guess of detection limits.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from flex_plant_sim.arm.second_order import Array
@@ -17,8 +17,9 @@ from flex_plant_sim.diagnosis.likelihood.evidence import GaussianMarginal
 from flex_plant_sim.diagnosis.record.windows import Indices
 import numpy as np
 
-# Starts of a proposal at most, the best first.
-MAX_STARTS = 2
+# Starts of a proposal at most, the best first; probed values it offers to start from at most, and
+# at least one of each size. Both are budgets.
+MAX_STARTS, MAX_PROBE_STARTS = 2, 6
 
 
 @dataclass(frozen=True)
@@ -34,8 +35,8 @@ class Proposal:
     starts : tuple of Array
         Values to start a fit from, the best first, (k,) each.
     probe_starts : tuple of Array
-        Each probed size at its best shape, (k,) each. Where a size sets a frequency, the residual
-        is not linear between two of them.
+        Probed values, (k,) each: each size at its best shape, then the best others. Where a size
+        and a shape set a frequency, the residual is not linear between two of them.
     probed_sizes, information : Array
         Deviations of the first size from null, (L,), and the information on the size there (one
         over its variance), of which three quarters of the shapes have more, (L,).
@@ -95,8 +96,7 @@ class ProposalScorer:
         first = int(np.argmax(hypothesis.is_size))
         return Proposal(
             hypothesis, points[0].gain, tuple(p.values for p in points[:MAX_STARTS]),
-            tuple(max(probed, key=lambda p: p.gain).values for group in groups.values()
-                  if (probed := [p for p in group if p.probed])),
+            tuple(p.values for p in _probed(groups.values())),
             np.array([abs(deviation[first]) for deviation in groups]),
             np.array([np.quantile([p.information[first] for p in group], 0.25)
                       for group in groups.values()]))
@@ -135,6 +135,14 @@ class ProposalScorer:
             found.append(_StartPoint(gain(deviation), _with_sizes(shape, sizes, deviation),
                                      information, True))
         return found
+
+
+def _probed(groups: Iterable[Sequence[_StartPoint]]) -> list[_StartPoint]:
+    """Return the best probed point of each group, then the best others up to the budget."""
+    ranked = [sorted((p for p in group if p.probed), key=lambda p: -p.gain) for group in groups]
+    first = [points[0] for points in ranked if points]
+    others = sorted((p for points in ranked for p in points[1:]), key=lambda p: -p.gain)
+    return first + others[:max(MAX_PROBE_STARTS - len(first), 0)]
 
 
 def _with_sizes(shape: Array, sizes: Indices, change: Array) -> Array:
