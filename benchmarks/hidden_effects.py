@@ -25,6 +25,7 @@ from model_error import rows_of
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / 'test'))
+from truth.configuration import ROBOTS  # noqa: E402
 from truth.effects import CATALOGUE  # noqa: E402
 from truth.records import draw_case, make_record  # noqa: E402
 
@@ -70,9 +71,9 @@ class Answer:
 
 
 def answer(estimator: RecursivePredictionError, name: str | None, seed: int, truth: str,
-           times: tuple[float, ...]) -> Answer:
+           times: tuple[float, ...], robot: str = 'reference') -> Answer:
     """Return the estimator's result on one drawn record."""
-    case = replace(draw_case(name, seed, duration_s=times[-1] + 0.05), simulator=truth)
+    case = replace(draw_case(name, seed, robot, duration_s=times[-1] + 0.05), simulator=truth)
     estimator.reset()
     found = [estimator.update(*row) for row in rows_of(make_record(case))]
     at = np.array([(a.mass - case.payload_true, a.variance**0.5) for a in found
@@ -82,14 +83,14 @@ def answer(estimator: RecursivePredictionError, name: str | None, seed: int, tru
 
 
 @lru_cache(maxsize=1)
-def _estimator(modes: int) -> RecursivePredictionError:
+def _estimator(modes: int, robot: str) -> RecursivePredictionError:
     """Return the estimator of this process."""
-    return RecursivePredictionError(load_robot('reference'), 'assumed_modes', modes)
+    return RecursivePredictionError(load_robot(robot), 'assumed_modes', modes)
 
 
-def _answer(one: tuple[int, str | None], modes: int, truth: str, times: tuple[float, ...]
-            ) -> Answer:
-    return answer(_estimator(modes), one[1], one[0], truth, times)
+def _answer(one: tuple[int, str | None], modes: int, truth: str, times: tuple[float, ...],
+            robot: str) -> Answer:
+    return answer(_estimator(modes, robot), one[1], one[0], truth, times, robot)
 
 
 def effects_of(seed: int, runs: int, truth: str, among: tuple[str, ...]) -> list[str]:
@@ -124,6 +125,7 @@ def main() -> None:
     parser.add_argument('--modes', type=int, default=3)
     parser.add_argument('--names', choices=CATALOGUE, nargs='*', default=tuple(CATALOGUE),
                         help='what may be hidden')
+    parser.add_argument('--robot', choices=ROBOTS, default='reference')
     parser.add_argument('--jobs', type=int, default=2)
     parser.add_argument('--each', action='store_true')
     options = parser.parse_args()
@@ -139,7 +141,7 @@ def main() -> None:
             for title, names in ((CLEAN, [None] * clean), (HIDDEN, hidden)):
                 answers = []
                 for found in pool.imap(partial(_answer, modes=options.modes, truth=truth,
-                                               times=times),
+                                               times=times, robot=options.robot),
                                        list(enumerate(names, first))):
                     answers.append(found)
                     if options.each:

@@ -236,12 +236,18 @@ class ExtendedArm:
         """Return the state one step later, given `after`, the step of the linear plant alone."""
         if not (self._torque or self.has_contact):
             return after
+        pushed = self.apply_free_effects(e, state, after, command, time)
+        return self.apply_friction(e, state, pushed, self.motion(state, command, time))
+
+    def apply_free_effects(self, e: Array, state: Array, after: Array, command: Array,
+                           time: Any) -> Array:
+        """Return the state one step later as `apply_effects` does, but for dry friction."""
         motion, pushed = self.motion(state, command, time), after
         for _ in range(self.passes if self._torque else 0):
             middle = self.motion_between(state, pushed, command, time)
             found = after + _apply(e, self.smooth_force(middle))
             pushed = self._newton_step(e, pushed, found, middle) if self.passes > 1 else found
-        return self.apply_contact(e, state, pushed, motion)
+        return self.apply_gaps(state, pushed, motion, np.cos(motion.position[..., 1]))
 
     def _newton_step(self, e: Array, guess: Array, found: Array, middle: Motion) -> Array:
         """
@@ -260,11 +266,6 @@ class ExtendedArm:
     def smooth_force(self, motion: Motion) -> Array:
         """Return the sum of the force effects, (…, N)."""
         return np.zeros(self.form.order) + sum(effect.force(motion) for effect in self._torque)
-
-    def apply_contact(self, e: Array, state: Array, after: Array, motion: Motion) -> Array:
-        """Return `after`, the state one step later, corrected for backlash and dry friction."""
-        after = self.apply_gaps(state, after, motion, np.cos(motion.position[..., 1]))
-        return self.apply_friction(e, state, after, motion)
 
     def apply_gaps(self, state: Array, after: Array, motion: Motion, cosine: Array) -> Array:
         """Return `after`, the state one step later, corrected for backlash; cosine of theta_2."""
@@ -289,10 +290,9 @@ class ExtendedArm:
 
     def friction_columns(self, e: Array) -> tuple[Array, Array]:
         """
-        Return the effect of unit joint torques over a step.
+        Return what unit joint torques change over a step.
 
-        It is the change of the state (…, n, 2), and of the velocity of the torque's own joint
-        (…, 2).
+        The state (…, n, 2), and the velocity of the torque's own joint (…, 2).
         """
         order, columns = self.form.order, e @ self.form.force
         return columns, np.stack([columns[..., order, 0], columns[..., order + 1, 1]], axis=-1)

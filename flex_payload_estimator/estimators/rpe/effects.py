@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from flex_payload_estimator.estimators.rpe.filter import Filter
+from flex_payload_estimator.estimators.rpe.friction import brake
 from flex_plant_sim.arm.schedule import chebyshev_nodes
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.effects.base import Effect
@@ -60,17 +62,19 @@ class EffectStep:
             self.history = np.vstack([self.history, command])[1:]
         return applied
 
-    def push(self, payload: float, before: Array, after: Array, command: Array,
-             time: float) -> Array:
+    def push(self, f: Filter, payload: float, before: Array, command: Array, time: float
+             ) -> None:
         """
-        Return the state after a step with the effects' forces and contacts, (n,).
+        Let forces, contacts and friction act on a filter that the linear plant has predicted.
 
         Parameters
         ----------
+        f : Filter
+            x changes, and P with dry friction.
         payload : float
             kg, of the slice of the schedule in use.
-        before, after : Array
-            State before the step, and after it by the linear plant alone, (n,).
+        before : Array
+            State before the step, (n,).
         command : Array
             At the drive, (2,).
         time : float
@@ -85,4 +89,6 @@ class EffectStep:
                 self._loaded.clear()
             self._loaded[payload] = arm
         force = arm.schedule.at(np.cos(before[1]))[2]
-        return arm.apply_effects(force, before, after, command, time)
+        f.x[:] = arm.apply_free_effects(force, before, f.x, command, time)
+        if arm.has_friction:
+            brake(f, arm, force, before, arm.motion(before, command, time))

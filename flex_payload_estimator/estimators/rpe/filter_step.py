@@ -170,8 +170,8 @@ class FilterStep:
             before = before.copy()
         compiled_step.predict_packed(*self._prediction_arguments(f, sample, loads))
         if self.effects.moves:
-            f.x[:] = self.effects.push(self.schedule.cut(payload).payload, before, f.x,
-                                       sample.command, sample.time - self.step_time)
+            self.effects.push(f, self.schedule.cut(payload).payload, before, sample.command,
+                              sample.time - self.step_time)
 
     def correct(self, f: Filter, sample: Sample, loads: Loads) -> None:
         """Learn from the measurement of a sample that has been predicted."""
@@ -205,10 +205,20 @@ class FilterStep:
     def _take_likelihood(self, f: Filter, sample: Sample, found: tuple[float, ...]) -> None:
         """Keep what a correction returned; where the state is lost, begin the state again."""
         log_density, stated, mean_square, f.noise_drop_gain = found
-        if math.isnan(mean_square):
+        if math.isnan(mean_square) or self._is_lost(f, mean_square):
             self.relocate(f, sample.measured)
         else:
             f.log_density, f.stated_log_density, f.mean_square = log_density, stated, mean_square
+
+    def _is_lost(self, f: Filter, mean_square: float) -> bool:
+        """
+        Tell whether a state is lost: beyond the gate, and known less than at the start.
+
+        Beyond the gate the gain falls, so that P grows for as long as samples stay there. At the
+        start the state is anywhere: P beyond that says nothing, and a measurement begins it anew.
+        """
+        return mean_square * self.told_variance.size >= compiled_step.GATE \
+            and bool((f.cov.diagonal() > self.start_cov.diagonal()).any())
 
     def _offset(self, x: Array, time: float) -> Array:
         """Return what the sensors' effects add to C x, (m,)."""

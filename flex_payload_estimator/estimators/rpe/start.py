@@ -143,10 +143,10 @@ class StartBank:
         Add the last sample's log-likelihoods, drop unlikely filters, and return who is left.
 
         The likeliest filter of each mode stays. Of the others of its mode, those stay that are
-        likely, linearised elsewhere, and no older than MODES_OPEN_S in motion, while the mode
-        itself is likely. What is still open then, such as forces of motion too small to show, a
-        later trial settles. Returns one filter a mode, the first incumbent first, once no mode
-        has more than one; else none.
+        likely, linearised elsewhere, and no older than MODES_OPEN_S in motion; exact ones, while
+        the mode itself is likely. What is still open then, such as forces of motion too small to
+        show, a later trial settles. Returns one filter a mode, the first incumbent first, once no
+        mode has more than one; else none.
         """
         if self.at_rest:
             return []
@@ -158,7 +158,10 @@ class StartBank:
         top = self.best().log_likelihood
         for f in sorted(self.filters, key=lambda f: -f.log_likelihood):
             same = [other for other in kept if other.mode == f.mode]
-            one_is_enough = f.log_likelihood < top - GIVE_UP_NATS or f.age >= MODES_OPEN_S
+            # Free parts are behind while noise hides the parts, and the best of them by then may
+            # be linearised anywhere: they give up by their own best alone.
+            one_is_enough = f.age >= MODES_OPEN_S or not f.mode.free_parts \
+                and f.log_likelihood < top - GIVE_UP_NATS
             if not same or not (one_is_enough
                                 or f.log_likelihood < same[0].log_likelihood - GIVE_UP_NATS
                                 or self._is_same_linearisation(f, same)):

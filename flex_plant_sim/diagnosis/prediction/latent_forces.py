@@ -194,7 +194,8 @@ def _known_step(predictor: Predictor) -> Array:
         return inputs[:, 0]
     free = open_loop.step_states(states, run.drive)
     motion = arm.motion(states, run.command, run.time)
-    stopped = arm.apply_contact(run.force_response[:, None], states, free, motion)
+    parted = arm.apply_gaps(states, free, motion, np.cos(motion.position[..., 1]))
+    stopped = arm.apply_friction(run.force_response[:, None], states, parted, motion)
     return np.asarray((inputs + stopped - free)[:, 0], dtype=float)
 
 
