@@ -16,6 +16,7 @@ from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
 from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.causes.free_run_ranking import ranked_by_free_runs
 from flex_plant_sim.diagnosis.causes.information import InformationProbe
+from flex_plant_sim.diagnosis.causes.neighbourhood import Neighbourhood
 from flex_plant_sim.diagnosis.causes.neighbours import fit_in_place_of_law, fit_neighbours
 from flex_plant_sim.diagnosis.causes.posterior import ORDINARY_FAULTS, Posterior, SetKey
 from flex_plant_sim.diagnosis.causes.proposal import Proposal
@@ -98,38 +99,43 @@ def search(data: Data, nominal: BaseModel, jobs: int, progress: Progress,
     nothing = state.refine(CandidateSet((), (np.zeros(0),)), nominal.discrepancy)
     best = nothing.near_file_parts(nominal, data, jobs)
     probe_catalogue(state, best)
-    # Of each set whose neighbours were fitted.
-    neighbourhoods = {SetKey.of(nothing.fit): fit_neighbours(state, best)}
+    return _result(state, nothing, _explored(state, nothing, best))
 
-    def explored(found: RefinedFit) -> bool:
-        return SetKey.of(found.fit) in neighbourhoods
 
+def _explored(state: SearchState, nothing: RefinedFit, best: RefinedFit
+              ) -> dict[SetKey, Neighbourhood]:
+    """Fit the neighbours of the most probable set until they are known; return those of each."""
+    found = {SetKey.of(nothing.fit): fit_neighbours(state, best)}
     named: set[SetKey] = set()
-    while len(neighbourhoods) < MAX_CENTRES:
+    while len(found) < MAX_CENTRES:
         refine_leading(state, best)
         try_laws(state, best)
         _name_laws(state, named)
         # A fit around another set may have been better than the refined one, which counts.
         best = state.best
-        if explored(best):
+        if SetKey.of(best.fit) in found:
             refine_alternatives(state, best, nothing)
             best = state.best
-        if explored(best):
-            progress('unknown', 0.9)
+        if SetKey.of(best.fit) in found:
+            state.progress('unknown', 0.9)
             try_far_parts(state)
             refine_leading(state, best)
             best = state.best
-        if explored(best) or _is_complete(best.fit):
-            break
-        neighbourhoods[SetKey.of(best.fit)] = fit_neighbours(state, best)
-    else:
-        try_far_parts(state)
-        refine_leading(state, best)
-    rounds = tuple(len(key.labels) for key in neighbourhoods)
+        if SetKey.of(best.fit) in found or _is_complete(best.fit):
+            return found
+        found[SetKey.of(best.fit)] = fit_neighbours(state, best)
+    try_far_parts(state)
+    refine_leading(state, best)
+    return found
+
+
+def _result(state: SearchState, nothing: RefinedFit, explored: dict[SetKey, Neighbourhood]
+            ) -> SearchResult:
+    rounds = tuple(len(key.labels) for key in explored)
     if state.best.fit.discrepancy.laws:
         return _ranked_by_free_runs(state, nothing, rounds)
-    last = max((state.refined[key] for key in neighbourhoods), key=lambda r: state.score(r.fit))
-    around = neighbourhoods[SetKey.of(last.fit)]
+    last = max((state.refined[key] for key in explored), key=lambda r: state.score(r.fit))
+    around = explored[SetKey.of(last.fit)]
     posterior = state.posterior(around.unfitted_scores(state), around.has_unknown(state))
     best = state.refined.get(SetKey.of(posterior.best).without_remainder, last)
     return SearchResult(
