@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from flex_plant_sim.arm.parts import within_file_limits
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import built_in_robots, load_robot, parse_robot
 from flex_plant_sim.diagnosis.report.extended_file import document, extended_text, write_extended
@@ -35,6 +36,19 @@ def test_every_effect_reads_back_exactly(name: str, tmp_path: Path) -> None:
     assert effects_of(again) == tuple(effects)
     assert replace(again, effects=()) == robot
     assert [path.name for path in tmp_path.iterdir()] == ['robot.yaml']
+
+
+def test_a_link_damps_no_more_than_its_file_may_say(tmp_path: Path) -> None:
+    robot = load_robot('reference')
+    upper, lower = (replace(link, damping_ratio=1.8) for link in robot.links)
+    far = replace(robot, links=(upper, lower))
+    path = tmp_path / 'robot.yaml'
+    with pytest.raises(InputError, match=r'not written: links\.upper\.damping_ratio'):
+        write_extended(path, 'reference', far, [])
+    assert not path.exists()
+    write_extended(path, 'reference', within_file_limits(far), [])
+    assert [link.damping_ratio for link in load_robot(path).links] == [0.7, 0.7]
+    assert within_file_limits(robot) == robot
 
 
 def test_comments_stay_and_effects_are_not_doubled(tmp_path: Path) -> None:

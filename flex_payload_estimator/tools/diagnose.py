@@ -18,6 +18,7 @@ from typing import Any, Protocol
 
 from flex_payload_estimator.estimators.factory import make_estimator
 from flex_payload_estimator.tools.estimate import estimate
+from flex_plant_sim.arm.parts import MOST_DAMPING
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.diagnosis.pool import all_of
@@ -236,6 +237,9 @@ def _main(arguments: argparse.Namespace) -> None:
 def _write_extended(arguments: argparse.Namespace, robot: Robot, found: Findings) -> None:
     write_extended(arguments.extended, arguments.robot, robot, found.extended.effects)
     print(f'extended robot: {arguments.extended}')
+    if any(link.damping_ratio == MOST_DAMPING for link in robot.links):
+        print(f'there a link damps by {MOST_DAMPING:g}, the most a robot file may say; the log asks '
+              'for more')
 
 
 def _write_report(folder: str, report: Report) -> None:

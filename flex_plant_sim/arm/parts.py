@@ -11,8 +11,12 @@ from dataclasses import dataclass, replace
 from functools import partial
 from math import exp
 
+from flex_plant_sim.arm.file_section import PLAUSIBLE
 from flex_plant_sim.arm.robot import Robot
 from numpy.random import Generator
+
+# Largest damping ratio of a link that a robot file may say.
+MOST_DAMPING = PLAUSIBLE['damping_ratio'][1]
 
 Change = Callable[[Robot, float], Robot]
 
@@ -39,6 +43,17 @@ class Part:
     tolerance: float
     change: Change
     unit: str = ''
+
+
+def within_file_limits(robot: Robot) -> Robot:
+    """
+    Return a robot whose links damp no more than a robot file may say.
+
+    As a part's deviation is that of a logarithm, several tolerances may lead beyond.
+    """
+    upper, lower = (replace(link, damping_ratio=min(link.damping_ratio, MOST_DAMPING))
+                    for link in robot.links)
+    return replace(robot, links=(upper, lower))
 
 
 def robot_parts(robot: Robot) -> tuple[Part, ...]:

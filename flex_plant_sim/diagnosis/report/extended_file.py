@@ -73,10 +73,11 @@ def write_extended(path: str | Path, source: str | Path, robot: Robot,
     Raises
     ------
     InputError
-        Nothing can be written there, or the source cannot be read.
+        Nothing can be written there, the source cannot be read, or no robot file may say so.
 
     """
     text = extended_text(source, robot, effects)
+    parse_robot(text, f'{path}: extended robot, not written')
     with whole_file(path) as temporary:
         temporary.write_text(text if MARK in text else f'{text}# {MARK}\n', encoding='utf-8')
 

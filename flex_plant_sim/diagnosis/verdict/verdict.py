@@ -7,7 +7,9 @@ The diagnosis of records: cut, searched, and put into one verdict in an engineer
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
+from flex_plant_sim.arm.parts import within_file_limits
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.causes.fit import Fit
@@ -104,8 +106,9 @@ def slowest_frequency(base: BaseModel, payload: float) -> float:
 
 
 def extended_base(found: SearchResult, nominal: BaseModel) -> BaseModel:
-    """Return the nominal model with the causes and the estimated parts."""
-    return found.best.extended_model(nominal)
+    """Return the nominal model with the causes and the estimated parts, as a file may say them."""
+    model = found.best.extended_model(nominal)
+    return replace(model, robot=within_file_limits(model.robot))
 
 
 def _unmoved(records: Sequence[Record], data: Data) -> tuple[str, ...]:
