@@ -238,8 +238,8 @@ def _write_extended(arguments: argparse.Namespace, robot: Robot, found: Findings
     write_extended(arguments.extended, arguments.robot, robot, found.extended.effects)
     print(f'extended robot: {arguments.extended}')
     if any(link.damping_ratio == MOST_DAMPING for link in robot.links):
-        print(f'there a link damps by {MOST_DAMPING:g}, the most a robot file may say; the log asks '
-              'for more')
+        print(f'there a link damps by {MOST_DAMPING:g}, the most a robot file may say; the log '
+              'asks for more')
 
 
 def _write_report(folder: str, report: Report) -> None:
