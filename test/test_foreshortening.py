@@ -32,11 +32,16 @@ from truth import simulation as truth
 from truth.configuration import reference_arm
 
 BOTH = ('coriolis_centripetal:arm:share=1', 'foreshortening:arm:share=1')
+LOOSE = 'loose_payload:arm:compliance_m_per_n=0.02,share=1,damping_ratio=0'
 PAYLOAD = ROBOT.payload_mass
 
 
 def points(robot: Robot, modes: int, p: Array) -> tuple[Array, Array]:
-    """Return masses (K,) and places (K, 2) of a drawn arm whose links keep their length."""
+    """
+    Return masses (K,) and places (K, 2) of a drawn arm whose links keep their length.
+
+    A coordinate behind the deflections is the payload's displacement across the tip.
+    """
     x, w = np.polynomial.legendre.leggauss(30)
     masses, places, root, turn = [], [], np.zeros(2), 0.0
     for j, (link, end) in enumerate(zip(robot.links, (robot.elbow_mass, PAYLOAD))):
@@ -49,6 +54,7 @@ def points(robot: Robot, modes: int, p: Array) -> tuple[Array, Array]:
         masses.append(np.append(0.5 * link.mass * w, end))
         places.append(root + drawn @ axes)
         root, turn = places[-1][-1], turn + float(shape.shape(link.length, 1) @ q)
+    places[-1][-1] += p[2 + 2 * modes:].sum() * np.array([-np.sin(turn), np.cos(turn)])
     return np.concatenate(masses), np.concatenate(places)
 
 
@@ -81,15 +87,17 @@ def lagrange_force(robot: Robot, modes: int, p: Array, v: Array, rate: Array) ->
     return np.asarray((momentum(h) - momentum(-h)) / (2.0 * h) - slope)
 
 
+@pytest.mark.parametrize('effects', [(), (LOOSE,)])
 @pytest.mark.parametrize('bent', [True, False])
-def test_the_estimator_s_forces_of_motion_are_lagrange_s_to_first_order(bent: bool) -> None:
+def test_the_estimator_s_forces_of_motion_are_lagrange_s_to_first_order(
+        bent: bool, effects: tuple[str, ...]) -> None:
     """At speeds of the standard moves; rigid links' alone are off by what grows with the bend."""
     modes, step = 2, 1e-5
-    extended = arm(modes=modes, step=step)
+    extended = arm(*effects, modes=modes, step=step)
     form, n = extended.form, extended.form.order
     misses = []
     for bend in (0.01, 0.005):
-        p = np.r_[0.3, 0.8, bend * np.array([1.0, 0.2, 0.7, -0.3])]
+        p = np.r_[0.3, 0.8, bend * np.array([1.0, 0.2, 0.7, -0.3, 1.0])[:n - 2]]
         v = np.r_[1.2, -1.5, 5.0 * p[2:]]
         rate = np.r_[3.0, -4.0, -60.0 * p[2:]]
         eta = float(form.elbow_angle @ p)

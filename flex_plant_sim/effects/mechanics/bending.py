@@ -15,6 +15,7 @@ energy gains
 
 with M_2 the mass beyond the elbow. The terms are centrifugal stiffening and spin softening, and
 the upper tip's motion along the lower link and along its own. Third order in (q, q') is left out.
+A payload that is held loosely counts where it swings to, across the tip.
 The forces here are Lagrange's forces of that energy, and those of the linear equations' own M(eta)
 that CoriolisCentripetal does not have: sin(eta) (w_2 epsilon s - w_1 sigma e - epsilon sigma h),
 h the row of eta, which vanish for rigid links.
@@ -32,6 +33,7 @@ from flex_plant_sim.arm.robot import Link, Robot
 from flex_plant_sim.arm.second_order import Array, SecondOrderForm
 from flex_plant_sim.effects.mechanics.kinematics import link_columns, link_shapes, root_row
 import numpy as np
+from numpy.typing import NDArray
 
 # The forces have faded to a half at a shortening of FADE_SHORTENING times the link's length, with
 # FADE_EXPONENT the power of the shortening in the fading factor. A tip deflected by 0.37 of the
@@ -39,6 +41,8 @@ import numpy as np
 # load). From about there on, an energy of second order makes the mass matrix of heavily loaded
 # links indefinite.
 FADE_SHORTENING, FADE_EXPONENT = 0.08, 8
+# Of a row that is the difference of two equal ones.
+ROUNDING = 1e-9
 
 
 class BendingTerms(NamedTuple):
@@ -84,8 +88,8 @@ class LinkTerms(NamedTuple):
         int phi dm, kg, (n,).
     shortening, own : Array
         int S dm with S(x) = int_0^x phi' phi'' dx, and int (phi phi' - x S) dm, (n, n).
-    tip : Array
-        phi at the tip, (n,).
+    tip, tip_slope : Array
+        phi and phi' at the tip, (n,).
     tip_shortening : Array
         S at the tip, 1/m, (n, n).
     reach : float
@@ -97,6 +101,7 @@ class LinkTerms(NamedTuple):
     shortening: Array
     own: Array
     tip: Array
+    tip_slope: Array
     tip_shortening: Array
     reach: float
 
@@ -117,11 +122,11 @@ def link_terms(link: Link, modes: int) -> LinkTerms:
     # A slope at x shortens the link for all mass beyond x.
     beyond = density * rest
     moments = density * (radius * rest + 0.5 * (length**2 - x**2))
-    tip = np.asarray(shapes.shape(length), dtype=float)
+    tip, tip_slope = (np.asarray(shapes.shape(length, k), dtype=float) for k in (0, 1))
     return LinkTerms(
         -shapes.modal_mass * shapes.beta, (slope.T * (w * beyond)) @ slope,
         shapes.modal_mass * np.eye(modes) - (slope.T * (w * moments)) @ slope,
-        tip, (slope.T * w) @ slope, radius + length)
+        tip, tip_slope, (slope.T * w) @ slope, radius + length)
 
 
 def bending_terms(form: SecondOrderForm, robot: Robot, payload: float) -> BendingTerms:
@@ -135,13 +140,20 @@ def _terms(form: SecondOrderForm, links: tuple[Link, Link], elbow_mass: float, p
     q_1, q_2 = (link_columns(form, index) for index in (0, 1))
     upper, lower = (link_terms(link, int(q.sum())) for link, q in zip(links, (q_1, q_2)))
     bent, n = np.zeros((3, form.order)), form.order
-    bent[0, q_1], bent[1, q_2] = upper.tip, lower.moment + payload * lower.tip
+    swing = _payload_swing(form, lower, q_2)
+    slope, tip = np.zeros((2, n))
+    slope[q_2], tip[q_2] = lower.tip_slope, lower.tip
+    bent[0, q_1], bent[1, q_2] = upper.tip, lower.moment
+    bent[1] += payload * (tip + swing)
     bent[2] = form.elbow_angle
     shortening, centrifugal = np.zeros((n, n)), np.zeros((n, n))
     shortening[np.ix_(q_1, q_1)] = upper.tip_shortening
     shortening[np.ix_(q_2, q_2)] = lower.shortening + payload * lower.tip_shortening
+    # The payload swings across the tip: a slope there tilts its way towards the elbow.
+    shortening += payload * (np.outer(swing, slope) + np.outer(slope, swing))
     centrifugal[np.ix_(q_1, q_1)] = upper.centrifugal(elbow_mass)
     centrifugal[np.ix_(q_2, q_2)] = lower.centrifugal(payload)
+    centrifugal += payload * (np.outer(tip + swing, tip + swing) - np.outer(tip, tip))
     turning = np.array([root_row(form, 0), root_row(form, 1), form.field[0, 1],
                         form.field[1, 0] + payload * form.field[1, 1]])
     return BendingTerms(np.vstack([bent, shortening, centrifugal]),
@@ -149,6 +161,12 @@ def _terms(form: SecondOrderForm, links: tuple[Link, Link], elbow_mass: float, p
                         links[1].mass + payload,
                         (FADE_SHORTENING * links[0].length,
                          FADE_SHORTENING * links[1].length * (links[1].mass / 3.0 + payload)))
+
+
+def _payload_swing(form: SecondOrderForm, lower: LinkTerms, q_2: NDArray[np.bool_]) -> Array:
+    """Return the row of the payload's motion across the tip where it is held loosely, (N,)."""
+    across = form.field[1, 1] - lower.reach * root_row(form, 1)
+    return np.where(q_2 | (np.abs(across) < ROUNDING * lower.reach), 0.0, across)
 
 
 def remaining(short: Any, most: tuple[float, float]) -> Any:
