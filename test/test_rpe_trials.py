@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from flex_payload_estimator.estimators.rpe import transitions
+from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
 from flex_payload_estimator.estimators.rpe.filter import Filter
 from flex_payload_estimator.estimators.rpe.likelihood import false_alarm_threshold
 from flex_payload_estimator.estimators.rpe.modes import EXACT, Mode, MODES, PARTS_FREE, ROUGH
+from flex_payload_estimator.estimators.rpe.restarts import relinearised, with_payload_walk
 from flex_payload_estimator.estimators.rpe.trial import Trial
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.simulation.payload_profile import PayloadProfile
 import numpy as np
 import pytest
 from rpe_runs import estimator_of, Run
+from truth.records import draw_case, make_record
 
 COARSE = MODES[2]
 
@@ -96,3 +102,52 @@ def test_a_burst_counts_as_long_as_it_is_ago_however_little_the_arm_moved() -> N
     for since, wins in ((0.4, False), (0.8, True)):
         trial = Trial('mode', of_mode(COARSE), since, 0.1, log_ratio=1e3, counted=0.3)
         assert transitions.wins(trial, competition._situation(incumbent)) is wins
+
+
+def test_a_payload_that_could_walk_and_does_not_is_as_likely_as_a_constant_one() -> None:
+    # Linearised about an estimate that moves it would learn otherwise, and expect less.
+    estimator = estimator_of()
+    Run(estimator, PayloadProfile.constant(0.15), 1.2)
+    stepper, window = estimator.stepper, estimator._competition.window
+    incumbent = estimator.incumbent.copy()
+    incumbent.mode = EXACT
+    incumbent = relinearised(incumbent, stepper)
+    walk, judged = with_payload_walk(incumbent, 0.0)
+    assert judged is not None and walk.model is None
+    last = window[window.end - 1]
+    trial = Trial('change', walk, 0.0, 0.15, judged=judged)
+    for f in (incumbent, *trial.filters):
+        stepper.step(f, last.sample, last.loads)
+    assert trial.sample_log_ratio(incumbent) == 0.0
+
+
+def test_a_payload_that_jumps_is_judged_where_it_is_until_it_lags(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    estimator = estimator_of()
+    Run(estimator, PayloadProfile.constant(0.15), 1.2)
+    stepper, competition = estimator.stepper, estimator._competition
+    last = competition.window[competition.window.end - 1]
+    incumbent = relinearised(estimator.incumbent, stepper)
+    walk, judged = with_payload_walk(incumbent, competition.walk)
+    trial = Trial('change', walk, 0.0, 0.15, judged=judged)
+    monkeypatch.setattr(stepper, 'after_jump', lambda f, *_: f.copy())
+    # So unlikely, and then so likely, as no walk is.
+    for likely, jumped in ((-1e6, True), (1e7, False)):
+        incumbent.stated_log_density = likely
+        competition._step(trial, incumbent, last.sample, last.loads, True)
+        assert (trial.judged is None) is jumped
+    assert trial.judged is not None and trial.judged.model is incumbent.model
+
+
+def test_no_payload_changes_on_a_clean_arm_of_500_hz() -> None:
+    # Its walk led by 57 nats after 3.5 s, 50 of them for parts that it seemed to have learnt.
+    case = replace(draw_case(None, 109, 'quanser_2dsfl', duration_s=10.05),
+                   simulator='finite_elements')
+    record = make_record(case)
+    estimator = RecursivePredictionError(load_robot('quanser_2dsfl'))
+    outputs = np.column_stack([record.joint, record.strain])
+    command = np.vstack([np.zeros((1, 2)), record.command[:-1]])
+    for time, output, before in zip(record.time[:1850], outputs, command):
+        answer = estimator.update(float(time), output, before)
+    assert estimator.incumbent.age > 3.0
+    assert abs(answer.mass - case.payload_true) < answer.variance**0.5

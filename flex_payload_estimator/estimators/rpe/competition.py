@@ -95,7 +95,8 @@ class ModeCompetition:
         """Bring the trials across a sample without a measurement."""
         self.remember(sample, loads, excited)
         for trial in self.trials:
-            self.stepper.predict(trial.kalman, sample, loads)
+            for f in trial.filters:
+                self.stepper.predict(f, sample, loads)
 
     def advance(self, incumbent: Filter, sample: Sample, loads: Loads, excited: bool) -> Filter:
         """Step the trials over a sample that the incumbent has learnt; return the next one."""
@@ -120,6 +121,7 @@ class ModeCompetition:
             self._pass = self._pass or self._next_pass(incumbent)
             if transitions.relinearisation_due(incumbent):
                 incumbent = relinearised(incumbent, self.stepper)
+                self._drop_walks()
         return incumbent
 
     def _situation(self, incumbent: Filter) -> Situation:
@@ -137,16 +139,17 @@ class ModeCompetition:
         # The filter that first finds that the noise has dropped gains by that alone, until the
         # other one finds it too.
         self.trials = [t for t in self.trials
-                       if t.kalman.noise_drop_gain == incumbent.noise_drop_gain == 0.0
+                       if t.filters[-1].noise_drop_gain == incumbent.noise_drop_gain == 0.0
                        or t.has_less_freedom(incumbent)]
 
     def _step(self, trial: Trial, incumbent: Filter, sample: Sample, loads: Loads,
               excited: bool) -> None:
         """Let a trial learn a sample, and add its log-likelihood ratio."""
         step = self.stepper.step_time
-        self.stepper.step(trial.kalman, sample, loads)
+        for f in trial.filters:
+            self.stepper.step(f, sample, loads)
         if trial.kind == 'change':
-            trial.kalman = self.stepper.after_jump(trial.kalman, sample, loads)
+            self._let_jump(trial, sample, loads)
         trial.kalman.age += step if excited else 0.0
         # A mode with more freedom that gains does differ, however much noise hides its error.
         differs = trial.kind != 'mode' or trial.is_cusum(incumbent) \
@@ -154,8 +157,17 @@ class ModeCompetition:
         trial.add(step if differs else 0.0, trial.sample_log_ratio(incumbent))
         if trial.is_cusum(incumbent) and trial.log_ratio <= 0.0:
             trial.restart_sum(sample.time)
+            if trial.kind == 'change' and (trial.judged is None) != (incumbent.model is None):
+                # It jumped for nothing.
+                trial.kalman, trial.judged = with_payload_walk(incumbent, self.walk)
         elif trial.is_settling:
             trial.log_ratio = 0.0
+
+    def _let_jump(self, trial: Trial, sample: Sample, loads: Loads) -> None:
+        """Let a walking payload jump, if so to be judged where it is then."""
+        after = self.stepper.after_jump(trial.kalman, sample, loads)
+        if after is not trial.kalman:
+            trial.kalman, trial.judged = after, None
 
     def _begin_trials(self, incumbent: Filter, time: float) -> None:
         """Begin the trials that should run and do not."""
@@ -165,7 +177,8 @@ class ModeCompetition:
             for f in with_constant_payload(incumbent, self.stepper):
                 self._add_trial('constant', f, incumbent, time)
         if not walking and 'change' not in kinds and freedom(incumbent.mode) < 2:
-            self._add_trial('change', with_payload_walk(incumbent, self.walk), incumbent, time)
+            walk, judged = with_payload_walk(incumbent, self.walk)
+            self._add_trial('change', walk, incumbent, time, judged)
         for mode in transitions.modes_to_try(incumbent, time >= self._pause_end):
             if not any(trial.kind == 'mode' and freedom(trial.kalman.mode) == freedom(mode)
                        for trial in self.trials):
@@ -173,8 +186,9 @@ class ModeCompetition:
                 self._add_trial('mode', in_other_mode(incumbent, mode, self.stepper), incumbent,
                                 time)
 
-    def _add_trial(self, kind: str, f: Filter, incumbent: Filter, time: float) -> None:
-        self.trials.append(Trial(kind, f, time, incumbent.mass))
+    def _add_trial(self, kind: str, f: Filter, incumbent: Filter, time: float,
+                   judged: Filter | None = None) -> None:
+        self.trials.append(Trial(kind, f, time, incumbent.mass, judged=judged))
 
     def keep(self, former: Filter, time: float) -> None:
         """Let a former incumbent, or the second of the start, go on as a trial."""
@@ -276,13 +290,17 @@ class ModeCompetition:
             trial = done.trial if done.trial in self.trials else None
             return self._promote(trial or Trial('mode', best, time, incumbent.mass), incumbent,
                                  time)
-        # A walk begins again from what is known now; other modes must beat the better incumbent.
-        self.trials = [trial for trial in self.trials if trial.kind == 'mode']
+        # Other modes must beat the better incumbent.
+        self._drop_walks()
         for trial in self.trials:
             trial.log_ratio -= done.log_ratio(self.window, trial.since)
         done.store_log_densities(self.window)
         last = best.passes == PASSES and not best.mode.free_parts
         return linearised_every_sample(best) if last else best
+
+    def _drop_walks(self) -> None:
+        """Let a walk begin again from what is known now, and linearised as the incumbent is."""
+        self.trials = [trial for trial in self.trials if trial.kind == 'mode']
 
     def _reject_exact(self, done: WindowPass) -> None:
         """End a comparison that the free parts have won, and the exact model's trial."""

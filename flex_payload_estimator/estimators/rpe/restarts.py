@@ -164,11 +164,19 @@ def begin_at(new: Filter, first: Sample, loads: Loads, rested: Filter | None,
         stepper.correct(new, first, loads)
 
 
-def with_payload_walk(f: Filter, walk: float) -> Filter:
-    """Return a filter that knows what f knows, and whose payload walks, kg/sqrt(s)."""
-    new = linearised_every_sample(f)
-    new.mode = f.mode._replace(payload_walk=walk)
-    return new
+def with_payload_walk(f: Filter, walk: float) -> tuple[Filter, Filter | None]:
+    """
+    Return a filter that knows what f knows, and whose payload walks, kg/sqrt(s).
+
+    Then the same filter linearised as f is; None where f is linearised about its estimate too.
+    The first follows the payload wherever it goes; the second is compared with f. Where the point
+    of linearisation moves, a filter seems to learn of the parts what it does not (Huang, Mourikis
+    and Roumeliotis, Int. J. Robotics Research 29, 2010): it expects less than f, and would be the
+    likelier for that alone.
+    """
+    mode = f.mode._replace(payload_walk=walk)
+    return _in_mode(linearised_every_sample(f), mode), \
+        None if f.model is None else _in_mode(f, mode)
 
 
 def with_constant_payload(f: Filter, stepper: FilterStep) -> list[Filter]:

@@ -19,7 +19,8 @@ incumbent comes from start.py.
 A walking payload and a model with more freedom explain the same misfit. Either may become true at
 any time, so its log-likelihood ratio counts from when it was best to begin (Page's cumulative
 sum, Biometrika 41, 1954). A change of the payload must be the better explanation of the same
-samples, and a model must be wrong for a while. No mode is left for good.
+samples, and a model must be wrong for a while. No mode is left for good. A walk is compared
+linearised as the incumbent is: see restarts.with_payload_walk.
 """
 
 from __future__ import annotations

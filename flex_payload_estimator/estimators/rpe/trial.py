@@ -36,6 +36,9 @@ class Trial:
         Time since it began, s, counted alike.
     largest : float
         Largest log_ratio since `since`, nats.
+    judged : Filter or None
+        The same hypothesis, linearised as the incumbent is, where `kalman` is linearised
+        otherwise; it gives the likelihood, see restarts.with_payload_walk.
 
     """
 
@@ -47,6 +50,12 @@ class Trial:
     counted: float = 0.0
     run: float = 0.0
     largest: float = 0.0
+    judged: Filter | None = None
+
+    @property
+    def filters(self) -> list[Filter]:
+        """Return its filters; the last gives the likelihood."""
+        return [self.kalman] if self.judged is None else [self.kalman, self.judged]
 
     def add(self, time: float, log_ratio: float) -> None:
         """Count a sample: its time, s, and its log-likelihood ratio, nats."""
@@ -83,5 +92,5 @@ class Trial:
         because a larger model error would otherwise pay for itself.
         """
         if self.kalman.mode.name == incumbent.mode.name:
-            return self.kalman.stated_log_density - incumbent.stated_log_density
+            return self.filters[-1].stated_log_density - incumbent.stated_log_density
         return self.kalman.log_density - incumbent.log_density
