@@ -211,12 +211,8 @@ class FilterStep:
             f.log_density, f.stated_log_density, f.mean_square = log_density, stated, mean_square
 
     def _is_lost(self, f: Filter, mean_square: float) -> bool:
-        """
-        Tell whether a state is lost: beyond the gate, and known less than at the start.
-
-        Beyond the gate the gain falls, so that P grows for as long as samples stay there. At the
-        start the state is anywhere: P beyond that says nothing, and a measurement begins it anew.
-        """
+        """Tell whether a state is lost: beyond the gate, and known less than at the start."""
+        # Beyond the gate the gain falls, and P grows for as long as samples stay there.
         return mean_square * self.told_variance.size >= compiled_step.GATE \
             and bool((f.cov.diagonal() > self.start_cov.diagonal()).any())
 
