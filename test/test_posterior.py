@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses, Hypothesis
-from flex_plant_sim.diagnosis.causes.neighbourhood import without_mean_error
+from flex_plant_sim.diagnosis.causes.neighbourhood import estimated_scores, without_mean_error
 from flex_plant_sim.diagnosis.causes.posterior import interpretations, Posterior, SetKey
 from flex_plant_sim.diagnosis.likelihood.evidence import ParameterPrior
 from flex_plant_sim.diagnosis.likelihood.prior import (
@@ -110,6 +110,15 @@ def test_what_was_not_fitted_is_as_far_off_as_what_was() -> None:
     assert without_mean_error(estimates, {a: 13.0, b: 10.0, d: 99.0}) == {
         c: pytest.approx(12.5 - 2.0)}
     assert without_mean_error(estimates, {d: 99.0}) == estimates
+
+
+def test_a_coarse_fit_that_stopped_short_lifts_no_linear_estimate() -> None:
+    a, b, c, d = (frozenset({name}) for name in 'abcd')
+    linear = {a: 10.0, b: 9.0, c: 5.0, d: 4.0}
+    # The coarse fit of b stopped 20 nats short; c was fitted neither way, d coarsely alone.
+    coarse, fitted = {a: 8.0, b: -13.0, d: 3.0}, {a: 8.0, b: 7.0}
+    found = estimated_scores(linear, coarse, fitted)
+    assert found == {c: pytest.approx(3.0), d: pytest.approx(13.0)}
 
 
 def test_nothing_is_not_stated_where_something_is_likelier() -> None:

@@ -7,7 +7,7 @@ It works on one `Likelihood`. `RefinedFit` and `NeighbourFitter` choose where th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 from flex_plant_sim.arm.second_order import Array
@@ -29,6 +29,8 @@ MAX_STEPS, MAX_COARSE_STEPS = 8, 3
 MIN_STEP_GAIN = 0.3
 # Levenberg-Marquardt damping, as factors on the diagonal, tried in turn until the cost falls.
 DAMPING_FACTORS = (1e-4, 0.1, 10.0)
+# Shortest step of a difference, as a share of the value: half of the digits are then of the slope.
+LEAST_STEP = math.sqrt(np.finfo(float).eps)
 
 
 @dataclass(frozen=True)
@@ -122,17 +124,42 @@ class GaussNewton:
             Where the prediction is not finite.
 
         """
-        jacobian = np.zeros((0, *residual.shape))
-        if values.size:
-            step = self.causes.difference_steps(values)
-            moved = self.causes.residual(self.likelihood, values + np.diag(step))
-            jacobian = (moved - residual) / step[:, None, None]
-        with np.errstate(over='ignore'):
-            # A diverging prediction may be finite up to the last sample, its power is not.
-            power = float(np.sum(jacobian**2))
-        if not (np.isfinite(cost) and np.isfinite(power)):
+        jacobian = np.zeros((values.size, *residual.shape))
+        point = self._differenced(LinearisationPoint(values, residual, jacobian, cost),
+                                  self.causes.difference_steps(values), self._free)
+        if not (np.isfinite(cost) and np.isfinite(_power(point.jacobian))):
             raise np.linalg.LinAlgError('no finite prediction')
-        return LinearisationPoint(values, residual, jacobian, cost)
+        return point
+
+    def within_deviations(self, point: LinearisationPoint) -> LinearisationPoint:
+        """
+        Return a point with no row of its Jacobian from a difference beyond a standard deviation.
+
+        Within that, Laplace's method asks for the slope. The usual step from a value that is known
+        well may end where nothing is linear, or nothing stable; so it is taken over a shorter one.
+        """
+        step, k = self.causes.difference_steps(point.values), point.values.size
+        marginal = self.statistics(point).joint_marginal(self.error_scale)
+        deviation = np.maximum(np.sqrt(np.diagonal(marginal.covariance)[:k]),
+                               LEAST_STEP * np.maximum(np.abs(point.values), self.prior.width))
+        too_long = np.logical_and(self._free, np.abs(step) > deviation)
+        return self._differenced(point, np.copysign(deviation, step), too_long)
+
+    @property
+    def _free(self) -> Array:
+        """Return whether each value is free, (k,); some are fixed."""
+        low, high = self.causes.bounds
+        return np.asarray(low < high)
+
+    def _differenced(self, point: LinearisationPoint, step: Array, which: Array
+                     ) -> LinearisationPoint:
+        """Return a point with some rows of its Jacobian by differences over steps, (k,) each."""
+        if not which.any():
+            return point
+        moved = self.causes.residual(self.likelihood, (point.values + np.diag(step))[which])
+        jacobian = point.jacobian.copy()
+        jacobian[which] = (moved - point.residual) / step[which, None, None]
+        return replace(point, jacobian=jacobian)
 
     def minimise(self, starts: Sequence[Array], coarse: bool = False) -> LinearisationPoint:
         """
@@ -150,18 +177,20 @@ class GaussNewton:
         """Return where Gauss-Newton steps from the best of some starts end."""
         tried = [(start, *self.residual_and_cost(start)) for start in starts]
         point = self.linearise(*min(tried, key=lambda found: found[2]))
-        exact_jacobian, may_retry = True, not coarse
+        exact_jacobian, may_retry, may_shorten = True, not coarse, not coarse
         for _ in range((MAX_COARSE_STEPS if coarse else MAX_STEPS) if point.values.size else 0):
             better = self._next_point(point)
             if better is not None:
                 point, exact_jacobian = better, False
-            elif exact_jacobian or not may_retry:
-                break
-            else:
+            elif may_retry and not exact_jacobian:
                 # Errors of Broyden's updates may hide a step down.
                 point = self.linearise(point.values, point.residual, point.cost)
                 exact_jacobian, may_retry = True, False
-        return point
+            elif may_shorten:
+                point, exact_jacobian, may_shorten = self.within_deviations(point), True, False
+            else:
+                break
+        return self.within_deviations(point) if may_shorten else point
 
     def _next_point(self, point: LinearisationPoint) -> LinearisationPoint | None:
         """Return a better point within the bounds, or None where little can be gained."""
@@ -244,6 +273,12 @@ class GaussNewton:
                  for h, of_cause in zip(self.causes.hypotheses, offsets)]
         rows = point.residual, point.jacobian, self.likelihood.part_jacobian
         return varying_cause_gain(statistics, error_scale, rows, self.window_count, sizes)
+
+
+def _power(rows: Array) -> float:
+    """Return the sum of squares; a diverging prediction may be finite, its power is not."""
+    with np.errstate(over='ignore'):
+        return float(np.sum(rows**2))
 
 
 def fit_set(likelihood: Likelihood, causes: CauseSet, starts: Sequence[Array],

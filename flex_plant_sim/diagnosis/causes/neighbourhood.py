@@ -47,33 +47,34 @@ class Neighbourhood:
             if fit.discrepancy == self.centre.discrepancy:
                 labels = SetKey.of(fit).labels
                 fitted[labels] = max(state.best_score(fit), fitted.get(labels, -np.inf))
-        return without_mean_error(self._estimates(state), fitted)
+        return estimated_scores(*self._estimates(state), fitted)
 
-    def _estimates(self, state: SearchState) -> Scores:
-        """
-        Return the estimated scores of all neighbours with one cause more.
-
-        They are those of the centre with the gain of the coarse fit, or else the linear gain.
-        """
+    def _estimates(self, state: SearchState) -> tuple[Scores, Scores]:
+        """Return estimated scores of sets with one cause more: by linear gains, coarse fits."""
         key, base = SetKey.of(self.centre), state.best_score(self.centre)
-        coarse = {SetKey.of(fit).labels: state.score(fit) for fit in state.coarse_fits[key]}
-        found: dict[frozenset[str], float] = {}
+        fits = {SetKey.of(fit).labels: state.score(fit) for fit in state.coarse_fits[key]}
+        linear: dict[frozenset[str], float] = {}
         for proposal in self.proposals:
-            labels = key.labels | {proposal.hypothesis.label}
-            found.setdefault(labels, base + (
-                coarse[labels] - coarse[key.labels] if labels in coarse
-                else state.penalised_gain(proposal)))
-        return found
+            linear.setdefault(key.labels | {proposal.hypothesis.label},
+                              base + state.penalised_gain(proposal))
+        return linear, {labels: base + fits[labels] - fits[key.labels]
+                        for labels in linear if labels in fits}
+
+
+def estimated_scores(linear: Scores, coarse: Scores, fitted: Scores) -> Scores:
+    """Return scores of sets that were not fitted, by coarse fits where there are, nats."""
+    return {**without_mean_error(linear, fitted), **without_mean_error(coarse, fitted)}
 
 
 def without_mean_error(estimates: Scores, fitted: Scores) -> Scores:
     """
-    Return the estimated scores of sets that were not fitted, without the estimates' mean error.
+    Return estimated scores of sets that were not fitted, without the mean error of their kind.
 
-    Estimates are in the innovations of each arm's own filter, from where proposals are linear;
-    where no model fits they are a hundred nats off, all alike. Their mean error on the sets that
-    were fitted is taken off, as with a control variate (P. Glasserman, Monte Carlo Methods in
-    Financial Engineering (2003), section 4.1).
+    Estimates are in the innovations of each arm's own filter; where no model fits they are a
+    hundred nats off, all alike. Linear gains promise too much where they are largest, and a coarse
+    fit may have stopped short. Their mean error on the sets that were fitted is taken off, as with
+    a control variate (P. Glasserman, Monte Carlo Methods in Financial Engineering (2003), section
+    4.1).
     """
     errors = [score - estimates[labels] for labels, score in fitted.items() if labels in estimates]
     shift = float(np.mean(errors)) if errors else 0.0

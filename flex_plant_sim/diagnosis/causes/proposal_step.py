@@ -26,8 +26,9 @@ def probe_catalogue(state: SearchState, nothing: RefinedFit) -> None:
         SensitivityProbe(state.thinned, state.data.duration), state.catalogue, state.jobs,
         lambda share: state.progress('looking at all causes', 0.4 * share))
     state.resonant = frozenset(
-        h.label for h, (first, *_) in state.sensitivities
-        if state.thinned.has_new_coordinates((h.effect_at(first.shape + first.deviation),)))
+        h.label for h, sensitivities in state.sensitivities
+        if any(state.thinned.has_new_coordinates((h.effect_at(some.shape + some.deviation),))
+               for some in sensitivities))
 
 
 def proposal_scorer(state: SearchState, centre: RefinedFit, left_out: int | None = None

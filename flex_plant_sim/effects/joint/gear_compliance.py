@@ -42,7 +42,7 @@ class GearCompliance(Effect):
         Parameter('compliance_rad_per_n_m', 'rad/(N m)', 0.0, 0.0, 1.0,
                   (0.003, 0.01, 0.03, 0.08), 0.001, 0.04),
         Parameter('sensor_behind_gear', '', 1.0, 0.0, 1.0, (1.0, 0.0), np.inf, 0.5, discrete=True),
-        Parameter('hub_share', '', 0.0, 0.0, 0.9, (0.0,), np.inf, 0.1, optional=True))
+        Parameter('hub_share', '', 0.0, 0.0, 0.9, (0.0, 0.1), np.inf, 0.3, optional=True))
     sites = 'joint'
     structural = True
 
