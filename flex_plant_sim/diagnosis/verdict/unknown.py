@@ -60,8 +60,9 @@ def sentence(finding: Finding) -> str:
         return (f'An unnamed {what} of {site} ({size}) is a law over {over}, which explains '
                 f'{100.0 * law.share:.0f} % of it on stretches left out{_as_friction(finding)}.')
     swings = f', and swings at {finding.line.frequency:.2g} Hz' if finding.line else ''
-    return (f'An unnamed {what} of {site} ({size}) follows no one variable: something with a '
-            f'memory is behind it, such as a gap, a loose mass, a compliance or a delay{swings}.')
+    return (f'An unnamed {what} of {site} ({size}) follows no one variable: behind it are '
+            'several, an acceleration (as of a wrong mass), or something with a memory, such as a '
+            f'gap, a loose mass, a compliance or a delay{swings}.')
 
 
 def _as_friction(finding: Finding) -> str:

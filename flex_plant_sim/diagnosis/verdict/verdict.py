@@ -287,10 +287,13 @@ def _unnamed_remainder(found: SearchResult) -> str:
 
 
 def _far_part(found: SearchResult) -> str:
-    """Return which part is not as its file says, where that is the unnamed cause."""
+    """Return which part may be far off, where that is the likeliest of what has no name."""
     far = found.best.fit.discrepancy.far_part
-    return ''.join(f' A part is not as the robot file says: {part_text(p)}.'
-                   for p in part_estimates(found) if p.name == far)
+    share = found.posterior.genuine_probability * sum(
+        float(p) for fit, p in zip(found.posterior.fits, found.posterior.probability)
+        if fit.discrepancy.far_part == far)
+    return ''.join(f' Perhaps ({percent_text(share)}) a part is not as the robot file says: '
+                   f'{part_text(p)}.' for p in part_estimates(found) if p.name == far)
 
 
 def _parts_beyond_tolerance(parts: Sequence[PartEstimate]) -> str:
