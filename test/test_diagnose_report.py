@@ -173,7 +173,9 @@ def test_sentence_says_which_error_the_extension_makes_larger() -> None:
     assert both.endswith('joint 2 falls from 3.7° to 0.038°, that of joint 1 rises from 3.7° to '
                          '7.4°.')
     alone = with_gain(report().diagnosis, [worse]).sentence
-    assert alone.endswith('prediction error of joint 1 rises from 3.7° to 7.4°.')
+    assert 'prediction error of joint 1 rises from 3.7° to 7.4°.' in alone
+    # Then nobody should use it.
+    assert 'do not use it' in alone and 'do not use it' not in both
 
 
 def test_terminal_text_is_short_and_complete() -> None:

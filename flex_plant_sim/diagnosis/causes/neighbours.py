@@ -86,9 +86,9 @@ def fit_neighbours(state: SearchState, centre: RefinedFit) -> Neighbourhood:
     if key not in state.coarse_fits:
         state.coarse_fits[key] = _coarse_fits(
             state, centre, candidates(state, centre, proposals), step)
-    selected = _selected(state, centre, state.coarse_fits[key])
+    fits = _fitted_as_promised(state, centre, state.coarse_fits[key], step)
     replacing = tuple(fits_replacing_parts(state.refined[key], state.catalogue))
-    _keep_better(state, [*_fitted(state, centre, selected, step), *replacing])
+    _keep_better(state, [*fits, *replacing])
     refine_contenders(state, replacing, state.posterior().best, centre)
     return Neighbourhood(centre.fit, tuple(proposals))
 
@@ -180,14 +180,31 @@ def _fitted(state: SearchState, centre: RefinedFit, coarse: Sequence[Fit], step:
                 lambda share: state.progress(step, 0.7 + 0.2 * share))
 
 
-def _selected(state: SearchState, centre: RefinedFit, coarse: Sequence[Fit]) -> list[Fit]:
-    """Return the best coarse fits of neighbours, of sets that are not refined and that are."""
-    if not coarse:
-        return []
-    ranked = sorted(coarse, key=lambda fit: -state.score(fit))
-    least = state.score(ranked[0]) - state.score_margin(ranked[0], centre, MAX_COARSE_DEFICIT)
-    near = [fit for fit in ranked
-            if SetKey.of(fit) != SetKey.of(centre.fit) and state.score(fit) > least]
-    fresh = [fit for fit in near if SetKey.of(fit) not in state.refined]
-    known = [fit for fit in near if SetKey.of(fit) in state.refined]
-    return fresh[:MAX_FITTED] + known[:MAX_REFITTED]
+def _fitted_as_promised(state: SearchState, centre: RefinedFit, coarse: Sequence[Fit], step: str
+                        ) -> list[Fit]:
+    """
+    Return neighbours fitted to all windows: those that promise nearly as much as the best gains.
+
+    A coarse fit may promise what the set does not gain on all windows, so that what others promise
+    is compared with what the best gained there, and they are fitted then.
+    """
+    at_centre = max((state.score(fit) for fit in coarse
+                     if SetKey.of(fit) == SetKey.of(centre.fit)), default=-np.inf)
+    promises = {SetKey.of(fit): state.score(fit) - at_centre for fit in coarse}
+    left = sorted((fit for fit in coarse if SetKey.of(fit) != SetKey.of(centre.fit)),
+                  key=lambda fit: -state.score(fit))
+    fresh_left, known_left, fitted = MAX_FITTED, MAX_REFITTED, list[Fit]()
+    while left:
+        best = max((state.score(fit) - state.score(centre.fit) for fit in fitted),
+                   default=promises[SetKey.of(left[0])])
+        least = best - max(GAIN_UNCERTAINTY * best, MAX_COARSE_DEFICIT)
+        near = [fit for fit in left if promises[SetKey.of(fit)] > least]
+        fresh = [fit for fit in near if SetKey.of(fit) not in state.refined][:fresh_left]
+        known = [fit for fit in near if SetKey.of(fit) in state.refined][:known_left]
+        if not fresh and not known:
+            break
+        fresh_left, known_left = fresh_left - len(fresh), known_left - len(known)
+        fitted += _fitted(state, centre, [*fresh, *known], step)
+        done = {SetKey.of(fit) for fit in (*fresh, *known)}
+        left = [fit for fit in left if SetKey.of(fit) not in done]
+    return fitted

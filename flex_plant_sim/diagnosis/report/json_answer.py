@@ -14,7 +14,12 @@ from flex_plant_sim.diagnosis.report.improvement import Gain, gain_results
 from flex_plant_sim.diagnosis.report.payload_gain import PayloadGain
 from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual, HORIZONS
 from flex_plant_sim.diagnosis.verdict.results import Alternative, Cause, Diagnosis, ParameterValue
-from flex_plant_sim.diagnosis.verdict.wording import name_text, parameter_text, percent_text
+from flex_plant_sim.diagnosis.verdict.wording import (
+    digits_text,
+    name_text,
+    parameter_text,
+    percent_text,
+)
 import numpy as np
 
 # Horizon of the gain in the sentence, s, one of HORIZONS: a swing of the reference arm.
@@ -35,7 +40,16 @@ def with_gain(diagnosis: Diagnosis, gains: Sequence[Gain], unnamed: int = 0) -> 
         return diagnosis
     text = (f'With {"it" if count == 1 else "them"} and the parts as estimated the '
             f'{SENTENCE_HORIZON:g} s prediction error {", ".join(changes)}.')
+    if larger and _mean_log_ratio(at_horizon) > 0.0:
+        text += (' On the whole the extended robot predicts the locked part worse than the file: '
+                 'do not use it. What changed within the record is in no robot file.')
     return replace(diagnosis, sentence=f'{diagnosis.sentence} {text}')
+
+
+def _mean_log_ratio(gains: Sequence[Gain]) -> float:
+    """Return the mean logarithm of after / before over the channels."""
+    with np.errstate(divide='ignore'):
+        return float(np.mean(np.log([gain.ratio for gain in gains])))
 
 
 def _change(gain: Gain) -> str:
@@ -45,7 +59,8 @@ def _change(gain: Gain) -> str:
     if not math.isfinite(gain.after):
         return f'{channel} diverges'
     return (f'{channel} {"falls" if gain.ratio < 1.0 else "rises"} from '
-            f'{scale * gain.before:.2g}{space}{unit} to {scale * gain.after:.2g}{space}{unit}')
+            f'{digits_text(scale * gain.before, 2)}{space}{unit} to '
+            f'{digits_text(scale * gain.after, 2)}{space}{unit}')
 
 
 def answer(diagnosis: Diagnosis, gains: Sequence[Gain], before: Sequence[ChannelResidual],
@@ -137,7 +152,8 @@ def _gain_lines(gains: Sequence[Gain]) -> list[str]:
         for horizon in horizons:
             gain = table[channel, horizon]
             scale, unit = shown(gain.unit)
-            cells.append(f'{scale * gain.before:.3g} -> {scale * gain.after:.3g}')
+            cells.append(f'{digits_text(scale * gain.before, 3)} -> '
+                         f'{digits_text(scale * gain.after, 3)}')
         lines.append(f'  {f"{channel}, {unit}":<25}' + ''.join(f'{cell:>21}' for cell in cells))
     return lines if horizons else []
 

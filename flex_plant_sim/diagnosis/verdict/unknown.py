@@ -13,6 +13,7 @@ from flex_plant_sim.diagnosis.prediction.friction_part import friction_part
 from flex_plant_sim.diagnosis.prediction.latent_view import Finding, LatentView
 from flex_plant_sim.diagnosis.prediction.law import CONSTANT
 from flex_plant_sim.diagnosis.verdict.results import Diagnosis
+from flex_plant_sim.diagnosis.verdict.wording import digits_text
 
 # Verdicts under which something unknown is at work.
 UNNAMED_VERDICTS = ('not_in_catalogue', 'cause_and_remainder')
@@ -20,6 +21,10 @@ UNNAMED_VERDICTS = ('not_in_catalogue', 'cause_and_remainder')
 VARIABLE_TEXT = {'speed': 'its speed', 'angle': 'its angle', 'load': 'the load on its link',
                  'command': 'its command', 'time': 'time', 'strain': 'its own strain',
                  'strain rate': 'the rate of its strain'}
+# What a force is that follows no one variable.
+MANY_OR_MEMORY = (
+    'Behind that are several variables, an acceleration (as of a wrong mass), or something with a '
+    'memory, such as a gap, a loose mass, a compliance or a delay.')
 
 
 def with_unknown(diagnosis: Diagnosis, view: LatentView) -> Diagnosis:
@@ -34,16 +39,20 @@ def with_unknown(diagnosis: Diagnosis, view: LatentView) -> Diagnosis:
 
 
 def sentences_of(view: LatentView) -> tuple[str, ...]:
-    """Return a sentence for each torque that exceeds model errors; else for each gauge error."""
-    torques = _sentences(view.torques)
-    # Errors of gauges mostly echo the torques.
-    return torques or _sentences(view.gauges)
+    """Return a sentence for each force that is shown."""
+    return _sentences(_shown(view))
+
+
+def _shown(view: LatentView) -> tuple[Finding, ...]:
+    """Return torques that exceed model errors; else gauge errors, as these mostly echo torques."""
+    return view.torques if _sentences(view.torques) else view.gauges
 
 
 def _sentences(findings: Sequence[Finding]) -> tuple[str, ...]:
-    """Return sentences about stated laws; without one, about forces with a memory."""
-    known = [sentence(f) for f in findings if f.law.stated]
-    return tuple(known or [sentence(f) for f in findings if f.has_memory])
+    """Return sentences about stated laws; without one, about forces that follow no variable."""
+    known = tuple(sentence(f) for f in findings if f.law.stated)
+    others = tuple(sentence(f) for f in findings if f.has_memory)
+    return known or (*others, MANY_OR_MEMORY) if known or others else ()
 
 
 def sentence(finding: Finding) -> str:
@@ -51,7 +60,7 @@ def sentence(finding: Finding) -> str:
     law, series = finding.law, finding.series
     what, scale, unit = ('torque', 1.0, 'N·m') if series.unit == 'N m' else (
         'error', 1e6, 'µm/m')
-    size = f'{scale * series.rms:.2g} {unit} rms'
+    size = f'{digits_text(scale * series.rms, 2)} {unit} rms'
     site = series.site.replace('_', ' ')
     if law.stated and law.variable == CONSTANT:
         return f'An unnamed constant {what} acts on {site} ({size}).'
@@ -60,9 +69,7 @@ def sentence(finding: Finding) -> str:
         return (f'An unnamed {what} of {site} ({size}) is a law over {over}, which explains '
                 f'{100.0 * law.share:.0f} % of it on stretches left out{_as_friction(finding)}.')
     swings = f', and swings at {finding.line.frequency:.2g} Hz' if finding.line else ''
-    return (f'An unnamed {what} of {site} ({size}) follows no one variable: behind it are '
-            'several, an acceleration (as of a wrong mass), or something with a memory, such as a '
-            f'gap, a loose mass, a compliance or a delay{swings}.')
+    return f'An unnamed {what} of {site} ({size}) follows no one variable{swings}.'
 
 
 def _as_friction(finding: Finding) -> str:
@@ -75,13 +82,15 @@ def _as_friction(finding: Finding) -> str:
 
 
 def _advice(view: LatentView) -> str:
-    stated = [f.law for f in view.torques if f.law.stated]
+    stated = [f.law for f in _shown(view) if f.law.stated]
     if not stated:
         return ('Record both joints at rest after a push: what swings or creeps on shows the '
                 'coordinate that the model lacks.')
     law = stated[0]
     site, over = law.site.replace('_', ' '), VARIABLE_TEXT.get(law.variable, law.variable)
     if law.variable in ('time', CONSTANT):
-        return f'Record {site} again from a cold start and an hour later: does the torque return?'
+        return f'Record {site} again from a cold start and an hour later: does it return?'
+    if law not in [f.law for f in view.torques]:
+        return f'Look at {site}, its cable and its amplifier: what they read depends on {over}.'
     return (f'Record {site} through the whole range of {over}, both ways: the table that the '
             'extended robot carries is only known where this record was.')

@@ -51,8 +51,8 @@ import numpy as np
 MIN_STRAIN_SWING, MIN_ANGLE_SWING = 5.0, 30.0
 # What no name of the catalogue stands for, in words.
 UNNAMED = 'something unnamed'
-# Sets of causes that the answer lists at most.
-MAX_LISTED_SETS = 12
+# Sets of causes that the answer lists at most, and names in a sentence.
+MAX_LISTED_SETS, MAX_LISTED_NAMES = 12, 6
 
 
 def nominal_base(robot: Robot, model: str, modes: int, coriolis: bool = True) -> BaseModel:
@@ -241,7 +241,9 @@ def _verdict(found: SearchResult, causes: Sequence[Cause]
         alike = ' '.join(dict.fromkeys(
             f'This record cannot tell {apart_text(names)}.' for names in sets))
         return 'cannot_tell', f'{sentence} {alike}', sets
-    return 'cause', f'{sentence} Nothing else in the catalogue explains the record as well.', ()
+    alone = '' if doubt(found.posterior) else (
+        ' Nothing else in the catalogue explains the record as well.')
+    return 'cause', f'{sentence}{alone}', ()
 
 
 def nothing_verdict(posterior: Posterior, parts: Sequence[PartEstimate]
@@ -253,12 +255,14 @@ def nothing_verdict(posterior: Posterior, parts: Sequence[PartEstimate]
                 'Nothing in the catalogue is wrong with the simulation: its errors stay within '
                 f'noise and part tolerances.{far}', ())
     rows = sorted(_effect_rows(posterior).items(), key=lambda row: -row[1])
-    likely = {name: p for name, p in rows if p > MIN_RELATIVE_PROBABILITY * nothing}
+    likely = {name: p for name, p in rows if p > MIN_RELATIVE_PROBABILITY * rows[0][1]}
+    few = dict(list(likely.items())[:MAX_LISTED_NAMES])
     listed = ', '.join(f'{UNNAMED if name == "unknown" else name_text(name)} {percent_text(p)}'
-                       for name, p in likely.items())
+                       for name, p in few.items())
+    others = f' and {len(likely) - len(few)} more, less likely' if len(likely) > len(few) else ''
     return ('cannot_tell', 'Whether anything is wrong with the simulation, this record cannot '
-            f'tell: {listed}.{far}',
-            (('nothing', *(name for name in likely if name in catalogue())),))
+            f'tell: {listed}{others}.{far}',
+            (('nothing', *(name for name in few if name in catalogue())),))
 
 
 def doubt(posterior: Posterior) -> str:
@@ -266,8 +270,10 @@ def doubt(posterior: Posterior) -> str:
     real = posterior.genuine_probability
     if real >= 0.5:
         return ''
-    return (' So much at once is rare: one thing that the catalogue lacks may be behind it all. '
-            f'{_genuine_text(posterior)}')
+    lead = ('More likely one thing that the catalogue lacks is behind it all.'
+            if len(posterior.best.hypotheses) == 1 else
+            'So much at once is rare: one thing that the catalogue lacks may be behind it all.')
+    return f' {lead} {_genuine_text(posterior)}'
 
 
 def _genuine_text(posterior: Posterior) -> str:
@@ -297,8 +303,8 @@ def _far_part(found: SearchResult) -> str:
 
 
 def _parts_beyond_tolerance(parts: Sequence[PartEstimate]) -> str:
-    """Return the parts that are further off than their tolerance."""
-    far = [part_text(p) for p in parts if abs(p.mean) > p.prior]
+    """Return the parts that are further off than 95 % of good parts."""
+    far = [part_text(p) for p in parts if abs(p.mean) > Z95 * p.prior]
     return f' Parts beyond their tolerance: {", ".join(far)}.' if far else ''
 
 

@@ -7,6 +7,7 @@ import math
 
 from flex_plant_sim.diagnosis.verdict.results import ParameterValue, PartEstimate
 from flex_plant_sim.interval import Z95
+import numpy as np
 
 # Distance of a value from the middle of its interval, as a share of half of it, from which on both
 # ends are stated.
@@ -40,6 +41,14 @@ def parameter_text(parameter: ParameterValue) -> str:
     return f'{key_text(parameter.name, parameter.unit)} {interval_text(parameter)}'
 
 
+def digits_text(value: float, digits: int) -> str:
+    """Return a value with so many digits; written out where it is neither tiny nor huge."""
+    if 1e-4 <= abs(value) < 1e6:
+        return np.format_float_positional(value, precision=digits, unique=False,
+                                          fractional=False, trim='-')
+    return f'{value:.{digits}g}'
+
+
 def rounded(value: float, uncertainty: float) -> str:
     """Return a value with as many decimals as two digits of its uncertainty."""
     if not (uncertainty > 0.0 and math.isfinite(uncertainty)):
@@ -67,7 +76,7 @@ def interval_text(parameter: ParameterValue) -> str:
 def size_text(value: float, unit: str) -> str:
     """Return a size with three digits and its unit."""
     scale, name = shown_unit(unit)
-    return f'{scale * value:.3g} {name}'.rstrip()
+    return f'{digits_text(scale * value, 3)} {name}'.rstrip()
 
 
 def name_text(name: str, site: str = '') -> str:
@@ -82,14 +91,12 @@ def label_text(label: str) -> str:
 
 
 def part_text(part: PartEstimate) -> str:
-    """Return a part's deviation with its 95 % interval and its tolerance."""
-    name = label_text(part.name)
-    if part.unit:
-        scale, unit = shown_unit(part.unit)
-        return (f'{name} {scale * part.mean:+.3g} ± {scale * Z95 * part.deviation:.2g} {unit} '
-                f'(told ± {scale * part.prior:.2g})')
-    percent, reach = 100.0 * math.expm1(part.mean), 100.0 * Z95 * part.deviation
-    return f'{name} {percent:+.3g} ± {reach:.2g} % (told ± {100.0 * part.prior:.2g} %)'
+    """Return a part's deviation and what its tolerance allows, both at 95 %."""
+    name, reach, told = label_text(part.name), Z95 * part.deviation, Z95 * part.prior
+    scale, unit = shown_unit(part.unit) if part.unit else (100.0, '%')
+    mean = scale * (part.mean if part.unit else math.expm1(part.mean))
+    return (f'{name} {"+" if mean >= 0.0 else ""}{digits_text(mean, 3)} '
+            f'± {digits_text(scale * reach, 2)} {unit} (told ± {digits_text(scale * told, 2)})')
 
 
 def apart_text(names: Sequence[str]) -> str:

@@ -1,0 +1,47 @@
+"""Which neighbours of a set are fitted to all windows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+from flex_plant_sim.diagnosis.causes import neighbours
+from flex_plant_sim.diagnosis.causes.fit import Fit
+from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses
+from flex_plant_sim.diagnosis.causes.posterior import SetKey
+import pytest
+from simulated_records import REFERENCE
+from test_posterior import NOTHING
+
+NAMES = ('strain_filter:arm', 'loose_payload:arm', 'base_compliance:arm')
+
+
+def with_score(fit: Fit, score: float) -> Fit:
+    """Return a fit with a score."""
+    return replace(fit, log_evidence=score)
+
+
+@pytest.mark.parametrize('delivered, expected', [
+    (95.0, ['strain_filter:arm']),
+    # What the leader does not deliver, the others may.
+    (-5.0, ['strain_filter:arm', 'loose_payload:arm'])])
+def test_others_are_fitted_where_the_leader_does_not_keep_its_promise(
+        monkeypatch: pytest.MonkeyPatch, delivered: float, expected: list[str]) -> None:
+    known = {h.label: h for h in all_hypotheses(REFERENCE)}
+    coarse = [NOTHING, *(with_score(replace(NOTHING, hypotheses=(known[name],)), promise)
+                         for name, promise in zip(NAMES, (100.0, 20.0, -60.0)))]
+    gains = dict(zip(NAMES, (delivered, 15.0, 0.0)))
+    state: Any = SimpleNamespace(score=lambda fit: fit.log_evidence, refined={})
+    centre: Any = SimpleNamespace(fit=with_score(NOTHING, 7.0))
+    fitted: list[str] = []
+
+    def on_all_windows(state: Any, centre: Any, fits: list[Fit], step: str) -> list[Fit]:
+        labels = [next(iter(SetKey.of(fit).labels)) for fit in fits]
+        fitted.extend(labels)
+        return [with_score(fit, 7.0 + gains[label]) for fit, label in zip(fits, labels)]
+
+    monkeypatch.setattr(neighbours, '_fitted', on_all_windows)
+    found = neighbours._fitted_as_promised(state, centre, [with_score(coarse[0], 0.0),
+                                                           *coarse[1:]], 'step')
+    assert fitted == expected and len(found) == len(expected)
