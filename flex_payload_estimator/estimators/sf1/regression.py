@@ -21,7 +21,7 @@ from flex_payload_estimator.estimators.sf1.joint import (
     Track,
 )
 from flex_payload_estimator.kalman.in_place import add, add_outer, put_matrix, row_products
-from flex_payload_estimator.model.rates import times
+from flex_payload_estimator.model.tabulated import times
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import compiled
 import numpy as np
