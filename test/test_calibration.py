@@ -6,11 +6,11 @@ from pathlib import Path
 import re
 
 from flex_plant_sim.arm.robot_file import load_robot, parse_robot, robot_text
+from flex_plant_sim.arm.robot_text import with_numbers
 from flex_plant_sim.atomic_file import MARK
 from flex_plant_sim.commissioning.calibrated_robot import calibrated_robot
 from flex_plant_sim.commissioning.calibration import Calibration
 from flex_plant_sim.commissioning.items import calibration_items, Item
-from flex_plant_sim.commissioning.robot_text import with_numbers
 from flex_plant_sim.tools.robot import main
 import numpy as np
 import pytest
