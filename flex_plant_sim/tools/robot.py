@@ -101,7 +101,7 @@ def _calibrate(arguments: argparse.Namespace) -> None:
         for name, a, b in zip(log.output_names, old.fit_percent, new.fit_percent):
             print(f'  {name:<22}{a:>8.1f} %{b:>8.1f} %')
     with whole_file(arguments.output) as temporary:
-        temporary.write_text(text if MARK in text else f'{text}# {MARK}\n', encoding='utf-8')
+        temporary.write_text(text, encoding='utf-8')
     print(f'calibrated robot: {arguments.output}')
 
 

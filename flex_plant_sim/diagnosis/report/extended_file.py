@@ -9,7 +9,7 @@ from pathlib import Path
 from flex_plant_sim.arm.robot import EffectSpec, Robot
 from flex_plant_sim.arm.robot_file import parse_robot, robot_text
 from flex_plant_sim.arm.robot_text import with_numbers
-from flex_plant_sim.atomic_file import MARK, whole_file
+from flex_plant_sim.atomic_file import whole_file
 from flex_plant_sim.effects.base import Effect
 
 
@@ -22,6 +22,8 @@ def write_extended(path: str | Path, source: str | Path, robot: Robot,
                    effects: Sequence[Effect]) -> None:
     """
     Write an extended robot, whole or not at all, with the comments and order of its source.
+
+    It has no mark of these tools, because people go on editing it: nothing replaces it.
 
     Parameters
     ----------
@@ -43,4 +45,4 @@ def write_extended(path: str | Path, source: str | Path, robot: Robot,
     text = with_numbers(robot_text(source), replace(robot, effects=specs(effects)))
     parse_robot(text, f'{path}: extended robot, not written')
     with whole_file(path) as temporary:
-        temporary.write_text(text if MARK in text else f'{text}# {MARK}\n', encoding='utf-8')
+        temporary.write_text(text, encoding='utf-8')
