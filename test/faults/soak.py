@@ -271,7 +271,6 @@ def main() -> int:
     options.add_argument('--modes', nargs='+', choices=MODES, default=list(MODES))
     options.add_argument('--picture', type=Path, metavar='PNG', help='where to draw it')
     options.add_argument('--spinners', type=int, default=0, help='processes that do nothing else')
-    options.add_argument('--block', choices=('soak', 'busy'), default='soak')
     options.add_argument('--page', action='store_true', help='write it into docs/faults.md')
     chosen = options.parse_args()
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
@@ -287,9 +286,9 @@ def main() -> int:
             found[mode] = rows
             if chosen.picture:
                 draw(found, chosen.picture)
-            record(chosen.block, [f'At {chosen.rate:g} Hz:', '', *HEADER, *(
+            record('soak', [f'At {chosen.rate:g} Hz:', '', *HEADER, *(
                 verdict(name, each, chosen.rate) for name, each in found.items()),
-                *([] if chosen.block == 'busy' else PICTURE)], chosen.page)
+                *PICTURE], chosen.page)
     rclpy.try_shutdown()
     return 0
 
