@@ -3,9 +3,8 @@ Compare the default estimator's error with the Cramer-Rao bound, on matched mode
 
 `python benchmarks/accuracy.py` runs 500 random cases without and 500 with process noise:
 payload 0.03-0.3 kg, noise 1e-4-1e-2 (rad, and V on the gauges), assumed modes, n = 3. --model,
---step and --until, s, change that. --parts draws the parts from their tolerances (the bound then
-knows them), --told divides the noise that the estimator is told by a factor, --burst adds a
-multiple of the noise from 3 to 3.5 s (the bound is that without it).
+--step and --until, s, change that. --told divides the noise that the estimator is told by a
+factor, --burst adds a multiple of the noise from 3 to 3.5 s (the bound is that without it).
 The bound has the same vague start as the estimator; with process noise it is the posterior one.
 """
 
@@ -14,24 +13,19 @@ from __future__ import annotations
 import argparse
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from pathlib import Path
 
 from flex_payload_estimator.estimators.factory import make_estimator
-from flex_plant_sim.arm.parts import robot_parts
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.interval import Z95
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from matched import bound, Case, Record, record, TORQUE_NOISE, wilson, workers
-from matplotlib.figure import Figure
 import numpy as np
 
 # Times at which errors are compared, s, without and with a burst; the burst's begin and end, s.
 TIMES_S, AFTER_S = (1.0, 3.0, 10.0), (3.0, 4.0, 5.0, 6.0, 6.5)
 BURST_S = (3.0, 3.5)
 NAMES = ('no process noise', 'process noise')
-# Ratio of error to bound that the figure marks.
-LIMIT = 1.5
 
 
 @dataclass(frozen=True)
@@ -46,8 +40,6 @@ class Study:
         Modes per link.
     step, until : float
         Sampling interval and end of a run, s.
-    parts : bool
-        Whether the parts are drawn from their tolerances.
     told : float
         Factor by which the noise is larger than the estimator is told.
     burst : float
@@ -59,7 +51,6 @@ class Study:
     modes: int = 3
     step: float = 0.01
     until: float = TIMES_S[-1]
-    parts: bool = False
     told: float = 1.0
     burst: float = 0.0
 
@@ -67,10 +58,6 @@ class Study:
     def times(self) -> tuple[float, ...]:
         """Return the times, s, at which the runs are compared, up to their end."""
         return tuple(t for t in (AFTER_S if self.burst else TIMES_S) if t <= self.until)
-
-    def arm(self, seed: int) -> ExtendedArm:
-        """Return the true arm of a run."""
-        return _drawn(self, seed) if self.parts else _nominal(self)
 
 
 @lru_cache(maxsize=1)
@@ -80,18 +67,9 @@ def _nominal(study: Study) -> ExtendedArm:
     return ExtendedArm(robot, study.model, study.modes)
 
 
-def _drawn(study: Study, seed: int) -> ExtendedArm:
-    """Return an arm whose parts are drawn from their tolerances."""
-    robot = replace(load_robot('reference'), sample_time=study.step)
-    random = np.random.default_rng([seed, 2])
-    for part in robot_parts(robot):
-        robot = part.change(robot, part.tolerance * float(random.standard_normal()))
-    return ExtendedArm(robot, study.model, study.modes)
-
-
 def run(seed: int, torque: float, study: Study) -> Array:
     """Return error, stated standard deviation and bound, kg, at the times, (3, times)."""
-    case, arm = Case.draw(seed, torque, study.step), study.arm(seed)
+    case, arm = Case.draw(seed, torque, study.step), _nominal(study)
     data, robot = record(arm, case, study.until), case.robot()
     robot = replace(robot, angle_noise=robot.angle_noise / study.told,
                     strain_noise=robot.strain_noise / study.told)
@@ -131,31 +109,8 @@ def report(name: str, found: Array, times: tuple[float, ...]) -> None:
               f'{np.max(np.abs(error[:, k]) / std[:, k]):17.1f}', flush=True)
 
 
-def draw(studies: dict[str, Array], path: Path, times: tuple[float, ...]) -> None:
-    """Plot every run's error against its bound."""
-    figure = Figure(figsize=(9, 4.2), layout='constrained')
-    axes = figure.subplots(1, 2, sharex=True, sharey=True)
-    for axis, (name, found) in zip(axes, studies.items()):
-        low, high = 0.3 * found[:, 2].min() * 1e3, 3.0 * found[:, 2].max() * 1e3
-        axis.loglog([low, high], [low, high], 'k-', lw=1, label='bound')
-        axis.loglog([low, high], [LIMIT * low, LIMIT * high], 'k--', lw=1,
-                    label=f'{LIMIT:g} × bound')
-        for k, time in enumerate(times):
-            bins = np.array_split(np.argsort(found[:, 2, k]), max(1, len(found) // 50))
-            rms = [np.sqrt(np.mean(found[b, :, k]**2, axis=0))[[2, 0]] for b in bins]
-            axis.loglog(1e3 * found[:, 2, k], 1e3 * np.abs(found[:, 0, k]), '.', ms=2, alpha=0.4,
-                        color=f'C{k}')
-            axis.loglog(*(1e3 * np.array(rms).T), 'o-', ms=4, color=f'C{k}',
-                        label=f'RMSE at {time:g} s')
-        axis.set(title=name, xlabel='Cramér–Rao bound, g')
-        axis.grid(alpha=0.3)
-    axes[0].set(ylabel='error of the payload, g')
-    axes[0].legend(fontsize=8)
-    figure.savefig(path, dpi=150)
-
-
 def main() -> None:
-    """Run, print and draw if asked."""
+    """Run and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
     parser.add_argument('--runs', type=int, default=500)
     parser.add_argument('--modes', type=int, default=3)
@@ -164,23 +119,17 @@ def main() -> None:
     parser.add_argument('--model', default='assumed_modes')
     parser.add_argument('--step', type=float, default=0.01)
     parser.add_argument('--until', type=float, default=TIMES_S[-1])
-    parser.add_argument('--parts', action='store_true')
     parser.add_argument('--told', type=float, default=1.0)
     parser.add_argument('--burst', type=float, default=0.0, metavar='TIMES')
     parser.add_argument('--torque', nargs='*', type=float, default=(0.0, TORQUE_NOISE))
-    parser.add_argument('--figure', type=Path, metavar='PNG', help='where to draw it')
     options = parser.parse_args()
-    study = Study(options.model, options.modes, options.step, options.until, options.parts,
-                  options.told, options.burst)
-    studies = {}
+    study = Study(options.model, options.modes, options.step, options.until, options.told,
+                  options.burst)
     with workers(options.jobs) as pool:
         for torque in options.torque:
             seeds, name = range(options.seed, options.seed + options.runs), NAMES[torque > 0.0]
             job = partial(run, torque=torque, study=study)
-            studies[name] = np.array(pool.map(job, seeds, chunksize=5))
-            report(name, studies[name], study.times)
-    if options.figure:
-        draw(studies, options.figure, study.times)
+            report(name, np.array(pool.map(job, seeds, chunksize=5)), study.times)
 
 
 if __name__ == '__main__':

@@ -27,6 +27,7 @@ from flex_payload_estimator.estimators.sf1.estimator import SF1Estimator
 from flex_payload_estimator.kalman.riccati import riccati_step
 from flex_payload_estimator.model.delta import DeltaOperator
 from flex_payload_estimator.model.payload_model import payload_model
+from flex_payload_estimator.model.split import rates_at
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.compiled import COMPILED
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
@@ -97,7 +98,7 @@ def part_steps(name: str, modes: int) -> Steps:
     for _ in range(2):
         estimator.update(0.0, output, command)
     return {'filterpy': filterpy_step(),
-            'model': lambda: model.rates(cosine, 0.1, 0.11, x, u, 'resolvent'),
+            'model': lambda: rates_at(cosine, model.tables, 0.1, 0.11, x, u, False),
             'update': lambda: estimator.update(0.0, output, command),
             'lq_gain': lq_step(modes)}
 

@@ -85,17 +85,17 @@ class Parameter:
     maximum: float | None = None
     choices: tuple[str, ...] = ()
     applies: str = 'read_only'
-    needs: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    needs: Mapping[str, Sequence[Value]] = field(default_factory=dict)
 
-    def unmet(self, values: Mapping[str, object]) -> str:
+    def unmet(self, values: Mapping[str, Value]) -> str:
         """Return which of a node's values lets this parameter change nothing, or ''."""
-        return ', '.join(f'{name} {values[name]}' for name, choices in self.needs.items()
+        return ', '.join(f'{name} {_shown(values[name])}' for name, choices in self.needs.items()
                          if values[name] not in choices)
 
     @property
     def meaning(self) -> str:
         """The description, with what the parameter needs."""
-        only = ''.join(f' Only where {name} is {" or ".join(choices)}.'
+        only = ''.join(f' Only where {name} is {" or ".join(map(_shown, choices))}.'
                        for name, choices in self.needs.items())
         return f'{self.description}{only}'
 

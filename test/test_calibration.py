@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 import re
 
+from flex_plant_sim.arm.robot import EffectSpec
 from flex_plant_sim.arm.robot_file import load_robot, parse_robot, robot_text
-from flex_plant_sim.atomic_file import MARK
+from flex_plant_sim.arm.robot_text import with_numbers
 from flex_plant_sim.commissioning.calibrated_robot import calibrated_robot
-from flex_plant_sim.commissioning.calibration import Calibration
+from flex_plant_sim.commissioning.calibration import calibrate, Calibration
 from flex_plant_sim.commissioning.items import calibration_items, Item
-from flex_plant_sim.commissioning.robot_text import with_numbers
+from flex_plant_sim.commissioning.residuals import gauge_readings, joint_zero, with_gauge
+from flex_plant_sim.logs.read import read_log
 from flex_plant_sim.tools.robot import main
 import numpy as np
 import pytest
@@ -80,7 +83,7 @@ def test_the_parts_are_found_within_what_is_stated(output: tuple[str, Path]) -> 
 
 def test_the_file_keeps_comments_and_order(output: tuple[str, Path]) -> None:
     old, new = ((output[1] / name).read_text() for name in ('robot.yaml', 'new.yaml'))
-    assert re.findall('#.*', new) == [*re.findall('#.*', old), f'# {MARK}']
+    assert re.findall('#.*', new) == re.findall('#.*', old)
     keys = [list(yaml.safe_load(text)) for text in (old, new)]
     assert keys[1][:len(keys[0])] == keys[0]
     told, found = load_robot(output[1] / 'robot.yaml'), load_robot(output[1] / 'new.yaml')
@@ -112,6 +115,33 @@ def test_a_motor_is_written_as_the_loop_that_it_is() -> None:
     assert written.drives[1].inertia == pytest.approx(heavier.drives[1].inertia, rel=1e-5)
     assert written.drives[1].damping == pytest.approx(robot.drives[1].damping, rel=1e-5)
     assert with_numbers(text, robot) == text
+
+
+def test_the_zero_of_joint_2_is_found(tmp_path: Path) -> None:
+    case, robot = draw_case(None, 32, duration_s=24.0), load_robot('reference')
+    robot = replace(robot, tolerances=replace(robot.tolerances, angle_zero_rad=0.05))
+    record = make_record(case)
+    record.joint[:, 1] += 0.08
+    record.write_csv(tmp_path / 'log.csv')
+    found = calibrate([read_log(tmp_path / 'log.csv', robot)], robot, case.payload_told)
+    zero = found.items[-1]
+    assert zero.name == 'angle_offset:joint_2'
+    assert abs(zero.deviation - 0.08) < 2.0 * zero.std < 0.03
+    written = calibrated_robot(robot, found)
+    assert joint_zero(written) == zero.deviation
+    assert written.tolerances.angle_zero_rad == pytest.approx(zero.std, rel=0.05)
+
+
+def test_effects_on_one_gauge_add_up() -> None:
+    """An extended robot lists what was found behind what its file had."""
+    robot = replace(load_robot('reference'), effects=(
+        EffectSpec('strain_bias', 'strain_1a', {'bias': 1e-5}),
+        EffectSpec('strain_gain', 'strain_1a', {'factor': 1.1}),
+        EffectSpec('strain_gain', 'strain_1a', {'factor': 0.9}),
+        EffectSpec('strain_bias', 'strain_1a', {'bias': 2e-5})))
+    scale, zero = gauge_readings(robot)[0]
+    assert scale == pytest.approx(0.99) and zero == pytest.approx(2.99e-5)
+    assert gauge_readings(with_gauge(robot, 0, scale, zero)) == gauge_readings(robot)
 
 
 def test_a_shared_tolerance_is_that_of_the_least_known_part() -> None:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from flex_plant_sim.arm.parts import within_file_limits
 from flex_plant_sim.arm.robot import Robot
-from flex_plant_sim.arm.robot_file import built_in_robots, load_robot, parse_robot
-from flex_plant_sim.diagnosis.report.extended_file import document, extended_text, write_extended
+from flex_plant_sim.arm.robot_file import built_in_robots, load_robot, parse_robot, robot_text
+from flex_plant_sim.arm.robot_text import DIGITS, document, with_numbers
+from flex_plant_sim.diagnosis.report.extended_file import specs, write_extended
 from flex_plant_sim.effects import build, catalogue, effects_of, parse, sites
 from flex_plant_sim.effects.base import Effect
 from msg_config.errors import InputError
@@ -16,13 +18,22 @@ import pytest
 import yaml
 
 
+def extended_text(source: str | Path, robot: Robot, effects: Sequence[Effect]) -> str:
+    return with_numbers(robot_text(source), replace(robot, effects=specs(effects)))
+
+
+def comments(text: str) -> list[str]:
+    return [line[line.index('#'):] for line in text.splitlines() if '#' in line]
+
+
 def some_of_each(robot: Robot) -> list[Effect]:
-    """Return every effect of the catalogue once, at an awkward value."""
+    """Return every effect of the catalogue once, at a value of as many digits as are written."""
     found = []
     for effect in catalogue().values():
         if not sites(effect, robot):  # a velocity loop's effect on an arm that has none
             continue
-        values = tuple(min(max(p.low, p.starts[0] / 3.0), p.high) for p in effect.parameters)
+        values = tuple(float(f'{min(max(p.low, p.starts[0] / 3.0), p.high):.{DIGITS}g}')
+                       for p in effect.parameters)
         found.append(effect(sites(effect, robot)[-1], values))
     return found
 
@@ -81,18 +92,21 @@ def test_existing_effects_in_any_form_are_replaced(existing: str, tmp_path: Path
 
 
 @pytest.mark.parametrize('name', built_in_robots())
-def test_changed_parameters_are_written_with_the_same_keys(name: str) -> None:
+def test_changed_parameters_are_written_in_their_places(name: str) -> None:
     robot = load_robot(name)
     link, drive = robot.links[1], robot.drives[0]
-    changed = robot.with_link(1, youngs_modulus=1.031 * link.youngs_modulus)
+    changed = robot.with_link(1, youngs_modulus=1.03 * link.youngs_modulus)
     changed = changed.with_drive(0, inertia=1.07 * drive.inertia)
     effect = build(parse('coulomb_friction:joint_2:level_n_m=0.43'), robot)
-    again = parse_robot(extended_text(name, changed, [effect]), 'again')
+    text = extended_text(name, changed, [effect])
+    assert comments(text) == comments(robot_text(name)) != []
+    again = parse_robot(text, 'again')
     assert again.links == changed.links
     assert again.tolerances == robot.tolerances
-    assert again.drives[0].inertia == pytest.approx(1.07 * drive.inertia, rel=1e-14)
-    assert again.drives[0].damping == pytest.approx(drive.damping, rel=1e-14)
-    assert again.drives[0].torque_gain == pytest.approx(drive.torque_gain, rel=1e-14)
+    for found, wanted in ((again.drives[0].inertia, 1.07 * drive.inertia),
+                          (again.drives[0].damping, drive.damping),
+                          (again.drives[0].torque_gain, drive.torque_gain)):
+        assert found == pytest.approx(wanted, rel=10.0**(1 - DIGITS))
     assert effects_of(again) == (effect,)
 
 

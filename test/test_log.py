@@ -8,6 +8,8 @@ from typing import Literal
 
 from flex_plant_sim.arm.robot_file import load_robot, parse_robot, robot_text
 from flex_plant_sim.atomic_file import whole_file
+from flex_plant_sim.inputs.gate import Refusal
+from flex_plant_sim.inputs.plausible import unit_hint
 from flex_plant_sim.logs.bag_log import write_bag
 from flex_plant_sim.logs.csv_log import write_csv
 from flex_plant_sim.logs.log import Log
@@ -158,6 +160,13 @@ def edit(row: int, column: int, text: str) -> Callable[[list[str]], list[str]]:
         values[column] = text
         return [*rows[:row], ','.join(values), *rows[row + 1:]]
     return change
+
+
+def test_a_step_that_is_possible_in_degrees_is_asked_about() -> None:
+    """Half a turn a second in degrees is no angle out of range, but faster than any drive."""
+    said = 'joint_2: expected at most 9 rad/s, got a step of {} rad in 0.01 s'
+    assert 'degrees' in unit_hint(Refusal('speed', said.format('-1.8')))
+    assert not unit_hint(Refusal('speed', said.format('+6')))
 
 
 FAULTS: list[tuple[str, Callable[[list[str]], list[str]], str]] = [

@@ -106,7 +106,8 @@ def test_defaults_satisfy_their_own_rows(node: str) -> None:
 def test_what_a_parameter_needs_are_choices_of_its_node(node: str) -> None:
     table = load_parameters()[node]
     for row in table.values():
-        assert all(set(choices) <= set(table[name].choices) for name, choices in row.needs.items())
+        for name, choices in row.needs.items():
+            assert all(table[name].check(choice) == choice for choice in choices)
         assert not row.unmet({name: choices[0] for name, choices in row.needs.items()})
 
 

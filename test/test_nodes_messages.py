@@ -114,6 +114,15 @@ def test_a_robot_without_effort_needs_a_command_topic(loop: RosLoop) -> None:
     assert one == other
 
 
+def test_a_controller_begins_though_the_robot_says_no_effort(loop: RosLoop) -> None:
+    """It waited for a command to be applied, and nobody else sends one."""
+    bench = Bench(loop, 'controller')
+    bench.answered(0, effort=())
+    assert loop.call('lqg_controller', 'reset').success
+    bench.answered(1, effort=())
+    assert not bench.node.rejected
+
+
 def test_channels_are_taken_by_name(loop: RosLoop) -> None:
     innovation = loop.record('innovation')
     bench = Bench(loop, 'estimator')

@@ -14,6 +14,7 @@ import sys
 from flex_payload_estimator.tools import demo, diagnose, estimate, figures
 from flex_plant_sim.arm.robot_file import load_robot, robot_text
 from flex_plant_sim.atomic_file import MARK, whole_file, written_here
+from flex_plant_sim.diagnosis.report.extended_file import write_extended
 from flex_plant_sim.logs.bag_log import write_bag
 from flex_plant_sim.logs.csv_log import write_csv
 from flex_plant_sim.logs.log import Log
@@ -100,6 +101,14 @@ def test_a_folder_replaces_nothing_of_the_user_s(
     for target in ('own', 'bag', 'own.json', 'log.csv', 'absent/out'):
         if target not in ('bag', 'absent/out') or tool is not figures.main:  # no harm is done
             refused(tool, [*arguments, option, str(place / target)], place, capsys)
+
+
+def test_no_robot_file_is_replaced_for_people_edit_it(
+        place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_extended(place / 'calibrated.yaml', 'reference', ROBOT, [])
+    for tool, arguments, option, name in FILES:
+        if name == 'out.yaml':
+            refused(tool, [*arguments, option, str(place / 'calibrated.yaml')], place, capsys)
 
 
 def test_a_marked_summary_does_not_give_the_user_s_files_away(

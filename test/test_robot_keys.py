@@ -15,7 +15,6 @@ from msg_config.errors import InputError
 import pytest
 import yaml
 
-DEFAULTS = {'none': None, '0': 0.0, '1': 1.0}
 EACH_KEY = [(place, key) for group in KEY_GROUPS for place in group.places
             for key in group.keys
             if not group.kind or group.kind == 'velocity_loop']

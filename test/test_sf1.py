@@ -21,6 +21,7 @@ from flex_payload_estimator.estimators.sf1.regression import (
 from flex_payload_estimator.estimators.sf1.settings import Pace, PAPER_SETTINGS
 from flex_payload_estimator.model.delta import omega
 from flex_payload_estimator.model.payload_model import payload_model
+from flex_payload_estimator.model.split import rates_at
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
@@ -243,12 +244,16 @@ def test_the_prediction_is_25() -> None:
     estimator.known = estimator.known._replace(mass=0.12)
     estimator.track = estimator.track._replace(state=x)
     u, step, c = np.array([0.4, -0.7]), 0.01, estimator.model.output
-    split = estimator.model.split(math.cos(first[1]), 0.12, 'paper')
-    big = omega(split.a, step, 15, estimator.halvings)
-    a_0, a_m, b_0, b_m = (big @ part for part in (split.a_0, split.a_m, split.b_0, split.b_m))
+    cosine, zero = math.cos(first[1]), np.zeros(10)
+    a, b = estimator.model.matrices(cosine, 0.12)
+    a_m = rates_at(cosine, estimator.model.tables, 0.12, 0.12, zero, u, True)[1]
+    b_m = np.stack([rates_at(cosine, estimator.model.tables, 0.12, 0.12, zero, column, True)[2][1]
+                    for column in np.eye(2)], axis=1)
+    big = omega(a, step, 15, estimator.halvings)
+    a_0, a_m, b_0, b_m = (big @ part for part in (a - 0.12 * a_m, a_m, b - 0.12 * b_m, b_m))
     p = estimator.track.covariance
     s = c @ p @ c.T + 1e-4 * np.eye(6)
-    gain = (np.eye(10) + step * big @ split.a) @ p @ c.T @ np.linalg.inv(s) / step
+    gain = (np.eye(10) + step * big @ a) @ p @ c.T @ np.linalg.inv(s) / step
     x_0 = (np.eye(10) + step * a_0 - step * gain @ c) @ x + step * b_0 @ u \
         + step * gain @ (scale * first)
     x_m = step * a_m @ x + step * b_m @ u

@@ -1,8 +1,8 @@
 """
 The arm model over theta_2 and payload m_p for estimators and controller, with any n modes.
 
-A, B and their split (13) are evaluated at every sample, so all that does not depend on theta_2
-and m_p is tabulated once per robot. SF1 and the LQG controller build their predictors on it.
+A, B and their split (13) are taken at every sample, so all that does not depend on theta_2 and
+m_p is tabulated once per robot. SF1 and the LQG controller build their predictors on it.
 """
 
 from __future__ import annotations
@@ -10,17 +10,11 @@ from __future__ import annotations
 from typing import Protocol
 
 from flex_payload_estimator.model.delta import halvings_for
-from flex_payload_estimator.model.rates import rates_at, Tables
-from flex_payload_estimator.model.split import (
-    check_kind,
-    check_second_order,
+from flex_payload_estimator.model.tabulated import (
     compact_state,
     CompactTerms,
     second_order_state,
-    Split,
-    split_compact,
-    split_second_order,
-    SplitKind,
+    Tables,
     terms_at,
 )
 from flex_plant_sim.arm.assumed_modes import assumed_modes, KinematicRows
@@ -38,7 +32,7 @@ MODEL_NAMES = ('paper_reduced', 'paper', 'assumed_modes')
 
 class PayloadModel(Protocol):
     """
-    A(theta_2, m_p) and B(theta_2, m_p) with their split (13), and the output rows.
+    A(theta_2, m_p) and B(theta_2, m_p), and the output rows.
 
     Attributes
     ----------
@@ -56,7 +50,7 @@ class PayloadModel(Protocol):
     halvings : int
         How often (19) halves T for full accuracy.
     tables : tuple of Array
-        The tabulated model that `rates.rates_at` evaluates.
+        The tabulated model that `split.rates_at` evaluates.
 
     """
 
@@ -70,18 +64,6 @@ class PayloadModel(Protocol):
 
     def matrices(self, cosine: float, mass: float) -> tuple[Array, Array]:
         """Return A (n, n) and B (n, 2) at cos(theta_2) and m_p, kg."""
-
-    def split(self, cosine: float, mass: float, kind: SplitKind) -> Split:
-        """Return A, B and the split at cos(theta_2) and m_p, kg."""
-
-    def rates(self, cosine: float, mass: float, other: float, state: Array, command: Array,
-              kind: SplitKind) -> tuple[Array, Array, Array]:
-        """
-        Return A and A^m (n, n), and the rows A x + B u, A^m x + B^m u, A' x + B' u, (3, n).
-
-        A' = (A(other) - A(mass)) / (other - mass), B' likewise: the secant between two payloads,
-        kg; the derivative where both are equal.
-        """
 
 
 def payload_model(robot: Robot, name: str = 'paper_reduced', modes: int = 2) -> PayloadModel:
@@ -135,23 +117,9 @@ class ReducedModel:
         return np.concatenate([part.ravel()
                                for part in CompactTerms.of(compact.at_cosine(cosine))[:7]])
 
-    def _terms(self, cosine: float) -> CompactTerms:
-        return terms_at(float(cosine), *self.tables)
-
     def matrices(self, cosine: float, mass: float) -> tuple[Array, Array]:
         """Return A and B at cos(theta_2) and m_p, kg."""
-        return compact_state(self._terms(cosine), mass)
-
-    def split(self, cosine: float, mass: float, kind: SplitKind) -> Split:
-        """Return A, B and the split at cos(theta_2) and m_p, kg."""
-        return split_compact(self._terms(cosine), mass, kind)
-
-    def rates(self, cosine: float, mass: float, other: float, state: Array, command: Array,
-              kind: SplitKind) -> tuple[Array, Array, Array]:
-        """Return A, A^m and the rows A x + B u, A^m x + B^m u, A' x + B' u."""
-        check_kind(kind)
-        return rates_at(float(cosine), self.tables, float(mass), float(other), state, command,
-                        kind == 'paper', kind == 'resolvent')
+        return compact_state(terms_at(float(cosine), *self.tables), mass)
 
 
 class SecondOrderModel:
@@ -174,26 +142,9 @@ class SecondOrderModel:
         self.end_point = np.concatenate([end_point_row(rows), np.zeros(order)])
         self.halvings = _halvings(self, robot.sample_time)
 
-    def _terms(self, cosine: float) -> tuple[Array, Array, Array]:
-        """Return M_0, M^m (N, N) and [-K, -D, B] (N, 2N + 2) at cos(theta_2)."""
-        n = self._order
-        row = np.array([1.0, cosine, cosine * cosine]).dot(self.tables[0]).reshape(n, -1)
-        return row[:, :n], row[:, n:2 * n], row[:, 2 * n:]
-
     def matrices(self, cosine: float, mass: float) -> tuple[Array, Array]:
         """Return A and B at cos(theta_2) and m_p, kg."""
         return second_order_state(self.tables[0], self._order, float(cosine), float(mass))
-
-    def split(self, cosine: float, mass: float, kind: SplitKind) -> Split:
-        """Return A, B and the split at cos(theta_2) and m_p, kg."""
-        return split_second_order(*self._terms(cosine), mass, kind)
-
-    def rates(self, cosine: float, mass: float, other: float, state: Array, command: Array,
-              kind: SplitKind) -> tuple[Array, Array, Array]:
-        """Return A, A^m and the rows A x + B u, A^m x + B^m u, A' x + B' u."""
-        check_second_order(kind)
-        return rates_at(float(cosine), self.tables, float(mass), float(other), state, command,
-                        False, kind == 'resolvent')
 
 
 def end_point_row(rows: KinematicRows) -> Array:

@@ -70,6 +70,8 @@ class LQGControllerNode(SampleNode):
     def __init__(self, **options: Any):
         self.limiter, self._referenced = CommandLimiter(), False
         super().__init__('lqg_controller', **options)
+        # What was sent is applied, from the start on, where no effort says otherwise.
+        self.commanded = self.limiter.sent
         self._command = self.publisher('command')
         self._writer = MessageWriter(
             joint_state(0, self._efforts.names, effort=self.limiter.sent), 'header', 'effort')
@@ -125,7 +127,7 @@ class LQGControllerNode(SampleNode):
     def restart(self) -> None:
         """Go back to the start: forget all but the set-points."""
         self.controller.reset()
-        self.limiter.sent = np.zeros(2)
+        self.commanded = self.limiter.sent = np.zeros(2)
         self._unusable, self._waiting, self._late, self._last_mass = 0, None, False, math.nan
         self._masses.clear()
 

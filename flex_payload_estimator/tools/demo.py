@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 import os
 from pathlib import Path
+import shutil
 import sys
 import time
 from typing import Any
@@ -246,6 +247,8 @@ def closing_words(experiment: Experiment, record: LoopRecord, runs: Sequence[Est
     plant = '' if plant == 'reference' else f' --robot {plant}'
     arm = '' if options.robot == 'reference' else f' --robot {options.robot}'
     same = f'{arm} --model {options.model} --modes {options.modes}'
+    beside = Path(sys.argv[0]).with_name('flex_estimate')
+    here = f'{beside.parent}/' if not shutil.which('flex_estimate') and beside.is_file() else ''
     return f"""
 true payload {record.true_mass[-1]:g} kg; the forearm bent by up to \
 {largest_bend_percent(experiment, record):.1f} % of its length
@@ -253,8 +256,8 @@ true payload {record.true_mass[-1]:g} kg; the forearm bent by up to \
 look at   {out}/{PICTURE}   the three side by side
           {out}/figure_4.png … figure_9.png   the paper's figures; figure 5 is {options.estimator}
           {out}/run.csv, {out}/run_mcap   the run as CSV and as a bag (MCAP)
-next      flex_estimate {out}/run.csv{same} --estimator {options.estimator}
-          flex_replay {out}/run.csv{plant} --model {experiment.plant['model']} \
+next      {here}flex_estimate {out}/run.csv{same} --estimator {options.estimator}
+          {here}flex_replay {out}/run.csv{plant} --model {experiment.plant['model']} \
 --modes {experiment.plant['modes']}"""
 
 

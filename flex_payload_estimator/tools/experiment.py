@@ -15,7 +15,7 @@ from typing import Any
 from flex_payload_estimator.control.loop import LoopRecord
 from flex_plant_sim.arm.parts import drawn
 from flex_plant_sim.arm.robot_file import load_robot
-from flex_plant_sim.diagnosis.report.extended_file import document
+from flex_plant_sim.arm.robot_text import document
 from flex_plant_sim.simulation.arm_shape import ArmShape
 from flex_plant_sim.simulation.plant_setup import robot_of, simulator_of
 from msg_config.parameters import check_parameters

@@ -9,7 +9,8 @@ from flex_plant_sim.commissioning.calibration import Calibration
 from flex_plant_sim.commissioning.items import Item
 
 # Tolerance in the robot file of a part with another name.
-TOLERANCE_OF = {'position': 'gauge_position_m', 'payload_inertia': 'payload_inertia_kg_m2'}
+TOLERANCE_OF = {'position': 'gauge_position_m', 'payload_inertia': 'payload_inertia_kg_m2',
+                'angle_offset': 'angle_zero_rad'}
 # Significant digits of a standard deviation (GUM, 7.2.6).
 DIGITS = 2
 

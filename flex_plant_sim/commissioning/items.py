@@ -1,4 +1,4 @@
-"""The quantities that a calibration estimates: parts of an arm, scale and zero of its gauges."""
+"""The quantities that a calibration estimates: parts of an arm, and what its sensors read."""
 
 from __future__ import annotations
 
@@ -9,7 +9,13 @@ from math import exp
 from flex_plant_sim.arm.parts import robot_parts
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.commissioning.residuals import gauge_readings, with_gauge
+from flex_plant_sim.commissioning.residuals import (
+    gauge_readings,
+    joint_zero,
+    with_gauge,
+    with_joint_zero,
+    ZERO_JOINT,
+)
 
 
 @dataclass(frozen=True)
@@ -44,7 +50,7 @@ class Item:
 
 
 def calibration_items(robot: Robot) -> tuple[Item, ...]:
-    """Return all uncertain quantities: the parts of the arm, scale and zero of every gauge."""
+    """Return all uncertain quantities: parts, scale and zero of every gauge, joint 2's zero."""
     t, gauges = robot.tolerances, robot.gauge_names
     items = [Item(part.name, part.tolerance, part.change, part.unit)
              for part in robot_parts(robot)]
@@ -52,6 +58,7 @@ def calibration_items(robot: Robot) -> tuple[Item, ...]:
               for k, gauge in enumerate(gauges)]
     items += [Item(f'strain_bias:{gauge}', t.strain_bias, _gauge_zero(k), 'm/m')
               for k, gauge in enumerate(gauges)]
+    items.append(Item(f'angle_offset:{ZERO_JOINT}', t.angle_zero_rad, _joint_zero, 'rad'))
     return tuple(item for item in items if item.tolerance > 0.0)
 
 
@@ -69,6 +76,10 @@ def _gauge_zero(k: int) -> Callable[[Robot, float], Robot]:
         return with_gauge(robot, k, scale, zero + value)
 
     return change
+
+
+def _joint_zero(robot: Robot, value: float) -> Robot:
+    return with_joint_zero(robot, joint_zero(robot) + value)
 
 
 def with_deviations(robot: Robot, items: Sequence[Item], values: Array) -> Robot:

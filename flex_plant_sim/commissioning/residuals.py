@@ -26,6 +26,8 @@ import numpy as np
 # Modes per link and model: the defaults of all tools.
 MODES = 3
 MODEL = 'assumed_modes'
+# The joint whose zero shows; joint 1 turns the whole arm.
+ZERO_JOINT = 'joint_2'
 # Length of a window, in periods of the slowest mode.
 PERIODS = 5
 # Least number of windows: their 24 blocks (system.py) determine a variance to 30 %.
@@ -84,31 +86,54 @@ class Residuals:
         The predictor removes scales and zeros from the gauges. Here the scales are applied again;
         otherwise a large scale would make the errors appear small.
         """
-        added = self._gauge_changes(robot)
+        added = self._sensor_changes(robot)
         errors = np.concatenate([p.innovations(added, robot, p.steady)[0]
                                  for p in self._predictors])
         errors[..., 2:] *= [scale for scale, _ in gauge_readings(robot)]
         return errors
 
-    def _gauge_changes(self, robot: Robot) -> tuple[Effect, ...]:
-        """Return the effects, scale and zero, that turn this robot's gauges into another's."""
-        changes: list[Effect] = []
-        kinds = catalogue()['strain_gain'], catalogue()['strain_bias']
+    def _sensor_changes(self, robot: Robot) -> tuple[Effect, ...]:
+        """Return the effects that turn this robot's sensors into another's."""
+        changes = [('angle_offset', ZERO_JOINT, joint_zero(robot) - joint_zero(self._robot), 0.0)]
         for name, (old, old_zero), (new, new_zero) in zip(
                 robot.gauge_names, gauge_readings(self._robot), gauge_readings(robot)):
             ratio = new / old
-            values = (ratio, new_zero - ratio * old_zero)
-            changes += [kind(name, (value,)) for kind, value, null in zip(
-                kinds, values, (1.0, 0.0)) if value != null]
-        return tuple(changes)
+            changes += [('strain_gain', name, ratio, 1.0),
+                        ('strain_bias', name, new_zero - ratio * old_zero, 0.0)]
+        return tuple(catalogue()[kind](site, (value,)) for kind, site, value, null in changes
+                     if value != null)
+
+
+def joint_zero(robot: Robot) -> float:
+    """Return what joint 2's angle reads with both links in line, rad, from the effects."""
+    return sum(_value(spec) for spec in robot.effects
+               if (spec.name, spec.site) == ('angle_offset', ZERO_JOINT))
+
+
+def with_joint_zero(robot: Robot, zero: float) -> Robot:
+    """Return the robot with a zero of joint 2's angle, rad, among its effects."""
+    others = [spec for spec in robot.effects
+              if (spec.name, spec.site) != ('angle_offset', ZERO_JOINT)]
+    if zero != 0.0:
+        others.append(EffectSpec('angle_offset', ZERO_JOINT, {'offset_rad': zero}))
+    return replace(robot, effects=tuple(others))
+
+
+def _value(spec: EffectSpec) -> float:
+    """Return the value of an effect with one parameter, a number."""
+    return float(next(iter(spec.values.values())))  # type: ignore[arg-type]
 
 
 def gauge_readings(robot: Robot) -> tuple[tuple[float, float], ...]:
-    """Return scale and zero (m/m) of every gauge from the robot's effects."""
-    told = {(spec.name, spec.site): next(iter(spec.values.values())) for spec in robot.effects
-            if spec.name in ('strain_gain', 'strain_bias')}
-    return tuple((told.get(('strain_gain', name), 1.0), told.get(('strain_bias', name), 0.0))
-                 for name in robot.gauge_names)
+    """Return scale and zero (m/m) of every gauge, from all of the robot's effects in turn."""
+    found = dict.fromkeys(robot.gauge_names, (1.0, 0.0))
+    for spec in robot.effects:
+        scale, zero = found.get(spec.site, (1.0, 0.0))
+        if spec.name == 'strain_gain':
+            found[spec.site] = scale * _value(spec), zero * _value(spec)
+        elif spec.name == 'strain_bias':
+            found[spec.site] = scale, zero + _value(spec)
+    return tuple(found.values())
 
 
 def with_gauge(robot: Robot, k: int, scale: float, zero: float) -> Robot:

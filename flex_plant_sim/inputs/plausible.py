@@ -66,12 +66,17 @@ def time_unit(interval: float, expected: float) -> str | None:
 
 def unit_hint(refusal: Refusal) -> str:
     """Return a question that names the units in which a refused value would pass, or ''."""
-    match = re.search(r'expected (\S+) to (\S+) (rad|m/m), got (\S+)$', refusal.text)
-    if match is None:
+    step = re.search(r'at most (\S+) rad/s, got a step of (\S+) rad in (\S+) s$', refusal.text)
+    value = re.search(r'expected (\S+) to (\S+) (rad|m/m), got (\S+)$', refusal.text)
+    if step is not None:
+        unit, low, high = 'rad', 0.0, float(step[1])
+        found = abs(float(step[2])) / float(step[3])
+    elif value is not None:
+        unit, low, high, found = value[3], float(value[1]), float(value[2]), float(value[4])
+    else:
         return (' (in another unit? scale it under inputs: in the robot file)'
                 if refusal.text.startswith('command of ') and refusal.kind == RANGE else '')
-    low, high, value = (float(match[k]) for k in (1, 2, 4))
-    fits = [name for factor, name in UNITS[match[3]].items() if low <= value / factor <= high]
+    fits = [name for factor, name in UNITS[unit].items() if low <= found / factor <= high]
     return (f' (is it in {" or ".join(fits)}? say so under inputs: in the robot file)'
             if fits else '')
 

@@ -64,9 +64,9 @@ class Commands:
         found = cls(until, applied, command.stamps, sent)
         if len(until) and not (np.isfinite(applied).all() and (applied.any() or not sent.any())):
             found = cls(*none, command.stamps, sent)
-        return found._with_note(joints)
+        return found._with_note()
 
-    def _with_note(self, joints: Stream) -> Commands:
+    def _with_note(self) -> Commands:
         if not len(self.since):
             return self
         if not len(self.until):

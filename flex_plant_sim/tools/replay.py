@@ -55,7 +55,12 @@ def _main(arguments: argparse.Namespace) -> None:
         if arguments.json:
             write(command_line.write_json, arguments.json, result.results())
         if arguments.plot:
-            write(write_plot, arguments.plot, result)
+            write(_write_plot, arguments.plot, result)
+
+
+def _write_plot(path: str, result: Replay) -> None:
+    write_plot(path, result)
+    print(f'plot: {path}')
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -9,13 +9,13 @@ from pathlib import Path
 import sys
 
 from flex_plant_sim.arm.robot_file import built_in_robots, load_robot, robot_text
+from flex_plant_sim.arm.robot_text import with_numbers
 from flex_plant_sim.atomic_file import MARK, whole_file
 from flex_plant_sim.commissioning.calibrated_robot import calibrated_robot, calibration_text
 from flex_plant_sim.commissioning.calibration import calibrate
 from flex_plant_sim.commissioning.check import Check
 from flex_plant_sim.commissioning.drawing import write_drawing
 from flex_plant_sim.commissioning.residuals import MODEL, MODES
-from flex_plant_sim.commissioning.robot_text import with_numbers
 from flex_plant_sim.commissioning.standard_move import simulated_move, STROKES
 from flex_plant_sim.commissioning.template import reference_page, template
 from flex_plant_sim.commissioning.urdf import urdf
@@ -101,7 +101,7 @@ def _calibrate(arguments: argparse.Namespace) -> None:
         for name, a, b in zip(log.output_names, old.fit_percent, new.fit_percent):
             print(f'  {name:<22}{a:>8.1f} %{b:>8.1f} %')
     with whole_file(arguments.output) as temporary:
-        temporary.write_text(text if MARK in text else f'{text}# {MARK}\n', encoding='utf-8')
+        temporary.write_text(text, encoding='utf-8')
     print(f'calibrated robot: {arguments.output}')
 
 

@@ -2,7 +2,7 @@
 The loop for hours: processor, memory, latency and loss over time, in real time and in lock-step.
 
 `python test/faults/soak.py [--minutes 60] [--rate 1000] [--modes realtime lockstep bare]
-[--spinners N] [--picture FILE] [--page]` runs the three nodes as processes, in each mode for an
+[--picture FILE] [--page]` runs the three nodes as processes, in each mode for an
 equal part of the time, and prints for each node the slope of its resident memory after the
 warm-up; the observer counts what was lost. In mode `bare` they are nodes on the same topics that
 compute nothing, so that what rclpy and DDS take of the processor is known.
@@ -189,8 +189,6 @@ def run(mode: str, options: argparse.Namespace) -> list[dict[str, float]]:
     """Run one mode and return its rows."""
     observer, said = Observer(), TemporaryDirectory()
     processes = start(mode, options.rate, options.domain, Path(said.name))
-    spinners = [subprocess.Popen([sys.executable, '-c', 'while True: pass'])
-                for _ in range(options.spinners)]
     try:
         while not observer.heard.counts['command']:
             observer.look(0.5)
@@ -201,9 +199,6 @@ def run(mode: str, options: argparse.Namespace) -> list[dict[str, float]]:
         last = (Path(said.name) / name).read_text(errors='replace')[-MOST_SAID:]
         raise SystemExit(f'{mode}: {name} ended with {processes[name].poll()}:\n{last}') from None
     finally:
-        for spinner in spinners:
-            spinner.kill()
-            spinner.wait()
         for process in processes.values():
             process.send_signal(signal.SIGTERM)
             process.wait()
@@ -270,8 +265,6 @@ def main() -> int:
     options.add_argument('--domain', type=int, default=94)
     options.add_argument('--modes', nargs='+', choices=MODES, default=list(MODES))
     options.add_argument('--picture', type=Path, metavar='PNG', help='where to draw it')
-    options.add_argument('--spinners', type=int, default=0, help='processes that do nothing else')
-    options.add_argument('--block', choices=('soak', 'busy'), default='soak')
     options.add_argument('--page', action='store_true', help='write it into docs/faults.md')
     chosen = options.parse_args()
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
@@ -287,9 +280,9 @@ def main() -> int:
             found[mode] = rows
             if chosen.picture:
                 draw(found, chosen.picture)
-            record(chosen.block, [f'At {chosen.rate:g} Hz:', '', *HEADER, *(
+            record('soak', [f'At {chosen.rate:g} Hz:', '', *HEADER, *(
                 verdict(name, each, chosen.rate) for name, each in found.items()),
-                *([] if chosen.block == 'busy' else PICTURE)], chosen.page)
+                *PICTURE], chosen.page)
     rclpy.try_shutdown()
     return 0
 

@@ -84,7 +84,6 @@ class SF1Estimator:
         self.pace = Pace.of(self.step, settings.regression)
         self.halvings = self.model.halvings if settings.exact else 0
         self.composite = CompositeMeasurement.end_point(self.model)
-        self._as_printed = settings.regression == 'paper'
         self._resolvent = settings.regression == 'resolvent'
         self._columns = np.ascontiguousarray(self.model.output.T)
         self._room = DeltaOperator(self.model.states, self.step, settings.terms,
@@ -268,7 +267,7 @@ class SF1Estimator:
         heavier = mass + MEAN_DEVIATION * math.sqrt(self._variance())
         noisy = (self._since + 1) % self.pace.samples == 0
         return (tuple(self.track), tuple(after), self._since, math.cos(self._angle),
-                self.model.tables, mass, heavier, self._as_printed, self._resolvent,
+                self.model.tables, mass, heavier, not self._resolvent,
                 self._command, self._measured, self._columns,
                 self._process if noisy else self._no_process, self._measurement, self._sensors,
                 self._room, self.step)

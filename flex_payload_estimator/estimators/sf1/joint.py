@@ -20,7 +20,8 @@ from typing import Any, NamedTuple
 from flex_payload_estimator.kalman.in_place import add, add_matrix, put, put_matrix, scaled
 from flex_payload_estimator.kalman.riccati import lyapunov_step, riccati_step
 from flex_payload_estimator.model.delta import series
-from flex_payload_estimator.model.rates import rates_at, Tables, times
+from flex_payload_estimator.model.split import rates_at
+from flex_payload_estimator.model.tabulated import Tables, times
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import COMPILED, compiled
 import numpy as np
@@ -130,8 +131,8 @@ def at_known_payload(whole: Array) -> Array:
 
 @compiled
 def moved(before: tuple[Any, ...], ahead: tuple[Any, ...], since: int, cosine: float,
-          tables: Tables, mass: float, other: float, as_printed: bool, resolvent: bool,
-          command: Array, measured: Array, columns: Array, process: Array, measurement: Array,
+          tables: Tables, mass: float, other: float, as_printed: bool, command: Array,
+          measured: Array, columns: Array, process: Array, measurement: Array,
           noise: Array, room: tuple[Any, ...], step: float) -> None:
     """
     Write the track one sample on: Omega of (19), the gain of (23), (25), and what they do.
@@ -143,8 +144,8 @@ def moved(before: tuple[Any, ...], ahead: tuple[Any, ...], since: int, cosine: f
         named one is.
     since : int
         Samples since the last regression.
-    cosine, tables, mass, other, as_printed, resolvent
-        See rates.rates_at.
+    cosine, tables, mass, other, as_printed
+        See split.rates_at.
     command : Array
         u, (2,).
     measured : Array
@@ -161,8 +162,7 @@ def moved(before: tuple[Any, ...], ahead: tuple[Any, ...], since: int, cosine: f
     """
     track, after = Track(*before), Track(*ahead)
     put(after.held, track.held if since > 0 else track.state)
-    a, a_m, rates = rates_at(cosine, tables, mass, other, after.held, command, as_printed,
-                             resolvent)
+    a, a_m, rates = rates_at(cosine, tables, mass, other, after.held, command, as_printed)
     add(rates[0], 1.0, times(a, track.state - after.held))
     big = series(a, *room)
     found = np.dot(rates, big.T) * step

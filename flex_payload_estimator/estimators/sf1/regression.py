@@ -21,7 +21,7 @@ from flex_payload_estimator.estimators.sf1.joint import (
     Track,
 )
 from flex_payload_estimator.kalman.in_place import add, add_outer, put_matrix, row_products
-from flex_payload_estimator.model.rates import times
+from flex_payload_estimator.model.tabulated import times
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import compiled
 import numpy as np
@@ -190,27 +190,13 @@ def predict_and_take_sample(
 @compiled
 def _regress(track: Track, scaled: Array, known: SF1State, given: SF1Constants) -> SF1State:
     """Update payload, state and their covariance by one regression; return the new SF1State."""
-    n, part = len(track.state), track.part[0]
-    row = given.row[:n]
-    ratio = _excitation_ratio(track, row)
+    n = len(track.state)
+    ratio = _excitation_ratio(track, given.row[:n])
     # Bounded, so that it has decayed one MEMORY after the arm has come to rest.
     excitation = min((1.0 - given.fading) * known.excitation + given.fading * ratio,
                      math.e * SIGNIFICANT)
     shown = excitation > SIGNIFICANT or ratio > EVIDENT
-    part_0 = track.state.copy()
-    add(part_0, -known.mass, part)
-    psi, phi = regression(row, np.dot(given.weights, scaled), part_0, part)
-    innovation, weight = psi - phi * known.mass, 1.0
-    if given.resolvent:
-        weight = given.reference / (np.dot(row, times(track.covariance, row)) + given.tuned)
-        phi = phi if shown else 0.0
-    # Only the share of phi^2 that noise does not explain carries the payload's error.
-    true = 1.0 if phi == 0.0 else max(1.0 - 1.0 / ratio, 0.0) if shown else 0.0
-    free, p, gain = sf1_step(known.mass, known.p, psi, phi, weight, given.alpha_0, given.alpha_1)
-    mass = min(max(free, 0.0), given.largest)
-    if mass != free:
-        # A payload that stops at its limit takes only a part of the gain, and so does its error.
-        gain *= (mass - known.mass) / (free - known.mass)
+    mass, p, gain, innovation, true = _sf1_update(track, scaled, known, given, shown, ratio)
     slope, change = _apply_payload_change(track.state, track.part, true, gain, mass - known.mass,
                                           given.resolvent)
     level = max(known.level, 1.0) if given.resolvent else 1.0
@@ -234,6 +220,30 @@ def _regress(track: Track, scaled: Array, known: SF1State, given: SF1Constants) 
     # scale the lag, which is a mean.
     variance = level * (max(with_noise - doubt, 0.0) + spread * doubt) + lag * lag * doubt
     return SF1State(mass, p, variance, excitation, lag, spread, known.level)
+
+
+@compiled
+def _sf1_update(track: Track, scaled: Array, known: SF1State, given: SF1Constants, shown: bool,
+                ratio: float) -> tuple[float, float, float, float, float]:
+    """
+    Return mass, P and gain of (29), the composite innovation, rad, and the share `true` of phi^2.
+
+    Only that share, which noise does not explain, carries the payload's error.
+    """
+    row, part, part_0 = given.row[:len(track.state)], track.part[0], track.state.copy()
+    add(part_0, -known.mass, part)
+    psi, phi = regression(row, np.dot(given.weights, scaled), part_0, part)
+    innovation, weight = psi - phi * known.mass, 1.0
+    if given.resolvent:
+        weight = given.reference / (np.dot(row, times(track.covariance, row)) + given.tuned)
+        phi = phi if shown else 0.0
+    true = 1.0 if phi == 0.0 else max(1.0 - 1.0 / ratio, 0.0) if shown else 0.0
+    free, p, gain = sf1_step(known.mass, known.p, psi, phi, weight, given.alpha_0, given.alpha_1)
+    mass = min(max(free, 0.0), given.largest)
+    if mass != free:
+        # A payload that stops at its limit takes only a part of the gain, and so does its error.
+        gain *= (mass - known.mass) / (free - known.mass)
+    return mass, p, gain, innovation, true
 
 
 @compiled

@@ -31,10 +31,10 @@ class LatentSection:
 def latent_sections(view: LatentView) -> tuple[LatentSection, ...]:
     """Return sections for joints that move, and for gauges with errors beyond a good model's."""
     shown = (*view.torques, *(f for f in view.gauges if f.exceeds_model_error))
-    return tuple(_section(finding, view) for finding in shown)
+    return tuple(_section(finding) for finding in shown)
 
 
-def _section(finding: Finding, view: LatentView) -> LatentSection:
+def _section(finding: Finding) -> LatentSection:
     series, best = finding.series, finding.validations[0]
     scale, unit = shown_unit(series.unit)
     what = 'torque' if series.unit == 'N m' else 'error'

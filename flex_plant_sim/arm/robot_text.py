@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
+import math
+import re
 from typing import Any
 
-from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.inputs_section import inputs_document
+from flex_plant_sim.arm.robot import Link, Robot, UNLIMITED
 from flex_plant_sim.arm.robot_file import parse_robot
-from flex_plant_sim.diagnosis.report.extended_file import document, EFFECTS_BLOCK
 from msg_config.errors import InputError
 import yaml
 
 # Significant digits of a written number: no part of an arm is known better.
 DIGITS = 6
+# The key `effects:` at the start of a line and everything that is indented below it.
+EFFECTS_BLOCK = re.compile(r'^effects:[^\n]*\n(?:(?:[ \t]+|-)[^\n]*\n|\s*\n(?=[ \t-]))*', re.M)
 Path = tuple[str, ...]
 
 
@@ -43,8 +47,7 @@ def with_numbers(text: str, robot: Robot) -> str:
 def _effects(robot: Robot) -> str:
     if not robot.effects:
         return ''
-    listed = [{'name': spec.name, 'site': spec.site,
-               **{key: _short(value) for key, value in spec.values.items()}}
+    listed = [{'name': spec.name, 'site': spec.site, **_rounded(spec.values)}
               for spec in robot.effects]
     return yaml.safe_dump({'effects': listed}, sort_keys=False, allow_unicode=True)
 
@@ -100,7 +103,7 @@ def _short(value: float) -> float:
 def _rounded(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {key: _rounded(item) for key, item in value.items()}
-    if isinstance(value, list):
+    if isinstance(value, (list, tuple)):
         return [_rounded(item) for item in value]
     return _short(value) if isinstance(value, float) else value
 
@@ -119,3 +122,43 @@ def _describes(text: str, robot: Robot) -> bool:
     return (_same(document(found), document(replace(robot, effects=())))
             and listed == [(spec.name, spec.site, _rounded(dict(spec.values)))
                            for spec in found.effects])
+
+
+def document(robot: Robot) -> dict[str, Any]:
+    """Return a robot without its effects as the data that parse_robot reads."""
+    inputs = inputs_document(robot.inputs)
+    return {
+        'name': robot.name,
+        'links': {'upper': _link(robot.links[0]), 'lower': _link(robot.links[1])},
+        'drives': {'shoulder': _drive(robot, 0), 'elbow': _drive(robot, 1)},
+        'elbow': {'mass_kg': robot.elbow_mass, 'inertia_kg_m2': robot.elbow_inertia},
+        'payload': {'mass_kg': robot.payload_mass, 'inertia_kg_m2': robot.payload_inertia},
+        'measurement': {
+            'sample_time_s': robot.sample_time,
+            'gauge_amplifier_v_per_strain': robot.gauge_amplifier,
+            'angle_noise_rad': robot.angle_noise, 'strain_noise': robot.strain_noise},
+        'tolerances': asdict(robot.tolerances), **({'inputs': inputs} if inputs else {})}
+
+
+def _link(link: Link) -> dict[str, Any]:
+    return {
+        'length_m': link.length, 'thickness_m': link.thickness, 'height_m': link.height,
+        'youngs_modulus_pa': link.youngs_modulus, 'density_kg_per_m3': link.density,
+        'damping_ratio': link.damping_ratio, 'hub_radius_m': link.hub_radius,
+        'gauge_positions_m': list(link.gauge_positions)}
+
+
+def _drive(robot: Robot, index: int) -> dict[str, Any]:
+    drive = robot.drives[index]
+    found: dict[str, Any] = {'inertia_kg_m2': drive.inertia}
+    if drive.closed_loop:
+        found |= {'kind': 'velocity_loop', 'time_constant_s': drive.inertia / drive.damping,
+                  'gain_rad_per_s': drive.torque_gain / drive.damping}
+    else:
+        found |= {'kind': 'current', 'torque_constant_n_m_per_a': drive.torque_gain,
+                  'damping_n_m_s': drive.damping}
+    if math.isfinite(drive.command_limit):
+        found['command_limit'] = drive.command_limit
+    if robot.angle_limits[index] != UNLIMITED:
+        found['angle_limits_rad'] = list(robot.angle_limits[index])
+    return found
