@@ -19,6 +19,7 @@ from flex_payload_estimator.estimators.rpe.likelihood import (
     POOR_FIT,
     reduced_chi_square,
 )
+from flex_payload_estimator.estimators.rpe.linearised import LinearisedModel
 from flex_payload_estimator.estimators.rpe.modes import (
     EXACT,
     EXACT_BENDING,
@@ -28,6 +29,7 @@ from flex_payload_estimator.estimators.rpe.modes import (
     PARTS_FREE,
 )
 from flex_payload_estimator.estimators.rpe.restarts import (
+    about_file,
     begin_at,
     NARROW_PAYLOAD,
     restarted,
@@ -35,7 +37,7 @@ from flex_payload_estimator.estimators.rpe.restarts import (
     WIDE_PAYLOAD,
 )
 from flex_payload_estimator.estimators.rpe.sample_window import SampleWindow, StoredSample
-from flex_payload_estimator.estimators.rpe.time_update import CORIOLIS
+from flex_payload_estimator.estimators.rpe.time_update import CORIOLIS, MASS
 from flex_payload_estimator.estimators.rpe.trial import SETTLING_S, Trial
 import numpy as np
 
@@ -223,7 +225,8 @@ def _variants(f: Filter, window: SampleWindow, stepper: FilterStep) -> list[Pass
     """
     mode = MODES[freedom(f.mode)] if f.mode.free_parts else f.mode
     if f.mode.free_parts or f.passes > 0:
-        return [_from_prior(f, mode, float(f.beta[CORIOLIS]), window, stepper)]
+        own = [_from_prior(f, mode, float(f.beta[CORIOLIS]), window, stepper)]
+        return own + _from_cells(f, mode, window, stepper) if freedom(mode) == 2 else own
     filters = [_from_prior(f, mode, share, window, stepper) for share in stepper.shares]
     if stepper.has_bending:
         filters.append(_from_prior(f, EXACT_BENDING, stepper.shares[-1], window, stepper))
@@ -233,12 +236,25 @@ def _variants(f: Filter, window: SampleWindow, stepper: FilterStep) -> list[Pass
     return filters
 
 
-def _from_prior(f: Filter, mode: Mode, share: float, window: SampleWindow, stepper: FilterStep
-                ) -> PassFilter:
-    """Return a filter at the window's begin, linearised about f's payload and parts."""
+def _from_cells(f: Filter, mode: Mode, window: SampleWindow, stepper: FilterStep
+                ) -> list[PassFilter]:
+    """Return filters at the window's begin, about each payload cell and the robot file's parts."""
+    found, prior = [], stepper.prior
+    for low, high in stepper.payload_cells():
+        reference = prior.within(f.beta)
+        reference[MASS] = 0.5 * (low + high)
+        reference[prior.zero + 1:] = prior.mean[prior.zero + 1:]
+        found.append(_from_prior(f, mode, float(f.beta[CORIOLIS]), window, stepper,
+                                 about_file(reference, mode, stepper)))
+    return found
+
+
+def _from_prior(f: Filter, mode: Mode, share: float, window: SampleWindow, stepper: FilterStep,
+                model: LinearisedModel | None = None) -> PassFilter:
+    """Return a filter at the window's begin, linearised about a model, or f's estimate."""
     stored, base = window[window.first], f.copy()
     base.mode, base.beta[CORIOLIS] = mode, share
     # The noise may have been larger then than it is now.
     base.noise_scale[:] = np.maximum(base.noise_scale, stored.noise_scale)
     return PassFilter(restarted_at(base, WIDE_PAYLOAD, stored.sample, stored.loads, window.rested,
-                                   stepper))
+                                   stepper, model))
