@@ -127,6 +127,17 @@ def about_file(beta: Array, mode: Mode, stepper: FilterStep) -> LinearisedModel:
                       mode.free_parts)
 
 
+def about_cells(f: Filter, mode: Mode, stepper: FilterStep) -> list[LinearisedModel]:
+    """Return a mode's models about each payload cell, parts as told, and the rest as f found."""
+    prior, models = stepper.prior, []
+    reference = prior.within(f.beta)
+    reference[prior.zero + 1:] = prior.mean[prior.zero + 1:]
+    for low, high in stepper.payload_cells():
+        reference[MASS] = 0.5 * (low + high)
+        models.append(about_file(reference, mode, stepper))
+    return models
+
+
 def restarted_at(f: Filter, payload_std: float, first: Sample, loads: Loads,
                  rested: Filter | None, stepper: FilterStep,
                  model: LinearisedModel | None = None) -> Filter:

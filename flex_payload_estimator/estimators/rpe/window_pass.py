@@ -29,7 +29,7 @@ from flex_payload_estimator.estimators.rpe.modes import (
     PARTS_FREE,
 )
 from flex_payload_estimator.estimators.rpe.restarts import (
-    about_file,
+    about_cells,
     begin_at,
     NARROW_PAYLOAD,
     restarted,
@@ -37,7 +37,7 @@ from flex_payload_estimator.estimators.rpe.restarts import (
     WIDE_PAYLOAD,
 )
 from flex_payload_estimator.estimators.rpe.sample_window import SampleWindow, StoredSample
-from flex_payload_estimator.estimators.rpe.time_update import CORIOLIS, MASS
+from flex_payload_estimator.estimators.rpe.time_update import CORIOLIS
 from flex_payload_estimator.estimators.rpe.trial import SETTLING_S, Trial
 import numpy as np
 
@@ -219,14 +219,21 @@ def comparison(exact: Filter, f: Filter, window: SampleWindow, stepper: FilterSt
 
 def _variants(f: Filter, window: SampleWindow, stepper: FilterStep) -> list[PassFilter]:
     """
-    Return f's mode from the prior on; of an exact model, at its first pass, each variant.
+    Return f's mode from the prior on, about what f found; at its first pass, each variant.
 
-    Variants have one of the possible shares of the forces of motion, or bending links.
+    Variants of an exact model have one of the possible shares of the forces of motion, or bending
+    links; of one with free parts, any payload, because a model that is wrong, or that was, may
+    have led f to where Gauss and Newton's iteration does not come back from.
     """
     mode = MODES[freedom(f.mode)] if f.mode.free_parts else f.mode
+    share = float(f.beta[CORIOLIS])
     if f.mode.free_parts or f.passes > 0:
-        own = [_from_prior(f, mode, float(f.beta[CORIOLIS]), window, stepper)]
-        return own + _from_cells(f, mode, window, stepper) if freedom(mode) == 2 else own
+        filters = [_from_prior(f, mode, share, window, stepper)]
+        for model in [] if f.passes > 0 else about_cells(f, mode, stepper):
+            filters.append(_from_prior(f, mode, share, window, stepper, model))
+            # It must lead by the false-alarm threshold.
+            filters[-1].kalman.log_likelihood = -false_alarm_threshold(stepper.step_time)
+        return filters
     filters = [_from_prior(f, mode, share, window, stepper) for share in stepper.shares]
     if stepper.has_bending:
         filters.append(_from_prior(f, EXACT_BENDING, stepper.shares[-1], window, stepper))
@@ -234,19 +241,6 @@ def _variants(f: Filter, window: SampleWindow, stepper: FilterStep) -> list[Pass
         if mode != EXACT_BENDING:
             filters[-1].kalman.log_likelihood = -false_alarm_threshold(stepper.step_time)
     return filters
-
-
-def _from_cells(f: Filter, mode: Mode, window: SampleWindow, stepper: FilterStep
-                ) -> list[PassFilter]:
-    """Return filters at the window's begin, about each payload cell and the robot file's parts."""
-    found, prior = [], stepper.prior
-    for low, high in stepper.payload_cells():
-        reference = prior.within(f.beta)
-        reference[MASS] = 0.5 * (low + high)
-        reference[prior.zero + 1:] = prior.mean[prior.zero + 1:]
-        found.append(_from_prior(f, mode, float(f.beta[CORIOLIS]), window, stepper,
-                                 about_file(reference, mode, stepper)))
-    return found
 
 
 def _from_prior(f: Filter, mode: Mode, share: float, window: SampleWindow, stepper: FilterStep,
