@@ -58,7 +58,7 @@ def test_where_it_moves_the_bank_knows_what_the_one_knew_but_the_payload() -> No
     for f in start.bank(np.zeros(6)):
         mass, variance = f.mass, f.variance
         hand_over_rest(before, f)
-        assert np.allclose(joint(f)[0], mean, rtol=1e-12, atol=0.0)
+        assert np.allclose(joint(f)[0], mean, rtol=1e-12, atol=1e-18)
         assert np.allclose(joint(f)[1], cov, rtol=1e-9, atol=1e-12 * np.abs(cov).max())
         assert (f.mass, f.variance) == (mass, variance)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from flex_payload_estimator.estimators.base import Estimate
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
 from flex_plant_sim.arm.robot_file import load_robot
 import numpy as np
@@ -9,15 +10,40 @@ import pytest
 from truth.records import draw_case, make_record
 
 
-@pytest.mark.parametrize('seed', [111, 114, 117])
-def test_free_parts_that_exact_models_lead_at_first_keep_every_payload(seed: int) -> None:
-    """Finite elements; given up but for one payload, they were 27 to 53 % off at 2 s."""
-    case = draw_case(None, seed, 'quanser_2dsfl', duration_s=2.05)
-    record, command = make_record(case), np.zeros(2)
+def answers(name: str | None, seed: int, duration: float, until: float = np.inf
+            ) -> tuple[RecursivePredictionError, list[Estimate], float]:
+    """Return estimator and answers on an arm of finite elements, and the true payload, kg."""
+    case = draw_case(name, seed, 'quanser_2dsfl', duration_s=duration)
+    record, command, found = make_record(case), np.zeros(2), []
     estimator = RecursivePredictionError(load_robot('quanser_2dsfl'))
     for time, joint, strain, after in zip(record.time.tolist(), record.joint, record.strain,
                                           record.command):
-        found = estimator.update(time, np.r_[joint, strain], command)
+        if time < until:
+            found.append(estimator.update(time, np.r_[joint, strain], command))
         command = after
-    assert abs(found.mass - case.payload_true) < 2.0 * found.variance**0.5
-    assert found.variance**0.5 < 0.1 * case.payload_true and found.status == 'ok'
+    return estimator, found, case.payload_true
+
+
+@pytest.mark.parametrize('seed', [111, 114, 117])
+def test_free_parts_that_exact_models_lead_at_first_keep_every_payload(seed: int) -> None:
+    """Given up but for one payload, they were 27 to 53 % off at 2 s."""
+    _, found, payload = answers(None, seed, 2.05)
+    last = found[-1]
+    assert abs(last.mass - payload) < 2.0 * last.variance**0.5
+    assert last.variance**0.5 < 0.1 * payload and last.status == 'ok'
+
+
+def test_free_parts_learn_no_more_than_the_first_samples_hold() -> None:
+    """Linearised about moving estimates, this one was 92 % off by 7 %, `ok`."""
+    _, found, payload = answers(None, 83028, 10.05, until=1.0)
+    assert all(abs(one.mass - payload) < 3.0 * one.variance**0.5
+               for one in found if one.status == 'ok')
+    assert abs(found[-1].mass - payload) < 0.05 * payload
+
+
+def test_a_pass_finds_the_payload_from_which_a_wrong_model_was_led_away() -> None:
+    """Begun about what was found alone, it stayed at 7 % of it."""
+    estimator, found, payload = answers('stribeck_friction', 302000, 1.05)
+    last = found[-1]
+    assert estimator.incumbent.passes > 0
+    assert abs(last.mass - payload) < min(0.1 * payload, 3.0 * last.variance**0.5)

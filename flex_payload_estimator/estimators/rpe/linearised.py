@@ -133,7 +133,8 @@ class Lineariser:
                            step=self.robot.sample_time)
 
 
-def at_payload(schedule: PayloadSchedule, reference: Array, motion: Array) -> LinearisedModel:
+def at_payload(schedule: PayloadSchedule, reference: Array, motion: Array, free_parts: bool
+               ) -> LinearisedModel:
     """
     Return the model of the robot file's parts about parameters.
 
@@ -145,10 +146,15 @@ def at_payload(schedule: PayloadSchedule, reference: Array, motion: Array) -> Li
         The parameters, (B,).
     motion : Array
         See forces.motion_rows.
+    free_parts : bool
+        Whether parts are among the parameters.
 
     """
-    piece = schedule.cut(max(float(reference[MASS]), 0.0))
+    payload = max(float(reference[MASS]), 0.0)
+    piece = schedule.cut(payload)
     away, (value, slope, bend) = float(reference[MASS]) - piece.payload, np.split(
         piece.series, 3, axis=1)
     series = np.hstack([value + away * (slope + 0.5 * away * bend), slope + away * bend, bend])
-    return LinearisedModel(reference, reference, series, np.zeros((0, 1)), 0, motion)
+    parts, count = (schedule.part_layers_at(payload), schedule.parameters) if free_parts \
+        else (np.zeros((0, 1)), 0)
+    return LinearisedModel(reference, reference, series, parts, count, motion)

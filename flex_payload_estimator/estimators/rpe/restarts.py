@@ -8,7 +8,7 @@ import math
 from flex_payload_estimator.estimators.rpe.filter import Filter, Sample
 from flex_payload_estimator.estimators.rpe.filter_step import FilterStep
 from flex_payload_estimator.estimators.rpe.likelihood import initial_statistics, NOISE_RATIO
-from flex_payload_estimator.estimators.rpe.linearised import at_payload
+from flex_payload_estimator.estimators.rpe.linearised import at_payload, LinearisedModel
 from flex_payload_estimator.estimators.rpe.modes import freedom, Mode, ROUGH, ROUGH_ON_TRIAL
 from flex_payload_estimator.estimators.rpe.packing import pack
 from flex_payload_estimator.estimators.rpe.sensors import Loads
@@ -55,6 +55,7 @@ def hand_over_rest(rested: Filter, f: Filter) -> None:
     f.sensitivity[1, zero] = -1.0
     f.beta[gauges], f.beta_cov[gauges, gauges] = rested.beta[gauges], bias_cov
     f.statistics[:], f.innovations[:] = rested.statistics, rested.innovations
+    f.x -= f.sensitivity @ (f.beta - f.reference)
 
 
 def _restarted(new: Filter, f: Filter, x: Array, beta: Array, beta_cov: Array, state_std: float,
@@ -110,19 +111,36 @@ def linearised_every_sample(f: Filter) -> Filter:
     return new
 
 
-def relinearised(f: Filter, stepper: FilterStep) -> Filter:
-    """Return the same filter, linearised about its present estimate from now on."""
-    if f.mode.free_parts:
-        model = stepper.lineariser.model_about(stepper.prior.within(f.beta))
-    else:
-        model = at_payload(stepper.schedule, f.beta.copy(), stepper.motion[f.mode.bending])
+def relinearised(f: Filter, stepper: FilterStep, model: LinearisedModel | None = None) -> Filter:
+    """Return the same filter, linearised about a model, or about its estimate, from now on."""
+    if model is None:
+        model = stepper.lineariser.model_about(stepper.prior.within(f.beta)) \
+            if f.mode.free_parts else about_file(f.beta, f.mode, stepper)
     new = replace(f, packed=f.packed.copy(), model=model, age_linearised=f.age, previous=None)
     new.x += f.sensitivity @ (new.reference - f.reference)
     return new
 
 
+def about_file(beta: Array, mode: Mode, stepper: FilterStep) -> LinearisedModel:
+    """Return a mode's model about parameters, (B,), with the parts' tables of the robot file."""
+    return at_payload(stepper.schedule, beta.copy(), stepper.motion[mode.bending],
+                      mode.free_parts)
+
+
+def about_cells(f: Filter, mode: Mode, stepper: FilterStep) -> list[LinearisedModel]:
+    """Return a mode's models about each payload cell, parts as told, and the rest as f found."""
+    prior, models = stepper.prior, []
+    reference = prior.within(f.beta)
+    reference[prior.zero + 1:] = prior.mean[prior.zero + 1:]
+    for low, high in stepper.payload_cells():
+        reference[MASS] = 0.5 * (low + high)
+        models.append(about_file(reference, mode, stepper))
+    return models
+
+
 def restarted_at(f: Filter, payload_std: float, first: Sample, loads: Loads,
-                 rested: Filter | None, stepper: FilterStep) -> Filter:
+                 rested: Filter | None, stepper: FilterStep,
+                 model: LinearisedModel | None = None) -> Filter:
     """
     Return a filter that begins from its prior at an earlier sample, linearised about f's estimate.
 
@@ -138,14 +156,16 @@ def restarted_at(f: Filter, payload_std: float, first: Sample, loads: Loads,
         What was known at that sample of an arm at rest.
     stepper : FilterStep
         Model and prior.
+    model : LinearisedModel or None
+        About which it is linearised, where that is not f's estimate.
 
     """
-    prior, new = stepper.prior_of(f.mode), relinearised(f, stepper)
+    prior, new = stepper.prior_of(f.mode), relinearised(f, stepper, model)
     beta = prior.mean.copy()
     beta[MASS] = new.reference[MASS]
     if not f.mode.free_parts:
         beta[CORIOLIS] = new.reference[CORIOLIS]
-    beta_cov = prior.covariance(payload_std * (f.mass + stepper.schedule.soft_mass))
+    beta_cov = prior.covariance(payload_std * (beta[MASS] + stepper.schedule.soft_mass))
     new = _restarted(new, f, new.x, beta, beta_cov, 0.0, stepper)
     new.passes, new.log_likelihood = f.passes + 1, 0.0
     begin_at(new, first, loads, rested, stepper)
@@ -157,7 +177,6 @@ def begin_at(new: Filter, first: Sample, loads: Loads, rested: Filter | None,
     """Begin a filter at a sample: from the rest before it if its noise was known, else anew."""
     if rested is not None and (new.noise_scale < NOISE_RATIO * rested.noise_scale).all():
         hand_over_rest(rested, new)
-        new.x -= new.sensitivity @ (new.beta - new.reference)
         return
     stepper.relocate(new, first.measured)
     if first.measured is not None:

@@ -196,10 +196,17 @@ class PayloadSchedule:
         found: Array = self.part_slices.get(key, lambda: self._cut_parts(*key))
         return found
 
+    def part_layers_at(self, payload: float) -> Array:
+        """Return the same near a payload, kg, as cosine series over the angle, (K', p W')."""
+        return self._layers(self.index(payload, PART_STEP))
+
     def _cut_parts(self, index: int, turn: int) -> Array:
         """Return the derivatives at a slice and an angle, (p, W')."""
+        return at_angle(self._layers(index), turn, self.parameters)
+
+    def _layers(self, index: int) -> Array:
         layers: Array = self.part_layers.get(index, lambda: self._part_layers(index))
-        return at_angle(layers, turn, self.parameters)
+        return layers
 
     def _part_layers(self, index: int) -> Array:
         place = self._place(self.soft_mass * math.expm1(index * PART_STEP))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 import math
 
 from flex_payload_estimator.estimators.rpe.filter import Filter, Sample
@@ -13,6 +14,7 @@ from flex_payload_estimator.estimators.rpe.likelihood import (
 )
 from flex_payload_estimator.estimators.rpe.modes import EXACT, PARTS_FREE, ROUGH_ON_TRIAL
 from flex_payload_estimator.estimators.rpe.restarts import (
+    about_file,
     begin_at,
     hand_over_rest,
     NARROW_PAYLOAD,
@@ -82,8 +84,14 @@ class StartBank:
         bank = []
         for mode, shares in ((EXACT, self.stepper.shares), (PARTS_FREE, (None,))):
             for low, high in self.stepper.payload_cells():
-                bank += [self.stepper.begin(mode, measured, 0.5 * (low + high),
-                                            0.5 * (high - low), share) for share in shares]
+                for share in shares:
+                    f = self.stepper.begin(mode, measured, 0.5 * (low + high),
+                                           0.5 * (high - low), share)
+                    if mode.free_parts:
+                        # About moving estimates it would seem to learn of the parts what it
+                        # does not, and be sure of a payload that it began far from.
+                        f = replace(f, model=about_file(f.beta, mode, self.stepper))
+                    bank.append(f)
         return bank
 
     def leave_rest(self, rested: Filter, sample: Sample, loads: Loads) -> None:
@@ -169,7 +177,9 @@ class StartBank:
         self.filters = kept
         if len(kept) > len({f.mode for f in kept}):
             return []
-        kept.sort(key=lambda f: -f.recent_log_likelihood)
+        # An exact model that does not fit may still lead by what it was ahead before.
+        kept.sort(key=lambda f: (not f.mode.free_parts and not self._fits(f),
+                                 -f.recent_log_likelihood))
         return [self._checked(f, kept[0], top) for f in kept]
 
     def _checked(self, f: Filter, first: Filter, top: float) -> Filter:
@@ -179,7 +189,7 @@ class StartBank:
                 else restarted(f, f.mode, NARROW_PAYLOAD, RESTART_STATE_STD, self.stepper)
         # Free parts contain the exact model: they are behind it only if they went astray. Where
         # they do not fit, more than parts is off.
-        fits = reduced_chi_square(f.statistics) < POOR_FIT and (
+        fits = self._fits(f) and (
             f is first or f.log_likelihood > top - GIVE_UP_NATS)
         return f if fits else restarted(first, ROUGH_ON_TRIAL, WIDE_PAYLOAD, RESTART_STATE_STD,
                                         self.stepper)
@@ -187,8 +197,11 @@ class StartBank:
     def _has_learnt_well(self, f: Filter) -> bool:
         """Tell whether a filter fits, and the noise was about what it was taken for."""
         limit = NOISE_RATIO * self._assumed_noise
-        return reduced_chi_square(f.statistics) < POOR_FIT \
-            and bool((f.noise_scale < limit).all())
+        return self._fits(f) and bool((f.noise_scale < limit).all())
+
+    @staticmethod
+    def _fits(f: Filter) -> bool:
+        return reduced_chi_square(f.statistics) < POOR_FIT
 
     def _is_same_linearisation(self, f: Filter, others: list[Filter]) -> bool:
         """Tell whether a filter is linearised about the same as one of others."""

@@ -19,6 +19,7 @@ from flex_payload_estimator.estimators.rpe.likelihood import (
     POOR_FIT,
     reduced_chi_square,
 )
+from flex_payload_estimator.estimators.rpe.linearised import LinearisedModel
 from flex_payload_estimator.estimators.rpe.modes import (
     EXACT,
     EXACT_BENDING,
@@ -28,6 +29,7 @@ from flex_payload_estimator.estimators.rpe.modes import (
     PARTS_FREE,
 )
 from flex_payload_estimator.estimators.rpe.restarts import (
+    about_cells,
     begin_at,
     NARROW_PAYLOAD,
     restarted,
@@ -217,13 +219,21 @@ def comparison(exact: Filter, f: Filter, window: SampleWindow, stepper: FilterSt
 
 def _variants(f: Filter, window: SampleWindow, stepper: FilterStep) -> list[PassFilter]:
     """
-    Return f's mode from the prior on; of an exact model, at its first pass, each variant.
+    Return f's mode from the prior on, about what f found; at its first pass, each variant.
 
-    Variants have one of the possible shares of the forces of motion, or bending links.
+    Variants of an exact model have one of the possible shares of the forces of motion, or bending
+    links; of one with free parts, any payload, because a model that is wrong, or that was, may
+    have led f to where Gauss and Newton's iteration does not come back from.
     """
     mode = MODES[freedom(f.mode)] if f.mode.free_parts else f.mode
+    share = float(f.beta[CORIOLIS])
     if f.mode.free_parts or f.passes > 0:
-        return [_from_prior(f, mode, float(f.beta[CORIOLIS]), window, stepper)]
+        filters = [_from_prior(f, mode, share, window, stepper)]
+        for model in [] if f.passes > 0 else about_cells(f, mode, stepper):
+            filters.append(_from_prior(f, mode, share, window, stepper, model))
+            # It must lead by the false-alarm threshold.
+            filters[-1].kalman.log_likelihood = -false_alarm_threshold(stepper.step_time)
+        return filters
     filters = [_from_prior(f, mode, share, window, stepper) for share in stepper.shares]
     if stepper.has_bending:
         filters.append(_from_prior(f, EXACT_BENDING, stepper.shares[-1], window, stepper))
@@ -233,12 +243,12 @@ def _variants(f: Filter, window: SampleWindow, stepper: FilterStep) -> list[Pass
     return filters
 
 
-def _from_prior(f: Filter, mode: Mode, share: float, window: SampleWindow, stepper: FilterStep
-                ) -> PassFilter:
-    """Return a filter at the window's begin, linearised about f's payload and parts."""
+def _from_prior(f: Filter, mode: Mode, share: float, window: SampleWindow, stepper: FilterStep,
+                model: LinearisedModel | None = None) -> PassFilter:
+    """Return a filter at the window's begin, linearised about a model, or f's estimate."""
     stored, base = window[window.first], f.copy()
     base.mode, base.beta[CORIOLIS] = mode, share
     # The noise may have been larger then than it is now.
     base.noise_scale[:] = np.maximum(base.noise_scale, stored.noise_scale)
     return PassFilter(restarted_at(base, WIDE_PAYLOAD, stored.sample, stored.loads, window.rested,
-                                   stepper))
+                                   stepper, model))

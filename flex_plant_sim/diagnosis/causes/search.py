@@ -59,8 +59,6 @@ class SearchResult:
         Over all sets that were fitted.
     nothing : RefinedFit
         The nominal model with its parts re-estimated.
-    round_sizes : tuple of int
-        Number of causes of each set whose neighbours were fitted.
 
     """
 
@@ -69,7 +67,6 @@ class SearchResult:
     information: InformationProbe
     posterior: Posterior
     nothing: RefinedFit
-    round_sizes: tuple[int, ...]
 
 
 def search(data: Data, nominal: BaseModel, jobs: int, progress: Progress,
@@ -131,16 +128,15 @@ def _explored(state: SearchState, nothing: RefinedFit, best: RefinedFit
 
 def _result(state: SearchState, nothing: RefinedFit, explored: dict[SetKey, Neighbourhood]
             ) -> SearchResult:
-    rounds = tuple(len(key.labels) for key in explored)
     if state.best.fit.discrepancy.laws:
-        return _ranked_by_free_runs(state, nothing, rounds)
+        return _ranked_by_free_runs(state, nothing)
     last = max((state.refined[key] for key in explored), key=lambda r: state.score(r.fit))
     around = explored[SetKey.of(last.fit)]
     posterior = state.posterior(around.unfitted_scores(state), around.has_unknown(state))
     best = state.refined.get(SetKey.of(posterior.best).without_remainder, last)
     return SearchResult(
         replace(best, fit=posterior.best), around.proposals,
-        InformationProbe.beside(last, COARSE_SAMPLES), posterior, nothing, rounds)
+        InformationProbe.beside(last, COARSE_SAMPLES), posterior, nothing)
 
 
 def _name_laws(state: SearchState, named: set[SetKey]) -> None:
@@ -160,10 +156,9 @@ def _is_complete(fit: Fit) -> bool:
     return bool(fit.discrepancy.laws) and len(fit.hypotheses) >= ORDINARY_FAULTS
 
 
-def _ranked_by_free_runs(state: SearchState, nothing: RefinedFit, rounds: tuple[int, ...]
-                         ) -> SearchResult:
+def _ranked_by_free_runs(state: SearchState, nothing: RefinedFit) -> SearchResult:
     """Return where a search ends in which laws of unknown torques lead."""
     best, posterior = ranked_by_free_runs(
         state.refined_with_laws, state.data, state.nominal, state.jobs)
     return SearchResult(best, tuple(proposals_beside(state, best)),
-                        InformationProbe.beside(best, COARSE_SAMPLES), posterior, nothing, rounds)
+                        InformationProbe.beside(best, COARSE_SAMPLES), posterior, nothing)
