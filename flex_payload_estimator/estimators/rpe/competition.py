@@ -7,7 +7,7 @@ import math
 from flex_payload_estimator.estimators.rpe import transitions
 from flex_payload_estimator.estimators.rpe.filter import Filter, Sample
 from flex_payload_estimator.estimators.rpe.filter_step import FilterStep
-from flex_payload_estimator.estimators.rpe.likelihood import false_alarm_threshold
+from flex_payload_estimator.estimators.rpe.likelihood import false_alarm_threshold, pooled_misfit
 from flex_payload_estimator.estimators.rpe.modes import freedom, ROUGH
 from flex_payload_estimator.estimators.rpe.restarts import (
     in_other_mode,
@@ -73,7 +73,7 @@ class ModeCompetition:
         self._pass: WindowPass | None = None
         # Time in the window at the last attempt at `exact`, s, and when `coarse` may be left.
         self._last_attempt, self._pause_end = 0.0, -math.inf
-        self._time_in_motion = 0.0
+        self._time_in_motion, self._misfit = 0.0, 1.0
         self.ongoing_change: Trial | None = None
         self.reported_change: Trial | None = None
         self._constant_since, self._change_found = -math.inf, -math.inf
@@ -86,6 +86,13 @@ class ModeCompetition:
         log_density, noise = (f.log_density, f.noise_scale.copy()) if f \
             else (0.0, self._told_noise)
         self.window.add(StoredSample(sample, loads, time, log_density, noise))
+
+    def variance_factor(self, incumbent: Filter) -> float:
+        """Return D of an incumbent, with the misfit of those before it, and keep it."""
+        age = incumbent.age
+        self._misfit = pooled_misfit(self.stepper.variance_factor(incumbent), age,
+                                     incumbent.misfit, self._time_in_motion - age)
+        return self._misfit
 
     def leave_rest(self, rested: Filter) -> None:
         """Keep what a filter knew at rest, after the last sample of the window."""
@@ -156,7 +163,7 @@ class ModeCompetition:
             or self.stepper.modes_differ(incumbent, loads, ROUGH)
         trial.add(step if differs else 0.0, trial.sample_log_ratio(incumbent))
         if trial.is_cusum(incumbent) and trial.log_ratio <= 0.0:
-            trial.restart_sum(sample.time)
+            trial.restart_sum(sample.time, self._misfit)
             if trial.kind == 'change' and (trial.judged is None) != (incumbent.model is None):
                 # It jumped for nothing.
                 trial.kalman, trial.judged = with_payload_walk(incumbent, self.walk)
@@ -188,7 +195,8 @@ class ModeCompetition:
 
     def _add_trial(self, kind: str, f: Filter, incumbent: Filter, time: float,
                    judged: Filter | None = None) -> None:
-        self.trials.append(Trial(kind, f, time, incumbent.mass, judged=judged))
+        self.trials.append(Trial(kind, f, time, incumbent.mass, self._misfit,
+                                 judged=judged))
 
     def keep(self, former: Filter, time: float) -> None:
         """Let a former incumbent, or the second of the start, go on as a trial."""
@@ -225,6 +233,8 @@ class ModeCompetition:
             self._end_change(trial, time)
         self._pass, self._last_attempt = None, 0.0
         if new_mode:
+            # What `exact` did not fit, free parts may; and `exact` wins over the whole window.
+            trial.kalman.misfit = self._misfit if freedom(trial.kalman.mode) == 2 else 1.0
             self.keep(incumbent, time)
         self._pause_end = time + TRIAL_S
         return trial.kalman
@@ -236,6 +246,8 @@ class ModeCompetition:
         if constant:
             # It is linearised by what it learns of this payload from now on.
             trial.kalman.age = trial.kalman.age_linearised = 0.0
+            # Before the change: what it has done to the innovations since is no misfit.
+            trial.kalman.misfit = self.ongoing_change.misfit if self.ongoing_change else 1.0
         self.ongoing_change, self._constant_since = None, time
         # What `coarse` allows for may have been there all the time: its window stays.
         if constant or freedom(trial.kalman.mode) == 1:

@@ -317,7 +317,7 @@ class RecursivePredictionError:
 
     def _estimate(self, time: float) -> Estimate:
         best = self.incumbent
-        factor = self.stepper.variance_factor(best)
+        factor = self._competition.variance_factor(best)
         moments = self._excitation.moments or self.stepper.moments(best)
         if not self._excitation.has_moved:
             # At rest the likelihood tells which payload fits the noise, not which it is.

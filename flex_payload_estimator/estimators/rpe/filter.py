@@ -89,6 +89,9 @@ class Filter:
         Gauss-Newton passes over the sample window so far; see window_pass.py.
     age, age_linearised : float
         Time in motion that the filter has learnt, s, and what it was at the last linearisation.
+    misfit : float
+        Variance factor that earlier filters had over samples that this one has not learnt; see
+        likelihood.pooled_misfit.
     previous : Array or None
         `packed` before the last prediction.
 
@@ -107,6 +110,7 @@ class Filter:
     passes: int = 0
     age: float = 0.0
     age_linearised: float = 0.0
+    misfit: float = 1.0
     previous: Array | None = None
     x: Array = field(init=False)
     cov: Array = field(init=False)

@@ -27,6 +27,8 @@ class Trial:
         When it began; of a CUSUM, when it was last zero, which dates a change, s.
     mass_before : float
         The incumbent's payload when it began, kg.
+    misfit : float
+        The incumbent's variance factor at `since`.
     log_ratio : float
         Log-likelihood ratio over the incumbent since `since`, nats.
     counted : float
@@ -46,6 +48,7 @@ class Trial:
     kalman: Filter
     since: float
     mass_before: float
+    misfit: float = 1.0
     log_ratio: float = 0.0
     counted: float = 0.0
     run: float = 0.0
@@ -64,10 +67,10 @@ class Trial:
         if self.log_ratio > self.largest:
             self.largest = self.log_ratio
 
-    def restart_sum(self, time: float) -> None:
-        """Count from a time, s, on."""
+    def restart_sum(self, time: float, misfit: float = 1.0) -> None:
+        """Count from a time, s, on, at which the incumbent has a variance factor."""
         self.log_ratio = self.counted = self.largest = 0.0
-        self.since = time
+        self.since, self.misfit = time, misfit
 
     @property
     def is_settling(self) -> bool:
