@@ -23,6 +23,7 @@ from flex_plant_sim.diagnosis.verdict.results import (
 )
 from flex_plant_sim.diagnosis.verdict.wording import (
     apart_text,
+    digits_text,
     interval_text,
     key_text,
     percent_text,
@@ -193,6 +194,13 @@ def test_terminal_text_is_short_and_complete() -> None:
     ('density_times_drag_kg_per_m3', 'kg/m^3', 'density times drag')])
 def test_keys_are_said_without_their_units(key: str, unit: str, words: str) -> None:
     assert key_text(key, unit) == words
+
+
+@pytest.mark.parametrize('value, digits, text', [
+    (174.3, 2, '170'), (-0.0377, 2, '-0.038'), (1254.0, 3, '1250'), (3.0, 3, '3'),
+    (0.0, 2, '0'), (2.5e-7, 2, '2.5e-07'), (float('inf'), 2, 'inf')])
+def test_numbers_are_written_out(value: float, digits: int, text: str) -> None:
+    assert digits_text(value, digits) == text
 
 
 def test_what_is_to_be_told_apart_is_a_list() -> None:

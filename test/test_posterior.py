@@ -133,6 +133,16 @@ def test_nothing_is_not_stated_where_something_is_likelier() -> None:
     assert nothing_verdict(Posterior.of(fits, BaseModel(REFERENCE)), ())[0] == 'nothing_wrong'
 
 
+def test_many_unlikely_names_are_counted_and_not_listed() -> None:
+    one_each = {h.label: h for h in all_hypotheses(REFERENCE)}.values()
+    fits = [replace(NOTHING, hypotheses=(h,), log_evidence=3.0 - log_prior_odds(
+        h.effect, REFERENCE)) for h in one_each]
+    _, sentence, (names,) = nothing_verdict(
+        Posterior.of([NOTHING, *fits], BaseModel(REFERENCE)), ())
+    assert len(names) <= 7 and names[0] == 'nothing'
+    assert 'more, less likely' in sentence and sentence.count('%') == 6
+
+
 def test_a_credible_set_holds_what_may_stand_in_a_cause_s_place() -> None:
     a, b, c = (hypothesis(f'{name}:joint_1') for name in (
         'coulomb_friction', 'stribeck_friction', 'viscous_friction'))

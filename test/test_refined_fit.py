@@ -100,6 +100,29 @@ def test_a_resonant_effect_is_fitted_from_each_probed_size() -> None:
     assert deserving[resonant.label] and not deserving['clamp_compliance:link_1']
 
 
+def test_a_gear_is_started_with_a_heavy_output_too() -> None:
+    data = Data.of([simulated((), 22.0)], SLOWEST, REFERENCE.sample_time)
+    base, others = BaseModel(REFERENCE), [n for n in catalogue() if n != 'gear_compliance']
+    state = SearchState(data, base, 1, others, lambda *told: None)
+    nothing = state.refine(CandidateSet((), (np.zeros(0),)), base.discrepancy)
+    probe_catalogue(state, nothing)
+    # Only with inertia behind it the twist has a coordinate, which no slope from zero shows.
+    assert state.resonant == {'gear_compliance:joint_1', 'gear_compliance:joint_2'}
+    assert any(values[-1] > 0.0 for proposal in proposals_beside(state, nothing)
+               for values in proposal.probe_starts)
+
+
+def test_single_causes_are_fitted_around_the_parts_of_the_file() -> None:
+    # Within three tolerances the parts stand for the softer link as well.
+    off = effects('link_stiffness:link_1:factor=0.95')
+    data, base = Data.of([simulated(off, 28.0)], SLOWEST, REFERENCE.sample_time), BaseModel(
+        REFERENCE)
+    nothing = RefinedFit.refine(CandidateSet((), (np.zeros(0),)), base, data)
+    assert np.any(nothing.likelihood.centre_deviations != 0.0)
+    near = nothing.near_file_parts(base, data)
+    np.testing.assert_array_equal(near.likelihood.centre_deviations, 0.0)
+
+
 def test_a_set_that_cannot_matter_is_not_linearised_again() -> None:
     off = effects('link_stiffness:link_1:factor=1.3')
     data = Data.of([simulated(off, 28.0)], SLOWEST, REFERENCE.sample_time)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from flex_payload_estimator.estimators.rpe.competition import WINDOW_S
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
 from flex_payload_estimator.estimators.rpe.filter import Filter
 from flex_payload_estimator.estimators.rpe.likelihood import pooled_misfit
@@ -21,18 +22,18 @@ def test_the_misfit_of_two_stretches_is_that_of_all_their_squares() -> None:
     random, step = np.random.default_rng(3), 0.01
     before, own = 3.0 * random.standard_normal(200), random.standard_normal(700)
     pooled = pooled_misfit(float(np.mean(own**2)), step * own.size, float(np.mean(before**2)),
-                           step * before.size)
+                           step * (own.size + before.size))
     assert pooled == pytest.approx(np.mean(np.r_[before, own]**2))
 
 
-@pytest.mark.parametrize(('own', 'learnt', 'before', 'unlearnt', 'expected'), [
+@pytest.mark.parametrize(('own', 'learnt', 'before', 'seen', 'expected'), [
     # Nothing is learnt yet; what is worse now counts at once; an old misfit is forgotten.
-    (1.0, 0.0, 9.0, 2.0, 9.0), (9.0, 0.1, 1.0, 5.0, 9.0), (1.0, 10.0, 9.0, 5.0, 1.0),
-    # A filter that has learnt all that was seen; only the last 10 s count.
-    (1.0, 3.0, 9.0, 0.0, 1.0), (1.0, 5.0, 9.0, 50.0, 5.0)])
+    (1.0, 0.0, 9.0, 2.0, 9.0), (9.0, 0.1, 1.0, 5.0, 9.0), (1.0, 11.0, 9.0, 10.0, 1.0),
+    # A filter that has learnt all that was seen, and one that has learnt half of it.
+    (1.0, 3.0, 9.0, 3.0, 1.0), (1.0, 5.0, 9.0, 10.0, 5.0)])
 def test_a_misfit_counts_until_as_much_is_learnt(
-        own: float, learnt: float, before: float, unlearnt: float, expected: float) -> None:
-    assert pooled_misfit(own, learnt, before, unlearnt) == pytest.approx(expected)
+        own: float, learnt: float, before: float, seen: float, expected: float) -> None:
+    assert pooled_misfit(own, learnt, before, seen) == pytest.approx(expected)
 
 
 def promoted(kind: str, former: Mode, mode: Mode) -> tuple[RecursivePredictionError, Filter]:
@@ -59,6 +60,9 @@ def test_who_begins_again_fits_no_better_for_that(
     assert least <= estimator._competition.variance_factor(f) <= most
     # A pass over all that was seen has been predicted anew.
     f.age = estimator._competition._time_in_motion
+    assert estimator._competition.variance_factor(f) == estimator.stepper.variance_factor(f)
+    # What the window has lost is forgotten.
+    estimator._competition._time_in_motion, f.age = 100.0, WINDOW_S
     assert estimator._competition.variance_factor(f) == estimator.stepper.variance_factor(f)
 
 

@@ -88,10 +88,9 @@ class ModeCompetition:
         self.window.add(StoredSample(sample, loads, time, log_density, noise))
 
     def variance_factor(self, incumbent: Filter) -> float:
-        """Return D of an incumbent, with the misfit of those before it, and keep it."""
-        age = incumbent.age
-        self._misfit = pooled_misfit(self.stepper.variance_factor(incumbent), age,
-                                     incumbent.misfit, self._time_in_motion - age)
+        """Return D of an incumbent, with the misfit of those before it in the window; keep it."""
+        self._misfit = pooled_misfit(self.stepper.variance_factor(incumbent), incumbent.age,
+                                     incumbent.misfit, min(self._time_in_motion, WINDOW_S))
         return self._misfit
 
     def leave_rest(self, rested: Filter) -> None:

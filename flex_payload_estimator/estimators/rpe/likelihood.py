@@ -27,8 +27,6 @@ POOR_FIT = 1.4
 NOISE_PRIOR_STD = 2.0
 # Smallest scale and reduced chi-square, where innovations are zero and these have no logarithm.
 SMALLEST_SCALE, SMALLEST_CHI_SQUARE = 1e-6, 1e-4
-# Time in motion over which a misfit counts, s: as long as its samples are kept at least.
-MISFIT_S = 10.0
 # Mean time in motion between two false alarms, at least, s.
 FALSE_ALARM_S = 3600.0
 
@@ -212,26 +210,25 @@ def reduced_chi_square(statistics: Array) -> float:
     return max(statistics.item(-3), statistics.item(-2))
 
 
-def pooled_misfit(own: float, learnt_s: float, before: float, unlearnt_s: float) -> float:
+def pooled_misfit(own: float, learnt_s: float, before: float, seen_s: float) -> float:
     """
     Return the reduced chi-square of a filter and of those before it, at least its own.
 
     A restart forgets state and parts, but the model stays as wrong as it was. Chi-squares of
     independent stretches add, as do their degrees of freedom, which go with the time in motion;
-    so the reduced one of both is their mean. The last MISFIT_S count.
+    so the reduced one of both is their mean.
 
     Parameters
     ----------
     own, learnt_s : float
         Of the filter, and the time in motion that it has learnt, s.
-    before, unlearnt_s : float
-        Of those before it, over what it has not learnt, and how long that is in motion, s.
+    before, seen_s : float
+        Of those before it, over what it has not learnt, and the time in motion of both, s.
 
     """
-    unlearnt_s = min(unlearnt_s, MISFIT_S - learnt_s)
-    if before <= own or unlearnt_s <= 0.0:
+    if before <= own or seen_s <= learnt_s:
         return own
-    return (learnt_s * own + unlearnt_s * before) / (learnt_s + unlearnt_s)
+    return (learnt_s * own + (seen_s - learnt_s) * before) / seen_s
 
 
 def noise_log_prior(statistics: Array) -> float:
