@@ -66,6 +66,27 @@ def test_a_late_gauge_is_predicted_as_if_it_were_in_time() -> None:
     assert np.all(np.std(found - own, axis=(0, 1)) < 0.001 * np.std(own, axis=(0, 1)))
 
 
+def test_a_gauge_whose_gain_creeps_is_predicted_as_if_it_did_not() -> None:
+    record = simulated()
+    crept = record.output.copy()
+    crept[:, 2] *= 1.0 + 0.005 * record.time
+    p = predictor(record, locked=False)
+    hidden = effects('strain_gain:strain_1a:factor=1,creep_per_s=0.005')
+    right, creeping = (Predictor(p.base, replace(p.windows, record=r), p.noise,
+                                 trajectory_effects=e)
+                       for r, e in ((record, ()), (replace(record, output=crept), hidden)))
+    own, found = right.innovations()[0], creeping.innovations(hidden)[0]
+    # Loads are judged by the record's spread, of which the creep is a part.
+    assert np.all(np.std(found - own, axis=(0, 1)) < 0.05 * np.std(own, axis=(0, 1)))
+    # A reading errs by its gain times as much.
+    own, found = (q.whitened_residual(h, shared_covariance=False)[0, ..., 2]
+                  for q, h in ((right, ()), (creeping, hidden)))
+    gain = 1.0 + 0.005 * record.time[p.windows.indices[:, p.windows.warm_up:]]
+    ratio = np.sum(found * own, axis=1) / np.sum(own**2, axis=1)
+    np.testing.assert_allclose(ratio / ratio[0], (gain / gain[0]).mean(axis=1), rtol=0.03)
+    assert ratio[-1] > 1.05 * ratio[0]
+
+
 def test_arms_start_where_a_trajectory_with_other_coordinates_puts_them() -> None:
     fast = effects('coriolis_centripetal:arm:share=1')
     p = predictor(simulated(fast), fast, locked=False)

@@ -189,7 +189,7 @@ def test_terminal_text_is_short_and_complete() -> None:
 
 @pytest.mark.parametrize('key, unit, words', [
     ('deviation_kg', 'kg', 'deviation'), ('compliance_rad_per_n_m', 'rad/(N m)', 'compliance'),
-    ('damping_n_m_s', 'N m s/rad', 'damping'), ('drift_per_s', '1/s', 'drift'),
+    ('damping_n_m_s', 'N m s/rad', 'damping'), ('drift_per_s', 'm/m/s', 'drift'),
     ('inertia_kg_m2', 'kg m^2', 'inertia'), ('modes', 'modes a link', 'modes'),
     ('density_times_drag_kg_per_m3', 'kg/m^3', 'density times drag')])
 def test_keys_are_said_without_their_units(key: str, unit: str, words: str) -> None:

@@ -177,6 +177,9 @@ def test_dynamics_of_sensors_and_drives_as_transfer_functions(omega: float) -> N
     np.testing.assert_allclose(ratio, over(0.015 * s) / under(0.015 * s), atol=1e-8)
     if omega < 100.0:
         np.testing.assert_allclose(ratio, np.exp(-0.015 * s), rtol=0.0, atol=1e-3)
+    late = transfer(arm('angle_delay:joint_2:delay_s=0.015'), omega)
+    np.testing.assert_allclose(late[1] / clean[1], over(0.015 * s) / under(0.015 * s), atol=1e-8)
+    np.testing.assert_allclose(np.delete(late, 1, 0), np.delete(clean, 1, 0), rtol=1e-10)
 
 
 def test_strain_filter_is_scipy_s_over_a_finely_sampled_record() -> None:

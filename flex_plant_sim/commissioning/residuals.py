@@ -17,7 +17,7 @@ from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.record.sensor_noise import measurement_noise
 from flex_plant_sim.diagnosis.record.windows import Record, Windows
-from flex_plant_sim.effects import catalogue, effects_of
+from flex_plant_sim.effects import build, catalogue, effects_of
 from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.logs.log import Log
 from msg_config.errors import InputError
@@ -100,7 +100,7 @@ class Residuals:
             ratio = new / old
             changes += [('strain_gain', name, ratio, 1.0),
                         ('strain_bias', name, new_zero - ratio * old_zero, 0.0)]
-        return tuple(catalogue()[kind](site, (value,)) for kind, site, value, null in changes
+        return tuple(catalogue()[kind].of_size(site, value) for kind, site, value, null in changes
                      if value != null)
 
 
@@ -120,8 +120,8 @@ def with_joint_zero(robot: Robot, zero: float) -> Robot:
 
 
 def _value(spec: EffectSpec) -> float:
-    """Return the value of an effect with one parameter, a number."""
-    return float(next(iter(spec.values.values())))  # type: ignore[arg-type]
+    """Return the first parameter of an effect, a number."""
+    return float(build(spec).values[0])
 
 
 def gauge_readings(robot: Robot) -> tuple[tuple[float, float], ...]:
@@ -141,8 +141,10 @@ def with_gauge(robot: Robot, k: int, scale: float, zero: float) -> Robot:
     name = robot.gauge_names[k]
     others = [spec for spec in robot.effects
               if (spec.name, spec.site) not in (('strain_gain', name), ('strain_bias', name))]
-    if scale != 1.0:
-        others.append(EffectSpec('strain_gain', name, {'factor': scale}))
+    shape = {key: value for spec in robot.effects for key, value in spec.values.items()
+             if (spec.name, spec.site) == ('strain_gain', name) and key != 'factor'}
+    if scale != 1.0 or shape:
+        others.append(EffectSpec('strain_gain', name, {'factor': scale, **shape}))
     if zero != 0.0:
         others.append(EffectSpec('strain_bias', name, {'bias': zero}))
     return replace(robot, effects=tuple(others))

@@ -193,6 +193,11 @@ class Effect(ABC):
         return {p.name: float(value) for p, value in zip(self.parameters, self.values)}
 
     @classmethod
+    def of_size(cls, site: str, size: float) -> Effect:
+        """Return the effect at a site with its first parameter given, the others at null."""
+        return cls(site, (size, *(parameter.null for parameter in cls.parameters[1:])))
+
+    @classmethod
     def at(cls, site: str, robot: Robot) -> tuple[Parameter, ...]:
         """Return the parameters with bounds and sizes for a site of a robot."""
         return tuple(p.scaled(robot_scale(p.unit, site, robot)) for p in cls.parameters)

@@ -63,6 +63,8 @@ FORMS_OF: dict[str, tuple[Realisation, ...]] = {
     # Maxwell-slip (elements) or LuGre (chain): with bristles as short as `SHORT_TRAVEL` it is dry.
     'presliding_friction': PLAIN,
     'base_sliding': (CHAIN,),
+    # A gain that is right at first and creeps.
+    'strain_gain': (*PLAIN, Realisation(MUJOCO, 'warming')),
     'strain_filter': (*LATE_FORMS, Realisation(FINITE_ELEMENTS, 'first_order', True),
                       Realisation(MUJOCO, 'first_order')),
     'strain_delay': LATE_FORMS,
@@ -72,7 +74,7 @@ FORMS_OF: dict[str, tuple[Realisation, ...]] = {
 }
 # Effects added after rounds had been scored: they come last in a round and serve in no other kind
 # of case, so that the earlier cases keep their records.
-LATER = ('joint_spring',)
+LATER = ('joint_spring', 'angle_delay')
 # A second right name of an effect in a certain form.
 ALSO_RIGHT: dict[tuple[str, str], str] = {
     ('coulomb_friction', 'bristles'): 'presliding_friction',

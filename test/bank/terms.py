@@ -137,6 +137,12 @@ def _crosstalk(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], f
         p['share'])
 
 
+def _gauge_gain(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], float]:
+    # A gain that warms up creeps less and less, and not as the catalogue has it.
+    values = {} if 'warming' in case.forms else {'factor': p['factor']}
+    return _gauge(case, p), values, abs(p['factor'] - 1.0)
+
+
 def _filter(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], float]:
     # A first-order filter is one of second order with two real poles, one of them far away.
     values = {} if 'first_order' in case.forms else {
@@ -205,11 +211,12 @@ _SAID: dict[str, Said] = {
     'motor_lag': _lag,
     'drive_bandwidth': _at_joint('factor', 'time_constant_factor', 1.0),
     'input_delay': _for_arm('delay', 'delay_s'),
+    'angle_delay': _at_joint('delay', 'delay_s'),
     'angle_gain': _at_joint('factor', 'factor', 1.0),
     'angle_offset': _at_joint('offset', 'offset_rad'),
     'strain_bias': _at_gauge('bias', 'bias'),
     'strain_drift': _at_gauge('rate', 'drift_per_s'),
-    'strain_gain': _at_gauge('factor', 'factor', 1.0),
+    'strain_gain': _gauge_gain,
     'strain_crosstalk': _crosstalk,
     'strain_filter': _filter,
     'strain_delay': _late,

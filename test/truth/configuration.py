@@ -185,6 +185,8 @@ class Sensors:
     filter_damping: float = 0.8
     filter_first_order: bool = False
     strain_delay: float = 0.0
+    angle_delay: tuple[float, float] = (0.0, 0.0)
+    gain_warming: float = 0.0
     late: tuple[int, ...] = ()
 
 

@@ -15,6 +15,8 @@ SHORT_TRAVEL = 3e-4
 # Contact stiffness per inertia, 1/s^2, a tenth of the usual one: a link of the reference arm sinks
 # in by a milliradian.
 SOFT_CONTACT = 6e3
+# Time constant with which a gauge's gain warms up, s: a third of a record's fitted part.
+WARMING = 10.0
 # How far from the elbow a hose is tied to the links, m.
 HOSE_REACH = 0.1
 
@@ -71,6 +73,7 @@ FORMS: dict[str, Callable[[Arm], Arm]] = {
     'first_order': _sensors(filter_first_order=True),
     'lower_gauges': _lower_gauges,
     'one_gauge': _sensors(late=(0,)),
+    'warming': _sensors(gain_warming=WARMING),
     'half_loose': _payload(loose_share=0.5),
     'leak': _leak,
     'hose': _hose,

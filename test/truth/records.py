@@ -18,7 +18,7 @@ from truth.effects import CATALOGUE
 from truth.effects.hidden_effect import Parameters
 from truth.excitation import set_points
 from truth.forms import FORMS
-from truth.sensors import amplifier_output, quantise, sensor_noise
+from truth.sensors import amplifier_output, logged_angles, quantise, sensor_noise
 from truth.simulation import Motion, simulate
 from truth.tolerances import with_tolerances
 
@@ -150,7 +150,8 @@ def make_record(case: TruthCase, command: Array | None = None) -> Record:
     strain += sensor_noise(random_stream(case, 'strain noise'), strain.shape,
                            case.noise * arm.sensors.strain_noise, arm.sample_time)
     time = sample_times(arm, motion.joint.shape[0])
-    return Record(time, motion.command, motion.joint,
+    joint = logged_angles(motion.joint, arm.sensors, arm.sample_time)
+    return Record(time, motion.command, joint,
                   quantise(strain, arm.sensors.strain_step), COLUMNS[case.robot])
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.signal import bilinear, lfilter, lfilter_zi
 
 from truth.beam_elements import Array
@@ -24,13 +25,28 @@ def low_pass(signal: Array, sensors: Sensors, step: float) -> Array:
     return np.asarray(lfilter(b, a, signal, axis=0, zi=start)[0])
 
 
+def gauge_gains(sensors: Sensors, time: Array) -> Array:
+    """Return the gauges' gains at times (N,) s, (N, G); if they warm up, from 1 at the start."""
+    warm = (np.ones(len(time)) if sensors.gain_warming == 0.0
+            else 1.0 - np.exp(-time / sensors.gain_warming))
+    return 1.0 + np.outer(warm, np.array(sensors.strain_gain) - 1.0)
+
+
+def logged_angles(reading: Array, sensors: Sensors, sample_time: float) -> Array:
+    """Return the angles (N, 2) rad as a log has them: late, and the first one until then."""
+    time = sample_time * np.arange(len(reading))
+    columns = [column if delay == 0.0 else CubicSpline(time, column)(np.maximum(time - delay, 0.0))
+               for delay, column in zip(sensors.angle_delay, reading.T)]
+    return np.column_stack(columns)
+
+
 def amplifier_output(motion: Motion, sensors: Sensors, sample_time: float) -> Array:
     """Return strain readings (N, G) m/m before noise and quantisation."""
     step = sample_time / motion.steps_per_sample
     strain = motion.fine_strain.copy()
     strain[:, sensors.crosstalk_to] += (sensors.crosstalk
                                         * motion.fine_strain[:, sensors.crosstalk_from])
-    strain *= sensors.strain_gain
+    strain *= gauge_gains(sensors, np.asarray(step * np.arange(len(strain)), dtype=float))
     late = list(sensors.late or range(strain.shape[1]))
     if sensors.filter_cutoff > 0.0:
         strain[:, late] = low_pass(strain[:, late], sensors, step)

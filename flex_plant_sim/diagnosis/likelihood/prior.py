@@ -145,7 +145,7 @@ def _unchanged(robot: Robot, deviation: float) -> Robot:
 
 def _effect_at(identifier: str, site: str, null: float, scale: float, deviation: float
                ) -> Effect:
-    return catalogue()[identifier](site, (null + scale * deviation,))
+    return catalogue()[identifier].of_size(site, null + scale * deviation)
 
 
 def log_prior_odds(effect: type[Effect], robot: Robot) -> float:

@@ -212,12 +212,11 @@ def _advance_strain(measured: Array, late: int) -> Array:
     return np.concatenate([measured[..., :2], measured[rows][..., 2:]], axis=-1)
 
 
-def sensor_gain(arm: ExtendedArm, record: Record) -> Array:
-    """Return the matrix of the (affine) sensor effects, (1, 1 or B, m, m)."""
-    m = record.output.shape[1]
-    units = np.concatenate([np.zeros((1, 1, m)), np.eye(m)[:, None]])
-    seen = arm.sense(units, np.full((m + 1, 1), record.time[0]))
-    return np.asarray((seen[1:] - seen[0]).transpose(1, 2, 0)[None], dtype=float)
+def sensor_reading_of_error(arm: ExtendedArm, error: Array, time: Array) -> Array:
+    """Return what the (affine) sensor effects make of errors (…, m) at times (…, 1), (…, m)."""
+    if not arm.acts_on_output:
+        return error
+    return arm.sense(error, time) - arm.sense(np.zeros_like(error), time)
 
 
 def _without_sensor_effects(arm: ExtendedArm, record: Record) -> Array:
@@ -226,10 +225,16 @@ def _without_sensor_effects(arm: ExtendedArm, record: Record) -> Array:
         return measured
     time, m = record.time[:, None], record.output.shape[1]
     zero = arm.sense(np.zeros((len(time), 1, m)), time)
-    # One inverse for all samples: a sensor's gain does not change with time.
-    inverse = np.linalg.inv(sensor_gain(arm, record))
-    apart = np.matmul(np.swapaxes(measured - zero, 0, 1), np.swapaxes(inverse[0], 1, 2))
-    return np.asarray(np.swapaxes(apart, 0, 1), dtype=float)
+
+    def gain(time: Array) -> Array:
+        """Return the matrices of the sensor effects at times (T, 1), (T, 1 or B, m, m)."""
+        units = np.eye(m)[:, None, None]
+        seen = sensor_reading_of_error(arm, np.repeat(units, len(time), 1), time)
+        return np.asarray(np.moveaxis(seen, 0, -1), dtype=float)
+    matrices = gain(time[[0, -1]])
+    matrices = matrices[:1] if np.array_equal(*matrices) else gain(time)
+    apart = np.einsum('tbij,tbj->tbi', np.linalg.inv(matrices), measured - zero)
+    return np.asarray(apart, dtype=float)
 
 
 def payload_schedule(arm: ExtendedArm, time: Array, weights: Array) -> tuple[Array, Array]:

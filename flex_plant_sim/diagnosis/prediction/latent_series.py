@@ -57,7 +57,7 @@ def gauge_series(found: Sequence[LatentForces], robot: Robot) -> tuple[LatentSer
         # Gauges on the same link read nearly the same and are no separate variables.
         others = {other: ('m/m', strain[:, k]) for k, other in enumerate(names)
                   if other[:LINK_PREFIX] != name[:LINK_PREFIX]}
-        variables = {'strain': ('m/m', strain[:, g]), 'strain rate': ('1/s', rate[:, g]),
+        variables = {'strain': ('m/m', strain[:, g]), 'strain rate': ('m/m/s', rate[:, g]),
                      **others, 'time': ('s', _joined([f.time for f in found]))}
         series.append(LatentSeries(
             name, 'm/m', _joined([f.gauge[:, g] for f in found]),

@@ -21,7 +21,7 @@ from flex_plant_sim.diagnosis.prediction.filter_run import (
     FilterRun,
     invert_sensors,
     predictor_matrices,
-    sensor_gain,
+    sensor_reading_of_error,
 )
 from flex_plant_sim.diagnosis.prediction.noise import (
     process_noise_variance,
@@ -191,13 +191,13 @@ class Predictor:
             arm, effects, robot, self.steady if reused else None)
         errors, rows = errors[self.windows.warm_up:], self.window_rows[self.windows.warm_up:]
         whitening = self._whitening_filter(arm, effects, robot) if shared_covariance else None
+        time = self.record.time[self.used_samples[rows]][..., None]
         if whitening is not None:
             residual = output_error(matrices, arm.output_matrix, errors, rows)
-            if arm.acts_on_output:
-                residual = np.matmul(sensor_gain(arm, self.record), residual[..., None])[..., 0]
-            errors = whitening.whitened(delay_strain(residual, arm.late), rows)
-        elif arm.acts_on_output:
-            errors = np.matmul(sensor_gain(arm, self.record), errors[..., None])[..., 0]
+            residual = delay_strain(sensor_reading_of_error(arm, residual, time), arm.late)
+            errors = whitening.whitened(residual, rows)
+        else:
+            errors = sensor_reading_of_error(arm, errors, time)
         errors = errors.transpose(2, 1, 0, 3)
         return np.asarray((self.whitener @ errors[..., None])[..., 0], dtype=float)
 

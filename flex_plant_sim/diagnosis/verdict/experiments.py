@@ -27,7 +27,8 @@ BY_FAMILY: Mapping[str, str] = {
     'links and structure': PLUCK, 'payload': WEIGH}
 EXCEPTIONS: Mapping[str, str] = {
     **dict.fromkeys(('backlash', 'gear_compliance', 'motor_lag', 'input_delay',
-                     'drive_bandwidth', 'strain_filter', 'strain_delay', 'hub_inertia'), BURST),
+                     'drive_bandwidth', 'strain_filter', 'strain_delay', 'angle_delay',
+                     'hub_inertia'), BURST),
     **dict.fromkeys(('angle_gain', 'angle_offset', 'base_tilt'), CREEP),
     **dict.fromkeys(('strain_drift', 'payload_change'), WAIT)}
 

@@ -13,7 +13,7 @@ import numpy as np
 # ends are stated.
 MAX_ASYMMETRY = 0.3
 # Factor and name of the unit in which a quantity is shown; strains in millionths.
-SHOWN_UNITS = {'m/m': (1e6, 'µm/m'), '1/s': (1e6, 'µm/m/s')}
+SHOWN_UNITS = {'m/m': (1e6, 'µm/m'), 'm/m/s': (1e6, 'µm/m/s')}
 
 
 def unit_text(unit: str) -> str:
@@ -30,7 +30,8 @@ def shown_unit(unit: str) -> tuple[float, str]:
 def key_text(key: str, unit: str) -> str:
     """Return a key without its unit, compliance_rad_per_n_m in rad/(N m) as compliance."""
     spelt = unit.lower().replace('/', ' per ')
-    whole = '_'.join(''.join(c for c in spelt if c not in '()^').split()).removeprefix('1_')
+    whole = '_'.join(''.join(c for c in spelt if c not in '()^').split())
+    whole = whole.removeprefix('1_').removeprefix('m_per_m_')
     for suffix in (whole, whole.partition('_per_')[0]):
         key = key.removesuffix(f'_{suffix}')
     return key.replace('_', ' ')

@@ -19,7 +19,7 @@ class StrainDrift(Effect):
     explanation = 'The zero of the gauge {site} drifts steadily (warming up, for example).'
     parameters = (
         # 8e-6 over 40 s where ordinary moves give 1e-4.
-        Parameter('drift_per_s', '1/s', 0.0, -1e-4, 1e-4, (-1e-6, 1e-6), 2e-7, 2e-6),)
+        Parameter('drift_per_s', 'm/m/s', 0.0, -1e-4, 1e-4, (-1e-6, 1e-6), 2e-7, 2e-6),)
     sites = 'gauge'
     linear = True
 

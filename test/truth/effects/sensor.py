@@ -41,6 +41,16 @@ def apply_angle_offset(arm: Arm, size: Parameters) -> Arm:
     return with_sensor(arm, size['joint'], 'angle_offset', lambda x: x + size['offset'])
 
 
+def draw_angle_delay(rng: np.random.Generator, arm: Arm, severity: float) -> Parameters:
+    """Draw 0.012-0.03 s for one angle in the log; the controller reads it at once."""
+    return {'joint': any_joint(rng), 'delay': severity * rng.uniform(0.012, 0.03)}
+
+
+def apply_angle_delay(arm: Arm, size: Parameters) -> Arm:
+    """Log the reading of an angle sensor late."""
+    return with_sensor(arm, size['joint'], 'angle_delay', lambda x: x + size['delay'])
+
+
 def draw_strain_bias(rng: np.random.Generator, arm: Arm, severity: float) -> Parameters:
     """Draw 1e-5 to 3e-5 m/m either way."""
     return {'gauge': any_gauge(rng, arm), 'bias': severity * either_sign(rng, 1e-5, 3e-5)}
@@ -121,4 +131,5 @@ EFFECTS = (
     HiddenEffect('strain_crosstalk', draw_crosstalk, apply_crosstalk),
     HiddenEffect('strain_filter', draw_strain_filter, apply_strain_filter),
     HiddenEffect('strain_delay', draw_strain_delay, apply_strain_delay),
+    HiddenEffect('angle_delay', draw_angle_delay, apply_angle_delay),
 )
