@@ -24,13 +24,13 @@ Spoil = Callable[[np.ndarray], None]
 
 
 @cache
-def table() -> np.ndarray:
-    return make_record(TruthCase(96, (), duration_s=12.0)).table
+def table(payload: float = 0.1) -> np.ndarray:
+    return make_record(TruthCase(96, (), duration_s=12.0, payload_true=payload)).table
 
 
-def read(path: Path, spoil: Spoil) -> Log:
+def read(path: Path, spoil: Spoil, payload: float = 0.1) -> Log:
     """Return a log of the arm as it is read, with its numbers spoilt in place."""
-    numbers = table().copy()
+    numbers = table(payload).copy()
     spoil(numbers)
     np.savetxt(path, numbers, fmt='%.9g', delimiter=',', header=','.join(NAMES), comments='')
     return read_log(path, ROBOT)
@@ -70,6 +70,32 @@ def test_only_what_is_wrong_with_a_channel_is_said(
     assert len(said) == len(channels)
     assert all(line.startswith(name) and line.endswith(words)
                for line, name in zip(said, channels))
+
+
+@pytest.mark.parametrize('columns', [(5, 6), (7, 8)])
+def test_gauges_of_a_link_are_told_exchanged_beside_an_untold_payload(
+        tmp_path: Path, columns: tuple[int, ...]) -> None:
+    assert not hints(read(tmp_path / 'log.csv', inverted(), 0.3), ROBOT)
+    said = hints(read(tmp_path / 'log.csv', exchanged(*columns), 0.3), ROBOT)
+    first, second = (NAMES[k] for k in columns)
+    assert said == (f'{first} and {second} look exchanged',)
+
+
+@pytest.mark.parametrize('column', [5, 8])
+def test_a_gauge_that_dies_is_no_evidence(tmp_path: Path, column: int) -> None:
+    def die(numbers: np.ndarray) -> None:
+        numbers[700:1100, column] = numbers[700, column]
+    doubt, = read(tmp_path / 'log.csv', die).doubts
+    assert doubt == (f'{NAMES[column]}: does not change from line 702 to line 1101 while the '
+                     'others move: dead, or not connected?')
+
+
+def test_a_coarse_or_clipped_gauge_is_not_dead(tmp_path: Path) -> None:
+    def spoil(numbers: np.ndarray) -> None:
+        most = np.abs(numbers[:, 5:7]).max(axis=0)
+        numbers[:, 5] = np.clip(numbers[:, 5], -0.5 * most[0], 0.5 * most[0])
+        numbers[:, 6] = np.round(numbers[:, 6] / most[1] * 5.0) * most[1] / 5.0
+    assert not read(tmp_path / 'log.csv', spoil).doubts
 
 
 @pytest.mark.parametrize('every', [2, 5])

@@ -50,6 +50,18 @@ def test_a_wrong_number_in_the_last_row_is_found(column: int) -> None:
     assert found[0].error == pytest.approx(off, rel=0.3)
 
 
+@pytest.mark.parametrize('column', [2, 3])
+@pytest.mark.parametrize('row, share', [(20, 0.2), (75, -0.4), (130, 0.05)])
+def test_a_sensor_that_slips_is_told_from_one_wrong_number(
+        column: int, row: int, share: float) -> None:
+    log = good()
+    output, off = log.output.copy(), share * float(np.ptp(log.output[:, column - 2]))
+    output[row:, column - 2] += off
+    found = single_errors(log.command, output)
+    assert [(error.row, error.column, error.lasting) for error in found] == [(row, column, True)]
+    assert found[0].error == pytest.approx(off, rel=0.3)
+
+
 def exchange(log: Log) -> Log:
     command, joint = log.command.copy(), log.joint.copy()
     command[:, 1], joint[:, 0] = log.joint[:, 0], log.command[:, 1]
@@ -103,7 +115,9 @@ def test_a_log_says_where_and_what_would_fit(tmp_path: Path) -> None:
     log = good_log()
     log.command[70, 1] += 0.7
     was = log.command[70, 1]
+    log.joint[100:, 0] += 0.2
     write_csv(tmp_path / 'log.csv', log)
-    note = read_csv(tmp_path / 'log.csv', ROBOT).notes[0]
+    slip, note = read_csv(tmp_path / 'log.csv', ROBOT).notes
+    assert slip.startswith('joint_1 steps by 0.2') and ' at line 102, ' in slip
     assert f'first line 72: command_2: {was:.6g}, where ' in note
     assert float(note.split('where ')[1].split()[0]) == pytest.approx(was - 0.7, abs=0.15)

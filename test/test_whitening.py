@@ -8,9 +8,9 @@ from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
 from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses
 from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit
+from flex_plant_sim.diagnosis.prediction.filter_run import shifted
 from flex_plant_sim.diagnosis.prediction.scheduled_matrices import ScheduledMatrices
 from flex_plant_sim.diagnosis.prediction.whitening import (
-    delay_strain,
     output_error,
     WhiteningFilter,
 )
@@ -79,10 +79,13 @@ def test_it_is_whitened_by_the_covariance_of_the_nominal_arm() -> None:
     assert white.ravel() == pytest.approx(dense)
 
 
-def test_strain_is_put_back_as_late_as_it_was_read() -> None:
-    left = np.arange(12.0).reshape(4, 3)
-    assert delay_strain(left, 1)[:, :2] == pytest.approx(left[:, :2])
-    assert delay_strain(left, 1)[:, 2] == pytest.approx([2.0, 2.0, 5.0, 8.0])
+def test_what_is_read_late_is_advanced_and_put_back() -> None:
+    left, late = np.arange(12.0).reshape(4, 3), np.array([2, 0, 1])
+    ahead, back = shifted(left, late), shifted(left, -late)
+    assert ahead[:, 1] == pytest.approx(left[:, 1]) and back[:, 1] == pytest.approx(left[:, 1])
+    assert ahead[:, 0] == pytest.approx([6.0, 9.0, 9.0, 9.0])
+    assert back[:, 0] == pytest.approx([0.0, 0.0, 0.0, 3.0])
+    assert back[:, 2] == pytest.approx([2.0, 2.0, 5.0, 8.0])
 
 
 def test_an_inertia_that_only_calms_the_filter_is_not_paid_for() -> None:

@@ -18,6 +18,7 @@ from flex_plant_sim.arm.state_space import StateSpace
 from flex_plant_sim.effects.robot_scale import robot_scale
 from msg_config.errors import InputError
 import numpy as np
+from numpy.typing import NDArray
 
 FRICTION, GAP = 'friction', 'gap'
 
@@ -281,9 +282,9 @@ class Effect(ABC):
         """Return the sensor readings for the true (theta_1, theta_2, strain…), (…, m)."""
         return output
 
-    def late(self, sample_time: float) -> tuple[int, Effect]:
-        """Return the delay of the strain in whole samples, and the effect without those."""
-        return 0, self
+    def late(self, robot: Robot) -> tuple[NDArray[np.intp], Effect]:
+        """Return the whole samples by which each output is late, (m,), the effect without them."""
+        return np.zeros(len(robot.output_names), dtype=np.intp), self
 
     def payload_at(self, time: Any, payload: Any) -> Any:
         """Return the payload, kg, at times, s, given that without the effect; scalar or (N,)."""

@@ -39,9 +39,12 @@ FOLLOWS = 0.5
 # make 0.6.
 UNRELATED = 0.25
 # Two channels look exchanged if exchanging them leaves less than this share of the squared
-# difference from the model: two gauges of a link differ by little more than their size.
-# Simulated logs leave 0.3 to 0.7 of it if channels are exchanged, and more than 1 if not.
+# difference from the model. Simulated logs leave 0.3 to 0.7 of it if channels are exchanged, and
+# more than 1 if not.
 EXCHANGE_GAIN = 0.75
+# Variance of the logarithm of the ratio of two gauges' scales, each known to 10 %, and what an
+# exchange costs beside a wrong scale, nats: as much as a cause of the catalogue.
+RATIO_VARIANCE, EXCHANGE_PRICE = 2.0 * 0.1**2, 4.0
 
 
 def time_unit(interval: float, expected: float) -> str | None:
@@ -125,14 +128,32 @@ def channel_hints(measured: Array, expected: Array, names: Sequence[str],
     return tuple(found)
 
 
+def _sizes_exchanged(found: float, wanted: float) -> bool:
+    """
+    Return whether two gauges of a link look exchanged, by the logarithm of the ratio of sizes.
+
+    They bend alike but for their size, and a wrong payload changes both alike. So an exchange has
+    to fit within two deviations of the gauges' scales, and to gain more than its price.
+    """
+    gain = -2.0 * found * wanted / RATIO_VARIANCE
+    return abs(found + wanted) < 2.0 * RATIO_VARIANCE**0.5 and gain > EXCHANGE_PRICE
+
+
 def _exchanged(measured: Array, expected: Array, names: Sequence[str], units: Sequence[str]
                ) -> Iterator[str]:
     def squared_difference(i: int, j: int) -> float:
         # With the better of both signs, as an inverted channel is not an exchanged one.
         return min(float(np.sum((measured[:, i] - sign * expected[:, j])**2))
                    for sign in (1.0, -1.0))
+    with np.errstate(divide='ignore'):
+        size, wanted = (np.log(np.linalg.norm(x, axis=0)) for x in (measured, expected))
+
+    def looks_exchanged(i: int, j: int) -> bool:
+        if units[i] == 'm/m' and names[i][:-1] == names[j][:-1]:
+            return _sizes_exchanged(size[i] - size[j], wanted[i] - wanted[j])
+        return (squared_difference(i, j) + squared_difference(j, i)
+                < EXCHANGE_GAIN * (squared_difference(i, i) + squared_difference(j, j)))
     for i, j in combinations(range(len(names)), 2):
-        if units[i] == units[j] and squared_difference(i, j) + squared_difference(j, i) \
-                < EXCHANGE_GAIN * (squared_difference(i, i) + squared_difference(j, j)):
+        if units[i] == units[j] and looks_exchanged(i, j):
             also = ', or the commands' if units[i] == 'rad' else ''
             yield f'{names[i]} and {names[j]} look exchanged{also}'

@@ -1,5 +1,5 @@
 """
-Finds single wrong numbers in a record, measured or commanded, that the rest of it contradicts.
+Finds wrong numbers in a record, single ones and steps, that the rest of it contradicts.
 
 The log reader adds a note for each; the numbers themselves are not changed.
 """
@@ -27,16 +27,24 @@ DIGITS = 1e-9
 # An error is reported from this score on, in standard deviations, and if it exceeds this share of
 # the channel's range; a smaller one misleads nobody.
 MIN_SCORE, MIN_SIZE = 10.0, 0.02
+# Columns that may be off from a row on, as encoders slip and lose counts. Strain does step, when
+# the arm is hit.
+ANGLES = (2, 3)
 # Share of the squared residuals around an error that the error must explain.
 EXPLAINED = 0.9
 
 
 class SingleError(NamedTuple):
-    """A wrong number: its row, its column in (commands, outputs), and the size of the error."""
+    """
+    A wrong number: its row, its column in (commands, outputs), and the size of the error.
+
+    Where it is `lasting`, all later numbers of the column are off as well: a sensor slipped.
+    """
 
     row: int
     column: int
     error: float
+    lasting: bool = False
 
 
 def single_errors(command: Array, output: Array) -> list[SingleError]:
@@ -47,13 +55,15 @@ def single_errors(command: Array, output: Array) -> list[SingleError]:
     badly or have high leverage weigh less. An error d of an output leaves d in its own residual
     and, multiplied by the coefficients, in the residuals after it; an error of a command only in
     those after it. If this pattern explains nearly all of the residuals there, that number is
-    wrong (generalised likelihood ratio: Willsky, Automatica 12, 1976). A command must also lie
-    outside the range of its neighbours, since a step of the command leaves the same pattern.
+    wrong (generalised likelihood ratio: Willsky, Automatica 12, 1976). A lasting error of an
+    angle leaves the running sum of the pattern. A command must also lie outside the range of its
+    neighbours, since a step of the command leaves the same pattern.
 
     Parameters
     ----------
     command, output : Array
-        Evenly sampled, (N, 2) and (N, m); the command of a row acts from that row on.
+        Evenly sampled, (N, 2) and (N, m), angles first; the command of a row acts from that row
+        on.
 
     """
     values = np.hstack([command, output])
@@ -71,14 +81,16 @@ def single_errors(command: Array, output: Array) -> list[SingleError]:
     found: list[tuple[float, SingleError]] = []
     for place, column in enumerate(columns):
         own = np.eye(len(columns))[place][of_output]
-        score, error = _scores(fit, [own, *(-fit.coefficients[place:-1:len(columns)])])
-        bad = np.abs(score) > MIN_SCORE
-        bad &= (np.abs(error) > MIN_SIZE) & (score**2 > EXPLAINED * fit.power)
-        if not of_output[place]:
-            bad &= _outside_neighbours(scaled[:, place])[ORDER:]
-        found += [(-abs(float(score[k])), SingleError(
-            int(k) + ORDER, int(column), float(error[k] * span[column])))
-            for k in np.flatnonzero(bad)]
+        pattern = np.vstack([own, -fit.coefficients[place:-1:len(columns)]])
+        for lasting in (False, True) if column in ANGLES else (False,):
+            score, error = _scores(fit, np.cumsum(pattern, axis=0) if lasting else pattern)
+            bad = np.abs(score) > MIN_SCORE
+            bad &= (np.abs(error) > MIN_SIZE) & (score**2 > EXPLAINED * fit.power)
+            if not of_output[place]:
+                bad &= _outside_neighbours(scaled[:, place])[ORDER:]
+            found += [(-abs(float(score[k])), SingleError(
+                int(k) + ORDER, int(column), float(error[k] * span[column]), lasting))
+                for k in np.flatnonzero(bad)]
     return _without_overlaps([error for _, error in sorted(found)])
 
 
@@ -96,7 +108,7 @@ class _Fit(NamedTuple):
     whiten: Array
 
 
-def _scores(fit: _Fit, pattern: list[Array]) -> tuple[Array, Array]:
+def _scores(fit: _Fit, pattern: Array) -> tuple[Array, Array]:
     """Return for each row the score, in standard deviations, and the size of an error, (N,)."""
     white = [fit.whiten @ row for row in pattern]
     rows = len(fit.power)

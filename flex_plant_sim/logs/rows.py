@@ -21,7 +21,7 @@ from flex_plant_sim.inputs.resample import (
     KEPT,
     LOST,
 )
-from flex_plant_sim.inputs.single_errors import single_errors
+from flex_plant_sim.inputs.single_errors import single_errors, SingleError
 from flex_plant_sim.logs.log import Log
 from msg_config.errors import InputError
 import numpy as np
@@ -32,6 +32,9 @@ NOTED_JITTER = 0.01
 # Changes of a channel after which it is no chance that all are a multiple of two or more samples
 # apart: 2^-30, for each channel of a night's logs.
 HELD_CHANGES = 30
+# Share of its range by which no gauge moves while another one does not change: links are coupled,
+# and a gauge that reads in steps of half its range is none.
+SWING = 0.5
 COMMANDS = ('command_1', 'command_2')
 # Digits of a stamp: seconds since 1970 have ten before the point.
 STAMP_DIGITS = 15
@@ -172,11 +175,33 @@ def _with_grid_notes(rows: Rows, grid: Grid) -> Rows:
 def _with_stuck_note(rows: Rows, robot: Robot) -> Rows:
     output = np.hstack([rows.joint, rows.strain])
     still = np.ptp(output, axis=0) == 0.0
-    if still.all() or not still.any():
-        return rows
-    names = [name for name, stuck in zip(robot.output_names, still) if stuck]
-    return rows.noted(f'{", ".join(names)}: never changes while the rest moves: stuck, or not '
-                      'connected?', doubtful=True)
+    if still.any() and not still.all():
+        names = [name for name, stuck in zip(robot.output_names, still) if stuck]
+        return rows.noted(f'{", ".join(names)}: never changes while the rest moves: stuck, or not '
+                          'connected?', doubtful=True)
+    for name, values in zip(robot.gauge_names, rows.strain.T):
+        first, last = _dead_stretch(values, rows.strain)
+        if first < last:
+            rows = rows.noted(f'{name}: does not change from {rows.row(first)} to '
+                              f'{rows.row(last)} while the others move: dead, or not connected?',
+                              doubtful=True)
+    return rows
+
+
+def _dead_stretch(values: Array, others: Array) -> tuple[int, int]:
+    """
+    Return the first and last row of the longest stretch in which a gauge is dead, or (0, 0).
+
+    Its readings (N,) are equal there, while another gauge (of (N, G)) moves by SWING.
+    """
+    starts = np.flatnonzero(np.r_[True, np.diff(values) != 0.0])
+    moved = np.maximum.reduceat(others, starts) - np.minimum.reduceat(others, starts)
+    dead = np.any(moved > SWING * np.ptp(others, axis=0), axis=1)
+    if not dead.any():
+        return 0, 0
+    ends = np.r_[starts[1:], len(values)] - 1
+    longest = int(np.argmax(np.where(dead, ends - starts, -1)))
+    return int(starts[longest]), int(ends[longest])
 
 
 def _with_held_note(rows: Rows, robot: Robot, grid: Grid) -> Rows:
@@ -203,16 +228,22 @@ def _with_error_note(log: Log, rows: Rows, grid: Grid) -> Log:
     found = [error for error in single_errors(log.command[start:stop], log.output[start:stop])
              # Lost rows are interpolated, so they are no evidence.
              if log.lost is None or not log.lost[start + error.row]]
-    if not found:
-        return log
-    place, column, error = found[0]
-    name = (*COMMANDS, *log.output_names)[column]
-    value = np.hstack([log.command, log.output])[start + place, column]
-    where = rows.row(int(np.searchsorted(grid.place, start + place)))
-    note = (f'{len(found)} single numbers contradict the samples around them, first {where}: '
-            f'{name}: {value:.6g}, where {value - error:.6g} would fit; kept as they are'
-            + ('; or the arm was pushed' if name in COMMANDS else ''))
-    return replace(log, notes=(*log.notes, note))
+    values, names = np.hstack([log.command, log.output]), (*COMMANDS, *log.output_names)
+
+    def place_of(error: SingleError) -> str:
+        return rows.row(int(np.searchsorted(grid.place, start + error.row)))
+    notes = [f'{names[slip.column]} steps by {slip.error:.3g} at {place_of(slip)}, against all '
+             'others, and stays: did its sensor slip, or lose counts? Kept as it is'
+             for slip in found if slip.lasting]
+    single = [error for error in found if not error.lasting]
+    if single:
+        error = single[0]
+        name, value = names[error.column], values[start + error.row, error.column]
+        notes.append(
+            f'{len(single)} single numbers contradict the samples around them, first '
+            f'{place_of(error)}: {name}: {value:.6g}, where {value - error.error:.6g} would fit; '
+            'kept as they are' + ('; or the arm was pushed' if name in COMMANDS else ''))
+    return replace(log, notes=(*log.notes, *notes))
 
 
 def _with_sampling_note(log: Log, robot: Robot) -> Log:

@@ -20,6 +20,7 @@ from flex_plant_sim.arm.state_space import state_space, StateSpace, zero_order_h
 from flex_plant_sim.effects.base import Effect, FRICTION, GAP, Motion
 from msg_config.errors import InputError
 import numpy as np
+from numpy.typing import NDArray
 
 MODELS: dict[str, ArmModel] = {
     'assumed_modes': assumed_modes, 'paper': paper_model, 'paper_reduced': paper_model}
@@ -46,8 +47,7 @@ class ExtendedArm:
     nodes : int
         Number of interpolation nodes over cos(theta_2).
     in_step : bool
-        Whether to leave out the whole samples of a strain delay, for a caller that shifts the
-        measured strain forward by `late` samples instead.
+        Whether the caller shifts outputs by `late`, the whole samples of their delays, (m,).
 
     Raises
     ------
@@ -63,12 +63,12 @@ class ExtendedArm:
             raise InputError(f'model: expected one of {", ".join(MODELS)}, got {model!r}')
         mass = robot.payload_mass if payload is None else payload
         self.robot = replace(robot, payload_mass=mass)
-        delays = [effect.late(robot.sample_time) if in_step else (0, effect)
-                  for effect in effects]
-        self.late = sum(samples for samples, _ in delays)
+        delays = [effect.late(robot) for effect in effects if in_step]
+        none_late: NDArray[np.intp] = np.zeros(len(robot.output_names), dtype=np.intp)
+        self.late = sum((late for late, _ in delays), none_late)
         # Effects that replace the model come first, then those that need past raw commands.
-        effects = sorted((effect for _, effect in delays), key=lambda effect: (
-            not effect.reshapes, -effect.memory(robot.sample_time)))
+        effects = sorted([e for _, e in delays] or effects,
+                         key=lambda e: (not e.reshapes, -e.memory(robot.sample_time)))
         self.model_name, self.effects = model, tuple(effects)
         for effect in effects:
             self.robot = effect.on_robot(self.robot)

@@ -128,13 +128,18 @@ def random_stream(case: TruthCase, purpose: str) -> np.random.Generator:
     return np.random.default_rng([case.seed, crc32(purpose.encode())])
 
 
+def angle_noise(case: TruthCase, arm: Arm, samples: int) -> Array:
+    """Return the noise of the joint readings, rad, (N, 2)."""
+    return sensor_noise(random_stream(case, 'angle noise'), (samples, 2),
+                        case.noise * arm.sensors.angle_noise, arm.sample_time)
+
+
 def move(case: TruthCase, command: Array | None = None) -> tuple[Arm, Motion]:
     """Return the arm and its motion, under its controller or under a given `command` (N, 2)."""
     arm = build_arm(case)
     samples = round(case.duration_s / arm.sample_time)
     time = sample_times(arm, samples)
-    noise = sensor_noise(random_stream(case, 'angle noise'), (samples, 2),
-                         case.noise * arm.sensors.angle_noise, arm.sample_time)
+    noise = angle_noise(case, arm, samples)
     reference = set_points(random_stream(case, 'set-points'), time, arm.excitation)
     if case.simulator == FINITE_ELEMENTS:
         return arm, simulate(arm, reference, command, noise)
@@ -150,7 +155,8 @@ def make_record(case: TruthCase, command: Array | None = None) -> Record:
     strain += sensor_noise(random_stream(case, 'strain noise'), strain.shape,
                            case.noise * arm.sensors.strain_noise, arm.sample_time)
     time = sample_times(arm, motion.joint.shape[0])
-    joint = logged_angles(motion.joint, arm.sensors, arm.sample_time)
+    joint = logged_angles(motion.joint, angle_noise(case, arm, len(time)), arm.sensors,
+                          arm.sample_time)
     return Record(time, motion.command, joint,
                   quantise(strain, arm.sensors.strain_step), COLUMNS[case.robot])
 

@@ -32,12 +32,19 @@ def gauge_gains(sensors: Sensors, time: Array) -> Array:
     return 1.0 + np.outer(warm, np.array(sensors.strain_gain) - 1.0)
 
 
-def logged_angles(reading: Array, sensors: Sensors, sample_time: float) -> Array:
-    """Return the angles (N, 2) rad as a log has them: late, and the first one until then."""
-    time = sample_time * np.arange(len(reading))
-    columns = [column if delay == 0.0 else CubicSpline(time, column)(np.maximum(time - delay, 0.0))
-               for delay, column in zip(sensors.angle_delay, reading.T)]
-    return np.column_stack(columns)
+def logged_angles(reading: Array, noise: Array, sensors: Sensors, sample_time: float) -> Array:
+    """
+    Return the angles (N, 2) rad as a log has them, from what the controller read with `noise`.
+
+    What is late is measured again: the motion of before, with the noise of now.
+    """
+    time, found = sample_time * np.arange(len(reading)), reading.copy()
+    for k, delay in enumerate(sensors.angle_delay):
+        if delay > 0.0:
+            motion = CubicSpline(time, reading[:, k] - noise[:, k])
+            found[:, k] = quantise(motion(np.maximum(time - delay, 0.0)) + noise[:, k],
+                                   sensors.angle_step[k])
+    return found
 
 
 def amplifier_output(motion: Motion, sensors: Sensors, sample_time: float) -> Array:

@@ -200,16 +200,19 @@ def drive_command(arm: ExtendedArm, record: Record) -> Array:
 
 
 def invert_sensors(arm: ExtendedArm, record: Record) -> Array:
-    """Return outputs without the affine sensor effects and strain delays, (N, 1 or B, m)."""
-    return _advance_strain(_without_sensor_effects(arm, record), arm.late)
+    """Return outputs without the affine sensor effects and delays, (N, 1 or B, m)."""
+    return shifted(_without_sensor_effects(arm, record), arm.late)
 
 
-def _advance_strain(measured: Array, late: int) -> Array:
-    """Return outputs (N, …, m) with strain advanced by `late` samples; the last value is held."""
-    if late == 0:
-        return measured
-    rows = np.minimum(np.arange(len(measured)) + late, len(measured) - 1)
-    return np.concatenate([measured[..., :2], measured[rows][..., 2:]], axis=-1)
+def shifted(outputs: Array, ahead: Indices) -> Array:
+    """Return outputs (N, …, m), each from (m,) samples ahead; the first or last value is held."""
+    if not ahead.any():
+        return outputs
+    found = outputs.copy()
+    for k in np.flatnonzero(ahead):
+        rows = np.clip(np.arange(len(outputs)) + ahead[k], 0, len(outputs) - 1)
+        found[..., k] = outputs[rows, ..., k]
+    return found
 
 
 def sensor_reading_of_error(arm: ExtendedArm, error: Array, time: Array) -> Array:

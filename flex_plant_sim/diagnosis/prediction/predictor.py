@@ -22,6 +22,7 @@ from flex_plant_sim.diagnosis.prediction.filter_run import (
     invert_sensors,
     predictor_matrices,
     sensor_reading_of_error,
+    shifted,
 )
 from flex_plant_sim.diagnosis.prediction.noise import (
     process_noise_variance,
@@ -32,7 +33,6 @@ from flex_plant_sim.diagnosis.prediction.noise import (
 )
 from flex_plant_sim.diagnosis.prediction.scheduled_matrices import ScheduledMatrices
 from flex_plant_sim.diagnosis.prediction.whitening import (
-    delay_strain,
     output_error,
     WhiteningFilter,
 )
@@ -61,7 +61,7 @@ class Predictor:
         Standard deviation of each output channel's noise, (m,).
     for_comparison : bool
         Whether hypotheses are compared with it. Then the filter contains the model discrepancy,
-        and strain that is read whole samples late is advanced to the angles it belongs to. A
+        and what is read whole samples late is advanced to the motion it belongs to. A
         likelihood does not depend on the order of the samples, so this is exact for a delay of
         any length; a prediction for use in real time must not do it.
     trajectory_effects : sequence of Effect
@@ -194,7 +194,7 @@ class Predictor:
         time = self.record.time[self.used_samples[rows]][..., None]
         if whitening is not None:
             residual = output_error(matrices, arm.output_matrix, errors, rows)
-            residual = delay_strain(sensor_reading_of_error(arm, residual, time), arm.late)
+            residual = shifted(sensor_reading_of_error(arm, residual, time), -arm.late)
             errors = whitening.whitened(residual, rows)
         else:
             errors = sensor_reading_of_error(arm, errors, time)

@@ -68,14 +68,6 @@ def output_error(matrices: ScheduledMatrices, output: Array, errors: Array, rows
     return _filtered(matrices, output, errors, rows, True)
 
 
-def delay_strain(residual: Array, late: int) -> Array:
-    """Return y - y_h (S, …, m) with the strain delayed by `late` samples, the first one held."""
-    if late == 0:
-        return residual
-    rows = np.maximum(np.arange(len(residual)) - late, 0)
-    return np.concatenate([residual[..., :2], residual[rows][..., 2:]], axis=-1)
-
-
 def _filtered(matrices: ScheduledMatrices, output: Array, given: Array, rows: Indices,
               inverse: bool) -> Array:
     """Return innovations of outputs, or (inverse) outputs of innovations, from a state of zero."""

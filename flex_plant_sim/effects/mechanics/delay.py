@@ -9,6 +9,14 @@ from numpy.typing import NDArray
 
 # Delay, s, below which there is none: a hundredth of a sample at 1 kHz.
 NO_DELAY = 1e-5
+# A delay closer than this to the next whole number of samples counts as whole, in samples.
+WHOLE = 1e-6
+
+
+def whole_samples(delay: float, sample_time: float) -> tuple[int, float]:
+    """Return a delay, s, as whole samples and the rest, s."""
+    whole = int(delay / sample_time + WHOLE)
+    return whole, max(delay - whole * sample_time, 0.0)
 
 
 def with_delayed_outputs(plant: StateSpace, rows: NDArray[np.intp], delay: float) -> StateSpace:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.state_space import StateSpace
 from flex_plant_sim.effects.base import Effect, Parameter
-from flex_plant_sim.effects.mechanics.delay import with_delayed_outputs
+from flex_plant_sim.effects.mechanics.delay import whole_samples, with_delayed_outputs
 import numpy as np
+from numpy.typing import NDArray
 
 
 class AngleDelay(Effect):
@@ -19,6 +20,12 @@ class AngleDelay(Effect):
         Parameter('delay_s', 's', 0.0, 0.0, 0.2, (0.005, 0.01, 0.02, 0.03, 0.05), 0.003, 0.03),)
     sites = 'joint'
     structural = True
+
+    def late(self, robot: Robot) -> tuple[NDArray[np.intp], Effect]:
+        """Return the whole samples of the delay, and the fraction that is left."""
+        late, _ = super().late(robot)
+        late[self.index], rest = whole_samples(self['delay_s'], robot.sample_time)
+        return late, AngleDelay(self.site, (rest,))
 
     def on_state_space(self, plant: StateSpace, robot: Robot) -> StateSpace:
         """Return the plant with three states more; the joint's sensor reads the first of them."""

@@ -5,15 +5,14 @@ from __future__ import annotations
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.state_space import StateSpace
 from flex_plant_sim.effects.base import Effect, Parameter
-from flex_plant_sim.effects.mechanics.delay import with_delayed_outputs
+from flex_plant_sim.effects.mechanics.delay import whole_samples, with_delayed_outputs
 from flex_plant_sim.effects.mechanics.gauge import gauge_places
-
-# A delay closer than this to the next whole number of samples counts as whole, in samples.
-WHOLE = 1e-6
+import numpy as np
+from numpy.typing import NDArray
 
 
 class StrainDelay(Effect):
-    """A delay of a site's gauges; whole samples can be split off one that all gauges share."""
+    """A delay of a site's gauges."""
 
     identifier = 'strain_delay'
     family = 'sensors'
@@ -23,12 +22,12 @@ class StrainDelay(Effect):
     sites = 'amplifier'
     structural = True
 
-    def late(self, sample_time: float) -> tuple[int, Effect]:
+    def late(self, robot: Robot) -> tuple[NDArray[np.intp], Effect]:
         """Return the whole samples of the delay, and the fraction that is left."""
-        if self.site != 'arm':
-            return 0, self
-        whole = int(self['delay_s'] / sample_time + WHOLE)
-        return whole, StrainDelay(self.site, (max(self['delay_s'] - whole * sample_time, 0.0),))
+        late, _ = super().late(robot)
+        whole, rest = whole_samples(self['delay_s'], robot.sample_time)
+        late[2 + gauge_places(robot, self.site)] = whole
+        return late, StrainDelay(self.site, (rest,))
 
     def on_state_space(self, plant: StateSpace, robot: Robot) -> StateSpace:
         """Return the plant with three states per gauge; the gauge reads the first of them."""
