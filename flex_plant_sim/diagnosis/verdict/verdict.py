@@ -23,6 +23,7 @@ from flex_plant_sim.diagnosis.causes.posterior import is_unknown, Posterior, Set
 from flex_plant_sim.diagnosis.causes.search import search, SearchResult
 from flex_plant_sim.diagnosis.causes.search_state import MIN_RELATIVE_PROBABILITY, Progress
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
+from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.diagnosis.verdict.command_timing import with_command_timing
@@ -251,9 +252,12 @@ def nothing_verdict(posterior: Posterior, parts: Sequence[PartEstimate]
     """Return the verdict where no set of causes is likelier than nothing; all together may be."""
     nothing, far = posterior.nothing_probability, _parts_beyond_tolerance(parts)
     if nothing >= 0.5:
+        allowed = DiscrepancyModel()
         return ('nothing_wrong',
-                'Nothing in the catalogue is wrong with the simulation: its errors stay within '
-                f'noise and part tolerances.{far}', ())
+                'Nothing in the catalogue is shown to be wrong with the simulation: its errors '
+                'stay within noise, part tolerances and what every model may miss '
+                f'({100.0 * allowed.torque_share[0]:.0f} % of the torque, '
+                f'{100.0 * allowed.gauge_share:.0f} % of the strain).{far}', ())
     rows = sorted(_effect_rows(posterior).items(), key=lambda row: -row[1])
     likely = {name: p for name, p in rows if p > MIN_RELATIVE_PROBABILITY * rows[0][1]}
     few = dict(list(likely.items())[:MAX_LISTED_NAMES])
