@@ -66,6 +66,18 @@ def test_a_late_gauge_is_predicted_as_if_it_were_in_time() -> None:
     assert np.all(np.std(found - own, axis=(0, 1)) < 0.001 * np.std(own, axis=(0, 1)))
 
 
+@pytest.mark.parametrize('late', ['angle_delay:joint_1:delay_s={}', 'strain_delay:arm:delay_s={}',
+                                  'motor_lag:joint_1:time_constant_s={},inside_loop=0'])
+def test_a_little_lateness_changes_little(late: str) -> None:
+    # From a state of zero, a delayed angle would jump to where the arm is.
+    p = predictor(simulated(), locked=False)
+    comparing = Predictor(p.base, p.windows, p.noise, for_comparison=True)
+    clean = comparing.whitened_residual()
+    small, large = (comparing.whitened_residual(effects(late.format(size))) - clean
+                    for size in (2e-4, 2e-3))
+    assert np.std(10.0 * small - large) < 0.2 * np.std(large)
+
+
 def test_a_gauge_whose_gain_creeps_is_predicted_as_if_it_did_not() -> None:
     record = simulated()
     crept = record.output.copy()

@@ -289,13 +289,22 @@ class Predictor:
         return invert_sensors(self.arm, self.record)[:, 0, :2]
 
     def trajectory_states(self, arm: ExtendedArm, rows: Indices) -> Array:
-        """Return the trajectory in an arm's states at samples (N,), (N, n); new ones are zero."""
-        states = self._matched_states(arm, rows)
-        if arm.acts_on_output:
-            states[:, :2] += self._joint_shift(arm)[rows]
+        """
+        Return the trajectory in an arm's states at samples (N,), (N, n).
+
+        New coordinates are zero. New first-order states, of lags, filters and delays, are at rest
+        with the others: a delayed angle that began at zero would jump.
+        """
+        states, known = self._matched_states(arm, rows)
+        states[:, :2] += self._joint_shift(arm)[rows]
+        if known < arm.states:
+            a, b = arm.plant.a[0, known:], arm.plant.b[0, known:]
+            driven = states[:, :known] @ a[:, :known].T + self.record.command[rows] @ b.T
+            states[:, known:] = -np.linalg.solve(a[:, known:], driven.T).T
         return states
 
-    def _matched_states(self, arm: ExtendedArm, rows: Indices) -> Array:
+    def _matched_states(self, arm: ExtendedArm, rows: Indices) -> tuple[Array, int]:
+        """Return the trajectory's states as an arm orders them, (N, n), and how many it knows."""
         n, own = arm.form.order, self.arm.form.order
         states, known = np.zeros((len(rows), arm.states)), self.states[rows]
         for place, name in enumerate(arm.form.names):
@@ -304,7 +313,7 @@ class Predictor:
                 states[:, [place, n + place]] = known[:, [there, own + there]]
         rest = min(known.shape[1] - 2 * own, arm.states - 2 * n)
         states[:, 2 * n:2 * n + rest] = known[:, 2 * own:2 * own + rest]
-        return states
+        return states, 2 * n + rest
 
 
 def _structural_effects(effects: Sequence[Effect]) -> tuple[Effect, ...]:
