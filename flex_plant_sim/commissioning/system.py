@@ -14,7 +14,8 @@ import numpy as np
 # Step of the finite differences, in tolerances: large against rounding, and small against the size
 # at which the residuals become nonlinear.
 STEP = 0.1
-# Number of blocks per window, each longer than half a period of the slowest mode.
+# Number of blocks per window. Each is longer than half a period of the slowest mode, so that their
+# sums are nearly independent; of more, a variance would be known better, but they would not be.
 BLOCKS = 8
 # Factor of the temper for errors of a model with few modes. They repeat themselves throughout a
 # log, so the blocks of one log do not show them. With this value the errors on arms of another
