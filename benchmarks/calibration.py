@@ -11,10 +11,10 @@ from __future__ import annotations
 import argparse
 from dataclasses import dataclass, replace
 from pathlib import Path
-import sys
 from tempfile import TemporaryDirectory
 import time
 
+import _truths  # noqa: F401
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.commissioning.calibration import calibrate
@@ -22,13 +22,11 @@ from flex_plant_sim.interval import Z95
 from flex_plant_sim.logs.read import read_log
 from flex_plant_sim.simulation.replay import replay
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1] / 'test'))
-from truth.configuration import Arm, Joint, Link, reference_arm  # noqa: E402
-from truth.excitation import set_points  # noqa: E402
-from truth.mujoco.simulation import simulate  # noqa: E402
-from truth.records import COLUMNS, sample_times  # noqa: E402
-from truth.sensors import amplifier_output  # noqa: E402
+from truth.configuration import Arm, Joint, Link, reference_arm
+from truth.excitation import set_points
+from truth.mujoco.simulation import simulate
+from truth.records import COLUMNS, sample_times
+from truth.sensors import amplifier_output
 
 # Relative tolerance, in the file that is calibrated, of the parts that are off.
 TOLERANCE = 0.1
