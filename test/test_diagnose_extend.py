@@ -96,11 +96,13 @@ def test_a_sensor_has_one_scale_and_one_zero(tmp_path: Path) -> None:
     np.testing.assert_allclose(after, before, rtol=1e-5)
 
 
-def test_scales_in_the_way_of_a_drift_stay(tmp_path: Path) -> None:
+@pytest.mark.parametrize('between', [
+    'strain_drift:strain_1a:drift_per_s=1e-06',
+    'strain_gain:strain_1a:factor=1,creep_per_s=0.001'])
+def test_scales_with_a_change_over_time_between_them_stay(between: str, tmp_path: Path) -> None:
     robot = load_robot('reference')
     effects = tuple(build(parse(text), robot) for text in (
-        'strain_gain:strain_1a:factor=0.9', 'strain_drift:strain_1a:drift_per_s=1e-06',
-        'strain_gain:strain_1a:factor=1.1'))
+        'strain_gain:strain_1a:factor=0.9', between, 'strain_gain:strain_1a:factor=1.1'))
     write_extended(tmp_path / 'robot.yaml', 'reference', robot, effects)
     assert effects_of(load_robot(tmp_path / 'robot.yaml')) == effects
 
