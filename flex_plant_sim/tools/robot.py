@@ -12,10 +12,9 @@ from flex_plant_sim.arm.robot_file import built_in_robots, load_robot, robot_tex
 from flex_plant_sim.arm.robot_text import with_numbers
 from flex_plant_sim.atomic_file import MARK, whole_file
 from flex_plant_sim.commissioning.calibrated_robot import calibrated_robot, calibration_text
-from flex_plant_sim.commissioning.calibration import calibrate
+from flex_plant_sim.commissioning.calibration import calibrate, MODEL, MODES
 from flex_plant_sim.commissioning.check import Check
 from flex_plant_sim.commissioning.drawing import write_drawing
-from flex_plant_sim.commissioning.residuals import MODEL, MODES
 from flex_plant_sim.commissioning.standard_move import simulated_move
 from flex_plant_sim.commissioning.template import reference_page, template
 from flex_plant_sim.commissioning.urdf import urdf

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.logs.log import Log
 from msg_config.errors import InputError
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +50,11 @@ class Record:
     output: Array
     payload: float
     lost: Array | None = None
+
+    @classmethod
+    def of(cls, log: Log, payload: float) -> Record:
+        """Return a log as a record: time from zero, with one payload, kg."""
+        return cls(log.source, log.time - log.time[0], log.command, log.output, payload, log.lost)
 
     @property
     def measured(self) -> Array:
