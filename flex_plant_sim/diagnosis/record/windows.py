@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 
 Indices = NDArray[np.int64]
 
-# Of the slowest mode, a window: with 3, three records keep their causes.
+# Length of a window, in periods of the slowest mode; with 3, three records keep their causes.
 PERIODS = 5
-# Not scored: in it an arm forgets that it starts in the nominal one's state.
+# Periods before a window that are not scored: in them an arm forgets that it starts in the
+# nominal one's state.
 WARM_UP_PERIODS = 1
-# No fit sees it: it judges the gain.
+# Share of the windows, the last ones, that no fit sees: they judge the gain.
 LOCKED_SHARE = 0.25
-# Windows to fit: fewer do not show by how much they disagree.
+# Least number of windows to fit: fewer do not show by how much they disagree.
 FEWEST = 4
 
 
