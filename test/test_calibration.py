@@ -8,7 +8,7 @@ import re
 
 from flex_plant_sim.arm.robot_file import load_robot, parse_robot, robot_text
 from flex_plant_sim.arm.robot_text import with_numbers
-from flex_plant_sim.commissioning.calibrated_robot import calibrated_robot
+from flex_plant_sim.commissioning.calibrated_robot import calibrated_robot, calibration_text
 from flex_plant_sim.commissioning.calibration import calibrate, Calibration
 from flex_plant_sim.diagnosis.likelihood.prior import part_priors
 from flex_plant_sim.diagnosis.verdict.results import PartEstimate
@@ -141,3 +141,10 @@ def test_a_shared_tolerance_is_that_of_the_least_known_part() -> None:
     assert found.stiffness == pytest.approx(0.5 * robot.tolerances.stiffness)
     assert found.gauge_position_m == pytest.approx(0.1 * robot.tolerances.gauge_position_m)
     assert found.payload == robot.tolerances.payload
+
+
+def test_a_part_far_from_its_file_is_doubted() -> None:
+    parts = [PartEstimate('damping_1', '', 0.3, mean, 0.1) for mean in (0.8, -1.0)]
+    for part, doubted in zip(parts, (False, True)):
+        text = calibration_text(Calibration(load_robot('reference'), (part,)))
+        assert ('more than 3 tolerances off: damping_1' in text) == doubted
