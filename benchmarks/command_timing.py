@@ -10,9 +10,8 @@ tool would say that they are logged late.
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
-import sys
 
+import _truths  # noqa: F401
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
 from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit
@@ -21,10 +20,8 @@ from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.diagnosis.verdict.command_timing import gain_if_moved
 from flex_plant_sim.diagnosis.verdict.verdict import nominal_base, slowest_frequency
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1] / 'test'))
-from truth.effects import CATALOGUE  # noqa: E402
-from truth.records import draw_case, FINITE_ELEMENTS, make_record, MUJOCO  # noqa: E402
+from truth.effects import CATALOGUE
+from truth.records import draw_case, FINITE_ELEMENTS, make_record, MUJOCO
 
 FIRST_SEED, SEVERITIES = 9101, (1.0, 2.5)
 

@@ -12,9 +12,8 @@ payload that the adaptive design believed at the end.
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
-import sys
 
+import _truths  # noqa: F401
 from flex_payload_estimator.control.lqg import LQGController, LQGSettings
 from flex_payload_estimator.control.set_points import square
 from flex_payload_estimator.estimators.factory import make_estimator
@@ -23,12 +22,10 @@ from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 import numpy as np
-
-sys.path.insert(1, str(Path(__file__).parents[1] / 'test'))
-from truth.assembly import assemble  # noqa: E402
-from truth.configuration import Arm, Joint, Link, reference_arm, Structure  # noqa: E402
-from truth.integrator import Loop, run  # noqa: E402
-from truth.simulation import copy_terms, plant_of, stable_step  # noqa: E402
+from truth.assembly import assemble
+from truth.configuration import Arm, Joint, Link, reference_arm, Structure
+from truth.integrator import Loop, run
+from truth.simulation import copy_terms, plant_of, stable_step
 
 MODEL, MODES, ESTIMATED_MODES = 'assumed_modes', 2, 3
 PAYLOADS = (0.0, 0.1, 0.3)

@@ -12,9 +12,8 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
-from pathlib import Path
-import sys
 
+import _truths  # noqa: F401
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.diagnosis.causes.gauss_newton import fit_set
 from flex_plant_sim.diagnosis.causes.hypothesis import CauseSet
@@ -24,9 +23,7 @@ from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.diagnosis.verdict.verdict import nominal_base, slowest_frequency
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1] / 'test'))
-from truth.records import draw_case, make_record  # noqa: E402
+from truth.records import draw_case, make_record
 
 # First seed, and blocks of a record whose sums give the long-run variance.
 FIRST_SEED, BLOCKS = 700, 48

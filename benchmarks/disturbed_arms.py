@@ -12,18 +12,15 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
-import sys
 
+import _truths  # noqa: F401
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.interval import Z95
 from model_error import rows_of
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1] / 'test'))
-from truth.records import draw_case, make_record, Record, TruthCase  # noqa: E402
+from truth.records import draw_case, make_record, Record, TruthCase
 
 TRUTHS = ('finite_elements', 'mujoco')
 TIMES_S = (1.0, 3.0, 6.0, 10.0)

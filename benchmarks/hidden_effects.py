@@ -14,20 +14,17 @@ import argparse
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from multiprocessing import get_context
-from pathlib import Path
-import sys
 
+import _truths  # noqa: F401
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.interval import Z95
 from model_error import rows_of
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1] / 'test'))
-from truth.configuration import ROBOTS  # noqa: E402
-from truth.effects import CATALOGUE  # noqa: E402
-from truth.records import draw_case, make_record  # noqa: E402
+from truth.configuration import ROBOTS
+from truth.effects import CATALOGUE
+from truth.records import draw_case, make_record
 
 TIMES_S = (0.5, 1.0, 2.0, 3.0, 6.0, 10.0, 20.0, 40.0)
 SEEDS = {'finite_elements': 8000, 'mujoco': 9000}

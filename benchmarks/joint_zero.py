@@ -14,18 +14,15 @@ import argparse
 from dataclasses import replace
 from functools import partial
 from multiprocessing import get_context
-from pathlib import Path
-import sys
 
+import _truths  # noqa: F401
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.interval import Z95
 from model_error import rows_of
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1] / 'test'))
-from truth.records import draw_case, make_record, Record  # noqa: E402
+from truth.records import draw_case, make_record, Record
 
 # Samples count from here on, s, or from the slip on.
 FIRST_S = 2.0

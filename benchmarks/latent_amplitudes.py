@@ -14,9 +14,8 @@ import argparse
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
-from pathlib import Path
-import sys
 
+import _truths  # noqa: F401
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.diagnosis.prediction.latent_forces import (
     latent_forces,
@@ -29,9 +28,7 @@ from flex_plant_sim.diagnosis.record.windows import Record, Windows
 from flex_plant_sim.diagnosis.verdict.verdict import nominal_base
 from flex_plant_sim.interval import Z95
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1] / 'test'))
-from truth.records import build_arm, draw_case, make_record, TruthCase  # noqa: E402
+from truth.records import build_arm, draw_case, make_record, TruthCase
 
 ROBOT = load_robot('reference')
 FIRST_SEED = 7000

@@ -15,9 +15,8 @@ import argparse
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
-import sys
 
+import _truths  # noqa: F401
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.diagnosis.prediction.latent_view import latent_view, LatentView
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
@@ -25,9 +24,7 @@ from flex_plant_sim.diagnosis.record.sensor_noise import measurement_noise
 from flex_plant_sim.diagnosis.record.windows import Record, Windows
 from flex_plant_sim.diagnosis.verdict.verdict import nominal_base
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1] / 'test'))
-from truth.records import draw_case, make_record, TruthCase  # noqa: E402
+from truth.records import draw_case, make_record, TruthCase
 
 ROBOT = load_robot('reference')
 FIRST_SEED, SLOWEST = 8000, 10.0

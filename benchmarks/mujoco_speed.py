@@ -13,10 +13,10 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
-import sys
 import time
 
+import _truths  # noqa: F401
+from finite_elements import natural_frequencies
 from flex_plant_sim.arm.robot import EffectSpec
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.effects import build as build_effect
@@ -27,13 +27,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
-
-sys.path.insert(1, str(Path(__file__).parents[1] / 'test'))
-from finite_elements import natural_frequencies  # noqa: E402, I100
-from truth.configuration import reference_arm  # noqa: E402
-from truth.mujoco.chain import build, Chain  # noqa: E402
-from truth.mujoco.simulation import BROKEN_STRAIN  # noqa: E402
-from truth.simulation import simulate as move  # noqa: E402
+from truth.configuration import reference_arm
+from truth.mujoco.chain import build, Chain
+from truth.mujoco.simulation import BROKEN_STRAIN
+from truth.simulation import simulate as move
 
 Array = NDArray[np.float64]
 # Payload, kg; sampling interval, s; samples; modes per link; segments per link of the chain.

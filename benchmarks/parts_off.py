@@ -15,9 +15,8 @@ import argparse
 from dataclasses import replace
 from functools import partial
 from multiprocessing import get_context
-from pathlib import Path
-import sys
 
+import _truths  # noqa: F401
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import load_robot
@@ -25,13 +24,11 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.interval import Z95
 from model_error import rows_of
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1] / 'test'))
-from truth.configuration import Arm, Joint, Link, reference_arm  # noqa: E402
-from truth.excitation import set_points  # noqa: E402
-from truth.mujoco.simulation import simulate  # noqa: E402
-from truth.records import COLUMNS, Record, sample_times  # noqa: E402
-from truth.sensors import amplifier_output, quantise, sensor_noise  # noqa: E402
+from truth.configuration import Arm, Joint, Link, reference_arm
+from truth.excitation import set_points
+from truth.mujoco.simulation import simulate
+from truth.records import COLUMNS, Record, sample_times
+from truth.sensors import amplifier_output, quantise, sensor_noise
 
 TIMES_S = (1.0, 3.0, 6.0, 10.0)
 PAYLOADS_KG = (0.05, 0.2)

@@ -21,18 +21,17 @@ from dataclasses import dataclass
 from pathlib import Path
 import sys
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
-
-from bank import score  # noqa: E402
-from bank.cases import all_cases  # noqa: E402
-from bank.summary import JUDGED  # noqa: E402
-from flex_plant_sim.diagnosis.likelihood.prior import (  # noqa: E402
+import _truths  # noqa: F401
+from bank import score
+from bank.cases import all_cases
+from bank.summary import JUDGED
+from flex_plant_sim.diagnosis.likelihood.prior import (
     imitation_odds,
     MAX_FURTHER_FAULTS,
 )
-import numpy as np  # noqa: E402
-from run_bank import read_results  # noqa: E402
-from scipy.optimize import minimize  # noqa: E402
+import numpy as np
+from run_bank import read_results
+from scipy.optimize import minimize
 
 # Label of the unknown, and named faults that are ordinary, so that only further ones count.
 UNKNOWN, ORDINARY = 'unknown', 2

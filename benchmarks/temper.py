@@ -17,30 +17,28 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from pathlib import Path
-import sys
 from tempfile import TemporaryDirectory
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
-
-from bank.cases import BankCase, CHAIN, ELEMENTS, Realisation  # noqa: E402
-from bank.records import write_record  # noqa: E402
-from bank.sizes import read_limits, sized_truth  # noqa: E402
-from flex_plant_sim.arm.robot import Robot  # noqa: E402
-from flex_plant_sim.arm.robot_file import load_robot  # noqa: E402
-from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet  # noqa: E402
-from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit  # noqa: E402
-from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel  # noqa: E402
-from flex_plant_sim.diagnosis.record.data import Data  # noqa: E402
-from flex_plant_sim.diagnosis.record.windows import Record  # noqa: E402
-from flex_plant_sim.diagnosis.verdict.verdict import (  # noqa: E402
+import _truths  # noqa: F401
+from bank.cases import BankCase, CHAIN, ELEMENTS, Realisation
+from bank.records import write_record
+from bank.sizes import read_limits, sized_truth
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.robot_file import load_robot
+from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
+from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit
+from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
+from flex_plant_sim.diagnosis.record.data import Data
+from flex_plant_sim.diagnosis.record.windows import Record
+from flex_plant_sim.diagnosis.verdict.verdict import (
     nominal_base,
     slowest_frequency,
 )
-from flex_plant_sim.logs.read import read_log  # noqa: E402
-import numpy as np  # noqa: E402
-from truth.configuration import ROBOTS  # noqa: E402
-from truth.records import random_stream, TruthCase  # noqa: E402
-from truth.tolerances import with_tolerances  # noqa: E402
+from flex_plant_sim.logs.read import read_log
+import numpy as np
+from truth.configuration import ROBOTS
+from truth.records import random_stream, TruthCase
+from truth.tolerances import with_tolerances
 
 TEMPERS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
 # First seed; the rounds of the calibration bank end below it.

@@ -13,7 +13,9 @@ from flex_plant_sim.arm.robot_text import DIGITS, document, with_numbers
 from flex_plant_sim.diagnosis.report.extended_file import specs, write_extended
 from flex_plant_sim.effects import build, catalogue, effects_of, parse, sites
 from flex_plant_sim.effects.base import Effect
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from msg_config.errors import InputError
+import numpy as np
 import pytest
 import yaml
 
@@ -72,6 +74,37 @@ def test_comments_stay_and_effects_are_not_doubled(tmp_path: Path) -> None:
     assert text.startswith('# The reference robot')
     assert text.count('effects:') == 1
     assert effects_of(parse_robot(text, 'twice')) == (first, second)
+
+
+def test_a_sensor_has_one_scale_and_one_zero(tmp_path: Path) -> None:
+    robot = load_robot('reference')
+    # As the user's file, the parts and a cause may bring them.
+    several = [build(parse(text), robot) for text in (
+        'strain_gain:strain_1a:factor=0.9', 'strain_bias:strain_1a:bias=2e-6',
+        'coulomb_friction:joint_2:level_n_m=0.2', 'strain_gain:strain_1a:factor=1.1',
+        'strain_bias:strain_1a:bias=-1e-6', 'angle_offset:joint_2:offset_rad=0.02',
+        'strain_gain:strain_2b:factor=1.05', 'angle_offset:joint_2:offset_rad=-0.005')]
+    write_extended(tmp_path / 'robot.yaml', 'reference', robot, several)
+    again = effects_of(load_robot(tmp_path / 'robot.yaml'))
+    assert [(effect.identifier, effect.site) for effect in again] == [
+        ('strain_gain', 'strain_1a'), ('strain_bias', 'strain_1a'),
+        ('coulomb_friction', 'joint_2'), ('angle_offset', 'joint_2'),
+        ('strain_gain', 'strain_2b')]
+    true = np.linspace(-1e-4, 2e-4, 24).reshape(4, 6)
+    before, after = (ExtendedArm(robot, effects=each).sense(true, 0.0)
+                     for each in (tuple(several), again))
+    np.testing.assert_allclose(after, before, rtol=1e-5)
+
+
+@pytest.mark.parametrize('between', [
+    'strain_drift:strain_1a:drift_per_s=1e-06',
+    'strain_gain:strain_1a:factor=1,creep_per_s=0.001'])
+def test_scales_with_a_change_over_time_between_them_stay(between: str, tmp_path: Path) -> None:
+    robot = load_robot('reference')
+    effects = tuple(build(parse(text), robot) for text in (
+        'strain_gain:strain_1a:factor=0.9', between, 'strain_gain:strain_1a:factor=1.1'))
+    write_extended(tmp_path / 'robot.yaml', 'reference', robot, effects)
+    assert effects_of(load_robot(tmp_path / 'robot.yaml')) == effects
 
 
 @pytest.mark.parametrize('existing', [

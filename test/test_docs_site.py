@@ -39,6 +39,19 @@ def test_every_status_and_verdict_is_explained(repository: Path) -> None:
         assert f'| `{name}` |' in page, name
 
 
+def test_every_module_is_on_the_map(repository: Path) -> None:
+    page = (repository / 'docs/architecture.md').read_text(encoding='utf-8')
+    families = {'drive', 'joint', 'payload', 'sensor', 'structure'}
+    modules = {path.name for package in ('flex_plant_sim', 'flex_payload_estimator', 'msg_config')
+               for path in (repository / package).rglob('*.py')
+               if path.parent.name not in families}
+    assert not [name for name in sorted(modules) if name not in page]
+    named = {name for text in re.findall(r'`([^`]+)`', page)
+             for name in re.findall(r'\w+\.py', text)}
+    present = {path.name for path in repository.rglob('*.py') if '.venv' not in path.parts}
+    assert named <= present
+
+
 def test_every_link_of_the_readme_leads_somewhere(repository: Path) -> None:
     text = (repository / 'README.md').read_text(encoding='utf-8')
     for target in re.findall(r'\]\(([^)#]+)\)', text):

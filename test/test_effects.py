@@ -13,7 +13,7 @@ from typing import Any
 from flex_plant_sim.arm.robot import EffectSpec
 from flex_plant_sim.arm.robot_file import load_robot, parse_robot
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.effects import build, catalogue, effects_of, explain, parse, sites
+from flex_plant_sim.effects import build, catalogue, effects_of, explanation_at, parse, sites
 from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.simulator import simulate, Simulator
@@ -73,7 +73,7 @@ def test_declaration(identifier: str) -> None:
             assert not signed or {np.sign(s - p.null) for s in p.starts} == {-1.0, 1.0} \
                 or identifier == 'coriolis_centripetal'
     for site in sites(effect, ROBOT):
-        sentence = explain(clear(effect, site))
+        sentence = explanation_at(effect, site)
         assert sentence.endswith('.') and '{' not in sentence
 
 

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
-from flex_payload_estimator.tools.diagnose import record_of
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.diagnosis.record.data import Data
+from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.logs.read import read_log
 from flex_plant_sim.tools.log_input import hints
@@ -155,7 +155,7 @@ def test_lost_rows_leave_the_noise_as_it_is(tmp_path: Path) -> None:
                header=','.join(NAMES), comments='')
     log = read_log(tmp_path / 'log.csv', ROBOT)
     assert log.lost is not None and log.lost.sum() > 300
-    noise, = Data.of([record_of(log, 0.1)], 10.0, 0.01).noise
+    noise, = Data.of([Record.of(log, 0.1)], 10.0, 0.01).noise
     assert noise == pytest.approx(size, rel=0.1)
 
 

@@ -36,9 +36,10 @@ from trajectory_msgs.msg import JointTrajectory
 # Interval of the watchdog, s: a command on its way to zero is sent twice in the time that drives
 # wait for one.
 WATCH_INTERVAL = 0.05
-# Most payloads that are kept until their sample comes.
+# Most payloads that are kept until their sample comes: as many as a publisher keeps (topics.yaml).
 MAX_EARLY_PAYLOADS = 10
-# Payloads in time, one after another, after which the node waits for them again.
+# Payloads in time, one after another, after which the node waits for them again: at 100 Hz as long
+# as PAYLOAD_TIMEOUT.
 IN_TIME = 10
 # Time without a payload in time after which diagnostics say so, s: as long as drives wait for a
 # command (COMMAND_TIMEOUT of the plant). A single late payload does no harm.

@@ -99,17 +99,11 @@ def options() -> argparse.ArgumentParser:
     return parser
 
 
-def record_of(log: Log, payload: float) -> Record:
-    """Return a log as a record of the diagnosis: time from zero, one payload in kg."""
-    return Record(log.source, log.time - log.time[0], log.command, log.output, payload,
-                  log.lost)
-
-
 def run(logs: Sequence[Log], robot: Robot, arguments: argparse.Namespace,
         progress: Progress) -> Findings:
     """Diagnose, extend the model and measure the gain; write nothing."""
     payload = robot.payload_mass if arguments.payload is None else arguments.payload
-    records = [record_of(log, payload) for log in logs]
+    records = [Record.of(log, payload) for log in logs]
     nominal = nominal_base(robot, arguments.model, arguments.modes, not arguments.no_coriolis)
     # A hypothesis may diverge; its fit is dropped, so NumPy's warnings would only confuse.
     with np.errstate(all='ignore'):

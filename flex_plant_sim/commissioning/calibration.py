@@ -1,8 +1,8 @@
 """
-Calibrates the parts of an arm from logs with a known payload: maximum a posteriori, Gauss-Newton.
+Calibrates the parts of an arm from logs with a known payload.
 
-The residuals are one-step prediction errors of the diagnosis' predictor; every part has the
-Gaussian prior of its tolerance around the robot file.
+The parts are those of the diagnosis, with the Gaussian priors of their tolerances; the estimate is
+its fit of the set without causes (docs/evidence.md), on the whole of the logs.
 """
 
 from __future__ import annotations
@@ -10,23 +10,29 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+from flex_plant_sim.arm.parts import within_file_limits
 from flex_plant_sim.arm.robot import Robot
-from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.commissioning.items import calibration_items, Item, with_deviations
-from flex_plant_sim.commissioning.residuals import MODEL, Residuals
-from flex_plant_sim.commissioning.system import System
+from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
+from flex_plant_sim.diagnosis.causes.fit import Fit
+from flex_plant_sim.diagnosis.causes.refined_fit import LINEARISATION_ERROR, RefinedFit
+from flex_plant_sim.diagnosis.likelihood.prior import part_priors, with_deviations
+from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
+from flex_plant_sim.diagnosis.record.data import Data
+from flex_plant_sim.diagnosis.record.windows import Record
+from flex_plant_sim.diagnosis.report.extended_file import merged_readings, specs
+from flex_plant_sim.diagnosis.verdict.results import PartEstimate
+from flex_plant_sim.diagnosis.verdict.verdict import nominal_base, slowest_frequency
 from flex_plant_sim.logs.log import Log
-from flex_plant_sim.simulation.nominal import nominal_robot
 import numpy as np
 
-# Largest number of Gauss-Newton iterations; the log of the tutorial takes four.
-ITERATIONS = 12
-# Step, in tolerances, below which the iteration has converged; smaller deviations are set to 0.
-SETTLED = 0.1
-# Largest number of halvings of a step: to a thirtieth of it.
-HALVINGS = 5
-# Parts that are not calibrated, because they belong to the payload, which is known.
-KNOWN = ('payload_inertia',)
+# Model and modes per link: the defaults of all tools.
+MODEL, MODES = 'assumed_modes', 3
+# Fits one after another, each linearised around the one before, at most. MuJoCo arms with every
+# part 5 to 10 % off take two or three (benchmarks/calibration.py).
+MAX_FITS = 10
+# Deviations below this, in tolerances, are left at the robot file's number: half a minute tells
+# the best-known part of the reference arm to more.
+NOTABLE = 0.1
 
 
 @dataclass(frozen=True)
@@ -37,18 +43,14 @@ class Calibration:
     Attributes
     ----------
     robot : Robot
-        Robot with the calibrated parts; gauge scales and zeros, and the Coriolis forces, are among
-        its effects.
-    items : tuple of Item
-    before, after : Array
-        Root mean square one-step prediction error of each channel, (m,).
+        Robot with the calibrated parts; gauge scales and zeros, joint 2's zero and the Coriolis
+        forces are among its effects.
+    parts : tuple of PartEstimate
 
     """
 
     robot: Robot
-    items: tuple[Item, ...]
-    before: Array
-    after: Array
+    parts: tuple[PartEstimate, ...]
 
 
 def calibrate(logs: Sequence[Log], robot: Robot, payload: float,
@@ -65,7 +67,7 @@ def calibrate(logs: Sequence[Log], robot: Robot, payload: float,
     payload : float
         Payload in all logs, kg.
     progress : Callable
-        Called with a line of text after each iteration.
+        Called with a line of text after each fit.
 
     Raises
     ------
@@ -73,42 +75,35 @@ def calibrate(logs: Sequence[Log], robot: Robot, payload: float,
         A log is too short.
 
     """
-    # The new robot file lists the Coriolis forces that the fit assumes.
-    robot = nominal_robot(robot, MODEL)
-    told = replace(robot, payload_mass=payload, sample_time=logs[0].sample_time)
-    items = [item for item in calibration_items(told) if item.name not in KNOWN]
-    residuals = Residuals(logs, told)
-    values, before = np.zeros(len(items)), residuals.of(told)
-    for iteration in range(ITERATIONS):
-        system = System.of(residuals, told, items, values)
-        moved = _descent(residuals, told, items, values, system)
-        largest = float(np.abs(moved - values).max())
-        progress(f'iteration {iteration + 1}: largest step {largest:.2g} tolerances')
-        values = moved
-        residuals = residuals.around(with_deviations(told, items, values))
-        if largest < SETTLED:
+    known = replace(robot.tolerances, payload=0.0, payload_inertia_kg_m2=0.0)
+    base = nominal_base(replace(robot, payload_mass=payload, tolerances=known,
+                                sample_time=logs[0].sample_time), MODEL, MODES)
+    fit = _converged(base, _whole([Record.of(log, payload) for log in logs], base), progress)
+    parts = part_priors(base.robot, payload)
+    tolerances = np.array([part.tolerance for part in parts])
+    values = np.where(np.abs(fit.deviations) < NOTABLE * tolerances, 0.0, fit.deviations)
+    found, sensors = with_deviations(base.robot, parts, values)
+    found = replace(within_file_limits(found), payload_mass=robot.payload_mass,
+                    tolerances=robot.tolerances, sample_time=robot.sample_time,
+                    effects=specs(merged_readings((*base.effects, *sensors))))
+    return Calibration(found, tuple(
+        PartEstimate(part.name, part.unit, part.tolerance, float(value), float(deviation))
+        for part, value, deviation in zip(parts, values, np.sqrt(np.diagonal(fit.covariance)))))
+
+
+def _whole(records: Sequence[Record], base: BaseModel) -> Data:
+    """Return the records with nothing locked: nothing is judged by it."""
+    data = Data.of(records, slowest_frequency(base, records[0].payload), base.robot.sample_time)
+    return Data((*data.windows, *data.locked), (), 2 * data.noise)
+
+
+def _converged(base: BaseModel, data: Data, progress: Callable[[str], None]) -> Fit:
+    """Return the fit without causes that a further linearisation does not better."""
+    candidate, fits = CandidateSet((), (np.zeros(0),)), []
+    for k in range(MAX_FITS):
+        fits.append(RefinedFit.refine(candidate, base, data).fit)
+        progress(f'fit {k + 1}: log-evidence {fits[-1].log_evidence:.1f} nats')
+        if k and fits[-1].log_evidence - fits[-2].log_evidence < LINEARISATION_ERROR:
             break
-    values[np.abs(values) < SETTLED] = 0.0
-    std = np.sqrt(np.diagonal(system.covariance))
-    found = tuple(replace(item, deviation=float(value * item.tolerance),
-                          std=float(deviation * item.tolerance))
-                  for item, value, deviation in zip(items, values, std))
-    after = residuals.of(with_deviations(told, items, values))
-    return Calibration(with_deviations(robot, items, values), found, _rms(before), _rms(after))
-
-
-def _descent(residuals: Residuals, robot: Robot, items: Sequence[Item], values: Array,
-             system: System) -> Array:
-    """Return the values after one Gauss-Newton step, halved until the posterior increases."""
-    errors = residuals.of(with_deviations(robot, items, values))
-    step, height = system.step, system.height(errors, values)
-    for _ in range(HALVINGS):
-        moved = values + step
-        if system.height(residuals.of(with_deviations(robot, items, moved)), moved) < height:
-            return moved
-        step = 0.5 * step
-    return values
-
-
-def _rms(errors: Array) -> Array:
-    return np.asarray(np.sqrt(np.mean(errors**2, axis=(0, 1))))
+        candidate = CandidateSet.of(fits[-1])
+    return max(fits, key=lambda fit: fit.log_evidence)

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 import math
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.commissioning.items import calibration_items
 from flex_plant_sim.commissioning.standard_move import (
     Move,
     standard_move,
     STROKE,
     STROKES,
 )
+from flex_plant_sim.diagnosis.likelihood.prior import part_priors, PartPrior, with_deviations
+from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.nominal import nominal_effects
 from flex_plant_sim.simulation.simulator import simulate, Simulator
@@ -29,6 +31,10 @@ STEP = 1e-2
 MAX_SAMPLES = 10_000
 # Output, rad or m/m, from which the simulation has diverged; its square is still finite.
 DIVERGED = 1e6
+
+# A robot that deviates, and the effects that its sensors then have.
+Changed = tuple[Robot, tuple[Effect, ...]]
+Change = Callable[[float], Changed]
 
 
 @dataclass(frozen=True)
@@ -58,17 +64,19 @@ def observability(robot: Robot, modes: int) -> Observability:
         robot.payload_inertia, STEP * robot.tolerances.payload_inertia_kg_m2))
     quick = standard_move(_averaged(robot, STROKES * STROKE))
     robot = _averaged(robot, quick.strokes * quick.stroke)
-    move, items = standard_move(robot), calibration_items(robot)
+    move, known = standard_move(robot), replace(robot.tolerances, payload=0.0)
+    parts = part_priors(replace(robot, tolerances=known), robot.payload_mass)
     noise = np.array([robot.angle_noise] * 2 + [robot.strain_noise] * len(robot.gauge_names))
 
-    def slope(change: Callable[[Robot, float], Robot], step: float) -> Array:
-        outputs = [_output(change(robot, way * step), modes, move) for way in (1.0, -1.0)]
+    def slope(change: Change, step: float) -> Array:
+        outputs = [_output(*change(way * step), modes, move) for way in (1.0, -1.0)]
         return ((outputs[0] - outputs[1]) / (2.0 * step) / noise).ravel()
 
-    payload = slope(_with_payload, STEP * robot.payload_mass)
+    payload = slope(partial(_with_payload, robot), STEP * robot.payload_mass)
     # The information is well scaled in units of the tolerances.
-    others = np.stack([item.tolerance * slope(item.change, STEP * item.tolerance)
-                       for item in items], axis=-1)
+    others = np.stack([part.tolerance * slope(partial(_with_part, robot, part),
+                                              STEP * part.tolerance)
+                       for part in parts], axis=-1)
     return Observability(move, float(1.0 / np.linalg.norm(payload)), _bound(payload, others))
 
 
@@ -80,12 +88,17 @@ def _averaged(robot: Robot, duration: float) -> Robot:
                    strain_noise=robot.strain_noise / math.sqrt(count))
 
 
-def _with_payload(robot: Robot, step: float) -> Robot:
-    return replace(robot, payload_mass=robot.payload_mass + step)
+def _with_payload(robot: Robot, step: float) -> Changed:
+    return replace(robot, payload_mass=robot.payload_mass + step), ()
 
 
-def _output(robot: Robot, modes: int, move: Move) -> Array:
-    arm = ExtendedArm(robot, 'assumed_modes', modes, robot.payload_mass, nominal_effects(robot))
+def _with_part(robot: Robot, part: PartPrior, step: float) -> Changed:
+    return with_deviations(robot, [part], np.array([step]))
+
+
+def _output(robot: Robot, sensors: tuple[Effect, ...], modes: int, move: Move) -> Array:
+    arm = ExtendedArm(robot, 'assumed_modes', modes, robot.payload_mass,
+                      (*nominal_effects(robot), *sensors))
     with np.errstate(all='ignore'):
         output = simulate(Simulator(arm), move.commands)[0]
     if not np.abs(output).max() < DIVERGED:

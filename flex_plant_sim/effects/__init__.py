@@ -138,11 +138,6 @@ def effects_of(robot: Robot) -> tuple[Effect, ...]:
         raise InputError(f'{robot.name}: {error}') from None
 
 
-def explain(effect: Effect) -> str:
-    """Return an effect's explanation with its site, in one sentence."""
-    return explanation_at(type(effect), effect.site)
-
-
 def explanation_at(effect: type[Effect], site: str) -> str:
     """Return the explanation of a kind of effect at a site, with the site's name in words."""
     words = site.replace('_', ' ')

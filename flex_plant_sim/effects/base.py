@@ -140,8 +140,6 @@ class Effect(ABC):
     event_duration: ClassVar[str] = ''
     # Whether the contribution of the effect is proportional to its sizes.
     linear: ClassVar[bool] = False
-    # Whether every arm has the effect, so that the possible cause is a model that leaves it out.
-    in_nature: ClassVar[bool] = False
     # Whether its force depends on the acceleration.
     inertial: ClassVar[bool] = False
 

@@ -145,8 +145,9 @@ def _exchanged(measured: Array, expected: Array, names: Sequence[str], units: Se
         # With the better of both signs, as an inverted channel is not an exchanged one.
         return min(float(np.sum((measured[:, i] - sign * expected[:, j])**2))
                    for sign in (1.0, -1.0))
-    with np.errstate(divide='ignore'):
-        size, wanted = (np.log(np.linalg.norm(x, axis=0)) for x in (measured, expected))
+    # A channel that is zero throughout has a logarithm, too.
+    size, wanted = (np.log(np.maximum(np.linalg.norm(x, axis=0), np.finfo(float).tiny))
+                    for x in (measured, expected))
 
     def looks_exchanged(i: int, j: int) -> bool:
         if units[i] == 'm/m' and names[i][:-1] == names[j][:-1]:

@@ -111,23 +111,27 @@ def _told(what: str, found: Share) -> tuple[str, str, str, bool | None]:
     return what, '', str(found), None
 
 
+HOW_IT_IS_MADE = f"""\
+How often is `flex_diagnose` right? Records of arms with a hidden effect are made and judged:
+
+- **Two simulators** that share no dynamics code with the fit make them: finite elements and a
+  chain of rigid segments in MuJoCo (`test/truth`).
+- **Arms** have part tolerances, coloured and quantised noise and two further effects of half a
+  detection limit.
+- **Forms.** Nature gives each effect in one of its forms (`FORMS_OF` in `test/bank/cases.py`).
+- **Sizes** are in detection limits of a clean record (`test/bank/limits.json`): 1, 2 and 4, as far
+  as a size can be reached. Stribeck friction is as large as all of it near rest, by the limit of
+  dry friction; what parts the two, its extra, may be much less.
+- **Truncation.** Where `modal_truncation` is hidden the model is that of the paper, which leaves
+  out Coriolis forces too: both are to be named.
+- **Told** are the robot file and the payload that the operator believes in.
+- **Surely** means a name stated from {score.SURE:g} on. Intervals are Wilson's, 95 %."""
+
+
 def text(lines: Sequence[Line], commit: str, picture: str | None = None) -> str:
     """Return the report as Markdown; `commit` names the code that was judged."""
-    parts = ['# Bank of hidden effects', '',
-             f'Made by `make bank` with commit {commit}. Two simulators that share no dynamics '
-             'code with the fit, finite elements and a chain of rigid segments in MuJoCo '
-             '(`test/truth`), make records of arms with part tolerances, coloured and quantised '
-             'noise and two further effects of half a detection limit; nature gives each effect '
-             'in one of its forms (`FORMS_OF` in `test/bank/cases.py`). `flex_diagnose` gets the '
-             'file and the payload that the operator believes in. Sizes are in detection limits '
-             'of a clean record (`test/bank/limits.json`): 1, 2 and 4, as far as a size can be '
-             'reached; Stribeck friction is as large as all of it near rest, by the limit of dry '
-             'friction: what parts the two, its extra, may be much less. Where '
-             '`modal_truncation` is hidden the model is that of the paper, which leaves out '
-             'Coriolis forces too: both are to be named. A name is stated surely from '
-             f"{score.SURE:g} on. Intervals are Wilson's, 95 %. Seeds: "
-             f'{_seeds(lines)}.', '',
-             f'{len(lines)} cases.', '',
+    parts = ['# Bank of hidden effects', '', f'Made by `make bank` with commit {commit}.', '',
+             HOW_IT_IS_MADE, '', f'{len(lines)} cases. Seeds: {_seeds(lines)}.', '',
              '| | demanded | measured | |', '|---|---|---|---|']
     parts += [f'| {what} | {demand} | {found} | {_mark(met)} |'
               for what, demand, found, met in figures(lines)]

@@ -245,7 +245,9 @@ def draw(found: dict[str, list[dict[str, float]]], path: Path) -> None:
         for name in ('p50', 'p99'):
             column[1].plot(minutes, [row[name] for row in rows], label=name)
         for topic in TOPICS[1:]:
-            column[2].plot(minutes, [row['joint_states'] - row[topic] for row in rows],
+            missing = [row['joint_states'] - row[topic] for row in rows]
+            # What came before the first answer is no loss.
+            column[2].plot(minutes, [count - missing[0] for count in missing],
                            label=f'without {topic}')
         column[0].set_title(mode)
         for axis, text in zip(column, ('resident memory, MB', 'sample to command, ms',

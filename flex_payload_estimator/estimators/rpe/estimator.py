@@ -37,9 +37,9 @@ class RecursivePredictionError:
     """
     A joint posterior of state, payload, parts and gauges, under the mode that predicts best.
 
-    docs/estimators.md has the method; modes.py the hypotheses about the model, and transitions.py
-    every way from one to another. A sample passes through `update`, which predicts, learns and
-    answers, and `conclude`, which steps the trials and decides who is the incumbent.
+    docs/estimator_method.md has the method; modes.py the hypotheses about the model, and
+    transitions.py every way from one to another. A sample passes through `update`, which predicts,
+    learns and answers, and `conclude`, which steps the trials and decides who is the incumbent.
 
     Parameters
     ----------

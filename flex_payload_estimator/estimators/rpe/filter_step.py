@@ -311,7 +311,7 @@ class FilterStep:
         Return the payload, kg, and the variance to publish, kg^2.
 
         With free parts that is D [V_mm + (0.01 m)^2 + V_c + (m - m_a)^2 + sigma_s^2 m^2], see
-        docs/estimators.md; else the model-averaged variance.
+        docs/estimator_method.md; else the model-averaged variance.
 
         Parameters
         ----------

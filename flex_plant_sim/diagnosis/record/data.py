@@ -9,7 +9,7 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.record.sensor_noise import measurement_noise
 from flex_plant_sim.diagnosis.record.windows import Record, Windows
 
-# Of long records, evenly chosen windows: the time that a diagnosis takes.
+# Samples in all windows at most; of longer records, evenly chosen windows are used. A budget.
 SAMPLES = 12000
 
 

@@ -7,9 +7,10 @@ from math import comb
 from flex_plant_sim.arm.second_order import Array
 import numpy as np
 
-# Order: what moves slowly beside the sampling vanishes in it.
+# Order of the differences: what moves slowly beside the sampling vanishes in them.
 DIFFERENCES = 5
-# Of how much a gauge varies: one that is filtered shows less noise than it errs.
+# Least noise of a gauge, as a share of how much it varies: one that is filtered shows less noise
+# than it errs.
 LEAST_STRAIN = 1e-3
 
 

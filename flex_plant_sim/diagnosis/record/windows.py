@@ -6,19 +6,21 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.logs.log import Log
 from msg_config.errors import InputError
 import numpy as np
 from numpy.typing import NDArray
 
 Indices = NDArray[np.int64]
 
-# Of the slowest mode, a window: with 3, three records keep their causes.
+# Length of a window, in periods of the slowest mode; with 3, three records keep their causes.
 PERIODS = 5
-# Not scored: in it an arm forgets that it starts in the nominal one's state.
+# Periods before a window that are not scored: in them an arm forgets that it starts in the
+# nominal one's state.
 WARM_UP_PERIODS = 1
-# No fit sees it: it judges the gain.
+# Share of the windows, the last ones, that no fit sees: they judge the gain.
 LOCKED_SHARE = 0.25
-# Windows to fit: fewer do not show by how much they disagree.
+# Least number of windows to fit: fewer do not show by how much they disagree.
 FEWEST = 4
 
 
@@ -49,6 +51,11 @@ class Record:
     output: Array
     payload: float
     lost: Array | None = None
+
+    @classmethod
+    def of(cls, log: Log, payload: float) -> Record:
+        """Return a log as a record: time from zero, with one payload, kg."""
+        return cls(log.source, log.time - log.time[0], log.command, log.output, payload, log.lost)
 
     @property
     def measured(self) -> Array:

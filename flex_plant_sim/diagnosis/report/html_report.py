@@ -38,7 +38,7 @@ VERDICT_TEXT: Mapping[str, str] = {
     'cannot_tell': 'cannot tell which', 'not_in_catalogue': 'not in the catalogue',
     'cause_and_remainder': 'cause found, something is left',
     'data_cannot_answer': 'the data cannot answer'}
-# Number of candidates that are listed.
+# Number of candidates that are listed: a screen of them, as of the answer's sets (verdict.py).
 RANKED = 12
 
 

@@ -74,7 +74,7 @@ def _picture(finding: Finding, trial: CrossValidation) -> Picture:
     scale, unit = shown_unit(series.unit)
     factor, at_unit = shown_unit(series.variables[variable][0])
     x, rows = factor * series.variables[variable][1], np.flatnonzero(series.scored)
-    explained = f'{max(trial.share, 0.0):.0%}' if finding.exceeds_model_error else ''
+    explained = percent_text(max(trial.share, 0.0)) if finding.exceeds_model_error else ''
 
     def draw(figure: Any) -> None:
         axis = figure.subplots()

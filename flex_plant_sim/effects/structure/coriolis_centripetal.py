@@ -29,7 +29,6 @@ class CoriolisCentripetal(Effect):
     explanation = 'The arm moves so fast that Coriolis and centripetal forces matter.'
     parameters = (Parameter('share', '', 0.0, -1.0, 3.0, (1.0,), 0.3, 1.0),)
     sites = 'arm'
-    in_nature = True
 
     def rows(self, form: SecondOrderForm, payload: float) -> Array | None:
         """Return share e, s, and the rows of w_1 and w_2, (4, N); None for the paper's form."""

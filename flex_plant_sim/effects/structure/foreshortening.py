@@ -30,7 +30,6 @@ class Foreshortening(Effect):
     sites = 'arm'
     # Not a cause to look for: it is too small to be told apart from the parts' tolerances.
     named = False
-    in_nature = True
     inertial = True
 
     def force(self, motion: Motion) -> Array | float:

@@ -23,7 +23,6 @@ class ModalTruncation(Effect):
     parameters = (Parameter('modes', 'modes a link', 1.0, 1.0, 12.0, (2.0, 3.0, 4.0), 0.5, 3.0,
                             discrete=True),)
     sites = 'arm'
-    in_nature = True
     structural = True
     reshapes = True
 
