@@ -173,9 +173,14 @@ class ModeCompetition:
             trial.log_ratio = 0.0
 
     def _let_jump(self, trial: Trial, sample: Sample, loads: Loads) -> None:
-        """Let a walking payload jump, if so to be judged where it is then."""
+        """
+        Let a walking payload jump.
+
+        It is judged where it is then; so is one that has left what the incumbent's linearisation
+        holds for.
+        """
         after = self.stepper.after_jump(trial.kalman, sample, loads)
-        if after is not trial.kalman:
+        if after is not trial.kalman or trial.judged and self.stepper.is_beyond_gate(trial.judged):
             trial.kalman, trial.judged = after, None
 
     def _begin_trials(self, incumbent: Filter, time: float) -> None:

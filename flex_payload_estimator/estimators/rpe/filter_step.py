@@ -216,6 +216,10 @@ class FilterStep:
         return mean_square * self.told_variance.size >= compiled_step.GATE \
             and bool((f.cov.diagonal() > self.start_cov.diagonal()).any())
 
+    def is_beyond_gate(self, f: Filter) -> bool:
+        """Tell whether the last sample was beyond what noise does to a filter."""
+        return f.mean_square * self.told_variance.size >= compiled_step.GATE
+
     def _offset(self, x: Array, time: float) -> Array:
         """Return what the sensors' effects add to C x, (m,)."""
         if not self._offsets:
@@ -250,7 +254,7 @@ class FilterStep:
             The sample, and the loads before it.
 
         """
-        if after.mean_square * self.told_variance.size < compiled_step.GATE:
+        if not self.is_beyond_gate(after):
             return after
         return max([after, *(self._jumped(after.before_prediction(), *cell, sample, loads)
                              for cell in self.payload_cells())],
