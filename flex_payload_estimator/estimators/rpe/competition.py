@@ -180,7 +180,8 @@ class ModeCompetition:
         holds for.
         """
         after = self.stepper.after_jump(trial.kalman, sample, loads)
-        if after is not trial.kalman or trial.judged and self.stepper.is_beyond_gate(trial.judged):
+        left = trial.judged and self.stepper.is_beyond_gate(trial.judged.mean_square)
+        if after is not trial.kalman or left:
             trial.kalman, trial.judged = after, None
 
     def _begin_trials(self, incumbent: Filter, time: float) -> None:

@@ -103,7 +103,7 @@ class OutlierTests:
             found = self._compare(after, sample, loads)
             return found or after, sample, found is not None
         if sample.time - self._last_outlier < MEMORY_S \
-                or not self._stepper.is_beyond_gate(after):
+                or not self._stepper.is_beyond_gate(after.mean_square):
             return after, sample, False
         self._last_outlier = sample.time
         unknown = self._with_unknown_command(learnt.before_prediction(), after, sample, loads)
@@ -122,7 +122,7 @@ class OutlierTests:
         """Return filter and sample with an unknown command, where that explains the sample."""
         other = sample._replace(command_variance=np.square(self._largest_commands))
         self._stepper.step(f, other, loads)
-        if self._stepper.is_beyond_gate(f) \
+        if self._stepper.is_beyond_gate(f.mean_square) \
                 or not f.stated_log_density > after.stated_log_density + self._threshold:
             return None
         return f, other
