@@ -5,7 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 from flex_payload_estimator.estimators.rpe.settings import RpeSettings
+from flex_plant_sim.arm.robot_file import load_robot
+from flex_plant_sim.effects import build, parse
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.nominal import nominal_effects
 from flex_plant_sim.simulation.payload_profile import PayloadProfile
 from flex_plant_sim.simulation.simulator import Noise, Simulator
 from msg_config.errors import InputError
@@ -23,6 +26,18 @@ def test_a_pick_or_drop_is_found_with_its_time(before: float, after: float) -> N
     assert abs(run.mass[-1] - after) < 0.05 * before
     late = slice(500, None)
     assert np.mean(np.abs(run.mass - run.truth)[late] < 3 * run.std[late]) > 0.95
+
+
+def test_a_change_soon_after_another_mode_is_told_as_soon() -> None:
+    # Links bend untold: the first seconds are those of free parts, until about 2 s.
+    robot = load_robot('reference')
+    estimator = estimator_of(robot)
+    more = build(parse('foreshortening:arm:share=1'), robot)
+    arm = ExtendedArm(robot, 'assumed_modes', 2, 0.195,
+                      (*nominal_effects(robot, 'assumed_modes'), more))
+    Run(estimator, PayloadProfile.step(0.195, 2.845, 0.242), 3.2, arm=arm)
+    event, = estimator.events
+    assert event.found < 2.845 + 0.2
 
 
 def test_a_ramp_is_followed_announced_and_left_behind() -> None:

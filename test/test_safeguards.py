@@ -7,7 +7,8 @@ import math
 
 from flex_payload_estimator.control.lqg import LOST, LQGController, LQGSettings
 from flex_payload_estimator.control.safeguards import BelievedPayload, CLOSING_TIME, CommandLimiter
-from flex_payload_estimator.nodes.node_setup import check_square, largest_payload
+from flex_payload_estimator.estimators.base import largest_payload
+from flex_payload_estimator.nodes.node_setup import check_square
 from flex_plant_sim.arm.robot_file import load_robot
 from msg_config.errors import InputError
 import numpy as np
@@ -43,8 +44,8 @@ def test_a_payload_is_believed_in_range_and_no_faster_than_a_gripper_closes() ->
 
 
 def test_the_largest_payload_is_the_parameter_s_or_follows_from_the_robot() -> None:
-    assert largest_payload({'payload_max': 0.3}, ROBOT) == 0.3
-    assert 0.2 < largest_payload({'payload_max': 0.0}, ROBOT) < 1.0
+    assert largest_payload(ROBOT, 0.3) == 0.3
+    assert 0.2 < largest_payload(ROBOT, 0.0) < 1.0
 
 
 def test_square_set_points_beyond_the_joints_are_refused() -> None:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
+from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 
 
@@ -107,3 +108,8 @@ class PayloadEstimator(Protocol):
 
     def conclude(self) -> None:
         """Do what the last estimate did not wait for; otherwise the next `update` does it."""
+
+
+def largest_payload(robot: Robot, told: float | None) -> float:
+    """Return the largest payload, kg: as told, or four lower links and twice the file's."""
+    return float(told or 4.0 * robot.links[1].mass + 2.0 * robot.payload_mass)

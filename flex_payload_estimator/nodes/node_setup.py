@@ -7,7 +7,7 @@ from typing import Any
 
 from flex_payload_estimator.control.lqg import LQGController, LQGSettings
 from flex_payload_estimator.control.set_points import SetPoints, square
-from flex_payload_estimator.estimators.base import PayloadEstimator
+from flex_payload_estimator.estimators.base import largest_payload, PayloadEstimator
 from flex_payload_estimator.estimators.factory import make_estimator
 from flex_payload_estimator.estimators.sf1.settings import SF1Settings
 from flex_plant_sim.arm.robot import Robot
@@ -57,20 +57,10 @@ def controller_of(values: Mapping[str, Any]) -> LQGController:
     robot = robot_of(values)
     settings = LQGSettings(
         adapt=values['adapt'], mass_0=values['payload_initial'],
-        mass_max=largest_payload(values, robot), q_2=values['q_2'],
+        mass_max=largest_payload(robot, values['payload_max']), q_2=values['q_2'],
         r_1=values['r_1'], r_2=values['r_2'], terms=values['n_prime'],
         integrator=values['integrator'], command_limit=values['command_limit'])
     return LQGController(_as_built(robot), values['model'], values['modes'], settings)
-
-
-def largest_payload(values: Mapping[str, Any], robot: Robot) -> float:
-    """
-    Return the largest payload that the controller believes, kg.
-
-    Where payload_max leaves it open it is what `rpe` allows: four times the mass of the lower link
-    and twice the nominal payload.
-    """
-    return float(values['payload_max'] or 4.0 * robot.links[1].mass + 2.0 * robot.payload_mass)
 
 
 def _as_built(robot: Robot) -> Robot:

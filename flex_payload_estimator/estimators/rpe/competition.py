@@ -20,7 +20,7 @@ from flex_payload_estimator.estimators.rpe.restarts import (
 from flex_payload_estimator.estimators.rpe.sample_window import SampleWindow, StoredSample
 from flex_payload_estimator.estimators.rpe.sensors import Loads
 from flex_payload_estimator.estimators.rpe.transitions import FREER_MODE_S, Situation, TRIAL_S
-from flex_payload_estimator.estimators.rpe.trial import Trial
+from flex_payload_estimator.estimators.rpe.trial import SETTLING_S, Trial
 from flex_payload_estimator.estimators.rpe.window_pass import (
     comparison,
     exact_search,
@@ -55,7 +55,8 @@ class ModeCompetition:
         The trial that found the change of the payload that is going on.
     reported_change : Trial or None
         The same once it may be reported, because a model that is wrong would have shown by now:
-        FREER_MODE_S later, or when the payload is constant.
+        FREER_MODE_S later, or when the payload is constant, and for SETTLING_S from then on,
+        because a filter that begins afresh does not know at once how large the change was.
 
     """
 
@@ -110,8 +111,10 @@ class ModeCompetition:
             self.predict(sample, loads, excited)
             return incumbent
         self.remember(sample, loads, excited, incumbent)
-        self.reported_change = self.ongoing_change \
-            if sample.time - self._change_found >= FREER_MODE_S else None
+        if self.ongoing_change and sample.time - self._change_found >= FREER_MODE_S:
+            self.reported_change = self.ongoing_change
+        elif self.ongoing_change or sample.time - self._constant_since >= SETTLING_S:
+            self.reported_change = None
         time = self.stepper.step_time if excited else 0.0
         incumbent.age, self._time_in_motion = incumbent.age + time, self._time_in_motion + time
         self._step_trials(incumbent, sample, loads, excited)
@@ -170,9 +173,15 @@ class ModeCompetition:
             trial.log_ratio = 0.0
 
     def _let_jump(self, trial: Trial, sample: Sample, loads: Loads) -> None:
-        """Let a walking payload jump, if so to be judged where it is then."""
+        """
+        Let a walking payload jump.
+
+        It is judged where it is then; so is one that has left what the incumbent's linearisation
+        holds for.
+        """
         after = self.stepper.after_jump(trial.kalman, sample, loads)
-        if after is not trial.kalman:
+        left = trial.judged and self.stepper.is_beyond_gate(trial.judged.mean_square)
+        if after is not trial.kalman or left:
             trial.kalman, trial.judged = after, None
 
     def _begin_trials(self, incumbent: Filter, time: float) -> None:
@@ -247,7 +256,10 @@ class ModeCompetition:
             trial.kalman.age = trial.kalman.age_linearised = 0.0
             # Before the change: what it has done to the innovations since is no misfit.
             trial.kalman.misfit = self.ongoing_change.misfit if self.ongoing_change else 1.0
-        self.ongoing_change, self._constant_since = None, time
+        # Another mode of an arm whose payload was constant all the time ends no change.
+        if self.ongoing_change:
+            self._constant_since = time
+        self.ongoing_change = None
         # What `coarse` allows for may have been there all the time: its window stays.
         if constant or freedom(trial.kalman.mode) == 1:
             self.window.clear()

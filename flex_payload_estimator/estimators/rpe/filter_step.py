@@ -213,8 +213,12 @@ class FilterStep:
     def _is_lost(self, f: Filter, mean_square: float) -> bool:
         """Tell whether a state is lost: beyond the gate, and known less than at the start."""
         # Beyond the gate the gain falls, and P grows for as long as samples stay there.
-        return mean_square * self.told_variance.size >= compiled_step.GATE \
+        return self.is_beyond_gate(mean_square) \
             and bool((f.cov.diagonal() > self.start_cov.diagonal()).any())
+
+    def is_beyond_gate(self, mean_square: float) -> bool:
+        """Tell whether a sample of that Filter.mean_square is more than noise does."""
+        return mean_square * self.told_variance.size >= compiled_step.GATE
 
     def _offset(self, x: Array, time: float) -> Array:
         """Return what the sensors' effects add to C x, (m,)."""
@@ -250,7 +254,7 @@ class FilterStep:
             The sample, and the loads before it.
 
         """
-        if after.mean_square * self.told_variance.size < compiled_step.GATE:
+        if not self.is_beyond_gate(after.mean_square):
             return after
         return max([after, *(self._jumped(after.before_prediction(), *cell, sample, loads)
                              for cell in self.payload_cells())],
@@ -289,11 +293,7 @@ class FilterStep:
         return Loads(share, table), swings, moments
 
     def modes_differ(self, f: Filter, loads: Loads, mode: Mode) -> bool:
-        """
-        Tell whether the model error of a mode is well above the noise now.
-
-        The gauges tell; without any, the modes always count as different.
-        """
+        """Tell whether a mode's model error is well above the gauges' noise; without any, yes."""
         if len(self._told) == 2:
             return True
         # All gauges have one noise scale; plain numbers are quicker for a few.

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 import math
 
-from flex_payload_estimator.estimators.rpe.compiled_step import GATE
 from flex_payload_estimator.estimators.rpe.filter import Filter, Sample
 from flex_payload_estimator.estimators.rpe.filter_step import FilterStep
 from flex_payload_estimator.estimators.rpe.likelihood import false_alarm_threshold, MEMORY_S
@@ -104,7 +103,7 @@ class OutlierTests:
             found = self._compare(after, sample, loads)
             return found or after, sample, found is not None
         if sample.time - self._last_outlier < MEMORY_S \
-                or not self._is_beyond_gate(after, sample):
+                or not self._stepper.is_beyond_gate(after.mean_square):
             return after, sample, False
         self._last_outlier = sample.time
         unknown = self._with_unknown_command(learnt.before_prediction(), after, sample, loads)
@@ -118,16 +117,12 @@ class OutlierTests:
         self._candidates = [lost, slipped]
         return after, sample, False
 
-    def _is_beyond_gate(self, f: Filter, sample: Sample) -> bool:
-        assert sample.measured is not None
-        return f.mean_square * sample.measured.size >= GATE
-
     def _with_unknown_command(self, f: Filter, after: Filter, sample: Sample, loads: Loads
                               ) -> tuple[Filter, Sample] | None:
         """Return filter and sample with an unknown command, where that explains the sample."""
         other = sample._replace(command_variance=np.square(self._largest_commands))
         self._stepper.step(f, other, loads)
-        if self._is_beyond_gate(f, sample) \
+        if self._stepper.is_beyond_gate(f.mean_square) \
                 or not f.stated_log_density > after.stated_log_density + self._threshold:
             return None
         return f, other

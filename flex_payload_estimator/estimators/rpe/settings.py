@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from flex_payload_estimator.estimators.base import largest_payload
 from flex_payload_estimator.estimators.rpe.effects import EffectStep
 from flex_payload_estimator.estimators.rpe.filter_step import FilterStep
 from flex_payload_estimator.estimators.rpe.forces import motion_rows, moves
@@ -29,7 +30,7 @@ class RpeSettings:
     Attributes
     ----------
     payload_max : float or None
-        Largest payload, kg; None: four lower links and twice the robot file's payload.
+        Largest payload, kg; None takes base.largest_payload.
     torque_noise : tuple of float
         Told process noise: standard deviation of a torque on each joint, held over a sample, N m.
     rest_drift : float
@@ -62,7 +63,7 @@ def stepper_of(robot: Robot, model: str, modes: int, effects: Sequence[Effect],
                    if not isinstance(e, (CoriolisCentripetal, Foreshortening)))
     bent = any(isinstance(e, Foreshortening) for e in effects)
     arm = ExtendedArm(robot, model, modes, effects=others)
-    heaviest = settings.payload_max or 4.0 * robot.links[1].mass + 2.0 * robot.payload_mass
+    heaviest = largest_payload(robot, settings.payload_max)
     bare = replace(robot, effects=(), angle_noise=1.0, strain_noise=1.0)
     schedule = tabulated(bare, model, modes, others, heaviest)
     motion = motion_rows(arm, bent), motion_rows(arm)

@@ -126,8 +126,12 @@ def to_constant_payload(trial: Trial, now: Situation) -> bool:
 
 
 def _another_leads(trial: Trial, now: Situation) -> bool:
-    """Tell whether another trial explains the same samples better."""
-    return any(other.log_ratio > trial.log_ratio for other in now.trials
+    """
+    Tell whether another trial explains the same samples better.
+
+    One that does not lead the incumbent explains nothing: Page's sum is never below zero.
+    """
+    return any(other.log_ratio > max(trial.log_ratio, 0.0) for other in now.trials
                if other.is_cusum(now.incumbent) or other.kind == trial.kind)
 
 
