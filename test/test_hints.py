@@ -85,6 +85,11 @@ def test_gauges_of_a_link_are_told_exchanged_beside_an_untold_payload(
 def test_a_gauge_that_dies_is_no_evidence(tmp_path: Path, column: int) -> None:
     def die(numbers: np.ndarray) -> None:
         numbers[700:1100, column] = numbers[700, column]
+
+    def pause(numbers: np.ndarray) -> None:
+        numbers[700:800, column] = numbers[700, column]
+    log = read(tmp_path / 'log.csv', pause)
+    assert 'from line 702 to line 801 while' in log.notes[0] and not log.doubts
     doubt, = read(tmp_path / 'log.csv', die).doubts
     assert doubt == (f'{NAMES[column]}: does not change from line 702 to line 1101 while the '
                      'others move: dead, or not connected?')

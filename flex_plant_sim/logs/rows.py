@@ -184,7 +184,7 @@ def _with_stuck_note(rows: Rows, robot: Robot) -> Rows:
         if first < last:
             rows = rows.noted(f'{name}: does not change from {rows.row(first)} to '
                               f'{rows.row(last)} while the others move: dead, or not connected?',
-                              doubtful=True)
+                              last - first > (1.0 - KEPT) * len(values))
     return rows
 
 
