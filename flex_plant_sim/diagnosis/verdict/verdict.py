@@ -217,9 +217,11 @@ def _alternatives(posterior: Posterior, hypothesis: Hypothesis) -> tuple[Alterna
 
 
 def cause_sentence(hypothesis: Hypothesis, values: Sequence[ParameterValue]) -> str:
-    """Return the effect's explanation at its site, with sizes and uncertainty."""
+    """Return the effect's explanation at its site, with sizes that are there and uncertainty."""
     text = explanation_at(hypothesis.effect, hypothesis.site)
-    sizes = [parameter_text(v) for v, counts in zip(values, hypothesis.is_size) if counts]
+    sizes = [parameter_text(v) for v, p, counts in zip(
+        values, hypothesis.parameters, hypothesis.is_size)
+        if counts and not (p.optional and v.low <= p.null <= v.high)]
     return f'{text.rstrip(".")} ({", ".join(sizes)}).'
 
 
