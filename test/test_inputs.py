@@ -186,6 +186,14 @@ def test_a_command_beyond_the_drive_is_refused() -> None:
     assert gate.refused == {'out of range': 1, 'not finite': 1}
 
 
+@pytest.mark.parametrize('turns', [-1, 1, 2])
+def test_a_wrapped_angle_is_never_believed_and_the_joint_is_when_it_is_back(turns: int) -> None:
+    time, output, command = motion(1000)
+    output[300:700, 0] += turns * 2.0 * math.pi
+    refused = [r is not None for r in judge_record(Gate(REFERENCE), time, output, command)]
+    assert all(refused[300:700]) and not any(refused[:300]) and not any(refused[720:])
+
+
 def test_an_arm_that_was_moved_is_believed_in_the_end() -> None:
     time, output, command = motion(100)
     output[50:, 0] += 50.0
