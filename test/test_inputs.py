@@ -116,6 +116,13 @@ def test_it_says_why_nothing_pairs() -> None:
     assert len(pairing._waiting['strain'].queue) <= 10  # memory stays bounded
 
 
+def test_it_says_no_offset_where_none_was_seen() -> None:
+    pairing = Synchroniser(('joint_states', 'strain'), slop_of(0.01))
+    pairing.add('strain', 0, 0)
+    pairing.add('joint_states', 5 * MS, 0)
+    assert pairing.why_nothing() == 'joint_states, strain: no stamps that belong together'
+
+
 def test_a_stamp_far_ahead_needs_a_second_one() -> None:
     order = StampOrder(10)
     stamps = [0, 10, 10, 5, 20, 20 + 10**12, 30, 2 * 10**12, 2 * 10**12 + 10, 7, 17]
