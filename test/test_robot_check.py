@@ -126,8 +126,9 @@ def test_a_payload_that_the_model_cannot_carry_is_one_line() -> None:
      'flexible at all'),
     (lambda r: r.with_link(0, density=2.7), 'steel is 7850'),
     (lambda r: replace(r, drives=(r.drives[0], replace(r.drives[1], damping=0.02))), 'in ms'),
-    (lambda r: replace(r, elbow_mass=1.578, elbow_inertia=0.1704), 'elbow.inertia_kg_m2: 0.1704 is '
-     '1.578 kg at 0.33 m from the elbow axis: is it about another axis?'),
+    (lambda r: replace(r, elbow_mass=1.578, elbow_inertia=0.1704),
+     '0.1704 is 1.578 kg at 0.33 m from the elbow axis: is it about another axis?'),
+    (lambda r: replace(r, angle_limits=((-90.0, 90.0), (-1.5, 1.5))), 'is it in degrees'),
     (lambda r: replace(r, payload_mass=0.1, payload_inertia=0.025), 'at 0.5 m from the tip'),
     (lambda r: replace(r, angle_noise=0.1), 'in degrees'),
     (lambda r: replace(r, strain_noise=5e-3), '1 um/m is 1e-6'),

@@ -20,6 +20,8 @@ SAMPLES_PER_PERIOD = 4.0
 # Share of a link's length, hub included, from which the radius of gyration of what it carries is
 # long: then the moment of inertia is mostly that of a mass somewhere else.
 WIDE = 0.5
+# Angle from which on a limit of a joint is more likely in degrees, rad.
+MANY_TURNS = 4.0 * math.pi
 LINKS = ('upper', 'lower')
 DRIVES = ('shoulder', 'elbow')
 # Densities of what links are made of, kg/m^3: from balsa to lead.
@@ -72,6 +74,11 @@ def _units(robot: Robot) -> Iterator[str]:
         if drive.closed_loop and drive.inertia > SLOW_LOOP * drive.damping:
             yield (f'drives.{name}: {drive.inertia / drive.damping:g} s to follow its command is '
                    'long; is it in ms?')
+    for name, limits in zip(DRIVES, robot.angle_limits):
+        widest = max(map(abs, limits))
+        if math.isfinite(widest) and widest > MANY_TURNS:
+            yield (f'drives.{name}.angle_limits_rad: {widest:g} rad is '
+                   f'{widest / (2.0 * math.pi):.2g} turns; is it in degrees?')
     if robot.angle_noise > COARSE_ANGLE:
         yield f'measurement.angle_noise_rad: {robot.angle_noise:g} is much; is it in degrees?'
     if robot.strain_noise > COARSE_STRAIN:
