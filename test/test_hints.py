@@ -131,8 +131,9 @@ def test_a_wrapped_angle_is_told_from_a_fast_one(
 
     def spike(numbers: np.ndarray) -> None:
         numbers[500, 3] += 5.0
-    assert 'rad in 0.01 s (a turn: is the angle wrapped?)' in read(
-        tmp_path / 'log.csv', wrap).notes[0]
+    with pytest.raises(InputError, match=r'line \d+: joint_1: .* rad in 0\.01 s \(a turn: is the '
+                       r'angle wrapped\?\); \d+ of 1200 samples like it'):
+        read(tmp_path / 'log.csv', wrap)
     assert read(tmp_path / 'log.csv', spike).notes[0].endswith(' rad in 0.01 s')
 
 

@@ -116,6 +116,13 @@ def test_it_says_why_nothing_pairs() -> None:
     assert len(pairing._waiting['strain'].queue) <= 10  # memory stays bounded
 
 
+def test_it_says_no_offset_where_none_was_seen() -> None:
+    pairing = Synchroniser(('joint_states', 'strain'), slop_of(0.01))
+    pairing.add('strain', 0, 0)
+    pairing.add('joint_states', 5 * MS, 0)
+    assert pairing.why_nothing() == 'joint_states, strain: no stamps that belong together'
+
+
 def test_a_stamp_far_ahead_needs_a_second_one() -> None:
     order = StampOrder(10)
     stamps = [0, 10, 10, 5, 20, 20 + 10**12, 30, 2 * 10**12, 2 * 10**12 + 10, 7, 17]
@@ -184,6 +191,14 @@ def test_a_command_beyond_the_drive_is_refused() -> None:
     gate = Gate(QUANSER)
     judge_record(gate, time, output[:, :4], command)
     assert gate.refused == {'out of range': 1, 'not finite': 1}
+
+
+@pytest.mark.parametrize('turns', [-1, 1, 2])
+def test_a_wrapped_angle_is_never_believed_and_the_joint_is_when_it_is_back(turns: int) -> None:
+    time, output, command = motion(1000)
+    output[300:700, 0] += turns * 2.0 * math.pi
+    refused = [r is not None for r in judge_record(Gate(REFERENCE), time, output, command)]
+    assert all(refused[300:700]) and not any(refused[:300]) and not any(refused[720:])
 
 
 def test_an_arm_that_was_moved_is_believed_in_the_end() -> None:

@@ -183,6 +183,10 @@ FAULTS: list[tuple[str, Callable[[list[str]], list[str]], str]] = [
                                  '0.43 (is it in µm/m (microstrain) or mm/m or percent? say so'),
     (HEADER, edit(2, 3, 'many'), "line 4: joint_1: expected a number, got 'many'"),
     (HEADER, edit(4, 8, '.002,9'), 'line 6: expected 9 columns, got 10'),
+    (HEADER, edit(2, 3, '0_1'), "line 4: joint_1: expected a number, got '0_1'"),
+    (HEADER, edit(2, 3, '"0,1"'), "line 4: joint_1: expected a number, got '0 1'"),
+    (HEADER, edit(2, 3, '3e-0,1e-05,'), 'line 4: expected exponents of two digits as elsewhere, '
+                                        "got 'e-0': a number was cut"),
     (HEADER, edit(3, 0, '0.02'), 'line 5: time: expected more than 0.02 s, got 0.02 s'),
     (HEADER, edit(3, 0, '0.005'), 'line 5: time: expected more than 0.02 s, got 0.005 s'),
     (HEADER, lambda rows: [f'1700000000{row[1:]}' for row in [*rows[:2], rows[1]]],
@@ -200,6 +204,14 @@ FAULTS: list[tuple[str, Callable[[list[str]], list[str]], str]] = [
      '3 (strain_1a, strain_1b, strain_2a)'),
     (HEADER.replace('strain_2b', 'strain_2c'), lambda rows: rows, 'column strain_2b: missing'),
 ]
+
+
+@pytest.mark.parametrize('note', ['"ok, fine"', 'sensor 2e', '"a ""quoted"" one, 1e"', 'Δ'])
+def test_text_in_a_column_that_is_not_read_does_no_harm(tmp_path: Path, note: str) -> None:
+    path = tmp_path / 'log.csv'
+    path.write_text('\n'.join([f'{HEADER},note', *(
+        f'{row},{note if k % 2 else 1e-5}' for k, row in enumerate(good_rows()))]) + '\n')
+    assert read_log(path, ROBOT).joint.tolist() == [[3.0, 4.0]] * 6
 
 
 @pytest.mark.parametrize('header, change, message', FAULTS)

@@ -227,6 +227,18 @@ def test_a_bag_that_unpacks_to_too_much_is_refused(
     assert list((tmp_path / 'disk').iterdir()) == []
 
 
+def test_a_message_that_is_cut_is_left_out_and_the_others_are_read(tmp_path: Path) -> None:
+    with Writer(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        known = {topic: writer.add_connection(topic, JOINT_STATE, typestore=TYPES)
+                 for topic in ('/arm/joint_states', '/arm/strain')}
+        for k, (topic, arrival, message) in enumerate([*states(20), *strains(20)]):
+            data = TYPES.serialize_cdr(message, JOINT_STATE)
+            writer.write(known[topic], arrival, data[:40] if k == 9 else data)
+    log = read_log(tmp_path / 'bag', ROBOT)
+    assert len(log.time) in (19, 20)
+    assert any('the bag tells of 20 messages, 19 can be read' in note for note in log.notes)
+
+
 def test_a_bag_says_what_simulated_it(tmp_path: Path) -> None:
     log = read_log(record(tmp_path / 'bag', [*states(5), *strains(5)]), ROBOT)
     assert log.origin is None

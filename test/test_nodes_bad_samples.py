@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, TYPE_CHECKING
 
 from faults.bad_samples import BAD_SAMPLES
@@ -85,3 +86,53 @@ def test_a_bad_sample_of_each_kind_changes_nothing_for_long(ros_context: Context
     loop.close()
     check(FEW, joints, payload, FIRST + BETWEEN * len(FEW))
     assert controller.rejected.total() >= len(FEW) - 1
+
+
+def _frozen(message: Any) -> None:
+    message.position[0] = 0.3
+
+
+def _inverted(message: Any) -> None:
+    message.position[1] *= -1.0
+
+
+def _exchanged(message: Any) -> None:
+    message.position = message.position[::-1]
+
+
+def _a_turn_on(message: Any) -> None:
+    message.position[0] += 2.0 * np.pi
+
+
+@pytest.mark.parametrize('spoil, said', [
+    (_frozen, 'joint_1 does not move as its command asks'),
+    (_inverted, 'joint_2 does not move as its command asks'),
+    (_exchanged, 'does not move as its command asks'),
+    (_a_turn_on, 'samples said nothing: the command is zero')])
+def test_an_encoder_that_lies_for_good_does_not_drive_the_arm_away(
+        ros_context: Context, spoil: Callable[[Any], None], said: str) -> None:
+    from faults.relay import Relay, remapped
+    from flex_payload_estimator.nodes.lqg_controller_node import LQGControllerNode
+    from flex_plant_sim.nodes.plant_sim_node import PlantSim
+    from msg_config.messages import stamp_of
+    from ros_loop import overrides, RosLoop
+
+    def alter(message: Any, send: Callable[[Any], None]) -> None:
+        if stamp_of(message) >= FIRST * STEP:
+            spoil(message)
+        send(message)
+    loop = RosLoop(ros_context)
+    loop.add(Relay, {'joint_states': alter})
+    joints = loop.record('joint_states', 'raw/joint_states')
+    commands, diagnostics = loop.record('command'), loop.record('/diagnostics')
+    loop.start(LQGControllerNode, **VALUES, adapt=False, payload_initial=0.1)
+    loop.add(PlantSim, cli_args=remapped('joint_states'),
+             parameter_overrides=overrides({**VALUES, **SEED}))
+    loop.until(lambda: (FIRST + 1000) * STEP in joints.stamps, timeout=120.0)
+    loop.until(lambda: any(said in status.message for message in diagnostics
+                           for status in message.status))
+    assert not any(commands[-1].effort)
+    assert np.abs([message.position for message in joints]).max() < 7.0
+    last = np.array([message.position for message in joints[-100:]])
+    assert np.ptp(last, axis=0).max() < 0.01
+    loop.close()

@@ -104,7 +104,8 @@ def test_a_robot_without_effort_needs_a_command_topic(loop: RosLoop) -> None:
     bench.answered(0)
     bench.sample(1, effort=())
     loop.until(lambda: bench.node.rejected['joint_states'] == 1)
-    assert 'effort: expected 2 values' in bench.node.last_rejection
+    assert bench.node.last_rejection == ('joint_states: effort: expected 2 values, got 0, and no '
+                                         'command came on topic command yet')
     command = loop.publisher('command')
     command.publish(joint_state(0, JOINTS[::-1], effort=(-0.5, 0.5)))
     loop.until(lambda: bench.node.commanded is not None)

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 import math
 
 from flex_payload_estimator.control.lqg import LOST, LQGController, LQGSettings
-from flex_payload_estimator.control.safeguards import BelievedPayload, CLOSING_TIME, CommandLimiter
+from flex_payload_estimator.control.safeguards import (
+    BelievedPayload,
+    CLOSING_TIME,
+    CommandLimiter,
+    ObedienceWatch,
+)
 from flex_payload_estimator.estimators.base import largest_payload
 from flex_payload_estimator.nodes.node_setup import check_square
 from flex_plant_sim.arm.robot_file import load_robot
@@ -29,6 +35,27 @@ def test_a_command_is_finite_and_inside_limit_and_slew() -> None:
         before = sent
     limiter.limit = 0.1
     assert np.abs(limiter(np.array([3.0, 3.0]), 0.01)).max() <= 0.1, 'a limit goes before the slew'
+
+
+@pytest.mark.parametrize('motion, obeys', [
+    (lambda t: 0.2 + 0.0 * t, False), (lambda t: -3.0 * t, False), (lambda t: -5.0 * t * t, False),
+    (lambda t: 3.0 * t, True), (lambda t: 0.2 * t * t, True), (lambda t: -2.0 * t + t * t, True)],
+    ids=['still', 'away', 'ever faster away', 'follows', 'starts slowly', 'slows down'])
+@pytest.mark.parametrize('sign', [-1, 1])
+def test_a_joint_disobeys_that_stands_or_runs_away_under_a_large_command(
+        motion: Callable[[np.ndarray], np.ndarray], obeys: bool, sign: int) -> None:
+    watch, time = ObedienceWatch(), np.arange(0.0, 1.0, 0.01)
+    noise = np.random.default_rng(0).normal(0.0, 2e-4, time.size)
+    found = [watch(t, (angle, 0.0), (sign, 0), 0.5, 8.0 * 2e-4 * math.sqrt(2.0))
+             for t, angle in zip(time, sign * motion(time) + noise)]
+    first = next((k for k, joint in enumerate(found) if joint == 0), None)
+    assert first is None if obeys else first in (50, 51)
+
+
+def test_a_joint_that_stands_under_a_large_command_for_a_short_time_obeys() -> None:
+    watch = ObedienceWatch()
+    assert all(watch(0.01 * k, (0.0, 0.0), (k % 40 > 0, 0), 0.5, 1e-3) is None
+               for k in range(500))
 
 
 def test_a_payload_is_believed_in_range_and_no_faster_than_a_gripper_closes() -> None:

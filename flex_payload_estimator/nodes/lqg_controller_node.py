@@ -10,7 +10,7 @@ from dataclasses import replace
 import math
 from typing import Any
 
-from flex_payload_estimator.control.safeguards import CommandLimiter
+from flex_payload_estimator.control.safeguards import CommandLimiter, ObedienceWatch
 from flex_payload_estimator.control.set_points import SetPoints
 from flex_payload_estimator.control.trajectory import Trajectory
 from flex_payload_estimator.nodes.node_setup import check_square, controller_of, set_points_of
@@ -22,6 +22,7 @@ from flex_plant_sim.simulation.plant_setup import robot_of
 from geometry_msgs.msg import InertiaStamped
 from msg_config.contract_node import DIAGNOSTICS_INTERVAL
 from msg_config.errors import InputError
+from msg_config.input_mapping import JOINTS
 from msg_config.messages import (
     checked_stamp,
     joint_state,
@@ -44,6 +45,9 @@ IN_TIME = 10
 # Time without a payload in time after which diagnostics say so, s: as long as drives wait for a
 # command (COMMAND_TIMEOUT of the plant). A single late payload does no harm.
 PAYLOAD_TIMEOUT = 0.1
+# Share of the largest command from which a joint must move: friction that holds a joint takes a
+# fifth of it on a measured arm.
+LARGE = 0.5
 # Samples between two points of a reference at which its spline is checked against the joints'
 # limits.
 SAMPLES_PER_PIECE = 20
@@ -62,7 +66,9 @@ class LQGControllerNode(SampleNode):
 
     A sample that cannot be used leaves the command as it is. From the second in a row on the
     command goes to zero, as it does where no sample comes for the watchdog's time. Samples that
-    come later are used again; after the watchdog's time the predictor begins anew.
+    come later are used again; after the watchdog's time the predictor begins anew. Where a joint
+    does not move as a command asks that is large for the watchdog's time, the command is zero
+    until ~/reset: no sample tells where the arm is.
     """
 
     # Less than an estimator's, because a late command does harm: a twentieth of a second at 1 kHz.
@@ -70,6 +76,7 @@ class LQGControllerNode(SampleNode):
 
     def __init__(self, **options: Any):
         self.limiter, self._referenced = CommandLimiter(), False
+        self._obedience, self._disobeyed = ObedienceWatch(), ''
         super().__init__('lqg_controller', **options)
         # What was sent is applied, from the start on, where no effort says otherwise.
         self.commanded = self.limiter.sent
@@ -131,6 +138,8 @@ class LQGControllerNode(SampleNode):
         self.commanded = self.limiter.sent = np.zeros(2)
         self._unusable, self._waiting, self._late, self._last_mass = 0, None, False, math.nan
         self._masses.clear()
+        self._obedience.reset()
+        self._disobeyed = ''
 
     def take(self, sample: Sample) -> Any:
         """Return the command that answers a sample, or None while it waits for the payload."""
@@ -172,6 +181,7 @@ class LQGControllerNode(SampleNode):
     def _control(self, sample: Sample, mass: float) -> Any:
         """Publish and return the command that answers a sample at a payload, kg."""
         self._begin_again_if_lost(sample)
+        self._watch_obedience(sample)
         command = self.controller.command(sample.time, sample.output, sample.command, mass,
                                           self.set_points(sample.time))
         if self.controller.doubted:
@@ -183,9 +193,28 @@ class LQGControllerNode(SampleNode):
                                    'before is kept', 'not finite')
         elif self._unusable:
             command = self.limiter.sent if self._unusable == 1 else np.zeros(2)
+        if self._disobeyed:
+            command = np.zeros(2)
         answer = self._send(command, sample.stamp, self.robot.sample_time)
         self._answered, self._stopped = self.wall_time(), False
         return answer
+
+    def _watch_obedience(self, sample: Sample) -> None:
+        """Stop the arm where a joint does not move as a large command asks."""
+        span = self.values['watchdog']
+        if self._disobeyed or not span or self._unusable:
+            return
+        large = [LARGE * min(self.limiter.limit, drive.command_limit)
+                 for drive in self.robot.drives]
+        way = [int(math.copysign(1.0, own)) if abs(own) >= least else 0
+               for own, least in zip(self.limiter.sent.tolist(), large)]
+        joint = self._obedience(sample.time, sample.output[:2].tolist(), way, span,
+                                self.gate.limits.noise)
+        if joint is not None:
+            self._disobeyed = (f'{JOINTS[joint]} does not move as its command asks, at least '
+                               f'{large[joint]:g} for {span:g} s: the command is zero until '
+                               '~/reset')
+            self.get_logger().error(self._disobeyed)
 
     def _begin_again_if_lost(self, sample: Sample) -> None:
         """Count unusable samples; reset the predictor after the watchdog's time of them."""
@@ -244,7 +273,7 @@ class LQGControllerNode(SampleNode):
 
     def trouble(self) -> tuple[bool, ...]:
         """Return flags whose change is reported at once, with that of a late payload."""
-        return (*super().trouble(), self._payload_missing())
+        return (*super().trouble(), self._payload_missing(), bool(self._disobeyed))
 
     def _payload_missing(self) -> bool:
         return self._late and self.wall_time() - self._payload_heard_at > PAYLOAD_TIMEOUT
@@ -263,6 +292,8 @@ class LQGControllerNode(SampleNode):
         age = self.wall_time() - self._answered
         if self.values['watchdog'] and age > self.values['watchdog']:
             return 'error', f'no sample for {age:.3g} s: the command is zero'
+        if self._disobeyed:
+            return 'error', self._disobeyed
         if self._payload_missing():
             return 'warn', 'payload/inertia is late or missing: the last payload serves'
         if self._unusable > 1:

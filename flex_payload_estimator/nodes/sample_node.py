@@ -21,6 +21,8 @@ from flex_plant_sim.inputs.stamps import LEAP, Order, StampOrder
 from flex_plant_sim.inputs.synchroniser import slop_of, Synchroniser
 from msg_config.contract import load_topics
 from msg_config.contract_node import ContractNode
+from msg_config.errors import InputError
+from msg_config.input_mapping import JOINTS
 from msg_config.messages import checked_stamp, nanoseconds, seconds
 from msg_config.recent_counts import RecentCounts, WINDOW
 import numpy as np
@@ -151,7 +153,10 @@ class SampleNode(ContractNode):
 
     def _applied(self, message: JointState) -> Array:
         """Return the command applied up to this sample, (2,): the effort, or the last command."""
-        if not len(message.effort) and self.commanded is not None:
+        if not len(message.effort):
+            if self.commanded is None:
+                raise InputError(f'joint_states: effort: expected {len(JOINTS)} values, got 0, '
+                                 'and no command came on topic command yet')
             return self.commanded
         return self._efforts.pick(message.name, message.effort, 'joint_states: effort')
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+import math
 
 from flex_plant_sim.arm.robot import Robot
 
@@ -16,6 +17,11 @@ MAX_DAMPING = 0.1
 # Least number of samples per period of a mode. With fewer it is hardly distinguished from its
 # alias; by Nyquist two are the limit.
 SAMPLES_PER_PERIOD = 4.0
+# Share of a link's length, hub included, from which the radius of gyration of what it carries is
+# long: then the moment of inertia is mostly that of a mass somewhere else.
+WIDE = 0.5
+# Angle from which on a limit of a joint is more likely in degrees, rad.
+MANY_TURNS = 4.0 * math.pi
 LINKS = ('upper', 'lower')
 DRIVES = ('shoulder', 'elbow')
 # Densities of what links are made of, kg/m^3: from balsa to lead.
@@ -44,7 +50,18 @@ def hints(robot: Robot, frequencies: tuple[float, ...], deflection: float,
 
     """
     return (*_links(robot), *_gauges(robot, strain), *_motion(robot, frequencies, deflection),
-            *_units(robot))
+            *_units(robot), *_inertias(robot))
+
+
+def _inertias(robot: Robot) -> Iterator[str]:
+    """Yield hints on moments of inertia that are about another axis."""
+    for name, axis, mass, inertia, link in (
+            ('elbow', 'elbow axis', robot.elbow_mass, robot.elbow_inertia, robot.links[0]),
+            ('payload', 'tip', robot.payload_mass, robot.payload_inertia, robot.links[1])):
+        radius = math.sqrt(inertia / mass) if mass > 0.0 else 0.0
+        if radius > WIDE * (link.hub_radius + link.length):
+            yield (f'{name}.inertia_kg_m2: {inertia:g} is {mass:g} kg at {radius:.2g} m from the '
+                   f'{axis}: is it about another axis?')
 
 
 def _units(robot: Robot) -> Iterator[str]:
@@ -57,6 +74,11 @@ def _units(robot: Robot) -> Iterator[str]:
         if drive.closed_loop and drive.inertia > SLOW_LOOP * drive.damping:
             yield (f'drives.{name}: {drive.inertia / drive.damping:g} s to follow its command is '
                    'long; is it in ms?')
+    for name, limits in zip(DRIVES, robot.angle_limits):
+        widest = max(map(abs, limits))
+        if math.isfinite(widest) and widest > MANY_TURNS:
+            yield (f'drives.{name}.angle_limits_rad: {widest:g} rad is '
+                   f'{widest / (2.0 * math.pi):.2g} turns; is it in degrees?')
     if robot.angle_noise > COARSE_ANGLE:
         yield f'measurement.angle_noise_rad: {robot.angle_noise:g} is much; is it in degrees?'
     if robot.strain_noise > COARSE_STRAIN:

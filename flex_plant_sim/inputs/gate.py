@@ -32,6 +32,8 @@ COMMAND_MARGIN = 2.0
 # Standard deviations of one sample's noise by which two neighbours may differ: exceeded so rarely
 # that a night's samples contain no case.
 NOISE_MARGIN = 8.0
+# One turn, and what a joint may move beside it in a sample, rad: by more, the step is no turn.
+TURN, LIKE_A_TURN = 2.0 * math.pi, 0.2
 # Kinds of refusal.
 NOT_FINITE, RANGE, SPEED = 'not finite', 'out of range', 'too fast'
 
@@ -104,7 +106,8 @@ class Gate:
 
     The speed of a sample is taken from the last one that passed. After CONVINCED samples in a row
     that were refused for their speed but are consistent with one another, the new position is
-    believed: the arm was moved by hand, or an encoder was zeroed again.
+    believed: the arm was moved by hand, or an encoder was zeroed again. A step of whole turns is
+    never believed: an angle that is wrapped makes it, and the joint did not.
 
     Parameters
     ----------
@@ -129,7 +132,8 @@ class Gate:
         """Forget the last sample, so that the next one passes whatever its speed."""
         self._last: tuple[float, list[float]] | None = None
         self._doubted: tuple[float, list[float]] | None = None
-        self._doubts = 0
+        self._wrapped: int | None
+        self._doubts, self._wrapped = 0, None
 
     @property
     def limits(self) -> Limits:
@@ -190,17 +194,32 @@ class Gate:
                               f'{self.limits.command[k]:.4g}, got {command[k]:.6g}')
 
     def _judge_speed(self, time: float, angle: list[float]) -> Refusal | None:
-        k = self._too_fast(self._last, time, angle)
-        if k is None or self._convinced(time, angle):
-            self._last, self._doubts = (time, angle), 0
+        # After a turn, time alone must not make the same angle slow enough.
+        lasts = self._wrapped is not None and self._too_fast(self._doubted, time, angle) is None
+        k = self._wrapped if lasts else self._too_fast(self._last, time, angle)
+        if k is None:
+            self._pass(time, angle)
             return None
         assert self._last is not None
         step, span = angle[k] - self._last[1][k], time - self._last[0]
-        turns = 2.0 * math.pi * round(step / (2.0 * math.pi))
-        wrapped = turns and abs(step - turns) <= self._fastest[k] * span + self.limits.noise
+        wrapped = lasts or self._is_turn(step, self._fastest[k] * span + self.limits.noise)
+        self._wrapped = k if wrapped else None
+        if self._convinced(time, angle) and not wrapped:
+            self._pass(time, angle)
+            return None
         return Refusal(SPEED, f'{JOINTS[k]}: expected at most {self.limits.speed[k]:.4g} rad/s, '
                               f'got a step of {step:+.4g} rad in {span:.4g} s'
                               + (' (a turn: is the angle wrapped?)' if wrapped else ''))
+
+    def _is_turn(self, step: float, most: float) -> bool:
+        """Return whether a step is whole turns but for what the joint moves, `most`, rad."""
+        # A turn is made from one sample to the next: later, any step is near one.
+        begins = not self._doubts or self._wrapped is not None
+        return begins and abs(step) > 0.5 * TURN and abs(
+            math.remainder(step, TURN)) <= min(most, LIKE_A_TURN)
+
+    def _pass(self, time: float, angle: list[float]) -> None:
+        self._last, self._doubts, self._wrapped = (time, angle), 0, None
 
     def _too_fast(self, since: tuple[float, list[float]] | None, time: float,
                   angle: list[float]) -> int | None:

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-import math
 from statistics import median
 from typing import Any
 
@@ -149,7 +148,7 @@ class Synchroniser:
             came = ', '.join(part for part, count in counts.items() if count)
             return f'{", ".join(silent)}: no message, while {came} comes'
         for part, offsets in self._offsets.items():
-            off = median(offsets) if offsets else math.inf
+            off = median(offsets) if offsets else 0
             if abs(off) > self._slop:
                 return (f'{part}: header.stamp: expected within {self._slop * 1e-6:.4g} ms of '
                         f'{self._parts[0]}, got {off * 1e-6:+.4g} ms')

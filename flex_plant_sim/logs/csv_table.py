@@ -70,6 +70,10 @@ class Table:
         if self.decimal_comma:
             lines = [line.replace(',', '.') for line in lines]
         columns = [self.header.index(name) for name in names]
+        self._check_exponents(lines, columns)
+        # Text may hold the separator in quotes, where no number is read.
+        lines = [line if '"' not in line else self.separator.join(
+            cell.replace(self.separator, ' ') for cell in self._cells(line)) for line in lines]
         commas = len(self.header) - 1
         if all(line.count(self.separator) == commas for line in lines):
             for read in (lambda: lines, lambda: self._filled(lines)):
@@ -85,10 +89,28 @@ class Table:
         return [self.separator.join(cell if cell.strip() else 'nan'
                                     for cell in line.split(self.separator)) for line in lines]
 
+    def _cells(self, line: str) -> list[str]:
+        """Return the cells of a line, without their quotes."""
+        return next(csv.reader([line], delimiter=self.separator)) if '"' in line \
+            else line.split(self.separator)
+
+    def _check_exponents(self, lines: list[str], columns: list[int]) -> None:
+        """Raise InputError if a number was cut in its exponent: 1e-0 may have been 1e-05."""
+        if not any(map(PADDED.search, lines)):
+            return
+        for number, line in zip(self.numbers_of_lines, lines):
+            if not CUT.search(line):
+                continue
+            row = self._cells(line)
+            cut = [found for k in columns if k < len(row) and (found := CUT.search(row[k]))]
+            if cut:
+                raise InputError(f'{self.path}: line {number}: expected exponents of two digits '
+                                 f'as elsewhere, got {cut[0].group()!r}: a number was cut')
+
     def _first_error(self, lines: list[str], columns: list[int]) -> str:
         """Return what is wrong in the first line that does not have one number per column."""
         for number, line in zip(self.numbers_of_lines, lines):
-            row = line.split(self.separator)
+            row = self._cells(line)
             if len(row) != len(self.header):
                 why = ' (decimal commas? separate by semicolons)' \
                     if self.separator == ',' and len(row) > 1.5 * len(self.header) else ''
@@ -106,7 +128,8 @@ def _is_number(text: str) -> bool:
         float(text)
     except ValueError:
         return False
-    return True
+    # What Python reads beside NumPy: 1_000 and other alphabets' digits.
+    return text.isascii() and '_' not in text
 
 
 def read_table(path: Path) -> Table:
@@ -138,7 +161,6 @@ def read_table(path: Path) -> Table:
         notes.append(f'line {data[-1][0]}: left out: its end is missing, and its last number may '
                      'be cut')
         data = data[:-1]
-    _check_exponents(path, text)
     notes += [] if separator == ',' else [f'columns separated by {separator!r}']
     comma = separator != ',' and any(',' in line for _, line in data)
     return Table(path, header, [line for _, line in data], [k for k, _ in data], separator, comma,
@@ -169,12 +191,3 @@ def _text(path: Path) -> str:
     if '\0' in text:
         raise InputError(f'{path}: expected a readable text file, got a zero byte')
     return text
-
-
-def _check_exponents(path: Path, text: str) -> None:
-    """Raise InputError if a number was cut in its exponent: 1e-0 may have been 1e-05."""
-    found = CUT.search(text) if PADDED.search(text) else None
-    if found:
-        number = text.count('\n', 0, found.start()) + 1
-        raise InputError(f'{path}: line {number}: expected exponents of two digits as '
-                         f'elsewhere, got {found.group()!r}: a number was cut')
