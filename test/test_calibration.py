@@ -98,7 +98,7 @@ def test_a_log_that_is_too_short_is_refused(output: tuple[str, Path],
     (output[1] / 'short.csv').write_text('\n'.join(lines) + '\n')
     assert main(['calibrate', str(output[1] / 'short.csv'), '--robot', 'reference', '--payload',
                  '0.1', '--output', str(output[1] / 'none.yaml')]) == 2
-    assert '26 periods of the slowest mode, got a log of 5.0 s' in capsys.readouterr().err
+    assert '16 periods of the slowest mode, got a log of 5.0 s' in capsys.readouterr().err
     assert not (output[1] / 'none.yaml').exists()
 
 

@@ -107,8 +107,8 @@ def test_short_log_says_what_it_needs(tmp_path: Path,
     path = write(simulated(duration=12.0), tmp_path / 'short.csv')
     assert main([str(path), '--json', str(tmp_path / 'a.json')]) == 2
     err = capsys.readouterr().err
-    needed = re.search(r'short.csv: expected at least ([0-9.]+) s, 26 periods', err)
-    assert needed and 20.0 < float(needed[1]) < 21.0 and len(err.splitlines()) == 1
+    needed = re.search(r'short.csv: expected at least ([0-9.]+) s, 16 periods', err)
+    assert needed and 12.3 < float(needed[1]) < 13.0 and len(err.splitlines()) == 1
     assert [item.name for item in tmp_path.iterdir()] == ['short.csv']
 
 

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 Indices = NDArray[np.int64]
 
-# Length of a window, in periods of the slowest mode; with 3, three records keep their causes.
-PERIODS = 5
+# Length of a window, in periods of the slowest mode; where a log is too short for enough windows,
+# and least. With 3 in place of 5, three records keep their causes.
+PERIODS, FEWEST_PERIODS = 5, 3
 # Periods before a window that are not scored: in them an arm forgets that it starts in the
 # nominal one's state.
 WARM_UP_PERIODS = 1
@@ -95,7 +96,8 @@ class Windows:
         """
         Return the windows to work on and the locked ones at the end.
 
-        A window lasts at least five periods of the slowest natural frequency, rad/s.
+        A window lasts five periods of the slowest natural frequency, rad/s; in a short log as
+        little as three, so that there are enough windows.
 
         Raises
         ------
@@ -105,13 +107,14 @@ class Windows:
         """
         period = 2.0 * np.pi / slowest / sample_time
         warm_up = int(np.ceil(WARM_UP_PERIODS * period))
-        length = PERIODS * warm_up
-        count = (len(record.time) - warm_up) // length
-        if count < FEWEST + 1:
-            shortest = (warm_up + (FEWEST + 1) * length) * sample_time
-            raise InputError(f'{record.name}: expected at least {shortest:.1f} s, '
-                             f'{WARM_UP_PERIODS + (FEWEST + 1) * PERIODS} periods of the slowest '
-                             f'mode, got a log of {len(record.time) * sample_time:.1f} s')
+        rest = len(record.time) - warm_up
+        length = min(PERIODS * warm_up, rest // (FEWEST + 1))
+        if length < FEWEST_PERIODS * warm_up:
+            periods = WARM_UP_PERIODS + (FEWEST + 1) * FEWEST_PERIODS
+            raise InputError(f'{record.name}: expected at least '
+                             f'{periods * warm_up * sample_time:.1f} s, {periods} periods of the '
+                             f'slowest mode, got a log of {len(record.time) * sample_time:.1f} s')
+        count = rest // length
         starts = warm_up + length * np.arange(count, dtype=np.int64)
         locked = max(1, round(LOCKED_SHARE * count))
         return (cls(record, starts[:-locked], length, warm_up),
