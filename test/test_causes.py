@@ -283,6 +283,15 @@ def test_what_diverges_is_no_prediction_though_its_last_sample_is_finite(
         solver.linearise(values, residual, 0.0)
 
 
+def test_a_difference_at_null_stays_well_within_the_prior() -> None:
+    for robot in map(load_robot, ('reference', 'quanser_2dsfl')):
+        for hypothesis in all_hypotheses(robot):
+            free = hypothesis.low < hypothesis.high
+            shares = np.abs(hypothesis.difference_steps(hypothesis.null))[free] \
+                / hypothesis.prior(40.0).width[free]
+            assert np.all(shares < 0.3), hypothesis.label
+
+
 def test_workers_give_what_one_process_gives_and_say_what_went_wrong() -> None:
     def root(number: int) -> float:
         if number == 3:

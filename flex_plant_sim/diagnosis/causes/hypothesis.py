@@ -72,12 +72,9 @@ class Hypothesis:
 
     @property
     def typical_deviation(self) -> Array:
-        """Return the smallest deviation from null among the starts, (k,)."""
-        found = []
-        for p in self.parameters:
-            deviations = [abs(s - p.null) for s in p.starts if s != p.null]
-            found.append(min(deviations) if deviations else max(abs(p.null), 1.0))
-        return np.array(found)
+        """Return the smallest deviation from null among the starts, else the typical one, (k,)."""
+        return np.array([min((abs(s - p.null) for s in p.starts if s != p.null),
+                             default=p.typical) for p in self.parameters])
 
     @property
     def is_size(self) -> Array:
