@@ -283,6 +283,25 @@ def test_what_diverges_is_no_prediction_though_its_last_sample_is_finite(
         solver.linearise(values, residual, 0.0)
 
 
+def test_a_difference_that_ends_where_nothing_is_stable_is_taken_shorter(
+        clean: tuple[SearchResult, Data], monkeypatch: pytest.MonkeyPatch) -> None:
+    found, data = clean
+    hypothesis = next(p.hypothesis for p in found.proposals)
+    causes = CauseSet([hypothesis], data.duration)
+    solver = GaussNewton(found.best.likelihood, causes, found.nothing.fit.error_scale)
+    values = causes.prior.centre
+    residual, reach = solver.residual_and_cost(values)[0], np.abs(causes.difference_steps(values))
+
+    def stable_nearby(_: CauseSet, likelihood: object, moved: np.ndarray) -> np.ndarray:
+        change = np.atleast_2d(moved) - values
+        line = residual + 3.0 * change.sum(axis=1)[:, None, None]
+        return np.where(np.any(np.abs(change) >= reach, axis=1)[:, None, None], np.nan, line)
+
+    monkeypatch.setattr(CauseSet, 'residual', stable_nearby)
+    rows = solver.linearise(values, residual, 0.0).jacobian
+    assert rows == pytest.approx(3.0, rel=1e-3)
+
+
 def test_a_difference_at_null_stays_well_within_the_prior() -> None:
     for robot in map(load_robot, ('reference', 'quanser_2dsfl')):
         for hypothesis in all_hypotheses(robot):

@@ -118,6 +118,8 @@ class GaussNewton:
         """
         Return the point at values with its Jacobian by differences.
 
+        A step that ends where the arm is unstable is replaced by the shortest.
+
         Raises
         ------
         LinAlgError
@@ -125,8 +127,11 @@ class GaussNewton:
 
         """
         jacobian = np.zeros((values.size, *residual.shape))
-        point = self._differenced(LinearisationPoint(values, residual, jacobian, cost),
-                                  self.causes.difference_steps(values), self._free)
+        step = self.causes.difference_steps(values)
+        point = self._differenced(LinearisationPoint(values, residual, jacobian, cost), step,
+                                  self._free)
+        unstable = np.array([not np.isfinite(_power(rows)) for rows in point.jacobian], dtype=bool)
+        point = self._differenced(point, np.copysign(self._least_step(values), step), unstable)
         if not (np.isfinite(cost) and np.isfinite(_power(point.jacobian))):
             raise np.linalg.LinAlgError('no finite prediction')
         return point
@@ -141,9 +146,13 @@ class GaussNewton:
         step, k = self.causes.difference_steps(point.values), point.values.size
         marginal = self.statistics(point).joint_marginal(self.error_scale)
         deviation = np.maximum(np.sqrt(np.diagonal(marginal.covariance)[:k]),
-                               LEAST_STEP * np.maximum(np.abs(point.values), self.prior.width))
+                               self._least_step(point.values))
         too_long = np.logical_and(self._free, np.abs(step) > deviation)
         return self._differenced(point, np.copysign(deviation, step), too_long)
+
+    def _least_step(self, values: Array) -> Array:
+        """Return the shortest step of a difference, (k,)."""
+        return LEAST_STEP * np.maximum(np.abs(values), self.prior.width)
 
     @property
     def _free(self) -> Array:
