@@ -22,11 +22,13 @@ from bank.cases import (
 from bank.records import control
 from bank.sizes import can_show, DRY, over_threshold, sized_truth
 from bank.terms import hidden_terms
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.effects import catalogue
 import numpy as np
 import pytest
 from truth.effects import CATALOGUE
-from truth.records import draw_case, HAVE_MUJOCO, make_record, MUJOCO
+from truth.records import build_arm, draw_case, HAVE_MUJOCO, make_record, MUJOCO, TruthCase
+from truth.tolerances import AS_TOLD, TOLD
 
 
 def line(hidden: list[str], causes: dict[str, float], verdict: str = 'cause',
@@ -35,7 +37,7 @@ def line(hidden: list[str], causes: dict[str, float], verdict: str = 'cause',
     """Return a line of results."""
     return {'kind': kind, 'names': hidden, 'verdict': verdict, 'code': 0, 'complaint': '',
             'key': 'x', 'robot': 'reference', 'seed': 5001, 'seconds': 1.0, 'size': 4.0,
-            'simulator': 'mujoco', 'form': form, 'calibration': False,
+            'spread': 'good', 'simulator': 'mujoco', 'form': form, 'calibration': False,
             'truth': [{'name': name, 'site': 'joint_2', 'values': {'level_n_m': 0.4},
                        'times_limit': None} for name in hidden],
             'causes': [{'name': name, 'site': 'joint_2', 'probability': probability,
@@ -297,3 +299,23 @@ def test_right_probabilities_err_by_chance_as_much_as_few_cases_must() -> None:
     mean, most = score.calibration_by_chance(pairs)
     assert mean == pytest.approx(1.0 / math.sqrt(2.0 * math.pi * 40), rel=0.05)
     assert mean < most < 2.0 * mean
+
+
+@pytest.mark.parametrize('name', sorted(AS_TOLD))
+def test_told_arms_are_as_far_off_as_the_robot_file_says(name: str) -> None:
+    told, spread = load_robot(name).tolerances, AS_TOLD[name]
+    assert [spread.stiffness, spread.link_mass, spread.damping, spread.elbow_mass,
+            spread.elbow_inertia, spread.drive_inertia, spread.drive_gain, spread.drive_damping,
+            spread.gauge_gain, spread.gauge_position, spread.payload, spread.length,
+            spread.gauge_bias, spread.angle_zero, spread.payload_inertia] == [
+                told.stiffness, told.link_mass, told.damping, told.elbow_mass,
+                told.elbow_inertia, told.drive_inertia, told.drive_gain, told.drive_damping,
+                told.strain_gain, told.gauge_position_m, told.payload, told.length,
+                told.strain_bias, told.angle_zero_rad, told.payload_inertia_kg_m2]
+    assert spread.closed_loop == load_robot(name).drives[0].closed_loop
+    drawn = [build_arm(TruthCase(seed, robot=name, spread=TOLD)) for seed in range(300)]
+    speed = np.log([arm.joints[0].torque_gain / arm.joints[0].damping for arm in drawn])
+    wide = told.drive_gain if spread.closed_loop else np.hypot(told.drive_gain, told.drive_damping)
+    assert np.std(speed) == pytest.approx(wide, rel=0.15)
+    assert np.std(np.log([arm.links[1].youngs_modulus for arm in drawn])) == pytest.approx(
+        told.stiffness, rel=0.15)

@@ -9,6 +9,7 @@ from itertools import islice
 import numpy as np
 from truth.effects import CATALOGUE
 from truth.records import draw_case, FINITE_ELEMENTS, MUJOCO, TruthCase
+from truth.tolerances import GOOD, TOLD
 
 
 @dataclass(frozen=True)
@@ -155,7 +156,14 @@ class BankCase:
         case = draw_case(hidden, self.seed, self.robot, severity, 0, self.seconds,
                          excitation)
         form = self.realisation.form
-        return replace(case, simulator=self.realisation.simulator, forms=(form,) if form else ())
+        return replace(case, simulator=self.realisation.simulator, spread=self.spread,
+                       forms=(form,) if form else ())
+
+    @property
+    def spread(self) -> str:
+        """Return how far parts are off: every other arm's as far as its file says."""
+        # What has a fixed place in a round takes turns between rounds.
+        return TOLD if (self.seed + self.seed // SEEDS_PER_ROUND) % 2 else GOOD
 
     @property
     def hidden(self) -> tuple[str, ...]:

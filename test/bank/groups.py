@@ -41,6 +41,19 @@ def by_form(lines: Sequence[Line]) -> list[str]:
     return rows
 
 
+def by_spread(lines: Sequence[Line]) -> list[str]:
+    """Return the table over arms that are well made, and those as far off as their file says."""
+    rows = ['## By how far parts are off', '', '| parts | exact | in a set of at most 3 | surely '
+            'wrong | clean ones: any name or `unknown` |', '|---|---|---|---|---|']
+    for spread in sorted({line['spread'] for line in lines}):
+        own = [line for line in lines if line['spread'] == spread]
+        shares = [*(score.share(of_kind(own, 'one'), test)
+                    for test in (score.exact, score.in_small_set, score.surely_wrong)),
+                  score.share(of_kind(own, 'clean'), score.not_left_alone)]
+        rows.append(f'| {spread} | ' + ' | '.join(map(str, shares)) + ' |')
+    return rows
+
+
 def by_size(lines: Sequence[Line]) -> list[str]:
     """Return the power table."""
     rows = ['## By size', '', '| size in detection limits | simulator | any name | exact | '

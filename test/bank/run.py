@@ -35,7 +35,7 @@ def run_case(case: BankCase, limits: Limits) -> dict[str, Any]:
     """
     truth, terms = sized_truth(case, limits)
     line = {'key': case.key, 'kind': case.kind, 'names': list(case.hidden),
-            'robot': case.robot, 'seed': case.seed, 'size': case.size,
+            'robot': case.robot, 'seed': case.seed, 'size': case.size, 'spread': truth.spread,
             'simulator': case.realisation.simulator, 'form': case.realisation.form,
             'calibration': case.realisation.calibration,
             'distractors': [name for name in truth.names if name not in case.hidden],

@@ -59,6 +59,11 @@ class Share:
                 f'{self.right} of {self.total}')
 
 
+def not_left_alone(line: Line) -> bool:
+    """Tell whether a clean arm got another verdict than nothing_wrong."""
+    return bool(line.get('verdict') != 'nothing_wrong')
+
+
 def named(line: Line) -> list[str]:
     """Return the names of the causes, the likeliest first."""
     causes = sorted(line.get('causes', []), key=lambda cause: -cause['probability'])

@@ -20,7 +20,7 @@ from truth.excitation import set_points
 from truth.forms import FORMS
 from truth.sensors import amplifier_output, logged_angles, quantise, sensor_noise
 from truth.simulation import Motion, simulate
-from truth.tolerances import with_tolerances
+from truth.tolerances import AS_TOLD, GOOD, Spread, with_tolerances
 
 try:
     from truth.mujoco.simulation import simulate as simulate_chain
@@ -48,7 +48,8 @@ class TruthCase:
     All that a record is made from.
 
     `effects` are (identifier, parameters) in the truth's terms; payload_true and payload_told are
-    in kg; excitation is rich, rest or one_joint; noise scales the sensors' noise (0: neither noise
+    in kg; excitation is rich, rest or one_joint; spread says how far parts are off, good or told
+    (`truth.tolerances`); noise scales the sensors' noise (0: neither noise
     nor quantisation); distractors are further effects, too small to be named; simulator makes the
     record, and forms are those of the hidden effects (see `truth.forms`).
     """
@@ -65,6 +66,7 @@ class TruthCase:
     distractors: tuple[tuple[str, Parameters], ...] = ()
     simulator: str = FINITE_ELEMENTS
     forms: tuple[str, ...] = ()
+    spread: str = GOOD
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -97,7 +99,8 @@ def build_arm(case: TruthCase) -> Arm:
     """Return the arm of `case`: nominal parts, their tolerances, then the hidden effects."""
     arm = ROBOTS[case.robot](case.payload_true)
     if case.tolerances:
-        arm = with_tolerances(arm, random_stream(case, 'tolerances'))
+        spread = Spread() if case.spread == GOOD else AS_TOLD[case.robot]
+        arm = with_tolerances(arm, random_stream(case, 'tolerances'), spread)
     arm = limit_excitation(arm, case)
     for name, parameters in (*case.effects, *case.distractors):
         arm = CATALOGUE[name].apply(arm, parameters)
