@@ -17,10 +17,13 @@ from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
 from flex_plant_sim.diagnosis.likelihood.prior import part_priors, with_deviations
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.record.data import Data
+from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.effects import catalogue
 import numpy as np
 import pytest
 from simulated_records import effects, REFERENCE, simulated, SLOWEST
+from truth.records import make_record, TruthCase
+from truth.tolerances import TOLD
 
 
 def test_a_look_alike_is_fitted_along_its_own_trajectory() -> None:
@@ -53,6 +56,17 @@ def test_evidence_is_the_same_wherever_it_is_linearised_first() -> None:
                     (np.zeros(0),))
     assert from_file.log_evidence == pytest.approx(from_truth.log_evidence, abs=0.5)
     assert from_file.log_evidence > plain.log_evidence + 2.0
+
+
+def test_what_fits_elements_with_parts_as_far_off_as_told_gains_nothing_by_another_fit() -> None:
+    # Of another form, so that the parts' columns, and Occam's factor, change where they are found.
+    truth = make_record(TruthCase(7304, duration_s=28.0, spread=TOLD))
+    record = Record('elements', truth.time, truth.command,
+                    np.column_stack([truth.joint, truth.strain]), 0.1)
+    data, base = Data.of([record], SLOWEST, REFERENCE.sample_time), BaseModel(REFERENCE)
+    first = RefinedFit.refine(CandidateSet((), (np.zeros(0),)), base, data).fit
+    again = RefinedFit.refine(CandidateSet.of(first), base, data).fit
+    assert again.log_evidence - first.log_evidence < 0.5
 
 
 def test_a_factor_in_place_of_its_part_is_told_by_the_part_s_own_jacobian() -> None:

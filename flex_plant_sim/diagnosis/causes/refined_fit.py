@@ -131,8 +131,9 @@ class RefinedFit:
             improves = best is None or _significant_gain(found.fit, best.fit) > 0.0
             if best is None or found.fit.log_evidence > best.fit.log_evidence:
                 best = found
-            step, k = point.values - starts[0], point.values.size
-            distance = 0.5 * float(step @ np.linalg.solve(predicted_fit.covariance[:k, :k], step))
+            step = np.concatenate([point.values - starts[0],
+                                   deviations - likelihood.centre_deviations])
+            distance = 0.5 * float(step @ np.linalg.solve(predicted_fit.covariance, step))
             as_predicted = _significant_gain(found.fit, predicted_fit) == 0.0
             if not improves or (as_predicted and distance < LINEARISATION_ERROR):
                 break
