@@ -332,7 +332,8 @@ class FilterStep:
             variance += (mass - f.reference.item(MASS))**2
             variance += self.prior.scale_variance * mass**2
             variance *= self.variance_factor(f) if factor is None else factor
-        return mass, variance
+        # The average over two models may be below zero; no payload is, so that zero is nearer.
+        return max(mass, 0.0), variance
 
     def variance_factor(self, f: Filter) -> float:
         """
