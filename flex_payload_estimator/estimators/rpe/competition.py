@@ -7,7 +7,8 @@ import math
 from flex_payload_estimator.estimators.rpe import transitions
 from flex_payload_estimator.estimators.rpe.filter import Filter, Sample
 from flex_payload_estimator.estimators.rpe.filter_step import FilterStep
-from flex_payload_estimator.estimators.rpe.likelihood import false_alarm_threshold, pooled_misfit
+from flex_payload_estimator.estimators.rpe.likelihood import false_alarm_threshold
+from flex_payload_estimator.estimators.rpe.misfit import pooled_misfit
 from flex_payload_estimator.estimators.rpe.modes import freedom, ROUGH
 from flex_payload_estimator.estimators.rpe.restarts import (
     in_other_mode,
