@@ -57,3 +57,16 @@ def test_nothing_is_known_of_the_score_before_the_first_sample() -> None:
     sums = np.zeros(4)
     update_score(sums, 0.0, 0.0, 0.0, STEP)
     assert score_ratio(sums) == 1.0
+
+
+def test_the_score_is_the_same_with_and_without_numba() -> None:
+    plain, fast = np.zeros(4), np.zeros(4)
+    for change, before, after in ((0.02, 4e-3, 1e-3), (-0.01, 1e-3, 9e-4), (3e-3, 9e-4, 8e-4)):
+        update_score(fast, change, before, after, STEP)
+        getattr(update_score, 'py_func', update_score)(plain, change, before, after, STEP)
+    assert fast == pytest.approx(plain, rel=1e-14)
+    first = np.zeros(4)
+    update_score(first, 0.02, 4e-3, 1e-3, STEP)
+    # The change's variance is 4e-3 - 1e-3, the information gained 1000 - 250.
+    assert first == pytest.approx([10.0, 750.0, 100.0, 750.0])
+    assert score_ratio(first) == pytest.approx(0.02**2 / 3e-3)
