@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import math
 
-from flex_payload_estimator.estimators.rpe.score import CORRELATION_S, score_ratio, update_score
+from flex_payload_estimator.estimators.rpe.score import (
+    CORRELATION_S,
+    PRIOR_S,
+    score_ratio,
+    update_score,
+)
 import numpy as np
 import pytest
 
@@ -22,6 +27,11 @@ def learnt(errors: np.ndarray, variance: float) -> tuple[float, np.ndarray]:
     return mean, sums
 
 
+def ratio_of(sums: np.ndarray) -> float:
+    """Return the ratio of very long records."""
+    return score_ratio(sums, 1e9)
+
+
 def coloured(correlation: float, runs: int, samples: int) -> np.ndarray:
     """Return first-order errors of unit variance, (runs, samples)."""
     random = np.random.default_rng(7)
@@ -35,7 +45,7 @@ def coloured(correlation: float, runs: int, samples: int) -> np.ndarray:
 @pytest.mark.parametrize('correlation', [0.0, 0.6, 0.9])
 def test_the_score_tells_the_variance_of_a_mean_of_coloured_errors(correlation: float) -> None:
     runs = [learnt(errors, 1.0) for errors in coloured(correlation, 60, 3000)]
-    ratio = np.mean([score_ratio(sums) for _, sums in runs])
+    ratio = np.mean([ratio_of(sums) for _, sums in runs])
     # Of a first-order process, the sum of correlation^|j| exp(-|j| T / CORRELATION_S).
     faded = correlation * math.exp(-STEP / CORRELATION_S)
     assert ratio == pytest.approx((1.0 + faded) / (1.0 - faded), rel=0.06)
@@ -46,7 +56,7 @@ def test_the_score_tells_the_variance_of_a_mean_of_coloured_errors(correlation: 
 
 def test_the_score_is_the_mean_square_of_white_errors_whatever_is_stated() -> None:
     errors = coloured(0.0, 40, 3000)
-    low, high = (np.array([score_ratio(learnt(run, variance)[1]) for run in errors])
+    low, high = (np.array([ratio_of(learnt(run, variance)[1]) for run in errors])
                  for variance in (4.0, 0.25))
     assert high == pytest.approx(16.0 * low)
     # 60 memories a run: as many degrees of freedom.
@@ -56,7 +66,7 @@ def test_the_score_is_the_mean_square_of_white_errors_whatever_is_stated() -> No
 def test_nothing_is_known_of_the_score_before_the_first_sample() -> None:
     sums = np.zeros(4)
     update_score(sums, 0.0, 0.0, 0.0, STEP)
-    assert score_ratio(sums) == 1.0
+    assert score_ratio(sums, 0.0) == 1.0
 
 
 def test_the_score_is_the_same_with_and_without_numba() -> None:
@@ -69,4 +79,6 @@ def test_the_score_is_the_same_with_and_without_numba() -> None:
     update_score(first, 0.02, 4e-3, 1e-3, STEP)
     # The change's variance is 4e-3 - 1e-3, the information gained 1000 - 250.
     assert first == pytest.approx([10.0, 750.0, 100.0, 750.0])
-    assert score_ratio(first) == pytest.approx(0.02**2 / 3e-3)
+    assert ratio_of(first) == pytest.approx(0.02**2 / 3e-3)
+    # Half of it is prior, that the variance is as stated.
+    assert score_ratio(first, PRIOR_S) == pytest.approx(0.5 + 0.5 * 0.02**2 / 3e-3)

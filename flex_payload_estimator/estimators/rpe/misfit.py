@@ -19,7 +19,7 @@ def variance_factor(f: Filter, prior: Prior) -> float:
     if f.mode.free_parts:
         # Before the first pass the payload moves because it is linearised elsewhere.
         if f.passes > 0:
-            factor = max(factor, score_ratio(f.statistics[SCORE]))
+            factor = max(factor, score_ratio(f.statistics[SCORE], f.age))
         factor *= max(1.0, tolerances_off(f.beta, f.beta_cov, prior.mean, prior.weights))
     return factor
 

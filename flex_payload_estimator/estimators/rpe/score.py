@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import math
 
+from flex_payload_estimator.estimators.rpe.likelihood import MEMORY_S
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import compiled
 
-# Memory of the score's sum, s: errors that last longer than this count as if they did not.
-CORRELATION_S = 0.5
+# Memory of the score's sum, s, that of the other statistics: of errors that last longer, as much
+# counts.
+CORRELATION_S = MEMORY_S
+# Time in motion, s, for which the stated variance counts: two memories, as in one or two chance
+# makes almost anything of the ratio (benchmarks/score_prior.py, seeds 642500 and 646500).
+PRIOR_S = 1.0
 
 
 @compiled
@@ -44,6 +49,20 @@ def update_score(sums: Array, change: float, before: float, after: float, step: 
     sums[3] += sums[1]
 
 
-def score_ratio(sums: Array) -> float:
-    """Return by how much the payload's variance is larger than stated; 1 where nothing is seen."""
-    return sums.item(2) / sums.item(3) if sums.item(3) > 0.0 else 1.0
+def score_ratio(sums: Array, learnt_s: float) -> float:
+    """
+    Return by how much the payload's variance is larger than stated.
+
+    Each memory is a degree of freedom; the prior is that it is as stated, with PRIOR_S.
+
+    Parameters
+    ----------
+    sums : Array
+        See `update_score`.
+    learnt_s : float
+        Time in motion that the filter has learnt, s.
+
+    """
+    if not sums.item(3) > 0.0:
+        return 1.0
+    return (PRIOR_S + learnt_s * sums.item(2) / sums.item(3)) / (PRIOR_S + learnt_s)
