@@ -20,6 +20,7 @@ from flex_payload_estimator.estimators.rpe.estimator import (
     SUSPECT_FACTOR,
 )
 from flex_payload_estimator.estimators.rpe.likelihood import reduced_chi_square, SCORE
+from flex_payload_estimator.estimators.rpe.modes import ROUGH
 from flex_payload_estimator.estimators.rpe.prior import tolerances_off
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
@@ -49,7 +50,7 @@ def terms_of(estimator: RecursivePredictionError, case: TruthCase) -> Array:
         off, sums = 1.0, f.statistics[SCORE]
         if f.mode.free_parts:
             off = max(1.0, tolerances_off(f.beta, f.beta_cov, prior.mean, prior.weights))
-        counts = f.mode.free_parts and f.passes > 0 and sums[3] > 0.0
+        counts = f.mode.name == ROUGH.name and f.passes > 0 and sums[3] > 0.0
         terms.append((sums[2] / sums[3] if counts else 0.0, f.age,
                       max(1.0, reduced_chi_square(f.statistics)), off,
                       estimator._competition.variance_factor(f),

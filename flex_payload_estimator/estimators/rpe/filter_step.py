@@ -11,7 +11,7 @@ from flex_payload_estimator.estimators.rpe.effects import EffectStep
 from flex_payload_estimator.estimators.rpe.filter import Filter, Sample
 from flex_payload_estimator.estimators.rpe.likelihood import initial_statistics
 from flex_payload_estimator.estimators.rpe.linearised import Lineariser
-from flex_payload_estimator.estimators.rpe.misfit import variance_factor
+from flex_payload_estimator.estimators.rpe.misfit import misfits
 from flex_payload_estimator.estimators.rpe.model_average import model_averaged
 from flex_payload_estimator.estimators.rpe.modes import Mode, noise_model
 from flex_payload_estimator.estimators.rpe.packing import pack
@@ -338,4 +338,4 @@ class FilterStep:
 
     def variance_factor(self, f: Filter) -> float:
         """Return D, by which a variance is multiplied; see misfit.py."""
-        return variance_factor(f, self.prior)
+        return misfits(f, self.prior)[1]

@@ -4,24 +4,27 @@ from __future__ import annotations
 
 from flex_payload_estimator.estimators.rpe.filter import Filter
 from flex_payload_estimator.estimators.rpe.likelihood import reduced_chi_square, SCORE
+from flex_payload_estimator.estimators.rpe.modes import ROUGH
 from flex_payload_estimator.estimators.rpe.prior import Prior, tolerances_off
 from flex_payload_estimator.estimators.rpe.score import score_ratio
 
 
-def variance_factor(f: Filter, prior: Prior) -> float:
+def misfits(f: Filter, prior: Prior) -> tuple[float, float]:
     """
-    Return D, by which the variance of a mode with free parts is multiplied, at least 1.
+    Return the misfit that outlives a filter, and D, by which its variance is multiplied.
 
-    The larger of the reduced chi-squares of the innovations and of the payload's score, times that
-    of the parts' deviations (squared Birge ratios), each at least 1.
+    The first is the reduced chi-square of the innovations times that of the parts' deviations
+    (squared Birge ratios), each at least 1. For D the payload's score counts in place of the
+    innovations where it says more: by how much this filter's own variance is too small.
     """
-    factor = max(1.0, reduced_chi_square(f.statistics))
+    square, score, off = max(1.0, reduced_chi_square(f.statistics)), 1.0, 1.0
     if f.mode.free_parts:
-        # Before the first pass the payload moves because it is linearised elsewhere.
-        if f.passes > 0:
-            factor = max(factor, score_ratio(f.statistics[SCORE], f.age))
-        factor *= max(1.0, tolerances_off(f.beta, f.beta_cov, prior.mean, prior.weights))
-    return factor
+        off = max(1.0, tolerances_off(f.beta, f.beta_cov, prior.mean, prior.weights))
+        # Before the first pass the payload moves because it is linearised elsewhere; `coarse`,
+        # whose model error is larger than anything it has, by what it was led to before.
+        if f.passes > 0 and f.mode.name == ROUGH.name:
+            score = score_ratio(f.statistics[SCORE], f.age)
+    return square * off, max(square, score) * off
 
 
 def pooled_misfit(own: float, learnt_s: float, before: float, seen_s: float) -> float:
