@@ -7,7 +7,8 @@ import math
 from flex_payload_estimator.estimators.rpe import transitions
 from flex_payload_estimator.estimators.rpe.filter import Filter, Sample
 from flex_payload_estimator.estimators.rpe.filter_step import FilterStep
-from flex_payload_estimator.estimators.rpe.likelihood import false_alarm_threshold, pooled_misfit
+from flex_payload_estimator.estimators.rpe.likelihood import false_alarm_threshold
+from flex_payload_estimator.estimators.rpe.misfit import misfits, pooled_misfit
 from flex_payload_estimator.estimators.rpe.modes import freedom, ROUGH
 from flex_payload_estimator.estimators.rpe.restarts import (
     in_other_mode,
@@ -90,9 +91,10 @@ class ModeCompetition:
 
     def variance_factor(self, incumbent: Filter) -> float:
         """Return D of an incumbent, with the misfit of those before it in the window; keep it."""
-        self._misfit = pooled_misfit(self.stepper.variance_factor(incumbent), incumbent.age,
-                                     incumbent.misfit, min(self._time_in_motion, WINDOW_S))
-        return self._misfit
+        own, factor = misfits(incumbent, self.stepper.prior)
+        self._misfit = pooled_misfit(own, incumbent.age, incumbent.misfit,
+                                     min(self._time_in_motion, WINDOW_S))
+        return max(self._misfit, factor)
 
     def leave_rest(self, rested: Filter) -> None:
         """Keep what a filter knew at rest, after the last sample of the window."""

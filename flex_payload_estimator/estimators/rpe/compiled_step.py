@@ -7,12 +7,13 @@ arrays. So everything that a step needs is computed inside, and the filter is wr
 
 from __future__ import annotations
 
-from flex_payload_estimator.estimators.rpe.likelihood import update_statistics
+from flex_payload_estimator.estimators.rpe.likelihood import SCORE, update_statistics
 from flex_payload_estimator.estimators.rpe.measurement_update import correct
 from flex_payload_estimator.estimators.rpe.model_average import model_averaged
 from flex_payload_estimator.estimators.rpe.packing import unpack_compiled
+from flex_payload_estimator.estimators.rpe.score import update_score
 from flex_payload_estimator.estimators.rpe.small_matrices import applied, inner
-from flex_payload_estimator.estimators.rpe.time_update import predict, walk
+from flex_payload_estimator.estimators.rpe.time_update import MASS, predict, walk
 from flex_payload_estimator.kalman.in_place import add, put
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import compiled
@@ -180,13 +181,15 @@ def correct_packed(packed: Array, reference: Array, fixed: bool, loads: Array, m
         strain_square = measured * measured
         strain_square[:2] = 0.0
         noise = noise + gauge_error * np.maximum(loads[STRAIN], strain_square)
-    innovation, variances, scores, log_det = correct(
+    before = beta_cov[MASS, MASS]
+    innovation, variances, scores, log_det, change = correct(
         x, cov, sensitivity, beta, beta_cov, reference, fixed, measured, offset, output, noise,
         int(gains), GATE, heaviest)
     if np.isnan(log_det):
         return 0.0, 0.0, np.nan, 0.0
     log_density, stated, noise_drop_gain = update_statistics(
         statistics, innovation, innovations[0], variances, scores, log_det, told, GATE, step)
+    update_score(statistics[SCORE], change, before, beta_cov[MASS, MASS], step)
     put(innovations[0], innovation)
     put(innovations[1], np.sqrt(variances))
     return log_density, stated, min(inner(scores, scores), GATE) / channels, noise_drop_gain

@@ -65,7 +65,7 @@ class Filter:
     beta_cov : Array
         V, the covariance of beta, (B, B).
     statistics : Array
-        Running statistics of the innovations; see likelihood.initial_statistics, (m + 11,).
+        Running statistics of the innovations; see likelihood.initial_statistics, (m + 15,).
     noise_scale : Array
         Estimated variance of each channel's noise over that in the robot file, (m,); the first
         part of `statistics`.
@@ -91,7 +91,7 @@ class Filter:
         Time in motion that the filter has learnt, s, and what it was at the last linearisation.
     misfit : float
         Variance factor that earlier filters had over samples that this one has not learnt; see
-        likelihood.pooled_misfit.
+        misfit.pooled_misfit.
     previous : Array or None
         `packed` before the last prediction.
 

@@ -9,12 +9,13 @@ from typing import Any
 from flex_payload_estimator.estimators.rpe import compiled_step
 from flex_payload_estimator.estimators.rpe.effects import EffectStep
 from flex_payload_estimator.estimators.rpe.filter import Filter, Sample
-from flex_payload_estimator.estimators.rpe.likelihood import initial_statistics, reduced_chi_square
+from flex_payload_estimator.estimators.rpe.likelihood import initial_statistics
 from flex_payload_estimator.estimators.rpe.linearised import Lineariser
+from flex_payload_estimator.estimators.rpe.misfit import misfits
 from flex_payload_estimator.estimators.rpe.model_average import model_averaged
 from flex_payload_estimator.estimators.rpe.modes import Mode, noise_model
 from flex_payload_estimator.estimators.rpe.packing import pack
-from flex_payload_estimator.estimators.rpe.prior import Prior, SHARE_STD, SHARES, tolerances_off
+from flex_payload_estimator.estimators.rpe.prior import Prior, SHARE_STD, SHARES
 from flex_payload_estimator.estimators.rpe.schedule import PayloadSchedule
 from flex_payload_estimator.estimators.rpe.sensors import Loads, speed_feedback
 from flex_payload_estimator.estimators.rpe.time_update import (
@@ -332,17 +333,9 @@ class FilterStep:
             variance += (mass - f.reference.item(MASS))**2
             variance += self.prior.scale_variance * mass**2
             variance *= self.variance_factor(f) if factor is None else factor
-        return mass, variance
+        # The average over two models may be below zero; no payload is, so that zero is nearer.
+        return max(mass, 0.0), variance
 
     def variance_factor(self, f: Filter) -> float:
-        """
-        Return D, by which the variance of a mode with free parts is multiplied, at least 1.
-
-        The reduced chi-squares of the innovations and of the parts' deviations (squared Birge
-        ratios), each at least 1, multiplied.
-        """
-        factor = max(1.0, reduced_chi_square(f.statistics))
-        if f.mode.free_parts:
-            factor *= max(1.0, tolerances_off(f.beta, f.beta_cov, self.prior.mean,
-                                              self.prior.weights))
-        return factor
+        """Return D, by which a variance is multiplied; see misfit.py."""
+        return misfits(f, self.prior)[1]

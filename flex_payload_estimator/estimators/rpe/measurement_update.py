@@ -104,9 +104,11 @@ def _widened(total: Array, noise: Array, more: Array) -> Array:
 @compiled
 def _learn(x: Array, cov: Array, sensitivity: Array, beta: Array, beta_cov: Array,
            reference: Array, fixed: bool, at_reference: Array, slope: Array, psi: Array,
-           noise: Array, gain: Array, beta_gain: Array, scores: Array, heaviest: float) -> bool:
+           noise: Array, gain: Array, beta_gain: Array, scores: Array, heaviest: float) -> float:
     """
-    Update x, P, s, beta and V; or return True, and change nothing, where the state is lost.
+    Update x, P, s, beta and V; return the payload's change, kg, before it is limited.
+
+    NaN, and nothing is changed, where the state is lost.
 
     `at_reference` is the innovation at the reference parameters, (m,); `scores` that at beta,
     whitened by L^-1 with L L' = Sigma and the gate, (m,); `gain` is K, (n, m); `beta_gain` is
@@ -114,12 +116,13 @@ def _learn(x: Array, cov: Array, sensitivity: Array, beta: Array, beta_cov: Arra
     """
     moved, after, reduced = applied(gain, at_reference), beta.copy(), beta_cov.copy()
     add(after, 1.0, applied(beta_gain, scores))
+    change = after[MASS] - beta[MASS]
     after[MASS] = min(max(after[MASS], 0.0), heaviest)
     add_matrix(reduced, -1.0, squared(beta_gain, beta_gain))
     # Negative only where P or V is no covariance, or rounding took all digits.
     variance = reduced[MASS, MASS]
     if variance < 0.0 or not np.isfinite(inner(moved, moved) + variance):
-        return True
+        return np.nan
     add_matrix(sensitivity, -1.0, product(gain, psi))
     add(x, 1.0, moved)
     if not fixed:
@@ -128,14 +131,14 @@ def _learn(x: Array, cov: Array, sensitivity: Array, beta: Array, beta_cov: Arra
     put(beta, after)
     put_mean(beta_cov, reduced, 1.0)
     _reduce_covariance(cov, gain, slope, noise)
-    return False
+    return change
 
 
 @compiled
 def correct(x: Array, cov: Array, sensitivity: Array, beta: Array, beta_cov: Array,
             reference: Array, fixed: bool, measured: Array, offset: Array, output: Array,
             noise: Array, gains: int, gate: float, heaviest: float
-            ) -> tuple[Array, Array, Array, float]:
+            ) -> tuple[Array, Array, Array, float, float]:
     """
     Learn from a measurement: x, P, s, beta and V change in place.
 
@@ -161,6 +164,8 @@ def correct(x: Array, cov: Array, sensitivity: Array, beta: Array, beta_cov: Arr
         e, the diagonal of Sigma, and L^-1 e with L L' = Sigma; all before the gate, (m,).
     log_det : float
         ln |Sigma| with the gate; NaN where the state is lost, and then nothing is learnt.
+    change : float
+        By how much the payload would have changed without its limits, kg.
 
     """
     expected, slope, psi = _expected(x, sensitivity, reference, offset, output, gains)
@@ -173,7 +178,8 @@ def correct(x: Array, cov: Array, sensitivity: Array, beta: Array, beta_cov: Arr
     if chi_square > gate:
         noise = _widened(total, noise, (chi_square / gate - 1.0) * variances)
         white = whitener(total)
-    lost = _learn(x, cov, sensitivity, beta, beta_cov, reference, fixed, at_reference, slope, psi,
-                  noise, _gain(cross_cov, output_cov, noise), squared(beta_cross_cov, white),
-                  applied(white, innovation), heaviest)
-    return innovation, variances, scores, np.nan if lost else -2.0 * logarithms(white)
+    change = _learn(x, cov, sensitivity, beta, beta_cov, reference, fixed, at_reference, slope,
+                    psi, noise, _gain(cross_cov, output_cov, noise),
+                    squared(beta_cross_cov, white), applied(white, innovation), heaviest)
+    log_det = np.nan if np.isnan(change) else -2.0 * logarithms(white)
+    return innovation, variances, scores, log_det, change

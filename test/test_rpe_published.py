@@ -1,0 +1,35 @@
+"""What the default estimator publishes of a payload near zero."""
+
+from __future__ import annotations
+
+from flex_payload_estimator.estimators.rpe.modes import EXACT
+from flex_payload_estimator.estimators.rpe.time_update import FIRST_BIAS, MASS
+from flex_plant_sim.interval import Z95
+import numpy as np
+from rpe_runs import estimator_of
+from scipy.stats import norm, truncnorm
+
+
+def test_no_payload_below_zero_is_published() -> None:
+    # Half a deviation of payload that a gauge's bias may be instead, averaged with no bias.
+    estimator = estimator_of()
+    f = estimator.stepper.begin(EXACT, np.zeros(6), 0.001, 0.01)
+    std = f.beta_cov.diagonal()**0.5
+    f.beta[FIRST_BIAS] = 0.5 * std[FIRST_BIAS]
+    for row, column in ((MASS, FIRST_BIAS), (FIRST_BIAS, MASS)):
+        f.beta_cov[row, column] = 0.9 * std[MASS] * std[FIRST_BIAS]
+    mass, variance = estimator.stepper.moments(f)
+    assert mass < -1e-3
+    assert estimator.stepper.published(f) == (0.0, variance)
+
+
+def test_zero_serves_an_empty_arm_better_than_the_mean_of_payloads_above_it() -> None:
+    # Over estimates of an empty arm in deviations: by quadrature.
+    found = np.linspace(-8.0, 8.0, 4001)
+    weights = norm.pdf(found) / norm.pdf(found).sum()
+    cut = truncnorm(-found, np.inf, loc=found)
+    kept = np.maximum(found, 0.0)
+    assert (weights @ cut.mean()**2)**0.5 > 1.35 * (weights @ kept**2)**0.5
+    assert weights @ cut.mean() > 2.0 * weights @ kept
+    # The interval about zero holds it as often as before or more.
+    assert weights @ (kept < Z95) > 0.974
