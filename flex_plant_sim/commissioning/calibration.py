@@ -7,14 +7,13 @@ its fit of the set without causes (docs/evidence.md), on the whole of the logs.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from flex_plant_sim.arm.parts import within_file_limits
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
-from flex_plant_sim.diagnosis.causes.fit import Fit
-from flex_plant_sim.diagnosis.causes.refined_fit import LINEARISATION_ERROR, RefinedFit
+from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit
 from flex_plant_sim.diagnosis.likelihood.prior import part_priors, with_deviations
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.record.data import Data
@@ -27,9 +26,6 @@ import numpy as np
 
 # Model and modes per link: the defaults of all tools.
 MODEL, MODES = 'assumed_modes', 3
-# Fits one after another, each linearised around the one before, at most. MuJoCo arms with every
-# part 5 to 10 % off take two or three (benchmarks/calibration.py).
-MAX_FITS = 10
 # Deviations below this, in tolerances, are left at the robot file's number: half a minute tells
 # the best-known part of the reference arm to more.
 NOTABLE = 0.1
@@ -53,8 +49,7 @@ class Calibration:
     parts: tuple[PartEstimate, ...]
 
 
-def calibrate(logs: Sequence[Log], robot: Robot, payload: float,
-              progress: Callable[[str], None] = lambda words: None) -> Calibration:
+def calibrate(logs: Sequence[Log], robot: Robot, payload: float) -> Calibration:
     """
     Return the most probable parts, given logs in which the payload is known.
 
@@ -66,8 +61,6 @@ def calibrate(logs: Sequence[Log], robot: Robot, payload: float,
         Its numbers and tolerances are the prior.
     payload : float
         Payload in all logs, kg.
-    progress : Callable
-        Called with a line of text after each fit.
 
     Raises
     ------
@@ -78,7 +71,8 @@ def calibrate(logs: Sequence[Log], robot: Robot, payload: float,
     known = replace(robot.tolerances, payload=0.0, payload_inertia_kg_m2=0.0)
     base = nominal_base(replace(robot, payload_mass=payload, tolerances=known,
                                 sample_time=logs[0].sample_time), MODEL, MODES)
-    fit = _converged(base, _whole([Record.of(log, payload) for log in logs], base), progress)
+    data = _whole([Record.of(log, payload) for log in logs], base)
+    fit = RefinedFit.refine(CandidateSet((), (np.zeros(0),)), base, data).fit
     parts = part_priors(base.robot, payload)
     tolerances = np.array([part.tolerance for part in parts])
     values = np.where(np.abs(fit.deviations) < NOTABLE * tolerances, 0.0, fit.deviations)
@@ -95,15 +89,3 @@ def _whole(records: Sequence[Record], base: BaseModel) -> Data:
     """Return the records with nothing locked: nothing is judged by it."""
     data = Data.of(records, slowest_frequency(base, records[0].payload), base.robot.sample_time)
     return Data((*data.windows, *data.locked), (), 2 * data.noise)
-
-
-def _converged(base: BaseModel, data: Data, progress: Callable[[str], None]) -> Fit:
-    """Return the fit without causes that a further linearisation does not better."""
-    candidate, fits = CandidateSet((), (np.zeros(0),)), []
-    for k in range(MAX_FITS):
-        fits.append(RefinedFit.refine(candidate, base, data).fit)
-        progress(f'fit {k + 1}: log-evidence {fits[-1].log_evidence:.1f} nats')
-        if k and fits[-1].log_evidence - fits[-2].log_evidence < LINEARISATION_ERROR:
-            break
-        candidate = CandidateSet.of(fits[-1])
-    return max(fits, key=lambda fit: fit.log_evidence)
