@@ -6,12 +6,12 @@ from collections.abc import Callable
 from dataclasses import replace
 import math
 
+from flex_payload_estimator.control.joint_watch import ObedienceWatch
 from flex_payload_estimator.control.lqg import LOST, LQGController, LQGSettings
 from flex_payload_estimator.control.safeguards import (
     BelievedPayload,
     CLOSING_TIME,
     CommandLimiter,
-    ObedienceWatch,
 )
 from flex_payload_estimator.estimators.base import largest_payload
 from flex_payload_estimator.nodes.node_setup import check_square

@@ -126,6 +126,15 @@ class LQGController:
         a_bar, b_bar = self._delta(1.0, self.settings.mass_0)
         return settled(a_bar, b_bar, self.q_1, self.q_2, self.step)[1]
 
+    @property
+    def transition(self) -> tuple[Array, Array, float]:
+        """Return A-bar (n, n) and B-bar (n, 2) from the last sample on, and cos(theta_2)."""
+        if self._model is None:
+            return *self._delta(1.0, self.settings.mass_0), 1.0
+        n = self.model.states
+        a_bar, b_bar = self._model[0][:n, :n], self._model[1][:n]
+        return np.ascontiguousarray(a_bar), b_bar, math.cos(self._angle)
+
     def reset(self) -> None:
         """Forget everything."""
         self.kalman.reset()
