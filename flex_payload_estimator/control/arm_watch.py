@@ -7,7 +7,7 @@ import math
 
 from flex_payload_estimator.control.gauge_watch import GaugeWatch
 from flex_payload_estimator.control.joint_watch import ObedienceWatch, SpeedWatch
-from flex_payload_estimator.control.lqg import LQGController
+from flex_payload_estimator.control.lqg import GATE, LOST, LQGController, SMALLEST_VARIANCE
 from flex_payload_estimator.model.payload_model import SecondOrderModel
 from flex_plant_sim.arm.drive import Drive
 from flex_plant_sim.arm.robot import Robot
@@ -19,6 +19,10 @@ import numpy as np
 # Share of the largest command from which a joint must move: friction that holds a joint takes a
 # fifth of it on a measured arm.
 LARGE = 0.5
+# An angle within so much of its prediction is not too far from it, rad.
+LEAP = GATE * math.sqrt(SMALLEST_VARIANCE)
+# Samples after a gap in which the arm may be elsewhere: more than gate and predictor doubt.
+RECENT = 3 * LOST
 # Interval between two samples, over the sampling time, from which one is missing.
 MISSING = 1.5
 
@@ -65,7 +69,7 @@ class ArmWatch:
 
     def reset(self) -> None:
         """Forget everything, a fault included."""
-        self.fault, self._time = '', -math.inf
+        self.fault, self._time, self._gap_at = '', -math.inf, -math.inf
         if self._gauges is not None:
             self._gauges.reset()
         self._speeds.reset()
@@ -102,13 +106,26 @@ class ArmWatch:
 
         """
         finite = all(map(math.isfinite, output.tolist()))
-        unbent = self._unbent(time, output if finite else None, applied)
+        gap = time - self._time > MISSING * self._robot.sample_time
+        self._time, self._gap_at = time, time if gap else self._gap_at
+        if gap and self._gauges is not None:
+            self._gauges.reset()
+        unbent = self._unbent(output if finite else None, applied)
         if self.fault or not finite:
             return
         angle = output[:2].tolist()
-        self.fault = (self._disagreement(time, angle, velocity)
+        self.fault = (self._leap(time) or self._disagreement(time, angle, velocity)
                       or self._disobedience(time, angle, sent.tolist(), span)
                       or unbent)
+
+    def _leap(self, time: float) -> str:
+        """Say that an angle is elsewhere for good than where samples without a gap had it."""
+        leap = self._controller.leap
+        joint = int(np.argmax(np.abs(leap)))
+        if abs(leap[joint]) < LEAP or time - self._gap_at < RECENT * self._robot.sample_time:
+            return ''
+        return (f'{JOINTS[joint]} is {leap[joint]:+.3g} rad from where its command took it: check '
+                'its encoder (slipped, counts lost, zeroed again)')
 
     def _disagreement(self, time: float, angle: list[float], velocity: Sequence[float]) -> str:
         found = self._speeds(time, angle, velocity)
@@ -130,22 +147,19 @@ class ArmWatch:
                 f'for {span:g} s: check its encoder (stuck, inverted, exchanged), its drive, and '
                 'what may hold it (a stop, a heavy load, then command_limit)')
 
-    def _unbent(self, time: float, output: Array | None, applied: Array) -> str:
+    def _unbent(self, output: Array | None, applied: Array) -> str:
         watch, controller = self._gauges, self._controller
         if watch is None:
             return ''
-        if time - self._time > MISSING * self._robot.sample_time:
-            watch.reset()
-        self._time = time
         believed = None if output is None or controller.doubted else (
             controller.model.scale * output)
         gauge = watch(believed, applied, *controller.transition)
         if gauge is None:
             return ''
         link = 1 if gauge < len(self._robot.links[0].gauge_positions) else 2
-        return (f'{self._robot.gauge_names[gauge]} does not move as link {link} bends, its error '
-                f'is {watch.error[gauge]:.2g} of it: check the gauges (loose, inverted, '
-                'exchanged, unit) and the encoders')
+        return (f'the gauges do not move as the arm bends, {self._robot.gauge_names[gauge]} most, '
+                f"by {watch.error[gauge]:.2g} of link {link}'s bending: check the gauges (loose, "
+                'inverted, exchanged, unit) and the encoders')
 
 
 def _steady_speed(drive: Drive, command: float) -> float:
@@ -153,8 +167,3 @@ def _steady_speed(drive: Drive, command: float) -> float:
     if not drive.damping > 0.0:
         return MAX_SPEED
     return min(MAX_SPEED, drive.torque_gain * command / drive.damping)
-
-
-def leap_fault(leap: str) -> str:
-    """Return the fault of an angle that the gate believes after a step, see Gate.leap."""
-    return f'{leap}: check its encoder (slipped, counts lost, zeroed again)'

@@ -89,6 +89,9 @@ class LQGController:
     ----------
     doubted : int
         How many of the last measurements in a row were too far from their prediction to be used.
+    leap : Array
+        How far both angles were from their prediction where it began again at the last sample,
+        rad, (2,); otherwise zero.
 
     """
 
@@ -143,7 +146,7 @@ class LQGController:
         self._believed.reset()
         self._mass, self._angle = self.settings.mass_0, 0.0
         self._output: Array | None = None
-        self.doubted = 0
+        self.doubted, self.leap = 0, np.zeros(2)
         self._model: tuple[Array, Array] | None = None
         self._previous = np.zeros(2)
 
@@ -205,6 +208,7 @@ class LQGController:
 
     def _doubtful(self, scaled: Array) -> bool:
         """Return whether a measurement is too far from its prediction to be used."""
+        self.leap = np.zeros(2)
         if self._model is None:
             return False
         if self.kalman.explains(self.state, scaled, GATE, SMALLEST_VARIANCE):
@@ -214,6 +218,7 @@ class LQGController:
         if self.doubted <= LOST:
             return True
         self.kalman.reset()
+        self.leap = scaled[:2] - self.state[:2]
         self.state = np.zeros_like(self.state)
         self.state[:2], self.doubted = scaled[:2], 0
         return False

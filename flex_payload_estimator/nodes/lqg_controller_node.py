@@ -10,7 +10,7 @@ from dataclasses import replace
 import math
 from typing import Any
 
-from flex_payload_estimator.control.arm_watch import ArmWatch, leap_fault
+from flex_payload_estimator.control.arm_watch import ArmWatch
 from flex_payload_estimator.control.safeguards import CommandLimiter
 from flex_payload_estimator.control.set_points import SetPoints
 from flex_payload_estimator.control.trajectory import Trajectory
@@ -214,13 +214,10 @@ class LQGControllerNode(SampleNode):
 
     def _faulty(self, sample: Sample, before: Array) -> bool:
         """Return whether a sensor drives the arm the wrong way; `before` was sent last, (2,)."""
-        span, leap = self.values['watchdog'], self.gate.leap
-        self.gate.leap = ''
+        span = self.values['watchdog']
         if span and not self.watch.fault:
             self.watch(sample.time, sample.output, sample.velocity.tolist(), sample.command,
                        before, span)
-            if leap:
-                self.watch.fault = leap_fault(leap)
             if self.watch.fault:
                 self.get_logger().error(self._stop_text())
         return bool(span and self.watch.fault)

@@ -106,8 +106,8 @@ class Gate:
 
     The speed of a sample is taken from the last one that passed. After CONVINCED samples in a row
     that were refused for their speed but are consistent with one another, the new position is
-    believed, and told in `leap`: the arm was moved by hand, or an encoder slipped. A step of whole
-    turns is never believed: an angle that is wrapped makes it, and the joint did not.
+    believed: the arm was moved by hand, or an encoder was zeroed again. A step of whole turns is
+    never believed: an angle that is wrapped makes it, and the joint did not.
 
     Parameters
     ----------
@@ -117,8 +117,6 @@ class Gate:
     ----------
     refused : Counter
         Number of refusals by kind.
-    leap : str
-        The step that was believed last, in one line; empty if none was.
 
     """
 
@@ -135,7 +133,7 @@ class Gate:
         self._last: tuple[float, list[float]] | None = None
         self._doubted: tuple[float, list[float]] | None = None
         self._wrapped: int | None
-        self._doubts, self._wrapped, self.leap = 0, None, ''
+        self._doubts, self._wrapped = 0, None
 
     @property
     def limits(self) -> Limits:
@@ -207,7 +205,6 @@ class Gate:
         wrapped = lasts or self._is_turn(step, self._fastest[k] * span + self.limits.noise)
         self._wrapped = k if wrapped else None
         if self._convinced(time, angle) and not wrapped:
-            self.leap = f'{JOINTS[k]} went {step:+.4g} rad in {span:.4g} s'
             self._pass(time, angle)
             return None
         return Refusal(SPEED, f'{JOINTS[k]}: expected at most {self.limits.speed[k]:.4g} rad/s, '

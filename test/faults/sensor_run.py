@@ -15,6 +15,7 @@ import os
 import sys
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from faults.page import record
 from faults.relay import Alter, Relay, remapped
 from flex_payload_estimator.nodes.lqg_controller_node import LQGControllerNode
@@ -28,9 +29,11 @@ from rclpy.context import Context
 from ros_loop import overrides, RosLoop
 
 STEP, START, END = 10_000_000, 330, 1100
-EFFECTS = ['coulomb_friction:joint_2:level=0.4', 'joint_spring:joint_1:stiffness=1.0',
+EFFECTS = ['coulomb_friction:joint_2:level_n_m=0.4',
+           'joint_spring:joint_1:stiffness_n_m_per_rad=1.0,rest_rad=0.1',
            'link_stiffness:link_2:factor=0.96', 'actuator_gain:joint_1:factor=1.04']
 PLANT: dict[str, Any] = {'modes': 4, 'payload': 0.22, 'effects': EFFECTS, 'seed': 23}
+COMMANDS = 'lqg_controller: command'
 SET_POINTS = {'reference_amplitude': 0.4, 'reference_period': 3.6}
 # Changes a message; the second number is the time since the fault began, s.
 Spoil = Callable[[Any, float], None]
@@ -111,10 +114,11 @@ HEALTHY: dict[str, Case] = {
     'design for 0.3 kg, none there': Case(
         plant={'payload': 0.0}, controller={'adapt': False, 'payload_initial': 0.3}),
     'dry friction of 2 and 6 N m': Case(plant={'effects': [
-        'coulomb_friction:joint_2:level=2.0', 'coulomb_friction:joint_1:level=6.0']}),
+        'coulomb_friction:joint_2:level_n_m=2.0', 'coulomb_friction:joint_1:level_n_m=6.0']}),
     'drive off by 0.2': Case(plant={'effects': ['actuator_bias:joint_1:bias=0.2']}),
     'air drag, base on springs': Case(plant={'effects': [
-        'air_drag:arm', 'base_compliance:arm']}),
+        'air_drag:arm:density_times_drag_kg_per_m3=20',
+        'base_compliance:arm:compliance_rad_per_n_m=0.003,inertia_kg_m2=0.2']}),
     'steps of 1 rad': Case(controller={'reference_amplitude': 1.0}),
     'torque noise of 2 N m': Case(plant={'process_noise': 2.0})}
 FAULTS: dict[str, Case] = {
@@ -163,12 +167,14 @@ def outcome(case: Case, context: Context) -> tuple[float, float, float, str]:
     loop.add(PlantSim, cli_args=remapped(*topics),
              parameter_overrides=overrides({**PLANT, **case.plant}))
     loop.until(lambda: END * STEP in joints.stamps, timeout=600.0)
-    loop.wait(1.2)
+    heard = len(diagnostics)
+    loop.until(lambda: any(status.name.startswith(COMMANDS) for message in diagnostics[heard:]
+                           for status in message.status))
     angle = {stamp: float(np.abs(message.position).max())
              for stamp, message in joints.by_stamp().items()}
     moving = [stamp_of(message) for message in commands if any(message.effort)]
     said = [(status.level, status.message) for message in diagnostics for status in message.status
-            if status.name.startswith('lqg_controller: command')]
+            if status.name.startswith(COMMANDS) and status.level != DiagnosticStatus.STALE]
     loop.close()
     stop = max(moving, default=0)
     text = max(said, key=lambda each: each[0])[1] if said else ''
