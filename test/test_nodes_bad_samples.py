@@ -111,6 +111,15 @@ def _without_velocity(spoil: Callable[[Any], None]) -> Callable[[Any], None]:
     return both
 
 
+def _stuck() -> Callable[[Any], None]:
+    kept: list[float] = []
+
+    def spoil(message: Any) -> None:
+        kept.append(message.position[0])
+        message.position[0] = kept[0]
+    return spoil
+
+
 def _dead(message: Any) -> None:
     message.position[1] = 0.0
 
@@ -127,18 +136,19 @@ def _time(message: Any) -> float:
     return float(message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec)
 
 
-COMMANDED = 'does not move as its command asks'
+COMMANDED, LEAPT = 'does not move as its command asks', 'is '
 
 
 @pytest.mark.parametrize('topic, spoil, said, reach', [
     ('joint_states', _frozen, 'joint_1: its angle went', 1.0),
-    ('joint_states', _without_velocity(_frozen), f'joint_1 {COMMANDED}', 7.0),
+    ('joint_states', _without_velocity(_frozen), f'joint_1 {LEAPT}', 1.0),
+    ('joint_states', _without_velocity(_stuck()), f'joint_1 {COMMANDED}', 7.0),
     ('joint_states', _inverted, 'joint_2: its angle went', 1.0),
-    ('joint_states', _without_velocity(_inverted), f'joint_2 {COMMANDED}', 7.0),
+    ('joint_states', _without_velocity(_inverted), f'joint_2 {LEAPT}', 2.0),
     ('joint_states', _exchanged, 'its angle went', 1.0),
-    ('joint_states', _without_velocity(_exchanged), COMMANDED, 7.0),
+    ('joint_states', _without_velocity(_exchanged), 'The command is zero until ~/reset', 7.0),
     ('joint_states', _drifting, 'joint_2: its angle went', 1.0),
-    ('joint_states', _without_velocity(_slipped), 'joint_1 is +0.3', 1.0),
+    ('joint_states', _without_velocity(_slipped), f'joint_1 {LEAPT}', 1.0),
     ('joint_states', _a_turn_on, 'samples said nothing: the command is zero', 1.0),
     ('strain', _dead, 'the gauges do not move as the arm bends', 1.0)])
 def test_a_sensor_that_lies_for_good_does_not_drive_the_arm_away(
