@@ -90,8 +90,8 @@ class LQGController:
     doubted : int
         How many of the last measurements in a row were too far from their prediction to be used.
     leap : Array
-        How far both angles were from their prediction where it began again at the last sample,
-        rad, (2,); otherwise zero.
+        How far both angles were from their prediction, rad, (2,), where the last sample is believed
+        after some that were not; otherwise zero.
 
     """
 
@@ -212,6 +212,8 @@ class LQGController:
         if self._model is None:
             return False
         if self.kalman.explains(self.state, scaled, GATE, SMALLEST_VARIANCE):
+            # The longer a measurement is doubted, the less the prediction is known against it.
+            self.leap = (scaled[:2] - self.state[:2]) * (self.doubted > 0)
             self.doubted = 0
             return False
         self.doubted += 1
