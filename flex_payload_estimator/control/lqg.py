@@ -90,8 +90,8 @@ class LQGController:
     doubted : int
         How many of the last measurements in a row were too far from their prediction to be used.
     leap : Array
-        How far both angles were from their prediction, rad, (2,), where the last sample is believed
-        after some that were not; otherwise zero.
+        How far both angles were from their prediction, rad, (2,), where the last sample is
+        believed after some that were not; otherwise zero.
 
     """
 
