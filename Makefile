@@ -57,6 +57,7 @@ FAULTS := PYTHONPATH=.:test $(BIN)/python test/faults
 faults: .venv/.$(DISTRO)-test  ## faults between processes, bad samples, messages, logs, signals
 	$(FAULTS)/processes.py --times 10 --page
 	$(FAULTS)/bad_sample_run.py --page
+	$(FAULTS)/sensor_run.py --page
 	$(FAULTS)/mutated_messages.py --page
 	$(FAULTS)/disturbed_logs.py --page
 	$(FAULTS)/start_signals.py --page

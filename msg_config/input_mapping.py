@@ -111,6 +111,15 @@ class Channels:
             Names and values differ in number, or a name is missing or ambiguous.
 
         """
+        found = self._picked(given, values, where)
+        return found if self._in_si else self.si(found)
+
+    def pick_rate(self, given: Sequence[str], values: Sequence[float], where: str) -> Array:
+        """Return the rates of change of one message in SI, as `pick` returns its values."""
+        found = self._picked(given, values, where)
+        return found if self._in_si else self.rate(found)
+
+    def _picked(self, given: Sequence[str], values: Sequence[float], where: str) -> Array:
         if len(values) != len(given):
             raise InputError(f'{where}: expected {len(given)} values, one for each name, '
                              f'got {len(values)}')
@@ -121,8 +130,7 @@ class Channels:
             if len(self._indices) >= CACHED_ORDERS:
                 self._indices.clear()
             self._indices[names] = rows
-        found = np.array([values[k] for k in rows], dtype=float)
-        return found if self._in_si else self.si(found)
+        return np.array([values[k] for k in rows], dtype=float)
 
     @cached_property
     def _indices(self) -> dict[tuple[str, ...], list[int]]:

@@ -104,13 +104,56 @@ def _a_turn_on(message: Any) -> None:
     message.position[0] += 2.0 * np.pi
 
 
-@pytest.mark.parametrize('spoil, said', [
-    (_frozen, 'joint_1 does not move as its command asks'),
-    (_inverted, 'joint_2 does not move as its command asks'),
-    (_exchanged, 'does not move as its command asks'),
-    (_a_turn_on, 'samples said nothing: the command is zero')])
-def test_an_encoder_that_lies_for_good_does_not_drive_the_arm_away(
-        ros_context: Context, spoil: Callable[[Any], None], said: str) -> None:
+def _without_velocity(spoil: Callable[[Any], None]) -> Callable[[Any], None]:
+    def both(message: Any) -> None:
+        message.velocity = []
+        spoil(message)
+    return both
+
+
+def _stuck() -> Callable[[Any], None]:
+    kept: list[float] = []
+
+    def spoil(message: Any) -> None:
+        kept.append(message.position[0])
+        message.position[0] = kept[0]
+    return spoil
+
+
+def _dead(message: Any) -> None:
+    message.position[1] = 0.0
+
+
+def _drifting(message: Any) -> None:
+    message.position[1] += 0.2 * (_time(message) - 1e-9 * FIRST * STEP)
+
+
+def _slipped(message: Any) -> None:
+    message.position[0] += 0.3
+
+
+def _time(message: Any) -> float:
+    return float(message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec)
+
+
+COMMANDED, LEAPT = 'does not move as its command asks', 'is '
+
+
+@pytest.mark.parametrize('topic, spoil, said, reach', [
+    ('joint_states', _frozen, 'joint_1: its angle went', 1.0),
+    ('joint_states', _without_velocity(_frozen), f'joint_1 {LEAPT}', 1.0),
+    ('joint_states', _without_velocity(_stuck()), f'joint_1 {COMMANDED}', 7.0),
+    ('joint_states', _inverted, 'joint_2: its angle went', 1.0),
+    ('joint_states', _without_velocity(_inverted), f'joint_2 {LEAPT}', 2.0),
+    ('joint_states', _exchanged, 'its angle went', 1.0),
+    ('joint_states', _without_velocity(_exchanged), 'The command is zero until ~/reset', 7.0),
+    ('joint_states', _drifting, 'joint_2: its angle went', 1.0),
+    ('joint_states', _without_velocity(_slipped), f'joint_1 {LEAPT}', 1.0),
+    ('joint_states', _a_turn_on, 'samples said nothing: the command is zero', 1.0),
+    ('strain', _dead, 'the gauges do not move as the arm bends', 1.0)])
+def test_a_sensor_that_lies_for_good_does_not_drive_the_arm_away(
+        ros_context: Context, topic: str, spoil: Callable[[Any], None], said: str, reach: float,
+) -> None:
     from faults.relay import Relay, remapped
     from flex_payload_estimator.nodes.lqg_controller_node import LQGControllerNode
     from flex_plant_sim.nodes.plant_sim_node import PlantSim
@@ -122,17 +165,18 @@ def test_an_encoder_that_lies_for_good_does_not_drive_the_arm_away(
             spoil(message)
         send(message)
     loop = RosLoop(ros_context)
-    loop.add(Relay, {'joint_states': alter})
-    joints = loop.record('joint_states', 'raw/joint_states')
+    loop.add(Relay, {topic: alter})
+    joints = loop.record('joint_states',
+                         'raw/joint_states' if topic == 'joint_states' else 'joint_states')
     commands, diagnostics = loop.record('command'), loop.record('/diagnostics')
     loop.start(LQGControllerNode, **VALUES, adapt=False, payload_initial=0.1)
-    loop.add(PlantSim, cli_args=remapped('joint_states'),
+    loop.add(PlantSim, cli_args=remapped(topic),
              parameter_overrides=overrides({**VALUES, **SEED}))
     loop.until(lambda: (FIRST + 1000) * STEP in joints.stamps, timeout=120.0)
     loop.until(lambda: any(said in status.message for message in diagnostics
                            for status in message.status))
     assert not any(commands[-1].effort)
-    assert np.abs([message.position for message in joints]).max() < 7.0
+    assert np.abs([message.position for message in joints]).max() < reach
     last = np.array([message.position for message in joints[-100:]])
     assert np.ptp(last, axis=0).max() < 0.01
     loop.close()

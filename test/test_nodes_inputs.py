@@ -236,3 +236,39 @@ def test_payloads_in_time_are_waited_for_again_whichever_comes_first(
             inertia.publish(inertia_message(stamp, 0.2))
             loop.wait(0.02)
     assert not bench.node._late
+
+
+def test_topics_of_the_robot_file_that_a_node_does_not_hear_are_said(
+        loop: RosLoop, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    from flex_payload_estimator.nodes.lqg_controller_node import LQGControllerNode
+    from ros_loop import overrides
+
+    text = (resources.files('flex_plant_sim') / 'robots' / 'reference.yaml').read_text()
+    own = tmp_path / 'own.yaml'
+    own.write_text(text + 'inputs:\n  topics: {strain: /daq/strain}\n')
+    for arguments, said in (([], True), (['--ros-args', '-r', 'strain:=/daq/strain'], False)):
+        capfd.readouterr()
+        node = loop.add(LQGControllerNode, cli_args=arguments, parameter_overrides=overrides(
+            {'robot': str(own), 'modes': 1}))
+        assert ('-r strain:=/daq/strain' in capfd.readouterr().err) is said
+        loop.stop(node)
+
+
+def test_a_payload_that_no_arm_carries_is_said_once_and_while_it_lasts(
+        loop: RosLoop, capfd: pytest.CaptureFixture[str]) -> None:
+    from msg_config.messages import inertia_message
+
+    bench = Bench(loop, 'controller', adapt=True)
+    payload = loop.publisher('payload/inertia')
+
+    def told(text: str) -> bool:
+        status = bench.status('lqg_controller: command')
+        return status is not None and text in status.message
+    capfd.readouterr()
+    for k, mass in enumerate((50.0, 50.0, -9.0, 0.1)):
+        payload.publish(inertia_message(k * STEP, mass))
+        bench.answered(k)
+        if k == 1:
+            loop.until(lambda: told('got 50'))
+    loop.until(lambda: told('ok'))
+    assert capfd.readouterr().err.count('inertia.m: expected 0 to 0.732 kg') == 1

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 import math
 
+from flex_payload_estimator.control.joint_watch import ObedienceWatch, SpeedWatch
 from flex_payload_estimator.control.lqg import LOST, LQGController, LQGSettings
 from flex_payload_estimator.control.safeguards import (
     BelievedPayload,
     CLOSING_TIME,
     CommandLimiter,
-    ObedienceWatch,
 )
 from flex_payload_estimator.estimators.base import largest_payload
 from flex_payload_estimator.nodes.node_setup import check_square
@@ -58,6 +59,44 @@ def test_a_joint_that_stands_under_a_large_command_for_a_short_time_obeys() -> N
                for k in range(500))
 
 
+FASTEST = [5.0, 5.0]
+
+
+def speeds(angle: Callable[[float], float], velocity: Callable[[float], float],
+           seconds: float = 6.0) -> tuple[float | None, SpeedWatch]:
+    """Return when a joint's angle and velocity are found to disagree, s, and the watch."""
+    watch, random = SpeedWatch(FASTEST, 0.01), np.random.default_rng(3)
+    for k in range(round(100 * seconds)):
+        t = 0.01 * k
+        if watch(t, (0.0, angle(t) + random.normal(0.0, 2e-4)), (0.0, velocity(t))) is not None:
+            return t, watch
+    return None, watch
+
+
+@pytest.mark.parametrize('fault, within', [
+    (lambda t: 0.5 * t, 1.0), (lambda t: 0.5, 0.02),
+    (lambda t: math.sin(9.0) - math.sin(3.0 * (t + 3.0)), 0.2)],
+    ids=['drifts', 'slips', 'sticks'])
+def test_an_angle_that_leaves_its_tachometer_is_told(
+        fault: Callable[[float], float], within: float) -> None:
+    found, _ = speeds(lambda t: math.sin(3.0 * t) + (fault(t - 3.0) if t >= 3.0 else 0.0),
+                      lambda t: 3.0 * math.cos(3.0 * t))
+    assert found is not None and 3.0 <= found < 3.0 + within
+
+
+@pytest.mark.parametrize('velocity, proved', [
+    (lambda t: 0.0, False), (lambda t: 150.0 * math.cos(3.0 * t), False),
+    (lambda t: math.nan, False), (lambda t: 3.15 * math.cos(3.0 * t), True),
+    (lambda t: 3.0 * math.cos(3.0 * (t - 0.015)), True),
+    (lambda t: 3.0 * math.cos(3.0 * t) + 0.05, True)],
+    ids=['zeros', 'before the gear', 'none', '5 % off', 'late', 'with an offset'])
+def test_a_velocity_that_is_no_good_or_a_little_off_stops_nothing(
+        velocity: Callable[[float], float], proved: bool) -> None:
+    found, watch = speeds(lambda t: math.sin(3.0 * t), velocity)
+    assert found is None
+    assert watch.proved == [False, proved]
+
+
 def test_a_payload_is_believed_in_range_and_no_faster_than_a_gripper_closes() -> None:
     payload = BelievedPayload(0.1, 0.7)
     assert payload(math.nan, 0.0) == 0.1
@@ -68,6 +107,41 @@ def test_a_payload_is_believed_in_range_and_no_faster_than_a_gripper_closes() ->
     assert mass == 0.7
     assert payload(-5.0, 9.0) == 0.0
     assert payload(math.inf, 9.1) == 0.0
+
+
+def _invert(index: int, output: np.ndarray) -> None:
+    output[index] *= -1.0
+
+
+def test_a_gauge_is_told_and_a_wall_a_push_and_another_payload_are_not() -> None:
+    from flex_payload_estimator.control.arm_watch import ArmWatch
+    from flex_payload_estimator.control.set_points import square
+    from flex_plant_sim.simulation.extended_arm import ExtendedArm
+    from flex_plant_sim.simulation.simulator import Noise, Simulator
+
+    def fault(spoil: Callable[[np.ndarray], None] | None = None, wall: float = math.inf) -> str:
+        controller = LQGController(ROBOT, 'assumed_modes', 2, LQGSettings(
+            adapt=False, mass_0=0.1, command_limit=5.0, integrator=True))
+        watch, target, sent = ArmWatch(ROBOT, controller, 5.0), square(0.4, 3.0), np.zeros(2)
+        plant = Simulator(ExtendedArm(ROBOT, 'assumed_modes', 4, 0.25), None,
+                          Noise(ROBOT.angle_noise, ROBOT.strain_noise), 31)
+        for k in range(700):
+            output = plant.measure().output.copy()
+            if spoil is not None and k > 320:
+                spoil(output)
+            command = controller.command(0.01 * k, output, sent, 0.1, target(0.01 * k))
+            watch(0.01 * k, output, (math.nan, math.nan), sent, sent, 9.0)
+            plant.step(command)
+            if plant.state[0] > wall:
+                half = plant.state.size // 2
+                plant.state[0], plant.state[half] = wall, min(0.0, plant.state[half])
+            sent = command
+        return watch.fault
+
+    assert not fault()
+    assert not fault(wall=0.25)
+    for k in range(2, 6):
+        assert fault(partial(_invert, k)).startswith('the gauges')
 
 
 def test_the_largest_payload_is_the_parameter_s_or_follows_from_the_robot() -> None:

@@ -89,6 +89,9 @@ class LQGController:
     ----------
     doubted : int
         How many of the last measurements in a row were too far from their prediction to be used.
+    leap : Array
+        How far both angles were from their prediction, rad, (2,), where the last sample is
+        believed after some that were not; otherwise zero.
 
     """
 
@@ -126,6 +129,15 @@ class LQGController:
         a_bar, b_bar = self._delta(1.0, self.settings.mass_0)
         return settled(a_bar, b_bar, self.q_1, self.q_2, self.step)[1]
 
+    @property
+    def transition(self) -> tuple[Array, Array, float]:
+        """Return A-bar (n, n) and B-bar (n, 2) from the last sample on, and cos(theta_2)."""
+        if self._model is None:
+            return *self._delta(1.0, self.settings.mass_0), 1.0
+        n = self.model.states
+        a_bar, b_bar = self._model[0][:n, :n], self._model[1][:n]
+        return np.ascontiguousarray(a_bar), b_bar, math.cos(self._angle)
+
     def reset(self) -> None:
         """Forget everything."""
         self.kalman.reset()
@@ -134,7 +146,7 @@ class LQGController:
         self._believed.reset()
         self._mass, self._angle = self.settings.mass_0, 0.0
         self._output: Array | None = None
-        self.doubted = 0
+        self.doubted, self.leap = 0, np.zeros(2)
         self._model: tuple[Array, Array] | None = None
         self._previous = np.zeros(2)
 
@@ -196,15 +208,19 @@ class LQGController:
 
     def _doubtful(self, scaled: Array) -> bool:
         """Return whether a measurement is too far from its prediction to be used."""
+        self.leap = np.zeros(2)
         if self._model is None:
             return False
         if self.kalman.explains(self.state, scaled, GATE, SMALLEST_VARIANCE):
+            # The longer a measurement is doubted, the less the prediction is known against it.
+            self.leap = (scaled[:2] - self.state[:2]) * (self.doubted > 0)
             self.doubted = 0
             return False
         self.doubted += 1
         if self.doubted <= LOST:
             return True
         self.kalman.reset()
+        self.leap = scaled[:2] - self.state[:2]
         self.state = np.zeros_like(self.state)
         self.state[:2], self.doubted = scaled[:2], 0
         return False

@@ -2,14 +2,11 @@
 Limits on what the controller sends and believes.
 
 `CommandLimiter` stands between a computed command and the drives, `BelievedPayload` between the
-estimated payload and the gain that is scheduled on it. `ObedienceWatch` tells joints that do not
-do what a large command asks for.
+estimated payload and the gain that is scheduled on it.
 """
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterable
 import math
 
 from flex_plant_sim.arm.second_order import Array
@@ -59,66 +56,6 @@ class CommandLimiter:
             sent.append(min(max(near, -self.limit), self.limit))
         self.sent = np.array(sent)
         return self.sent
-
-
-class ObedienceWatch:
-    """
-    Tells a joint that stands still, or runs the other way, under a large command.
-
-    So does an encoder that is stuck, inverted or exchanged with another, a drive that is off, or
-    an arm against a wall. No model is asked: over the later half of a time in which the command
-    was large one way, an obedient joint moves that way, or slows down.
-    """
-
-    def __init__(self) -> None:
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget what was seen."""
-        self._seen: tuple[deque[tuple[float, float]], ...] = (deque(), deque())
-        self._way = [0, 0]
-
-    def __call__(self, time: float, angle: Iterable[float], way: Iterable[int], span: float,
-                 noise: float) -> int | None:
-        """
-        Return the index of a joint that does not obey, or None.
-
-        Parameters
-        ----------
-        time : float
-            Of the sample, s.
-        angle : iterable of float
-            Measured, rad, 2.
-        way : iterable of int
-            Sign of the command up to this sample where it was large, otherwise 0; 2.
-        span : float
-            Time that a large command is given to move a joint, s.
-        noise : float
-            What an angle may change by noise alone, rad.
-
-        """
-        for k, (now, sign) in enumerate(zip(angle, way)):
-            seen = self._seen[k]
-            if sign != self._way[k]:
-                seen.clear()
-                self._way[k] = sign
-            if not sign:
-                continue
-            seen.append((time, sign * now))
-            while len(seen) > 1 and time - seen[1][0] >= span:
-                seen.popleft()
-            if time - seen[0][0] >= span and _runs_on(
-                    seen[0], seen[len(seen) // 2], seen[-1], noise):
-                return k
-        return None
-
-
-def _runs_on(first: tuple[float, float], middle: tuple[float, float], last: tuple[float, float],
-             noise: float) -> bool:
-    """Return whether a joint, at (time, way gone), moves no way, or back and no slower."""
-    early = (middle[1] - first[1]) * (last[0] - middle[0]) / (middle[0] - first[0])
-    late = last[1] - middle[1]
-    return late <= noise and late <= early + noise
 
 
 class BelievedPayload:

@@ -39,6 +39,10 @@ class KalmanPredictor:
         self.covariance = INITIAL_VARIANCE * np.eye(self.output.shape[1])
         self.gain = np.zeros_like(self._columns)
 
+    def disturb(self, r_1: Array) -> None:
+        """Let process noise of covariance R_1, (n, n), act from the next sample on."""
+        self.r_1, self._process = r_1, r_1 / self.step
+
     def advance(self, state: Array, a_bar: Array, b_bar: Array, command: Array,
                 measured: Array | None) -> Array:
         """

@@ -10,7 +10,8 @@ from dataclasses import replace
 import math
 from typing import Any
 
-from flex_payload_estimator.control.safeguards import CommandLimiter, ObedienceWatch
+from flex_payload_estimator.control.arm_watch import ArmWatch
+from flex_payload_estimator.control.safeguards import CommandLimiter
 from flex_payload_estimator.control.set_points import SetPoints
 from flex_payload_estimator.control.trajectory import Trajectory
 from flex_payload_estimator.nodes.node_setup import check_square, controller_of, set_points_of
@@ -22,7 +23,6 @@ from flex_plant_sim.simulation.plant_setup import robot_of
 from geometry_msgs.msg import InertiaStamped
 from msg_config.contract_node import DIAGNOSTICS_INTERVAL
 from msg_config.errors import InputError
-from msg_config.input_mapping import JOINTS
 from msg_config.messages import (
     checked_stamp,
     joint_state,
@@ -45,9 +45,9 @@ IN_TIME = 10
 # Time without a payload in time after which diagnostics say so, s: as long as drives wait for a
 # command (COMMAND_TIMEOUT of the plant). A single late payload does no harm.
 PAYLOAD_TIMEOUT = 0.1
-# Share of the largest command from which a joint must move: friction that holds a joint takes a
-# fifth of it on a measured arm.
-LARGE = 0.5
+# Share of the largest payload by which an estimate may lie outside without a word: one near a
+# bound errs to either side.
+CLIPPED = 0.1
 # Samples between two points of a reference at which its spline is checked against the joints'
 # limits.
 SAMPLES_PER_PIECE = 20
@@ -66,9 +66,9 @@ class LQGControllerNode(SampleNode):
 
     A sample that cannot be used leaves the command as it is. From the second in a row on the
     command goes to zero, as it does where no sample comes for the watchdog's time. Samples that
-    come later are used again; after the watchdog's time the predictor begins anew. Where a joint
-    does not move as a command asks that is large for the watchdog's time, the command is zero
-    until ~/reset: no sample tells where the arm is.
+    come later are used again; after the watchdog's time the predictor begins anew. Where an angle
+    or a strain contradicts the others (`ArmWatch`), the command is zero until ~/reset: no sample
+    tells where the arm is.
     """
 
     # Less than an estimator's, because a late command does harm: a twentieth of a second at 1 kHz.
@@ -76,7 +76,6 @@ class LQGControllerNode(SampleNode):
 
     def __init__(self, **options: Any):
         self.limiter, self._referenced = CommandLimiter(), False
-        self._obedience, self._disobeyed = ObedienceWatch(), ''
         super().__init__('lqg_controller', **options)
         # What was sent is applied, from the start on, where no effort says otherwise.
         self.commanded = self.limiter.sent
@@ -89,7 +88,7 @@ class LQGControllerNode(SampleNode):
         self._waiting: Sample | None = None
         self._masses: dict[int, float] = {}
         self._late, self._in_time, self._last_mass = False, 0, math.nan
-        self._payload_heard_at = -math.inf
+        self._payload_heard_at, self._wild = -math.inf, ''
         self.subscribe('payload/inertia', self._on_inertia)
         self.listen()
         self.every(DIAGNOSTICS_INTERVAL, self.report, always=True)
@@ -113,6 +112,7 @@ class LQGControllerNode(SampleNode):
         self.get_logger().info('designed for ' + model_words(
             robot.name, self.values['model'], self.values['modes'], coriolis=False))
         self.take_robot(robot)
+        self.watch = ArmWatch(robot, self.controller, self.values['command_limit'])
         if not self._referenced:
             self.set_points: SetPoints = set_points_of(self.values)
         self.on_live(self.values)
@@ -131,6 +131,7 @@ class LQGControllerNode(SampleNode):
             Limits.of(self.robot).command,
             COMMAND_MARGIN * max(values['command_limit'], self.values['command_limit'])))
         self.limiter.limit, self.limiter.slew = values['command_limit'], values['command_slew']
+        self.watch.limit = values['command_limit']
 
     def restart(self) -> None:
         """Go back to the start: forget all but the set-points."""
@@ -138,8 +139,8 @@ class LQGControllerNode(SampleNode):
         self.commanded = self.limiter.sent = np.zeros(2)
         self._unusable, self._waiting, self._late, self._last_mass = 0, None, False, math.nan
         self._masses.clear()
-        self._obedience.reset()
-        self._disobeyed = ''
+        self._wild = ''
+        self.watch.reset()
 
     def take(self, sample: Sample) -> Any:
         """Return the command that answers a sample, or None while it waits for the payload."""
@@ -161,6 +162,7 @@ class LQGControllerNode(SampleNode):
         """Answer the sample that waits for this payload, or keep the payload until it comes."""
         stamp, mass = checked_stamp(message, 'payload/inertia'), payload_mass(message)
         self._last_mass = mass
+        self._note_range(mass)
         if self._waiting is not None and stamp == self._waiting.stamp:
             sample, self._waiting = self._waiting, None
             self._count_in_time(True)
@@ -172,6 +174,17 @@ class LQGControllerNode(SampleNode):
         else:
             self._count_in_time(stamp == self.order.last)
 
+    def _note_range(self, mass: float) -> None:
+        """Say once that a payload is beyond what is believed, and in diagnostics while it is."""
+        largest = self.controller.settings.mass_max
+        believable = -CLIPPED * largest <= mass <= (1.0 + CLIPPED) * largest
+        wild = self.values['adapt'] and not believable
+        text = (f'payload/inertia: inertia.m: expected 0 to {largest:.4g} kg (payload_max), '
+                f'got {mass:.4g}: the nearest serves') if wild else ''
+        if wild and not self._wild:
+            self.get_logger().warning(text)
+        self._wild = text
+
     def _count_in_time(self, in_time: bool) -> None:
         """Count payloads in time; after IN_TIME in a row wait for them again."""
         self._in_time = self._in_time + 1 if in_time else 0
@@ -181,7 +194,7 @@ class LQGControllerNode(SampleNode):
     def _control(self, sample: Sample, mass: float) -> Any:
         """Publish and return the command that answers a sample at a payload, kg."""
         self._begin_again_if_lost(sample)
-        self._watch_obedience(sample)
+        before = self.limiter.sent
         command = self.controller.command(sample.time, sample.output, sample.command, mass,
                                           self.set_points(sample.time))
         if self.controller.doubted:
@@ -193,28 +206,24 @@ class LQGControllerNode(SampleNode):
                                    'before is kept', 'not finite')
         elif self._unusable:
             command = self.limiter.sent if self._unusable == 1 else np.zeros(2)
-        if self._disobeyed:
+        if self._faulty(sample, before):
             command = np.zeros(2)
         answer = self._send(command, sample.stamp, self.robot.sample_time)
         self._answered, self._stopped = self.wall_time(), False
         return answer
 
-    def _watch_obedience(self, sample: Sample) -> None:
-        """Stop the arm where a joint does not move as a large command asks."""
+    def _faulty(self, sample: Sample, before: Array) -> bool:
+        """Return whether a sensor drives the arm the wrong way; `before` was sent last, (2,)."""
         span = self.values['watchdog']
-        if self._disobeyed or not span or self._unusable:
-            return
-        large = [LARGE * min(self.limiter.limit, drive.command_limit)
-                 for drive in self.robot.drives]
-        way = [int(math.copysign(1.0, own)) if abs(own) >= least else 0
-               for own, least in zip(self.limiter.sent.tolist(), large)]
-        joint = self._obedience(sample.time, sample.output[:2].tolist(), way, span,
-                                self.gate.limits.noise)
-        if joint is not None:
-            self._disobeyed = (f'{JOINTS[joint]} does not move as its command asks, at least '
-                               f'{large[joint]:g} for {span:g} s: the command is zero until '
-                               '~/reset')
-            self.get_logger().error(self._disobeyed)
+        if span and not self.watch.fault:
+            self.watch(sample.time, sample.output, sample.velocity.tolist(), sample.command,
+                       before, span)
+            if self.watch.fault:
+                self.get_logger().error(self._stop_text())
+        return bool(span and self.watch.fault)
+
+    def _stop_text(self) -> str:
+        return f'{self.watch.fault}. The command is zero until ~/reset; watchdog 0 turns this off'
 
     def _begin_again_if_lost(self, sample: Sample) -> None:
         """Count unusable samples; reset the predictor after the watchdog's time of them."""
@@ -273,7 +282,8 @@ class LQGControllerNode(SampleNode):
 
     def trouble(self) -> tuple[bool, ...]:
         """Return flags whose change is reported at once, with that of a late payload."""
-        return (*super().trouble(), self._payload_missing(), bool(self._disobeyed))
+        return (*super().trouble(), self._payload_missing(), bool(self.watch.fault),
+                bool(self._wild))
 
     def _payload_missing(self) -> bool:
         return self._late and self.wall_time() - self._payload_heard_at > PAYLOAD_TIMEOUT
@@ -282,8 +292,15 @@ class LQGControllerNode(SampleNode):
         """Publish the diagnostics."""
         status = self.status('command', *self._state(), {
             'time s': seconds(self.order.last or 0), 'command 1': float(self.limiter.sent[0]),
-            'command 2': float(self.limiter.sent[1])})
+            'command 2': float(self.limiter.sent[1]), **self._watched()})
         self.publish_diagnostics([status, self.sample_status()])
+
+    def _watched(self) -> dict[str, object]:
+        """Return what the watches see: errors of gauges, and which velocities are used."""
+        found: dict[str, object] = {
+            f'velocity {k + 1} used': used for k, used in enumerate(self.watch.proved)}
+        return {**found, **{f'{name} error': error
+                            for name, error in self.watch.gauge_errors.items()}}
 
     def _state(self) -> tuple[str, str]:
         """Return level and text of the diagnostics on the commands."""
@@ -292,10 +309,12 @@ class LQGControllerNode(SampleNode):
         age = self.wall_time() - self._answered
         if self.values['watchdog'] and age > self.values['watchdog']:
             return 'error', f'no sample for {age:.3g} s: the command is zero'
-        if self._disobeyed:
-            return 'error', self._disobeyed
+        if self.watch.fault:
+            return 'error', self._stop_text()
         if self._payload_missing():
             return 'warn', 'payload/inertia is late or missing: the last payload serves'
         if self._unusable > 1:
             return 'error', f'{self._unusable} samples said nothing: the command is zero'
+        if self._wild:
+            return 'warn', self._wild
         return 'ok', 'ok'

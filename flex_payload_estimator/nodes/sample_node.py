@@ -36,6 +36,8 @@ QUIET = 0.5
 LOOK_INTERVAL = 0.1
 # Time between two warnings that no sample comes, s.
 SILENCE_INTERVAL = 5.0
+# Velocity of the joints where joint_states has none.
+NO_VELOCITY = np.full(2, np.nan)
 # Topics whose messages of one stamp make a sample.
 PARTS = ('joint_states', 'strain')
 
@@ -53,12 +55,15 @@ class Sample:
         (theta_1, theta_2, strain…), rad and m/m, (m,); NaN where the sample was refused.
     command : Array
         Command applied up to this stamp, (2,).
+    velocity : Array
+        Of the joints, rad/s, (2,); NaN where joint_states has none.
 
     """
 
     stamp: int
     output: Array
     command: Array
+    velocity: Array
 
     @property
     def time(self) -> float:
@@ -105,11 +110,22 @@ class SampleNode(ContractNode):
         self._joints = robot.inputs.joint_channels()
         self._efforts = robot.inputs.command_channels()
         self._gauges = robot.inputs.gauge_channels(robot.gauge_names)
+        self._say_topics(robot)
         self.gate = Gate(robot)
         self._pairing = Synchroniser(PARTS, slop_of(robot.sample_time))
         room = load_topics()['strain'].subscribe.depth * robot.sample_time
         self._backlog = Backlog(min(self.WAITING * room, QUIET), robot.sample_time)
         self.order.interval = nanoseconds(robot.sample_time)
+
+    def _say_topics(self, robot: Robot) -> None:
+        """Say which topics of the robot file, all for bags, this node does not hear."""
+        other = {topic: name for topic, name in robot.inputs.topics.items()
+                 if topic in PARTS and self.resolve_topic_name(name)
+                 != self.resolve_topic_name(topic)}
+        if other:
+            self.get_logger().warning(
+                f'{robot.name}: inputs: topics: holds for bags alone; this node needs --ros-args '
+                + ' '.join(f'-r {topic}:={name}' for topic, name in other.items()))
 
     def listen(self) -> None:
         """Subscribe to the samples and offer ~/reset; call it when all else is ready."""
@@ -149,7 +165,14 @@ class SampleNode(ContractNode):
         self._received_at['joint_states'] = self.wall_time()
         stamp = checked_stamp(message, 'joint_states')
         angle = self._joints.pick(message.name, message.position, 'joint_states: position')
-        self._pair_up('joint_states', stamp, (angle, self._applied(message)))
+        self._pair_up('joint_states', stamp,
+                      (angle, self._applied(message), self._velocity(message)))
+
+    def _velocity(self, message: JointState) -> Array:
+        """Return the joints' velocities, rad/s, (2,); NaN without one for each name."""
+        if len(message.velocity) != len(message.name):
+            return NO_VELOCITY
+        return self._joints.pick_rate(message.name, message.velocity, 'joint_states: velocity')
 
     def _applied(self, message: JointState) -> Array:
         """Return the command applied up to this sample, (2,): the effort, or the last command."""
@@ -171,9 +194,9 @@ class SampleNode(ContractNode):
         self._accepted_at[part] = self._received_at[part]
         together = self._pairing.add(part, stamp, value)
         if together is not None:
-            angle, command = together.parts['joint_states']
+            angle, command, velocity = together.parts['joint_states']
             self._on_sample(Sample(together.stamp, np.concatenate(
-                [angle, together.parts['strain']]), command))
+                [angle, together.parts['strain']]), command, velocity))
 
     def _on_sample(self, sample: Sample) -> None:
         """Answer a sample, unless its stamp is out of order or the node is too slow."""
