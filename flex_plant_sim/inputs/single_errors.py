@@ -30,6 +30,9 @@ MIN_SCORE, MIN_SIZE = 10.0, 0.02
 # Columns that may be off from a row on, as encoders slip and lose counts. Strain does step, when
 # the arm is hit.
 ANGLES = (2, 3)
+# Leverage above which a row tells more of its own prediction than all others together. What
+# happens there, as after a command that is a single pulse, is an error or the arm's answer.
+UNPREDICTED = 0.5
 # Share of the squared residuals around an error that the error must explain.
 EXPLAINED = 0.9
 
@@ -56,8 +59,9 @@ def single_errors(command: Array, output: Array) -> list[SingleError]:
     and, multiplied by the coefficients, in the residuals after it; an error of a command only in
     those after it. If this pattern explains nearly all of the residuals there, that number is
     wrong (generalised likelihood ratio: Willsky, Automatica 12, 1976). A lasting error of an
-    angle leaves the running sum of the pattern. A command must also lie outside the range of its
-    neighbours, since a step of the command leaves the same pattern.
+    angle leaves the running sum of the pattern. Rows like no other are not judged. A command must
+    also lie outside the range of its neighbours, since a step of the command leaves the same
+    pattern.
 
     Parameters
     ----------
@@ -78,6 +82,7 @@ def single_errors(command: Array, output: Array) -> list[SingleError]:
     before = np.hstack([*(scaled[ORDER - lag:][:rows] for lag in range(1, ORDER + 1)),
                         np.ones((rows, 1))])
     fit = _fit(before, scaled[ORDER:, of_output])
+    predicted = _leverage(before, _inverse(before.T @ before)) < UNPREDICTED
     found: list[tuple[float, SingleError]] = []
     for place, column in enumerate(columns):
         own = np.eye(len(columns))[place][of_output]
@@ -86,8 +91,8 @@ def single_errors(command: Array, output: Array) -> list[SingleError]:
             score, error = _scores(fit, np.cumsum(pattern, axis=0) if lasting else pattern)
             bad = np.abs(score) > MIN_SCORE
             bad &= (np.abs(error) > MIN_SIZE) & (score**2 > EXPLAINED * fit.power)
-            if not of_output[place]:
-                bad &= _outside_neighbours(scaled[:, place])[ORDER:]
+            bad &= predicted if of_output[place] else _outside_neighbours(
+                scaled[:, place])[ORDER:]
             found += [(-abs(float(score[k])), SingleError(
                 int(k) + ORDER, int(column), float(error[k] * span[column]), lasting))
                 for k in np.flatnonzero(bad)]
@@ -128,10 +133,10 @@ def _fit(before: Array, after: Array) -> _Fit:
     weight, size = np.ones(len(before)), before.shape[1]
     for _ in range(ROUNDS):
         weighted = before * weight[:, None]
-        inverse = np.linalg.pinv(weighted.T @ before, rcond=1e-13, hermitian=True)
+        inverse = _inverse(weighted.T @ before)
         coefficients = inverse @ (weighted.T @ after)
         residual = after - before @ coefficients
-        leverage = np.sum((before @ inverse) * before, axis=1)
+        leverage = _leverage(before, inverse)
         usual = np.median(np.abs(residual), axis=0) / 0.6745 + DIGITS
         misfit = np.sqrt(np.mean((residual / usual)**2, axis=1))
         weight = 1.0 / np.maximum(1.0, misfit / ROBUST)**2 / np.maximum(
@@ -142,6 +147,14 @@ def _fit(before: Array, after: Array) -> _Fit:
     white = np.vstack([residual @ whiten.T, np.zeros((ORDER, len(whiten)))])
     power = np.convolve(np.sum(white**2, axis=1), np.ones(ORDER + 1))[ORDER:][:len(residual)]
     return _Fit(coefficients, white, power, whiten)
+
+
+def _inverse(products: Array) -> Array:
+    return np.asarray(np.linalg.pinv(products, rcond=1e-13, hermitian=True))
+
+
+def _leverage(before: Array, inverse: Array) -> Array:
+    return np.asarray(np.sum((before @ inverse) * before, axis=1))
 
 
 def _outside_neighbours(values: Array) -> NDArray[np.bool_]:
