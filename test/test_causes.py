@@ -268,14 +268,18 @@ def test_no_limit_is_stated_where_no_size_shows() -> None:
     assert visible_size(lambda size: 0.5 * size, 0.1, 4.0, 0.02) == 0.02
 
 
-def test_what_diverges_is_no_prediction_though_its_last_sample_is_finite(
-        clean: tuple[SearchResult, Data], monkeypatch: pytest.MonkeyPatch) -> None:
-    found, data = clean
-    hypothesis = next(p.hypothesis for p in found.proposals)
-    causes = CauseSet([hypothesis], data.duration)
+def linearised_at_prior(found: SearchResult, data: Data
+                        ) -> tuple[CauseSet, GaussNewton, np.ndarray, np.ndarray]:
+    """Return the best proposal as a set, its solver, the prior's centre and the residual there."""
+    causes = CauseSet([next(p.hypothesis for p in found.proposals)], data.duration)
     solver = GaussNewton(found.best.likelihood, causes, found.nothing.fit.error_scale)
     values = causes.prior.centre
-    residual = solver.residual_and_cost(values)[0]
+    return causes, solver, values, solver.residual_and_cost(values)[0]
+
+
+def test_what_diverges_is_no_prediction_though_its_last_sample_is_finite(
+        clean: tuple[SearchResult, Data], monkeypatch: pytest.MonkeyPatch) -> None:
+    causes, solver, values, residual = linearised_at_prior(*clean)
     assert np.any(solver.linearise(values, residual, 0.0).jacobian)
     step = causes.difference_steps(values)[0]
     monkeypatch.setattr(CauseSet, 'residual', lambda *_: (residual + 1e200 * step)[None])
@@ -285,12 +289,8 @@ def test_what_diverges_is_no_prediction_though_its_last_sample_is_finite(
 
 def test_a_difference_that_ends_where_nothing_is_stable_is_taken_shorter(
         clean: tuple[SearchResult, Data], monkeypatch: pytest.MonkeyPatch) -> None:
-    found, data = clean
-    hypothesis = next(p.hypothesis for p in found.proposals)
-    causes = CauseSet([hypothesis], data.duration)
-    solver = GaussNewton(found.best.likelihood, causes, found.nothing.fit.error_scale)
-    values = causes.prior.centre
-    residual, reach = solver.residual_and_cost(values)[0], np.abs(causes.difference_steps(values))
+    causes, solver, values, residual = linearised_at_prior(*clean)
+    reach = np.abs(causes.difference_steps(values))
 
     def stable_nearby(_: CauseSet, likelihood: object, moved: np.ndarray) -> np.ndarray:
         change = np.atleast_2d(moved) - values
