@@ -8,15 +8,12 @@ the undisturbed run, and the payload be back within a standard deviation and 1 %
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from typing import Any
 
+from faults.local_context import local_context
 from faults.page import record
-from msg_config.transport import avoid_shared_memory
 import numpy as np
-import rclpy
-from rclpy.context import Context
 from ros_loop import RosLoop
 from test_nodes_bad_samples import (
     BAD_SAMPLES,
@@ -39,10 +36,7 @@ def main() -> int:
     options.add_argument('--page', action='store_true', help='write it into docs/faults.md')
     chosen = options.parse_args()
     kinds = chosen.kinds or list(BAD_SAMPLES)
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    avoid_shared_memory()
-    context = Context()
-    rclpy.init(context=context, domain_id=chosen.domain)
+    context = local_context(chosen.domain)
     loop = RosLoop(context)
     joints, payload, _ = spoiled_loop(loop, kinds)
     loop.close()

@@ -16,9 +16,9 @@ import sys
 import time
 from typing import Any
 
+from faults.local_context import local_context
 from faults.page import record
 from msg_config.ros import create_sourced_subscription
-from msg_config.transport import avoid_shared_memory
 import numpy as np
 from ros_loop import RosLoop
 
@@ -279,19 +279,13 @@ def table(found: list[Figures]) -> list[str]:
 
 def main() -> int:
     """Run the faults so many times; return 1 where a bound was broken."""
-    import rclpy
-    from rclpy.context import Context
-
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument('faults', nargs='*', metavar='FAULT', help=', '.join(FAULTS))
     options.add_argument('--times', type=int, default=1)
     options.add_argument('--domain', type=int, default=92)
     options.add_argument('--page', action='store_true', help='write it into docs/faults.md')
     chosen = options.parse_args()
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    avoid_shared_memory()
-    context = Context()
-    rclpy.init(context=context, domain_id=chosen.domain)
+    context = local_context(chosen.domain)
     found = run((chosen.faults or list(FAULTS)) * chosen.times, context, chosen.domain)
     failed = sum(bool(item.broken) for item in found)
     record('processes', [*table(found), '', f'{failed} of {len(found)} broke a bound.'],

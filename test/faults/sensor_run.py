@@ -11,20 +11,18 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from dataclasses import dataclass, field
-import os
 import sys
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from faults.local_context import local_context
 from faults.page import record
 from faults.relay import Alter, Relay, remapped
 from flex_payload_estimator.nodes.lqg_controller_node import LQGControllerNode
 from flex_payload_estimator.nodes.payload_estimator_node import PayloadEstimatorNode
 from flex_plant_sim.nodes.plant_sim_node import PlantSim
 from msg_config.messages import stamp_of
-from msg_config.transport import avoid_shared_memory
 import numpy as np
-import rclpy
 from rclpy.context import Context
 from ros_loop import overrides, RosLoop
 
@@ -206,13 +204,11 @@ def main() -> int:
     options.add_argument('--domain', type=int, default=94)
     options.add_argument('--page', action='store_true', help='write it into docs/faults.md')
     chosen = options.parse_args()
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    avoid_shared_memory()
-    context = Context()
-    rclpy.init(context=context, domain_id=chosen.domain)
-    lines, wrong = run(chosen.faults or [*HEALTHY, *FAULTS], context)
-    record('sensors', [*lines, '', f'{wrong} of {len(HEALTHY)} arms whose sensors are right were '
-                                   'stopped.'], chosen.page)
+    context = local_context(chosen.domain)
+    names = chosen.faults or [*HEALTHY, *FAULTS]
+    lines, wrong = run(names, context)
+    record('sensors', [*lines, '', f'{wrong} of {sum(name in HEALTHY for name in names)} arms '
+                                   'whose sensors are right were stopped.'], chosen.page)
     return int(wrong > 0)
 
 
