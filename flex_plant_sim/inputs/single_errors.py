@@ -78,9 +78,7 @@ def single_errors(command: Array, output: Array) -> list[SingleError]:
     if len(values) - ORDER < ROWS_PER_COEFFICIENT * size or not of_output.any():
         return []
     scaled = (values[:, columns] - values[0, columns]) / span[columns]
-    rows = len(scaled) - ORDER
-    before = np.hstack([*(scaled[ORDER - lag:][:rows] for lag in range(1, ORDER + 1)),
-                        np.ones((rows, 1))])
+    before = _regressors(scaled)
     fit = _fit(before, scaled[ORDER:, of_output])
     predicted = _leverage(before, _inverse(before.T @ before)) < UNPREDICTED
     found: list[tuple[float, SingleError]] = []
@@ -97,6 +95,13 @@ def single_errors(command: Array, output: Array) -> list[SingleError]:
                 int(k) + ORDER, int(column), float(error[k] * span[column]), lasting))
                 for k in np.flatnonzero(bad)]
     return _without_overlaps([error for _, error in sorted(found)])
+
+
+def _regressors(scaled: Array) -> Array:
+    """Return the ORDER rows before each row side by side, and a one, (N - ORDER, K)."""
+    rows = len(scaled) - ORDER
+    return np.hstack([*(scaled[ORDER - lag:][:rows] for lag in range(1, ORDER + 1)),
+                      np.ones((rows, 1))])
 
 
 class _Fit(NamedTuple):
