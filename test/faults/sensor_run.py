@@ -204,6 +204,9 @@ def main() -> int:
     options.add_argument('--domain', type=int, default=94)
     options.add_argument('--page', action='store_true', help='write it into docs/faults.md')
     chosen = options.parse_args()
+    unknown = [name for name in chosen.faults if name not in (*HEALTHY, *FAULTS)]
+    if unknown:
+        options.error(f'{unknown[0]}: expected one of {", ".join([*HEALTHY, *FAULTS])}')
     context = local_context(chosen.domain)
     names = chosen.faults or [*HEALTHY, *FAULTS]
     lines, wrong = run(names, context)
