@@ -94,6 +94,16 @@ class ContractNode(LifecycleNode, ABC):
         self.configured(lambda: self.install(self.build(self.values)))
         self.add_on_set_parameters_callback(self._on_set)
 
+    def destroy_node(self) -> None:
+        """
+        Destroy the node and the services of its lifecycle.
+
+        rclpy leaves them to the state machine, which lives on in cycles of references: until the
+        garbage collector came by, the node would stay in the graph.
+        """
+        super().destroy_node()
+        self._state_machine.destroy_when_not_in_use()
+
     def bring_up(self) -> None:
         """Go through the lifecycle to active if autostart is true."""
         if self.values['autostart']:

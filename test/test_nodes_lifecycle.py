@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+import gc
 from typing import Any, TYPE_CHECKING
 
 from node_bench import Bench
@@ -60,6 +61,21 @@ def test_the_controller_does_nothing_until_it_is_active(loop: RosLoop) -> None:
     assert not change(loop, 'lqg_controller', 'deactivate')
     assert change(loop, 'lqg_controller', 'activate')
     bench.answered(6)
+
+
+@pytest.mark.parametrize('kind', ['controller', 'estimator'])
+def test_a_destroyed_node_leaves_the_graph_without_the_garbage_collector(
+        loop: RosLoop, kind: str) -> None:
+    gc.disable()
+    try:
+        node = Bench(loop, kind).node
+        name = node.get_name()
+        loop.until(lambda: bool(loop.observer.count_services(f'{name}/change_state')))
+        loop.stop(node)
+        loop.until(lambda: name not in loop.observer.get_node_names()
+                   and not loop.observer.count_services(f'{name}/change_state'), timeout=5.0)
+    finally:
+        gc.enable()
 
 
 def test_the_plant_begins_when_it_becomes_active(loop: RosLoop) -> None:
