@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 import json
 from pathlib import Path
@@ -13,9 +13,16 @@ from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
 from flex_plant_sim.diagnosis.causes.fit import NOTABLE_EXCESS
-from flex_plant_sim.diagnosis.causes.free_run_ranking import free_run_score, ranked_by_free_runs
+from flex_plant_sim.diagnosis.causes.free_run_ranking import (
+    free_run_log_likelihoods,
+    free_run_score,
+    ranked_by_free_runs,
+)
+from flex_plant_sim.diagnosis.causes.neighbours import refine_look_alikes
+from flex_plant_sim.diagnosis.causes.proposal_step import probe_catalogue
 from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit
-from flex_plant_sim.diagnosis.causes.refinement import remaining_torque_shares
+from flex_plant_sim.diagnosis.causes.refinement import remaining_torque_shares, try_laws
+from flex_plant_sim.diagnosis.causes.search_state import SearchState
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
 from flex_plant_sim.diagnosis.prediction.law import FOLDS, LatentSeries, Law, law_of, STRETCHES
@@ -27,6 +34,7 @@ from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.effects.joint.measured_torque import MeasuredTorque
 import numpy as np
 import pytest
+from scipy.signal import bilinear, lfilter
 from scipy.stats import norm
 from truth.effects.hidden_effect import Parameters
 from truth.records import FINITE_ELEMENTS, HAVE_MUJOCO, make_record, MUJOCO, NO_MUJOCO, TruthCase
@@ -40,6 +48,8 @@ GAUGE: tuple[str, Parameters] = ('strain_gain', {'gauge': 3, 'factor': 0.8})
 LEVEL, SPEED = 0.8, 0.12
 BRAKE: tuple[str, Parameters] = ('stribeck_friction', {
     'joint': 2, 'sliding': LEVEL, 'extra': -LEVEL, 'speed': SPEED})
+# Time constant of slow amplifiers, s.
+SLOW = 0.06
 
 
 def told(folder: Path, simulator: str, *hidden: tuple[str, Parameters], payload: float = 0.1,
@@ -122,13 +132,19 @@ def test_a_joint_that_moves_in_every_fifth_stretch_has_a_law() -> None:
     assert law.stated and law.variable == 'speed'
 
 
+def braked_data(base: BaseModel, amplifier: Callable[[Array], Array] = np.asarray) -> Data:
+    """Return the windows of a braked arm of elements, whose strain passes an amplifier."""
+    made = make_record(TruthCase(93, (BRAKE,), duration_s=22.0, simulator=FINITE_ELEMENTS))
+    record = Record('braked', made.time, made.command,
+                    np.hstack([made.joint, amplifier(made.strain)]), 0.1)
+    return Data.of([record], slowest_frequency(base, record.payload), base.robot.sample_time)
+
+
 def braked(torque: tuple[float, float]) -> tuple[RefinedFit, Data, BaseModel]:
     """Return nothing fitted to a braked arm of elements, told how large its torques may be."""
-    made = make_record(TruthCase(93, (BRAKE,), duration_s=22.0, simulator=FINITE_ELEMENTS))
-    record = Record('braked', made.time, made.command, np.hstack([made.joint, made.strain]), 0.1)
     base = replace(nominal_base(load_robot('reference'), 'assumed_modes', 3),
                    discrepancy=DiscrepancyModel(torque_share=torque))
-    data = Data.of([record], slowest_frequency(base, record.payload), base.robot.sample_time)
+    data = braked_data(base)
     return RefinedFit.refine(CandidateSet((), (np.zeros(0),)), base, data), data, base
 
 
@@ -150,7 +166,9 @@ def test_sets_with_laws_are_told_apart_by_their_free_runs_not_one_step_ahead() -
         part.name, 0.0) for part in found.likelihood.parts])
     liked = replace(found, fit=replace(found.fit, deviations=found.fit.deviations + wrong,
                                        log_evidence=found.fit.log_evidence + 100.0))
-    best, posterior = ranked_by_free_runs([liked, found], data, base, 1)
+    sets = [liked, found]
+    best, posterior = ranked_by_free_runs(
+        sets, free_run_log_likelihoods(sets, data, base, 1), base)
     np.testing.assert_array_equal(best.fit.deviations, found.fit.deviations)
     assert posterior.best is best.fit and posterior.probability[0] > 0.9
 
@@ -160,8 +178,31 @@ def test_sets_whose_models_all_diverge_are_as_likely_as_before(
     found, data, base = braked(DiscrepancyModel().torque_share)
     monkeypatch.setattr('flex_plant_sim.diagnosis.causes.free_run_ranking.free_run_rms',
                         lambda model, data: np.array([[np.inf]]))
-    _, posterior = ranked_by_free_runs([found, found], data, base, 1)
+    sets = [found, found]
+    _, posterior = ranked_by_free_runs(
+        sets, free_run_log_likelihoods(sets, data, base, 1), base)
     np.testing.assert_allclose(posterior.probability, 0.5)
+
+
+def test_a_slow_gauge_is_found_beside_laws_from_a_late_one() -> None:
+    """Beside laws evidence liked the late gauge, and the slow one was not refined."""
+    base = nominal_base(load_robot('reference'), 'assumed_modes', 3)
+    filtered = bilinear([1.0], [SLOW**2, 2.0 * 0.5 * SLOW, 1.0], 1.0 / base.robot.sample_time)
+    data = braked_data(base, lambda strain: lfilter(*filtered, strain, axis=0))
+    state = SearchState(data, base, 1, [
+        name for name in catalogue() if not name.startswith('strain')], lambda step, share: None)
+    nothing = state.refine(CandidateSet((), (np.zeros(0),)), base.discrepancy)
+    probe_catalogue(state, nothing)
+    try_laws(state, nothing)
+    laws = state.best.fit.discrepancy
+    assert laws.laws
+    late = next(h for h in state.catalogue if h.label == 'strain_delay:arm')
+    state.refine(CandidateSet((late,), (np.array([SLOW]),)), laws)
+    refine_look_alikes(state, state.refined_with_laws[-1])
+    sets = state.refined_with_laws
+    best, _ = ranked_by_free_runs(sets, free_run_log_likelihoods(sets, data, base, 1), base)
+    assert [h.label for h in best.fit.hypotheses] == ['strain_filter:arm']
+    np.testing.assert_allclose(best.fit.values, [SLOW, 0.5], rtol=0.2)
 
 
 def test_a_free_run_is_scored_by_the_likelihood_of_errors_of_unknown_scale() -> None:

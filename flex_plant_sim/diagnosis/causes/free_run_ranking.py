@@ -28,7 +28,7 @@ from flex_plant_sim.diagnosis.record.data import Data
 import numpy as np
 
 
-def ranked_by_free_runs(sets: Sequence[RefinedFit], data: Data, nominal: BaseModel, jobs: int
+def ranked_by_free_runs(sets: Sequence[RefinedFit], log_likelihoods: Array, nominal: BaseModel
                         ) -> tuple[RefinedFit, Posterior]:
     """
     Return the most probable set by its free runs, and the posterior over all of them.
@@ -36,7 +36,31 @@ def ranked_by_free_runs(sets: Sequence[RefinedFit], data: Data, nominal: BaseMod
     Parameters
     ----------
     sets : sequence of RefinedFit
-        At least one; laws are derived anew from what each leaves.
+        At least one.
+    log_likelihoods : Array
+        Of their free runs, (S,), see `free_run_log_likelihoods`.
+    nominal : BaseModel
+        The model in question.
+
+    """
+    prices = np.array([log_prior_odds_of_causes(chosen.fit, nominal) for chosen in sets])
+    # Where every model diverges, the prior odds are all that is known.
+    score = prices + (log_likelihoods if np.any(np.isfinite(log_likelihoods)) else 0.0)
+    # One-step nats say nothing here, of single windows no more than of all.
+    fits = [replace(chosen.fit, window_log_likelihoods=np.zeros(0)) for chosen in sets]
+    best = int(np.argmax(score))
+    return replace(sets[best], fit=fits[best]), Posterior.from_scores(fits, score, nominal)
+
+
+def free_run_log_likelihoods(sets: Sequence[RefinedFit], data: Data, nominal: BaseModel,
+                             jobs: int) -> Array:
+    """
+    Return the log-likelihood of each set's free runs, with laws of what it leaves, nats, (S,).
+
+    Parameters
+    ----------
+    sets : sequence of RefinedFit
+        Refined.
     data : Data
         The records.
     nominal : BaseModel
@@ -50,14 +74,7 @@ def ranked_by_free_runs(sets: Sequence[RefinedFit], data: Data, nominal: BaseMod
         return -np.inf if rms is None else free_run_score(rms, windows)
 
     windows = sum(work.starts.size for work in data.windows)
-    prices = np.array([log_prior_odds_of_causes(chosen.fit, nominal) for chosen in sets])
-    runs = np.array(all_of(log_likelihood, sets, jobs))
-    # Where every model diverges, the prior odds are all that is known.
-    score = prices + (runs if np.any(np.isfinite(runs)) else 0.0)
-    # One-step nats say nothing here, of single windows no more than of all.
-    fits = [replace(chosen.fit, window_log_likelihoods=np.zeros(0)) for chosen in sets]
-    best = int(np.argmax(score))
-    return replace(sets[best], fit=fits[best]), Posterior.from_scores(fits, score, nominal)
+    return np.array(all_of(log_likelihood, sets, jobs))
 
 
 def with_own_laws(chosen: RefinedFit, data: Data, nominal: BaseModel) -> BaseModel:

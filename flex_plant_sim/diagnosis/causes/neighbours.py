@@ -14,7 +14,7 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
 from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.causes.gauss_newton import fit_set
-from flex_plant_sim.diagnosis.causes.hypothesis import CauseSet
+from flex_plant_sim.diagnosis.causes.hypothesis import CauseSet, Hypothesis
 from flex_plant_sim.diagnosis.causes.neighbourhood import Neighbourhood
 from flex_plant_sim.diagnosis.causes.part_factors import fits_replacing_parts
 from flex_plant_sim.diagnosis.causes.posterior import SetKey
@@ -115,6 +115,29 @@ def fit_in_place_of_law(state: SearchState, with_laws: RefinedFit, law: Effect) 
     _keep_better(state, _fitted(state, centre, near[:MAX_FITTED], step))
     leading = state.posterior().fits[:MAX_REFINED_AT_ONCE]
     refine_contenders(state, leading, leading[0], with_laws)
+
+
+def refine_look_alikes(state: SearchState, with_laws: RefinedFit) -> None:
+    """
+    Refine sets with laws in which a cause is replaced by one of its family at its site.
+
+    Evidence does not tell which set beside laws is worth refining, see `free_run_ranking`. Where a
+    part seems to have one fault, it may have another instead: a late gauge may be a slow one.
+    """
+    now, step = CandidateSet.of(with_laws.fit), 'look-alikes beside laws'
+    known = {SetKey.of(found.fit) for found in state.refined_with_laws}
+    sets = [candidate for index, cause in enumerate(now.hypotheses)
+            for proposal in proposals_beside(state, with_laws, index)
+            if is_look_alike(proposal.hypothesis, cause)
+            for candidate in now.without(index).with_each_probe(proposal)]
+    fits = sorted(_coarse_fits(state, with_laws, sets, step), key=lambda fit: -state.score(fit))
+    state.refine_each([fit for fit in fits if SetKey.of(fit) not in known][:MAX_REFINED_AT_ONCE])
+
+
+def is_look_alike(hypothesis: Hypothesis, cause: Hypothesis) -> bool:
+    """Tell whether a hypothesis is another fault of the part in which a cause is."""
+    return (hypothesis.effect is not cause.effect and hypothesis.site == cause.site
+            and hypothesis.effect.family == cause.effect.family)
 
 
 def _keep_better(state: SearchState, fits: Iterable[Fit]) -> None:

@@ -14,10 +14,17 @@ from functools import partial
 
 from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
 from flex_plant_sim.diagnosis.causes.fit import Fit
-from flex_plant_sim.diagnosis.causes.free_run_ranking import ranked_by_free_runs
+from flex_plant_sim.diagnosis.causes.free_run_ranking import (
+    free_run_log_likelihoods,
+    ranked_by_free_runs,
+)
 from flex_plant_sim.diagnosis.causes.information import InformationProbe
 from flex_plant_sim.diagnosis.causes.neighbourhood import Neighbourhood
-from flex_plant_sim.diagnosis.causes.neighbours import fit_in_place_of_law, fit_neighbours
+from flex_plant_sim.diagnosis.causes.neighbours import (
+    fit_in_place_of_law,
+    fit_neighbours,
+    refine_look_alikes,
+)
 from flex_plant_sim.diagnosis.causes.posterior import ORDINARY_FAULTS, Posterior, SetKey
 from flex_plant_sim.diagnosis.causes.proposal import Proposal
 from flex_plant_sim.diagnosis.causes.proposal_step import (
@@ -158,7 +165,19 @@ def _is_complete(fit: Fit) -> bool:
 
 def _ranked_by_free_runs(state: SearchState, nothing: RefinedFit) -> SearchResult:
     """Return where a search ends in which laws of unknown torques lead."""
-    best, posterior = ranked_by_free_runs(
-        state.refined_with_laws, state.data, state.nominal, state.jobs)
+    runs: dict[SetKey, float] = {}
+    tried: set[SetKey] = set()
+    while True:
+        sets = state.refined_with_laws
+        fresh = [found for found in sets if SetKey.of(found.fit) not in runs]
+        found = free_run_log_likelihoods(fresh, state.data, state.nominal, state.jobs)
+        runs.update(zip((SetKey.of(chosen.fit) for chosen in fresh), found))
+        best, posterior = ranked_by_free_runs(
+            sets, np.array([runs[SetKey.of(chosen.fit)] for chosen in sets]), state.nominal)
+        named = next((key for fit in posterior.fits if (key := SetKey.of(fit)).labels), None)
+        if named is None or named in tried:
+            break
+        tried.add(named)
+        attempt(partial(refine_look_alikes, state), state.refined[named])
     return SearchResult(best, tuple(proposals_beside(state, best)),
                         InformationProbe.beside(best, COARSE_SAMPLES), posterior, nothing)
