@@ -8,8 +8,8 @@ from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
 from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses
 from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit
-from flex_plant_sim.diagnosis.prediction.filter_run import shifted
 from flex_plant_sim.diagnosis.prediction.scheduled_matrices import ScheduledMatrices
+from flex_plant_sim.diagnosis.prediction.sensor_map import shifted
 from flex_plant_sim.diagnosis.prediction.whitening import (
     output_error,
     WhiteningFilter,

@@ -19,6 +19,7 @@ from flex_plant_sim.diagnosis.prediction.recursion import (
     propagate_with_gaps,
 )
 from flex_plant_sim.diagnosis.prediction.scheduled_matrices import interpolated, ScheduledMatrices
+from flex_plant_sim.diagnosis.prediction.sensor_map import invert_sensors
 from flex_plant_sim.diagnosis.record.windows import Indices, Record
 from flex_plant_sim.effects.joint.backlash import Backlash
 from flex_plant_sim.simulation.drive_input import DriveInput
@@ -197,47 +198,6 @@ class FilterRun:
 def drive_command(arm: ExtendedArm, record: Record) -> Array:
     """Return the command at the drive, (N, 1 or B, 2)."""
     return DriveInput(arm).of_record(record.command, record.time)
-
-
-def invert_sensors(arm: ExtendedArm, record: Record) -> Array:
-    """Return outputs without the affine sensor effects and delays, (N, 1 or B, m)."""
-    return shifted(_without_sensor_effects(arm, record), arm.late)
-
-
-def shifted(outputs: Array, ahead: Indices) -> Array:
-    """Return outputs (N, …, m), each from (m,) samples ahead; the first or last value is held."""
-    if not ahead.any():
-        return outputs
-    found = outputs.copy()
-    for k in np.flatnonzero(ahead):
-        rows = np.clip(np.arange(len(outputs)) + ahead[k], 0, len(outputs) - 1)
-        found[..., k] = outputs[rows, ..., k]
-    return found
-
-
-def sensor_reading_of_error(arm: ExtendedArm, error: Array, time: Array) -> Array:
-    """Return what the (affine) sensor effects make of errors (…, m) at times (…, 1), (…, m)."""
-    if not arm.acts_on_output:
-        return error
-    return arm.sense(error, time) - arm.sense(np.zeros_like(error), time)
-
-
-def _without_sensor_effects(arm: ExtendedArm, record: Record) -> Array:
-    measured = record.output[:, None, :]
-    if not arm.acts_on_output:
-        return measured
-    time, m = record.time[:, None], record.output.shape[1]
-    zero = arm.sense(np.zeros((len(time), 1, m)), time)
-
-    def gain(time: Array) -> Array:
-        """Return the matrices of the sensor effects at times (T, 1), (T, 1 or B, m, m)."""
-        units = np.eye(m)[:, None, None]
-        seen = sensor_reading_of_error(arm, np.repeat(units, len(time), 1), time)
-        return np.asarray(np.moveaxis(seen, 0, -1), dtype=float)
-    matrices = gain(time[[0, -1]])
-    matrices = matrices[:1] if np.array_equal(*matrices) else gain(time)
-    apart = np.einsum('tbij,tbj->tbi', np.linalg.inv(matrices), measured - zero)
-    return np.asarray(apart, dtype=float)
 
 
 def payload_schedule(arm: ExtendedArm, time: Array, weights: Array) -> tuple[Array, Array]:

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.prediction.filter_run import (
     FilterRun,
-    invert_sensors,
     payload_schedule,
     predictor_matrices,
 )
@@ -23,6 +22,7 @@ from flex_plant_sim.diagnosis.prediction.noise import (
     rms_loads,
 )
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
+from flex_plant_sim.diagnosis.prediction.sensor_map import invert_sensors
 from flex_plant_sim.diagnosis.prediction.smoother import LatentSystem, smooth, Smoothed
 from flex_plant_sim.effects.joint.measured_torque import load_row
 import numpy as np

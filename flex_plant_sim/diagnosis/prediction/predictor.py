@@ -17,13 +17,7 @@ from flex_plant_sim.arm.schedule import barycentric_weights
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.discrepancy import Discrepancy
-from flex_plant_sim.diagnosis.prediction.filter_run import (
-    FilterRun,
-    invert_sensors,
-    predictor_matrices,
-    sensor_reading_of_error,
-    shifted,
-)
+from flex_plant_sim.diagnosis.prediction.filter_run import FilterRun, predictor_matrices
 from flex_plant_sim.diagnosis.prediction.noise import (
     process_noise_variance,
     REFERENCE_STEP,
@@ -32,6 +26,11 @@ from flex_plant_sim.diagnosis.prediction.noise import (
     SteadyFilter,
 )
 from flex_plant_sim.diagnosis.prediction.scheduled_matrices import ScheduledMatrices
+from flex_plant_sim.diagnosis.prediction.sensor_map import (
+    invert_sensors,
+    sensor_reading_of_error,
+    shifted,
+)
 from flex_plant_sim.diagnosis.prediction.whitening import (
     output_error,
     WhiteningFilter,
