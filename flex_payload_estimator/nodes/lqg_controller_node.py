@@ -113,6 +113,8 @@ class LQGControllerNode(SampleNode):
             robot.name, self.values['model'], self.values['modes'], coriolis=False))
         self.take_robot(robot)
         self.watch = ArmWatch(robot, self.controller, self.values['command_limit'])
+        if self.watch.unwatched:
+            self.get_logger().info(self.watch.unwatched)
         if not self._referenced:
             self.set_points: SetPoints = set_points_of(self.values)
         self.on_live(self.values)
