@@ -16,7 +16,7 @@ from msg_config.changes import Changes
 from msg_config.contract import load_topics
 from msg_config.errors import InputError
 from msg_config.first_publisher import FirstPublisher
-from msg_config.messages import diagnostic_array, diagnostic_status
+from msg_config.messages import checked_time, diagnostic_array, diagnostic_status
 from msg_config.refusals import Refusals
 from msg_config.ros import (
     create_publisher,
@@ -29,13 +29,14 @@ from msg_config.ros import (
 from msg_config.wire import MessageReader
 import numpy as np
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.clock import Clock, ClockType
+from rclpy import clock
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.publisher import Publisher
 from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.task import Future
 from rclpy.timer import Timer
+from rosgraph_msgs.msg import Clock
 
 # Interval of diagnostics, s, as in diagnostic_updater, and least interval of equal warnings.
 DIAGNOSTICS_INTERVAL = WARNING_INTERVAL = 1.0
@@ -87,7 +88,7 @@ class ContractNode(LifecycleNode, ABC):
         self._subscribed: dict[str, Subscription[Any]] = {}
         self._polled: set[str] = set()
         self.interrupted: Future[None] = Future()
-        self._wall = Clock(clock_type=ClockType.STEADY_TIME)
+        self._wall = clock.Clock(clock_type=clock.ClockType.STEADY_TIME)
         self._diagnostics = self.publisher('/diagnostics')
         self.hardware = Path(str(self.values['robot'])).stem
         self.active = False
@@ -168,7 +169,7 @@ class ContractNode(LifecycleNode, ABC):
         self.values = self._parameter_changes.accept(live, later, prepared)
         if later:
             # ROS drops the reason of a success, so it is logged; the diagnostics report it too.
-            self.get_logger().info(self._parameter_text())
+            self.get_logger().info('; '.join(self._parameter_texts()))
         return SetParametersResult(successful=True)
 
     def configured(self, make: Callable[[], Configured]) -> Configured:
@@ -224,6 +225,23 @@ class ContractNode(LifecycleNode, ABC):
         if polled:
             self._polled.add(topic)
         self._subscribed[topic] = create_sourced_subscription(self, topic, guarded, raw=exclusive)
+
+    def create_subscription(self, msg_type: Any, topic: str, callback: Callable[..., None],
+                            *arguments: Any, **options: Any) -> Subscription[Any]:
+        """
+        Subscribe to a topic.
+
+        rclpy's own callback, that of /clock, raises for what is no time: it does not get that.
+        """
+        def timed(message: Clock) -> None:
+            try:
+                checked_time(message.clock, '/clock: clock')
+            except InputError as error:
+                self.reject('/clock', str(error))
+            else:
+                callback(message)
+        return super().create_subscription(
+            msg_type, topic, timed if msg_type is Clock else callback, *arguments, **options)
 
     def create_service(self, srv_type: Any, srv_name: str, callback: Callable[[Any, Any], Any],
                        **options: Any) -> Service[Any, Any]:
@@ -335,14 +353,20 @@ class ContractNode(LifecycleNode, ABC):
 
     def parameter_status(self) -> DiagnosticStatus:
         """Return the status of parameters that wait for a reset, or change nothing."""
-        level = 'warn' if self._parameter_changes.unused else 'ok'
-        return self.status('parameters', level, self._parameter_text() or 'ok', {})
+        own = self.get_clock()
+        timeless = isinstance(own, clock.ROSClock) and own.ros_time_is_active and (
+            not own.now().nanoseconds)
+        level = 'warn' if timeless or self._parameter_changes.unused else 'ok'
+        texts = ['use_sim_time: expected a time on /clock, got none: this is stamped 0 s'] \
+            if timeless else []
+        return self.status('parameters', level, '; '.join(
+            [*texts, *self._parameter_texts()]) or 'ok', {})
 
-    def _parameter_text(self) -> str:
+    def _parameter_texts(self) -> list[str]:
         changes = self._parameter_changes
         waiting = [f'{", ".join(changes.waiting)}: in force after ~/reset'] \
             if changes.waiting else []
-        return '; '.join([*waiting, *changes.unused])
+        return [*waiting, *changes.unused]
 
     def publish_diagnostics(self, statuses: Sequence[DiagnosticStatus]) -> None:
         """Publish statuses together with those of input, publishers and parameters."""
