@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import Any, TYPE_CHECKING
 
 from node_bench import Bench, STEP
+import numpy as np
 import pytest
 
 if TYPE_CHECKING:
@@ -23,6 +24,20 @@ def loop(ros_context: Context) -> Iterator[RosLoop]:
     loop = RosLoop(ros_context)
     yield loop
     loop.close()
+
+
+def test_a_sample_that_is_repeated_after_the_watchdog_gets_no_older_command(
+    loop: RosLoop,
+) -> None:
+    bench = Bench(loop, 'controller', watchdog=0.2)
+    for k in range(5):
+        bench.answered(k, angle=(-0.5, -0.5))
+    assert np.abs(bench.answers[-1].effort).max() > 0.1
+    loop.until(lambda: not np.any(bench.answers[-1].effort), 2.0)
+    count = len(bench.answers)
+    bench.sample(4, angle=(-0.5, -0.5))
+    loop.until(lambda: len(bench.answers) > count)
+    assert not np.any(bench.answers[-1].effort)
 
 
 @pytest.mark.parametrize(('second', 'nanosecond'), [(-5, 0), (1, 2_000_000_000)])

@@ -259,8 +259,8 @@ class LQGControllerNode(SampleNode):
             self._stopped = True
             self.get_logger().warning(f'no sample for {age:.3g} s: the command goes to zero')
         # It carries the stamp of the last answer, so that a plant in lock-step, which waits for
-        # the next one, passes it over.
-        self._send(np.zeros(2), last, WATCH_INTERVAL)
+        # the next one, passes it over. A sample that is repeated gets no older command any more.
+        self.remember(self._send(np.zeros(2), last, WATCH_INTERVAL))
 
     def _on_reference(self, message: JointTrajectory) -> None:
         """Replace the set-points, from the present ones on."""
