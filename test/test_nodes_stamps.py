@@ -26,6 +26,39 @@ def loop(ros_context: Context) -> Iterator[RosLoop]:
     loop.close()
 
 
+@pytest.mark.parametrize('kind', ['estimator', 'controller'])
+def test_other_measurements_under_the_same_stamp_are_refused_until_they_are_repeated(
+    loop: RosLoop, kind: str,
+) -> None:
+    calm = {'watchdog': 0.0} if kind == 'controller' else {}
+    bench = Bench(loop, kind, **calm)
+    bench.answered(0)
+    for k in range(1, 60):
+        bench.sample(0, angle=(0.1 + 1e-3 * k, 0.2))
+        loop.wait(0.01)
+    loop.until(lambda: bench.node.rejected.total() == 59)
+    assert len(bench.answers) == 1
+    text = 'joint_states, strain: header.stamp: expected one after 0 s, got 0 s'
+    assert bench.node.last_rejection == text
+    silence = f'no sample: every sample is refused: {text}'
+    loop.until(lambda: bench.status('samples') is not None
+               and bench.status('samples').message == silence)
+    # A simulation that was reset in its first step.
+    for _ in range(2):
+        bench.sample(0, angle=(0.05, 0.2))
+    loop.until(lambda: len(bench.answers) == 2)
+    bench.answered(1, angle=(0.05, 0.2))
+
+
+def test_a_stamp_too_far_ahead_says_how_far_one_may_be(loop: RosLoop) -> None:
+    bench = Bench(loop, 'estimator')
+    bench.answered(0)
+    bench.sample(5)
+    loop.until(lambda: bench.node.rejected.total() == 1)
+    assert bench.node.last_rejection == (
+        'joint_states, strain: header.stamp: expected one at most 0.04 s after 0 s, got 0.05 s')
+
+
 def test_a_sample_that_is_repeated_after_the_watchdog_gets_no_older_command(
     loop: RosLoop,
 ) -> None:
@@ -38,6 +71,16 @@ def test_a_sample_that_is_repeated_after_the_watchdog_gets_no_older_command(
     bench.sample(4, angle=(-0.5, -0.5))
     loop.until(lambda: len(bench.answers) > count)
     assert not np.any(bench.answers[-1].effort)
+
+
+def test_a_number_in_another_unit_is_asked_about(loop: RosLoop) -> None:
+    bench = Bench(loop, 'estimator')
+    bench.answered(0)
+    bench.answered(1, strain=(0.05, 0.0, 0.0, 0.0))
+    assert 'got 0.05 (is it in ' in bench.node.last_rejection
+    assert 'percent' in bench.node.last_rejection
+    bench.answered(2, strain=(1e308, 1e308, 0.0, 0.0))
+    assert 'm/m, got 1e+308' in bench.node.last_rejection
 
 
 @pytest.mark.parametrize(('second', 'nanosecond'), [(-5, 0), (1, 2_000_000_000)])
