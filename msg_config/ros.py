@@ -122,6 +122,14 @@ def create_sourced_subscription(
     return create_subscription(node, name, taken, raw=raw)
 
 
+def silent_topic(node: Node, topic: str) -> str:
+    """Return the whole name of a topic without messages, and what is wrong with its publishers."""
+    name, own = node.resolve_topic_name(topic), load_topics()[topic].type
+    kinds = {info.topic_type for info in node.get_publishers_info_by_topic(name)}
+    others = f' (expected {own}, got {", ".join(sorted(kinds))})' if kinds - {own} else ''
+    return name + (others if kinds else ' (no publisher)')
+
+
 def create_service(node: Node, name: str, callback: Callable[[Any, Any], Any]) -> Service:
     """Return the service ``name`` of the contract."""
     service = load_services()[name]

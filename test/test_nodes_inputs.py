@@ -104,6 +104,32 @@ def test_why_nothing_is_estimated_is_said_within_two_seconds(
         loop.wait(0.01)
 
 
+def test_silence_tells_a_missing_publisher_from_one_of_another_type(
+    loop: RosLoop, domain_id: int,
+) -> None:
+    import rclpy
+    from rclpy.context import Context
+    from std_msgs.msg import String
+
+    bench = Bench(loop, 'estimator')
+
+    def said(text: str) -> bool:
+        status = bench.status('samples')
+        return status is not None and status.message == f'no sample: no message on {text}'
+    loop.until(partial(said, '/joint_states and /strain'))
+    loop.observer.destroy_publisher(bench.strain)
+    loop.until(partial(said, '/joint_states and /strain (no publisher)'))
+    # One process cannot publish two types under one name.
+    other = Context()
+    rclpy.init(context=other, domain_id=domain_id)
+    stranger = rclpy.create_node('stranger', context=other)
+    stranger.create_publisher(String, 'strain', 1)
+    loop.until(partial(said, '/joint_states and /strain (expected sensor_msgs/msg/JointState, '
+                             'got std_msgs/msg/String)'))
+    stranger.destroy_node()
+    rclpy.shutdown(context=other)
+
+
 def test_an_arm_of_other_names_units_and_signs_runs_the_same_loop(
     loop: RosLoop, tmp_path: Path,
 ) -> None:

@@ -26,6 +26,7 @@ from msg_config.errors import InputError
 from msg_config.input_mapping import JOINTS
 from msg_config.messages import checked_stamp, nanoseconds, seconds
 from msg_config.recent_counts import RecentCounts, WINDOW
+from msg_config.ros import silent_topic
 import numpy as np
 from sensor_msgs.msg import JointState
 
@@ -316,8 +317,7 @@ class SampleNode(ContractNode):
         since = self.wall_time() - max(QUIET, 3.0 * self.robot.sample_time)
         if self._sample_at > since:
             return ''
-        silent = [self.resolve_topic_name(part) for part in PARTS
-                  if self._received_at[part] < since]
+        silent = [silent_topic(self, part) for part in PARTS if self._received_at[part] < since]
         if silent:
             return f'no message on {" and ".join(silent)}'
         if any(self._accepted_at[part] < since for part in PARTS):
