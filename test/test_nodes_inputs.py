@@ -239,6 +239,25 @@ def test_without_an_estimator_every_sample_is_answered_with_the_last_payload(
     assert bench.node.controller._mass < 0.3, 'no faster than a gripper closes'
 
 
+def test_a_command_that_waits_for_a_payload_is_not_said_to_wait_for_a_sample(
+    loop: RosLoop,
+) -> None:
+    from msg_config.messages import inertia_message
+
+    bench = Bench(loop, 'controller', adapt=True, watchdog=0.2)
+    inertia = loop.publisher('payload/inertia')
+    bench.sample(0, angle=(-0.5, -0.5))
+    inertia.publish(inertia_message(0, 0.2))
+    loop.until(lambda: 0 in bench.answers.stamps)
+
+    def said(what: str) -> bool:
+        # As a simulator in lock-step, which waits for the answer.
+        bench.sample(1, angle=(-0.5, -0.5))
+        status = bench.status('command')
+        return status is not None and status.message.startswith(f'no {what} for ')
+    loop.until(partial(said, 'payload/inertia'), 5.0)
+
+
 @pytest.mark.parametrize('ahead', [True, False])
 def test_payloads_in_time_are_waited_for_again_whichever_comes_first(
     loop: RosLoop, ahead: bool,
