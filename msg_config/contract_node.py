@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from inspect import signature
-import math
 from pathlib import Path
 import time
 from typing import Any, TypeVar
@@ -17,7 +15,7 @@ from msg_config.contract import load_topics
 from msg_config.errors import InputError
 from msg_config.first_publisher import FirstPublisher
 from msg_config.messages import diagnostic_array, diagnostic_status
-from msg_config.refusals import Refusals
+from msg_config.refusing_node import REFUSED, RefusingNode
 from msg_config.ros import (
     create_publisher,
     create_service,
@@ -27,28 +25,24 @@ from msg_config.ros import (
     unknown_overrides,
 )
 from msg_config.wire import MessageReader
-import numpy as np
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.clock import Clock, ClockType
-from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.clock import Clock, ClockType, ROSClock
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.publisher import Publisher
-from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.task import Future
 from rclpy.timer import Timer
 
-# Interval of diagnostics, s, as in diagnostic_updater, and least interval of equal warnings.
-DIAGNOSTICS_INTERVAL = WARNING_INTERVAL = 1.0
+# Interval of diagnostics, s, as in diagnostic_updater.
+DIAGNOSTICS_INTERVAL = 1.0
 # Interval of the markers of the arm, s: a film has 24 images per second.
 MARKER_INTERVAL = 0.04
 Configured = TypeVar('Configured')
-# Errors that a message can cause in a computation; any other is an error of the program.
-REFUSED = (InputError, ArithmeticError, np.linalg.LinAlgError)
 SECOND = 'second publisher'
 NO_ARGUMENT = signature(lambda: None)
 
 
-class ContractNode(LifecycleNode, ABC):
+class ContractNode(RefusingNode, ABC):
     """
     A node of the contract, which declares its table of parameters and survives any message.
 
@@ -78,10 +72,6 @@ class ContractNode(LifecycleNode, ABC):
         except InputError:
             self.destroy_node()
             raise
-        for line in unknown_overrides(self, name):
-            self.get_logger().warning(line)
-        self._refusals = Refusals()
-        self._warned: dict[str, float] = {}
         self._heard, self.waited = FirstPublisher(), 0.0
         self._parameter_changes = Changes(name, self.values)
         self._subscribed: dict[str, Subscription[Any]] = {}
@@ -105,7 +95,9 @@ class ContractNode(LifecycleNode, ABC):
         self._state_machine.destroy_when_not_in_use()
 
     def bring_up(self) -> None:
-        """Go through the lifecycle to active if autostart is true."""
+        """Name parameters that are none, and become active if autostart is true."""
+        for line in unknown_overrides(self):
+            self.get_logger().warning(line)
         if self.values['autostart']:
             self.trigger_configure()
             self.trigger_activate()
@@ -168,7 +160,7 @@ class ContractNode(LifecycleNode, ABC):
         self.values = self._parameter_changes.accept(live, later, prepared)
         if later:
             # ROS drops the reason of a success, so it is logged; the diagnostics report it too.
-            self.get_logger().info(self._parameter_text())
+            self.get_logger().info('; '.join(self._parameter_texts()))
         return SetParametersResult(successful=True)
 
     def configured(self, make: Callable[[], Configured]) -> Configured:
@@ -225,21 +217,6 @@ class ContractNode(LifecycleNode, ABC):
             self._polled.add(topic)
         self._subscribed[topic] = create_sourced_subscription(self, topic, guarded, raw=exclusive)
 
-    def create_service(self, srv_type: Any, srv_name: str, callback: Callable[[Any, Any], Any],
-                       **options: Any) -> Service[Any, Any]:
-        """
-        Offer a service that survives any request.
-
-        rclpy's own services, those of parameters, raise if a request holds unexpected values.
-        """
-        def guarded(request: Any, response: Any) -> Any:
-            try:
-                return callback(request, response)
-            except (*REFUSED, LookupError, TypeError, ValueError) as error:
-                self.get_logger().warning(f'{srv_name}: refused: {InputError(error)}')
-                return response
-        return super().create_service(srv_type, srv_name, guarded, **options)
-
     def offer(self, service: str, callback: Callable[[Any, Any], Any]) -> None:
         """Offer a service of the contract."""
         create_service(self, service, callback)
@@ -272,23 +249,6 @@ class ContractNode(LifecycleNode, ABC):
         """Return the wall clock (monotonic), s."""
         return time.monotonic()
 
-    def reject(self, topic: str, reason: str, kind: str = 'malformed') -> None:
-        """Count an invalid message, and warn."""
-        self._refusals.add(topic, kind, reason, time.monotonic())
-        self.warn_seldom('refused', f'refused {self.rejected[topic]}: {reason}')
-
-    def warn_seldom(self, about: str, text: str, interval: float = WARNING_INTERVAL) -> None:
-        """
-        Warn about something at most once in an interval, s.
-
-        rclpy's own throttle looks up the calling file before it counts. If a warning is due at
-        every sample, that takes longer than the sample.
-        """
-        now = time.monotonic()
-        if now - self._warned.get(about, -math.inf) >= interval:
-            self._warned[about] = now
-            self.get_logger().warning(text)
-
     def task(self, name: str) -> str:
         """Return a task's name as diagnostic tools expect it, with the namespace if any."""
         return f'{self.get_fully_qualified_name().lstrip("/")}: {name}'
@@ -301,16 +261,6 @@ class ContractNode(LifecycleNode, ABC):
     def input_status(self) -> DiagnosticStatus:
         """Return the recent refusals by topic and kind, and the last reason."""
         return self.status('input', *self._refusals.summary(time.monotonic()))
-
-    @property
-    def rejected(self) -> Counter[str]:
-        """Return the number of messages refused, by topic."""
-        return self._refusals.by_topic
-
-    @property
-    def last_rejection(self) -> str:
-        """Return the reason of the last refusal."""
-        return self._refusals.last
 
     def second_heard(self) -> set[str]:
         """Return the topics on which a second publisher has sent messages recently."""
@@ -335,14 +285,20 @@ class ContractNode(LifecycleNode, ABC):
 
     def parameter_status(self) -> DiagnosticStatus:
         """Return the status of parameters that wait for a reset, or change nothing."""
-        level = 'warn' if self._parameter_changes.unused else 'ok'
-        return self.status('parameters', level, self._parameter_text() or 'ok', {})
+        own = self.get_clock()
+        timeless = isinstance(own, ROSClock) and own.ros_time_is_active and (
+            not own.now().nanoseconds)
+        level = 'warn' if timeless or self._parameter_changes.unused else 'ok'
+        texts = ['use_sim_time: expected a time on /clock, got none: this is stamped 0 s'] \
+            if timeless else []
+        return self.status('parameters', level, '; '.join(
+            [*texts, *self._parameter_texts()]) or 'ok', {})
 
-    def _parameter_text(self) -> str:
+    def _parameter_texts(self) -> list[str]:
         changes = self._parameter_changes
         waiting = [f'{", ".join(changes.waiting)}: in force after ~/reset'] \
             if changes.waiting else []
-        return '; '.join([*waiting, *changes.unused])
+        return [*waiting, *changes.unused]
 
     def publish_diagnostics(self, statuses: Sequence[DiagnosticStatus]) -> None:
         """Publish statuses together with those of input, publishers and parameters."""

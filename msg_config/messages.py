@@ -51,9 +51,9 @@ def stamp_of(message: Any) -> int:
     return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
 
 
-def checked_stamp(message: Any, topic: str) -> int:
+def checked_time(time: Any, where: str) -> int:
     """
-    Return the stamp of an incoming message, ns.
+    Return a time in an incoming message, ns; `where` names topic and field for the error.
 
     Raises
     ------
@@ -61,12 +61,15 @@ def checked_stamp(message: Any, topic: str) -> int:
         It is no valid time: before 1970, or with a second or more of nanoseconds.
 
     """
-    stamp = message.header.stamp
-    whole, rest = stamp.sec, stamp.nanosec
+    whole, rest = time.sec, time.nanosec
     if whole < 0 or rest >= NANOSECONDS:
-        raise InputError(f'{topic}: header.stamp: expected sec >= 0 and nanosec < 1e9, '
-                         f'got {whole} and {rest}')
+        raise InputError(f'{where}: expected sec >= 0 and nanosec < 1e9, got {whole} and {rest}')
     return int(whole) * NANOSECONDS + int(rest)
+
+
+def checked_stamp(message: Any, topic: str) -> int:
+    """Return the stamp of an incoming message, ns, as `checked_time` does."""
+    return checked_time(message.header.stamp, f'{topic}: header.stamp')
 
 
 def doubles(values: Sequence[float] | Array) -> array[float]:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 import gc
 import signal
 import sys
+from types import FrameType
 from typing import Any
 
 from msg_config.contract_node import ContractNode
@@ -53,8 +54,8 @@ def run(make: Callable[[], ContractNode], arguments: Sequence[str] | None = None
     Returns
     -------
     int
-        0 after SIGTERM or shutdown, 130 after Ctrl-C (0 where rclpy shuts down before Python
-        sees the signal), 2 for a bad parameter, which is named in one line.
+        0 after SIGTERM or shutdown, 130 after Ctrl-C, 2 for a bad parameter, which is named in
+        one line.
 
     """
     avoid_shared_memory()
@@ -63,14 +64,13 @@ def run(make: Callable[[], ContractNode], arguments: Sequence[str] | None = None
                    signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # noqa: B902  rclpy's argument errors share no base class
         return _print_error(error)
+    interrupts: list[int] = []
     try:
-        _spin_one(make)
+        _spin_one(make, interrupts)
     except InputError as error:
         return _print_error(error)
     except (ExternalShutdownException, ROSInterruptException):
-        return 0
-    except KeyboardInterrupt:
-        return 130
+        return 130 if interrupts else 0
     except Exception:  # noqa: B902
         # A signal came before the node was complete.
         if rclpy.ok():
@@ -81,7 +81,7 @@ def run(make: Callable[[], ContractNode], arguments: Sequence[str] | None = None
     return 130
 
 
-def _spin_one(make: Callable[[], ContractNode]) -> None:
+def _spin_one(make: Callable[[], ContractNode], interrupts: list[int]) -> None:
     """Create a node, run it until it is interrupted, and destroy it."""
     node = _created(make)
     executor = make_executor()
@@ -90,7 +90,7 @@ def _spin_one(make: Callable[[], ContractNode]) -> None:
         # The present objects are permanent, so the garbage collector need not visit them again.
         gc.collect()
         gc.freeze()
-        _handle_signals()
+        _handle_signals(interrupts)
         spin(executor, node.interrupted)
     finally:
         end_at_once()
@@ -113,9 +113,17 @@ def _created(make: Callable[[], ContractNode]) -> ContractNode:
         raise
 
 
-def _handle_signals() -> None:
-    """Let a signal shut rclpy down from now on, which wakes the executor."""
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+def _handle_signals(interrupts: list[int]) -> None:
+    """
+    Let a signal shut rclpy down from now on, which wakes the executor; note a SIGINT.
+
+    A KeyboardInterrupt would come anywhere, in the executor too, which prints it as an error. The
+    second signal ends the process at once, wherever it is.
+    """
+    def note(number: int, _: FrameType | None) -> None:
+        interrupts.append(number)
+        end_at_once()
+    signal.signal(signal.SIGINT, note)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     install_signal_handlers(SignalHandlerOptions.ALL)
 

@@ -235,6 +235,8 @@ HEAD = """# Parameters
 
 Made by `python -m msg_config.parameters` from `msg_config/parameters.yaml`, which declares and
 checks them. A value out of range is refused; so is a change of what a running node cannot change.
+`qos_overrides.TOPIC.publisher.` (or `subscription.`) `history`, `depth`, `reliability` and
+`durability`, with the topic's whole name, change its quality of service at the start.
 
 A parameter file with every default, for `--ros-args --params-file`:
 

@@ -24,7 +24,7 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.service import Service
 from rclpy.subscription import Subscription
@@ -32,6 +32,9 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 # Least interval, s, of asking the middleware for subscribers; discovery takes longer.
 LOOK_INTERVAL = 0.01
+# Policies that parameters may override.
+OVERRIDABLE = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY,
+               QoSPolicyKind.DURABILITY)
 _MESSAGE_AND_INFO = inspect.signature(lambda message, info: None)
 
 
@@ -65,7 +68,7 @@ def create_publisher(node: Node, name: str) -> Publisher:
     with _named_overrides(node, name):
         return node.create_publisher(
             interface_class(topic.type), topic.name, qos_profile(topic.qos),
-            qos_overriding_options=QoSOverridingOptions.with_default_policies())
+            qos_overriding_options=QoSOverridingOptions(OVERRIDABLE))
 
 
 def create_subscription(
@@ -95,7 +98,7 @@ def create_subscription(
         return node.create_subscription(
             interface_class(topic.type), topic.name, callback,
             qos_profile(topic.qos if reliable else topic.subscribe), raw=raw,
-            qos_overriding_options=QoSOverridingOptions.with_default_policies())
+            qos_overriding_options=QoSOverridingOptions(OVERRIDABLE))
 
 
 def create_sourced_subscription(
@@ -117,6 +120,14 @@ def create_sourced_subscription(
         callback(message, gid and gid['data'], waited / NANOSECONDS)
     taken.__signature__ = _MESSAGE_AND_INFO  # type: ignore[attr-defined]
     return create_subscription(node, name, taken, raw=raw)
+
+
+def silent_topic(node: Node, topic: str) -> str:
+    """Return the whole name of a topic without messages, and what is wrong with its publishers."""
+    name, own = node.resolve_topic_name(topic), load_topics()[topic].type
+    kinds = {info.topic_type for info in node.get_publishers_info_by_topic(name)}
+    others = f' (expected {own}, got {", ".join(sorted(kinds))})' if kinds - {own} else ''
+    return name + (others if kinds else ' (no publisher)')
 
 
 def create_service(node: Node, name: str, callback: Callable[[Any, Any], Any]) -> Service:
@@ -269,14 +280,15 @@ def parameter_value(parameter: RosParameter[Any]) -> Any:
     return () if parameter.value in ([], (), b'') else parameter.value
 
 
-def unknown_overrides(node: Node, table: str) -> list[str]:
-    """Return a line for each given parameter that the node does not have: likely misspelt."""
-    rows = load_parameters()[table]
-    unknown = [name for name in node._parameter_overrides
-               if not node.has_parameter(name) and not name.startswith('qos_overrides.')]
-    lines = []
-    for name in unknown:
-        near = get_close_matches(name, rows, 1)
-        lines.append(f'{node.get_name()}: {name}: unknown parameter, not used'
-                     + (f'; did you mean {near[0]}?' if near else ''))
-    return lines
+def unknown_parameter(node: Node, name: str) -> list[str]:
+    """Return what to say of a parameter that a node does not have: likely misspelt."""
+    near = get_close_matches(name, node._parameters, 1)
+    return [f'{node.get_name()}: {name}: unknown parameter',
+            *(f'did you mean {found}?' for found in near)]
+
+
+def unknown_overrides(node: Node) -> list[str]:
+    """Return a line for each given parameter that the node does not have, once it is complete."""
+    return ['; '.join([f'{text}, not used', *hint])
+            for name in node._parameter_overrides if not node.has_parameter(name)
+            for text, *hint in [unknown_parameter(node, name)]]

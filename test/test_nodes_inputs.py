@@ -104,6 +104,32 @@ def test_why_nothing_is_estimated_is_said_within_two_seconds(
         loop.wait(0.01)
 
 
+def test_silence_tells_a_missing_publisher_from_one_of_another_type(
+    loop: RosLoop, domain_id: int,
+) -> None:
+    import rclpy
+    from rclpy.context import Context
+    from std_msgs.msg import String
+
+    bench = Bench(loop, 'estimator')
+
+    def said(text: str) -> bool:
+        status = bench.status('samples')
+        return status is not None and status.message == f'no sample: no message on {text}'
+    loop.until(partial(said, '/joint_states and /strain'))
+    loop.observer.destroy_publisher(bench.strain)
+    loop.until(partial(said, '/joint_states and /strain (no publisher)'))
+    # One process cannot publish two types under one name.
+    other = Context()
+    rclpy.init(context=other, domain_id=domain_id)
+    stranger = rclpy.create_node('stranger', context=other)
+    stranger.create_publisher(String, 'strain', 1)
+    loop.until(partial(said, '/joint_states and /strain (expected sensor_msgs/msg/JointState, '
+                             'got std_msgs/msg/String)'))
+    stranger.destroy_node()
+    rclpy.shutdown(context=other)
+
+
 def test_an_arm_of_other_names_units_and_signs_runs_the_same_loop(
     loop: RosLoop, tmp_path: Path,
 ) -> None:
@@ -211,6 +237,25 @@ def test_without_an_estimator_every_sample_is_answered_with_the_last_payload(
     bench.sample(8)
     loop.until(lambda: 8 * STEP in bench.answers.stamps)
     assert bench.node.controller._mass < 0.3, 'no faster than a gripper closes'
+
+
+def test_a_command_that_waits_for_a_payload_is_not_said_to_wait_for_a_sample(
+    loop: RosLoop,
+) -> None:
+    from msg_config.messages import inertia_message
+
+    bench = Bench(loop, 'controller', adapt=True, watchdog=0.2)
+    inertia = loop.publisher('payload/inertia')
+    bench.sample(0, angle=(-0.5, -0.5))
+    inertia.publish(inertia_message(0, 0.2))
+    loop.until(lambda: 0 in bench.answers.stamps)
+
+    def said(what: str) -> bool:
+        # As a simulator in lock-step, which waits for the answer.
+        bench.sample(1, angle=(-0.5, -0.5))
+        status = bench.status('command')
+        return status is not None and status.message.startswith(f'no {what} for ')
+    loop.until(partial(said, 'payload/inertia'), 5.0)
 
 
 @pytest.mark.parametrize('ahead', [True, False])

@@ -209,6 +209,28 @@ def test_plant_sim_takes_an_effect_as_the_table_writes_it(loop: RosLoop) -> None
 def test_a_slip_of_the_pen_is_named(loop: RosLoop) -> None:
     from msg_config.ros import unknown_overrides
 
-    node = loop.start(type(start(loop, 'plant_sim')), **PAPER, paylod=0.3)
-    assert unknown_overrides(node, 'plant_sim') == [
-        'plant_sim: paylod: unknown parameter, not used; did you mean payload?']
+    depth = 'qos_overrides./strain.publisher.dept'
+    node = loop.start(type(start(loop, 'plant_sim')), **PAPER, paylod=0.3, **{depth: 3})
+    assert unknown_overrides(node) == [
+        'plant_sim: paylod: unknown parameter, not used; did you mean payload?',
+        f'plant_sim: {depth}: unknown parameter, not used; did you mean {depth}h?']
+
+
+def test_a_slip_of_the_pen_while_the_node_runs_is_named(loop: RosLoop) -> None:
+    start(loop, 'plant_sim')
+    result, = setting(loop, 'plant_sim', paylod=0.3)
+    assert not result.successful
+    assert result.reason == 'plant_sim: paylod: unknown parameter; did you mean payload?'
+
+
+def test_a_publisher_keeps_its_last_message_where_it_is_told_to(loop: RosLoop) -> None:
+    from flex_plant_sim.nodes.plant_sim_node import PlantSim
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+    from sensor_msgs.msg import JointState
+
+    name = 'qos_overrides./strain.publisher.durability'
+    loop.start(PlantSim, **PAPER, **{name: 'transient_local'})
+    found: list[JointState] = []
+    loop.observer.create_subscription(JointState, 'strain', found.append, QoSProfile(
+        depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+    loop.until(lambda: bool(found))

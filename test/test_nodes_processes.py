@@ -19,7 +19,7 @@ PROGRAMS = {
     'payload_estimator': ('flex_payload_estimator.nodes.start', 'payload_estimator'),
     'lqg_controller': ('flex_payload_estimator.nodes.start', 'lqg_controller')}
 # How each is asked to end, and what it may answer.
-ENDS = {'plant_sim': (signal.SIGTERM, (0,)), 'payload_estimator': (signal.SIGINT, (0, 130)),
+ENDS = {'plant_sim': (signal.SIGTERM, (0,)), 'payload_estimator': (signal.SIGINT, (130,)),
         'lqg_controller': (signal.SIGTERM, (0,))}
 
 pytestmark = pytest.mark.ros
@@ -81,6 +81,37 @@ def test_a_signal_during_the_start_ends_quietly(
 
     found = attack('lqg_controller', number, delay, domain_id)
     assert found.clean, found
+
+
+BUSY = """
+import sys
+from flex_plant_sim.nodes.plant_sim_node import PlantSim
+from msg_config.node_process import run
+
+def busy():
+    print('busy', flush=True)
+    sum(range(5_000_000))
+
+def make():
+    node = PlantSim()
+    node.create_timer(0.01, busy)
+    return node
+
+sys.exit(run(make, []))
+"""
+
+
+def test_a_signal_in_any_callback_ends_quietly(domain_id: int) -> None:
+    process = subprocess.Popen(
+        [sys.executable, '-c', BUSY], cwd=Path(__file__).resolve().parents[1], text=True,
+        env={**os.environ, 'ROS_DOMAIN_ID': str(domain_id)}, stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE)
+    assert process.stdout is not None
+    assert process.stdout.readline() == 'busy\n'
+    process.send_signal(signal.SIGINT)
+    _, error = process.communicate(timeout=20.0)
+    assert process.returncode == 130
+    assert all('[INFO]' in line for line in error.splitlines()), error
 
 
 def test_three_processes_in_lock_step_take_any_start_order_and_end_cleanly(

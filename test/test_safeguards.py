@@ -144,6 +144,34 @@ def test_a_gauge_is_told_and_a_wall_a_push_and_another_payload_are_not() -> None
         assert fault(partial(_invert, k)).startswith('the gauges')
 
 
+@pytest.mark.parametrize(('name', 'step', 'payload', 'watched'), [
+    ('reference', 0.01, 0.3, True), ('reference', 0.0125, 0.3, False),
+    ('reference', 0.02, 0.1, False), ('reference', 0.05, 0.1, False),
+    ('quanser_2dsfl', 0.005, 0.3, False)])
+def test_no_rate_of_the_samples_stops_an_arm_for_a_payload_that_is_not_known(
+    name: str, step: float, payload: float, watched: bool,
+) -> None:
+    from flex_payload_estimator.control.arm_watch import ArmWatch
+    from flex_payload_estimator.control.set_points import square
+    from flex_plant_sim.simulation.extended_arm import ExtendedArm
+    from flex_plant_sim.simulation.simulator import Noise, Simulator
+
+    robot = replace(load_robot(name), sample_time=step)
+    controller = LQGController(robot, 'assumed_modes', 3, LQGSettings(
+        adapt=False, mass_0=0.0, command_limit=5.0, integrator=True))
+    watch, target, sent = ArmWatch(robot, controller, 5.0), square(0.5, 4.0), np.zeros(2)
+    plant = Simulator(ExtendedArm(robot, 'assumed_modes', 3, payload), None,
+                      Noise(robot.angle_noise, robot.strain_noise), 3)
+    for k in range(int(3.0 / step)):
+        output = plant.measure().output
+        command = controller.command(step * k, output, sent, 0.0, target(step * k))
+        watch(step * k, output, (math.nan, math.nan), sent, sent, 9.0)
+        plant.step(command)
+        sent = command
+    assert not watch.fault
+    assert watched is not bool(watch.unwatched), watch.unwatched
+
+
 def test_the_largest_payload_is_the_parameter_s_or_follows_from_the_robot() -> None:
     assert largest_payload(ROBOT, 0.3) == 0.3
     assert 0.2 < largest_payload(ROBOT, 0.0) < 1.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 import math
 
-from flex_payload_estimator.control.gauge_watch import GaugeWatch
+from flex_payload_estimator.control.gauge_watch import GaugeWatch, longest_interval
 from flex_payload_estimator.control.joint_watch import ObedienceWatch, SpeedWatch
 from flex_payload_estimator.control.lqg import GATE, LOST, LQGController, SMALLEST_VARIANCE
 from flex_payload_estimator.model.payload_model import SecondOrderModel
@@ -43,6 +43,8 @@ class ArmWatch:
     ----------
     fault : str
         Which sensor is wrong and what to check, in one line; empty while none is.
+    unwatched : str
+        Why gauges are not watched, in one line; empty where they are.
 
     """
 
@@ -53,11 +55,10 @@ class ArmWatch:
         link = np.repeat([0, 1], [len(link.gauge_positions) for link in robot.links])
         noise = np.repeat([robot.angle_noise, robot.strain_noise], [2, link.size])
         a_bar, b_bar, _ = controller.transition
-        # The reduced model bends too little like an arm to tell a gauge.
-        self._gauges = GaugeWatch(
+        self.unwatched = self._why_no_gauges()
+        self._gauges = None if self.unwatched else GaugeWatch(
             controller.model, a_bar, b_bar, np.array(largest), controller.settings.mass_max,
-            link, noise, robot.sample_time) if isinstance(
-                controller.model, SecondOrderModel) else None
+            link, noise, robot.sample_time)
         self._speeds = SpeedWatch(
             [_steady_speed(drive, most) for drive, most in zip(robot.drives, largest)],
             robot.sample_time)
@@ -66,6 +67,16 @@ class ArmWatch:
 
     def _largest(self) -> list[float]:
         return [min(self.limit, drive.command_limit) for drive in self._robot.drives]
+
+    def _why_no_gauges(self) -> str:
+        model, step = self._controller.model, self._robot.sample_time
+        if not isinstance(model, SecondOrderModel):
+            return 'the gauges are not watched: the reduced model bends too little like an arm'
+        longest = longest_interval(model, self._controller.settings.mass_max)
+        if step <= longest:
+            return ''
+        return (f'the gauges are not watched: expected a sample every {longest:.2g} s or oftener, '
+                f'got sample_time {step:.9g} s')
 
     def reset(self) -> None:
         """Forget everything, a fault included."""

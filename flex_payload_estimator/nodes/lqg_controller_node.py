@@ -113,6 +113,8 @@ class LQGControllerNode(SampleNode):
             robot.name, self.values['model'], self.values['modes'], coriolis=False))
         self.take_robot(robot)
         self.watch = ArmWatch(robot, self.controller, self.values['command_limit'])
+        if self.watch.unwatched:
+            self.get_logger().info(self.watch.unwatched)
         if not self._referenced:
             self.set_points: SetPoints = set_points_of(self.values)
         self.on_live(self.values)
@@ -255,10 +257,15 @@ class LQGControllerNode(SampleNode):
             return
         if not self._stopped:
             self._stopped = True
-            self.get_logger().warning(f'no sample for {age:.3g} s: the command goes to zero')
+            self.get_logger().warning(f'no {self._missing()} for {age:.3g} s: the command goes to '
+                                      'zero')
         # It carries the stamp of the last answer, so that a plant in lock-step, which waits for
-        # the next one, passes it over.
-        self._send(np.zeros(2), last, WATCH_INTERVAL)
+        # the next one, passes it over. A sample that is repeated gets no older command any more.
+        self.remember(self._send(np.zeros(2), last, WATCH_INTERVAL))
+
+    def _missing(self) -> str:
+        """Return what a command waits for."""
+        return 'sample' if self._waiting is None or self.silence() else 'payload/inertia'
 
     def _on_reference(self, message: JointTrajectory) -> None:
         """Replace the set-points, from the present ones on."""
@@ -308,7 +315,7 @@ class LQGControllerNode(SampleNode):
             return 'stale', 'no sample yet'
         age = self.wall_time() - self._answered
         if self.values['watchdog'] and age > self.values['watchdog']:
-            return 'error', f'no sample for {age:.3g} s: the command is zero'
+            return 'error', f'no {self._missing()} for {age:.3g} s: the command is zero'
         if self.watch.fault:
             return 'error', self._stop_text()
         if self._payload_missing():

@@ -17,7 +17,8 @@ from flex_payload_estimator.nodes.backlog import Backlog
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.inputs.gate import Gate
-from flex_plant_sim.inputs.stamps import LEAP, Order, StampOrder
+from flex_plant_sim.inputs.plausible import unit_hint
+from flex_plant_sim.inputs.stamps import LEAP, LOST, Order, StampOrder
 from flex_plant_sim.inputs.synchroniser import slop_of, Synchroniser
 from msg_config.contract import load_topics
 from msg_config.contract_node import ContractNode
@@ -25,6 +26,7 @@ from msg_config.errors import InputError
 from msg_config.input_mapping import JOINTS
 from msg_config.messages import checked_stamp, nanoseconds, seconds
 from msg_config.recent_counts import RecentCounts, WINDOW
+from msg_config.ros import silent_topic
 import numpy as np
 from sensor_msgs.msg import JointState
 
@@ -99,7 +101,8 @@ class SampleNode(ContractNode):
         self.commanded: Array | None = None
         self._lost: RecentCounts[str] = RecentCounts()
         self._last_applied = np.zeros(2)
-        self._restarts, self._sample_at = 0, self.wall_time()
+        self._restarts, self._sample_at, self._paired_at = 0, self.wall_time(), -math.inf
+        self._output = self._doubted = np.empty(0)
         self._trouble: tuple[bool, ...] = ()
         self._received_at: dict[str, float] = dict.fromkeys(PARTS, -math.inf)
         self._accepted_at: dict[str, float] = dict.fromkeys(PARTS, -math.inf)
@@ -201,13 +204,14 @@ class SampleNode(ContractNode):
     def _on_sample(self, sample: Sample) -> None:
         """Answer a sample, unless its stamp is out of order or the node is too slow."""
         last, waited = self.order.last, self.waited
-        order = self.order.judge(sample.stamp, self._backlog.held_up(waited))
+        self._paired_at = self.wall_time()
+        order = self._order_of(sample)
         if order in (Order.STALE, Order.AHEAD):
-            self.reject('joint_states', f'joint_states, strain: header.stamp: expected one after '
-                        f'{seconds(last or 0):.12g} s, got {sample.time:.12g} s',
+            self.reject('joint_states', 'joint_states, strain: header.stamp: expected '
+                        f'{self._expected(order)}, got {sample.time:.12g} s',
                         f'stamp {order.value}')
             return
-        self._sample_at = self.wall_time()
+        self._sample_at = self._paired_at
         if order is Order.REPEATED and self._answer is not None:
             self.answer(self._answer)
             return
@@ -221,13 +225,36 @@ class SampleNode(ContractNode):
         self._answer = None
         self._answer = self.take(self._gated(sample))
 
+    def _order_of(self, sample: Sample) -> Order:
+        """
+        Return the kind of a sample's stamp.
+
+        Where other measurements come with the last stamp, its source sets none (STALE), or has
+        started again (RESTARTED): then it repeats them until they are answered.
+        """
+        order = self.order.judge(sample.stamp, self._backlog.held_up(self.waited))
+        if order is Order.REPEATED and not _same(sample.output, self._output):
+            again = _same(sample.output, self._doubted)
+            self._doubted = sample.output
+            order = Order.RESTARTED if again else Order.STALE
+        if order in (Order.NEW, Order.RESTARTED):
+            self._output = sample.output
+        return order
+
+    def _expected(self, order: Order) -> str:
+        """Return in words which stamps are in order."""
+        last = f'after {seconds(self.order.last or 0):.12g} s'
+        most = seconds((LOST + 1) * self.order.interval)
+        return f'one at most {most:.3g} s {last}' if order is Order.AHEAD else f'one {last}'
+
     def _gated(self, sample: Sample) -> Sample:
         """Return the sample, with NaN for outputs that the arm cannot have produced."""
         applied = self._plausible_command(sample)
         refusal = self.gate.judge(sample.time, sample.output, applied)
         if refusal is None:
             return sample if applied is sample.command else replace(sample, command=applied)
-        self.reject('joint_states', f'joint_states, strain: {refusal.text}', refusal.kind)
+        self.reject('joint_states', f'joint_states, strain: {refusal.text}{unit_hint(refusal)}',
+                    refusal.kind)
         return replace(sample, output=np.full(len(sample.output), np.nan), command=applied)
 
     def _plausible_command(self, sample: Sample) -> Array:
@@ -265,7 +292,8 @@ class SampleNode(ContractNode):
         self._lost.add('lost', self.wall_time(), max(round(count) - 1, 1))
         self.warn_seldom(
             'interval', f'joint_states, strain: expected a sample every '
-            f'{self.robot.sample_time:.9g} s, got one after {seconds(interval):.9g} s')
+            f'{self.robot.sample_time:.9g} s (sample_time), got one after '
+            f'{seconds(interval):.9g} s')
 
     def _on_reset(self, _: Any, response: Any) -> Any:
         """Take parameters that wait for ~/reset into force, and start again."""
@@ -289,12 +317,13 @@ class SampleNode(ContractNode):
         since = self.wall_time() - max(QUIET, 3.0 * self.robot.sample_time)
         if self._sample_at > since:
             return ''
-        silent = [self.resolve_topic_name(part) for part in PARTS
-                  if self._received_at[part] < since]
+        silent = [silent_topic(self, part) for part in PARTS if self._received_at[part] < since]
         if silent:
             return f'no message on {" and ".join(silent)}'
         if any(self._accepted_at[part] < since for part in PARTS):
             return f'every message is refused: {self.last_rejection}'
+        if self._paired_at > since:
+            return f'every sample is refused: {self.last_rejection}'
         return self._pairing.why_nothing()
 
     def sample_status(self) -> DiagnosticStatus:
@@ -313,3 +342,7 @@ class SampleNode(ContractNode):
             due = WINDOW / self.robot.sample_time
             text = f'too slow: {slow} of {due:.0f} samples passed over in the last {WINDOW:g} s'
         return self.status('samples', 'warn' if lost else 'ok', text, values)
+
+
+def _same(one: Array, other: Array) -> bool:
+    return np.array_equal(one, other, equal_nan=True)

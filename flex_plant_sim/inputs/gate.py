@@ -176,8 +176,9 @@ class Gate:
         return all(map(le, sizes, self._command)) and all(map(math.isfinite, sizes))
 
     def _refuse_output(self, output: Array) -> Refusal:
-        if not math.isfinite(sum(output.tolist())):
-            k = int(np.argmin(np.isfinite(output)))
+        finite = np.isfinite(output)
+        if not finite.all():
+            k = int(np.argmin(finite))
             return Refusal(NOT_FINITE, f'{self._names[k]}: expected a finite number, '
                                        f'got {output[k]}')
         k = int(np.argmax((output < self.limits.low) | (output > self.limits.high)))
