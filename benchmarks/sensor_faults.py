@@ -5,6 +5,8 @@ Calibrate the watch of the gauges on finite-element arms in closed loop, sensors
 tolerances, under the controller with the payload of `rpe`. Printed, for each case, is the largest
 error that `GaugeWatch` finds for a gauge, and that gauge; then the gap between the arms whose
 sensors are right and the others, in which WRONG must be. `--set FORCE=1` tries another constant.
+`--payloads` prints instead by how much right arms with a payload that is not known err more than
+`unknown_payload_error` says, on the reference and the Quanser arm, which MARGIN must hold.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from dataclasses import replace
+import math
 from typing import Any
 
 import _truths  # noqa: F401
@@ -30,14 +33,16 @@ from truth.configuration import Arm
 
 # Largest command; begin of a fault and end of a run, s.
 LIMIT, START, END = 5.0, 3.0, 9.0
+# Arms for payloads that are not known.
+PAYLOAD_SEEDS = range(3, 7)
 Spoil = Callable[[Array], None]
 Push = Callable[[Elements, float], None]
 
 
 def arm_of(seed: int, payload: float, joint: int | None = None, soft: float = 1.0,
-           **changes: float) -> Arm:
+           name: str = 'reference', **changes: float) -> Arm:
     """Return an arm with drawn parts, softer links, and imperfections of a joint."""
-    arm = elements_of(drawn(load_robot('reference'), np.random.default_rng([seed, 3])), payload)
+    arm = elements_of(drawn(load_robot(name), np.random.default_rng([seed, 3])), payload)
     links = [replace(link, youngs_modulus=soft * link.youngs_modulus) for link in arm.links]
     joints = list(arm.joints)
     if joint is not None:
@@ -118,9 +123,10 @@ def wrong() -> dict[str, dict[str, Any]]:
     return {name: {'arm': arm_of(1, 0.1), 'spoil': spoil} for name, spoil in found.items()}
 
 
-def largest_error(case: dict[str, Any], modes: int) -> tuple[float, str]:
+def largest_error(case: dict[str, Any], modes: int, robot_name: str = 'reference'
+                  ) -> tuple[float, str]:
     """Return the largest error of a gauge in a run, and the gauge."""
-    robot, adapt = load_robot('reference'), case.get('adapt', True)
+    robot, adapt = load_robot(robot_name), case.get('adapt', True)
     mass, target = case.get('mass', 0.0), case.get('target', square(0.5, 4.0))
     controller = LQGController(robot, MODEL, modes, LQGSettings(
         adapt, mass, largest_payload(robot, None), integrator=True, command_limit=LIMIT))
@@ -144,16 +150,42 @@ def largest_error(case: dict[str, Any], modes: int) -> tuple[float, str]:
     return worst, name
 
 
+def payload_errors(name: str, modes: int, seed: int) -> tuple[float, float]:
+    """Return a right arm's error with the largest payload untold, and with it told for none."""
+    largest = largest_payload(load_robot(name), None)
+    untold, told = ({'arm': arm_of(seed, carried, name=name), 'adapt': False, 'mass': believed}
+                    for believed, carried in ((0.0, largest), (largest, 0.0)))
+    return largest_error(untold, modes, name)[0], largest_error(told, modes, name)[0]
+
+
+def print_payloads() -> None:
+    """Print the errors of right arms with a payload that is not known, and what is expected."""
+    for name, modes in (('reference', 2), ('reference', 3), ('quanser_2dsfl', 2),
+                        ('quanser_2dsfl', 3)):
+        robot = load_robot(name)
+        controller = LQGController(robot, MODEL, modes, LQGSettings(
+            mass_max=largest_payload(robot, None), command_limit=LIMIT))
+        watch = ArmWatch(robot, controller, LIMIT).gauges
+        expected = math.nan if watch is None else watch.payload_error
+        found = np.array([payload_errors(name, modes, seed) for seed in PAYLOAD_SEEDS]).max(0)
+        print(f'{name:14s} {modes} modes: expected {expected:.2f}, found {found[0]:.2f} untold, '
+              f'{found[1]:.2f} told for none', flush=True)
+
+
 def main() -> None:
     """Print a line per case, and the gap."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
     parser.add_argument('--modes', type=int, default=3)
     parser.add_argument('--set', nargs='*', default=[], metavar='NAME=VALUE',
                         help='other constants of gauge_watch')
+    parser.add_argument('--payloads', action='store_true', help='payloads that are not known')
     given = parser.parse_args()
     for pair in given.set:
         name, value = pair.split('=')
         setattr(gauge_watch, name, type(getattr(gauge_watch, name))(value))
+    if given.payloads:
+        print_payloads()
+        return
     found = {}
     for kind, cases in (('right', right()), ('wrong', wrong())):
         for name, case in cases.items():

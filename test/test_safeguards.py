@@ -145,9 +145,9 @@ def test_a_gauge_is_told_and_a_wall_a_push_and_another_payload_are_not() -> None
 
 
 @pytest.mark.parametrize(('name', 'step', 'payload', 'watched'), [
-    ('reference', 0.01, 0.3, True), ('reference', 0.0125, 0.3, False),
+    ('reference', 0.01, 0.3, True), ('reference', 0.0125, 0.3, True),
     ('reference', 0.02, 0.1, False), ('reference', 0.05, 0.1, False),
-    ('quanser_2dsfl', 0.005, 0.3, False)])
+    ('quanser_2dsfl', 0.002, 0.3, True), ('quanser_2dsfl', 0.005, 0.3, False)])
 def test_no_rate_of_the_samples_stops_an_arm_for_a_payload_that_is_not_known(
     name: str, step: float, payload: float, watched: bool,
 ) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 import math
 
-from flex_payload_estimator.control.gauge_watch import GaugeWatch, longest_interval
+from flex_payload_estimator.control.gauge_watch import DEAD, GaugeWatch
 from flex_payload_estimator.control.joint_watch import ObedienceWatch, SpeedWatch
 from flex_payload_estimator.control.lqg import GATE, LOST, LQGController, SMALLEST_VARIANCE
 from flex_payload_estimator.model.payload_model import SecondOrderModel
@@ -43,6 +43,7 @@ class ArmWatch:
     ----------
     fault : str
         Which sensor is wrong and what to check, in one line; empty while none is.
+    gauges : GaugeWatch or None
     unwatched : str
         Why gauges are not watched, in one line; empty where they are.
 
@@ -55,10 +56,12 @@ class ArmWatch:
         link = np.repeat([0, 1], [len(link.gauge_positions) for link in robot.links])
         noise = np.repeat([robot.angle_noise, robot.strain_noise], [2, link.size])
         a_bar, b_bar, _ = controller.transition
-        self.unwatched = self._why_no_gauges()
-        self._gauges = None if self.unwatched else GaugeWatch(
-            controller.model, a_bar, b_bar, np.array(largest), controller.settings.mass_max,
-            link, noise, robot.sample_time)
+        self.gauges: GaugeWatch | None = None
+        self.unwatched = 'the gauges are not watched: the reduced model bends unlike an arm'
+        if isinstance(controller.model, SecondOrderModel):
+            self._watch_gauges(GaugeWatch(
+                controller.model, a_bar, b_bar, np.array(largest), controller.settings.mass_max,
+                link, noise, robot.sample_time))
         self._speeds = SpeedWatch(
             [_steady_speed(drive, most) for drive, most in zip(robot.drives, largest)],
             robot.sample_time)
@@ -68,28 +71,25 @@ class ArmWatch:
     def _largest(self) -> list[float]:
         return [min(self.limit, drive.command_limit) for drive in self._robot.drives]
 
-    def _why_no_gauges(self) -> str:
-        model, step = self._controller.model, self._robot.sample_time
-        if not isinstance(model, SecondOrderModel):
-            return 'the gauges are not watched: the reduced model bends too little like an arm'
-        longest = longest_interval(model, self._controller.settings.mass_max)
-        if step <= longest:
-            return ''
-        return (f'the gauges are not watched: expected a sample every {longest:.2g} s or oftener, '
-                f'got sample_time {step:.9g} s')
+    def _watch_gauges(self, watch: GaugeWatch) -> None:
+        """Watch the gauges, unless a payload that is not known does what a dead one does."""
+        self.gauges, self.unwatched = (watch, '') if watch.bound < DEAD else (None, (
+            'the gauges are not watched: within a sample a payload that is not known changes the '
+            f'bending by up to {watch.payload_error:.2g} of it; fewer modes, a smaller '
+            'payload_max or a shorter sample_time help'))
 
     def reset(self) -> None:
         """Forget everything, a fault included."""
         self.fault, self._time, self._gap_at = '', -math.inf, -math.inf
-        if self._gauges is not None:
-            self._gauges.reset()
+        if self.gauges is not None:
+            self.gauges.reset()
         self._speeds.reset()
         self._obedience.reset()
 
     @property
     def gauge_errors(self) -> dict[str, float]:
         """Return the error of each gauge by name, see GaugeWatch."""
-        found = [] if self._gauges is None else self._gauges.error.tolist()
+        found = [] if self.gauges is None else self.gauges.error.tolist()
         return dict(zip(self._robot.gauge_names, found))
 
     @property
@@ -119,8 +119,8 @@ class ArmWatch:
         finite = all(map(math.isfinite, output.tolist()))
         gap = time - self._time > MISSING * self._robot.sample_time
         self._time, self._gap_at = time, time if gap else self._gap_at
-        if gap and self._gauges is not None:
-            self._gauges.reset()
+        if gap and self.gauges is not None:
+            self.gauges.reset()
         unbent = self._unbent(output if finite else None, applied)
         if self.fault or not finite:
             return
@@ -159,7 +159,7 @@ class ArmWatch:
                 'what may hold it (a stop, a heavy load, then command_limit)')
 
     def _unbent(self, output: Array | None, applied: Array) -> str:
-        watch, controller = self._gauges, self._controller
+        watch, controller = self.gauges, self._controller
         if watch is None:
             return ''
         believed = None if output is None or controller.doubted else (

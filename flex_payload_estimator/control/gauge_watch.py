@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 
 from flex_payload_estimator.kalman.predictor import KalmanPredictor
-from flex_payload_estimator.kalman.riccati import DOUBLINGS
+from flex_payload_estimator.kalman.riccati import DOUBLINGS, settled
 from flex_payload_estimator.model.payload_model import PayloadModel
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.arm.state_space import zero_order_hold
 import numpy as np
 
 # What may act on the arm unknown to its model, as white noise. Torque of a joint: this share of
@@ -25,24 +26,13 @@ SPAN = 2.0
 # Error of a gauge's prediction, over the bending of its link, from which the gauge is wrong. All
 # but TURNED are calibrated by benchmarks/sensor_faults.py.
 WRONG = 0.4
-# Change of a vibration's phase within a sample by a payload that is not known, rad, up to which
-# gauges are predicted: from 0.23 on arms whose sensors are right come near WRONG, from 0.3 on
-# beyond.
-PHASE = 0.22
-
-
-def longest_interval(model: PayloadModel, mass_max: float) -> float:
-    """
-    Return the longest time between samples, s, at which gauges can be watched.
-
-    A payload from none to the largest, kg, shifts the slowest vibration of each link; a prediction
-    without the payload is off by that phase a sample.
-    """
-    empty, loaded = (
-        sorted(abs(root) for root in np.linalg.eigvals(model.matrices(1.0, mass)[0])
-               if root.imag > 0.0)[:2] for mass in (0.0, mass_max))
-    shift = max((abs(one - other) for one, other in zip(empty, loaded)), default=0.0)
-    return PHASE / shift if shift else math.inf
+# Factor of the error of a right arm over what its model says of a payload that is not known, see
+# `unknown_payload_error`; calibrated there, too.
+MARGIN = 1.3
+# Error of a dead gauge that is alone on its link: the whole bending is missing.
+DEAD = 1.0
+# Time for which a command stays as it is, s; from 0.1 to 0.5 the errors are alike to a tenth.
+COMMAND_TIME = 0.5
 
 
 class GaugeWatch:
@@ -75,6 +65,10 @@ class GaugeWatch:
     ----------
     error : Array
         Of each gauge, (g,); 0 before SPAN.
+    payload_error : float
+        Error on a right arm whose payload is not known.
+    bound : float
+        Error from which a gauge is wrong. Where it is DEAD or more, gauges tell nothing.
 
     """
 
@@ -83,17 +77,49 @@ class GaugeWatch:
         self._model, self._step, self._mass_max = model, step, mass_max
         self._torque, self._same = TORQUE * np.asarray(largest), link[:, None] == link
         n, gauges = model.states, model.output[2:]
-        strain = np.sqrt(np.einsum('ij,jk,ik->i', gauges, self._steady(a_bar, b_bar), gauges))
+        bent = self._after_span(np.eye(n) + step * a_bar, self._process(b_bar, 1.0))
+        strain = np.sqrt(np.einsum('ij,jk,ik->i', gauges, bent, gauges))
         self._floor = self._same @ strain**2
         deviation = model.scale * noise
         deviation[2:] = np.hypot(deviation[2:], GAUGE * strain)
         self._kalman = KalmanPredictor(model.output, np.zeros((n, n)), np.diag(deviation**2), step)
         self._keep = math.exp(-step / SPAN)
         self.reset()
+        self.payload_error = max(self.unknown_payload_error(0.0, mass_max),
+                                 self.unknown_payload_error(mass_max, 0.0))
+        self.bound = max(WRONG, MARGIN * self.payload_error)
 
-    def _steady(self, a_bar: Array, b_bar: Array) -> Array:
-        """Return the covariance of the state after SPAN of that noise, (n, n)."""
-        process, ahead = self._process(b_bar, 1.0), np.eye(len(a_bar)) + self._step * a_bar
+    def unknown_payload_error(self, believed: float, carried: float) -> float:
+        """
+        Return the largest error of a gauge on a right arm that carries another payload, kg.
+
+        From the covariance of arm, predictor and commands of half the largest after SPAN. With the
+        payload the vibrations change, and a predictor for another is off by their phase a sample.
+        """
+        model, step = self._model, self._step
+        arm, command = zero_order_hold(*model.matrices(1.0, carried), step)
+        own, own_command = zero_order_hold(*model.matrices(1.0, believed), step)
+        n, unit = len(arm), np.eye(len(arm))
+        gain = settled((own - unit).T / step, model.output.T,
+                       self._process(own_command / step, 1.0) / step, step * self._kalman.r_2,
+                       step)[0].T
+        heard = step * gain @ model.output
+        kept = math.exp(-step / COMMAND_TIME)
+        ahead = np.block([
+            [arm, np.zeros((n, n)), command],
+            [heard, own - heard, own_command],
+            [np.zeros((2, 2 * n)), kept * np.eye(2)]])
+        fresh = np.zeros(2 * n + 2)
+        fresh[2 * n:] = (1.0 - kept**2) * (0.5 / TORQUE * self._torque)**2
+        covariance = self._after_span(ahead, np.diag(fresh))
+        gauges = model.output[2:]
+        bending = np.einsum('ij,jk,ik->i', gauges, covariance[:n, :n], gauges)
+        missed = np.hstack([gauges, -gauges])
+        square = np.einsum('ij,jk,ik->i', missed, covariance[:2 * n, :2 * n], missed)
+        return float(np.sqrt(np.max(square / (self._same @ bending + self._floor), initial=0.0)))
+
+    def _after_span(self, ahead: Array, process: Array) -> Array:
+        """Return the covariance of a state that began at zero, after SPAN of noise, (n, n)."""
         covariance = process
         for _ in range(min(DOUBLINGS, math.ceil(math.log2(SPAN / self._step)))):
             covariance = covariance + ahead @ covariance @ ahead.T
@@ -153,4 +179,4 @@ class GaugeWatch:
             return None
         self.error = np.sqrt(self._square / (self._bending + self._floor))
         worst = int(np.argmax(self.error)) if self.error.size else 0
-        return worst if self.error.size and self.error[worst] > WRONG else None
+        return worst if self.error.size and self.error[worst] > self.bound else None
