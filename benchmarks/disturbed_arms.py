@@ -1,5 +1,5 @@
 """
-Estimate the payload of disturbed arms: gauge biases, noise, a burst of noise, parts far off.
+Estimate the payload of disturbed arms: gauge biases, drift, noise, a burst, parts far off.
 
 The arms are clean ones of two other simulators (finite elements and a MuJoCo chain, parts drawn
 from their tolerances), so that none is rpe's model; each is disturbed in each way. Printed, for
@@ -24,15 +24,22 @@ from truth.records import draw_case, make_record, Record, TruthCase
 
 TRUTHS = ('finite_elements', 'mujoco')
 TIMES_S = (1.0, 3.0, 6.0, 10.0)
-# Bias of each gauge, m/m; noise and burst as multiples of the robot file's noise; begin and end of
-# the burst, s; relative error of the lower link's stiffness and of the first drive's inertia.
-BIAS, NOISE, BURST, BURST_S, OFF = 2e-5, 10.0, 50.0, (3.0, 3.5), 0.02
+# Bias of each gauge, m/m, and the time, s, in which its drift grows to that; noise and burst as
+# multiples of the robot file's noise; begin and end of the burst, s; relative error of the lower
+# link's stiffness and of the first drive's inertia.
+BIAS, DRIFT_S, NOISE, BURST, BURST_S, OFF = 2e-5, 10.0, 10.0, 50.0, (3.0, 3.5), 0.02
 Spoil = Callable[[Record, np.random.Generator], Record]
 
 
 def biased(record: Record, random: np.random.Generator) -> Record:
     """Return the record with a bias of either sign on each gauge."""
     return replace(record, strain=record.strain + BIAS * random.choice((-1.0, 1.0), 4))
+
+
+def drifting(record: Record, random: np.random.Generator) -> Record:
+    """Return the record with a bias of either sign on each gauge that grows from nothing."""
+    grown = BIAS * (record.time / DRIFT_S)[:, None]
+    return replace(record, strain=record.strain + grown * random.choice((-1.0, 1.0), 4))
 
 
 def noisy(record: Record, random: np.random.Generator, factor: float = NOISE,
@@ -47,7 +54,8 @@ def noisy(record: Record, random: np.random.Generator, factor: float = NOISE,
 
 def spoils() -> dict[str, Spoil]:
     """Return the disturbances of a record, by name."""
-    return {'clean': lambda record, _: record, 'gauge bias 2e-5': biased, 'noise x 10': noisy,
+    return {'clean': lambda record, _: record, 'gauge bias 2e-5': biased,
+            'gauge drift 2e-5 in 10 s': drifting, 'noise x 10': noisy,
             'burst x 50, 3 to 3.5 s': lambda record, random: noisy(record, random, BURST, BURST_S)}
 
 

@@ -4,7 +4,8 @@ Score rpe on arms that hide an effect and on clean ones: coverage, bands and fal
 `python benchmarks/hidden_effects.py [--runs N] [--seed S] [--truth mujoco]` takes arms of the
 truths in `test/truth`, parts drawn, in fast motion, none with a change of payload: N clean ones,
 and N that hide one effect of the catalogue each, in an order drawn from the seed. The estimator is
-not told of the effect. Prints a table in Markdown; with --each also a line per record.
+not told of the effect. Prints a table in Markdown, with the shares of the samples in motion with
+`ok`, and with `ok` and beyond three deviations; with --each also a line per record.
 Finite elements from seed 8000 on are for tuning; MuJoCo from 9000 on judges.
 """
 
@@ -34,6 +35,8 @@ LEFT_OUT = ('payload_mass', 'payload_change', 'modal_truncation', 'coriolis_cent
 # Effects that the equations of a truth do not have.
 LACKS = {'finite_elements': ('base_sliding',), 'mujoco': ()}
 CLEAN, HIDDEN = 'clean', 'hidden effect'
+# Deviations beyond which an answer is wrong.
+BEYOND = 3.0
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,8 @@ class Answer:
         Changes of the payload that the estimator found; all are false.
     mode : str
         Mode in which the estimator ended.
+    fine, wrong : float
+        Shares of the samples in motion with `ok`, and with `ok` and beyond three deviations.
 
     """
 
@@ -60,6 +65,8 @@ class Answer:
     deviation: Array
     jumps: int
     mode: str
+    fine: float
+    wrong: float
 
     @property
     def inside(self) -> Array:
@@ -75,8 +82,11 @@ def answer(estimator: RecursivePredictionError, name: str | None, seed: int, tru
     found = [estimator.update(*row) for row in rows_of(make_record(case))]
     at = np.array([(a.mass - case.payload_true, a.variance**0.5) for a in found
                    if np.isclose(a.time, times).any()]) / case.payload_true
+    moving = [a for a in found if a.status != 'not_excited']
+    fine = [abs(a.mass - case.payload_true) > BEYOND * a.variance**0.5 for a in moving
+            if a.status == 'ok']
     return Answer(name or CLEAN, at[:, 0], at[:, 1], len(estimator.events),
-                  estimator.incumbent.mode.name)
+                  estimator.incumbent.mode.name, len(fine) / len(moving), sum(fine) / len(moving))
 
 
 @lru_cache(maxsize=1)
@@ -99,7 +109,7 @@ def effects_of(seed: int, runs: int, truth: str, among: tuple[str, ...]) -> list
 
 
 def line(title: str, answers: list[Answer]) -> str:
-    """Return a row of the table: coverage, RMSE and mean half width at each time, jumps, modes."""
+    """Return a row: coverage, RMSE and median half width at each time, jumps, `ok`, modes."""
     error, deviation = (np.array([getattr(a, name) for a in answers])
                         for name in ('error', 'deviation'))
     inside, count = np.array([a.inside for a in answers]), len(answers)
@@ -108,7 +118,10 @@ def line(title: str, answers: list[Answer]) -> str:
     modes = [a.mode for a in answers]
     ends = ', '.join(f'{modes.count(mode)} {mode}' for mode in sorted(set(modes)))
     jumped = sum(a.jumps > 0 for a in answers)
-    return ' | '.join([f'| {title}', str(count), *cells, str(jumped), f'{ends} |'])
+    fine, wrong = (100 * np.mean([getattr(a, name) for a in answers])
+                   for name in ('fine', 'wrong'))
+    return ' | '.join([f'| {title}', str(count), *cells, str(jumped),
+                       f'{fine:.1f}, {wrong:.2f}', f'{ends} |'])
 
 
 def main() -> None:
@@ -128,8 +141,9 @@ def main() -> None:
     options = parser.parse_args()
     times = tuple(time for time in TIMES_S if time <= options.until)
     print('| arms, each time: in the 95 % band, RMSE, median half width, % | records | '
-          + ' | '.join(f'{time:g} s' for time in times) + ' | with a false jump | end in |')
-    print('|' + ' --- |' * (len(times) + 4))
+          + ' | '.join(f'{time:g} s' for time in times)
+          + ' | with a false jump | `ok`, `ok` and beyond, % | end in |')
+    print('|' + ' --- |' * (len(times) + 5))
     clean = options.runs if options.clean is None else options.clean
     with get_context('spawn').Pool(options.jobs) as pool:
         for truth in options.truth:
@@ -145,7 +159,7 @@ def main() -> None:
                         print(f'<!-- {first + len(answers) - 1} {found.name} '
                               f'{np.round(100 * found.error, 1)} '
                               f'{np.round(100 * found.deviation, 1)} {found.jumps} {found.mode} '
-                              '-->', flush=True)
+                              f'{100 * found.fine:.0f} {100 * found.wrong:.1f} -->', flush=True)
                 if answers:
                     print(line(f'{truth}, {title}', answers), flush=True)
 

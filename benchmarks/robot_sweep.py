@@ -77,15 +77,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
     parser.add_argument('--runs', type=int, default=0, help='robots, drawn; 0 for all 240')
     parser.add_argument('--samples', type=int, default=80)
+    parser.add_argument('--seed', type=int, default=0, help='of the drawn robots, and first noise')
     parser.add_argument('--estimators', nargs='*', default=tuple(MODELS))
     options = parser.parse_args()
     cases = list(itertools.product(KINDS, STEPS, PAYLOADS))
     if options.runs:
-        chosen = np.random.default_rng(0).choice(len(cases), options.runs, replace=False)
-        cases = [cases[k] for k in chosen]
+        random = np.random.default_rng(options.seed)
+        cases = [cases[k] for k in random.choice(len(cases), options.runs, replace=False)]
     for name in options.estimators:
         count: Counter[str] = Counter()
-        for seed, (kind, step, payload) in enumerate(cases):
+        for seed, (kind, step, payload) in enumerate(cases, options.seed):
             found = sorted(set(faults(name, robot_of(kind, step, payload), options.samples, seed)))
             count.update(fault.split(':')[0] for fault in found)
             for fault in found:

@@ -4,8 +4,8 @@ Compare SF1's stated variance with its errors, on matched models.
 `python benchmarks/sf1_variance.py --runs 500` draws payloads of 0.03-0.3 kg, with `--prior` from
 the prior that `sf1` states, and noise of 1e-4-1e-2 (rad, and V on the gauges) and prints, at 1, 3,
 5 and 10 s, the root mean square of error over stated standard deviation, the share inside the 95 %
-interval and the median error; then the stated standard deviation at other sampling intervals, each
-sample with the same noise.
+interval and the median error; then, at other sampling intervals, each sample with the same noise,
+root mean square error and mean stated standard deviation over `--repeats` noise seeds.
 """
 
 from __future__ import annotations
@@ -51,21 +51,21 @@ def run(name: str, model: str, seed: int, prior: bool) -> Array:
                      for k in (round(time / 0.01) for time in TIMES_S)]).T
 
 
-def at_step(model: str, step: float, noise: float) -> tuple[list[float], list[float]]:
-    """Return payloads and standard deviations, kg, at TIMES_S; commands change every 10 ms."""
+def at_step(model: str, step: float, noise: float, seed: int, until: float) -> Array:
+    """Return errors and standard deviations, kg, (2, times); commands change every 10 ms."""
     arm = arm_of(model, step).at_payload(0.12)
     robot = replace(arm.robot, angle_noise=noise, strain_noise=noise / arm.robot.gauge_amplifier)
-    simulator = Simulator(arm, None, Noise(robot.angle_noise, robot.strain_noise), 1)
+    simulator = Simulator(arm, None, Noise(robot.angle_noise, robot.strain_noise), seed)
     estimator, command, found = make_estimator('sf1', robot, model, 2), np.zeros(2), []
     every = max(1, round(0.01 / step))
-    for k in range(round(TIMES_S[-1] / step) + 1):
+    for k in range(round(until / step) + 1):
         sample = simulator.measure()
         found.append(estimator.update(sample.time, sample.output, command))
         if k % every == 0:
             command = GAIN * (set_point(sample.time) - simulator.state[:2])
         simulator.step(command)
-    at = [found[round(time / step)] for time in TIMES_S]
-    return [e.mass for e in at], [e.variance**0.5 for e in at]
+    at = [found[round(time / step)] for time in TIMES_S if time <= until]
+    return np.array([[e.mass - 0.12 for e in at], [e.variance**0.5 for e in at]])
 
 
 def main() -> None:
@@ -77,9 +77,11 @@ def main() -> None:
     parser.add_argument('--estimators', nargs='+', default=['sf1'])
     parser.add_argument('--models', nargs='+', default=['paper_reduced', 'assumed_modes'])
     parser.add_argument('--steps', type=float, nargs='*', default=STEPS_S)
+    parser.add_argument('--repeats', type=int, default=1, help='noise seeds of each step')
+    parser.add_argument('--until', type=float, default=TIMES_S[-1], help='of these, s')
     given = parser.parse_args()
     for model in given.models:
-        for name in given.estimators:
+        for name in given.estimators if given.runs else ():
             seeds = range(given.seed, given.seed + given.runs)
             found = np.array([run(name, model, seed, given.prior) for seed in seeds])
             ratio = found[:, 0] / found[:, 1]
@@ -90,10 +92,12 @@ def main() -> None:
                 print(f'{time:5g} s: RMS z {np.sqrt(np.mean(ratio[:, k]**2)):6.2f}, in 95 % '
                       f'{100 * inside:5.1f} %, median error {error:8.3f} g', flush=True)
         for step in given.steps:
-            masses, stds = at_step(model, step, 1e-3)
-            print(f'T = {step:g} s, {model}, at {TIMES_S} s: payload',
-                  ' '.join(f'{mass:.5f}' for mass in masses), 'std',
-                  ' '.join(f'{std:.6f}' for std in stds), flush=True)
+            errors, stds = np.moveaxis(np.array([
+                at_step(model, step, 1e-3, seed, given.until)
+                for seed in range(given.seed, given.seed + given.repeats)]), 1, 0)
+            print(f'T = {step:g} s, {model}, {given.repeats} runs, at {TIMES_S[:stds.shape[1]]} s:'
+                  ' RMS error, g', (1e3 * np.sqrt(np.mean(errors**2, axis=0))).round(3),
+                  'stated', (1e3 * stds.mean(axis=0)).round(3), flush=True)
 
 
 if __name__ == '__main__':
