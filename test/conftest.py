@@ -14,6 +14,7 @@ import pytest
 
 if TYPE_CHECKING:
     from rclpy.context import Context
+    from ros_loop import RosLoop
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 SHARED_DATA = REPOSITORY.parent / 'shared' / 'data'
@@ -79,3 +80,13 @@ def ros_context(domain_id: int) -> Iterator[Context]:
     rclpy.init(context=context, domain_id=domain_id)
     yield context
     rclpy.try_shutdown(context=context)
+
+
+@pytest.fixture
+def loop(ros_context: Context) -> Iterator[RosLoop]:
+    """Return an executor in a ROS domain of its own."""
+    from ros_loop import RosLoop
+
+    loop = RosLoop(ros_context)
+    yield loop
+    loop.close()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
@@ -17,7 +16,6 @@ import numpy as np
 import pytest
 
 if TYPE_CHECKING:
-    from rclpy.context import Context
     from ros_loop import RosLoop
 
 FOUND = """
@@ -36,16 +34,6 @@ def extended(tmp_path: Path) -> str:
     text = (resources.files('flex_plant_sim') / 'robots' / 'reference.yaml').read_text()
     (tmp_path / 'extended.yaml').write_text(text + FOUND)
     return str(tmp_path / 'extended.yaml')
-
-
-@pytest.fixture
-def loop(ros_context: Context) -> Iterator[RosLoop]:
-    """Return an executor in a ROS domain of its own."""
-    from ros_loop import RosLoop
-
-    loop = RosLoop(ros_context)
-    yield loop
-    loop.close()
 
 
 def outputs(**values: Any) -> np.ndarray:

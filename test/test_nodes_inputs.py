@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import partial
 from importlib import resources
 import operator
@@ -20,16 +19,6 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.ros
 SAMPLES = 400
-
-
-@pytest.fixture
-def loop(ros_context: Context) -> Iterator[RosLoop]:
-    """Return an executor in a ROS domain of its own."""
-    from ros_loop import RosLoop
-
-    loop = RosLoop(ros_context)
-    yield loop
-    loop.close()
 
 
 def measured(payload: float = 0.1) -> list[Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from typing import Any, TYPE_CHECKING
 
@@ -25,16 +25,6 @@ SF1_PAPER: dict[str, dict[str, Any]] = {
 DEFAULT: dict[str, dict[str, Any]] = {
     'plant_sim': {'seed': 5}, 'lqg_controller': {**CALM}, 'payload_estimator': {}}
 SAMPLES = 301
-
-
-@pytest.fixture
-def loop(ros_context: Context) -> Iterator[RosLoop]:
-    """Return an executor in a ROS domain of its own."""
-    from ros_loop import RosLoop
-
-    loop = RosLoop(ros_context)
-    yield loop
-    loop.close()
 
 
 def start_all(loop: RosLoop, values: dict[str, dict[str, Any]]) -> tuple[Any, Any, Any]:

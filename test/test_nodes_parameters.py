@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
@@ -22,16 +21,6 @@ OTHER: dict[str, Any] = {
     'payload_schedule': [1.0, 0.2], 'effects': ['coulomb_friction:joint_2:level=0.4'],
     'regression': 'resolvent', 'modes': 1, 'model': 'assumed_modes', 'estimator': 'rpe',
     'process_noise': 0.0, 'n_prime': 12}
-
-
-@pytest.fixture
-def loop(ros_context: Context) -> Iterator[RosLoop]:
-    """Return an executor in a ROS domain of its own."""
-    from ros_loop import RosLoop
-
-    loop = RosLoop(ros_context)
-    yield loop
-    loop.close()
 
 
 def start(loop: RosLoop, name: str) -> Any:

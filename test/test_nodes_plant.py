@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any, TYPE_CHECKING
 
 from msg_config.errors import InputError
@@ -15,16 +14,6 @@ if TYPE_CHECKING:
     from ros_loop import RosLoop
 
 pytestmark = pytest.mark.ros
-
-
-@pytest.fixture
-def loop(ros_context: Context) -> Iterator[RosLoop]:
-    """Return an executor in a ROS domain of its own."""
-    from ros_loop import RosLoop
-
-    loop = RosLoop(ros_context)
-    yield loop
-    loop.close()
 
 
 def plant(loop: RosLoop, **values: Any) -> Any:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 import time
 from typing import TYPE_CHECKING
 
@@ -12,7 +11,6 @@ from node_bench import Bench, GAUGES, STEP
 import pytest
 
 if TYPE_CHECKING:
-    from rclpy.context import Context
     from ros_loop import RosLoop
 
 
@@ -51,16 +49,6 @@ def test_counts_of_long_ago_are_no_longer_told() -> None:
     assert counts.recent(120.5) == {'b': 1}
     assert counts.recent(200.0) == {}
     assert counts.total == {'a': 100, 'b': 1}
-
-
-@pytest.fixture
-def loop(ros_context: Context) -> Iterator[RosLoop]:
-    """Return an executor in a ROS domain of its own."""
-    from ros_loop import RosLoop
-
-    loop = RosLoop(ros_context)
-    yield loop
-    loop.close()
 
 
 @pytest.mark.ros

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any, TYPE_CHECKING
 
 from msg_config.input_mapping import InputMapping
@@ -11,20 +10,9 @@ import numpy as np
 import pytest
 
 if TYPE_CHECKING:
-    from rclpy.context import Context
     from ros_loop import RosLoop
 
 pytestmark = pytest.mark.ros
-
-
-@pytest.fixture
-def loop(ros_context: Context) -> Iterator[RosLoop]:
-    """Return an executor in a ROS domain of its own."""
-    from ros_loop import RosLoop
-
-    loop = RosLoop(ros_context)
-    yield loop
-    loop.close()
 
 
 def trajectory(names: Any, *points: tuple[Any, ...], stamp: int = 0) -> Any:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any, TYPE_CHECKING
 
 from node_bench import Bench, STEP
@@ -10,20 +9,9 @@ import numpy as np
 import pytest
 
 if TYPE_CHECKING:
-    from rclpy.context import Context
     from ros_loop import RosLoop
 
 pytestmark = pytest.mark.ros
-
-
-@pytest.fixture
-def loop(ros_context: Context) -> Iterator[RosLoop]:
-    """Return an executor in a ROS domain of its own."""
-    from ros_loop import RosLoop
-
-    loop = RosLoop(ros_context)
-    yield loop
-    loop.close()
 
 
 @pytest.mark.parametrize('kind', ['estimator', 'controller'])
