@@ -90,14 +90,14 @@ def answer(estimator: RecursivePredictionError, name: str | None, seed: int, tru
 
 
 @lru_cache(maxsize=1)
-def _estimator(modes: int, robot: str) -> RecursivePredictionError:
+def estimator_of(modes: int, robot: str) -> RecursivePredictionError:
     """Return the estimator of this process."""
     return RecursivePredictionError(load_robot(robot), 'assumed_modes', modes)
 
 
 def _answer(one: tuple[int, str | None], modes: int, truth: str, times: tuple[float, ...],
             robot: str) -> Answer:
-    return answer(_estimator(modes, robot), one[1], one[0], truth, times, robot)
+    return answer(estimator_of(modes, robot), one[1], one[0], truth, times, robot)
 
 
 def effects_of(seed: int, runs: int, truth: str, among: tuple[str, ...]) -> list[str]:

@@ -8,8 +8,8 @@ from flex_payload_estimator.estimators.rpe import transitions
 from flex_payload_estimator.estimators.rpe.filter import Filter, Sample
 from flex_payload_estimator.estimators.rpe.filter_step import FilterStep
 from flex_payload_estimator.estimators.rpe.likelihood import false_alarm_threshold
-from flex_payload_estimator.estimators.rpe.misfit import misfits, pooled_misfit
-from flex_payload_estimator.estimators.rpe.modes import freedom, ROUGH
+from flex_payload_estimator.estimators.rpe.misfit import misfits, payload_score, pooled_misfit
+from flex_payload_estimator.estimators.rpe.modes import freedom, Mode, ROUGH
 from flex_payload_estimator.estimators.rpe.restarts import (
     in_other_mode,
     linearised_every_sample,
@@ -56,7 +56,7 @@ class ModeCompetition:
         The trial that found the change of the payload that is going on.
     reported_change : Trial or None
         The same once it may be reported, because a model that is wrong would have shown by now:
-        FREER_MODE_S later, or when the payload is constant, and for SETTLING_S from then on,
+        FREER_MODE_S later, or when the payload is constant, and for `_settling_s` from then on,
         because a filter that begins afresh does not know at once how large the change was.
 
     """
@@ -115,7 +115,8 @@ class ModeCompetition:
         self.remember(sample, loads, excited, incumbent)
         if self.ongoing_change and sample.time - self._change_found >= FREER_MODE_S:
             self.reported_change = self.ongoing_change
-        elif self.ongoing_change or sample.time - self._constant_since >= SETTLING_S:
+        elif self.ongoing_change \
+                or sample.time - self._constant_since >= _settling_s(incumbent.mode):
             self.reported_change = None
         time = self.stepper.step_time if excited else 0.0
         incumbent.age, self._time_in_motion = incumbent.age + time, self._time_in_motion + time
@@ -167,7 +168,7 @@ class ModeCompetition:
             or self.stepper.modes_differ(incumbent, loads, ROUGH)
         trial.add(step if differs else 0.0, trial.sample_log_ratio(incumbent))
         if trial.is_cusum(incumbent) and trial.log_ratio <= 0.0:
-            trial.restart_sum(sample.time, self._misfit)
+            trial.restart_sum(sample.time, self._misfit, payload_score(incumbent))
             if trial.kind == 'change' and (trial.judged is None) != (incumbent.model is None):
                 # It jumped for nothing.
                 trial.kalman, trial.judged = with_payload_walk(incumbent, self.walk)
@@ -193,7 +194,7 @@ class ModeCompetition:
         if walking and 'constant' not in kinds:
             for f in with_constant_payload(incumbent, self.stepper):
                 self._add_trial('constant', f, incumbent, time)
-        if not walking and 'change' not in kinds and freedom(incumbent.mode) < 2:
+        if not walking and 'change' not in kinds:
             walk, judged = with_payload_walk(incumbent, self.walk)
             self._add_trial('change', walk, incumbent, time, judged)
         for mode in transitions.modes_to_try(incumbent, time >= self._pause_end):
@@ -206,7 +207,7 @@ class ModeCompetition:
     def _add_trial(self, kind: str, f: Filter, incumbent: Filter, time: float,
                    judged: Filter | None = None) -> None:
         self.trials.append(Trial(kind, f, time, incumbent.mass, self._misfit,
-                                 judged=judged))
+                                 payload_score(incumbent), judged=judged))
 
     def keep(self, former: Filter, time: float) -> None:
         """Let a former incumbent, or the second of the start, go on as a trial."""
@@ -331,3 +332,13 @@ class ModeCompetition:
         """End a comparison that the free parts have won, and the exact model's trial."""
         self._pass = None
         self.trials = [trial for trial in self.trials if trial is not done.trial]
+
+
+def _settling_s(mode: Mode) -> float:
+    """
+    Return how long a filter that begins afresh needs to know its payload, s.
+
+    Information goes as time over the square of the model error; up to that of `rough`, the sensors
+    set it.
+    """
+    return SETTLING_S * max(1.0, mode.gauge_error / ROUGH.gauge_error)**2

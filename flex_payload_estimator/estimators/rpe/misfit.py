@@ -17,14 +17,22 @@ def misfits(f: Filter, prior: Prior) -> tuple[float, float]:
     (squared Birge ratios), each at least 1. For D the payload's score counts in place of the
     innovations where it says more: by how much this filter's own variance is too small.
     """
-    square, score, off = max(1.0, reduced_chi_square(f.statistics)), 1.0, 1.0
+    square, off = max(1.0, reduced_chi_square(f.statistics)), 1.0
     if f.mode.free_parts:
         off = max(1.0, tolerances_off(f.beta, f.beta_cov, prior.mean, prior.weights))
-        # Before the first pass the payload moves because it is linearised elsewhere; `coarse`,
-        # whose model error is larger than anything it has, by what it was led to before.
-        if f.passes > 0 and f.mode.name == ROUGH.name:
-            score = score_ratio(f.statistics[SCORE], f.age)
+    # `coarse`, whose model error is larger than anything it has, moves by what it was led to
+    # before.
+    score = payload_score(f) if f.mode.name == ROUGH.name else 1.0
     return square * off, max(square, score) * off
+
+
+def payload_score(f: Filter) -> float:
+    """
+    Return the score ratio of free parts.
+
+    Before the first pass it says nothing: the payload moves because it is linearised elsewhere.
+    """
+    return score_ratio(f.statistics[SCORE], f.age) if f.mode.free_parts and f.passes > 0 else 1.0
 
 
 def pooled_misfit(own: float, learnt_s: float, before: float, seen_s: float) -> float:

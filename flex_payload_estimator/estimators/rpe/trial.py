@@ -27,8 +27,8 @@ class Trial:
         When it began; of a CUSUM, when it was last zero, which dates a change, s.
     mass_before : float
         The incumbent's payload when it began, kg.
-    misfit : float
-        The incumbent's variance factor at `since`.
+    misfit, score : float
+        The incumbent's misfit and score ratio at `since`, see misfit.py.
     log_ratio : float
         Log-likelihood ratio over the incumbent since `since`, nats.
     counted : float
@@ -49,6 +49,7 @@ class Trial:
     since: float
     mass_before: float
     misfit: float = 1.0
+    score: float = 1.0
     log_ratio: float = 0.0
     counted: float = 0.0
     run: float = 0.0
@@ -67,10 +68,10 @@ class Trial:
         if self.log_ratio > self.largest:
             self.largest = self.log_ratio
 
-    def restart_sum(self, time: float, misfit: float = 1.0) -> None:
-        """Count from a time, s, on, at which the incumbent has a variance factor."""
+    def restart_sum(self, time: float, misfit: float = 1.0, score: float = 1.0) -> None:
+        """Count from a time, s, on; the incumbent has a misfit and a score ratio."""
         self.log_ratio = self.counted = self.largest = 0.0
-        self.since, self.misfit = time, misfit
+        self.since, self.misfit, self.score = time, misfit, score
 
     @property
     def is_settling(self) -> bool:
