@@ -75,11 +75,15 @@ class Answer:
 
 
 def answer(estimator: RecursivePredictionError, name: str | None, seed: int, truth: str,
-           times: tuple[float, ...], robot: str = 'reference') -> Answer:
-    """Return the estimator's result on one drawn record."""
+           times: tuple[float, ...], robot: str = 'reference') -> Answer | None:
+    """Return the estimator's result on one drawn record; None where the arm is unstable."""
     case = replace(draw_case(name, seed, robot, duration_s=times[-1] + 0.05), simulator=truth)
     estimator.reset()
-    found = [estimator.update(*row) for row in rows_of(make_record(case))]
+    try:
+        rows = rows_of(make_record(case))
+    except FloatingPointError:
+        return None
+    found = [estimator.update(*row) for row in rows]
     at = np.array([(a.mass - case.payload_true, a.variance**0.5) for a in found
                    if np.isclose(a.time, times).any()]) / case.payload_true
     moving = [a for a in found if a.status != 'not_excited']
@@ -96,7 +100,7 @@ def estimator_of(modes: int, robot: str) -> RecursivePredictionError:
 
 
 def _answer(one: tuple[int, str | None], modes: int, truth: str, times: tuple[float, ...],
-            robot: str) -> Answer:
+            robot: str) -> Answer | None:
     return answer(estimator_of(modes, robot), one[1], one[0], truth, times, robot)
 
 
@@ -151,12 +155,14 @@ def main() -> None:
             hidden = effects_of(first, options.runs, truth, tuple(options.names))
             for title, names in ((CLEAN, [None] * clean), (HIDDEN, hidden)):
                 answers = []
-                for found in pool.imap(partial(_answer, modes=options.modes, truth=truth,
-                                               times=times, robot=options.robot),
-                                       list(enumerate(names, first))):
+                for seed, found in enumerate(pool.imap(
+                        partial(_answer, modes=options.modes, truth=truth, times=times,
+                                robot=options.robot), list(enumerate(names, first))), first):
+                    if found is None:
+                        continue
                     answers.append(found)
                     if options.each:
-                        print(f'<!-- {first + len(answers) - 1} {found.name} '
+                        print(f'<!-- {seed} {found.name} '
                               f'{np.round(100 * found.error, 1)} '
                               f'{np.round(100 * found.deviation, 1)} {found.jumps} {found.mode} '
                               f'{100 * found.fine:.0f} {100 * found.wrong:.1f} -->', flush=True)
