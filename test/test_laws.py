@@ -148,9 +148,15 @@ def braked(torque: tuple[float, float]) -> tuple[RefinedFit, Data, BaseModel]:
     return RefinedFit.refine(CandidateSet((), (np.zeros(0),)), base, data), data, base
 
 
-def test_a_torque_without_a_name_is_a_torque_and_no_noise_of_its_sensor() -> None:
-    stated = DiscrepancyModel().torque_share
-    scaled = braked(stated)[0].fit
+@pytest.fixture(scope='module')
+def braked_as_stated() -> tuple[RefinedFit, Data, BaseModel]:
+    """Return nothing fitted to a braked arm, told the torques of any arm."""
+    return braked(DiscrepancyModel().torque_share)
+
+
+def test_a_torque_without_a_name_is_a_torque_and_no_noise_of_its_sensor(
+        braked_as_stated: tuple[RefinedFit, Data, BaseModel]) -> None:
+    stated, scaled = DiscrepancyModel().torque_share, braked_as_stated[0].fit
     assert scaled.error_scale[1] > NOTABLE_EXCESS
     told = braked(remaining_torque_shares(scaled))[0].fit
     assert remaining_torque_shares(scaled)[1] == pytest.approx(stated[1] * scaled.error_scale[1])
@@ -159,8 +165,9 @@ def test_a_torque_without_a_name_is_a_torque_and_no_noise_of_its_sensor() -> Non
     assert told.log_evidence > scaled.log_evidence + 10.0
 
 
-def test_sets_with_laws_are_told_apart_by_their_free_runs_not_one_step_ahead() -> None:
-    found, data, base = braked(DiscrepancyModel().torque_share)
+def test_sets_with_laws_are_told_apart_by_their_free_runs_not_one_step_ahead(
+        braked_as_stated: tuple[RefinedFit, Data, BaseModel]) -> None:
+    found, data, base = braked_as_stated
     # Drives a half stronger and links a fifth softer, which one step ahead is told to like.
     wrong = np.array([{'drive_gain_2': 0.5, 'stiffness_1': -0.2, 'stiffness_2': -0.2}.get(
         part.name, 0.0) for part in found.likelihood.parts])
@@ -174,8 +181,9 @@ def test_sets_with_laws_are_told_apart_by_their_free_runs_not_one_step_ahead() -
 
 
 def test_sets_whose_models_all_diverge_are_as_likely_as_before(
+        braked_as_stated: tuple[RefinedFit, Data, BaseModel],
         monkeypatch: pytest.MonkeyPatch) -> None:
-    found, data, base = braked(DiscrepancyModel().torque_share)
+    found, data, base = braked_as_stated
     monkeypatch.setattr('flex_plant_sim.diagnosis.causes.free_run_ranking.free_run_rms',
                         lambda model, data: np.array([[np.inf]]))
     sets = [found, found]

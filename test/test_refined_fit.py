@@ -29,7 +29,7 @@ from truth.tolerances import TOLD
 def test_a_look_alike_is_fitted_along_its_own_trajectory() -> None:
     clamp, base = effects('clamp_compliance:link_1:compliance_rad_per_n_m=0.005',
                           'base_compliance:arm:compliance_rad_per_n_m=0.0045,inertia_kg_m2=0.05')
-    data = Data.of([simulated((clamp,), 28.0)], SLOWEST, REFERENCE.sample_time)
+    data = Data.of([simulated((clamp,), 22.0)], SLOWEST, REFERENCE.sample_time)
     known = {h.label: h for h in all_hypotheses(REFERENCE)}
     near, far = (CandidateSet((known[f'{e.identifier}:{e.site}'],), (np.array(e.values),))
                  for e in (clamp, base))
@@ -47,7 +47,7 @@ def test_evidence_is_the_same_wherever_it_is_linearised_first() -> None:
     base, parts = BaseModel(REFERENCE), part_priors(REFERENCE, REFERENCE.payload_mass)
     off = {'damping_1': 1.5, 'stiffness_1': -2.0, 'stiffness_2': 2.0, 'drive_gain_1': -1.0}
     true = np.array([off.get(part.name, 0.0) * part.tolerance for part in parts])
-    record = simulated((), 28.0, robot=with_deviations(REFERENCE, parts, true)[0])
+    record = simulated((), 22.0, robot=with_deviations(REFERENCE, parts, true)[0])
     data = Data.of([record], SLOWEST, REFERENCE.sample_time)
     from_file, from_truth = (
         RefinedFit.refine(CandidateSet((), (np.zeros(0),), deviations), base, data).fit
@@ -60,7 +60,7 @@ def test_evidence_is_the_same_wherever_it_is_linearised_first() -> None:
 
 def test_what_fits_elements_with_parts_as_far_off_as_told_gains_nothing_by_another_fit() -> None:
     # Of another form, so that the parts' columns, and Occam's factor, change where they are found.
-    truth = make_record(TruthCase(7304, duration_s=28.0, spread=TOLD))
+    truth = make_record(TruthCase(7304, duration_s=22.0, spread=TOLD))
     record = Record('elements', truth.time, truth.command,
                     np.column_stack([truth.joint, truth.strain]), 0.1)
     data, base = Data.of([record], SLOWEST, REFERENCE.sample_time), BaseModel(REFERENCE)
@@ -73,7 +73,7 @@ def test_a_factor_in_place_of_its_part_is_told_by_the_part_s_own_jacobian() -> N
     base, parts = BaseModel(REFERENCE), part_priors(REFERENCE, REFERENCE.payload_mass)
     place = [part.name for part in parts].index('stiffness_2')
     stiffer = 6.0 * parts[place].tolerance * np.eye(len(parts))[place]
-    record = simulated((), 28.0, robot=with_deviations(REFERENCE, parts, stiffer)[0])
+    record = simulated((), 22.0, robot=with_deviations(REFERENCE, parts, stiffer)[0])
     data = Data.of([record], SLOWEST, REFERENCE.sample_time)
     nothing = RefinedFit.refine(CandidateSet((), (np.zeros(0),)), base, data)
     asked = [h for h in all_hypotheses(REFERENCE) if h.label == 'link_stiffness:link_2']
@@ -91,7 +91,7 @@ def test_a_factor_in_place_of_its_part_is_told_by_the_part_s_own_jacobian() -> N
 def test_a_resonant_effect_is_fitted_from_each_probed_size() -> None:
     # A size sets a frequency: between two probed sizes the residual is not linear.
     data = Data.of([simulated(effects(
-        'loose_payload:arm:compliance_m_per_n=0.045,damping_ratio=0.05'), 28.0)],
+        'loose_payload:arm:compliance_m_per_n=0.045,damping_ratio=0.05'), 22.0)],
         SLOWEST, REFERENCE.sample_time)
     asked, base = ('loose_payload', 'clamp_compliance'), BaseModel(REFERENCE)
     state = SearchState(data, base, 1, [name for name in catalogue() if name not in asked],
@@ -129,7 +129,7 @@ def test_a_gear_is_started_with_a_heavy_output_too() -> None:
 def test_single_causes_are_fitted_around_the_parts_of_the_file() -> None:
     # Within three tolerances the parts stand for the softer link as well.
     off = effects('link_stiffness:link_1:factor=0.95')
-    data, base = Data.of([simulated(off, 28.0)], SLOWEST, REFERENCE.sample_time), BaseModel(
+    data, base = Data.of([simulated(off, 22.0)], SLOWEST, REFERENCE.sample_time), BaseModel(
         REFERENCE)
     nothing = RefinedFit.refine(CandidateSet((), (np.zeros(0),)), base, data)
     assert np.any(nothing.likelihood.centre_deviations != 0.0)
@@ -139,7 +139,7 @@ def test_single_causes_are_fitted_around_the_parts_of_the_file() -> None:
 
 def test_a_set_that_cannot_matter_is_not_linearised_again() -> None:
     off = effects('link_stiffness:link_1:factor=1.3')
-    data = Data.of([simulated(off, 28.0)], SLOWEST, REFERENCE.sample_time)
+    data = Data.of([simulated(off, 22.0)], SLOWEST, REFERENCE.sample_time)
     asked: list[float] = []
 
     def worth_refining(fit: Fit, more: float) -> bool:
@@ -158,7 +158,7 @@ def test_a_slope_is_taken_within_a_standard_deviation() -> None:
     # A loop whose damping lags a little more than whole is unstable: a twentieth is too far.
     values = np.array([0.1, 1.0])
     lag = effects('motor_lag:joint_2:time_constant_s=0.1,inside_loop=1')
-    data = Data.of([simulated(lag, 28.0)], SLOWEST, REFERENCE.sample_time)
+    data = Data.of([simulated(lag, 22.0)], SLOWEST, REFERENCE.sample_time)
     causes = CauseSet([h for h in all_hypotheses(REFERENCE) if h.label == 'motor_lag:joint_2'],
                       data.duration)
     solver = GaussNewton(Likelihood(BaseModel(REFERENCE), data.windows, data.noise, lag), causes,

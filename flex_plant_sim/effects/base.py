@@ -313,4 +313,6 @@ def _value(identifier: str, parameter: Parameter, values: Mapping[str, Any]) -> 
 
 def one_hot(index: int, size: int) -> Array:
     """Return the unit vector of an index, (size,)."""
-    return np.eye(size)[index]
+    found = np.zeros(size)
+    found[index] = 1.0
+    return found

@@ -7,6 +7,7 @@ is in `recursion`.
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Protocol
 
 from flex_plant_sim.arm.schedule import barycentric_weights
@@ -19,7 +20,6 @@ from flex_plant_sim.diagnosis.prediction.recursion import (
     propagate_with_gaps,
 )
 from flex_plant_sim.diagnosis.prediction.scheduled_matrices import interpolated, ScheduledMatrices
-from flex_plant_sim.diagnosis.prediction.sensor_map import invert_sensors
 from flex_plant_sim.diagnosis.record.windows import Indices, Record
 from flex_plant_sim.effects.joint.backlash import Backlash
 from flex_plant_sim.simulation.drive_input import DriveInput
@@ -42,6 +42,9 @@ class Trajectory(Protocol):
 
     def trajectory_states(self, arm: ExtendedArm, rows: Indices) -> Array:
         """Return an arm's states at samples (N,), (N, n); other coordinates are zero."""
+
+    def measured_by(self, arm: ExtendedArm) -> Array:
+        """Return the record's outputs before an arm's sensor effects, (N, 1 or B, m)."""
 
 
 def predictor_matrices(trajectory: Trajectory, arm: ExtendedArm, gain: Array,
@@ -77,7 +80,7 @@ class FilterRun:
         record = trajectory.record
         self.arm, self.matrices, self.time = arm, matrices, record.time[used_samples][:, None]
         self.command = drive_command(arm, record)[used_samples]
-        self.measured = invert_sensors(arm, record)[used_samples]
+        self.measured = trajectory.measured_by(arm)[used_samples]
         m, order = record.output.shape[1], arm.form.order
         self.trajectory = trajectory.trajectory_states(arm, used_samples)[:, None]
         following = np.minimum(used_samples + 1, len(record.time) - 1)
@@ -105,7 +108,7 @@ class FilterRun:
     def _gap_step(self, state: Array, row: Indices) -> Array:
         """Return the states of samples, (W, B, n), one sample later."""
         now = ScheduledMatrices(self.matrices.weights[row], self.matrices.table)
-        fine, cosine = self.arm.finer(GAP_SUBSTEPS), np.cos(self.elbow[row])
+        fine, cosine = self.fine_arm, np.cos(self.elbow[row])
         f, g, e = fine.schedule.at(cosine)
         push = np.matmul(self.drive[row][..., :2 + self.arm.form.order],
                          np.swapaxes(np.concatenate([g, e], axis=-1), 1, 2))
@@ -142,6 +145,11 @@ class FilterRun:
             after[..., lead] = np.clip(after[..., lead], -half, half)
         return after
 
+    @cached_property
+    def fine_arm(self) -> ExtendedArm:
+        """Return the arm in the steps within which gaps open and close."""
+        return self.arm.finer(GAP_SUBSTEPS)
+
     @property
     def elbow(self) -> Array:
         """Return the elbow angle along the trajectory, rad, (N,)."""
@@ -160,7 +168,7 @@ class FilterRun:
 
     def _backlashes(self) -> Backlashes:
         """Return the backlashes, with the matrices at the trajectory's elbow angles."""
-        fine = self.arm.finer(GAP_SUBSTEPS)
+        fine = self.fine_arm
         weights = barycentric_weights(np.cos(self.elbow), fine.nodes)
         separation, impulse, rotor, indices = [], [], [], []
         for effect, opening in zip(fine.gaps, fine.openings):
@@ -207,7 +215,9 @@ def payload_schedule(arm: ExtendedArm, time: Array, weights: Array) -> tuple[Arr
         mass = np.asarray(effect.payload_at(time, mass), dtype=float)
     nodes = np.unique([mass.min(), mass.max()])
     if nodes.size == 1:
-        return weights, arm.at_payload(float(nodes[0])).schedule.table
+        # The arm itself keeps its schedule, which its steady filter needs as well.
+        loaded = arm if nodes[0] == arm.payload else arm.at_payload(float(nodes[0]))
+        return weights, loaded.schedule.table
     if np.any((mass > nodes[0]) & (mass < nodes[1])):
         nodes = np.array([nodes[0], nodes.mean(), nodes[1]])
     tables = [arm.at_payload(float(m)).schedule.table for m in nodes]

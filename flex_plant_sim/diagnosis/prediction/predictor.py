@@ -77,7 +77,7 @@ class Predictor:
         self.for_comparison = for_comparison
         self.trajectory_effects, self.robot = tuple(trajectory_effects), robot or base.robot
         self._filters: dict[bytes, SteadyFilter] = {}
-        self._last_shift: tuple[ExtendedArm, Array] | None = None
+        self._last_measured: tuple[ExtendedArm, Array] | None = None
         self.record: Record = windows.record
         period = windows.warm_up * base.robot.sample_time
         self.discrepancy = Discrepancy.of(base.discrepancy, period)
@@ -276,11 +276,14 @@ class Predictor:
         """Return joint angles as an arm's sensors mean them less as the base's do, rad, (N, 2)."""
         if not arm.acts_on_output:
             return np.zeros((len(self.record.time), 2))
-        # Needed three times in a pass with the same arm.
-        if self._last_shift is None or self._last_shift[0] is not arm:
-            angle = invert_sensors(arm, self.record)[:, 0, :2]
-            self._last_shift = arm, angle - self.base_joint_angle
-        return self._last_shift[1]
+        return self.measured_by(arm)[:, 0, :2] - self.base_joint_angle
+
+    def measured_by(self, arm: ExtendedArm) -> Array:
+        """Return the record's outputs before an arm's sensor effects, (N, 1 or B, m)."""
+        # Needed four times in a pass with the same arm.
+        if self._last_measured is None or self._last_measured[0] is not arm:
+            self._last_measured = arm, invert_sensors(arm, self.record)
+        return self._last_measured[1]
 
     @cached_property
     def base_joint_angle(self) -> Array:
@@ -306,11 +309,14 @@ class Predictor:
         """Return the trajectory's states as an arm orders them, (N, n), and how many it knows."""
         n, own = arm.form.order, self.arm.form.order
         states, known = np.zeros((len(rows), arm.states)), self.states[rows]
+        rest = min(known.shape[1] - 2 * own, arm.states - 2 * n)
+        if arm.form.names == self.arm.form.names:
+            states[:, :2 * n + rest] = known[:, :2 * n + rest]
+            return states, 2 * n + rest
         for place, name in enumerate(arm.form.names):
             if name in self.arm.form.names:
                 there = self.arm.form.names.index(name)
                 states[:, [place, n + place]] = known[:, [there, own + there]]
-        rest = min(known.shape[1] - 2 * own, arm.states - 2 * n)
         states[:, 2 * n:2 * n + rest] = known[:, 2 * own:2 * own + rest]
         return states, 2 * n + rest
 

@@ -47,8 +47,10 @@ def _without_sensor_effects(arm: ExtendedArm, record: Record) -> Array:
     offsets, gains = _constant_map(arm, time)
     if offsets is None or gains is None:
         offsets, gains = _affine_map(arm, time)
-    apart = np.einsum('...bij,...bj->...bi', np.linalg.inv(gains), measured - offsets)
-    return np.asarray(apart, dtype=float)
+    apart, own = measured - offsets, np.diagonal(gains, axis1=-2, axis2=-1)
+    if np.count_nonzero(gains) == np.count_nonzero(own):
+        return np.asarray(apart / own, dtype=float)
+    return np.asarray(np.linalg.solve(gains, apart[..., None])[..., 0], dtype=float)
 
 
 def _constant_map(arm: ExtendedArm, time: Array) -> tuple[Array | None, Array | None]:

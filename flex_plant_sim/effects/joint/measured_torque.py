@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import Any
 
 from flex_plant_sim.arm.robot import Robot
@@ -85,33 +86,47 @@ class MeasuredTorque(Effect):
 
     def _driving_torque(self, motion: Motion) -> Array:
         j = self.index
-        knots, torques = self.table
         if self.variable == 'speed':
             speed = motion.velocity[..., j]
             forward, backward = self._directional_torques(speed)
             moved = np.where(speed > 0.0, np.maximum(forward, 0.0), 0.0)
-            return self._offset() + np.where(speed < 0.0, np.minimum(backward, 0.0), moved)
+            return self._offset + np.where(speed < 0.0, np.minimum(backward, 0.0), moved)
         at = {'angle': lambda: motion.position[..., j], 'command': lambda: motion.command[..., j],
               'load': lambda: motion.position @ load_row(motion.form, motion.robot, j),
               'time': lambda: motion.time}[self.variable]()
-        return np.asarray(np.interp(at, knots, torques), dtype=float)
+        return np.asarray(np.interp(at, *self.table), dtype=float)
 
+    @cached_property
+    def _beside_zero(self) -> tuple[float, float]:
+        """Return the torques just below and just above zero."""
+        knots, torques = self.table
+        at = np.flatnonzero(knots == 0.0)
+        if at.size:
+            return float(torques[at[0]]), float(torques[at[-1]])
+        value = float(np.interp(0.0, knots, torques))
+        return value, value
+
+    @property
     def _offset(self) -> float:
         """Return the mean of the torques on both sides of rest."""
-        knots, torques = self.table
-        left, right = _beside_zero(knots, torques)
+        left, right = self._beside_zero
         return 0.5 * (left + right)
+
+    # Kept, as a free run asks for both sides twice a step.
+    @cached_property
+    def _sides(self) -> tuple[Array, Array, Array, Array]:
+        """Return knots and torques, without their offset, from zero up and up to zero."""
+        knots, torques = self.table
+        left, right = self._beside_zero
+        above, below = knots > 0.0, knots < 0.0
+        return (np.append(0.0, knots[above]), np.append(right, torques[above]) - self._offset,
+                np.append(knots[below], 0.0), np.append(torques[below], left) - self._offset)
 
     def _directional_torques(self, speed: Array) -> tuple[Array, Array]:
         """Return the torque without its offset for forward and for backward motion."""
-        knots, torques = self.table
-        left, right = _beside_zero(knots, torques)
-        offset, above, below = 0.5 * (left + right), knots > 0.0, knots < 0.0
-        forward = np.interp(np.maximum(speed, 0.0), np.append(0.0, knots[above]),
-                            np.append(right, torques[above]) - offset)
-        backward = np.interp(np.minimum(speed, 0.0), np.append(knots[below], 0.0),
-                             np.append(torques[below], left) - offset)
-        return np.asarray(forward), np.asarray(backward)
+        up, pushing, down, pulling = self._sides
+        return (np.asarray(np.interp(np.maximum(speed, 0.0), up, pushing)),
+                np.asarray(np.interp(np.minimum(speed, 0.0), down, pulling)))
 
 
 def _numbers(name: str, values: Any) -> tuple[float, ...]:
@@ -119,15 +134,6 @@ def _numbers(name: str, values: Any) -> tuple[float, ...]:
             and all(isinstance(v, float) and np.isfinite(v) for v in values)):
         raise InputError(f'{name}: expected a list of numbers, got {values!r}')
     return tuple(values)
-
-
-def _beside_zero(knots: Array, torques: Array) -> tuple[float, float]:
-    """Return the torques just below and just above zero."""
-    at = np.flatnonzero(knots == 0.0)
-    if at.size:
-        return float(torques[at[0]]), float(torques[at[-1]])
-    value = float(np.interp(0.0, knots, torques))
-    return value, value
 
 
 def load_row(form: SecondOrderForm, robot: Robot, index: int) -> Array:
