@@ -35,6 +35,10 @@ def cluster(scheduler: str | None, workers: int) -> Iterator[Any]:
         dask.config.set({'logging.distributed': 'critical',
                          'distributed.worker.profile.enabled': False})
         from distributed import Client, LocalCluster
+        # Workers read their own configuration as they start, this part from the environment.
+        before = dask.config.get('distributed.nanny.pre-spawn-environ')
+        dask.config.set({'distributed.nanny.pre-spawn-environ': {
+            **before, 'DASK_LOGGING__DISTRIBUTED': 'critical'}})
     except ImportError:
         raise InputError('flex_fleet: expected Dask distributed, not installed: '
                          "pip install 'flex_payload[fleet]'") from None
@@ -50,9 +54,10 @@ def cluster(scheduler: str | None, workers: int) -> Iterator[Any]:
     with ExitStack() as opened:
         # Dask cannot close a cluster that has half begun, so signals wait.
         with held_back():
-            # One thread per worker, because a worker only waits for one process.
+            # One thread per worker, because a worker only waits for one process. Any port: the
+            # default one is taken where two clusters run, which Dask would warn of.
             local = opened.enter_context(LocalCluster(
-                n_workers=workers, threads_per_worker=1, dashboard_address=None))
+                n_workers=workers, threads_per_worker=1, dashboard_address='127.0.0.1:0'))
             client = opened.enter_context(Client(local))
         yield client
 
