@@ -19,13 +19,11 @@ from multiprocessing import get_context
 
 import _truths  # noqa: F401
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.interval import Z95
-from hidden_effects import BEYOND, effects_of, estimator_of, SEEDS
-from model_error import rows_of
+from hidden_effects import BEYOND, effects_of, Errors, estimates_of, estimator_of, SEEDS
 import numpy as np
 from truth.configuration import ROBOTS
 from truth.effects import CATALOGUE
-from truth.records import draw_case, make_record, TruthCase
+from truth.records import draw_case, TruthCase
 
 AFTER_S = (0.2, 0.5, 1.0, 2.0, 4.0)
 FIRST_S, SPREAD_S, TIMES = 4.0, 0.3, 5
@@ -34,17 +32,12 @@ TOO_EARLY_S = 0.5
 
 
 @dataclass(frozen=True)
-class Answer:
+class Answer(Errors):
     """
-    The estimator's result on one change.
+    The estimator's result on one change; times count from it, errors are over the new payload.
 
     Attributes
     ----------
-    name : str
-        The hidden effect.
-    error, deviation : Array
-        Error and stated standard deviation at each time after the change, relative to the new
-        payload, (times,).
     fine : Array
         Whether the status is `ok` then, (times,).
     told, false : int
@@ -52,9 +45,6 @@ class Answer:
 
     """
 
-    name: str
-    error: Array
-    deviation: Array
     fine: Array
     told: int
     false: int
@@ -75,12 +65,9 @@ def answer(one: tuple[int, str], truth: str, robot: str) -> Answer | None:
     """Return the estimator's result on one drawn record; None where the arm is unstable."""
     case, at, mass = draw(*one, truth, robot)
     estimator = estimator_of(3, robot)
-    estimator.reset()
-    try:
-        rows = rows_of(make_record(case))
-    except FloatingPointError:
+    found = estimates_of(case, estimator)
+    if found is None:
         return None
-    found = [estimator.update(*row) for row in rows]
     late = [found[int(np.argmin([abs(a.time - at - after) for a in found]))] for after in AFTER_S]
     told = [event.time >= at - TOO_EARLY_S for event in estimator.events]
     return Answer(one[1], np.array([a.mass for a in late]) / mass - 1.0,
@@ -90,9 +77,8 @@ def answer(one: tuple[int, str], truth: str, robot: str) -> Answer | None:
 
 def line(title: str, answers: list[Answer]) -> str:
     """Return a row of the table."""
-    error, deviation, fine = (np.array([getattr(a, name) for a in answers])
-                              for name in ('error', 'deviation', 'fine'))
-    inside = np.abs(error) < Z95 * deviation
+    error, deviation, fine, inside = (np.array([getattr(a, name) for a in answers])
+                                      for name in ('error', 'deviation', 'fine', 'inside'))
     sure = fine & (np.abs(error) > BEYOND * deviation)
     cells = [f'{inside[:, k].sum()}, {100 * np.median(np.abs(error[:, k])):.0f} %, '
              f'{sure[:, k].sum()}' for k in range(len(AFTER_S))]

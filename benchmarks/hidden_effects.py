@@ -17,6 +17,7 @@ from functools import lru_cache, partial
 from multiprocessing import get_context
 
 import _truths  # noqa: F401
+from flex_payload_estimator.estimators.base import Estimate
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
@@ -25,7 +26,7 @@ from model_error import rows_of
 import numpy as np
 from truth.configuration import ROBOTS
 from truth.effects import CATALOGUE
-from truth.records import draw_case, make_record
+from truth.records import draw_case, make_record, TruthCase
 
 TIMES_S = (0.5, 1.0, 2.0, 3.0, 6.0, 10.0, 20.0, 40.0)
 SEEDS = {'finite_elements': 8000, 'mujoco': 9000}
@@ -40,9 +41,9 @@ BEYOND = 3.0
 
 
 @dataclass(frozen=True)
-class Answer:
+class Errors:
     """
-    The estimator's result on one record.
+    How far off the estimator is on one record.
 
     Attributes
     ----------
@@ -51,6 +52,26 @@ class Answer:
     error, deviation : Array
         Error and stated standard deviation at each of the times, relative to the payload,
         (times,).
+
+    """
+
+    name: str
+    error: Array
+    deviation: Array
+
+    @property
+    def inside(self) -> Array:
+        """Return whether the 95 % band holds the payload, (times,)."""
+        return np.asarray(np.abs(self.error) < Z95 * self.deviation)
+
+
+@dataclass(frozen=True)
+class Answer(Errors):
+    """
+    The estimator's result on one record.
+
+    Attributes
+    ----------
     jumps : int
         Changes of the payload that the estimator found; all are false.
     mode : str
@@ -60,30 +81,29 @@ class Answer:
 
     """
 
-    name: str
-    error: Array
-    deviation: Array
     jumps: int
     mode: str
     fine: float
     wrong: float
 
-    @property
-    def inside(self) -> Array:
-        """Return whether the 95 % band holds the payload, (times,)."""
-        return np.asarray(np.abs(self.error) < Z95 * self.deviation)
+
+def estimates_of(case: TruthCase, estimator: RecursivePredictionError) -> list[Estimate] | None:
+    """Return what an estimator says of a case after each sample; None of an unstable arm."""
+    estimator.reset()
+    try:
+        rows = rows_of(make_record(case))
+    except FloatingPointError:
+        return None
+    return [estimator.update(*row) for row in rows]
 
 
 def answer(estimator: RecursivePredictionError, name: str | None, seed: int, truth: str,
            times: tuple[float, ...], robot: str = 'reference') -> Answer | None:
     """Return the estimator's result on one drawn record; None where the arm is unstable."""
     case = replace(draw_case(name, seed, robot, duration_s=times[-1] + 0.05), simulator=truth)
-    estimator.reset()
-    try:
-        rows = rows_of(make_record(case))
-    except FloatingPointError:
+    found = estimates_of(case, estimator)
+    if found is None:
         return None
-    found = [estimator.update(*row) for row in rows]
     at = np.array([(a.mass - case.payload_true, a.variance**0.5) for a in found
                    if np.isclose(a.time, times).any()]) / case.payload_true
     moving = [a for a in found if a.status != 'not_excited']
