@@ -26,7 +26,7 @@ def test_a_worker_that_loses_its_scheduler_and_a_second_cluster_are_silent() -> 
     # A worker may look for its scheduler once more while that closes: a traceback of the library.
     with socket.socket() as busy:
         try:
-            busy.bind(('', 8787))
+            busy.bind(('127.0.0.1', 8787))
             busy.listen()
         except OSError:
             pass  # Another cluster has Dask's own port: so much the better.
