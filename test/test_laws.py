@@ -1,4 +1,4 @@
-"""A torque that no effect has, in arms of two other simulators: its law competes with causes."""
+"""A torque that no effect has, in arms of finite elements: its law competes with causes."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ import pytest
 from scipy.signal import bilinear, lfilter
 from scipy.stats import norm
 from truth.effects.hidden_effect import Parameters
-from truth.records import FINITE_ELEMENTS, HAVE_MUJOCO, make_record, MUJOCO, NO_MUJOCO, TruthCase
+from truth.records import FINITE_ELEMENTS, make_record, TruthCase
 
 # What is hidden beside, and what imitates a brake.
 ASKED = ('strain_gain', 'viscous_friction', 'actuator_gain', 'modal_damping', 'coulomb_friction',
@@ -52,22 +52,20 @@ BRAKE: tuple[str, Parameters] = ('stribeck_friction', {
 SLOW = 0.06
 
 
-def told(folder: Path, simulator: str, *hidden: tuple[str, Parameters], payload: float = 0.1,
+def told(folder: Path, *hidden: tuple[str, Parameters], payload: float = 0.1,
          asked: Sequence[str] = ASKED) -> tuple[Any, tuple[Effect, ...]]:
     """Return what flex_diagnose says of a record of 28 s, and the extended robot's effects."""
     log, answer, robot = (folder / name for name in ('log.csv', 'answer.json', 'robot.yaml'))
     make_record(TruthCase(91, hidden, payload_true=payload, duration_s=28.0,
-                          simulator=simulator)).write_csv(log)
+                          simulator=FINITE_ELEMENTS)).write_csv(log)
     others = [f'--exclude={name}' for name in catalogue() if name not in asked]
     assert main([str(log), '--jobs', '1', '--payload', '0.1', '--json', str(answer),
                  '--extended', str(robot), *others]) == 0
     return json.loads(answer.read_text()), effects_of(load_robot(robot))
 
 
-@pytest.mark.parametrize('simulator', [FINITE_ELEMENTS, pytest.param(
-    MUJOCO, marks=pytest.mark.skipif(not HAVE_MUJOCO, reason=NO_MUJOCO))])
-def test_a_law_takes_the_place_of_causes_that_imitate_it(simulator: str, tmp_path: Path) -> None:
-    found, effects = told(tmp_path, simulator, GAUGE, BRAKE)
+def test_a_law_takes_the_place_of_causes_that_imitate_it(tmp_path: Path) -> None:
+    found, effects = told(tmp_path, GAUGE, BRAKE)
     cause, = found['causes']
     assert (cause['name'], cause['site']) == ('strain_gain', 'strain_2a')
     assert cause['parameters']['factor']['value'] == pytest.approx(0.8, abs=0.02)
@@ -85,7 +83,7 @@ def test_a_law_takes_the_place_of_causes_that_imitate_it(simulator: str, tmp_pat
 
 def test_a_cause_is_more_probable_than_a_law_that_does_the_same(tmp_path: Path) -> None:
     viscous: tuple[str, Parameters] = ('viscous_friction', {'joint': 2, 'coefficient': 3.0})
-    found, _ = told(tmp_path, FINITE_ELEMENTS, GAUGE, viscous)
+    found, _ = told(tmp_path, GAUGE, viscous)
     assert {cause['name'] for cause in found['causes']} == {GAUGE[0], viscous[0]}
     assert found['verdict'] == 'cause'
 
@@ -93,7 +91,7 @@ def test_a_cause_is_more_probable_than_a_law_that_does_the_same(tmp_path: Path) 
 def test_a_cause_takes_the_place_of_its_law_beside_a_wrong_payload(tmp_path: Path) -> None:
     """Alone, friction is hidden behind the payload that is not as told, and that behind parts."""
     friction: tuple[str, Parameters] = ('coulomb_friction', {'joint': 1, 'torque': 1.9})
-    found, _ = told(tmp_path, FINITE_ELEMENTS, friction, payload=0.14,
+    found, _ = told(tmp_path, friction, payload=0.14,
                     asked=('payload_mass', 'coulomb_friction', 'link_stiffness'))
     causes = {cause['name']: cause['parameters'] for cause in found['causes']}
     assert set(causes) == {'payload_mass', 'coulomb_friction'} and found['verdict'] == 'cause'

@@ -212,7 +212,7 @@ def _main(arguments: argparse.Namespace) -> None:
     with progress_bar() as progress:
         found = run(logs, replace(robot, sample_time=logs[0].sample_time), arguments, progress)
         report = None if arguments.report is None else report_of(
-            found, settings_of(arguments, robot, logs))
+            found, settings_of(arguments, robot, logs), arguments.jobs)
     with results() as write:
         write(print, 'nominal model: ' + model_words(
             robot.name, arguments.model, arguments.modes, _coriolis(arguments, robot)))
@@ -240,12 +240,12 @@ def _write_report(folder: str, report: Report) -> None:
     print(f'report: {write_report(folder, report)}')
 
 
-def report_of(found: Findings, settings: Mapping[str, Any]) -> Report:
+def report_of(found: Findings, settings: Mapping[str, Any], jobs: int) -> Report:
     """Return the report of a run with its pictures."""
     texts = {key.replace('_', ' '): _setting_text(value) for key, value in settings.items()}
     return Report(found.diagnosis, found.before, found.after, found.gains, found.payload, texts,
-                  all_pictures(found.gains, *found.predictors),
-                  *(latent_sections(found.latent[stage]) if stage in found.latent else ()
+                  all_pictures(found.gains, *found.predictors, jobs),
+                  *(latent_sections(found.latent[stage], jobs) if stage in found.latent else ()
                     for stage in ('before', 'after')))
 
 

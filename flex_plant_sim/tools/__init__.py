@@ -8,8 +8,9 @@ from flex_plant_sim.quiet_signals import quiet_until_running
 # Set before NumPy is imported, unless the user has set it: the matrices here are small, so threads
 # of the linear algebra library cost several times what they gain.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
-# Only in a tool's own process: started by its script, or by python -m, which imports this first.
-if os.path.basename(sys.argv[0] if sys.argv else '').startswith(('flex_', '-m')):
+# A tool's own process is started by its script, or by python -m, which imports this first.
+IN_OWN_PROCESS = os.path.basename(sys.argv[0] if sys.argv else '').startswith(('flex_', '-m'))
+if IN_OWN_PROCESS:
     quiet_until_running()
     from msg_config.quiet_start import open_what_is_closed
     open_what_is_closed()

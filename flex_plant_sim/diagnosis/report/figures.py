@@ -5,10 +5,12 @@ from __future__ import annotations
 import base64
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from io import BytesIO
 from typing import Any
 
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.diagnosis.pool import all_of
 from flex_plant_sim.diagnosis.prediction.free_run import (
     free_run,
     horizon_samples,
@@ -233,9 +235,13 @@ def picture(draw: Callable[[Any], None], title: str, text: str,
 
 
 def all_pictures(gains: Sequence[Gain], nominal: Sequence[Predictor],
-                 extended: Sequence[Predictor]) -> dict[str, list[Picture]]:
+                 extended: Sequence[Predictor], jobs: int) -> dict[str, list[Picture]]:
     """Return all pictures of the report by section; traces are those of the first record."""
-    return {'gains': gain_pictures(gains),
-            'traces': trace_pictures(nominal[0], extended[0]),
-            'speed': speed_pictures(nominal, extended),
-            'spectrum': spectrum_pictures(nominal, extended)}
+    sections: dict[str, Callable[[], list[Picture]]] = {
+        'gains': partial(gain_pictures, gains),
+        'traces': partial(trace_pictures, nominal[0], extended[0]),
+        'speed': partial(speed_pictures, nominal, extended),
+        'spectrum': partial(spectrum_pictures, nominal, extended)}
+    # Workers inherit it, instead of each importing it.
+    import matplotlib.backends.backend_svg  # noqa: F401
+    return dict(zip(sections, all_of(lambda draw: draw(), [*sections.values()], jobs)))

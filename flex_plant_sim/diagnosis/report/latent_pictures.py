@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.diagnosis.pool import all_of
 from flex_plant_sim.diagnosis.prediction.latent_view import Finding, LatentView
 from flex_plant_sim.diagnosis.prediction.law import CONSTANT, CrossValidation
 from flex_plant_sim.diagnosis.report.figures import AFTER, BEFORE, MEASURED, Picture, picture
@@ -28,10 +29,10 @@ class LatentSection:
     pictures: tuple[Picture, ...]
 
 
-def latent_sections(view: LatentView) -> tuple[LatentSection, ...]:
+def latent_sections(view: LatentView, jobs: int) -> tuple[LatentSection, ...]:
     """Return sections for joints that move, and for gauges with errors beyond a good model's."""
     shown = (*view.torques, *(f for f in view.gauges if f.exceeds_model_error))
-    return tuple(_section(finding) for finding in shown)
+    return tuple(all_of(_section, shown, jobs))
 
 
 def _section(finding: Finding) -> LatentSection:
