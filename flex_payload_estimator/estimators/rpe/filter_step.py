@@ -8,6 +8,7 @@ from typing import Any
 
 from flex_payload_estimator.estimators.rpe import compiled_step
 from flex_payload_estimator.estimators.rpe.effects import EffectStep
+from flex_payload_estimator.estimators.rpe.far_part import far_part_averaged
 from flex_payload_estimator.estimators.rpe.filter import Filter, Sample
 from flex_payload_estimator.estimators.rpe.likelihood import initial_statistics
 from flex_payload_estimator.estimators.rpe.linearised import Lineariser
@@ -311,7 +312,7 @@ class FilterStep:
         """
         Return the payload, kg, and the variance to publish, kg^2.
 
-        With free parts that is D [V_mm + (0.01 m)^2 + V_c + (m - m_a)^2 + sigma_s^2 m^2], see
+        With free parts that is D [V_mm + (0.01 m)^2 + V_f + (m - m_a)^2 + sigma_s^2 m^2], see
         docs/estimator_method.md; else the model-averaged variance.
 
         Parameters
@@ -327,14 +328,22 @@ class FilterStep:
         mass, variance = map(float, moments or self.moments(f))
         if f.mode.free_parts:
             variance += (PERSISTENT_ERROR * mass)**2
-            if f.passes == 0:
-                variance += self.prior.consider_variance(f.beta_cov)
             # The last Gauss-Newton step: the next one is no larger.
             variance += (mass - f.reference.item(MASS))**2
             variance += self.prior.scale_variance * mass**2
+            if f.passes == 0:
+                variance += self.prior.consider_variance(f.beta_cov)
+            else:
+                shift, further = self._far_part(f)
+                mass, variance = mass + shift, variance + further
             variance *= self.variance_factor(f) if factor is None else factor
         # The average over two models may be below zero; no payload is, so that zero is nearer.
         return max(mass, 0.0), variance
+
+    def _far_part(self, f: Filter) -> tuple[float, float]:
+        prior, told = self.prior, self.prior.tolerated
+        return far_part_averaged(f.beta, f.beta_cov, (f.beta - prior.mean)[told], prior.std[told],
+                                 prior.scale[told], prior.scale_variance)
 
     def variance_factor(self, f: Filter) -> float:
         """Return D, by which a variance is multiplied; see misfit.py."""

@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 import math
 
+from flex_plant_sim.arm.parts import FAR_PART_FACTOR
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.causes.hypothesis import Hypothesis
-from flex_plant_sim.diagnosis.likelihood.prior import FAR_PART_FACTOR
 from flex_plant_sim.diagnosis.likelihood.sufficient_statistics import SufficientStatistics
 from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
 import numpy as np

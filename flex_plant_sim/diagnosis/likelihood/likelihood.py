@@ -10,10 +10,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from functools import cached_property
 
+from flex_plant_sim.arm.parts import FAR_PART_FACTOR
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.likelihood.evidence import channel_products
 from flex_plant_sim.diagnosis.likelihood.prior import (
-    FAR_PART_FACTOR,
     part_priors,
     PartPrior,
     with_deviations,

@@ -28,8 +28,6 @@ IMITATION_SHARE = 0.65
 # Factor on the odds of such an imitation for each fault of a set beyond two, and faults that count
 # at most, as calibration cases had no more. Fitted to those by benchmarks/stated.py.
 FURTHER_FAULT_FACTOR, MAX_FURTHER_FAULTS = 12.0, 2
-# Factor on the tolerance of a part that is not as its file says; twice that costs 0.7 nats.
-FAR_PART_FACTOR = 10.0
 # Effects that stand for a deviation of these parts; of others, the effect of the same name does.
 EFFECT_OF_PART = {'stiffness': 'link_stiffness', 'damping': 'modal_damping',
                   'drive_inertia': 'hub_inertia', 'elbow_inertia': 'hub_inertia',
