@@ -29,10 +29,13 @@ from flex_plant_sim.diagnosis.likelihood.prior import (
     imitation_odds,
     MAX_FURTHER_FAULTS,
 )
+from flex_plant_sim.diagnosis.report.json_answer import PREDICTS_WORSE
 import numpy as np
 from run_bank import read_results
 from scipy.optimize import minimize
 
+# What an answer says where something unnamed was found before the locked part was looked at.
+REMAINS = 'Something unnamed remains.'
 # Label of the unknown, and named faults that are ordinary, so that only further ones count.
 UNKNOWN, ORDINARY = 'unknown', 2
 
@@ -117,6 +120,19 @@ def verdict(lines: Sequence[score.Line], what: str) -> str:
             f'{most:.3f})  Brier {brier:.3f}')
 
 
+def refuted(lines: Sequence[score.Line]) -> str:
+    """Return of how many sets, right and wrong, the locked part was predicted worse."""
+    found = {True: [0, 0], False: [0, 0]}
+    for line in lines:
+        if line['causes'] and REMAINS not in line['sentence']:
+            right = line['kind'] != 'missing' and all(
+                score.is_hidden(line, cause['name']) for cause in line['causes'])
+            found[right][0] += PREDICTS_WORSE in line['sentence']
+            found[right][1] += 1
+    return ', '.join(f'{"right" if right else "wrong"} {worse} of {count}'
+                     for right, (worse, count) in found.items())
+
+
 def judged(path: Path) -> list[score.Line]:
     """Return the answers of a file whose kind is scored."""
     return [line for line in read_results(path).values()
@@ -135,6 +151,7 @@ def main() -> int:
     # The jackknife's standard error.
     error = np.sqrt((len(pairs) - 1) * np.var(pairs, axis=0))
     total = sum(weight[claim.kind] for claim in some)
+    print(f'locked part predicted worse: {refuted(lines)}')
     print(f'{len(lines)} cases, {len(some)} causes: odds {np.exp(pair[0]):.3g} (factor '
           f'{np.exp(error[0]):.2g} either way), for each further fault times '
           f'{np.exp(pair[1]):.3g} (factor {np.exp(error[1]):.2g})')

@@ -54,7 +54,8 @@ def report(verdict: str = 'cause', causes: tuple[Cause, ...] = (CAUSE,)) -> Repo
     diagnosis = Diagnosis(
         verdict, 'Joint 2 has dry friction & no <script>.', causes,
         (('coulomb_friction', 'stribeck_friction'),), {'input_delay:arm': (0.002, 's')},
-        ('backlash:joint_1',), (CANDIDATES,), 'Record more.', {'joint_2': 0.4})
+        ('backlash:joint_1',), (CANDIDATES,), 'Record more.', {'joint_2': 0.4},
+        effects={'coulomb_friction': 0.97, 'unknown': 0.02, 'nothing': 0.01})
     pictures = {'gains': [picture(lambda figure: figure.subplots().plot([1, 2]), 'x', 'two')]}
     return Report(diagnosis, (CHANNEL,), (CHANNEL,), (GAIN,), (PAYLOAD,),
                   {'robot': 'reference'}, pictures)

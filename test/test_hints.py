@@ -88,8 +88,13 @@ def test_a_gauge_that_dies_is_no_evidence(tmp_path: Path, column: int) -> None:
 
     def pause(numbers: np.ndarray) -> None:
         numbers[700:800, column] = numbers[700, column]
-    log = read(tmp_path / 'log.csv', pause)
-    assert 'from line 702 to line 801 while' in log.notes[0] and not log.doubts
+
+    def stick(numbers: np.ndarray) -> None:
+        numbers[700:725, column] = numbers[700, column]
+
+    for spoil, last in ((pause, 801), (stick, 726)):
+        log = read(tmp_path / 'log.csv', spoil)
+        assert f'from line 702 to line {last} while' in log.notes[0] and not log.doubts
     doubt, = read(tmp_path / 'log.csv', die).doubts
     assert doubt == (f'{NAMES[column]}: does not change from line 702 to line 1101 while the '
                      'others move: dead, or not connected?')

@@ -37,7 +37,7 @@ from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual, describe
 from flex_plant_sim.diagnosis.verdict.experiments import with_experiment
 from flex_plant_sim.diagnosis.verdict.results import Diagnosis
 from flex_plant_sim.diagnosis.verdict.unknown import UNNAMED_VERDICTS, with_unknown
-from flex_plant_sim.diagnosis.verdict.verdict import diagnose, nominal_base
+from flex_plant_sim.diagnosis.verdict.verdict import diagnose, nominal_base, predictors
 from flex_plant_sim.effects import catalogue
 from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.logs.log import Log
@@ -112,12 +112,9 @@ def run(logs: Sequence[Log], robot: Robot, arguments: argparse.Namespace,
             lambda label, share: progress(label, SEARCH_SHARE * share), arguments.exclude)
     progress('latent forces', SEARCH_SHARE)
 
-    def predictors(base: BaseModel) -> list[Predictor]:
-        return [Predictor(base, windows, noise) for windows, noise in zip(data.locked, data.noise)]
-
-    before = predictors(nominal)
+    before = predictors(nominal, data)
     # Where the model was not extended, before and after are the same.
-    after = before if extended == nominal else predictors(extended)
+    after = before if extended == nominal else predictors(extended, data)
     unnamed = diagnosis.verdict in UNNAMED_VERDICTS
     asked = {'before': before, **({'after': after} if unnamed else {})}
     latent = dict(zip(asked, all_of(latent_view, [*asked.values()], arguments.jobs)))
@@ -127,7 +124,7 @@ def run(logs: Sequence[Log], robot: Robot, arguments: argparse.Namespace,
         diagnosis, added = with_unknown(diagnosis, latent['after']), latent['after'].law_effects
     if added:
         extended = replace(extended, effects=(*extended.effects, *added))
-        after = predictors(extended)
+        after = predictors(extended, data)
     progress('measuring the gain', MEASURING_SHARE)
     gains = measure_gain(before, after, seed=arguments.seed, jobs=arguments.jobs)
     wrong = describe(before)

@@ -32,9 +32,11 @@ NOTED_JITTER = 0.01
 # Changes of a channel after which it is no chance that all are a multiple of two or more samples
 # apart: 2^-30, for each channel of a night's logs.
 HELD_CHANGES = 30
-# Share of its range by which no gauge moves while another one does not change: links are coupled,
-# and a gauge that reads in steps of half its range is none.
-SWING = 0.5
+# By how much a gauge that does not change moves by what the others say, in standard deviations of
+# their error: healthy ones of 60 records at most 4, those that stick for 0.1 s and more above 100.
+MOVED = 10.0
+# By what factor it is longer the same than usual, where all readings are held for some samples.
+HELD = 2.0
 COMMANDS = ('command_1', 'command_2')
 # Digits of a stamp: seconds since 1970 have ten before the point.
 STAMP_DIGITS = 15
@@ -179,8 +181,8 @@ def _with_stuck_note(rows: Rows, robot: Robot) -> Rows:
         names = [name for name, stuck in zip(robot.output_names, still) if stuck]
         return rows.noted(f'{", ".join(names)}: never changes while the rest moves: stuck, or not '
                           'connected?', doubtful=True)
-    for name, values in zip(robot.gauge_names, rows.strain.T):
-        first, last = _dead_stretch(values, rows.strain)
+    for k, (name, values) in enumerate(zip(robot.gauge_names, rows.strain.T)):
+        first, last = _dead_stretch(values, np.delete(rows.strain, k, axis=1))
         if first < last:
             rows = rows.noted(f'{name}: does not change from {rows.row(first)} to '
                               f'{rows.row(last)} while the others move: dead, or not connected?',
@@ -192,16 +194,21 @@ def _dead_stretch(values: Array, others: Array) -> tuple[int, int]:
     """
     Return the first and last row of the longest stretch in which a gauge is dead, or (0, 0).
 
-    Its readings (N,) are equal there, while another gauge (of (N, G)) moves by SWING.
+    Its readings (N,) are equal there and no extreme, as of one that clips, while the other gauges,
+    (N, G), say by least squares over its fresh readings that it moves by far more than they err.
     """
     starts = np.flatnonzero(np.r_[True, np.diff(values) != 0.0])
-    moved = np.maximum.reduceat(others, starts) - np.minimum.reduceat(others, starts)
-    dead = np.any(moved > SWING * np.ptp(others, axis=0), axis=1)
+    lengths = np.diff(np.r_[starts, len(values)])
+    basis = np.column_stack([others, np.ones(len(values))])
+    expected = basis @ np.linalg.lstsq(basis[starts], values[starts], rcond=None)[0]
+    moved = np.maximum.reduceat(expected, starts) - np.minimum.reduceat(expected, starts)
+    extreme = np.isin(values[starts], [values.min(), values.max()])
+    dead = (moved > MOVED * np.std((values - expected)[starts])) & ~extreme \
+        & (lengths > HELD * np.median(lengths))
     if not dead.any():
         return 0, 0
-    ends = np.r_[starts[1:], len(values)] - 1
-    longest = int(np.argmax(np.where(dead, ends - starts, -1)))
-    return int(starts[longest]), int(ends[longest])
+    longest = int(np.argmax(np.where(dead, lengths, 0)))
+    return int(starts[longest]), int(starts[longest] + lengths[longest] - 1)
 
 
 def _with_held_note(rows: Rows, robot: Robot, grid: Grid) -> Rows:

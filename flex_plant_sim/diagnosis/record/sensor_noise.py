@@ -24,10 +24,15 @@ def measurement_noise(measured: Array) -> Array:
     leaves nothing; the median ignores the few rows where it does. A filtered sensor shows less
     than it errs, so a thousandth of the strain's own size is the least that is believed.
     """
+    least = np.concatenate([[1e-12, 1e-12], LEAST_STRAIN * np.nanstd(measured[:, 2:], axis=0)])
+    return np.maximum(white_noise(measured), np.maximum(least, 1e-12))
+
+
+def white_noise(measured: Array) -> Array:
+    """Return the standard deviation of what of each channel (N, m) is white, (m,)."""
     weight = np.sqrt(sum(comb(DIFFERENCES, k)**2 for k in range(DIFFERENCES + 1)))
     spread = 1.4826 * np.nanmedian(np.abs(np.diff(measured, DIFFERENCES, axis=0)), axis=0) / weight
     step = np.array([np.min(d[d > 0], initial=np.inf)
                      for d in np.abs(np.diff(measured, axis=0)).T])
     quantised = np.where(np.isfinite(step), step, 0.0) / np.sqrt(12.0)
-    least = np.concatenate([[1e-12, 1e-12], LEAST_STRAIN * np.nanstd(measured[:, 2:], axis=0)])
-    return np.maximum(spread, np.maximum(quantised, np.maximum(least, 1e-12)))
+    return np.maximum(spread, quantised)

@@ -14,6 +14,7 @@ from flex_plant_sim.diagnosis.report.improvement import Gain, gain_results
 from flex_plant_sim.diagnosis.report.payload_gain import PayloadGain
 from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual, HORIZONS
 from flex_plant_sim.diagnosis.verdict.results import Alternative, Cause, Diagnosis, ParameterValue
+from flex_plant_sim.diagnosis.verdict.unknown import refuted
 from flex_plant_sim.diagnosis.verdict.wording import (
     digits_text,
     name_text,
@@ -24,6 +25,9 @@ import numpy as np
 
 # Horizon of the gain in the sentence, s, one of HORIZONS: a swing of the reference arm.
 SENTENCE_HORIZON = 1.0
+# Said where the extended robot is no gain.
+PREDICTS_WORSE = ('On the whole the extended robot predicts the locked part worse than the file: '
+                  'do not use it. What changed within the record is in no robot file.')
 
 
 def with_gain(diagnosis: Diagnosis, gains: Sequence[Gain], unnamed: int = 0) -> Diagnosis:
@@ -40,10 +44,10 @@ def with_gain(diagnosis: Diagnosis, gains: Sequence[Gain], unnamed: int = 0) -> 
         return diagnosis
     text = (f'With {"it" if count == 1 else "them"} and the parts as estimated the '
             f'{SENTENCE_HORIZON:g} s prediction error {", ".join(changes)}.')
-    if larger and _mean_log_ratio(at_horizon) > 0.0:
-        text += (' On the whole the extended robot predicts the locked part worse than the file: '
-                 'do not use it. What changed within the record is in no robot file.')
-    return replace(diagnosis, sentence=f'{diagnosis.sentence} {text}')
+    found = replace(diagnosis, sentence=f'{diagnosis.sentence} {text}')
+    if not larger or _mean_log_ratio(at_horizon) <= 0.0:
+        return found
+    return refuted(replace(found, sentence=f'{found.sentence} {PREDICTS_WORSE}'))
 
 
 def _mean_log_ratio(gains: Sequence[Gain]) -> float:

@@ -24,16 +24,24 @@ from flex_plant_sim.diagnosis.causes.search import search, SearchResult
 from flex_plant_sim.diagnosis.causes.search_state import MIN_RELATIVE_PROBABILITY, Progress
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
+from flex_plant_sim.diagnosis.prediction.latent_view import latent_view
+from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.diagnosis.verdict.command_timing import with_command_timing
 from flex_plant_sim.diagnosis.verdict.detection import detection_limits
+from flex_plant_sim.diagnosis.verdict.noise import with_noise
 from flex_plant_sim.diagnosis.verdict.results import (
     Alternative,
     Cause,
     Diagnosis,
     ParameterValue,
     PartEstimate,
+)
+from flex_plant_sim.diagnosis.verdict.unknown import (
+    LOOK_AT_RESIDUALS,
+    NOT_IN_CATALOGUE,
+    with_stated_law,
 )
 from flex_plant_sim.diagnosis.verdict.wording import (
     apart_text,
@@ -92,9 +100,17 @@ def diagnose(records: Sequence[Record], nominal: BaseModel, jobs: int = 1,
     if unmoved:
         return _cannot_answer(unmoved), data, nominal
     found = search(data, nominal, jobs, progress, exclude)
-    diagnosis = with_command_timing(_diagnosis(found, data, nominal, jobs), found.nothing, data,
-                                    jobs)
-    return diagnosis, data, extended_base(found, nominal)
+    diagnosis, extended = _diagnosis(found, data, nominal, jobs), extended_base(found, nominal)
+    if diagnosis.verdict == 'nothing_wrong':
+        diagnosis = with_stated_law(diagnosis, latent_view(predictors(extended, data)))
+    diagnosis = with_noise(with_command_timing(diagnosis, found.nothing, data, jobs), records,
+                           nominal.robot)
+    return diagnosis, data, extended
+
+
+def predictors(base: BaseModel, data: Data) -> list[Predictor]:
+    """Return a model's predictors of the records, with their locked windows."""
+    return [Predictor(base, windows, noise) for windows, noise in zip(data.locked, data.noise)]
 
 
 def slowest_frequency(base: BaseModel, payload: float) -> float:
@@ -232,8 +248,7 @@ def _verdict(found: SearchResult, causes: Sequence[Cause]
     if not causes and not unknown:
         return nothing_verdict(found.posterior, part_estimates(found))
     if not causes:
-        return ('not_in_catalogue', 'The simulation is wrong in a way that nothing in the '
-                f'catalogue explains.{_far_part(found)}', ())
+        return 'not_in_catalogue', f'{NOT_IN_CATALOGUE}{_far_part(found)}', ()
     sentence = ' '.join(cause.sentence for cause in causes)
     sets = tuple((c.name, *c.look_alikes) for c in causes if c.look_alikes)
     if unknown:
@@ -318,6 +333,4 @@ def _advice(verdict: str, sets: Sequence[Sequence[str]]) -> str:
     if verdict == 'cannot_tell':
         return (f'To tell {apart_text(sets[0])}: record again with another known payload and '
                 'with slow and fast moves.')
-    if verdict == 'not_in_catalogue':
-        return 'Look at the residual plots: channel, band and dependence say where to look.'
-    return ''
+    return LOOK_AT_RESIDUALS if verdict == 'not_in_catalogue' else ''

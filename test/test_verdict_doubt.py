@@ -1,0 +1,67 @@
+"""What a record says against `nothing_wrong`, and a locked part against the named causes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+import re
+
+from flex_payload_estimator.tools.diagnose import main
+from flex_plant_sim.arm.robot_file import load_robot
+from flex_plant_sim.diagnosis.record.windows import Record
+from flex_plant_sim.diagnosis.verdict.noise import with_noise
+from flex_plant_sim.diagnosis.verdict.results import Diagnosis
+from flex_plant_sim.diagnosis.verdict.unknown import REFUTED, refuted
+from flex_plant_sim.effects import catalogue
+from flex_plant_sim.logs.read import read_log
+import numpy as np
+import pytest
+from test_diagnose_report import report
+from truth.records import make_record, TruthCase
+
+ROBOT = load_robot('reference')
+ASKED = ('strain_gain', 'strain_bias', 'link_stiffness')
+
+
+@pytest.mark.parametrize(('per_strain', 'verdict'), [(0.0, 'nothing_wrong'),
+                                                     (300.0, 'not_in_catalogue')])
+def test_a_gauge_that_is_not_linear_is_not_nothing(per_strain: float, verdict: str,
+                                                   tmp_path: Path) -> None:
+    """Its error is a law over its own strain, which no effect of the catalogue has."""
+    made, answer = make_record(TruthCase(97, duration_s=28.0)), tmp_path / 'answer.json'
+    made.strain[:, 0] += per_strain * made.strain[:, 0]**2
+    made.write_csv(tmp_path / 'log.csv')
+    others = [f'--exclude={name}' for name in catalogue() if name not in ASKED]
+    assert main([str(tmp_path / 'log.csv'), '--jobs', '1', '--json', str(answer), *others]) == 0
+    found = json.loads(answer.read_text())
+    assert found['verdict'] == verdict
+    assert ('strain 1a' in found['sentence']) == (verdict == 'not_in_catalogue')
+    assert (found['probabilities']['unknown'] > 0.9) == (verdict == 'not_in_catalogue')
+    assert sum(p['probability'] for p in found['sets']) == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.parametrize(('factor', 'said'), [(1.0, False), (2.0, False), (5.0, True)])
+def test_a_gauge_noisier_than_told_is_said(factor: float, said: bool, tmp_path: Path) -> None:
+    made = make_record(TruthCase(98, duration_s=22.0))
+    made.strain[:, 2] += ROBOT.strain_noise * np.sqrt(factor**2 - 1.0) \
+        * np.random.default_rng(3).standard_normal(len(made.time))
+    made.write_csv(tmp_path / 'log.csv')
+    record = Record.of(read_log(str(tmp_path / 'log.csv'), ROBOT), 0.1)
+    found = with_noise(Diagnosis('nothing_wrong', 'Nothing.'), [record], ROBOT)
+    assert (re.search(r'strain 2a (4\.[89]|5)', found.sentence) is not None) == said
+    assert 'strain 2b' not in found.sentence and 'joint' not in found.sentence
+
+
+def test_a_locked_part_predicted_worse_turns_the_odds_of_the_causes() -> None:
+    diagnosis = report().diagnosis
+    before = Diagnosis(**{**vars(diagnosis), 'effects': {
+        'coulomb_friction': 0.8, 'unknown': 0.15, 'nothing': 0.05},
+        'sets': ((('coulomb_friction:joint_2',), 0.8), (('unknown',), 0.15), ((), 0.05))})
+    after = refuted(before)
+    named = after.effects['coulomb_friction']
+    assert named / (1.0 - named) == pytest.approx(REFUTED * 0.8 / 0.2)
+    assert sum(after.effects.values()) == pytest.approx(1.0)
+    assert after.causes[0].probability == pytest.approx(before.causes[0].probability * named / 0.8)
+    assert after.verdict == 'cause_and_remainder'
+    unnamed = Diagnosis('not_in_catalogue', 'Something.')
+    assert refuted(unnamed) is unnamed
