@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import json
 from pathlib import Path
 import re
 
 from flex_payload_estimator.tools.diagnose import main
 from flex_plant_sim.arm.robot_file import load_robot
+from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.diagnosis.prediction.latent_view import Finding
+from flex_plant_sim.diagnosis.prediction.law import (
+    cross_validate,
+    LatentSeries,
+    law_of,
+    STRETCHES,
+)
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.diagnosis.verdict.noise import with_noise
 from flex_plant_sim.diagnosis.verdict.results import Diagnosis
@@ -38,6 +47,20 @@ def test_a_gauge_that_is_not_linear_is_not_nothing(per_strain: float, verdict: s
     assert ('strain 1a' in found['sentence']) == (verdict == 'not_in_catalogue')
     assert (found['probabilities']['unknown'] > 0.9) == (verdict == 'not_in_catalogue')
     assert sum(p['probability'] for p in found['sets']) == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.parametrize(('shape', 'of_no_effect'), [
+    (lambda x: x, False), (lambda x: np.sign(x) + 0.3 * x, False), (np.square, True),
+    (lambda x: x**3, True), (lambda x: x + 0.01 * x**2, False)])
+def test_a_line_and_a_step_are_laws_that_effects_have(shape: Callable[[Array], Array],
+                                                      of_no_effect: bool) -> None:
+    rng, count = np.random.default_rng(5), 100 * STRETCHES
+    x = rng.uniform(-1.0, 1.0, count)
+    series = LatentSeries('joint_1', 'N m', shape(x) + 0.01 * rng.normal(size=count),
+                          np.full(count, 0.01), {'angle': ('rad', x)},
+                          np.ones(count, dtype=bool), 0.1)
+    found = Finding(series, tuple(cross_validate(series)), law_of(series), None)
+    assert found.law.stated and found.has_shape_of_no_effect is of_no_effect
 
 
 @pytest.mark.parametrize(('factor', 'said'), [(1.0, False), (2.0, False), (5.0, True)])

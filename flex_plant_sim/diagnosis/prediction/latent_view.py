@@ -65,6 +65,22 @@ class Finding:
         """Tell whether it exceeds model errors and no one variable explains half of it."""
         return self.exceeds_model_error and self.validations[0].share < MIN_EXPLAINED_SHARE
 
+    @property
+    def has_shape_of_no_effect(self) -> bool:
+        """
+        Tell whether its law is stated and no line with a step, by more than a model error.
+
+        Those are gains, dampings, springs, dry friction: the evidence judges them by name.
+        """
+        law, scored = self.law, self.series.scored
+        if not law.stated or law.variable == CONSTANT:
+            return False
+        x = self.series.variables[law.variable][1][scored]
+        straight = np.column_stack([np.ones_like(x), x, np.sign(x)])
+        curve = law.at(x)
+        left = curve - straight @ np.linalg.lstsq(straight, curve, rcond=None)[0]
+        return bool(np.sqrt(np.mean(left**2)) > self.series.model_error)
+
     def results(self) -> dict[str, Any]:
         """Return the figures for JSON."""
         law, line = self.law, self.line

@@ -38,14 +38,14 @@ MANY_OR_MEMORY = (
 
 def with_stated_law(diagnosis: Diagnosis, view: LatentView) -> Diagnosis:
     """
-    Return `nothing_wrong` as `not_in_catalogue` where latent forces follow a law that is stated.
+    Return `nothing_wrong` as `not_in_catalogue` where a latent force's law is that of no effect.
 
     The evidence allows a gauge a share of its strain and a joint one of its torque that no model
     has; it does not ask whether these are one function of one variable. A law that leaves the
     share 1 - s of a force's power on stretches left out is (1 - s)^(-n / 2) times as likely as
     none, with the n stretches as independent samples.
     """
-    laws = [f.law for f in view.findings if f.law.stated]
+    laws = [f.law for f in view.findings if f.has_shape_of_no_effect]
     if diagnosis.verdict != 'nothing_wrong' or not laws:
         return diagnosis
     left = min(max(1.0 - law.share, LEAST_LEFT) for law in laws)
