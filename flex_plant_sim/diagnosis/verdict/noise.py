@@ -12,8 +12,8 @@ from flex_plant_sim.diagnosis.verdict.results import Diagnosis
 from flex_plant_sim.diagnosis.verdict.wording import digits_text
 import numpy as np
 
-# Factor on the told standard deviation from which it is said. One digit of a data sheet may be
-# rounded by half of that.
+# Factor on the told standard deviation from which it is said. Healthy sensors of shared records
+# have up to 1.1, 1.2 and 2.2 at 100, 50 and 25 Hz, as differences of slow samples hold motion.
 NOTED_FACTOR = 3.0
 
 
@@ -33,4 +33,5 @@ def with_noise(diagnosis: Diagnosis, records: Sequence[Record], robot: Robot) ->
         return diagnosis
     return replace(diagnosis, sentence=(
         f'{diagnosis.sentence} Sensors are noisier than the robot file says ({", ".join(texts)}): '
-        'hum, a loose cable, or a file to be corrected. What is smaller is hidden.'))
+        'hum, a loose cable, samples too slow for the arm, or a file to be corrected. What is '
+        'smaller is hidden.'))

@@ -27,8 +27,8 @@ LOOK_AT_RESIDUALS = 'Look at the residual plots: channel, band and dependence sa
 # Least share of a force that a law is believed to leave, so that its odds stay finite.
 LEAST_LEFT = 1e-3
 # Likelihood ratio of a locked part that is predicted worse, by Laplace's rule: so were 0 of 80
-# sets that were right, and 2 of 25 that were not (seeds 10458 to 10899 of the bank, and ten forms
-# of nature that no effect has). benchmarks/stated.py counts them in a bank's answers.
+# sets that were right, and 2 of 25 that were not (scoring seeds 10458 to 10899 of the bank, where
+# it changes no name, and ten forms that no effect has). benchmarks/stated.py counts them.
 REFUTED = (1.0 / 82.0) / (3.0 / 27.0)
 # What a force is that follows no one variable.
 MANY_OR_MEMORY = (
