@@ -13,7 +13,7 @@ import math
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.causes.hypothesis import Hypothesis
-from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit
+from flex_plant_sim.diagnosis.causes.refined_fit import COARSE_SAMPLES, RefinedFit
 from flex_plant_sim.diagnosis.causes.sensitivity import SensitivityProbe
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
 from flex_plant_sim.diagnosis.likelihood.sufficient_statistics import TEMPER
@@ -54,9 +54,9 @@ class InformationProbe:
     duration: float
 
     @classmethod
-    def beside(cls, centre: RefinedFit, samples: int) -> InformationProbe:
-        """Return the probe beside a set, of windows with about so many samples in all."""
-        likelihood, fit = centre.likelihood.thinned(samples), centre.fit
+    def beside(cls, centre: RefinedFit) -> InformationProbe:
+        """Return the probe beside a set."""
+        likelihood, fit = centre.likelihood.thinned(COARSE_SAMPLES), centre.fit
         ratio = likelihood.weight / centre.likelihood.weight
         of_values = np.sqrt(ratio) * centre.point.jacobian[..., likelihood.kept_samples]
         weight = 1.0 / (fit.error_scale * np.sqrt(TEMPER))[:, None]

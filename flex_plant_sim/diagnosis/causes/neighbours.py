@@ -19,7 +19,7 @@ from flex_plant_sim.diagnosis.causes.neighbourhood import Neighbourhood
 from flex_plant_sim.diagnosis.causes.part_factors import fits_replacing_parts
 from flex_plant_sim.diagnosis.causes.posterior import SetKey
 from flex_plant_sim.diagnosis.causes.proposal import Proposal
-from flex_plant_sim.diagnosis.causes.proposal_step import COARSE_SAMPLES, proposals_beside
+from flex_plant_sim.diagnosis.causes.proposal_step import proposals_beside
 from flex_plant_sim.diagnosis.causes.refined_fit import LINEARISATION_ERROR, RefinedFit
 from flex_plant_sim.diagnosis.causes.refinement import MAX_REFINED_AT_ONCE, refine_contenders
 from flex_plant_sim.diagnosis.causes.search_state import GAIN_UNCERTAINTY, SearchState
@@ -184,8 +184,7 @@ def _extended(state: SearchState, candidate: CandidateSet, proposal: Proposal
 def _coarse_fits(state: SearchState, centre: RefinedFit, sets: Iterable[CandidateSet],
                  step: str) -> list[Fit]:
     """Return coarse fits of sets around a centre, one of each set."""
-    own = centre.with_own_filters
-    fitter = NeighbourFitter(own.likelihood.thinned(COARSE_SAMPLES), own.fit.error_scale,
+    fitter = NeighbourFitter(centre.coarse.likelihood, centre.coarse.fit.error_scale,
                              state.data.duration, coarse=True)
     fits = each(fitter, list(sets), state.jobs,
                 lambda share: state.progress(step, 0.4 + 0.2 * share))

@@ -15,13 +15,10 @@ from flex_plant_sim.diagnosis.likelihood.sufficient_statistics import TEMPER
 from flex_plant_sim.diagnosis.pool import each
 import numpy as np
 
-# Samples of the windows that sensitivities and coarse fits use; a budget.
-COARSE_SAMPLES = 1600
-
 
 def probe_catalogue(state: SearchState, nothing: RefinedFit) -> None:
     """Take the sensitivities of all hypotheses, beside no cause."""
-    state.thinned = nothing.with_own_filters.likelihood.thinned(COARSE_SAMPLES)
+    state.thinned = nothing.coarse.likelihood
     state.sensitivities = each(
         SensitivityProbe(state.thinned, state.data.duration), state.catalogue, state.jobs,
         lambda share: state.progress('looking at all causes', 0.4 * share))
@@ -34,7 +31,7 @@ def probe_catalogue(state: SearchState, nothing: RefinedFit) -> None:
 def proposal_scorer(state: SearchState, centre: RefinedFit, left_out: int | None = None
                     ) -> ProposalScorer:
     """Return the scorer of proposals beside a set, or beside it without one of its causes."""
-    centre = centre.with_own_filters
+    centre = centre.coarse
     fit, likelihood = centre.fit, centre.likelihood
     kept = np.ones(len(fit.values), dtype=bool)
     residual, boundaries = centre.point.residual, centre.causes.boundaries
@@ -44,11 +41,10 @@ def proposal_scorer(state: SearchState, centre: RefinedFit, left_out: int | None
         residual = likelihood.residual(effects[:left_out] + effects[left_out + 1:])[0]
     jacobian = centre.point.jacobian[kept]
     at_centre = residual - np.tensordot(fit.statistics.offsets[kept], jacobian, 1)
-    rows = np.concatenate([at_centre[None], jacobian, likelihood.part_jacobian])[
-        ..., state.thinned.kept_samples]
+    rows = np.concatenate([at_centre[None], jacobian, likelihood.part_jacobian])
     weight = np.repeat(1.0 / (fit.error_scale * np.sqrt(TEMPER)), rows.shape[-1])
     return ProposalScorer(
-        np.sqrt(state.thinned.weight) * rows.reshape(len(rows), -1) * weight,
+        rows.reshape(len(rows), -1) * weight,
         np.concatenate([fit.statistics.prior.width[kept], likelihood.tolerances]), weight,
         state.data.duration)
 

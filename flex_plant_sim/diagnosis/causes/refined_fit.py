@@ -25,6 +25,8 @@ import numpy as np
 
 # Error of a linearisation, nats, above which it is repeated at the new optimum; and how often.
 LINEARISATION_ERROR, MAX_RELINEARISATIONS = 1.0, 6
+# Samples of the windows that sensitivities and coarse fits use; a budget.
+COARSE_SAMPLES = 1600
 
 # (fit, nats that the set may have more) -> whether refining the set further is worth it.
 WorthRefining = Callable[[Fit, float], bool]
@@ -112,16 +114,17 @@ class RefinedFit:
         Return a set linearised around its optimum, at a fixed time of its event.
 
         The difference between predicted and exact evidence tells how wrong the linearisation may
-        be. A set that would not matter with so much more evidence is not refined further.
+        be. Where it is small, only the trajectory is taken anew and the parts' Jacobian, a pass a
+        part, is kept. A set that would not matter with so much more evidence is not refined
+        further.
         """
         causes, starts = CauseSet(candidate.hypotheses, data.duration), candidate.starts
         scale = np.ones(len(data.noise[0])) if error_scale is None else error_scale
-        deviations, best, at_file_parts = candidate.deviations, None, None
+        likelihood = Likelihood(base, data.windows, data.noise, causes.effects(starts[0]),
+                                candidate.deviations, jobs)
+        at_file_parts = likelihood if candidate.deviations is None else None
+        best = None
         for _ in range(MAX_RELINEARISATIONS):
-            likelihood = Likelihood(base, data.windows, data.noise, causes.effects(starts[0]),
-                                    deviations, jobs)
-            if deviations is None:
-                at_file_parts = likelihood
             solver = GaussNewton(likelihood, causes, scale)
             predicted = solver.minimise(starts) if best is None else solver.descend(starts)
             predicted_fit = solver.fit(predicted)
@@ -140,7 +143,11 @@ class RefinedFit:
             missing = predicted_fit.log_evidence - found.fit.log_evidence
             if not worth_refining(found.fit, max(missing, 0.0) + abs(missing)):
                 break
-            starts = (point.values,)
+            starts, effects = (point.values,), causes.effects(point.values)
+            likelihood = (
+                likelihood.along_trajectory_of(effects, deviations)
+                if abs(missing) < LINEARISATION_ERROR else
+                Likelihood(base, data.windows, data.noise, effects, deviations, jobs))
         assert best is not None
         return best if causes.hypotheses else replace(best, at_file_parts=at_file_parts)
 
@@ -175,12 +182,13 @@ class RefinedFit:
                           replace(solver.fit(point), error_scale=self.fit.error_scale))
 
     @cached_property
-    def with_own_filters(self) -> RefinedFit:
-        """Return the same set and values under `Likelihood.with_own_filters`."""
-        solver = GaussNewton(self.likelihood.with_own_filters, self.causes, self.fit.error_scale)
+    def coarse(self) -> RefinedFit:
+        """Return the same set and values on some windows, `Likelihood.with_own_filters`."""
+        likelihood = self.likelihood.thinned(COARSE_SAMPLES).with_own_filters
+        solver = GaussNewton(likelihood, self.causes, self.fit.error_scale)
         values = self.fit.values
         point = solver.linearise(values, *solver.residual_and_cost(values))
-        return RefinedFit(self.likelihood.with_own_filters, point, solver.fit(point))
+        return RefinedFit(likelihood, point, solver.fit(point))
 
     @cached_property
     def causes(self) -> CauseSet:

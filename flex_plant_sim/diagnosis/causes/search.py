@@ -27,11 +27,7 @@ from flex_plant_sim.diagnosis.causes.neighbours import (
 )
 from flex_plant_sim.diagnosis.causes.posterior import ORDINARY_FAULTS, Posterior, SetKey
 from flex_plant_sim.diagnosis.causes.proposal import Proposal
-from flex_plant_sim.diagnosis.causes.proposal_step import (
-    COARSE_SAMPLES,
-    probe_catalogue,
-    proposals_beside,
-)
+from flex_plant_sim.diagnosis.causes.proposal_step import probe_catalogue, proposals_beside
 from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit
 from flex_plant_sim.diagnosis.causes.refinement import (
     refine_alternatives,
@@ -143,7 +139,7 @@ def _result(state: SearchState, nothing: RefinedFit, explored: dict[SetKey, Neig
     best = state.refined.get(SetKey.of(posterior.best).without_remainder, last)
     return SearchResult(
         replace(best, fit=posterior.best), around.proposals,
-        InformationProbe.beside(last, COARSE_SAMPLES), posterior, nothing)
+        InformationProbe.beside(last), posterior, nothing)
 
 
 def _name_laws(state: SearchState, named: set[SetKey]) -> None:
@@ -180,4 +176,4 @@ def _ranked_by_free_runs(state: SearchState, nothing: RefinedFit) -> SearchResul
         tried.add(named)
         attempt(partial(refine_look_alikes, state), state.refined[named])
     return SearchResult(best, tuple(proposals_beside(state, best)),
-                        InformationProbe.beside(best, COARSE_SAMPLES), posterior, nothing)
+                        InformationProbe.beside(best), posterior, nothing)

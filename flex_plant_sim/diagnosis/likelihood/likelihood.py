@@ -11,11 +11,13 @@ from collections.abc import Iterable, Sequence
 from functools import cached_property
 
 from flex_plant_sim.arm.parts import FAR_PART_FACTOR
+from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.likelihood.evidence import channel_products
 from flex_plant_sim.diagnosis.likelihood.prior import (
     part_priors,
     PartPrior,
+    sensors_with_deviations,
     with_deviations,
 )
 from flex_plant_sim.diagnosis.pool import all_of
@@ -103,7 +105,12 @@ class Likelihood:
 
         """
         robot, sensors = with_deviations(self.base.robot, self.parts, deviations)
-        found = [_by_channel(p.whitened_residual((*effects, *sensors), robot, reuse_gain,
+        return self._whitened_residual((*effects, *sensors), robot, reuse_gain)
+
+    def _whitened_residual(self, effects: Sequence[Effect], robot: Robot, reuse_gain: bool
+                           ) -> Array:
+        """Return the exact whitened residual of a robot, its sensors' effects included."""
+        found = [_by_channel(p.whitened_residual(effects, robot, reuse_gain,
                                                  self.shared_covariance))
                  for p in self.predictors]
         return np.sqrt(self.weight) * np.concatenate(found, axis=-1)
@@ -126,12 +133,19 @@ class Likelihood:
     def part_jacobian(self) -> Array:
         """Return J, the derivatives of e in the deviations, (p, m, N), by differences."""
         here = self.whitened_residual(self.centre_effects, self.centre_deviations)[0]
+        robot, sensors = with_deviations(self.base.robot, self.parts, self.centre_deviations)
 
         def derivative(k: int) -> Array:
-            step = DIFFERENCE_STEP * self.parts[k].tolerance
-            moved = self.centre_deviations.copy()
-            moved[k] += step
-            there = self.whitened_residual(self.centre_effects, moved, reuse_gain=True)[0]
+            part, step = self.parts[k], DIFFERENCE_STEP * self.parts[k].tolerance
+            # What is further from its file by a step is what is there, and a step from it.
+            moved, seen = robot, sensors
+            if part.effect is None:
+                moved = part.change(robot, step)
+            else:
+                deviations = self.centre_deviations.copy()
+                deviations[k] += step
+                seen = sensors_with_deviations(self.parts, deviations)
+            there = self._whitened_residual((*self.centre_effects, *seen), moved, True)[0]
             return np.asarray((there - here) / step)
 
         return np.array(all_of(derivative, range(len(self.parts)), self.jobs))
@@ -163,12 +177,18 @@ class Likelihood:
         now = self.predictors[0].arm.form.names
         return any(name not in now for name in self.predictors[0].arm_with(effects).form.names)
 
-    def along_trajectory_of(self, effects: Sequence[Effect]) -> Likelihood:
-        """Return the same likelihood along the trajectory of other effects, with the same J."""
-        predictors = self._predictors_along(
-            effects, ((p.windows, p.noise) for p in self.predictors))
-        return self._copied('centre_residual', 'with_own_filters',
-                            centre_effects=tuple(effects), predictors=predictors)
+    def along_trajectory_of(self, effects: Sequence[Effect], deviations: Array | None = None
+                            ) -> Likelihood:
+        """
+        Return the same likelihood along the trajectory of other effects, with the same J.
+
+        The trajectory's parts deviate as the centre's, or as stated, (p,).
+        """
+        centre = self._copied(
+            'centre_residual', 'centre_shift', 'with_own_filters', centre_effects=tuple(effects),
+            centre_deviations=self.centre_deviations if deviations is None else deviations)
+        return centre._copied(predictors=centre._predictors_along(
+            effects, ((p.windows, p.noise) for p in self.predictors)))
 
     def with_commands_moved(self, rows: int) -> Likelihood:
         """Return the same likelihood with commands that act rows earlier, with the same J."""

@@ -122,13 +122,16 @@ def factors_on_parts(robot: Robot) -> dict[str, FactorOnPart]:
 def with_deviations(robot: Robot, parts: Sequence[PartPrior], deviations: Array
                     ) -> tuple[Robot, tuple[Effect, ...]]:
     """Return a robot with deviations (p,), and effects for those that are not the robot's."""
-    effects = []
     for part, value in zip(parts, deviations):
-        if value != 0.0 and part.effect is not None:
-            effects.append(part.effect(float(value)))
-        elif value != 0.0:
+        if value != 0.0 and part.effect is None:
             robot = part.change(robot, float(value))
-    return robot, tuple(effects)
+    return robot, sensors_with_deviations(parts, deviations)
+
+
+def sensors_with_deviations(parts: Sequence[PartPrior], deviations: Array) -> tuple[Effect, ...]:
+    """Return the effects for the deviations, (p,), that are not the robot's."""
+    return tuple(part.effect(float(value)) for part, value in zip(parts, deviations)
+                 if value != 0.0 and part.effect is not None)
 
 
 def _effect_prior(identifier: str, site: str, tolerance: float, null: float, scale: float,

@@ -22,7 +22,6 @@ from flex_plant_sim.diagnosis.prediction.noise import (
     rms_loads,
 )
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
-from flex_plant_sim.diagnosis.prediction.sensor_map import invert_sensors
 from flex_plant_sim.diagnosis.prediction.smoother import LatentSystem, smooth, Smoothed
 from flex_plant_sim.effects.joint.measured_torque import load_row
 import numpy as np
@@ -164,7 +163,7 @@ def latent_system(predictor: Predictor, prior: LatentPrior) -> LatentSystem:
     return LatentSystem(
         weights, np.ascontiguousarray(torques), _known_step(predictor),
         np.ascontiguousarray(arm.output_matrix),
-        np.ascontiguousarray(invert_sensors(arm, record)[:, 0]), predictor.noise**2,
+        np.ascontiguousarray(predictor.measured_by(arm)[:, 0]), predictor.noise**2,
         _process_covariance(predictor, table), decay,
         np.tile(walk_variance, (len(record.time), 1)),
         _initial_mean(predictor), _initial_deviation(predictor, drive, gauge))

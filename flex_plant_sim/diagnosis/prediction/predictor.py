@@ -26,11 +26,7 @@ from flex_plant_sim.diagnosis.prediction.noise import (
     SteadyFilter,
 )
 from flex_plant_sim.diagnosis.prediction.scheduled_matrices import ScheduledMatrices
-from flex_plant_sim.diagnosis.prediction.sensor_map import (
-    invert_sensors,
-    sensor_reading_of_error,
-    shifted,
-)
+from flex_plant_sim.diagnosis.prediction.sensor_map import SensorMap, shifted
 from flex_plant_sim.diagnosis.prediction.whitening import (
     output_error,
     WhiteningFilter,
@@ -77,7 +73,7 @@ class Predictor:
         self.for_comparison = for_comparison
         self.trajectory_effects, self.robot = tuple(trajectory_effects), robot or base.robot
         self._filters: dict[bytes, SteadyFilter] = {}
-        self._last_measured: tuple[ExtendedArm, Array] | None = None
+        self._last_sensors: SensorMap | None = None
         self.record: Record = windows.record
         period = windows.warm_up * base.robot.sample_time
         self.discrepancy = Discrepancy.of(base.discrepancy, period)
@@ -190,13 +186,13 @@ class Predictor:
             arm, effects, robot, self.steady if reused else None)
         errors, rows = errors[self.windows.warm_up:], self.window_rows[self.windows.warm_up:]
         whitening = self._whitening_filter(arm, effects, robot) if shared_covariance else None
-        time = self.record.time[self.used_samples[rows]][..., None]
+        sensors, time = self._sensors_of(arm), self.record.time[self.used_samples[rows]][..., None]
         if whitening is not None:
             residual = output_error(matrices, arm.output_matrix, errors, rows)
-            residual = shifted(sensor_reading_of_error(arm, residual, time), -arm.late)
+            residual = shifted(sensors.reading_of_error(residual, time), -arm.late)
             errors = whitening.whitened(residual, rows)
         else:
-            errors = sensor_reading_of_error(arm, errors, time)
+            errors = sensors.reading_of_error(errors, time)
         errors = errors.transpose(2, 1, 0, 3)
         return np.asarray((self.whitener @ errors[..., None])[..., 0], dtype=float)
 
@@ -280,15 +276,18 @@ class Predictor:
 
     def measured_by(self, arm: ExtendedArm) -> Array:
         """Return the record's outputs before an arm's sensor effects, (N, 1 or B, m)."""
-        # Needed four times in a pass with the same arm.
-        if self._last_measured is None or self._last_measured[0] is not arm:
-            self._last_measured = arm, invert_sensors(arm, self.record)
-        return self._last_measured[1]
+        return self._sensors_of(arm).outputs
+
+    def _sensors_of(self, arm: ExtendedArm) -> SensorMap:
+        # Needed five times in a pass with the same arm.
+        if self._last_sensors is None or self._last_sensors.arm is not arm:
+            self._last_sensors = SensorMap(arm, self.record)
+        return self._last_sensors
 
     @cached_property
     def base_joint_angle(self) -> Array:
         """Return the joint angles as the base's sensors mean them, rad, (N, 2)."""
-        return invert_sensors(self.arm, self.record)[:, 0, :2]
+        return SensorMap(self.arm, self.record).outputs[:, 0, :2]
 
     def trajectory_states(self, arm: ExtendedArm, rows: Indices) -> Array:
         """

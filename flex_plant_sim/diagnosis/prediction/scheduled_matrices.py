@@ -80,16 +80,23 @@ def interpolated(weights: Array, table: Array) -> Array:
 def interpolate_into(weights: Array, table: Array, found: Array) -> None:
     """Write a flat table (K, M), weighted by (K,), into found, (M,)."""
     found[:] = 0.0
-    for k in range(len(weights)):
-        weight, node = weights[k], table[k]
-        for i in range(len(found)):
-            found[i] += weight * node[i]
+    add_product(weights, table, found)
 
 
 @compiled
 def add_product(vector: Array, matrix: Array, found: Array) -> None:
-    """Add a vector (r,) times a matrix (r, n) to found, (n,), row by row so that it vectorises."""
-    for j in range(len(vector)):
+    """
+    Add a vector (r,) times a matrix (r, n) to found, (n,), row by row so that it vectorises.
+
+    Four rows at once: found is read and written once for all of them.
+    """
+    first = len(vector) % 4
+    for j in range(first):
         factor, row = vector[j], matrix[j]
         for i in range(len(found)):
             found[i] += factor * row[i]
+    for j in range(first, len(vector), 4):
+        v, w, x, y = vector[j], vector[j + 1], vector[j + 2], vector[j + 3]
+        p, q, r, s = matrix[j], matrix[j + 1], matrix[j + 2], matrix[j + 3]
+        for i in range(len(found)):
+            found[i] += v * p[i] + w * q[i] + x * r[i] + y * s[i]
