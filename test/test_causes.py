@@ -31,7 +31,7 @@ from truth.records import HAVE_MUJOCO, make_record, MUJOCO, NO_MUJOCO, TruthCase
 ASKED = ('viscous_friction', 'actuator_gain', 'strain_gain', 'link_stiffness', 'payload_change')
 HIDDEN = ('viscous_friction:joint_2:damping_n_m_s=3', 'strain_gain:strain_2a:factor=0.8')
 # Of these five effects: 458, of them 33 each time that one of five sets is linearised.
-MOST_PASSES = 500
+MOST_PASSES = 400
 
 # Evenly in probability.
 NORMAL = norm.ppf((np.arange(1000) + 0.5) / 1000)

@@ -88,7 +88,7 @@ def test_times_and_durations_are_integrated_over_as_the_prior_says() -> None:
 @pytest.fixture(scope='module', params=[0.0, 3.7])
 def arm(request: pytest.FixtureRequest) -> tuple[Data, BaseModel, Array]:
     """Return the record of an arm of finite elements, the model, and its payload's change."""
-    case = draw_case('payload_change', 1, duration_s=30.0)
+    case = draw_case('payload_change', 1, duration_s=24.0)
     (name, _), = case.effects
     change, start = 0.03, 13.2
     case = replace(case, effects=((name, {

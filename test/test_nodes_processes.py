@@ -36,10 +36,8 @@ def start(domain_id: int, node: str, *arguments: str) -> subprocess.Popen[str]:
 
 
 @pytest.mark.parametrize(('node', 'parameter', 'text'), [
-    ('plant_sim', 'robot:=nobody', 'plant_sim: robot: expected one of '),
     ('plant_sim', 'modes:=two', 'plant_sim: '),
     ('payload_estimator', 'estimator:=oracle', 'payload_estimator: estimator: expected '),
-    ('lqg_controller', 'model:=magic', 'lqg_controller: model: expected '),
     ('lqg_controller', 'payload_initial', 'payload_initial'),
     ('payload_estimator', 'use_sim_time:=3', 'use_sim_time'),
 ])

@@ -52,8 +52,8 @@ def test_every_locked_version_has_hashes(repository: Path, kind: str) -> None:
 
 def test_a_bill_of_materials_names_every_locked_package(repository: Path, tmp_path: Path) -> None:
     file = tmp_path / 'sbom.json'
-    subprocess.run([sys.executable, '-m', 'cyclonedx_py', 'requirements', '-o', str(file),
-                    str(repository / 'requirements' / 'run.txt')], check=True)
+    subprocess.run([sys.executable, '-m', 'cyclonedx_py', 'requirements', '--no-validate', '-o',
+                    str(file), str(repository / 'requirements' / 'run.txt')], check=True)
     components = json.loads(file.read_text())['components']
     named = {(item['name'], item['version']) for item in components}
     assert named == {(item.name, next(iter(item.specifier)).version)
