@@ -9,6 +9,7 @@ the innovations of each arm's own filter. `verdict.detection` turns it into limi
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 import math
 
 from flex_plant_sim.arm.second_order import Array
@@ -75,7 +76,7 @@ class InformationProbe:
         changes = self._changes(hypothesis, deviation)
         if not changes:
             return math.nan
-        linear = [self._linear(change, self.columns)[1] for change in changes]
+        linear = [self._linear(change, self.columns, self._precision)[1] for change in changes]
         chosen = int(np.argsort(linear)[int(LESS_SHARE * len(linear))])
         return 2.0 * self._left(changes[chosen]) / deviation**2
 
@@ -90,9 +91,16 @@ class InformationProbe:
         return [((s.changes[0] - at_null.get(tuple(s.shape), 0.0)).reshape(len(self.weight), -1)
                  * self.weight).ravel() for s in found]
 
-    def _linear(self, change: Array, columns: Array) -> tuple[Array, float]:
+    @cached_property
+    def _precision(self) -> Array:
+        """Return the precision of causes and parts, (k + p, k + p)."""
+        return self._precision_with(self.columns)
+
+    def _precision_with(self, columns: Array) -> Array:
+        return np.asarray(columns @ columns.T + np.diag(self.prior_widths**-2.0), dtype=float)
+
+    def _linear(self, change: Array, columns: Array, precision: Array) -> tuple[Array, float]:
         """Return what of causes and parts undoes a change best, (k + p,), and what is left."""
-        precision = columns @ columns.T + np.diag(self.prior_widths**-2.0)
         step = np.asarray(np.linalg.solve(precision, columns @ change), dtype=float)
         return step, self._nats(change - columns.T @ step, step)
 
@@ -107,7 +115,7 @@ class InformationProbe:
         and Broyden's update of their Jacobian. What they end with is an upper bound.
         """
         columns = self.columns.copy()
-        trial, promised = self._linear(change, columns)
+        trial, promised = self._linear(change, columns, self._precision)
         parts = slice(len(trial) - len(self.likelihood.parts), None)
         if np.max(np.abs(trial / self.prior_widths)[parts], initial=0.0) <= LINEAR_TOLERANCES:
             return promised
@@ -119,7 +127,8 @@ class InformationProbe:
             found = self._nats(change - moved, trial)
             if found < least:
                 best, moved_best, least = trial, moved, found
-            trial, promised = self._linear(change - moved_best + columns.T @ best, columns)
+            trial, promised = self._linear(change - moved_best + columns.T @ best, columns,
+                                           self._precision_with(columns))
             if least - promised < MIN_STEP_GAIN:
                 break
         return least
