@@ -49,15 +49,19 @@ def test_a_gauge_that_is_not_linear_is_not_nothing(per_strain: float, verdict: s
     assert sum(p['probability'] for p in found['sets']) == pytest.approx(1.0, abs=0.02)
 
 
-@pytest.mark.parametrize(('shape', 'of_no_effect'), [
-    (lambda x: x, False), (lambda x: np.sign(x) + 0.3 * x, False), (np.square, True),
-    (lambda x: x**3, True), (lambda x: x + 0.01 * x**2, False)])
-def test_a_line_and_a_step_are_laws_that_effects_have(shape: Callable[[Array], Array],
-                                                      of_no_effect: bool) -> None:
+@pytest.mark.parametrize(('shape', 'variable', 'of_no_effect'), [
+    (lambda x: x, 'angle', False), (lambda x: np.sign(x) + 0.3 * x, 'speed', False),
+    (np.square, 'load', True), (lambda x: x**3, 'speed', True),
+    (lambda x: x + 0.01 * x**2, 'load', False),
+    (lambda x: np.sin(7.3 * x + 0.5), 'angle', False),
+    (lambda x: np.sin(7.3 * x + 0.5), 'load', True),
+    (lambda x: 9.0 * np.maximum(x - 0.6, 0.0), 'angle', True)])
+def test_lines_steps_and_ripples_are_laws_that_effects_have(
+        shape: Callable[[Array], Array], variable: str, of_no_effect: bool) -> None:
     rng, count = np.random.default_rng(5), 100 * STRETCHES
     x = rng.uniform(-1.0, 1.0, count)
     series = LatentSeries('joint_1', 'N m', shape(x) + 0.01 * rng.normal(size=count),
-                          np.full(count, 0.01), {'angle': ('rad', x)},
+                          np.full(count, 0.01), {variable: ('', x)},
                           np.ones(count, dtype=bool), 0.1)
     found = Finding(series, tuple(cross_validate(series)), law_of(series), None)
     assert found.law.stated and found.has_shape_of_no_effect is of_no_effect

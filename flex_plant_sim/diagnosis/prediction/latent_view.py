@@ -26,10 +26,13 @@ from flex_plant_sim.diagnosis.prediction.law import (
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.effects.joint.measured_torque import MeasuredTorque
+from flex_plant_sim.effects.joint.torque_ripple import TorqueRipple
 import numpy as np
 
 # Digits of a number in a table; finer than any law is known.
 TABLE_DIGITS = 5
+# Periods a turn of the ripples that a joint may have.
+PERIODS = TorqueRipple.parameters[-1].starts
 # Bins of a curve in pictures and JSON, equally full; samples that a bin needs for a spread.
 CURVE_BINS, MIN_BIN_SAMPLES = 24, 5
 
@@ -68,18 +71,21 @@ class Finding:
     @property
     def has_shape_of_no_effect(self) -> bool:
         """
-        Tell whether its law is stated and no line with a step, by more than a model error.
+        Tell whether its law is stated and of no effect's shape, by more than a model error.
 
-        Those are gains, dampings, springs, dry friction: the evidence judges them by name.
+        Lines with a step are gains, dampings, springs, dry friction; a wave over a joint's angle
+        is a ripple. The evidence judges them by name.
         """
         law, scored = self.law, self.series.scored
         if not law.stated or law.variable == CONSTANT:
             return False
         x = self.series.variables[law.variable][1][scored]
-        straight = np.column_stack([np.ones_like(x), x, np.sign(x)])
-        curve = law.at(x)
-        left = curve - straight @ np.linalg.lstsq(straight, curve, rcond=None)[0]
-        return bool(np.sqrt(np.mean(left**2)) > self.series.model_error)
+        curve, straight = law.at(x), np.column_stack([np.ones_like(x), x, np.sign(x)])
+        waves = [np.column_stack([straight, np.sin(k * x), np.cos(k * x)])
+                 for k in PERIODS if law.variable == 'angle']
+        left = min(np.mean((curve - shape @ np.linalg.lstsq(shape, curve, rcond=None)[0])**2)
+                   for shape in (straight, *waves))
+        return bool(np.sqrt(left) > self.series.model_error)
 
     def results(self) -> dict[str, Any]:
         """Return the figures for JSON."""
