@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.diagnosis.causes.gauss_newton import fit_set
 from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses, CauseSet
 from flex_plant_sim.diagnosis.likelihood.evidence import (
@@ -196,6 +197,25 @@ def test_parts_are_changed_by_their_deviation() -> None:
         REFERENCE.links[1].gauge_positions[0] + 1e-3)
     assert [(s.identifier, s.site, s.values) for s in sensors] == [
         ('strain_bias', 'strain_1b', (2e-6,))]
+
+
+def numbers(robot: Robot) -> list[float]:
+    """Return all numbers of links, drives, elbow and payload."""
+    values = [value for part in (*robot.links, *robot.drives, robot)
+              for value in vars(part).values() if np.asarray(value).dtype.kind in 'if']
+    return [float(number) for value in values for number in np.ravel(value)]
+
+
+def test_a_step_from_where_the_parts_are_ends_where_they_are_a_step_further() -> None:
+    parts = [part for part in part_priors(REFERENCE, 0.1) if part.effect is None]
+    there = 0.5 * np.array([part.tolerance for part in parts])
+    robot, _ = with_deviations(REFERENCE, parts, there)
+    for k, part in enumerate(parts):
+        further = there + np.eye(len(parts))[k] * 0.2 * part.tolerance
+        moved, expected = part.change(robot, 0.2 * part.tolerance), with_deviations(
+            REFERENCE, parts, further)[0]
+        assert moved != robot
+        np.testing.assert_allclose(numbers(moved), numbers(expected), rtol=1e-12, atol=1e-15)
 
 
 def test_a_part_is_far_off_where_no_effect_asked_says_so() -> None:

@@ -58,6 +58,21 @@ def test_evidence_is_the_same_wherever_it_is_linearised_first() -> None:
     assert from_file.log_evidence > plain.log_evidence + 2.0
 
 
+def test_another_trajectory_keeps_the_jacobian_and_has_its_own_residual() -> None:
+    record = simulated(effects('coulomb_friction:joint_1:level_n_m=0.4'), 22.0)
+    data, base = Data.of([record], SLOWEST, REFERENCE.sample_time), BaseModel(REFERENCE)
+    first = Likelihood(base, data.windows, data.noise)
+    deviations = 0.5 * np.array([part.tolerance for part in first.parts])
+    friction = effects('coulomb_friction:joint_1:level_n_m=0.3')
+    fresh = Likelihood(base, data.windows, data.noise, friction, deviations)
+    jacobian, _ = first.part_jacobian, first.centre_shift
+    moved = first.along_trajectory_of(friction, deviations)
+    assert moved.part_jacobian is jacobian
+    np.testing.assert_array_equal(moved.whitened_residual(friction, deviations),
+                                  fresh.whitened_residual(friction, deviations))
+    np.testing.assert_allclose(moved.centre_shift, np.tensordot(deviations, jacobian, 1))
+
+
 def test_what_fits_elements_with_parts_as_far_off_as_told_gains_nothing_by_another_fit() -> None:
     # Of another form, so that the parts' columns, and Occam's factor, change where they are found.
     truth = make_record(TruthCase(7304, duration_s=22.0, spread=TOLD))

@@ -89,8 +89,7 @@ class Likelihood:
         return [Predictor(self.base, windows, noise, True, (*effects, *sensors), robot)
                 for windows, noise in records]
 
-    def whitened_residual(self, effects: Sequence[Effect], deviations: Array,
-                          reuse_gain: bool = False) -> Array:
+    def whitened_residual(self, effects: Sequence[Effect], deviations: Array) -> Array:
         """
         Return the exact whitened residual e of all windows, (B, m, N).
 
@@ -100,16 +99,14 @@ class Likelihood:
             In addition to the base's, in place of the centre's.
         deviations : Array
             Of the parts, (p,).
-        reuse_gain : bool
-            Whether the centre's gain is used where possible, see `Predictor.whitened_residual`.
 
         """
         robot, sensors = with_deviations(self.base.robot, self.parts, deviations)
-        return self._whitened_residual((*effects, *sensors), robot, reuse_gain)
+        return self._whitened_residual((*effects, *sensors), robot)
 
-    def _whitened_residual(self, effects: Sequence[Effect], robot: Robot, reuse_gain: bool
-                           ) -> Array:
-        """Return the exact whitened residual of a robot, its sensors' effects included."""
+    def _whitened_residual(self, effects: Sequence[Effect], robot: Robot,
+                           reuse_gain: bool = False) -> Array:
+        """Return e of a robot, its sensors' effects included; see `Predictor` on the gain."""
         found = [_by_channel(p.whitened_residual(effects, robot, reuse_gain,
                                                  self.shared_covariance))
                  for p in self.predictors]
@@ -145,7 +142,8 @@ class Likelihood:
                 deviations = self.centre_deviations.copy()
                 deviations[k] += step
                 seen = sensors_with_deviations(self.parts, deviations)
-            there = self._whitened_residual((*self.centre_effects, *seen), moved, True)[0]
+            there = self._whitened_residual(
+                (*self.centre_effects, *seen), moved, reuse_gain=True)[0]
             return np.asarray((there - here) / step)
 
         return np.array(all_of(derivative, range(len(self.parts)), self.jobs))
