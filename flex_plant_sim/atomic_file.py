@@ -16,6 +16,7 @@ import shutil
 import stat
 from tempfile import TemporaryDirectory
 
+from flex_plant_sim.quiet_signals import held_back
 from msg_config.errors import InputError
 
 AUTHOR = 'flex_payload'
@@ -61,12 +62,24 @@ def whole_file(path: str | Path, folder: bool = False, known: bool = False) -> I
         with TemporaryDirectory(prefix='.', suffix=f'.{target.name[-60:]}',
                                 dir=target.parent) as beside:
             yield Path(beside) / target.name
-            if target.is_dir():
-                os.replace(target, Path(beside) / '.replaced')
-            os.replace(Path(beside) / target.name, target)
-            shutil.rmtree(Path(beside) / '.replaced', ignore_errors=True)
+            with held_back():
+                _replace(target, Path(beside) / target.name)
     except OSError as error:
         raise InputError(f'{path}: expected a writable place, got: {_reason(error)}') from None
+
+
+def _replace(target: Path, new: Path) -> None:
+    """Rename to the target; an earlier folder there comes back if that fails."""
+    earlier = new.with_name('.replaced')
+    if target.is_dir():
+        os.replace(target, earlier)
+    try:
+        os.replace(new, target)
+    except BaseException:
+        if earlier.exists():
+            os.replace(earlier, target)
+        raise
+    shutil.rmtree(earlier, ignore_errors=True)
 
 
 def _reason(error: OSError) -> str:

@@ -119,6 +119,12 @@ def test_a_log_that_is_found_twice_counts_once(tmp_path: Path) -> None:
     assert found == [(tmp_path, tmp_path / 'a' / '1.csv'), (tmp_path, tmp_path / 'b' / '2.CSV')]
 
 
+def test_a_bag_is_no_folder_of_logs(tmp_path: Path) -> None:
+    (tmp_path / 'metadata.yaml').touch()
+    with pytest.raises(InputError, match='expected a folder of logs, got one bag'):
+        logs_below([str(tmp_path)], tmp_path / 'out')
+
+
 def test_a_log_keeps_its_page_when_others_join(tmp_path: Path) -> None:
     out = tmp_path / 'out'
     options = fleet_options().parse_args([str(tmp_path / 'night'), '--out', str(out)])

@@ -76,3 +76,30 @@ def test_the_plant_begins_when_it_becomes_active(loop: RosLoop) -> None:
     assert change(loop, 'plant_sim', 'configure')
     assert change(loop, 'plant_sim', 'activate')
     loop.until(lambda: 0 in joints.stamps)
+
+
+@pytest.mark.parametrize('mode', ['lockstep', 'realtime'])
+def test_the_plant_s_services_move_nothing_before_and_after_it_is_active(
+        loop: RosLoop, mode: str) -> None:
+    from flex_plant_sim.nodes.plant_sim_node import PlantSim
+
+    joints = loop.record('joint_states')
+    node = loop.start(PlantSim, autostart=False, modes=2, mode=mode)
+
+    def use_services() -> None:
+        assert loop.call('plant_sim', 'pause', data=True).success
+        step = loop.call('plant_sim', 'step')
+        assert not step.success and step.message == 'expected an active node: activate it first'
+        assert loop.call('plant_sim', 'pause', data=False).success
+        assert loop.call('plant_sim', 'reset').success
+
+    use_services()
+    assert not joints
+    assert change(loop, 'plant_sim', 'configure') and change(loop, 'plant_sim', 'activate')
+    loop.until(lambda: bool(joints))
+    assert change(loop, 'plant_sim', 'deactivate')
+    loop.wait(0.1)
+    count = len(joints)
+    use_services()
+    loop.wait(0.1)
+    assert len(joints) == count and node.simulator.samples == 0

@@ -204,3 +204,23 @@ def test_a_file_without_the_mark_is_never_replaced(tmp_path: Path) -> None:
             whole_file(tmp_path / 'a') as new:
         new.write_text(MARK)
     assert (tmp_path / 'a').read_text() == 'mine'
+
+
+def test_an_earlier_folder_comes_back_where_the_new_one_cannot_take_its_place(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails_onto(source: Path, target: Path) -> None:
+        if Path(source).name == 'run' and Path(target) == tmp_path / 'run' and (
+                Path(source) / 'new').exists():
+            raise KeyboardInterrupt
+        rename(source, target)
+
+    with whole_file(tmp_path / 'run', folder=True) as first:
+        first.mkdir()
+        (first / 'summary.json').write_text(MARK)
+    rename = os.replace
+    monkeypatch.setattr(os, 'replace', fails_onto)
+    with pytest.raises(KeyboardInterrupt), whole_file(tmp_path / 'run', folder=True) as second:
+        second.mkdir()
+        (second / 'new').touch()
+    assert [path.name for path in tmp_path.iterdir()] == ['run']
+    assert (tmp_path / 'run' / 'summary.json').read_text() == MARK

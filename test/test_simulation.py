@@ -7,7 +7,7 @@ from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.schedule import barycentric_weights, chebyshev_nodes
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.arm.state_space import state_space, zero_order_hold
-from flex_plant_sim.effects import build, catalogue
+from flex_plant_sim.effects import build, catalogue, sites
 from flex_plant_sim.simulation.extended_arm import ExtendedArm, MODELS
 from flex_plant_sim.simulation.payload_profile import PayloadProfile
 from flex_plant_sim.simulation.plant_setup import simulator_of
@@ -285,3 +285,37 @@ def test_the_plant_carries_and_measures_as_the_robot_file_says_unless_told() -> 
     silent = simulator_of({**values, 'angle_noise': 0.0, 'strain_noise': 0.0, 'payload': 0.0})
     assert not simulate(silent, np.zeros((3, 2)))[0].any()
     assert silent.mass(0.0) == 0.0
+
+
+def carried(schedule: list[float], effect: str) -> Simulator:
+    """Return the plant's simulator with a payload of 0.1 kg, a schedule and an effect."""
+    return simulator_of(check_parameters('plant_sim', {
+        'payload': 0.1, 'payload_schedule': schedule, 'effects': [effect]}))
+
+
+def test_a_payload_that_was_told_wrong_is_carried_along_the_schedule() -> None:
+    heavier = carried([1.0, 0.2, 2.0, 0.0], 'payload_mass:arm:deviation_kg=0.05')
+    np.testing.assert_allclose([heavier.mass(t) for t in (0.0, 1.0, 3.0)], [0.15, 0.25, 0.05])
+    lighter = carried([1.0, 0.5], 'payload_mass:arm:deviation_kg=-0.2')
+    np.testing.assert_allclose([lighter.mass(t) for t in (0.0, 2.0)], [0.0, 0.3])
+
+
+def test_every_effect_of_the_catalogue_acts_in_the_plant() -> None:
+    t = 0.01 * np.arange(220)
+    commands = np.column_stack([1.5 * np.sign(np.sin(2.5 * t)), -1.2 * np.sign(np.sin(3.1 * t))])
+
+    def outputs(*effects: str) -> Array:
+        return simulate(simulator_of(check_parameters('plant_sim', {
+            'angle_noise': 0.0, 'strain_noise': 0.0, 'modes': 2, 'effects': effects})),
+            commands)[0]
+
+    without, silent = outputs(), []
+    for name, effect in catalogue().items():
+        # A change of the payload comes as soon as it may.
+        values = ','.join(f'{p.name}={p.starts[0 if p.name == effect.event_time else -1]:g}'
+                          for p in effect.parameters if not p.optional)
+        with_it = outputs(f'{name}:{sites(effect, ROBOT)[0]}:{values}')
+        if np.max(np.ptp(with_it - without, axis=0) / np.ptp(without, axis=0)) < 1e-4:
+            silent.append(name)
+    # The plant has the Coriolis forces without being told, and a bias moves nothing.
+    assert silent == ['coriolis_centripetal', 'angle_offset', 'strain_bias']

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import math
 
 from flex_payload_estimator.control.safeguards import BelievedPayload
+from flex_payload_estimator.estimators.base import largest_payload
 from flex_payload_estimator.kalman.predictor import KalmanPredictor
 from flex_payload_estimator.kalman.riccati import riccati_step, settled
 from flex_payload_estimator.model.delta import DeltaOperator, series
@@ -39,7 +40,8 @@ class LQGSettings:
     mass_0 : float
         Payload of the design until an estimate comes, kg.
     mass_max : float
-        Estimates are taken inside [0, mass_max], kg, no faster than a gripper closes.
+        Estimates are taken inside [0, mass_max], kg, no faster than a gripper closes; None for
+        what `largest_payload` says.
     q_2 : float
         Q_2 = q_2 I.
     r_1, r_2 : float
@@ -58,7 +60,7 @@ class LQGSettings:
 
     adapt: bool = True
     mass_0: float = 0.0
-    mass_max: float = 2.0
+    mass_max: float | None = None
     q_2: float = 0.005
     r_1: float = 1e-4
     r_2: float = 1e-4
@@ -87,6 +89,8 @@ class LQGController:
 
     Attributes
     ----------
+    mass_max : float
+        Largest payload that an estimate is taken for, kg.
     doubted : int
         How many of the last measurements in a row were too far from their prediction to be used.
     leap : Array
@@ -101,7 +105,8 @@ class LQGController:
         self.model = payload_model(robot, model, modes)
         self._drive_limits = np.array([drive.command_limit for drive in robot.drives])
         self.limit_commands(settings.command_limit)
-        self._believed = BelievedPayload(settings.mass_0, settings.mass_max)
+        self.mass_max = largest_payload(robot, settings.mass_max)
+        self._believed = BelievedPayload(settings.mass_0, self.mass_max)
         n, extra = self.model.states, 2 * settings.integrator
         angles, end = self.model.output[:2], self.model.end_point[None]
         self.q_1 = angles.T @ angles + end.T @ end

@@ -25,7 +25,7 @@ class Estimate(NamedTuple):
     innovation, innovation_std : Array
         y - C x and its standard deviation per channel, rad and m/m, (m,).
     status : str
-        'ok', 'not_excited', 'model_suspect' or 'input_rejected'.
+        'ok', 'not_excited', 'model_suspect' or 'input_rejected'; the node adds 'restarted'.
 
     """
 

@@ -39,6 +39,9 @@ def logs_below(folders: Sequence[str], apart_from: Path) -> list[tuple[Path, Pat
         folder = Path(name)
         if not folder.is_dir():
             raise InputError(f'{name}: expected a folder of logs')
+        if (folder / BAG).is_file():
+            raise InputError(f'{name}: expected a folder of logs, got one bag; name the folder '
+                             'that it is in')
         for log in _logs(folder, apart_from.resolve()):
             found.setdefault(log.resolve(), (folder, log))
     if not found:

@@ -178,7 +178,7 @@ class LQGControllerNode(SampleNode):
 
     def _note_range(self, mass: float) -> None:
         """Say once that a payload is beyond what is believed, and in diagnostics while it is."""
-        largest = self.controller.settings.mass_max
+        largest = self.controller.mass_max
         believable = -CLIPPED * largest <= mass <= (1.0 + CLIPPED) * largest
         wild = self.values['adapt'] and not believable
         text = (f'payload/inertia: inertia.m: expected 0 to {largest:.4g} kg (payload_max), '

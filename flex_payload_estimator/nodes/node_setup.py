@@ -7,7 +7,7 @@ from typing import Any
 
 from flex_payload_estimator.control.lqg import LQGController, LQGSettings
 from flex_payload_estimator.control.set_points import SetPoints, square
-from flex_payload_estimator.estimators.base import largest_payload, PayloadEstimator
+from flex_payload_estimator.estimators.base import PayloadEstimator
 from flex_payload_estimator.estimators.factory import make_estimator
 from flex_payload_estimator.estimators.sf1.settings import SF1Settings
 from flex_plant_sim.arm.robot import Robot
@@ -29,7 +29,7 @@ def estimator_of(values: Mapping[str, Any]) -> PayloadEstimator:
     name = values['estimator']
     changes = _sf1_changes(values) if name.startswith('sf1') else {}
     if values['payload_max']:
-        changes['mass_max' if changes else 'payload_max'] = values['payload_max']
+        changes['payload_max'] = values['payload_max']
     return make_estimator(name, robot_of(values), values['model'], values['modes'], **changes)
 
 
@@ -57,7 +57,7 @@ def controller_of(values: Mapping[str, Any]) -> LQGController:
     robot = robot_of(values)
     settings = LQGSettings(
         adapt=values['adapt'], mass_0=values['payload_initial'],
-        mass_max=largest_payload(robot, values['payload_max']), q_2=values['q_2'],
+        mass_max=values['payload_max'] or None, q_2=values['q_2'],
         r_1=values['r_1'], r_2=values['r_2'], terms=values['n_prime'],
         integrator=values['integrator'], command_limit=values['command_limit'])
     return LQGController(_as_built(robot), values['model'], values['modes'], settings)

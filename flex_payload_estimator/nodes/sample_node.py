@@ -16,7 +16,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from flex_payload_estimator.nodes.backlog import Backlog
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.inputs.gate import Gate
+from flex_plant_sim.inputs.gate import Gate, refuse_command
 from flex_plant_sim.inputs.plausible import unit_hint
 from flex_plant_sim.inputs.stamps import LEAP, LOST, Order, StampOrder
 from flex_plant_sim.inputs.synchroniser import slop_of, Synchroniser
@@ -263,8 +263,8 @@ class SampleNode(ContractNode):
         if self.gate.takes(command):
             self._last_applied = command
             return command
-        self.reject('joint_states', 'joint_states: effort: expected at most '
-                    f'{self.gate.limits.command.max():.4g}, got {command.tolist()}',
+        refusal = refuse_command(command, self.gate.limits.command)
+        self.reject('joint_states', f'joint_states: effort: {refusal.text}',
                     'effort out of range')
         return self._last_applied if self.commanded is None else self.commanded
 

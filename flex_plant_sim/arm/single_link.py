@@ -144,10 +144,9 @@ class SingleLink:
         return (beta * loads.base_acceleration
                 + (torque - self.tip * loads.tip_force) / self.beam.modal_mass)
 
-    def derivative(self, state: Array, command: float = 0.0,
-                   loads: ExternalLoads = NO_LOADS) -> Array:
-        """Return the state's rate of change, (2 + 2n,)."""
-        return np.concatenate([state[self.modes + 1:], self.acceleration(state, command, loads)])
+    def derivative(self, state: Array) -> Array:
+        """Return the state's rate of change without command and loads, (2 + 2n,)."""
+        return np.concatenate([state[self.modes + 1:], self.acceleration(state, 0.0, NO_LOADS)])
 
     def energy(self, state: Array) -> float:
         """

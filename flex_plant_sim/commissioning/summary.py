@@ -34,10 +34,9 @@ class ClosedLoopMode:
     damping: float
 
 
-def locked_modes(robot: Robot, modes: int, payload: float, cosine: float = STRAIGHT
-                 ) -> tuple[Array, Array]:
+def locked_modes(robot: Robot, modes: int, payload: float) -> tuple[Array, Array]:
     """
-    Return natural frequencies (Hz, ascending) and mode shapes with both joints held.
+    Return natural frequencies (Hz, ascending) and mode shapes, both joints held, arm straight.
 
     Parameters
     ----------
@@ -47,8 +46,6 @@ def locked_modes(robot: Robot, modes: int, payload: float, cosine: float = STRAI
         Modes per link.
     payload : float
         kg.
-    cosine : float
-        Cosine of the elbow angle.
 
     Returns
     -------
@@ -58,7 +55,7 @@ def locked_modes(robot: Robot, modes: int, payload: float, cosine: float = STRAI
 
     """
     form = assumed_modes(robot, modes)
-    mass, stiffness = form.mass_at(cosine, payload), form.stiffness_at(cosine)
+    mass, stiffness = form.mass_at(STRAIGHT, payload), form.stiffness_at(STRAIGHT)
     values, vectors = eigh(stiffness[2:, 2:], mass[2:, 2:])
     return np.sqrt(np.maximum(values, 0.0)) / (2.0 * np.pi), vectors
 

@@ -100,6 +100,16 @@ class Refusal:
     text: str
 
 
+def refuse_command(command: Array, largest: Array) -> Refusal:
+    """Return why a command (2,) that is not finite, or larger than (2,), is refused."""
+    k = int(np.argmax(~(np.abs(command) <= largest) | ~np.isfinite(command)))
+    if not math.isfinite(command[k]):
+        return Refusal(NOT_FINITE, f'command of {JOINTS[k]}: expected a finite number, '
+                                   f'got {command[k]}')
+    return Refusal(RANGE, f'command of {JOINTS[k]}: expected at most '
+                          f'{largest[k]:.4g}, got {command[k]:.6g}')
+
+
 class Gate:
     """
     Passes samples that the arm can have produced, and counts the others by kind.
@@ -164,7 +174,7 @@ class Gate:
         values = output.tolist()
         inside = all(map(le, self._low, values)) and all(map(le, values, self._high))
         refusal = (None if inside else self._refuse_output(output)) \
-            or (None if self.takes(command) else self._refuse_command(command)) \
+            or (None if self.takes(command) else refuse_command(command, self.limits.command)) \
             or self._judge_speed(time, values[:2])
         if refusal is not None:
             self.refused[refusal.kind] += 1
@@ -185,14 +195,6 @@ class Gate:
         unit = 'rad' if k < 2 else 'm/m'
         return Refusal(RANGE, f'{self._names[k]}: expected {self.limits.low[k]:.4g} to '
                               f'{self.limits.high[k]:.4g} {unit}, got {output[k]:.6g}')
-
-    def _refuse_command(self, command: Array) -> Refusal:
-        k = int(np.argmax(~(np.abs(command) <= self.limits.command) | ~np.isfinite(command)))
-        if not math.isfinite(command[k]):
-            return Refusal(NOT_FINITE, f'command of {JOINTS[k]}: expected a finite number, '
-                                       f'got {command[k]}')
-        return Refusal(RANGE, f'command of {JOINTS[k]}: expected at most '
-                              f'{self.limits.command[k]:.4g}, got {command[k]:.6g}')
 
     def _judge_speed(self, time: float, angle: list[float]) -> Refusal | None:
         # After a turn, time alone must not make the same angle slow enough.

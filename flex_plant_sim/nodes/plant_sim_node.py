@@ -10,7 +10,7 @@ import math
 import time
 from typing import Any
 
-from flex_plant_sim.inputs.gate import Limits
+from flex_plant_sim.inputs.gate import Limits, refuse_command
 from flex_plant_sim.nodes.arm_markers import arm_markers
 from flex_plant_sim.simulation.arm_shape import ArmShape
 from flex_plant_sim.simulation.nominal import has_coriolis, model_words
@@ -73,23 +73,24 @@ class PlantSim(ContractNode):
             MessageWriter(joint_state(0, self._joints.names, zeros, zeros, zeros), *NUMBER_FIELDS),
             MessageWriter(joint_state(0, self._gauges.names, np.zeros(len(gauges))),
                           *NUMBER_FIELDS))
+        self._paused = False
+        self._at_rest()
         # In real time nothing needs the command before the tick, which then takes it.
         self.subscribe('command', self._on_command, polled=not self._lockstep)
         self.offer('~/reset', self._on_reset)
         self.offer('~/pause', self._on_pause)
         self.offer('~/step', self._on_step)
-        self._paused = False
-        self.held: RecentCounts[str] = RecentCounts()
         if self._lockstep:
             self.every(RESEND_INTERVAL, self._resend)
         else:
             self.every(self.simulator.arm.robot.sample_time, self._tick)
-        self.every(DIAGNOSTICS_INTERVAL, self._report)
+        self.every(DIAGNOSTICS_INTERVAL, self._report, always=True)
         self.bring_up()
 
     def begin(self) -> None:
         """Start the simulation when the node becomes active."""
-        self._start()
+        self._at_rest()
+        self._sample()
 
     def build(self, values: dict[str, Any]) -> Any:
         """Return the simulator that the parameters describe, and the shape of its arm."""
@@ -103,18 +104,17 @@ class PlantSim(ContractNode):
         self.get_logger().info('simulates ' + model_words(
             arm.robot.name, arm.model_name, arm.modes, has_coriolis(arm.effects)))
 
-    def _start(self) -> None:
-        """Start at rest: at time zero in lock-step, at the present time in real time."""
+    def _at_rest(self) -> None:
+        """Set the arm at rest: at time zero in lock-step, at the present time in real time."""
         self.simulator.reset()
-        self._epoch = 0 if self._lockstep else time.time_ns()
+        self._epoch = self._stamp = 0 if self._lockstep else time.time_ns()
         self._sent, self._permits = np.zeros(2), 0
         self._latest, self._latest_stamp = np.zeros(2), -1
         self._answered = self._diverged = False
         self._quiet = True
         self._origin, self._resend_at, self._late, self._worst = self.wall_time(), 0.0, 0, 0.0
-        self.held = RecentCounts()
+        self.held: RecentCounts[str] = RecentCounts()
         self._next_marker = 0.0
-        self._sample()
 
     def _sample(self) -> None:
         """Measure and publish."""
@@ -159,8 +159,8 @@ class PlantSim(ContractNode):
         command = self._efforts.pick(message.name, message.effort, 'command: effort')
         check_finite(command, JOINTS, 'command: effort')
         if any(abs(own) > most for own, most in zip(command.tolist(), self._largest)):
-            raise InputError(f'command: effort: expected at most {min(self._largest):.4g}, '
-                             f'got {command.tolist()}')
+            raise InputError('command: effort: '
+                             f'{refuse_command(command, np.array(self._largest)).text}')
         if stamp > self._stamp:
             raise InputError(f'command: header.stamp: expected at most {seconds(self._stamp):.12g}'
                              f' s, got {seconds(stamp):.12g} s')
@@ -175,7 +175,7 @@ class PlantSim(ContractNode):
             self._advance_if_allowed()
 
     def _advance_if_allowed(self) -> None:
-        if not self._answered or self._paused and not self._permits:
+        if not (self.active and self._answered) or self._paused and not self._permits:
             return
         self._permits = max(0, self._permits - 1)
         self._advance(self._latest)
@@ -222,7 +222,9 @@ class PlantSim(ContractNode):
     def _on_reset(self, _: Any, response: Any) -> Any:
         self._paused = self._paused and not self._diverged
         self.begin_again()
-        self._start()
+        self._at_rest()
+        if self.active:
+            self._sample()
         response.success, response.message = True, 'at rest at 0 s'
         return response
 
@@ -237,8 +239,10 @@ class PlantSim(ContractNode):
         return response
 
     def _on_step(self, _: Any, response: Any) -> Any:
-        response.success = self._paused and not self._diverged
-        if self._diverged:
+        response.success = self.active and self._paused and not self._diverged
+        if not self.active:
+            response.message = 'expected an active node: activate it first'
+        elif self._diverged:
             response.message = f'the arm diverged at {self._now}: call ~/reset first'
         elif not self._paused:
             response.message = 'expected a paused simulation: call ~/pause with true first'
@@ -275,7 +279,9 @@ class PlantSim(ContractNode):
         waiting = self.wall_time() - self._resend_at > DIAGNOSTICS_INTERVAL
         held = self.held.recent(self.wall_time()).total()
         level, text = 'ok', 'paused' if self._paused else 'ok'
-        if self._diverged:
+        if not self.active:
+            text = 'the node is inactive'
+        elif self._diverged:
             level, text = 'error', f'the arm diverged at {self._now}'
         elif not self._paused and (waiting if self._lockstep else quiet):
             level, text = 'warn', f'no command for the sample at {self._now}'

@@ -50,7 +50,17 @@ def simulator_of(values: Mapping[str, Any]) -> Simulator:
                       step=robot.sample_time / values['substeps'])
     noise = Noise(_parameter(values, 'angle_noise', robot.angle_noise),
                   _parameter(values, 'strain_noise', robot.strain_noise), values['process_noise'])
-    return Simulator(arm, profile_of(payload, values['payload_schedule']), noise, values['seed'])
+    told = profile_of(payload, values['payload_schedule'])
+    carried = PayloadProfile(told.times, tuple(_carried(mass, arm) for mass in told.masses))
+    return Simulator(arm, carried, noise, values['seed'])
+
+
+def _carried(told: float, arm: ExtendedArm) -> float:
+    """Return the payload that an arm carries where it is told another one, kg."""
+    robot = replace(arm.robot, payload_mass=told)
+    for effect in arm.effects:
+        robot = effect.on_robot(robot)
+    return robot.payload_mass
 
 
 def _parameter(values: Mapping[str, Any], name: str, own: float) -> float:

@@ -19,7 +19,6 @@ from flex_payload_estimator.estimators.rpe.start import StartBank
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.effects import effects_of
-from flex_plant_sim.effects.base import Effect
 from msg_config.errors import InputError
 import numpy as np
 
@@ -48,9 +47,7 @@ class RecursivePredictionError:
     model : str
         'assumed_modes', 'paper' or 'paper_reduced'.
     modes : int
-        ModeCompetition a link.
-    effects : sequence of Effect or None
-        None takes the robot file's.
+        Modes a link.
     settings : RpeSettings or None
         None takes the defaults.
 
@@ -66,11 +63,9 @@ class RecursivePredictionError:
     """
 
     def __init__(self, robot: Robot, model: str = 'assumed_modes', modes: int = 3,
-                 effects: Sequence[Effect] | None = None,
                  settings: RpeSettings | None = None):
         self.settings = settings or RpeSettings()
-        chosen = effects_of(robot) if effects is None else tuple(effects)
-        self.stepper = stepper_of(robot, model, modes, chosen, self.settings)
+        self.stepper = stepper_of(robot, model, modes, effects_of(robot), self.settings)
         self.arm = self.stepper.effects.arm
         self._competition, self._start = ModeCompetition(self.stepper), StartBank(self.stepper)
         self._outliers = OutlierTests(self.stepper)

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import math
 from typing import Any
 
-from flex_payload_estimator.estimators.base import Estimate, Event
+from flex_payload_estimator.estimators.base import Estimate, Event, largest_payload
 from flex_payload_estimator.estimators.sf1.composite import CompositeMeasurement
 from flex_payload_estimator.estimators.sf1.joint import at_start, moved, Track
 from flex_payload_estimator.estimators.sf1.regression import (
@@ -113,7 +113,8 @@ class SF1Estimator:
             np.ascontiguousarray(self.model.output),
             np.pad(self.model.output, ((0, 0), (0, 1))), self._sensors, self.model.scale,
             float(weights**2 @ self._sensors), given.r_2 / share * float(weights @ weights),
-            self._settled_noise(), given.sf1.alpha_0 * share, given.sf1.alpha_1, given.mass_max,
+            self._settled_noise(), given.sf1.alpha_0 * share, given.sf1.alpha_1,
+            largest_payload(self.robot, given.payload_max),
             min(1.0, pace / MEMORY), min(1.0, self.step / MEMORY), self._resolvent))
 
     def _settled_noise(self) -> float:

@@ -68,8 +68,8 @@ class SF1EstimatorSettings:
         n' of (19).
     exact : bool
         Halve the step of (19) where n' terms do not reach full accuracy.
-    mass_max : float
-        The estimate stays in [0, mass_max], kg.
+    payload_max : float or None
+        The estimate stays in [0, payload_max], kg; None for what `largest_payload` says.
     sf1 : SF1Settings
 
     """
@@ -79,7 +79,7 @@ class SF1EstimatorSettings:
     r_2: float = 1e-4
     terms: int = 15
     exact: bool = True
-    mass_max: float = 2.0
+    payload_max: float | None = None
     sf1: SF1Settings = field(default_factory=SF1Settings)
 
     def __post_init__(self) -> None:

@@ -23,6 +23,8 @@ REST_SPEED_SHARE = 0.1
 TORQUE_MODEL_ERROR, GAUGE_MODEL_ERROR = 0.01, 0.05
 # Characters of a gauge's name that name its link.
 LINK_PREFIX = len('strain_1')
+# Unit of a command: rad/s, A or V, as its drive takes it.
+COMMAND_UNIT = "drive's own unit"
 # Share of the record in which a joint has to move for a law to be fitted.
 MIN_MOVING_SHARE = 0.1
 
@@ -31,12 +33,11 @@ def torque_series(found: Sequence[LatentForces], robot: Robot) -> tuple[LatentSe
     """Return the latent torque of each joint that moves, all records in sequence."""
     series = []
     for j in range(2):
-        unit = 'rad/s' if robot.drives[j].closed_loop else 'A'
         speed = _joined([f.speed[:, j] for f in found])
         scored = _scored(found) & (np.abs(speed) > REST_SPEED_SHARE * np.sqrt(np.mean(speed**2)))
         variables = {
             'speed': ('rad/s', speed), 'angle': ('rad', _joined([f.angle[:, j] for f in found])),
-            'command': (unit, _joined([f.command[:, j] for f in found])),
+            'command': (COMMAND_UNIT, _joined([f.command[:, j] for f in found])),
             'time': ('s', _joined([f.time for f in found]))}
         if robot.links[j].gauge_positions:
             variables['load'] = ('N m', _joined([f.load[:, j] for f in found]))

@@ -88,7 +88,7 @@ class Smoothed:
         Posterior mean of states, torques and gauge errors, (N, n + m).
     deviation : Array
         Posterior standard deviation of torques and gauge errors, (N, m).
-    increments : Array
+    increment_power : Array
         Posterior mean square of dtau and dgamma, (N, m).
     log_likelihood : float
         Of the record, nats.

@@ -217,8 +217,7 @@ def one_step(predictor: Predictor) -> Array:
     return (predictor.record.output - predicted)[predictor.windows.warm_up:]
 
 
-def describe(predictors: Sequence[Predictor],
-             horizons: Sequence[float] = HORIZONS) -> tuple[ChannelResidual, ...]:
+def describe(predictors: Sequence[Predictor]) -> tuple[ChannelResidual, ...]:
     """
     Return the symptoms in every channel over all records.
 
@@ -226,8 +225,6 @@ def describe(predictors: Sequence[Predictor],
     ----------
     predictors : sequence of Predictor
         One for each record, of the model to judge.
-    horizons : sequence of float
-        Horizons of free runs, s; those longer than the records are left out.
 
     """
     first = predictors[0]
@@ -239,7 +236,7 @@ def describe(predictors: Sequence[Predictor],
     rows, final = zip(*(drift(p) for p in predictors))
     later = _over_records(predictors, final, rows)
     in_bands = bands(steps, band_edges(first), step)
-    runs = _free_run_errors(predictors, raw, horizons)
+    runs = _free_run_errors(predictors, raw, HORIZONS)
     noise = np.sqrt(np.mean([p.noise**2 for p in predictors], axis=0))
     return tuple(ChannelResidual(
         name, 'rad' if k < 2 else 'm/m', float(noise[k]),
