@@ -129,3 +129,15 @@ def test_many_samples_of_a_linear_arm_are_one_power_of_its_matrix(steps: int) ->
     assert found[0] == pytest.approx(x, rel=1e-9)
     assert found[1] == pytest.approx(cov, rel=1e-9)
     assert found[2][:, 0] == pytest.approx(sens, rel=1e-9)
+
+
+def test_jitter_of_the_stamps_makes_no_step_more() -> None:
+    # Two stamps may be 1.7 or 0.3 intervals apart.
+    found = []
+    for jitter in (0.0, 0.35):
+        estimator, random = estimator_of(FAST), np.random.default_rng(6)
+        for time, output, command in samples(0.5):
+            late = jitter * FAST.sample_time * random.uniform(-1.0, 1.0)
+            found.append(estimator.update(time + late, output, command).mass)
+            estimator.conclude()
+    np.testing.assert_allclose(found[500:], found[:500], rtol=0.0, atol=1e-9)

@@ -188,7 +188,8 @@ def correct_packed(packed: Array, reference: Array, fixed: bool, loads: Array, m
     if np.isnan(log_det):
         return 0.0, 0.0, np.nan, 0.0
     log_density, stated, noise_drop_gain = update_statistics(
-        statistics, innovation, innovations[0], variances, scores, log_det, told, GATE, step)
+        statistics, innovation, innovations[0], variances, scores, log_det, told,
+        least_scale, GATE, step)
     update_score(statistics[SCORE], change, before, beta_cov[MASS, MASS], step)
     put(innovations[0], innovation)
     put(innovations[1], np.sqrt(variances))

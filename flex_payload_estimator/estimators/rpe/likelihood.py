@@ -66,8 +66,8 @@ def false_alarm_threshold(step: float) -> float:
 
 @compiled
 def update_statistics(statistics: Array, innovation: Array, before: Array, variances: Array,
-                      scores: Array, log_det: float, told: Array, gate: float, step: float
-                      ) -> tuple[float, float, float]:
+                      scores: Array, log_det: float, told: Array, least: float, gate: float,
+                      step: float) -> tuple[float, float, float]:
     """
     Update the statistics by an innovation, and return the sample's log-likelihoods.
 
@@ -75,7 +75,7 @@ def update_statistics(statistics: Array, innovation: Array, before: Array, varia
     ----------
     statistics : Array
         See initial_statistics; changed.
-    innovation, before, variances, told : Array
+    innovation, before, variances, told, least : Array and float
         See `_read_noise`, of all channels, (m,).
     scores, log_det, gate, step : Array, float, float, float
         L^-1 e with L L' = Sigma, (m,); ln |Sigma|; see measurement_update.correct; T, s.
@@ -107,15 +107,15 @@ def update_statistics(statistics: Array, innovation: Array, before: Array, varia
         drop = statistics[channels + 3 * kind:channels + 3 * kind + 3]
         drop_gain += _update_noise(
             statistics, drop, channels + 6 + kind, first, last, innovation, before, variances,
-            told, statistics[place] - 1.0, memory, false_alarm_threshold(step))
+            told, least, statistics[place] - 1.0, memory, false_alarm_threshold(step))
     statistics[channels + 14] = samples + 1.0
     return drop_gain - 0.5 * minus_twice_log, drop_gain - 0.5 * minus_twice_stated, drop_gain
 
 
 @compiled
 def _update_noise(statistics: Array, drop: Array, place: int, first: int, last: int,
-                  innovation: Array, before: Array, variances: Array, told: Array, excess: float,
-                  memory: float, threshold: float) -> float:
+                  innovation: Array, before: Array, variances: Array, told: Array, least: float,
+                  excess: float, memory: float, threshold: float) -> float:
     """
     Update the noise's scale of one kind of channels; return what a drop of it gains, nats.
 
@@ -129,7 +129,7 @@ def _update_noise(statistics: Array, drop: Array, place: int, first: int, last: 
         All statistics, and those of a drop of this kind's noise, (3,); changed.
     place, first, last : int
         Where the number of readings is among the statistics; the kind's channels.
-    innovation, before, variances, told, excess
+    innovation, before, variances, told, least, excess
         See `_read_noise`; of all channels, (m,).
     memory, threshold : float
         Samples; nats.
@@ -137,7 +137,7 @@ def _update_noise(statistics: Array, drop: Array, place: int, first: int, last: 
     """
     scale, known = float(statistics[first]), min(statistics[place], memory * (last - first))
     readings, total, drop_ratio, expected_squares = _read_noise(
-        scale, excess, numbers(innovation[first:last]), numbers(before[first:last]),
+        scale, least, excess, numbers(innovation[first:last]), numbers(before[first:last]),
         numbers(variances[first:last]), numbers(told[first:last])) \
         if statistics[-1] > 0.0 else (0.0, 0.0, 0.0, 0.0)
     # Page's sum begins once the memory is full; until then few readings move the scale anyway.
@@ -158,7 +158,7 @@ def _update_noise(statistics: Array, drop: Array, place: int, first: int, last: 
 
 
 @compiled
-def _read_noise(scale: float, excess: float, innovation: Numbers, before: Numbers,
+def _read_noise(scale: float, least: float, excess: float, innovation: Numbers, before: Numbers,
                 variances: Numbers, told: Numbers) -> tuple[float, float, float, float]:
     """
     Return number and sum of a sample's readings of the noise of one kind of channels.
@@ -170,8 +170,9 @@ def _read_noise(scale: float, excess: float, innovation: Numbers, before: Number
 
     Parameters
     ----------
-    scale, excess : float
-        Variance of the noise over that of the robot file; reduced chi-square, less 1.
+    scale, least, excess : float
+        Variance of the noise over that of the robot file, and the least that the filter takes for
+        it; reduced chi-square, less 1.
     innovation, before : Array
         e of this sample and of the last, rad and m/m.
     variances, told : Array
@@ -179,8 +180,9 @@ def _read_noise(scale: float, excess: float, innovation: Numbers, before: Number
 
     """
     readings = total = drop_ratio = expected_squares = 0.0
+    taken = max(scale, least)
     for i in range(len(innovation)):
-        noise = scale * told[i]
+        noise = taken * told[i]
         change = innovation[i] - before[i]
         change *= 0.5 * change
         # A channel whose innovation is mostly noise counts as one reading, any other as less.
@@ -194,7 +196,7 @@ def _read_noise(scale: float, excess: float, innovation: Numbers, before: Number
         ratio = variances[i] / (variances[i] - (1.0 - 1.0 / NOISE_RATIO) * noise)
         drop_ratio += 0.5 * (math.log(ratio) - (ratio - 1.0) * square / variances[i])
         # Expected square of the noise given this innovation, as in the EM algorithm.
-        expected_squares += weight * square / told[i] + scale * (1.0 - noise / variances[i])
+        expected_squares += weight * square / told[i] + taken * (1.0 - noise / variances[i])
         if excess > 0.0:
             # What exceeds everything that is expected counts as noise too.
             weight = min(excess, 1.0)

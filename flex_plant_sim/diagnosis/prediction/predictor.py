@@ -18,6 +18,7 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.discrepancy import Discrepancy
 from flex_plant_sim.diagnosis.prediction.filter_run import FilterRun, predictor_matrices
+from flex_plant_sim.diagnosis.prediction.first_state import first_state
 from flex_plant_sim.diagnosis.prediction.noise import (
     process_noise_variance,
     REFERENCE_STEP,
@@ -25,7 +26,7 @@ from flex_plant_sim.diagnosis.prediction.noise import (
     steady_filter,
     SteadyFilter,
 )
-from flex_plant_sim.diagnosis.prediction.scheduled_matrices import ScheduledMatrices
+from flex_plant_sim.diagnosis.prediction.scheduled_matrices import interpolated, ScheduledMatrices
 from flex_plant_sim.diagnosis.prediction.sensor_map import SensorMap, shifted
 from flex_plant_sim.diagnosis.prediction.whitening import (
     output_error,
@@ -36,6 +37,9 @@ from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 
+# Share of the warm-up, a slowest period, from which the first state of an arm in motion is read:
+# in an eighth of it angles are cubic in time.
+FIRST_SHARE = 8
 # Times that the trajectory is filtered, each with matrices at the angles that the last one found.
 # With 4 no digit of a diagnosis changes; with 1 a size changes by a twentieth of its interval.
 TRAJECTORY_PASSES = 2
@@ -257,9 +261,10 @@ class Predictor:
         """Return the predicted states of the base over the whole record, (N, n)."""
         rows = np.arange(len(self.record.time))
         run = FilterRun(self, arm, predictor_matrices(self, arm, self.gain, rows), rows, 1)
-        start = np.zeros((1, arm.states))
-        start[0, :2] = self.record.output[0, :2]
-        return run.states(rows[:, None], start)[:, 0, 0]
+        count = -(-self.windows.warm_up // FIRST_SHARE)
+        whitener = interpolated(self.weights[:count], self.steady.whitener)
+        first = first_state(arm, run, self.record.output[:count], self.noise, whitener)
+        return run.states(rows[:, None], first[None])[:, 0, 0]
 
     def weights_of(self, arm: ExtendedArm) -> Array:
         """Return weights over the schedule nodes at the elbow angles an arm has, (N, K)."""
