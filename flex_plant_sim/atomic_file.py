@@ -75,7 +75,7 @@ def _replace(target: Path, new: Path) -> None:
         os.replace(target, earlier)
     try:
         os.replace(new, target)
-    except BaseException:
+    except BaseException:  # noqa: B902  a Ctrl-C too
         if earlier.exists():
             os.replace(earlier, target)
         raise

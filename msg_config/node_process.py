@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 import gc
+from pathlib import Path
 import signal
 import sys
 from types import FrameType
@@ -23,6 +24,7 @@ from rclpy.exceptions import (
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.signals import install_signal_handlers, SignalHandlerOptions
 from rclpy.task import Future
+from rclpy.utilities import remove_ros_args
 
 
 def make_executor(context: Context | None = None) -> Executor:
@@ -59,13 +61,15 @@ def run(make: Callable[[], ContractNode], arguments: Sequence[str] | None = None
 
     """
     avoid_shared_memory()
+    given = list(sys.argv if arguments is None else arguments)
     try:
-        rclpy.init(args=list(sys.argv if arguments is None else arguments),
-                   signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # noqa: B902  rclpy's argument errors share no base class
         return _print_error(error)
     interrupts: list[int] = []
     try:
+        if _asks_for_help(given):
+            return 0
         _spin_one(make, interrupts)
     except InputError as error:
         return _print_error(error)
@@ -79,6 +83,28 @@ def run(make: Callable[[], ContractNode], arguments: Sequence[str] | None = None
         end_at_once()
         rclpy.try_shutdown()
     return 130
+
+
+def _asks_for_help(given: list[str]) -> bool:
+    """
+    Print how a node is called if that is asked for; return whether it is.
+
+    Raises
+    ------
+    InputError
+        There is an argument that is not one of ROS, which would change nothing.
+
+    """
+    name, *others = remove_ros_args(given) or ['node']
+    name = Path(name).name
+    if others and others[0] in ('-h', '--help'):
+        print(f'usage: {name} [--ros-args [-p PARAMETER:=VALUE ...] [-r FROM:=TO ...]]\n'
+              'docs/parameters.md lists the parameters.')
+        return True
+    if others:
+        raise InputError(f'{name}: {others[0]}: expected arguments of ROS alone, as --ros-args '
+                         '-p robot:=FILE')
+    return False
 
 
 def _spin_one(make: Callable[[], ContractNode], interrupts: list[int]) -> None:

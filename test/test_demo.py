@@ -112,6 +112,7 @@ def test_another_run_replaces_the_output_and_spares_what_is_not_a_demo_s(
 
 @pytest.mark.parametrize(('arguments', 'text'), [
     (['--robot', 'nobody'], "expected one of .* got 'nobody'"),
+    (['--duration', '1', '--drop-at', '5'], 'before the end of the run, 1 s, got 5 s'),
     (['--duration', '-1'], "argument --duration: expected a time > 0 s, .* got '-1'"),
     (['--amplitude', '0'], "argument --amplitude: expected an angle > 0 rad, .* got '0'"),
     (['--amplitude', 'wide'], "expected an angle > 0 rad, .* got 'wide'"),
@@ -143,13 +144,13 @@ def test_bad_options_are_one_line_with_code_2_and_nothing_written(
 def test_the_options_reach_all_three_nodes() -> None:
     experiment = demo.Experiment.of(demo.options_of([
         '--robot', 'quanser_2dsfl', '--model', 'assumed_modes', '--modes', '4', '--seed', '7',
-        '--payload', '0.3', '--drop-at', '2', '--duration', '1']))
+        '--payload', '0.3', '--drop-at', '2', '--duration', '3']))
     for values in (experiment.plant, experiment.estimator, experiment.controller):
         assert (values['robot'], values['model'], values['modes']) == (
             'quanser_2dsfl', 'assumed_modes', 4)
     assert experiment.plant['payload_schedule'] == (2.0, 0.3, 2.0, 0.0)
     assert (experiment.plant['payload'], experiment.plant['seed']) == (0.3, 7)
-    assert experiment.samples == 501, "500 Hz is the robot file's"
+    assert experiment.samples == 1501, "500 Hz is the robot file's"
 
 
 def test_the_summary_tells_when_the_estimate_stays_close() -> None:

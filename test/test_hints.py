@@ -9,6 +9,7 @@ from pathlib import Path
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
+from flex_plant_sim.inputs.plausible import channel_hints
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.logs.read import read_log
 from flex_plant_sim.tools.log_input import hints
@@ -187,3 +188,16 @@ def test_comments_may_stand_anywhere_but_are_no_header(tmp_path: Path) -> None:
     path.write_text('\n'.join([f'# {lines[0]}', *lines[1:], '']))
     with pytest.raises(InputError, match=r'names the columns and is no comment \(#\)'):
         read_log(path, ROBOT)
+
+
+def test_gauges_of_two_links_are_told_by_their_shape_not_by_their_size() -> None:
+    # A payload that is heavier than told turns round which link bends more.
+    t = 0.01 * np.arange(1000)
+    names, units = ('joint_1', 'joint_2', 'strain_1', 'strain_2'), ('rad', 'rad', 'm/m', 'm/m')
+    angles = [np.sin(t), np.cos(2.0 * t)]
+    expected = np.column_stack([*angles, 2e-4 * np.sin(7.0 * t), 1e-4 * np.cos(9.0 * t)])
+    heavier = np.column_stack([*angles, 1.0e-4 * np.sin(7.0 * t), 2.5e-4 * np.cos(9.0 * t)])
+    noise = np.array([1e-4, 1e-4, 1e-7, 1e-7])
+    assert not channel_hints(heavier, expected, names, units, noise)
+    assert channel_hints(expected[:, [0, 1, 3, 2]], expected, names, units, noise) == (
+        'strain_1 and strain_2 look exchanged',)

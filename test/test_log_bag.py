@@ -180,8 +180,8 @@ def test_a_realistic_bag_tells_the_payload_of_the_ideal_one(tmp_path: Path) -> N
 
 def test_strain_at_half_rate_or_that_ends_early_is_said_and_doubted(tmp_path: Path) -> None:
     half = read_log(record(tmp_path / 'half', [*states(18), *strains(18)[::2]]), ROBOT)
-    assert half.doubts[0] == 'strain comes every 20 ms, joint_states every 10 ms: used every ' \
-                             '2th of these, commands averaged'
+    assert half.doubts[0] == 'strain comes every 20 ms, joint_states every 10 ms: used one ' \
+                             'of 2 of these, commands averaged'
     np.testing.assert_allclose(half.command[:3, 0], [5.0, 25.0, 45.0])
     early = read_log(record(tmp_path / 'early', [*states(20), *strains(12)]), ROBOT)
     assert len(early) == 12 and early.doubts[0] == \
@@ -253,3 +253,21 @@ def test_a_bag_says_what_simulated_it(tmp_path: Path) -> None:
         in origin.against('reference', 'paper', 2, True)
     assert '--modes 2, with Coriolis forces, read with reference, assumed_modes, 2, without ' \
         'Coriolis forces: ' in origin.against('reference', 'assumed_modes', 2, False)
+
+
+def test_two_publishers_are_not_a_fast_one(tmp_path: Path) -> None:
+    other = [(topic, arrival + 3_000_000, joint_state(t + 3_000_000, JOINTS, [0.0, 0.0]))
+             for (topic, arrival, _), t in zip(states(20), ticks(20))]
+    both = sorted([*states(20), *other], key=lambda item: item[1])
+    with pytest.raises(InputError, match='joint_states: expected one publisher, got messages '
+                       '3 and 7 ms apart by turns, as of two'):
+        read_log(record(tmp_path / 'bag', [*both, *strains(20)]), ROBOT)
+
+
+def test_topics_of_two_namespaces_are_said(tmp_path: Path) -> None:
+    other = [('/other/strain', arrival, message) for _, arrival, message in strains(20)]
+    log = read_log(record(tmp_path / 'bag', [*states(20), *other]), ROBOT)
+    assert 'several namespaces are read as of one arm: /arm/joint_states, /other/strain' \
+        in log.notes[0]
+    one = read_log(record(tmp_path / 'one', [*states(20), *strains(20)]), ROBOT)
+    assert not any('namespaces' in note for note in one.notes)

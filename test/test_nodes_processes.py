@@ -53,6 +53,20 @@ def test_a_bad_parameter_is_one_line_with_code_2(
     assert len(own) == 1, error
 
 
+@pytest.mark.parametrize(('argument', 'code', 'text'), [
+    ('--robot', 2, '--robot: expected arguments of ROS alone, as --ros-args -p robot:=FILE'),
+    ('robot:=my_arm.yaml', 2, 'robot:=my_arm.yaml: expected arguments of ROS alone'),
+    ('--help', 0, 'usage: ')])
+def test_an_argument_that_is_not_of_ros_starts_no_node(
+        domain_id: int, argument: str, code: int, text: str) -> None:
+    done = subprocess.run([sys.executable, '-m', *PROGRAMS['payload_estimator'], argument],
+                          env={**os.environ, 'ROS_DOMAIN_ID': str(domain_id)}, text=True,
+                          capture_output=True, timeout=60.0)
+    assert done.returncode == code
+    said = done.stderr if code else done.stdout
+    assert text in said and len(said.splitlines()) == (1 if code else 2)
+
+
 def test_closed_standard_streams_stop_no_node(domain_id: int) -> None:
     make = ('from msg_config.quiet_start import open_what_is_closed; open_what_is_closed(); '
             'import rclpy; rclpy.init(); from msg_config.node_process import make_executor; '

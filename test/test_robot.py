@@ -81,7 +81,7 @@ def test_unknown_robot_names_those_that_exist() -> None:
     with pytest.raises(InputError) as error:
         load_robot('scara')
     assert str(error.value) == ('robot: expected one of quanser_2dsfl, reference or a YAML file, '
-                                "got 'scara'")
+                                "got 'scara', which is no file here")
 
 
 def test_a_name_that_no_file_can_bear_is_no_robot() -> None:

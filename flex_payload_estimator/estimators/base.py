@@ -77,6 +77,10 @@ class PayloadEstimator(Protocol):
     def events(self) -> Sequence[Event]:
         """Return the payload changes found so far; none from an estimator that seeks none."""
 
+    @property
+    def takes_parts_as_told(self) -> bool:
+        """Return whether the estimate and its variance hold only if all parts are as told."""
+
     def reset(self) -> None:
         """Go back to the start: forget state and payload."""
 

@@ -14,6 +14,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from flex_payload_estimator.nodes.backlog import Backlog
+from flex_payload_estimator.nodes.sample_counts import SampleCounts
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.inputs.gate import Gate, refuse_command
@@ -25,13 +26,10 @@ from msg_config.contract_node import ContractNode
 from msg_config.errors import InputError
 from msg_config.input_mapping import JOINTS
 from msg_config.messages import checked_stamp, nanoseconds, seconds
-from msg_config.recent_counts import RecentCounts, WINDOW
 from msg_config.ros import silent_topic
 import numpy as np
 from sensor_msgs.msg import JointState
 
-# Share of the sampling time by which an interval may be off before a sample counts as lost.
-UNEVEN = 0.5
 # Time without a sample after which the diagnostics say why, s.
 QUIET = 0.5
 # Interval at which trouble is looked for, s: the longest delay of its report.
@@ -99,9 +97,8 @@ class SampleNode(ContractNode):
         super().__init__(name, **options)
         self._answer: Any = None
         self.commanded: Array | None = None
-        self._lost: RecentCounts[str] = RecentCounts()
         self._last_applied = np.zeros(2)
-        self._restarts, self._sample_at, self._paired_at = 0, self.wall_time(), -math.inf
+        self._sample_at, self._paired_at = self.wall_time(), -math.inf
         self._output = self._doubted = np.empty(0)
         self._trouble: tuple[bool, ...] = ()
         self._received_at: dict[str, float] = dict.fromkeys(PARTS, -math.inf)
@@ -119,6 +116,7 @@ class SampleNode(ContractNode):
         room = load_topics()['strain'].subscribe.depth * robot.sample_time
         self._backlog = Backlog(min(self.WAITING * room, QUIET), robot.sample_time)
         self.order.interval = nanoseconds(robot.sample_time)
+        self._counts = SampleCounts(robot.sample_time)
 
     def _say_topics(self, robot: Robot) -> None:
         """Say which topics of the robot file, all for bags, this node does not hear."""
@@ -255,6 +253,7 @@ class SampleNode(ContractNode):
             return sample if applied is sample.command else replace(sample, command=applied)
         self.reject('joint_states', f'joint_states, strain: {refusal.text}{unit_hint(refusal)}',
                     refusal.kind)
+        self._counts.add('refused', self.wall_time())
         return replace(sample, output=np.full(len(sample.output), np.nan), command=applied)
 
     def _plausible_command(self, sample: Sample) -> Array:
@@ -270,7 +269,7 @@ class SampleNode(ContractNode):
 
     def _begin_afresh(self, last: int, sample: Sample) -> None:
         """Start again after a leap in time, from the stamp `last`, ns, to a sample."""
-        self._restarts += 1
+        self._counts.restart()
         self.get_logger().warning(f'time went from {seconds(last):.12g} s to '
                                   f'{sample.time:.12g} s: starting afresh')
         self.gate.restart()
@@ -280,16 +279,14 @@ class SampleNode(ContractNode):
         """Count a sample that is passed over, with those that were lost before it."""
         self._answer = None
         count = max(round(seconds(interval) / self.robot.sample_time), 1)
-        self._lost.add('passed over', self.wall_time(), count)
+        self._counts.add('passed over', self.wall_time(), count)
         self.warn_seldom('slow', f'too slow for a sample every {self.robot.sample_time:.9g} s: '
-                         f'{self._lost.total["passed over"]} passed over so far')
+                         f'{self._counts.passed_over} passed over so far')
 
     def _watch_interval(self, interval: int) -> None:
         """Count the samples lost in an interval, ns, that is not the sampling time."""
-        count = seconds(interval) / self.robot.sample_time
-        if abs(count - 1.0) <= UNEVEN:
+        if self._counts.add_interval(seconds(interval), self.wall_time()):
             return
-        self._lost.add('lost', self.wall_time(), max(round(count) - 1, 1))
         self.warn_seldom(
             'interval', f'joint_states, strain: expected a sample every '
             f'{self.robot.sample_time:.9g} s (sample_time), got one after '
@@ -328,20 +325,14 @@ class SampleNode(ContractNode):
 
     def sample_status(self) -> DiagnosticStatus:
         """Return the status of the samples: lost, uneven, passed over, or why none comes."""
-        recent = self._lost.recent(self.wall_time())
-        lost, slow = recent.total(), recent['passed over']
-        values: dict[str, object] = {
-            'lost or uneven': self._lost.total.total(), 'restarts': self._restarts}
+        values = self._counts.values()
         silence = self.silence()
         if silence:
             self.warn_seldom('silence', f'no sample: {silence}', SILENCE_INTERVAL)
             return self.status('samples', 'stale' if self.order.last is None else 'error',
                                f'no sample: {silence}', values)
-        text = f'{lost} samples lost or not at the sampling time lately' if lost else 'ok'
-        if slow:
-            due = WINDOW / self.robot.sample_time
-            text = f'too slow: {slow} of {due:.0f} samples passed over in the last {WINDOW:g} s'
-        return self.status('samples', 'warn' if lost else 'ok', text, values)
+        return self.status('samples', *self._counts.status(self.wall_time(), self.last_rejection),
+                           values)
 
 
 def _same(one: Array, other: Array) -> bool:

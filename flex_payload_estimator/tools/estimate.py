@@ -43,6 +43,8 @@ class Estimates:
         Payload, kg, and its variance, kg^2, (N,).
     status : tuple of str
         The estimator's status, N.
+    parts_as_told : bool
+        Whether the last estimate holds only if all parts are as the robot file says.
 
     """
 
@@ -51,6 +53,7 @@ class Estimates:
     mass: Array
     variance: Array
     status: tuple[str, ...]
+    parts_as_told: bool
 
     def row(self, index: int) -> tuple[float, float]:
         """Return payload and standard deviation at a sample, kg."""
@@ -71,7 +74,8 @@ class Estimates:
             'interval95_kg': [max(mass - Z95 * std, 0.0), mass + Z95 * std],
             'at_s': {key: self.row(k)[0] for key, k in self.marks().items()},
             'std_at_s': {key: self.row(k)[1] for key, k in self.marks().items()},
-            'status': self.status[-1], 'status_samples': counts}
+            'status': self.status[-1], 'status_samples': counts,
+            'parts_as_told': self.parts_as_told}
 
     def table(self) -> str:
         """Return the figures as a table for the terminal."""
@@ -84,8 +88,9 @@ class Estimates:
             lines.append(f'  {label:>14}   {with_uncertainty(mass, std)} kg   {self.status[k]}')
         low, high = self.results()['interval95_kg']
         digits = decimals_of(std)
+        if_told = ', if every part is as the robot file says' if self.parts_as_told else ''
         return '\n'.join([*lines, f'  {"95 % interval":>14}   {low:.{digits}f} … '
-                                  f'{high:.{digits}f} kg'])
+                                  f'{high:.{digits}f} kg{if_told}'])
 
 
 def estimate(log: Log, estimator: PayloadEstimator) -> Estimates:
@@ -108,7 +113,8 @@ def estimate(log: Log, estimator: PayloadEstimator) -> Estimates:
     applied = np.vstack([np.zeros(2), log.command[:-1]])
     answers = [estimator.update(float(t), y, u) for t, y, u in zip(time, log.measured, applied)]
     return Estimates(log.source, time, np.array([a.mass for a in answers]),
-                     np.array([a.variance for a in answers]), tuple(a.status for a in answers))
+                     np.array([a.variance for a in answers]), tuple(a.status for a in answers),
+                     estimator.takes_parts_as_told)
 
 
 def estimate_file(path: str, robot: Robot, name: str, model: str, modes: int) -> Estimates:

@@ -18,6 +18,7 @@ from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.robot_text import document
 from flex_plant_sim.simulation.arm_shape import ArmShape
 from flex_plant_sim.simulation.plant_setup import robot_of, simulator_of
+from msg_config.errors import InputError
 from msg_config.parameters import check_parameters
 import numpy as np
 import yaml
@@ -61,6 +62,9 @@ class Experiment:
         if options.no_noise:
             plant.update(angle_noise=0.0, strain_noise=0.0)
         if options.drop_at is not None:
+            if options.drop_at >= options.duration:
+                raise InputError('--drop-at: expected a time before the end of the run, '
+                                 f'{options.duration:g} s, got {options.drop_at:g} s')
             plant['payload_schedule'] = [options.drop_at, payload, options.drop_at, 0.0]
         return cls(check_parameters('plant_sim', plant), check_parameters(
             'payload_estimator', {**arm, 'estimator': options.estimator}),

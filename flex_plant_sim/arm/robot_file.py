@@ -192,8 +192,9 @@ def robot_text(name_or_file: str | Path) -> str:
     if name in built_in_robots():
         return (resources.files('flex_plant_sim') / 'robots' / f'{name}.yaml').read_text()
     if not os.path.isfile(name):  # Path.is_file raises if a name is too long
+        what = 'a folder' if os.path.isdir(name) else 'which is no file here'
         raise InputError(f'robot: expected one of {", ".join(built_in_robots())} or a YAML '
-                         f'file, got {name[:200]!r}')
+                         f'file, got {name[:200]!r}, {what}')
     try:
         with open(name, encoding='utf-8-sig') as file:
             # One character more than is allowed, so that the parser reports a file too long.

@@ -150,7 +150,8 @@ def _exchanged(measured: Array, expected: Array, names: Sequence[str], units: Se
                     for x in (measured, expected))
 
     def looks_exchanged(i: int, j: int) -> bool:
-        if units[i] == 'm/m' and names[i][:-1] == names[j][:-1]:
+        # Of one link, as strain_1a and strain_1b.
+        if units[i] == 'm/m' and names[i][-1].isalpha() and names[i][:-1] == names[j][:-1]:
             return _sizes_exchanged(size[i] - size[j], wanted[i] - wanted[j])
         return (squared_difference(i, j) + squared_difference(j, i)
                 < EXCHANGE_GAIN * (squared_difference(i, i) + squared_difference(j, j)))

@@ -30,6 +30,9 @@ import numpy as np
 # Ratio of sampling intervals from which the slower of joints and strain is reported to set the
 # sampling.
 SLOWER = 1.5
+# Share of the mean interval by which neighbouring ones differ where two publishers speak by turns,
+# and of that difference by which every second one may.
+ALTERNATES = 0.25
 
 
 def read_bag(path: Path, robot: Robot) -> Log:
@@ -97,9 +100,10 @@ def _with_rate_notes(rows: Rows, joints: Stream, strain: Stream, pairs: np.ndarr
         own = float(np.median(np.diff(stream.stamps)))
         usual = float(np.median(paired))
         if usual > SLOWER * own:
+            _check_one_publisher(rows.source, stream)
             slower = 'strain' if stream is joints else 'joint_states'
             rows = rows.noted(f'{slower} comes every {usual * 1e-6:.4g} ms, {stream.name} every '
-                              f'{own * 1e-6:.4g} ms: used every {usual / own:.0f}th of these, '
+                              f'{own * 1e-6:.4g} ms: used one of {usual / own:.0f} of these, '
                               'commands averaged', doubtful=True)
         span = float(stream.stamps[-1] - stream.stamps[0])
         shared = float(joints.stamps[pairs[-1, 0]] - joints.stamps[pairs[0, 0]])
@@ -108,6 +112,20 @@ def _with_rate_notes(rows: Rows, joints: Stream, strain: Stream, pairs: np.ndarr
             rows = rows.noted(f'{stream.name} lasts {span * 1e-9:.4g} s, {other} shares '
                               f'{shared * 1e-9:.4g} s of it: used those', doubtful=True)
     return rows
+
+
+def _check_one_publisher(path: str, stream: Stream) -> None:
+    """
+    Check that a topic is fast, not two interleaved ones of another phase each.
+
+    Every second of their intervals is the same, and neighbours differ; of jitter alone all do.
+    """
+    interval = np.diff(stream.stamps).astype(float)
+    turns, again = (float(np.median(np.abs(interval[k:] - interval[:-k]))) for k in (1, 2))
+    if turns > ALTERNATES * np.mean(interval) and again < ALTERNATES * turns:
+        found = sorted(float(np.median(interval[k::2])) * 1e-6 for k in (0, 1))
+        raise InputError(f'{path}: {stream.name}: expected one publisher, got messages '
+                         f'{found[0]:.4g} and {found[1]:.4g} ms apart by turns, as of two')
 
 
 def write_bag(path: str | Path, log: Log, storage: Literal['mcap', 'sqlite3'] = 'mcap',

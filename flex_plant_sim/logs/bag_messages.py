@@ -236,13 +236,24 @@ def _collected(path: Path, reader: Any, mapping: InputMapping
         told = sum(c.msgcount for c in group)
         if came[name] != told:
             notes.append(f'{name}: the bag tells of {told} messages, {came[name]} can be read')
+    spaces = {name: group[0].topic.rpartition(_own_topic(name, mapping).lstrip('/'))[0]
+              for name, group in chosen.items() if group and name not in mapping.topics}
+    if len(set(spaces.values())) > 1:
+        notes.append('topics of several namespaces are read as of one arm: ' + ', '.join(
+            chosen[name][0].topic for name in spaces) + '; name them under inputs: topics: in '
+            'the robot file')
     return found, tuple(notes)
+
+
+def _own_topic(name: str, mapping: InputMapping) -> str:
+    """Return the name of a topic of the contract in a bag, without its namespace."""
+    return mapping.topics.get(name, load_topics()[name].name)
 
 
 def _connections(path: Path, reader: Any, name: str, mapping: InputMapping) -> list[Any]:
     """Return the connections of a topic of the contract, in any namespace."""
     topic = load_topics()[name]
-    own = mapping.topics.get(name, topic.name)
+    own = _own_topic(name, mapping)
     group = [c for c in reader.connections if f'/{c.topic}'.endswith(f'/{own.lstrip("/")}')]
     names = sorted({c.topic for c in group})
     if len(names) > 1:

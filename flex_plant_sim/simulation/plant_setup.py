@@ -79,4 +79,8 @@ def profile_of(mass: float, schedule: tuple[float, ...]) -> PayloadProfile:
     if len(schedule) % 2:
         raise InputError('payload_schedule: expected pairs time, mass, got '
                          f'{len(schedule)} numbers')
+    times = schedule[::2]
+    if any(b < a for a, b in zip((0.0, *times), times)):
+        raise InputError('payload_schedule: expected times from 0 on that do not decrease, got '
+                         f'{", ".join(f"{t:g}" for t in times)}')
     return PayloadProfile.of_pairs((0.0, mass, *schedule))

@@ -118,6 +118,11 @@ class RecursivePredictionError:
         """Return the filter that gives the estimate; during the start, the likeliest."""
         return self._incumbent or self._start.best()
 
+    @property
+    def takes_parts_as_told(self) -> bool:
+        """Return whether the mode is `exact`."""
+        return not self.incumbent.mode.free_parts
+
     def update(self, time: float, output: Array, command: Array) -> Estimate:
         """
         Return the estimate after the sample of a time.

@@ -225,6 +225,11 @@ class SF1Estimator:
         """Return no changes: SF1 does not look for them."""
         return ()
 
+    @property
+    def takes_parts_as_told(self) -> bool:
+        """Return True: SF1 knows no tolerances."""
+        return True
+
     def prepare(self, command: Array) -> None:
         """
         Predict while no measurement waits: `update` is then faster, with the same answer.

@@ -1,0 +1,38 @@
+"""What the diagnostics say of a node's samples."""
+
+from __future__ import annotations
+
+from flex_payload_estimator.nodes.sample_counts import SampleCounts
+import numpy as np
+import pytest
+
+
+def counts_of(intervals: np.ndarray) -> SampleCounts:
+    """Return the counts after intervals, s, at a sampling time of 10 ms."""
+    counts = SampleCounts(0.01)
+    for interval in intervals:
+        counts.add_interval(float(interval), 1.0)
+    return counts
+
+
+@pytest.mark.parametrize(('mean', 'text'), [
+    (0.009, 'samples come every 0.009 s, expected 0.01 s (sample_time)'),
+    (0.011, 'samples come every 0.011 s, expected 0.01 s (sample_time)'),
+    (0.0101, 'ok')])
+def test_another_rate_is_said(mean: float, text: str) -> None:
+    assert counts_of(np.full(300, mean)).status(1.0, '')[1] == text
+
+
+def test_jitter_and_lost_samples_are_no_other_rate() -> None:
+    stamps = 0.01 * np.arange(1000) + 0.004 * np.random.default_rng(3).uniform(-0.5, 0.5, 1000)
+    kept = np.delete(stamps, [100, 101, 200, 555])
+    level, text = counts_of(np.diff(kept)).status(1.0, '')
+    assert (level, text) == ('warn', '4 samples lost or not at the sampling time lately')
+
+
+def test_refused_samples_are_said_with_their_reason() -> None:
+    counts = SampleCounts(0.01)
+    counts.add('refused', 1.0)
+    assert counts.status(2.0, 'joint_1: nan') == ('warn', '1 samples refused lately: joint_1: nan')
+    assert counts.status(30.0, '') == ('ok', 'ok')
+    assert counts.values() == {'lost or uneven': 0, 'refused': 1, 'restarts': 0}
