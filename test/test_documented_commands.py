@@ -57,10 +57,11 @@ BLOCKS = [block for page in PAGES for block in blocks(page)]
 @pytest.fixture(scope='module')
 def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Return a folder for every page, made like a fresh checkout with its environment."""
-    return {page: _checkout(tmp_path_factory.mktemp(Path(page).stem)) for page in PAGES}
+    return {page: checkout(tmp_path_factory.mktemp(Path(page).stem)) for page in PAGES}
 
 
-def _checkout(folder: Path) -> Path:
+def checkout(folder: Path) -> Path:
+    """Make a folder like a fresh checkout with its environment; return it."""
     kept = ('.git', '.venv', 'build', 'demo_output', 'report')
     for path in ROOT.iterdir():
         if path.name not in kept:
@@ -76,12 +77,8 @@ def _checkout(folder: Path) -> Path:
     return folder
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize('block', BLOCKS, ids=str)
-def test_the_commands_run_as_written(block: Block, folders: dict[str, Path],
-                                     domain_id: int) -> None:
-    if block.why_not:
-        pytest.skip(block.why_not)
+def run_as_written(commands: str, folder: Path, domain_id: int) -> str:
+    """Run commands in a folder, in a ROS domain of their own; return what they print."""
     environment = {
         **os.environ, 'PATH': f'{Path(sys.executable).parent}:{os.environ["PATH"]}',
         'ROS_DOMAIN_ID': str(domain_id)}
@@ -89,9 +86,19 @@ def test_the_commands_run_as_written(block: Block, folders: dict[str, Path],
     environment.pop('_ROS_WHEELS_BOOTSTRAP_COMPLETE', None)
     # The shell's children end with it.
     result = subprocess.run(
-        ['timeout', SLOWEST, 'bash', '-euo', 'pipefail', '-c', block.commands], text=True,
-        capture_output=True, cwd=folders[block.page], env=environment)
-    assert result.returncode == 0, f'{block.commands}\n{result.stdout}\n{result.stderr}'
+        ['timeout', SLOWEST, 'bash', '-euo', 'pipefail', '-c', commands], text=True,
+        capture_output=True, cwd=folder, env=environment)
+    assert result.returncode == 0, f'{commands}\n{result.stdout}\n{result.stderr}'
+    return result.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('block', BLOCKS, ids=str)
+def test_the_commands_run_as_written(block: Block, folders: dict[str, Path],
+                                     domain_id: int) -> None:
+    if block.why_not:
+        pytest.skip(block.why_not)
+    run_as_written(block.commands, folders[block.page], domain_id)
 
 
 def test_the_tutorial_is_one_page_of_at_most_twelve_commands() -> None:

@@ -51,9 +51,12 @@ def test_every_locked_version_has_hashes(repository: Path, kind: str) -> None:
 
 
 def test_a_bill_of_materials_names_every_locked_package(repository: Path, tmp_path: Path) -> None:
-    file = tmp_path / 'sbom.json'
+    file, lock = tmp_path / 'sbom.json', tmp_path / 'run.txt'
+    # Without most hashes, which take nine tenths of the time to read.
+    text = (repository / 'requirements' / 'run.txt').read_text()
+    lock.write_text(re.sub(r'( \\\n +--hash=\S+)( \\\n +--hash=\S+)+', r'\1', text))
     subprocess.run([sys.executable, '-m', 'cyclonedx_py', 'requirements', '--no-validate', '-o',
-                    str(file), str(repository / 'requirements' / 'run.txt')], check=True)
+                    str(file), str(lock)], check=True)
     components = json.loads(file.read_text())['components']
     named = {(item['name'], item['version']) for item in components}
     assert named == {(item.name, next(iter(item.specifier)).version)
