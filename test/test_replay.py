@@ -16,14 +16,15 @@ import time
 
 from flex_plant_sim.arm.robot import EffectSpec, Robot
 from flex_plant_sim.arm.robot_file import load_robot
+from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.effects import build
 from flex_plant_sim.logs.csv_log import write_csv
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.logs.read import read_log
 from flex_plant_sim.simulation.agreement import fit_percent, rmse
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
-from flex_plant_sim.simulation.replay import replay
-from flex_plant_sim.simulation.simulator import simulate, Simulator
+from flex_plant_sim.simulation.replay import replay, start_rates
+from flex_plant_sim.simulation.simulator import Noise, simulate, Simulator
 from flex_plant_sim.tools import command_line
 from flex_plant_sim.tools import replay as tool
 from msg_config.errors import InputError
@@ -278,3 +279,20 @@ def test_an_interrupt_that_a_destructor_swallows_comes_again(
 
     assert command_line.run(work) == 130
     assert capsys.readouterr().err == 'interrupted\n'
+
+
+def test_a_log_that_begins_in_motion_is_simulated_in_motion(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    robot = load_robot('reference')
+    simulator = Simulator(ExtendedArm(robot, 'assumed_modes', 2), noise=Noise(1e-4, 5e-7))
+    t: Array = 0.01 * np.arange(400.0)
+    commands = np.column_stack([np.sin(2.0 * t), 0.8 * np.cos(1.5 * t)])
+    output, rates = simulate(simulator, commands)
+    whole = Log('whole', t, commands, output[:, :2], output[:, 2:], robot.gauge_names)
+    assert not start_rates(whole, robot).any()
+    cut = whole.part(250, 400)
+    np.testing.assert_allclose(start_rates(cut, robot), rates[250], atol=0.05)
+    write_csv(tmp_path / 'cut.csv', cut)
+    assert tool.main([str(tmp_path / 'cut.csv'), '--robot', 'reference', '--no-coriolis']) == 0
+    assert 'cut.csv: begins in motion, at ' in capsys.readouterr().err
+    assert replay(cut, robot, modes=2, coriolis=False).fit_percent[:2].min() > 97.0

@@ -27,13 +27,17 @@ def first_rates(angle: Array, step: float, noise: Array) -> tuple[Array, Array]:
         Sampling interval, s.
     noise : Array
         Least standard deviations of the angles, rad, (2,); larger where the polynomial does not
-        fit.
+        fit, or one degree more gives another rate.
 
     """
     if len(angle) < FEWEST:
         return np.zeros(2), np.full(2, np.inf)
-    powers = np.vander(step * np.arange(len(angle)), DEGREE + 1, increasing=True)
+    # In lengths of the stretch, so that powers are alike.
+    length = step * (len(angle) - 1)
+    powers = np.vander(np.linspace(0.0, 1.0, len(angle)), DEGREE + 2, increasing=True)
+    finer = np.linalg.lstsq(powers, angle, rcond=None)[0][1]
+    powers = powers[:, :-1]
     found, *_ = np.linalg.lstsq(powers, angle, rcond=None)
     spread = np.sum((angle - powers @ found)**2, axis=0) / (len(angle) - DEGREE - 1)
     variance = np.linalg.inv(powers.T @ powers)[1, 1] * np.maximum(spread, noise**2)
-    return found[1], np.sqrt(variance)
+    return found[1] / length, np.maximum(np.sqrt(variance), np.abs(found[1] - finer)) / length

@@ -8,6 +8,7 @@ from typing import Any
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.inputs.first_rates import FEWEST, first_rates, MOVES
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.simulation.agreement import fit_percent, rmse
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
@@ -18,6 +19,8 @@ import numpy as np
 
 # Angle, rad, and strain, m/m, that no arm reaches: a simulation that does has diverged.
 DIVERGED_ANGLE, DIVERGED_STRAIN = 1e3, 1.0
+# Time from which the first rates are read, s: an eighth of the reference arm's slowest period.
+START_S = 0.1
 
 
 @dataclass(frozen=True)
@@ -31,12 +34,15 @@ class Replay:
     arm : ExtendedArm
     simulated : Array
         Outputs without noise, (N, m), columns as in log.output.
+    start_rates : Array
+        Rates with which the joints begin, rad/s, (2,).
 
     """
 
     log: Log
     arm: ExtendedArm
     simulated: Array
+    start_rates: Array
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -77,9 +83,10 @@ class Replay:
 def replay(log: Log, robot: Robot, model: str = 'assumed_modes', modes: int = 3,
            payload: float | None = None, coriolis: bool = True) -> Replay:
     """
-    Simulate a log from its commands alone, starting at rest at the log's first joint angles.
+    Simulate a log from its commands alone, starting at the log's first joint angles.
 
-    The nominal effects are applied. The sample time is that of the log, not of the robot.
+    Where these tell that the joints move, they begin so; links begin straight. The nominal effects
+    are applied. The sample time is that of the log, not of the robot.
 
     Parameters
     ----------
@@ -108,11 +115,22 @@ def replay(log: Log, robot: Robot, model: str = 'assumed_modes', modes: int = 3,
     simulator = Simulator(arm)
     at_zero = arm.output(simulator.state, 0.0)[:2]
     simulator.state[:2] = log.joint[0] - at_zero
+    rates = start_rates(log, robot)
+    if arm.compact is None:
+        simulator.state[arm.form.order:arm.form.order + 2] = rates
     # An overflow is reported below, once.
     with np.errstate(all='ignore'):
         simulated, _ = simulate(simulator, log.command)
     _check_bounded(log, arm, simulated)
-    return Replay(log, arm, simulated)
+    return Replay(log, arm, simulated, rates)
+
+
+def start_rates(log: Log, robot: Robot) -> Array:
+    """Return the joints' rates at a log's first row, rad/s, (2,); 0 where they may be at rest."""
+    count = max(round(START_S / log.sample_time), FEWEST)
+    rates, deviations = first_rates(log.joint[:count], log.sample_time,
+                                    np.full(2, robot.angle_noise))
+    return np.where(np.abs(rates) > MOVES * deviations, rates, 0.0)
 
 
 def _check_bounded(log: Log, arm: ExtendedArm, simulated: Array) -> None:

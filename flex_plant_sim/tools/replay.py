@@ -50,6 +50,10 @@ def _main(arguments: argparse.Namespace) -> None:
     forces = has_coriolis(nominal_effects(robot, arguments.model, coriolis))
     log = read_log_aloud(arguments.log, robot, arguments.model, arguments.modes, forces)
     result = replay(log, robot, arguments.model, arguments.modes, arguments.payload, coriolis)
+    if result.start_rates.any():
+        print(f'{log.source}: begins in motion, at {result.start_rates[0]:.2g} and '
+              f'{result.start_rates[1]:.2g} rad/s; how its links are bent then is not known, and '
+              'their first swings are not simulated', file=sys.stderr)
     with results() as write:
         write(print, table(result))
         if arguments.json:
