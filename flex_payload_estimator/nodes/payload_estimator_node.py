@@ -44,7 +44,7 @@ MESSAGES = {
     'not_excited': ('ok', 'the arm does not move enough to tell the payload'),
     'model_suspect': ('warn', 'no known model explains what is measured'),
     'restarted': ('error', 'the estimate was not finite; the last good one is kept'),
-    'input_rejected': ('warn', 'a measurement was refused; the last good estimate is kept')}
+    'input_rejected': ('warn', 'a measurement was refused; the estimate is that without it')}
 # Statuses whose estimate has no innovation of its own.
 NO_INNOVATION = ('input_rejected', 'restarted')
 
