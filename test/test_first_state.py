@@ -38,6 +38,10 @@ def test_a_command_that_begins_with_the_log_is_no_motion() -> None:
         lagged = 20.0 * (0.5 * t**2 - 0.03 * t + 0.03**2 * (1.0 - np.exp(-t / 0.03)))
         rates, deviations = start_of(np.hstack([0.0 * t, lagged]), seed)
         assert np.all(np.abs(rates) < MOVES * deviations)
+        # A drive that is told to turn at 1.4 rad/s after three rows, and does so at its limit.
+        turning = np.hstack([0.0 * t, -1.4 * np.maximum(t - 0.025, 0.0)])
+        rates, deviations = start_of(turning, seed)
+        assert np.all(np.abs(rates) < MOVES * deviations)
 
 
 def test_a_rate_is_found_within_its_deviation() -> None:

@@ -38,8 +38,8 @@ from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 
 # Share of the warm-up, a slowest period, from which the first state of an arm in motion is read:
-# in an eighth of it angles are cubic in time.
-FIRST_SHARE = 8
+# in a sixth of it angles are about cubic in time.
+FIRST_SHARE = 6
 # Times that the trajectory is filtered, each with matrices at the angles that the last one found.
 # With 4 no digit of a diagnosis changes; with 1 a size changes by a twentieth of its interval.
 TRAJECTORY_PASSES = 2
