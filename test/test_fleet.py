@@ -188,3 +188,42 @@ def test_no_cell_is_a_formula(tmp_path: Path) -> None:
     with (tmp_path / 't.csv').open(newline='') as file:
         row = next(csv.DictReader(file))
     assert row['arm'] == "'=cmd()" and row['error'] == "'-1"
+
+
+def test_a_log_is_known_as_it_was_met(tmp_path: Path) -> None:
+    _log_at_rest(tmp_path / 'night' / 'a.csv', 1)
+    task, = tasks_of(fleet_options().parse_args(
+        [str(tmp_path / 'night'), '--out', str(tmp_path / 'out')]), tmp_path / 'out')
+    key = task.key
+    with (tmp_path / 'night' / 'a.csv').open('a') as file:
+        file.write('more')
+    assert task.key == key != task.present_key()
+    row = diagnose_and_weigh(task)
+    assert row.error == 'the log or its robot file changed while it was read' and not row.report
+
+
+def test_each_setting_has_its_page_and_each_arm_its_name(tmp_path: Path) -> None:
+    for side in ('left', 'right'):
+        _log_at_rest(tmp_path / side / 'logs' / '1.csv', 1)
+    folders = [str(tmp_path / side / 'logs') for side in ('left', 'right')]
+    tasks = [tasks_of(fleet_options().parse_args([*folders, '--out', 'out', *more]),
+                      tmp_path / 'out') for more in ([], ['--payload', '0.3'])]
+    assert len({task.report for some in tasks for task in some}) == 4
+    assert [task.arm for task in tasks[0]] == folders
+
+
+def test_what_was_killed_is_done_again_and_a_damaged_line_is_passed_over(tmp_path: Path) -> None:
+    journal = Journal(tmp_path / 'out')
+    for name, killed in (('a', True), ('b', False)):
+        journal.add(LogTask(name, name, 'reference', ''), Row(name, name, killed=killed))
+    with journal.file.open('ab') as file:
+        file.write(b'\xff\xfe\n')
+    assert [row.log for row in journal.rows().values()] == ['b']
+
+
+def test_the_table_of_another_fleet_is_no_log(tmp_path: Path) -> None:
+    _log_at_rest(tmp_path / '1.csv', 1)
+    Journal(tmp_path / 'earlier')
+    (tmp_path / 'earlier' / 'fleet.csv').touch()
+    assert [log for _, log in logs_below([str(tmp_path)], tmp_path / 'out')] == [
+        tmp_path / '1.csv']

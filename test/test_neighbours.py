@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 from flex_plant_sim.diagnosis.causes import neighbours
 from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses
 from flex_plant_sim.diagnosis.causes.posterior import SetKey
+from flex_plant_sim.diagnosis.causes.search_state import SearchState
+from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 import pytest
-from simulated_records import REFERENCE
+from simulated_records import effects, REFERENCE
 from test_posterior import NOTHING
 
 NAMES = ('strain_filter:arm', 'loose_payload:arm', 'base_compliance:arm')
@@ -45,3 +47,10 @@ def test_others_are_fitted_where_the_leader_does_not_keep_its_promise(
     found = neighbours._fitted_as_promised(state, centre, [with_score(coarse[0], 0.0),
                                                            *coarse[1:]], 'step')
     assert fitted == expected and len(found) == len(expected)
+
+
+def test_an_effect_of_the_file_at_one_site_is_still_sought_at_others() -> None:
+    nominal = BaseModel(REFERENCE, effects=effects('coulomb_friction:joint_2:level_n_m=0.05'))
+    labels = {h.label for h in SearchState(cast(Any, None), nominal, 1, (),
+                                           lambda label, share: None).catalogue}
+    assert 'coulomb_friction:joint_1' in labels and 'coulomb_friction:joint_2' not in labels

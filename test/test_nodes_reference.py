@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, TYPE_CHECKING
 
 from msg_config.input_mapping import InputMapping
@@ -106,3 +107,33 @@ def test_a_bad_reference_is_rejected_and_the_old_one_kept(
     assert bench.node.set_points is before
     reference.publish(trajectory(JOINTS, (0.0, [0.0, 0.0])))
     loop.until(lambda: bench.node.set_points is not before)
+
+
+def test_a_reference_before_the_first_sample_begins_with_it(loop: RosLoop) -> None:
+    bench = Bench(loop, 'controller')
+    before = bench.node.set_points(1000.0)
+    loop.publisher('reference').publish(trajectory(JOINTS, (5.0, [0.4, 0.4]), (10.0, [0.9, -0.9])))
+    loop.until(lambda: bench.node._referenced)
+    bench.answered(100_000)
+    np.testing.assert_allclose(bench.node.set_points(1000.0), before, atol=1e-9)
+    np.testing.assert_allclose(bench.node.set_points(1005.0), 0.4, atol=1e-9)
+    np.testing.assert_allclose(bench.node.set_points(1010.0), [0.9, -0.9], atol=1e-9)
+
+
+def _asks(bench: Bench, target: float) -> bool:
+    return bool(np.allclose(bench.node.set_points(9.0), target))
+
+
+def test_a_leap_in_time_drives_no_trajectory_once_more(loop: RosLoop) -> None:
+    bench = Bench(loop, 'controller')
+    reference = loop.publisher('reference')
+    bench.answered(100)
+    for k, target in ((101, 0.3), (102, 0.1)):
+        reference.publish(trajectory(JOINTS, (0.0, [target, target])))
+        loop.until(partial(_asks, bench, target))
+        bench.answered(k)
+    for k in range(10):
+        bench.sample(k)
+    loop.until(lambda: bench.node.order.last == bench.node.order.interval * 9)
+    for time in (0.01, 0.5, 1.2, 60.0):
+        np.testing.assert_allclose(bench.node.set_points(time), 0.1)

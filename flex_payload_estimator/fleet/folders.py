@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from flex_payload_estimator.fleet.journal import FILE as JOURNAL
+from flex_plant_sim.arm.robot_file import built_in_robots
 from msg_config.errors import InputError
 
 # Robot file of a folder, suffixes of log files, and the file that marks a bag folder.
@@ -53,7 +55,7 @@ def logs_below(folders: Sequence[str], apart_from: Path) -> list[tuple[Path, Pat
 def _logs(folder: Path, apart_from: Path) -> Iterator[Path]:
     """Yield the log files and bag folders below a folder."""
     real = folder.resolve()
-    if real == apart_from:
+    if real == apart_from or (folder / JOURNAL).is_file():
         return
     if (folder / BAG).is_file():
         yield folder
@@ -70,10 +72,10 @@ def robot_of(folder: Path, log: Path, default: str) -> str:
     """Return the robot.yaml nearest to a log, up to the folder given, else the default."""
     for parent in log.parents:
         if (parent / ROBOT_FILE).is_file():
-            return str(parent / ROBOT_FILE)
+            return str((parent / ROBOT_FILE).absolute())
         if parent == folder:
             break
-    return default
+    return default if default in built_in_robots() else str(Path(default).absolute())
 
 
 def arm_of(folder: Path, log: Path) -> str:

@@ -43,15 +43,15 @@ class Journal:
             raise InputError(f'{folder}: expected a writable folder, got: {error}') from None
 
     def rows(self) -> dict[str, Row]:
-        """Return the rows by their task's key, without lines that a kill cut short."""
+        """Return the rows by their task's key, without what a kill cut short or ended."""
         found = {}
-        for line in self.file.read_text(encoding='utf-8').splitlines():
+        for line in self.file.read_text(encoding='utf-8', errors='replace').splitlines():
             try:
                 key, row = json.loads(line)
                 found[key] = Row(**{**row, 'causes': tuple(row['causes'])})
             except (ValueError, TypeError, KeyError):
                 continue
-        return found
+        return {key: row for key, row in found.items() if not row.killed}
 
     def add(self, task: LogTask, row: Row) -> None:
         """

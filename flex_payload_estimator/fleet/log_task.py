@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 import json
 from pathlib import Path
 import subprocess
@@ -16,6 +17,8 @@ from msg_config.errors import LONGEST
 
 DIAGNOSE = 'flex_payload_estimator.tools.diagnose'
 ESTIMATE = 'flex_payload_estimator.tools.estimate'
+# What is said of a tool that a signal ended.
+KILLED = 'killed by signal'
 
 
 @dataclass(frozen=True)
@@ -47,11 +50,19 @@ class LogTask:
     payload: float | None = None
     timeout: float = 600.0
 
-    @property
+    @cached_property
     def key(self) -> str:
-        """Return what the row depends on: settings, and present state of log and robot file."""
-        stamps = [_stamp(Path(self.log)), _stamp(Path(self.robot))]
-        return json.dumps([self.log, self.robot, self.payload, self.timeout, *stamps])
+        """Return what the row depends on: settings, log and robot file as they were met."""
+        return self.present_key()
+
+    def present_key(self) -> str:
+        """Return the key with the present state of log and robot file."""
+        return json.dumps([self.settings, _stamp(Path(self.log)), _stamp(Path(self.robot))])
+
+    @property
+    def settings(self) -> str:
+        """Return the log and what it is diagnosed with."""
+        return json.dumps([self.log, self.robot, self.payload, self.timeout])
 
 
 @dataclass(frozen=True)
@@ -78,6 +89,8 @@ class Row:
         Time that the log took, s.
     error : str
         One line, where anything failed.
+    killed : bool
+        Whether a signal ended a tool, or the worker: the log is done again at the next start.
 
     """
 
@@ -93,6 +106,7 @@ class Row:
     report: str = ''
     seconds: float = 0.0
     error: str = ''
+    killed: bool = False
 
 
 def diagnose_and_weigh(task: LogTask) -> Row:
@@ -103,14 +117,16 @@ def diagnose_and_weigh(task: LogTask) -> Row:
     page.mkdir(parents=True, exist_ok=True)
     diagnosis, wrong = _run_tool(task, DIAGNOSE, [*told, '--jobs', '1', '--report', str(page)])
     weight, error = ({}, '') if wrong else _run_tool(task, ESTIMATE, [])
+    if task.present_key() != task.key:
+        diagnosis, weight, error = {}, {}, 'the log or its robot file changed while it was read'
     causes = sorted(diagnosis.get('causes', ()), key=lambda cause: -cause['probability'])
     return Row(
         task.arm, task.log, diagnosis.get('verdict', ''), diagnosis.get('sentence', ''),
         tuple(f'{cause["name"]}:{cause["site"]}' for cause in causes),
         causes[0]['probability'] if causes else None, weight.get('mass_kg'),
         weight.get('std_kg'), weight.get('status', ''),
-        str(page / 'report.html') if (page / 'report.html').is_file() else '',
-        time.monotonic() - started, wrong or error)
+        str(page / 'report.html') if diagnosis else '',
+        time.monotonic() - started, wrong or error, KILLED in (wrong or error))
 
 
 def _run_tool(task: LogTask, module: str, options: Sequence[str]) -> tuple[dict[str, Any], str]:
@@ -129,6 +145,8 @@ def _run_tool(task: LogTask, module: str, options: Sequence[str]) -> tuple[dict[
             return json.loads(file.read_text(encoding='utf-8')), ''
         lines = [line for line in done.stderr.splitlines() if line.strip()]
         last = lines[-1] if lines else f'exit code {done.returncode}'
+        if done.returncode < 0:
+            last = f'{KILLED} {-done.returncode}'
         last = last.removeprefix('error: ').removeprefix(f'{task.log}: ')
         return {}, f'{tool}: {last}'[:LONGEST]
 

@@ -79,5 +79,6 @@ def completed_rows(client: Any, tasks: Sequence[LogTask]) -> Iterator[tuple[LogT
         task = task_of.pop(future.key)
         error = future.exception()
         yield task, future.result() if error is None else Row(
-            task.arm, task.log, error=f'worker: {" ".join(str(error).split())}'[:300])
+            task.arm, task.log, error=f'worker: {" ".join(str(error).split())}'[:300],
+            killed=True)
         hand_out(1)

@@ -12,7 +12,7 @@ from typing import Any
 
 from flex_payload_estimator.control.arm_watch import ArmWatch
 from flex_payload_estimator.control.safeguards import CommandLimiter
-from flex_payload_estimator.control.set_points import SetPoints
+from flex_payload_estimator.control.set_points import constant, SetPoints
 from flex_payload_estimator.control.trajectory import Trajectory
 from flex_payload_estimator.nodes.node_setup import check_square, controller_of, set_points_of
 from flex_payload_estimator.nodes.sample_node import Sample, SampleNode
@@ -29,6 +29,7 @@ from msg_config.messages import (
     NANOSECONDS,
     payload_mass,
     seconds,
+    stamp_of,
 )
 from msg_config.wire import MessageWriter
 import numpy as np
@@ -76,6 +77,8 @@ class LQGControllerNode(SampleNode):
 
     def __init__(self, **options: Any):
         self.limiter, self._referenced = CommandLimiter(), False
+        self._asked: Array | None = None
+        self._early_reference: tuple[JointTrajectory, SetPoints] | None = None
         super().__init__('lqg_controller', **options)
         # What was sent is applied, from the start on, where no effort says otherwise.
         self.commanded = self.limiter.sent
@@ -136,8 +139,11 @@ class LQGControllerNode(SampleNode):
         self.watch.limit = values['command_limit']
 
     def restart(self) -> None:
-        """Go back to the start: forget all but the set-points."""
+        """Go back to the start; what was last asked of the arm stays, at rest."""
         self.controller.reset()
+        if self._referenced and self._asked is not None:
+            # A trajectory has its times; where time has leapt it would be driven once more.
+            self.set_points = constant(*self._asked)
         self.commanded = self.limiter.sent = np.zeros(2)
         self._unusable, self._waiting, self._late, self._last_mass = 0, None, False, math.nan
         self._masses.clear()
@@ -197,8 +203,12 @@ class LQGControllerNode(SampleNode):
         """Publish and return the command that answers a sample at a payload, kg."""
         self._begin_again_if_lost(sample)
         before = self.limiter.sent
+        if self._early_reference is not None:
+            (message, self.set_points), self._early_reference = self._early_reference, None
+            self._refer(message, sample.time)
+        self._asked = self.set_points(sample.time)
         command = self.controller.command(sample.time, sample.output, sample.command, mass,
-                                          self.set_points(sample.time))
+                                          self._asked)
         if self.controller.doubted:
             self.reject(
                 'joint_states', f'joint_states, strain: at {sample.time:.12g} s too far from the '
@@ -269,10 +279,17 @@ class LQGControllerNode(SampleNode):
 
     def _on_reference(self, message: JointTrajectory) -> None:
         """Replace the set-points, from the present ones on."""
-        now = seconds(self.order.last or 0)
+        # Before the first sample the time is not known from which one without a stamp counts.
+        early = self.order.last is None and not stamp_of(message)
+        former, self._early_reference = self.set_points, None
+        self._refer(message, seconds(self.order.last or 0))
+        self._referenced = True
+        if early:
+            self._early_reference = message, former
+
+    def _refer(self, message: JointTrajectory, now: float) -> None:
         self.set_points = self._within_limits(Trajectory.of(
             message, self._joints, self.set_points(now), now, self.values['reference_shape']))
-        self._referenced = True
 
     def _within_limits(self, reference: Trajectory) -> Trajectory:
         """Return the set-points; raise InputError where a joint cannot reach them."""

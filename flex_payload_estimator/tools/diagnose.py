@@ -215,7 +215,10 @@ def _main(arguments: argparse.Namespace) -> None:
             robot.name, arguments.model, arguments.modes, _coriolis(arguments, robot)))
         write(print, answer_text(found.diagnosis, found.gains, found.payload))
         if arguments.extended:
-            changed = replace(found.extended.robot, sample_time=robot.sample_time)
+            # A payload's deviation is one from what was told, not from the file's.
+            told = robot.payload_mass if arguments.payload is None else arguments.payload
+            changed = replace(found.extended.robot, sample_time=robot.sample_time,
+                              payload_mass=told)
             write(_write_extended, arguments, changed, found)
         if arguments.json:
             write(command_line.write_json, arguments.json, answer(

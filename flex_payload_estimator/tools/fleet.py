@@ -49,13 +49,21 @@ def options() -> argparse.ArgumentParser:
 def tasks_of(arguments: argparse.Namespace, out: Path) -> list[LogTask]:
     """Return a task for every log below the folders."""
     load_robot(arguments.robot)
+    logs = logs_below(arguments.folder, out)
+    homes: dict[str, set[Path]] = {}
+    for folder, log in logs:
+        homes.setdefault(arm_of(folder, log), set()).add(log.parent.absolute())
     found = []
-    for folder, log in logs_below(arguments.folder, out):
-        # By the log's own path: a page keeps its place when further logs join.
-        page = out / 'pages' / sha256(os.fsencode(log.absolute())).hexdigest()[:12]
-        found.append(LogTask(
-            arm_of(folder, log), str(log.absolute()), robot_of(folder, log, arguments.robot),
-            str(page.absolute()), arguments.payload, float(arguments.timeout)))
+    for folder, log in logs:
+        arm = arm_of(folder, log)
+        if len(homes[arm]) > 1:
+            # Two arms whose folders bear one name.
+            arm = log.parent.absolute().as_posix()
+        task = LogTask(arm, str(log.absolute()), robot_of(folder, log, arguments.robot), '',
+                       arguments.payload, float(arguments.timeout))
+        # By log and settings: a page keeps its place when further logs join.
+        page = out / 'pages' / sha256(os.fsencode(task.settings)).hexdigest()[:12]
+        found.append(replace(task, report=str(page.absolute())))
     return found
 
 

@@ -83,8 +83,8 @@ class SearchState:
     def __init__(self, data: Data, nominal: BaseModel, jobs: int, exclude: Sequence[str],
                  progress: Progress):
         self.data, self.nominal, self.jobs, self.progress = data, nominal, jobs, progress
-        self.catalogue = [h for h in all_hypotheses(nominal.robot, exclude)
-                          if not any(h.effect is type(e) for e in nominal.effects)]
+        told = {f'{effect.identifier}:{effect.site}' for effect in nominal.effects}
+        self.catalogue = [h for h in all_hypotheses(nominal.robot, exclude) if h.label not in told]
         self.fits: dict[SetKey, Fit] = {}
         self.refined: dict[SetKey, RefinedFit] = {}
         self.coarse_fits: dict[SetKey, list[Fit]] = {}
