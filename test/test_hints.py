@@ -12,7 +12,7 @@ from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.inputs.plausible import channel_hints
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.logs.read import read_log
-from flex_plant_sim.tools.log_input import hints
+from flex_plant_sim.tools.log_input import hints, read_logs
 from msg_config.errors import InputError
 import numpy as np
 import pytest
@@ -201,3 +201,9 @@ def test_gauges_of_two_links_are_told_by_their_shape_not_by_their_size() -> None
     assert not channel_hints(heavier, expected, names, units, noise)
     assert channel_hints(expected[:, [0, 1, 3, 2]], expected, names, units, noise) == (
         'strain_1 and strain_2 look exchanged',)
+
+
+def test_a_log_counts_once(tmp_path: Path) -> None:
+    (tmp_path / 'link.csv').symlink_to(tmp_path / 'log.csv')
+    with pytest.raises(InputError, match='log.csv: expected each log once'):
+        read_logs([str(tmp_path / 'log.csv'), str(tmp_path / 'link.csv')], ROBOT, 'paper', 2)

@@ -271,3 +271,11 @@ def test_topics_of_two_namespaces_are_said(tmp_path: Path) -> None:
         in log.notes[0]
     one = read_log(record(tmp_path / 'one', [*states(20), *strains(20)]), ROBOT)
     assert not any('namespaces' in note for note in one.notes)
+
+
+def test_a_recording_that_was_cut_off_is_told_how_it_is_mended(tmp_path: Path) -> None:
+    bag = record(tmp_path / 'bag', [*states(20), *strains(20)])
+    file, = bag.glob('*.mcap')
+    file.write_bytes(file.read_bytes()[:-40])
+    with pytest.raises(InputError, match='mended by mcap recover'):
+        read_log(bag, ROBOT)

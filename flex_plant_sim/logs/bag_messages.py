@@ -205,8 +205,11 @@ def read_messages(path: Path, mapping: InputMapping
         raise InputError(f'{path}: expected a bag that takes at most {MEMORY / 1e6:g} MB of '
                          'memory; a long one can be split') from None
     except Exception as error:  # noqa: B902  a damaged bag can raise anything
+        # What the recorder writes last is missing where it was killed.
+        cut = '; a recording that was cut off is mended by mcap recover' \
+            if 'end magic' in str(error) else ''
         raise InputError(f'{path}: expected a rosbag2, got: '
-                         f'{type(error).__name__}: {error}') from None
+                         f'{type(error).__name__}: {error}{cut}') from None
     return {name: collector.stream() for name, collector in found.items()}, notes
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+import os
 import sys
 
 from flex_plant_sim.arm.robot import Robot
@@ -58,6 +59,10 @@ def read_logs(paths: Sequence[str], robot: Robot, model: str, modes: int,
 
     """
     forces = has_coriolis(nominal_effects(robot, model, coriolis))
+    places = [os.path.realpath(path) for path in paths]
+    for path, place in zip(paths, places):
+        if places.count(place) > 1:
+            raise InputError(f'{path}: expected each log once')
     logs = [read_log_aloud(path, robot, model, modes, forces) for path in paths]
     for log in logs:
         if log.doubts:
