@@ -29,9 +29,9 @@ def of_mode(mode: Mode, age: float = 9.0) -> Filter:
 
 
 @pytest.mark.parametrize(('kind', 'mode', 'learnt', 'age', 'settles'), [
-    # An exact one that begins afresh: from then on, however long the modes have differed.
+    # A mode that begins afresh: from then on, however long the modes have differed.
     ('mode', EXACT, 0.05, 9.0, True), ('mode', EXACT, 0.15, 0.0, False),
-    ('mode', PARTS_FREE, 0.05, 0.0, False), ('mode', COARSE, 0.05, 0.0, False),
+    ('mode', PARTS_FREE, 0.05, 9.0, True), ('mode', ROUGH, 0.05, 9.0, True),
     # A payload that stands still: from when the trial began.
     ('constant', EXACT, 9.0, 0.05, True), ('constant', EXACT, 0.05, 0.15, False),
     ('constant', ROUGH, 9.0, 0.05, True), ('change', EXACT, 0.05, 0.05, False)])

@@ -138,7 +138,7 @@ class ModeCompetition:
 
     def _situation(self, incumbent: Filter) -> Situation:
         return Situation(incumbent, self.trials, self.window, self._time_in_motion,
-                         self._constant_s, self._threshold)
+                         self._constant_s, self._threshold, self.stepper.prior)
 
     def _step_trials(self, incumbent: Filter, sample: Sample, loads: Loads, excited: bool
                      ) -> None:
@@ -172,7 +172,7 @@ class ModeCompetition:
             if trial.kind == 'change' and (trial.judged is None) != (incumbent.model is None):
                 # It jumped for nothing.
                 trial.kalman, trial.judged = with_payload_walk(incumbent, self.walk)
-        elif trial.is_settling:
+        elif trial.is_settling and not trial.is_cusum(incumbent):
             trial.log_ratio = 0.0
 
     def _let_jump(self, trial: Trial, sample: Sample, loads: Loads) -> None:
@@ -201,8 +201,9 @@ class ModeCompetition:
             if not any(trial.kind == 'mode' and freedom(trial.kalman.mode) == freedom(mode)
                        for trial in self.trials):
                 self._pause_end = time + TRIAL_S
-                self._add_trial('mode', in_other_mode(incumbent, mode, self.stepper), incumbent,
-                                time)
+                last = self.window[self.window.end - 1]
+                f = in_other_mode(incumbent, mode, last, self.stepper)
+                self._add_trial('mode', f, incumbent, time)
 
     def _add_trial(self, kind: str, f: Filter, incumbent: Filter, time: float,
                    judged: Filter | None = None) -> None:
@@ -241,7 +242,7 @@ class ModeCompetition:
             self.ongoing_change, self._change_found = trial, time
             self.window.clear()
         elif trial.kalman.mode.payload_walk == 0.0:
-            self._end_change(trial, time)
+            self._end_change(trial, incumbent, time)
         self._pass, self._last_attempt = None, 0.0
         if new_mode:
             # What `exact` did not fit, free parts may; and `exact` wins over the whole window.
@@ -250,7 +251,7 @@ class ModeCompetition:
         self._pause_end = time + TRIAL_S
         return trial.kalman
 
-    def _end_change(self, trial: Trial, time: float) -> None:
+    def _end_change(self, trial: Trial, incumbent: Filter, time: float) -> None:
         """Report the change that is over, or forget what another mode explains."""
         constant = trial.kind == 'constant'
         self.reported_change = self.ongoing_change if constant else None
@@ -263,9 +264,11 @@ class ModeCompetition:
         if self.ongoing_change:
             self._constant_since = time
         self.ongoing_change = None
-        # What `coarse` allows for may have been there all the time: its window stays.
+        # What `coarse` allows for may have been there all the time: its window stays. What drove
+        # it off was over when the trial of `rough` began.
         if constant or freedom(trial.kalman.mode) == 1:
-            self.window.clear()
+            over = trial.has_less_freedom(incumbent)
+            self.window.drop_before(trial.since if over else math.inf)
 
     def _next_pass(self, f: Filter) -> WindowPass | None:
         """Return the pass over the window that is due beside an incumbent, if any."""

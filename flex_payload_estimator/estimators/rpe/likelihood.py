@@ -148,7 +148,8 @@ def _update_noise(statistics: Array, drop: Array, place: int, first: int, last: 
     drop[1], drop[2] = drop[1] + last - first, drop[2] + expected_squares
     if drop[0] > threshold:
         scale = max(drop[2] / drop[1], SMALLEST_SCALE)
-        statistics[place], ratio = drop[1], scale / former
+        # Below the least that the filter takes for it, the noise changes nothing.
+        statistics[place], ratio = drop[1], max(scale, least) / max(former, least)
         gain = max(0.5 * drop[1] * (ratio - 1.0 - np.log(ratio)) - threshold, 0.0)
     if not 0.0 < drop[0] <= threshold:
         drop[:] = 0.0

@@ -11,6 +11,7 @@ from flex_payload_estimator.estimators.rpe.likelihood import initial_statistics,
 from flex_payload_estimator.estimators.rpe.linearised import at_payload, LinearisedModel
 from flex_payload_estimator.estimators.rpe.modes import freedom, Mode, ROUGH, ROUGH_ON_TRIAL
 from flex_payload_estimator.estimators.rpe.packing import pack
+from flex_payload_estimator.estimators.rpe.sample_window import StoredSample
 from flex_payload_estimator.estimators.rpe.sensors import Loads
 from flex_payload_estimator.estimators.rpe.time_update import CORIOLIS, FIRST_BIAS, MASS
 from flex_payload_estimator.estimators.rpe.zero import reading_sensitivity, zero_column
@@ -208,10 +209,19 @@ def with_constant_payload(f: Filter, stepper: FilterStep) -> list[Filter]:
     return [_wide_restart(f, mode, stepper), *([_in_mode(f, mode)] if mode.free_parts else [])]
 
 
-def in_other_mode(f: Filter, mode: Mode, stepper: FilterStep) -> Filter:
-    """Return a filter of another mode; from `coarse` to `rough` it keeps what f knows."""
-    if mode.free_parts and f.mode.free_parts and freedom(mode) < freedom(f.mode):
-        return _in_mode(f, mode._replace(payload_walk=0.0))
+def in_other_mode(f: Filter, mode: Mode, last: StoredSample, stepper: FilterStep) -> Filter:
+    """
+    Return a filter of another mode, after the last sample.
+
+    From `coarse` to `rough` it takes from f the noise alone, and any payload of the range: what
+    drove f far off may be over.
+    """
+    if freedom(mode) < freedom(f.mode):
+        mass = 0.5 * stepper.heaviest
+        new = stepper.begin(mode, f.innovations[0], mass, mass / math.sqrt(3.0))
+        new.noise_scale[:] = f.noise_scale
+        begin_at(new, last.sample, last.loads, None, stepper)
+        return new
     return _wide_restart(f, ROUGH_ON_TRIAL if mode.name == ROUGH.name else mode, stepper)
 
 

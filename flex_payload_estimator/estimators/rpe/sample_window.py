@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 from math import comb
 
@@ -119,6 +119,16 @@ class SampleWindow:
             self.rested, self.is_complete = None, False
             self._dropped = self._samples[:self.size]
             del self._samples[:self.size]
+
+    def drop_before(self, time: float) -> None:
+        """Drop the samples before a time, s."""
+        count = bisect_left(self._samples, time, key=lambda stored: stored.sample.time)
+        if count == 0:
+            return
+        self._dropped = self._samples[:count]
+        del self._samples[:count]
+        self.first, self.rested, self.is_complete = self.first + count, None, True
+        self.time_in_motion = sum(stored.time_in_motion for stored in self._samples)
 
     def clear(self) -> None:
         """Drop all samples."""

@@ -11,7 +11,7 @@ incumbent comes from start.py.
 | any | the same with a walking payload | trial 'change' | to_walking_payload |
 | a walking payload | the same mode, a constant payload | trial 'constant' | to_constant_payload |
 | `exact`, `rough` | the next mode with more freedom | trial 'mode' | to_more_freedom |
-| `coarse` | `rough` | trial 'mode' | from_coarse_to_rough |
+| `coarse` | `rough`, begun anew | trial 'mode' | from_coarse_to_rough |
 | `rough`, `coarse` | `exact` | window pass | to_exact |
 | any | the same, linearised about what it found | window pass | gauss_newton_pass |
 | `rough` | the same, linearised about its estimate | at once | relinearisation_due |
@@ -19,8 +19,9 @@ incumbent comes from start.py.
 A walking payload and a model with more freedom explain the same misfit. Either may become true at
 any time, so its log-likelihood ratio counts from when it was best to begin (Page's cumulative
 sum, Biometrika 41, 1954). A change of the payload must be the better explanation of the same
-samples, and a model must be wrong for a while. No mode is left for good. A walk is compared
-linearised as the incumbent is: see restarts.with_payload_walk.
+samples, and a model must be wrong for a while. No mode is left for good: what a model was wrong
+about may be over, so that `rough` beside `coarse` knows nothing of before its trial. A walk is
+compared linearised as the incumbent is: see restarts.with_payload_walk.
 """
 
 from __future__ import annotations
@@ -34,7 +35,9 @@ from flex_payload_estimator.estimators.rpe.likelihood import (
     POOR_FIT,
     reduced_chi_square,
 )
+from flex_payload_estimator.estimators.rpe.misfit import misfits
 from flex_payload_estimator.estimators.rpe.modes import freedom, Mode, MODES, ROUGH
+from flex_payload_estimator.estimators.rpe.prior import Prior
 from flex_payload_estimator.estimators.rpe.restarts import PASSES
 from flex_payload_estimator.estimators.rpe.sample_window import SampleWindow
 from flex_payload_estimator.estimators.rpe.trial import Trial
@@ -57,9 +60,6 @@ FREER_MODE_S = 0.2
 CONSTANT_MARGIN = 3.0
 # Length of a trial of another mode, and pause before `rough` is tried again beside `coarse`, s.
 TRIAL_S = 2.0
-# Time that `rough` has to run beside `coarse`, s. It must lead then as well: both are wrong, and
-# would else take turns.
-COARSE_EXIT_S = 32.0
 
 
 class Situation(NamedTuple):
@@ -77,6 +77,8 @@ class Situation(NamedTuple):
         How long a payload must have been constant to count as such, s.
     threshold : float
         False-alarm threshold, nats; see likelihood.false_alarm_threshold.
+    prior : Prior
+        Of free parts.
 
     """
 
@@ -86,6 +88,7 @@ class Situation(NamedTuple):
     time_in_motion: float
     constant_s: float
     threshold: float
+    prior: Prior
 
 
 def wins(trial: Trial, now: Situation) -> bool:
@@ -159,8 +162,14 @@ def to_more_freedom(trial: Trial, now: Situation) -> bool:
 
 
 def from_coarse_to_rough(trial: Trial, now: Situation) -> bool:
-    """Tell whether `rough` is enough: it leads after COARSE_EXIT_S."""
-    return trial.counted >= COARSE_EXIT_S and _leads(trial, now)
+    """
+    Tell whether the model was wrong only in the past: `rough`, begun afresh, leads, and fits.
+
+    By innovations and parts: those that are far off stand for what no part has. Without that both
+    modes could take turns where both are wrong.
+    """
+    return trial.counted >= TRIAL_S and _leads(trial, now) \
+        and misfits(trial.kalman, now.prior)[0] <= POOR_FIT
 
 
 def _leads(trial: Trial, now: Situation) -> bool:
@@ -187,7 +196,7 @@ def has_failed(trial: Trial, now: Situation) -> bool:
         return trial.log_ratio < -now.threshold
     if trial.is_cusum(now.incumbent):
         return trial.run >= TRIAL_S and trial.log_ratio == 0.0
-    out_of_time = trial.kalman.mode.free_parts and trial.counted >= COARSE_EXIT_S
+    out_of_time = trial.kalman.mode.free_parts and trial.counted >= TRIAL_S
     return out_of_time or trial.log_ratio < -now.threshold
 
 

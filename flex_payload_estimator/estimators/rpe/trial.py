@@ -77,7 +77,7 @@ class Trial:
     def is_settling(self) -> bool:
         """Whether it restarted just now, and is still behind for that alone."""
         if self.kind == 'mode':
-            return not self.kalman.mode.free_parts and self.kalman.age < SETTLING_S
+            return self.kalman.age < SETTLING_S
         return self.kind == 'constant' and self.counted < SETTLING_S
 
     def is_cusum(self, incumbent: Filter) -> bool:
