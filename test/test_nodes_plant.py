@@ -147,7 +147,8 @@ def test_real_time_keeps_pace_with_the_wall_clock(loop: RosLoop) -> None:
 @pytest.mark.parametrize(('values', 'text'), [
     ({'robot': 'nobody'}, "plant_sim: robot: expected one of .*, got 'nobody'"),
     ({'payload_schedule': [1.0]}, 'plant_sim: payload_schedule: expected pairs .*, got 1'),
-    ({'payload_schedule': [2.0, 0.1, 1.0, 0.1]}, 'plant_sim: payload: expected times that do not'),
+    ({'payload_schedule': [2.0, 0.1, 1.0, 0.1]},
+     'plant_sim: payload_schedule: expected times from 0 on that do not'),
     ({'payload_schedule': [1.0, -0.1]}, 'plant_sim: payload: expected a mass >= 0 kg, got -0.1'),
     ({'effects': ['magic:joint_1:level=1']}, "plant_sim: effects: expected .*got 'magic'"),
     ({'effects': ['coulomb_friction:joint_3:level_n_m=1']}, "plant_sim: .*got 'joint_3'"),

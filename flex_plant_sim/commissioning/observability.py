@@ -103,7 +103,7 @@ def _output(robot: Robot, sensors: tuple[Effect, ...], modes: int, move: Move) -
         output = simulate(Simulator(arm), move.commands)[0]
     if not np.abs(output).max() < DIVERGED:
         raise InputError(f'{robot.name}: payload: mass_kg: expected one that the model moves, got '
-                         f'about {robot.payload_mass:.2g} kg: with {modes} modes it is unstable')
+                         f'{robot.payload_mass:.4g} kg: with {modes} modes it is unstable')
     return output
 
 
