@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 import re
 
+from flex_plant_sim.arm.robot import EffectSpec
 from flex_plant_sim.arm.robot_file import load_robot, parse_robot, robot_text
 from flex_plant_sim.arm.robot_text import with_numbers
 from flex_plant_sim.commissioning.calibrated_robot import calibrated_robot, calibration_text
@@ -14,6 +15,7 @@ from flex_plant_sim.diagnosis.likelihood.prior import part_priors
 from flex_plant_sim.diagnosis.verdict.results import PartEstimate
 from flex_plant_sim.logs.read import read_log
 from flex_plant_sim.tools.robot import main
+from msg_config.errors import InputError
 import numpy as np
 import pytest
 from truth.records import draw_case, make_record
@@ -148,3 +150,9 @@ def test_a_part_far_from_its_file_is_doubted() -> None:
     for part, doubted in zip(parts, (False, True)):
         text = calibration_text(Calibration(load_robot('reference'), (part,)))
         assert ('more than 3 tolerances off: damping_1' in text) == doubted
+
+
+def test_a_payload_that_an_effect_changes_is_not_the_one_that_was_weighed() -> None:
+    deviates = EffectSpec('payload_mass', 'arm', {'deviation_kg': -0.05})
+    with pytest.raises(InputError, match='expected no payload_mass'):
+        calibrate([], replace(load_robot('reference'), effects=(deviates,)), 0.1)

@@ -22,6 +22,7 @@ from flex_plant_sim.diagnosis.report.extended_file import merged_readings, specs
 from flex_plant_sim.diagnosis.verdict.results import PartEstimate
 from flex_plant_sim.diagnosis.verdict.verdict import nominal_base, slowest_frequency
 from flex_plant_sim.logs.log import Log
+from msg_config.errors import InputError
 import numpy as np
 
 # Model and modes per link: the defaults of all tools.
@@ -65,9 +66,12 @@ def calibrate(logs: Sequence[Log], robot: Robot, payload: float) -> Calibration:
     Raises
     ------
     InputError
-        A log is too short.
+        A log is too short, or an effect of the robot file says that the payload is another one.
 
     """
+    if any(spec.name == 'payload_mass' for spec in robot.effects):
+        raise InputError(f'{robot.name}: effects: expected no payload_mass, which would change '
+                         'the payload that was weighed')
     known = replace(robot.tolerances, payload=0.0, payload_inertia_kg_m2=0.0)
     base = nominal_base(replace(robot, payload_mass=payload, tolerances=known,
                                 sample_time=logs[0].sample_time), MODEL, MODES)
