@@ -21,11 +21,11 @@ def test_the_noise_is_read_right_whatever_the_filter_takes_for_it(
     statistics[:4], before, read = start, np.zeros(4), []
     for _ in range(4000):
         innovation = np.sqrt(TOLD) * random.standard_normal(4)
-        variances = TOLD * (max(statistics[0], least) + 0.05)
+        variances = TOLD * (np.maximum(statistics[:4], least) + 0.05)
         update_statistics(statistics, innovation, before, variances,
                           innovation / np.sqrt(variances), float(np.log(variances).sum()), TOLD,
                           least, 44.0, 0.01)
         before = innovation
         read.append(statistics[:4].copy())
     # The memory is 50 samples, of two channels each: a deviation of 0.1 to 0.2 at a time.
-    np.testing.assert_allclose(np.mean(read[500:], axis=0), 0.95, atol=0.2)
+    np.testing.assert_allclose(np.mean(read[500:], axis=0), 0.95, atol=0.1)

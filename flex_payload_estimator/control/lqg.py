@@ -39,7 +39,7 @@ class LQGSettings:
         Schedule on the estimated payload; otherwise on mass_0.
     mass_0 : float
         Payload of the design until an estimate comes, kg.
-    mass_max : float
+    mass_max : float or None
         Estimates are taken inside [0, mass_max], kg, no faster than a gripper closes; None for
         what `largest_payload` says.
     q_2 : float
@@ -89,7 +89,7 @@ class LQGController:
 
     Attributes
     ----------
-    mass_max : float
+    mass_max : float or None
         Largest payload that an estimate is taken for, kg.
     doubted : int
         How many of the last measurements in a row were too far from their prediction to be used.

@@ -10,8 +10,8 @@ import numpy as np
 DEGREE = 3
 # Fewest rows: a parabola through the first half of them leaves something to check it by.
 FEWEST = 8
-# Deviations from which a joint moves: of 78 arms that begin at rest, half of them with steep
-# commands, none is above 7; of 276 stretches in motion at 0.4 rad/s and more 275 are above 10.
+# Deviations from which a joint moves: of 156 arms that begin at rest, most with steep commands,
+# none is above 7; of 355 stretches in motion 352 are above 10 (benchmarks/first_rates.py).
 MOVES = 10.0
 
 

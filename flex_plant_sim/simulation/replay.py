@@ -8,7 +8,7 @@ from typing import Any
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.inputs.first_rates import FEWEST, first_rates, MOVES
+from flex_plant_sim.inputs.first_rates import first_rates, MOVES
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.simulation.agreement import fit_percent, rmse
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
@@ -19,8 +19,8 @@ import numpy as np
 
 # Angle, rad, and strain, m/m, that no arm reaches: a simulation that does has diverged.
 DIVERGED_ANGLE, DIVERGED_STRAIN = 1e3, 1.0
-# Time from which the first rates are read, s: an eighth of the reference arm's slowest period.
-START_S = 0.1
+# Time from which the first rates are read, s: a sixth of the reference arm's slowest period.
+START_S = 0.13
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ def replay(log: Log, robot: Robot, model: str = 'assumed_modes', modes: int = 3,
 
 def start_rates(log: Log, robot: Robot) -> Array:
     """Return the joints' rates at a log's first row, rad/s, (2,); 0 where they may be at rest."""
-    count = max(round(START_S / log.sample_time), FEWEST)
+    count = round(START_S / log.sample_time)
     rates, deviations = first_rates(log.joint[:count], log.sample_time,
                                     np.full(2, robot.angle_noise))
     return np.where(np.abs(rates) > MOVES * deviations, rates, 0.0)
