@@ -15,6 +15,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import InertiaStamped
 from msg_config.errors import InputError
+from msg_config.time_stamp import NANOSECONDS, valid_stamp
 import numpy as np
 from numpy.typing import NDArray
 from rosgraph_msgs.msg import Clock
@@ -22,8 +23,6 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 Array = NDArray[np.float64]
-# Nanoseconds per second.
-NANOSECONDS = 1_000_000_000
 LEVELS = {
     'ok': DiagnosticStatus.OK, 'warn': DiagnosticStatus.WARN, 'error': DiagnosticStatus.ERROR,
     'stale': DiagnosticStatus.STALE}
@@ -62,7 +61,7 @@ def checked_time(time: Any, where: str) -> int:
 
     """
     whole, rest = time.sec, time.nanosec
-    if whole < 0 or rest >= NANOSECONDS:
+    if not valid_stamp(whole, rest):
         raise InputError(f'{where}: expected sec >= 0 and nanosec < 1e9, got {whole} and {rest}')
     return int(whole) * NANOSECONDS + int(rest)
 

@@ -8,10 +8,11 @@ import math
 from flex_plant_sim.arm.robot_file import load_robot, parse_robot, robot_text
 from flex_plant_sim.inputs.gate import Gate, judge_record, Limits
 from flex_plant_sim.inputs.resample import even_grid, fill_by_line, fill_by_spline
-from flex_plant_sim.inputs.stamps import Order, StampOrder, valid_stamp
+from flex_plant_sim.inputs.stamps import Order, StampOrder
 from flex_plant_sim.inputs.synchroniser import slop_of, Synchroniser
 from msg_config.errors import InputError
 from msg_config.input_mapping import InputMapping
+from msg_config.time_stamp import valid_stamp
 import numpy as np
 import pytest
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import math
 
 from flex_payload_estimator.control.safeguards import BelievedPayload
-from flex_payload_estimator.estimators.base import largest_payload
+from flex_payload_estimator.estimators.base import is_finite, largest_payload
 from flex_payload_estimator.kalman.predictor import KalmanPredictor
 from flex_payload_estimator.kalman.riccati import riccati_step, settled
 from flex_payload_estimator.model.delta import DeltaOperator, series
@@ -186,9 +186,9 @@ class LQGController:
         # Another layout in memory would be compiled for while the sample waits.
         set_point = np.array(set_point, dtype=float)
         previous_command = np.array(previous_command, dtype=float)
-        if not _finite(set_point):
+        if not is_finite(set_point):
             raise InputError(f'set_point: expected finite numbers, got {set_point}')
-        if _finite(previous_command):
+        if is_finite(previous_command):
             self._previous = previous_command
         self._predict(self.model.scale * output)
         if self.settings.adapt:
@@ -205,7 +205,7 @@ class LQGController:
         if self._model is not None:
             self.state = self.kalman.advance(self.state, *self._model, self._previous,
                                              self._output)
-        good = _finite(scaled) and not self._doubtful(scaled)
+        good = is_finite(scaled) and not self._doubtful(scaled)
         if good and self._output is None and self._model is None:
             self.state[:2] = scaled[:2]
         self._output = scaled if good else None
@@ -234,11 +234,6 @@ class LQGController:
         a, b = self.model.matrices(cosine, mass)
         big = self._omega(a)
         return big.dot(a), big.dot(b)
-
-
-def _finite(values: Array) -> bool:
-    # For a few numbers quicker than by NumPy.
-    return all(map(math.isfinite, values.tolist()))
 
 
 @compiled

@@ -14,7 +14,8 @@ from typing import Any
 from flex_plant_sim.arm.second_order import Array
 from msg_config.errors import InputError
 from msg_config.input_mapping import Channels, JOINTS
-from msg_config.messages import check_finite, checked_stamp, NANOSECONDS
+from msg_config.messages import check_finite, checked_stamp
+from msg_config.time_stamp import NANOSECONDS
 import numpy as np
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+import math
 from typing import NamedTuple, Protocol
 
 from flex_plant_sim.arm.robot import Robot
@@ -112,6 +113,11 @@ class PayloadEstimator(Protocol):
 
     def conclude(self) -> None:
         """Do what the last estimate did not wait for; otherwise the next `update` does it."""
+
+
+def is_finite(values: Array) -> bool:
+    """Return whether all values are finite; for a few values a list is faster than NumPy."""
+    return all(map(math.isfinite, values.tolist()))
 
 
 def largest_payload(robot: Robot, told: float | None) -> float:

@@ -26,11 +26,11 @@ from msg_config.errors import InputError
 from msg_config.messages import (
     checked_stamp,
     joint_state,
-    NANOSECONDS,
     payload_mass,
     seconds,
     stamp_of,
 )
+from msg_config.time_stamp import NANOSECONDS
 from msg_config.wire import MessageWriter
 import numpy as np
 from trajectory_msgs.msg import JointTrajectory

@@ -29,11 +29,11 @@ from msg_config.messages import (
     check_finite,
     checked_stamp,
     joint_state,
-    NANOSECONDS,
     nanoseconds,
     seconds,
 )
 from msg_config.ros import Audience, PayloadPublisher
+from msg_config.time_stamp import NANOSECONDS
 from msg_config.wire import MessageWriter
 import numpy as np
 from sensor_msgs.msg import JointState

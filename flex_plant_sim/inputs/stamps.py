@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from enum import Enum
 
-# Nanoseconds per second.
-NANOSECONDS = 1_000_000_000
+from msg_config.time_stamp import NANOSECONDS
+
 # A jump of the stamps, ns. A pause of a recorder or of a busy machine is shorter; a clock that is
 # set jumps further.
 LEAP = NANOSECONDS
@@ -25,11 +25,6 @@ class Order(Enum):
     STALE = 'stale'
     AHEAD = 'ahead'
     RESTARTED = 'restarted'
-
-
-def valid_stamp(seconds: int, nanoseconds: int) -> bool:
-    """Return whether a header's stamp is a valid time."""
-    return seconds >= 0 and 0 <= nanoseconds < NANOSECONDS
 
 
 class StampOrder:

@@ -15,7 +15,6 @@ from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.atomic_file import whole_file
 from flex_plant_sim.inputs.resample import KEPT
-from flex_plant_sim.inputs.stamps import NANOSECONDS
 from flex_plant_sim.inputs.synchroniser import slop_of, Synchroniser
 from flex_plant_sim.logs.bag_messages import read_messages, seconds_text, Stream
 from flex_plant_sim.logs.commands import Commands
@@ -25,6 +24,7 @@ from flex_plant_sim.logs.rows import Rows, to_log
 from msg_config.contract import load_topics
 from msg_config.errors import InputError
 from msg_config.input_mapping import CONTRACT, InputMapping
+from msg_config.time_stamp import NANOSECONDS
 import numpy as np
 
 # Ratio of sampling intervals from which the slower of joints and strain is reported to set the

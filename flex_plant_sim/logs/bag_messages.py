@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.inputs.stamps import NANOSECONDS, valid_stamp
 from flex_plant_sim.logs.bounded import bounded, MEMORY
 from msg_config.contract import load_topics
 from msg_config.errors import InputError
 from msg_config.input_mapping import Channels, InputMapping
+from msg_config.time_stamp import NANOSECONDS, valid_stamp
 import numpy as np
 from numpy.typing import NDArray
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.inputs.resample import Grid
-from flex_plant_sim.inputs.stamps import NANOSECONDS
 from flex_plant_sim.logs.bag_messages import Stamps, Stream
 from msg_config.input_mapping import InputMapping
+from msg_config.time_stamp import NANOSECONDS
 import numpy as np
 
 # Share of the largest command up to which two commands count as equal: rounding to the nine

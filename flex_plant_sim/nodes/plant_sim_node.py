@@ -23,12 +23,12 @@ from msg_config.messages import (
     checked_stamp,
     clock_message,
     joint_state,
-    NANOSECONDS,
     nanoseconds,
     seconds,
 )
 from msg_config.recent_counts import RecentCounts
 from msg_config.ros import Audience
+from msg_config.time_stamp import NANOSECONDS
 from msg_config.wire import MessageWriter
 import numpy as np
 from sensor_msgs.msg import JointState

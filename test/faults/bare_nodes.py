@@ -13,9 +13,10 @@ from struct import Struct
 from typing import Any
 
 from msg_config.input_mapping import JOINTS
-from msg_config.messages import inertia_message, joint_state, NANOSECONDS
+from msg_config.messages import inertia_message, joint_state
 from msg_config.node_process import make_executor, spin
 from msg_config.ros import create_publisher, create_sourced_subscription, payload_message
+from msg_config.time_stamp import NANOSECONDS
 from msg_config.transport import avoid_shared_memory
 from msg_config.wire import HEAD
 import rclpy

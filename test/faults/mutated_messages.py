@@ -14,8 +14,9 @@ from typing import Any
 
 from faults.page import record
 from msg_config.contract import load_topics
-from msg_config.messages import inertia_message, NANOSECONDS
+from msg_config.messages import inertia_message
 from msg_config.ros import interface_class
+from msg_config.time_stamp import NANOSECONDS
 import numpy as np
 import rclpy
 from rclpy.context import Context

@@ -24,8 +24,8 @@ from typing import Any
 from faults.bare_nodes import STAMP
 from faults.page import record
 from matplotlib.figure import Figure
-from msg_config.messages import NANOSECONDS
 from msg_config.ros import create_subscription
+from msg_config.time_stamp import NANOSECONDS
 from msg_config.transport import avoid_shared_memory
 import numpy as np
 import rclpy

@@ -11,7 +11,12 @@ from collections.abc import Sequence
 import math
 from typing import Any
 
-from flex_payload_estimator.estimators.base import Estimate, Event, largest_payload
+from flex_payload_estimator.estimators.base import (
+    Estimate,
+    Event,
+    is_finite,
+    largest_payload,
+)
 from flex_payload_estimator.estimators.sf1.composite import CompositeMeasurement
 from flex_payload_estimator.estimators.sf1.joint import at_start, moved, Track
 from flex_payload_estimator.estimators.sf1.regression import (
@@ -44,11 +49,6 @@ SUSPECT = SIGNIFICANT
 MEAN_DEVIATION = math.sqrt(2.0 / math.pi)
 # Stands for the measurement where the predictor has none to correct by.
 NO_SAMPLE: Array = np.zeros(0)
-
-
-def is_finite(values: Array) -> bool:
-    """Return whether all values are finite; for a few values a list is faster than NumPy."""
-    return all(map(math.isfinite, values.tolist()))
 
 
 class SF1Estimator:

@@ -12,7 +12,7 @@ from functools import cached_property
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.likelihood.evidence import GaussianMarginal
-from flex_plant_sim.interval import Z95
+from flex_plant_sim.interval import CREDIBLE_LEVEL, Z95
 import numpy as np
 
 # Largest product of the distance between the responses of neighbouring times, nats, and their
@@ -23,8 +23,6 @@ MAX_INTERPOLATION_ERROR = 0.3
 MAX_MEAN_DEFICIT = 1.0
 # Weight below which an event is left out of a mixture, as a share of the largest.
 NEGLIGIBLE_WEIGHT = 1e-9
-# Probability that a stated interval holds.
-CREDIBLE_LEVEL = 0.95
 
 
 @dataclass(frozen=True)

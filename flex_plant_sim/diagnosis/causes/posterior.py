@@ -16,10 +16,9 @@ from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.likelihood.prior import imitation_odds, log_prior_odds, unknown_odds
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
+from flex_plant_sim.interval import CREDIBLE_LEVEL
 import numpy as np
 
-# Probability that a stated set of alternatives holds.
-CREDIBLE_LEVEL = 0.95
 # Faults at once that are ordinary; each further one makes an imitation more probable.
 ORDINARY_FAULTS = 2
 
