@@ -4,12 +4,13 @@ Fit the odds that something unknown looks like a set of causes, so that a named 
 The posterior over sets knows effects of the catalogue in the catalogue's forms. Nature has others,
 which a set may imitate. The odds of that, and the factor by which each further fault that a set
 needs raises them, are fitted by maximum likelihood to the bank's answers on calibration seeds.
-Cases with an effect taken out of the catalogue are weighted to be as frequent as in a round of the
-bank. Each case is left out once to see what the fit is worth. Then other answers are scored with
-them: the calibration error beside its mean if every stated probability were right.
+Cases of each kind are weighted to be as frequent as a whole bank has them, and each case is left
+out once to see what the fit is worth. Then other answers are scored with them: the calibration
+error beside its mean if every stated probability were right.
 
     python test/run_bank.py --use calibration --rounds 1 --results build/odds.jsonl
     python test/run_bank.py --use calibration --rounds 7 --only missing --results build/odds.jsonl
+    python test/run_bank.py --use calibration --rounds 7 --only pair/ --results build/odds.jsonl
     python benchmarks/stated.py build/odds.jsonl --score build/bank.jsonl
 """
 
@@ -23,19 +24,21 @@ import sys
 
 import _truths  # noqa: F401
 from bank import score
-from bank.cases import all_cases
 from bank.summary import JUDGED
 from flex_plant_sim.diagnosis.likelihood.prior import (
     imitation_odds,
     MAX_FURTHER_FAULTS,
 )
 from flex_plant_sim.diagnosis.report.json_answer import PREDICTS_WORSE
+from flex_plant_sim.effects import catalogue
 import numpy as np
 from run_bank import read_results
 from scipy.optimize import minimize
 
 # What an answer says where something unnamed was found before the locked part was looked at.
 REMAINS = 'Something unnamed remains.'
+# Cases of a whole bank: three of every identifier, effects taken out, pairs.
+WHOLE_BANK = {'one': 3 * len(catalogue()), 'missing': 40, 'pair': 30}
 # Label of the unknown, and named faults that are ordinary, so that only further ones count.
 UNKNOWN, ORDINARY = 'unknown', 2
 
@@ -71,10 +74,9 @@ def further(labels: Sequence[str]) -> int:
 
 
 def weights(lines: Sequence[score.Line]) -> dict[str, float]:
-    """Return the weight of a case by kind, by which kinds are as frequent as in a round."""
-    kinds = [case.kind for case in all_cases('calibration', 1)]
+    """Return the weight of a case by kind, by which kinds are as frequent as in a whole bank."""
     found = [line['kind'] for line in lines]
-    return {kind: kinds.count(kind) / found.count(kind) for kind in set(found)}
+    return {kind: WHOLE_BANK.get(kind, 1) / found.count(kind) for kind in set(found)}
 
 
 def log_likelihood(some: Sequence[Claim], weight: dict[str, float], logs: score.Any) -> float:
