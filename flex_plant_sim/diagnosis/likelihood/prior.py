@@ -20,8 +20,8 @@ from flex_plant_sim.effects import catalogue, sites
 from flex_plant_sim.effects.base import Effect
 
 # Prior probability that any effect of the catalogue is at work, and that something is which no
-# catalogue knows. The latter makes `imitation_odds` what benchmarks/stated.py finds likeliest where
-# faults that no effect has are as frequent as in a whole bank, 0.15 to a factor of 1.4.
+# catalogue knows. With the latter `imitation_odds` are those that benchmarks/stated.py finds where
+# faults that no effect has are as frequent as in a whole bank: 0.15, to a factor of 1.4.
 PROBABILITY_ANY_CAUSE, PROBABILITY_UNKNOWN = 0.5, 0.15
 # Share of unknown effects that other effects of the catalogue explain fully. Of those taken out of
 # it, 39 of 73 were (test/run_bank.py --use calibration --only missing).
