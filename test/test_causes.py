@@ -5,14 +5,12 @@ from __future__ import annotations
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.diagnosis.causes.gauss_newton import GaussNewton
 from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses, CauseSet
-from flex_plant_sim.diagnosis.causes.posterior import (
-    SetKey,
-)
+from flex_plant_sim.diagnosis.causes.posterior import SetKey
 from flex_plant_sim.diagnosis.causes.proposal import ProposalScorer
 from flex_plant_sim.diagnosis.causes.search import search, SearchResult
 from flex_plant_sim.diagnosis.causes.sensitivity import Sensitivity
 from flex_plant_sim.diagnosis.likelihood.evidence import detectable_size
-from flex_plant_sim.diagnosis.likelihood.prior import log_prior_odds
+from flex_plant_sim.diagnosis.likelihood.prior import imitation_odds, log_prior_odds
 from flex_plant_sim.diagnosis.pool import each
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
@@ -33,6 +31,8 @@ HIDDEN = ('viscous_friction:joint_2:damping_n_m_s=3', 'strain_gain:strain_2a:fac
 # Of these five effects: 372, of them 33 each time that the parts' Jacobian is taken.
 MOST_PASSES = 400
 
+# All but what something unknown leaves of a probability.
+SURE = 0.99 / (1.0 + imitation_odds())
 # Evenly in probability.
 NORMAL = norm.ppf((np.arange(1000) + 0.5) / 1000)
 
@@ -75,7 +75,7 @@ def test_two_causes_are_found_together_in_few_passes(monkeypatch: pytest.MonkeyP
     sizes = {h.label: float(v[0]) for h, v in zip(best.hypotheses, pieces)}
     assert sizes == {'viscous_friction:joint_2': pytest.approx(3.0, rel=0.05),
                      'strain_gain:strain_2a': pytest.approx(0.8, rel=0.05)}
-    assert all(found.posterior.effect_probability(name) > 0.9 for name in (
+    assert all(found.posterior.effect_probability(name) > SURE for name in (
         'viscous_friction', 'strain_gain'))
     posterior = found.posterior
     assert posterior.probability.sum() + sum(posterior.unfitted.values()) == pytest.approx(1.0)
@@ -158,7 +158,7 @@ def test_what_a_part_far_off_does_as_well_is_named_with_its_whole_size(link: str
     assert cause.label == f'link_stiffness:{link}'
     # All but a seventieth is the cause's, as variances are; a nat leaves the part 1.4 tolerances.
     assert found.posterior.best.values == pytest.approx([factor], rel=1.4 * 0.03)
-    assert found.posterior.effect_probability('link_stiffness') > 0.9
+    assert found.posterior.effect_probability('link_stiffness') > SURE
 
 
 def test_a_cause_is_found_that_parts_far_off_stand_for() -> None:

@@ -35,11 +35,15 @@ def test_base_on_its_spring_under_a_rigid_arm() -> None:
                + robot.elbow_inertia + lower.mass * (middle**2 + lower.length**2 / 12.0)
                + 0.1 * reach**2 + 0.3)
     for model, modes, close in (('assumed_modes', 3, 1e-4), ('paper', 10, 0.05)):
-        form = arm(text.format('inertia_kg_m2=0.3'), robot=robot, model=model, modes=modes).form
+        form = arm(text.format('inertia_kg_m2=0.3,damping_ratio=0.2'), robot=robot, model=model,
+                   modes=modes).form
         m, k = form.mass_at(1.0, 0.1)[2:, 2:], form.stiffness_at(1.0)[2:, 2:]
         lowest = np.sqrt(np.min(np.abs(np.linalg.eigvals(np.linalg.solve(m, k)))))
         assert form.names[-1] == 'psi_base'
         assert lowest == pytest.approx((100.0 / inertia)**0.5, rel=close)
+        # What the mounting loses is told as that of the bare base, of 0.3 kg m^2.
+        assert form.damping[-1, -1] / (2.0 * lowest * inertia) == pytest.approx(
+            0.2 * (0.3 / inertia)**0.5, rel=close)
 
 
 def test_air_drag_on_a_turning_arm_and_never_with_the_motion() -> None:

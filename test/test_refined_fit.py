@@ -27,8 +27,8 @@ from truth.tolerances import TOLD
 
 
 def test_a_look_alike_is_fitted_along_its_own_trajectory() -> None:
-    clamp, base = effects('clamp_compliance:link_1:compliance_rad_per_n_m=0.005',
-                          'base_compliance:arm:compliance_rad_per_n_m=0.0045,inertia_kg_m2=0.05')
+    clamp, base = effects('clamp_compliance:link_1:compliance_rad_per_n_m=0.01',
+                          'base_compliance:arm:compliance_rad_per_n_m=0.009,inertia_kg_m2=0.05')
     data = Data.of([simulated((clamp,), 22.0)], SLOWEST, REFERENCE.sample_time)
     known = {h.label: h for h in all_hypotheses(REFERENCE)}
     near, far = (CandidateSet((known[f'{e.identifier}:{e.site}'],), (np.array(e.values),))

@@ -63,6 +63,8 @@ FORMS_OF: dict[str, tuple[Realisation, ...]] = {
     'motor_lag': (*PLAIN, Realisation(MUJOCO, 'inside_loop')),
     # Maxwell-slip (elements) or LuGre (chain): with bristles as short as `SHORT_TRAVEL` it is dry.
     'presliding_friction': PLAIN,
+    'base_compliance': (*PLAIN, Realisation(FINITE_ELEMENTS, 'rubber'),
+                        Realisation(MUJOCO, 'rubber')),
     'base_sliding': (CHAIN,),
     # A gain that is right at first and creeps.
     'strain_gain': (*PLAIN, Realisation(MUJOCO, 'warming')),

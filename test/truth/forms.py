@@ -42,6 +42,12 @@ def _lower_gauges(arm: Arm) -> Arm:
         range(upper, upper + len(arm.links[1].gauges)))))
 
 
+def _rubber(arm: Arm) -> Arm:
+    """Let the base's mounting lose six times as much, 0.3 of what ends its swing at once."""
+    return replace(arm, structure=replace(
+        arm.structure, base_damping=6.0 * arm.structure.base_damping))
+
+
 def _leak(arm: Arm) -> Arm:
     """Replace the payload's change by a leak, of a third of the ramp's duration, at least 1 s."""
     return replace(arm, payload=replace(
@@ -75,6 +81,7 @@ FORMS: dict[str, Callable[[Arm], Arm]] = {
     'one_gauge': _sensors(late=(0,)),
     'warming': _sensors(gain_warming=WARMING),
     'half_loose': _payload(loose_share=0.5),
+    'rubber': _rubber,
     'leak': _leak,
     'hose': _hose,
 }

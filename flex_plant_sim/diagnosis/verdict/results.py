@@ -142,3 +142,8 @@ class Diagnosis:
     parts: tuple[PartEstimate, ...] = ()
     sets: tuple[tuple[tuple[str, ...], float], ...] = ()
     effects: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def nothing_leads(self) -> bool:
+        """Return whether no set is likelier than nothing; all of them together may be."""
+        return self.verdict in ('nothing_wrong', 'cannot_tell') and not self.causes

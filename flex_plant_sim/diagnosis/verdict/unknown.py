@@ -38,7 +38,7 @@ MANY_OR_MEMORY = (
 
 def with_stated_law(diagnosis: Diagnosis, view: LatentView) -> Diagnosis:
     """
-    Return `nothing_wrong` as `not_in_catalogue` where a latent force's law is that of no effect.
+    Return a verdict without a cause as `not_in_catalogue` where a law is that of no effect.
 
     The evidence allows a gauge a share of its strain and a joint one of its torque that no model
     has; it does not ask whether these are one function of one variable. A law that leaves the
@@ -46,7 +46,7 @@ def with_stated_law(diagnosis: Diagnosis, view: LatentView) -> Diagnosis:
     none, with the n stretches as independent samples.
     """
     laws = [f.law for f in view.findings if f.has_shape_of_no_effect]
-    if diagnosis.verdict != 'nothing_wrong' or not laws:
+    if not (diagnosis.nothing_leads and laws):
         return diagnosis
     left = min(max(1.0 - law.share, LEAST_LEFT) for law in laws)
     odds = PROBABILITY_UNKNOWN / (1.0 - PROBABILITY_UNKNOWN) * left**(-0.5 * STRETCHES)
@@ -56,7 +56,7 @@ def with_stated_law(diagnosis: Diagnosis, view: LatentView) -> Diagnosis:
     effects['unknown'] += added / total
     sets = ((('unknown',), added / total), *((labels, p / total) for labels, p in diagnosis.sets))
     return replace(diagnosis, verdict='not_in_catalogue', effects=effects, sets=sets,
-                   sentence=NOT_IN_CATALOGUE, advice=LOOK_AT_RESIDUALS)
+                   cannot_tell=(), sentence=NOT_IN_CATALOGUE, advice=LOOK_AT_RESIDUALS)
 
 
 def refuted(diagnosis: Diagnosis) -> Diagnosis:

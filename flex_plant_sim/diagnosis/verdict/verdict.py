@@ -101,7 +101,7 @@ def diagnose(records: Sequence[Record], nominal: BaseModel, jobs: int = 1,
         return _cannot_answer(unmoved), data, nominal
     found = search(data, nominal, jobs, progress, exclude)
     diagnosis, extended = _diagnosis(found, data, nominal, jobs), extended_base(found, nominal)
-    if diagnosis.verdict == 'nothing_wrong':
+    if diagnosis.nothing_leads:
         diagnosis = with_stated_law(diagnosis, latent_view(predictors(extended, data)))
     diagnosis = with_noise(with_command_timing(diagnosis, found.nothing, data, jobs), records,
                            nominal.robot)

@@ -15,13 +15,14 @@ import numpy as np
 
 # Compliance, rad/(N m), below which the mounting counts as rigid and gets no coordinate.
 RIGID = 1e-7
-# Damping ratio of the base alone on its mounting.
-DAMPING_RATIO = 0.03
+# Damping ratio of the base alone on its mounting: steel has 0.03 and less, rubber up to 0.3.
+MOUNTING_DAMPING = Parameter('damping_ratio', '', 0.03, 0.0, 2.0, (0.03,), np.inf, 0.15,
+                             optional=True)
 
 
 class BaseCompliance(Effect):
     """
-    A base with inertia on a lightly damped torsion spring; theta_1 is measured relative to it.
+    A base with inertia on a damped torsion spring; theta_1 is measured relative to it.
 
     The upper link's root turns by theta_1 + psi. The rotor's inertia acts on theta_1 alone, as
     with a high gear ratio, so the upper link's root moment acts on the base.
@@ -33,7 +34,8 @@ class BaseCompliance(Effect):
     parameters = (
         Parameter('compliance_rad_per_n_m', 'rad/(N m)', 0.0, 0.0, 1.0,
                   (0.001, 0.003, 0.01), 3e-4, 0.005),
-        Parameter('inertia_kg_m2', 'kg m^2', 0.2, 0.01, 100.0, (0.1, 0.5), np.inf, 0.3))
+        Parameter('inertia_kg_m2', 'kg m^2', 0.2, 0.01, 100.0, (0.1, 0.5), np.inf, 0.3),
+        MOUNTING_DAMPING)
     sites = 'arm'
     structural = True
 
@@ -45,7 +47,7 @@ class BaseCompliance(Effect):
         wide = with_root_turn(wide, robot, 0, np.eye(wide.order)[-1])
         stiffness, inertia = 1.0 / self['compliance_rad_per_n_m'], self['inertia_kg_m2']
         wide.mass[0, -1, -1] += inertia
-        wide.damping[-1, -1] += 2.0 * DAMPING_RATIO * np.sqrt(stiffness * inertia)
+        wide.damping[-1, -1] += 2.0 * self['damping_ratio'] * np.sqrt(stiffness * inertia)
         wide.stiffness[0, -1, -1] += stiffness
         if not is_energy_form(form):
             wide.stiffness[0, -1] -= root_moment(wide, robot, 0, robot.links[0].hub_radius)

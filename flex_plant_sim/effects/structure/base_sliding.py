@@ -12,7 +12,7 @@ from flex_plant_sim.effects.mechanics.kinematics import (
     lower_rows,
     with_coordinates,
 )
-from flex_plant_sim.effects.structure.base_compliance import DAMPING_RATIO
+from flex_plant_sim.effects.structure.base_compliance import MOUNTING_DAMPING
 import numpy as np
 
 # Compliance, m/N, below which the mounting counts as rigid and gets no coordinate.
@@ -25,7 +25,7 @@ STRETCHED_SHARE = 0.1
 
 class BaseSliding(Effect):
     """
-    A base with mass on lightly damped springs, alike across and along the upper link.
+    A base with mass on damped springs, alike across and along the upper link.
 
     The first coordinate is the base's displacement across the upper link, u, m, in axes that turn
     with the link. Its coupling is that of a uniform acceleration field across the upper link,
@@ -43,7 +43,8 @@ class BaseSliding(Effect):
     parameters = (
         # The tip of the reference robot's upper link deflects by 9 mm per newton.
         Parameter('compliance_m_per_n', 'm/N', 0.0, 0.0, 0.1, (2e-4, 1e-3, 4e-3), 5e-5, 1e-3),
-        Parameter('mass_kg', 'kg', 5.0, 0.1, 500.0, (2.0, 10.0), np.inf, 5.0))
+        Parameter('mass_kg', 'kg', 5.0, 0.1, 500.0, (2.0, 10.0), np.inf, 5.0),
+        MOUNTING_DAMPING)
     sites = 'arm'
     structural = True
 
@@ -97,7 +98,8 @@ class BaseSliding(Effect):
     @property
     def _damping(self) -> float:
         """Return the mounting's damping, N s/m."""
-        return float(2.0 * DAMPING_RATIO * np.sqrt(self['mass_kg'] / self['compliance_m_per_n']))
+        return float(2.0 * self['damping_ratio']
+                     * np.sqrt(self['mass_kg'] / self['compliance_m_per_n']))
 
 
 def _carried_mass(robot: Robot) -> float:
