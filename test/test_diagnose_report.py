@@ -11,7 +11,13 @@ import re
 from flex_plant_sim.diagnosis.report.figures import picture
 from flex_plant_sim.diagnosis.report.html_report import render, Report, write_report
 from flex_plant_sim.diagnosis.report.improvement import Gain
-from flex_plant_sim.diagnosis.report.json_answer import answer, answer_text, plain, with_gain
+from flex_plant_sim.diagnosis.report.json_answer import (
+    answer,
+    answer_text,
+    plain,
+    with_gain,
+    with_gauges_beyond,
+)
 from flex_plant_sim.diagnosis.report.payload_gain import PayloadGain
 from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual, Whiteness
 from flex_plant_sim.diagnosis.verdict.results import (
@@ -42,7 +48,7 @@ CAUSE = Cause('coulomb_friction', 'joint_2', 'Joint 2 has dry friction.', 0.97, 
 CANDIDATES = (Alternative('coulomb_friction', 'joint_2', (LEVEL,), 2140.0, 0.97),
               Alternative('strain_gain', 'strain_1a', (LEVEL,), -3.0, 0.0))
 WHITE = Whiteness(25.0, 20, 0.2, 0.01)
-CHANNEL = ChannelResidual('joint_2', 'rad', 1e-4, {0.01: 2e-4, 1.0: 0.0651}, WHITE,
+CHANNEL = ChannelResidual('joint_2', 'rad', 1e-4, 0.3, {0.01: 2e-4, 1.0: 0.0651}, WHITE,
                           {'angle': 0.02}, {'velocity sign': 0.98, 'angle': 0.0},
                           ((0.0, 1.0, 0.9, 0.1), (1.0, 50.5, 0.1, 0.9)))
 GAIN = Gain('joint_2', 'rad', 1.0, 0.0651, 0.00066, 0.0005, 0.0008, 0.007, 0.013, 200)
@@ -178,6 +184,30 @@ def test_sentence_says_which_error_the_extension_makes_larger() -> None:
     assert 'prediction error of joint 1 rises from 3.7° to 7.4°.' in alone
     # Then nobody should use it.
     assert 'do not use it' in alone and 'do not use it' not in both
+
+
+def test_sentence_speaks_of_the_channel_of_the_cause_and_of_what_rises_later() -> None:
+    r, more = report(), replace(GAIN, channel='strain_1a', after=0.0001)
+    at_joint = replace(r.diagnosis, causes=(replace(r.diagnosis.causes[0], site='joint_2'),))
+    later = replace(GAIN, channel='strain_1b', horizon=5.0, after=0.13, ratio_low=1.5)
+    found = with_gain(at_joint, [more, GAIN, later]).sentence
+    assert found.endswith('of joint 2 falls from 3.7° to 0.038°, that of strain 1b after 5 s '
+                          'rises from 3.7° to 7.4°.')
+    of_arm = replace(r.diagnosis, causes=(replace(r.diagnosis.causes[0], site='arm'),))
+    assert 'of strain 1a falls' in with_gain(of_arm, [more, GAIN]).sentence
+    without = with_gain(replace(r.diagnosis, causes=()), [GAIN], 1).sentence
+    assert 'With laws of what has no name and the parts' in without
+
+
+def test_nothing_wrong_says_which_gauge_errs_by_more_than_it_allows() -> None:
+    nothing = replace(report().diagnosis, verdict='nothing_wrong', causes=(), advice='')
+    gauge = replace(CHANNEL, channel='strain_1a', unit='m/m', noise=3e-6, swing=1e-4)
+    for error, noise, said in ((9e-6, 0.0, True), (9e-6, 8e-6, False), (4e-6, 0.0, False)):
+        rows = [CHANNEL, replace(gauge, noise=noise, free_run={0.01: 1e-6, 1.0: error})]
+        found = with_gauges_beyond(nothing, rows)
+        assert ('strain 1a errs by 9 % of what it reads' in found.sentence) == said
+        assert bool(found.advice) == said and found.verdict == 'nothing_wrong'
+    assert with_gauges_beyond(report().diagnosis, rows) == report().diagnosis
 
 
 def test_terminal_text_is_short_and_complete() -> None:

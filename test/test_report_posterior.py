@@ -33,7 +33,7 @@ def test_sets_are_named_with_their_probabilities() -> None:
 
 def test_report_shows_both() -> None:
     white = Whiteness(1.0, 20, 0.5, 0.0)
-    channel = ChannelResidual('joint_1', 'rad', 1e-4, {0.01: 1e-4}, white, {'angle': 0.0},
+    channel = ChannelResidual('joint_1', 'rad', 1e-4, 0.3, {0.01: 1e-4}, white, {'angle': 0.0},
                               {'angle': 0.0}, ((0.0, 50.0, 1.0, 1.0),))
     diagnosis = Diagnosis('cause', 'Something.', parts=(NEAR, FAR), sets=SETS)
     page = render(Report(diagnosis, (channel,), (channel,), ()))

@@ -30,7 +30,12 @@ from flex_plant_sim.diagnosis.report.extended_file import write_extended
 from flex_plant_sim.diagnosis.report.figures import all_pictures
 from flex_plant_sim.diagnosis.report.html_report import FILE_NAME, Report, write_report
 from flex_plant_sim.diagnosis.report.improvement import Gain, measure_gain
-from flex_plant_sim.diagnosis.report.json_answer import answer, answer_text, with_gain
+from flex_plant_sim.diagnosis.report.json_answer import (
+    answer,
+    answer_text,
+    with_gain,
+    with_gauges_beyond,
+)
 from flex_plant_sim.diagnosis.report.latent_pictures import latent_sections
 from flex_plant_sim.diagnosis.report.payload_gain import payload_gain, PayloadGain, Weigh
 from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual, describe
@@ -128,9 +133,10 @@ def run(logs: Sequence[Log], robot: Robot, arguments: argparse.Namespace,
     progress('measuring the gain', MEASURING_SHARE)
     gains = measure_gain(before, after, seed=arguments.seed, jobs=arguments.jobs)
     wrong = describe(before)
+    left = wrong if after is before else describe(after)
+    diagnosis = with_gauges_beyond(with_gain(diagnosis, gains, len(added)), left)
     found = Findings(
-        with_gain(diagnosis, gains, len(added)), extended, (before, after), gains,
-        wrong, wrong if after is before else describe(after),
+        diagnosis, extended, (before, after), gains, wrong, left,
         () if arguments.true_payload is None else payload_gain(
             logs, arguments.true_payload, nominal, extended, *default_estimator()), latent)
     progress('done', 1.0)

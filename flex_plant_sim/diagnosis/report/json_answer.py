@@ -8,13 +8,14 @@ import math
 from types import MappingProxyType
 from typing import Any
 
+from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
 from flex_plant_sim.diagnosis.prediction.latent_view import LatentView
 from flex_plant_sim.diagnosis.report.figures import shown
 from flex_plant_sim.diagnosis.report.improvement import Gain, gain_results
 from flex_plant_sim.diagnosis.report.payload_gain import PayloadGain
 from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual, HORIZONS
 from flex_plant_sim.diagnosis.verdict.results import Alternative, Cause, Diagnosis, ParameterValue
-from flex_plant_sim.diagnosis.verdict.unknown import refuted
+from flex_plant_sim.diagnosis.verdict.unknown import LOOK_AT_RESIDUALS, refuted
 from flex_plant_sim.diagnosis.verdict.wording import (
     digits_text,
     name_text,
@@ -31,23 +32,53 @@ PREDICTS_WORSE = ('On the whole the extended robot predicts the locked part wors
 
 
 def with_gain(diagnosis: Diagnosis, gains: Sequence[Gain], unnamed: int = 0) -> Diagnosis:
-    """Return the diagnosis with, in words, the errors that surely fall and rise most."""
+    """
+    Return the diagnosis with, in words, the errors that surely fall and rise most.
+
+    What falls is told of a channel that a cause stands at, if any does; what rises also at longer
+    horizons.
+    """
     count = len(diagnosis.causes) + unnamed
     at_horizon = [gain for gain in gains if gain.horizon == SENTENCE_HORIZON]
     smaller = [gain for gain in at_horizon if gain.ratio_high < 1.0]
-    larger = [gain for gain in at_horizon if gain.ratio_low > 1.0]
+    larger = [gain for gain in gains
+              if gain.horizon >= SENTENCE_HORIZON and gain.ratio_low > 1.0]
+    sites = {cause.site for cause in diagnosis.causes}
+    named = [gain for gain in smaller if gain.channel in sites] or smaller
     changes = [f'{of} {_change(gain)}' for of, gain in (
-        ('of', min(smaller, key=lambda gain: gain.ratio, default=None)),
+        ('of', min(named, key=lambda gain: gain.ratio, default=None)),
         ('that of' if smaller else 'of', max(larger, key=lambda gain: gain.ratio, default=None)))
         if gain is not None]
     if not count or not changes:
         return diagnosis
-    text = (f'With {"it" if count == 1 else "them"} and the parts as estimated the '
-            f'{SENTENCE_HORIZON:g} s prediction error {", ".join(changes)}.')
+    what = 'laws of what has no name' if not diagnosis.causes else 'it' if count == 1 else 'them'
+    text = (f'With {what} and the parts as estimated the {SENTENCE_HORIZON:g} s prediction error '
+            f'{", ".join(changes)}.')
     found = replace(diagnosis, sentence=f'{diagnosis.sentence} {text}')
-    if not larger or _mean_log_ratio(at_horizon) <= 0.0:
+    if not any(gain in at_horizon for gain in larger) or _mean_log_ratio(at_horizon) <= 0.0:
         return found
     return refuted(replace(found, sentence=f'{found.sentence} {PREDICTS_WORSE}'))
+
+
+def with_gauges_beyond(diagnosis: Diagnosis, after: Sequence[ChannelResidual]) -> Diagnosis:
+    """
+    Return `nothing_wrong` with the gauges that err by more than it says, over a second.
+
+    The evidence looks one step ahead, where a filter follows what errs slowly.
+    """
+    if diagnosis.verdict != 'nothing_wrong':
+        return diagnosis
+    share = DiscrepancyModel().gauge_share
+    found = {row.channel: math.sqrt(max(row.free_run[SENTENCE_HORIZON]**2 - row.noise**2, 0.0))
+             / row.swing for row in after
+             if row.unit == 'm/m' and SENTENCE_HORIZON in row.free_run and row.swing > 0.0}
+    beyond = [f'{channel.replace("_", " ")} errs by {100.0 * error:.0f} %'
+              for channel, error in found.items() if share < error < math.inf]
+    if not beyond:
+        return diagnosis
+    return replace(diagnosis, sentence=f'{diagnosis.sentence} But over {SENTENCE_HORIZON:g} s, '
+                   f'simulated by commands alone, {", ".join(beyond)} of what it reads: more than '
+                   'that.', advice=LOOK_AT_RESIDUALS)
 
 
 def _mean_log_ratio(gains: Sequence[Gain]) -> float:
@@ -60,6 +91,8 @@ def _change(gain: Gain) -> str:
     scale, unit = shown(gain.unit)
     space = '' if unit == '°' else ' '
     channel = gain.channel.replace('_', ' ')
+    if gain.horizon != SENTENCE_HORIZON:
+        channel += f' after {gain.horizon:g} s'
     if not math.isfinite(gain.after):
         return f'{channel} diverges'
     return (f'{channel} {"falls" if gain.ratio < 1.0 else "rises"} from '

@@ -70,6 +70,8 @@ class ChannelResidual:
     channel, unit : str
     noise : float
         Standard deviation of the sensor's white noise, from the record itself.
+    swing : float
+        Root mean square of the reading about its mean.
     free_run : Mapping
         Root mean square error by horizon, s; the sample time means one-step prediction.
     whiteness : Whiteness
@@ -85,6 +87,7 @@ class ChannelResidual:
     channel: str
     unit: str
     noise: float
+    swing: float
     free_run: Mapping[float, float]
     whiteness: Whiteness
     one_step: Mapping[str, float]
@@ -238,8 +241,9 @@ def describe(predictors: Sequence[Predictor]) -> tuple[ChannelResidual, ...]:
     in_bands = bands(steps, band_edges(first), step)
     runs = _free_run_errors(predictors, raw, HORIZONS)
     noise = np.sqrt(np.mean([p.noise**2 for p in predictors], axis=0))
+    swing = np.std(np.vstack([p.record.output for p in predictors]), axis=0)
     return tuple(ChannelResidual(
-        name, 'rad' if k < 2 else 'm/m', float(noise[k]),
+        name, 'rad' if k < 2 else 'm/m', float(noise[k]), float(swing[k]),
         {h: float(e[k]) for h, e in runs.items()}, whiteness([part[:, k] for part in steps]),
         now[k], later[k], in_bands[k]) for k, name in enumerate(names))
 
