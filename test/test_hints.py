@@ -101,6 +101,14 @@ def test_a_gauge_that_dies_is_no_evidence(tmp_path: Path, column: int) -> None:
                      'others move: dead, or not connected?')
 
 
+def test_a_few_equal_readings_are_chance(tmp_path: Path) -> None:
+    for length, said in ((3, False), (4, False), (25, True)):
+        def repeat(numbers: np.ndarray, length: int = length) -> None:
+            numbers[700:700 + length, 5] = numbers[700, 5]
+        assert any('does not change' in note
+                   for note in read(tmp_path / 'log.csv', repeat).notes) == said
+
+
 def test_a_coarse_or_clipped_gauge_is_not_dead(tmp_path: Path) -> None:
     def spoil(numbers: np.ndarray) -> None:
         most = np.abs(numbers[:, 5:7]).max(axis=0)

@@ -35,8 +35,9 @@ HELD_CHANGES = 30
 # By how much a gauge that does not change moves by what the others say, in standard deviations of
 # their error: healthy ones of 60 records at most 4, those that stick for 0.1 s and more above 100.
 MOVED = 10.0
-# By what factor it is longer the same than usual, where all readings are held for some samples.
-HELD = 2.0
+# By what factor it is longer the same than usual, where all readings are held for some samples;
+# readings that may be equal by chance at the turn of a swing: three were, on a healthy arm.
+HELD, SHORTEST = 2.0, 4
 COMMANDS = ('command_1', 'command_2')
 # Digits of a stamp: seconds since 1970 have ten before the point.
 STAMP_DIGITS = 15
@@ -204,7 +205,7 @@ def _dead_stretch(values: Array, others: Array) -> tuple[int, int]:
     moved = np.maximum.reduceat(expected, starts) - np.minimum.reduceat(expected, starts)
     extreme = np.isin(values[starts], [values.min(), values.max()])
     dead = (moved > MOVED * np.std((values - expected)[starts])) & ~extreme \
-        & (lengths > HELD * np.median(lengths))
+        & (lengths > max(HELD * np.median(lengths), SHORTEST))
     if not dead.any():
         return 0, 0
     longest = int(np.argmax(np.where(dead, lengths, 0)))
