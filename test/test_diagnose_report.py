@@ -168,8 +168,8 @@ def test_json_holds_nothing_that_json_does_not_know() -> None:
 def test_sentence_ends_with_the_surest_gain() -> None:
     r = report()
     assert with_gain(r.diagnosis, [GAIN]).sentence.endswith(
-        'With it and the parts as estimated the 1 s prediction error of joint 2 falls from 3.7° '
-        'to 0.038°.')
+        'With it and the parts as estimated the prediction error of joint 2 after 1 s falls '
+        'from 3.7° to 0.038°.')
     unsure = replace(GAIN, ratio_high=1.2)
     assert with_gain(r.diagnosis, [unsure]) == r.diagnosis
     assert with_gain(replace(r.diagnosis, causes=()), [GAIN]).sentence == r.diagnosis.sentence
@@ -178,10 +178,10 @@ def test_sentence_ends_with_the_surest_gain() -> None:
 def test_sentence_says_which_error_the_extension_makes_larger() -> None:
     worse = replace(GAIN, channel='joint_1', after=0.13, ratio_low=1.5, ratio_high=2.5)
     both = with_gain(report().diagnosis, [GAIN, worse]).sentence
-    assert both.endswith('joint 2 falls from 3.7° to 0.038°, that of joint 1 rises from 3.7° to '
-                         '7.4°.')
+    assert both.endswith('joint 2 after 1 s falls from 3.7° to 0.038°, that of joint 1 after 1 s '
+                         'rises from 3.7° to 7.4°.')
     alone = with_gain(report().diagnosis, [worse]).sentence
-    assert 'prediction error of joint 1 rises from 3.7° to 7.4°.' in alone
+    assert 'prediction error of joint 1 after 1 s rises from 3.7° to 7.4°.' in alone
     # Then nobody should use it.
     assert 'do not use it' in alone and 'do not use it' not in both
 
@@ -191,10 +191,10 @@ def test_sentence_speaks_of_the_channel_of_the_cause_and_of_what_rises_later() -
     at_joint = replace(r.diagnosis, causes=(replace(r.diagnosis.causes[0], site='joint_2'),))
     later = replace(GAIN, channel='strain_1b', horizon=5.0, after=0.13, ratio_low=1.5)
     found = with_gain(at_joint, [more, GAIN, later]).sentence
-    assert found.endswith('of joint 2 falls from 3.7° to 0.038°, that of strain 1b after 5 s '
-                          'rises from 3.7° to 7.4°.')
+    assert found.endswith('of joint 2 after 1 s falls from 3.7° to 0.038°, that of strain 1b '
+                          'after 5 s rises from 3.7° to 7.4°.')
     of_arm = replace(r.diagnosis, causes=(replace(r.diagnosis.causes[0], site='arm'),))
-    assert 'of strain 1a falls' in with_gain(of_arm, [more, GAIN]).sentence
+    assert 'of strain 1a after 1 s falls' in with_gain(of_arm, [more, GAIN]).sentence
     without = with_gain(replace(r.diagnosis, causes=()), [GAIN], 1).sentence
     assert 'With laws of what has no name and the parts' in without
 

@@ -52,7 +52,7 @@ def with_gain(diagnosis: Diagnosis, gains: Sequence[Gain], unnamed: int = 0) -> 
     if not count or not changes:
         return diagnosis
     what = 'laws of what has no name' if not diagnosis.causes else 'it' if count == 1 else 'them'
-    text = (f'With {what} and the parts as estimated the {SENTENCE_HORIZON:g} s prediction error '
+    text = (f'With {what} and the parts as estimated the prediction error '
             f'{", ".join(changes)}.')
     found = replace(diagnosis, sentence=f'{diagnosis.sentence} {text}')
     if not any(gain in at_horizon for gain in larger) or _mean_log_ratio(at_horizon) <= 0.0:
@@ -91,11 +91,9 @@ def _change(gain: Gain) -> str:
     scale, unit = shown(gain.unit)
     space = '' if unit == '°' else ' '
     channel = gain.channel.replace('_', ' ')
-    if gain.horizon != SENTENCE_HORIZON:
-        channel += f' after {gain.horizon:g} s'
     if not math.isfinite(gain.after):
         return f'{channel} diverges'
-    return (f'{channel} {"falls" if gain.ratio < 1.0 else "rises"} from '
+    return (f'{channel} after {gain.horizon:g} s {"falls" if gain.ratio < 1.0 else "rises"} from '
             f'{digits_text(scale * gain.before, 2)}{space}{unit} to '
             f'{digits_text(scale * gain.after, 2)}{space}{unit}')
 
