@@ -20,6 +20,7 @@ from flex_plant_sim.diagnosis.prediction.latent_view import CURVE_BINS, MIN_BIN_
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.report.improvement import Gain
 from flex_plant_sim.diagnosis.report.symptoms import drift, DRIFTED, one_step, spectrum
+from flex_plant_sim.diagnosis.verdict.wording import digits_text
 import numpy as np
 
 MEASURED, BEFORE, AFTER = '#333333', '#d95f02', '#1b6ca8'
@@ -72,7 +73,8 @@ def gain_pictures(gains: Sequence[Gain]) -> list[Picture]:
         worst = rows[-1]
         pictures.append(picture(draw, channel, (
             f'{channel}: root mean square error over the horizon; at {worst.horizon:g} s '
-            f'{scale * worst.before:.3g} {unit} before, {scale * worst.after:.3g} after')))
+            f'{digits_text(scale * worst.before, 3)} {unit} before, '
+            f'{digits_text(scale * worst.after, 3)} after')))
     return pictures
 
 

@@ -22,6 +22,7 @@ from flex_plant_sim.diagnosis.report.posterior_pictures import (
 from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual
 from flex_plant_sim.diagnosis.verdict.results import Alternative, Cause, Diagnosis
 from flex_plant_sim.diagnosis.verdict.wording import (
+    digits_text,
     interval_text,
     key_text,
     name_text,
@@ -165,7 +166,8 @@ def _error_rows(gains: Sequence[Gain]) -> list[dict[str, Any]]:
             'channel': gain.channel.replace('_', ' '), 'horizon': f'{gain.horizon:g} s',
             'before': _number(scale * gain.before), 'after': _number(scale * gain.after),
             'interval': f'{_number(scale * gain.low)} to {_number(scale * gain.high)}',
-            'ratio': f'{1.0 / gain.ratio:.3g} ×' if finite and gain.ratio > 0.0 else '–',
+            'ratio': (f'{digits_text(1.0 / gain.ratio, 3)} ×'
+                      if finite and gain.ratio > 0.0 else '–'),
             'unit': unit})
     return rows
 
@@ -175,7 +177,7 @@ def _nats(value: float) -> str:
 
 
 def _number(value: float) -> str:
-    return f'{value:.3g}' if math.isfinite(value) else 'diverges'
+    return digits_text(value, 3) if math.isfinite(value) else 'diverges'
 
 
 def _channel_rows(report: Report) -> list[dict[str, Any]]:
@@ -189,7 +191,7 @@ def _channel_rows(report: Report) -> list[dict[str, Any]]:
             'before': before, 'after': after,
             'shapes': [(shape, share, after.drifted.get(shape, 0.0))
                        for shape, share in before.drifted.items()],
-            'bands': [(f'{low:.2g} to {high:.2g} Hz', share, white)
+            'bands': [(f'{digits_text(low, 2)} to {digits_text(high, 2)} Hz', share, white)
                       for low, high, share, white in before.bands]})
     return rows
 

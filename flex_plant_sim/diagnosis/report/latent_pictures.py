@@ -11,7 +11,7 @@ from flex_plant_sim.diagnosis.pool import all_of
 from flex_plant_sim.diagnosis.prediction.latent_view import Finding, LatentView
 from flex_plant_sim.diagnosis.prediction.law import CONSTANT, CrossValidation
 from flex_plant_sim.diagnosis.report.figures import AFTER, BEFORE, MEASURED, Picture, picture
-from flex_plant_sim.diagnosis.verdict.wording import percent_text, shown_unit
+from flex_plant_sim.diagnosis.verdict.wording import digits_text, percent_text, shown_unit
 from flex_plant_sim.interval import Z95
 import numpy as np
 
@@ -40,7 +40,8 @@ def _section(finding: Finding) -> LatentSection:
     scale, unit = shown_unit(series.unit)
     what = 'torque' if series.unit == 'N m' else 'error'
     band = Z95 * float(np.median(series.deviation[series.scored]))
-    text = (f'{scale * series.rms:.2g} {unit} rms, 95 % band ± {scale * band:.2g} {unit}. '
+    text = (f'{digits_text(scale * series.rms, 2)} {unit} rms, '
+            f'95 % band ± {digits_text(scale * band, 2)} {unit}. '
             + _finding_text(finding))
     order: list[str] = [t.variable for t in finding.validations if t.variable in series.variables]
     wanted = order if what == 'torque' else [best.variable, 'time']
@@ -60,7 +61,7 @@ def _finding_text(finding: Finding) -> str:
         return (f'Its {_variable_text(law.variable)} explains {percent_text(law.share)} of it '
                 'where not fitted.')
     if finding.has_memory:
-        swings = f' It swings at {line.frequency:.2g} Hz.' if line else ''
+        swings = f' It swings at {digits_text(line.frequency, 2)} Hz.' if line else ''
         return ('None of these explains half of it: behind it are several, an acceleration (as of '
                 f'a wrong mass), or something with a memory.{swings}')
     return 'No one variable explains it clearly better than the others.'

@@ -122,7 +122,7 @@ def sentence(finding: Finding) -> str:
         over = VARIABLE_TEXT.get(law.variable, law.variable.replace('_', ' '))
         return (f'An unnamed {what} of {site} ({size}) is a law over {over}, which explains '
                 f'{100.0 * law.share:.0f} % of it on stretches left out{_as_friction(finding)}.')
-    swings = f', and swings at {finding.line.frequency:.2g} Hz' if finding.line else ''
+    swings = f', and swings at {digits_text(finding.line.frequency, 2)} Hz' if finding.line else ''
     return f'An unnamed {what} of {site} ({size}) follows no one variable{swings}.'
 
 
