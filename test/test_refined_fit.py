@@ -103,6 +103,20 @@ def test_a_factor_in_place_of_its_part_is_told_by_the_part_s_own_jacobian() -> N
     assert told.values == pytest.approx(refined.values, rel=0.005)
 
 
+def test_a_gauge_far_off_its_tolerance_is_a_cause() -> None:
+    # Its part is held back by its tolerance, so that other parts share what it does.
+    wrong, = effects('strain_gain:strain_2a:factor=1.2')
+    data = Data.of([simulated((wrong,), 22.0)], SLOWEST, REFERENCE.sample_time)
+    base = BaseModel(REFERENCE)
+    nothing = RefinedFit.refine(CandidateSet((), (np.zeros(0),)), base, data)
+    told, = (fit for fit in fits_replacing_parts(nothing, all_hypotheses(REFERENCE))
+             if fit.hypotheses[0].label == 'strain_gain:strain_2a')
+    assert told.log_evidence > nothing.fit.log_evidence + 10.0
+    refined = RefinedFit.refine(CandidateSet.of(told), base, data).fit
+    assert refined.values[0] == pytest.approx(1.2, rel=0.02)
+    assert refined.log_evidence > told.log_evidence + 10.0
+
+
 def test_a_resonant_effect_is_fitted_from_each_probed_size() -> None:
     # A size sets a frequency: between two probed sizes the residual is not linear.
     data = Data.of([simulated(effects(
