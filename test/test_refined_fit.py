@@ -10,8 +10,10 @@ from flex_plant_sim.diagnosis.causes.gauss_newton import fit_set, GaussNewton
 from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses, CauseSet
 from flex_plant_sim.diagnosis.causes.neighbours import candidates, NeighbourFitter
 from flex_plant_sim.diagnosis.causes.part_factors import fits_replacing_parts
+from flex_plant_sim.diagnosis.causes.posterior import SetKey
 from flex_plant_sim.diagnosis.causes.proposal_step import probe_catalogue, proposals_beside
 from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit
+from flex_plant_sim.diagnosis.causes.search import _explored
 from flex_plant_sim.diagnosis.causes.search_state import SearchState
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
 from flex_plant_sim.diagnosis.likelihood.prior import part_priors, with_deviations
@@ -223,3 +225,20 @@ def test_causes_without_the_trajectory_s_shapes_are_predicted_one_at_a_time() ->
     each = np.concatenate([causes.residual(likelihood, value[None]) for value in values])
     np.testing.assert_array_equal(causes.residual(likelihood, values), each)
     assert np.abs(each[0] - each[1]).max() > 1.0
+
+
+def test_nothing_is_asked_around_its_own_parts_before_it_is_the_answer() -> None:
+    # Where parts are as far off as told, causes make up for parts around the file's.
+    base, parts = BaseModel(REFERENCE), part_priors(REFERENCE, REFERENCE.payload_mass)
+    off = np.array([(1.5 if k % 2 else -1.5) * part.tolerance for k, part in enumerate(parts)])
+    robot, sensors = with_deviations(REFERENCE, parts, off)
+    data = Data.of([simulated(sensors, 22.0, robot=robot)], SLOWEST, REFERENCE.sample_time)
+    asked = ('coulomb_friction', 'strain_bias')
+    state = SearchState(data, base, 1, [name for name in catalogue() if name not in asked],
+                        lambda *told: None)
+    nothing = state.refine(CandidateSet((), (np.zeros(0),)), base.discrepancy)
+    near_file = nothing.near_file_parts(base, data)
+    probe_catalogue(state, near_file)
+    around, = _explored(state, nothing, near_file).values()
+    assert around.centre is state.refined[SetKey.of(nothing.fit)].fit
+    assert around.centre.log_evidence > near_file.fit.log_evidence + 5.0

@@ -83,9 +83,8 @@ def fit_neighbours(state: SearchState, centre: RefinedFit) -> Neighbourhood:
     """Fit the neighbours of a set and refine those that may lead."""
     key, step = SetKey.of(centre.fit), f'cause {len(centre.fit.hypotheses) + 1}'
     proposals = proposals_beside(state, centre)
-    if key not in state.coarse_fits:
-        state.coarse_fits[key] = _coarse_fits(
-            state, centre, candidates(state, centre, proposals), step)
+    state.coarse_fits[key] = _coarse_fits(
+        state, centre, candidates(state, centre, proposals), step)
     fits = _fitted_as_promised(state, centre, state.coarse_fits[key], step)
     replacing = tuple(fits_replacing_parts(state.refined[key], state.catalogue))
     _keep_better(state, [*fits, *replacing])

@@ -107,12 +107,18 @@ def _explored(state: SearchState, nothing: RefinedFit, best: RefinedFit
     """Fit the neighbours of the most probable set until they are known; return those of each."""
     found = {SetKey.of(nothing.fit): fit_neighbours(state, best)}
     named: set[SetKey] = set()
+    asked_where_parts_are = False
     while len(found) < MAX_CENTRES:
         refine_leading(state, best)
         try_laws(state, best)
         _name_laws(state, named)
         # A fit around another set may have been better than the refined one, which counts.
         best = state.best
+        if SetKey.of(best.fit) == SetKey.of(nothing.fit) and not asked_where_parts_are:
+            # Around the file's parts, causes make up for parts before they stand for themselves.
+            found[SetKey.of(best.fit)] = fit_neighbours(state, best)
+            asked_where_parts_are = True
+            continue
         if SetKey.of(best.fit) in found:
             refine_alternatives(state, best, nothing)
             best = state.best
