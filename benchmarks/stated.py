@@ -37,8 +37,8 @@ from scipy.optimize import minimize
 
 # What an answer says where something unnamed was found before the locked part was looked at.
 REMAINS = 'Something unnamed remains.'
-# Cases of a whole bank: three of every identifier, effects taken out, pairs.
-WHOLE_BANK = {'one': 3 * len(catalogue()), 'missing': 40, 'pair': 30}
+# Cases of a whole bank: three of every identifier, effects taken out, pairs, clean arms.
+WHOLE_BANK = {'one': 3 * len(catalogue()), 'missing': 40, 'pair': 30, 'clean': 100}
 # Label of the unknown, and named faults that are ordinary, so that only further ones count.
 UNKNOWN, ORDINARY = 'unknown', 2
 
@@ -76,7 +76,7 @@ def further(labels: Sequence[str]) -> int:
 def weights(lines: Sequence[score.Line]) -> dict[str, float]:
     """Return the weight of a case by kind, by which kinds are as frequent as in a whole bank."""
     found = [line['kind'] for line in lines]
-    return {kind: WHOLE_BANK.get(kind, 1) / found.count(kind) for kind in set(found)}
+    return {kind: WHOLE_BANK[kind] / found.count(kind) for kind in set(found)}
 
 
 def log_likelihood(some: Sequence[Claim], weight: dict[str, float], logs: score.Any) -> float:

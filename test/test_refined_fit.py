@@ -9,7 +9,7 @@ from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.causes.gauss_newton import fit_set, GaussNewton
 from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses, CauseSet
 from flex_plant_sim.diagnosis.causes.neighbours import candidates, NeighbourFitter
-from flex_plant_sim.diagnosis.causes.part_factors import fits_replacing_parts
+from flex_plant_sim.diagnosis.causes.part_causes import fits_replacing_parts
 from flex_plant_sim.diagnosis.causes.posterior import SetKey
 from flex_plant_sim.diagnosis.causes.proposal_step import probe_catalogue, proposals_beside
 from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit

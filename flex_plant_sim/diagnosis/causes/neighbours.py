@@ -16,7 +16,7 @@ from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.causes.gauss_newton import fit_set
 from flex_plant_sim.diagnosis.causes.hypothesis import CauseSet, Hypothesis
 from flex_plant_sim.diagnosis.causes.neighbourhood import Neighbourhood
-from flex_plant_sim.diagnosis.causes.part_factors import fits_replacing_parts
+from flex_plant_sim.diagnosis.causes.part_causes import fits_replacing_parts
 from flex_plant_sim.diagnosis.causes.posterior import SetKey
 from flex_plant_sim.diagnosis.causes.proposal import Proposal
 from flex_plant_sim.diagnosis.causes.proposal_step import proposals_beside
