@@ -82,9 +82,9 @@ class FilterRun:
         self.command = drive_command(arm, record)[used_samples]
         self.measured = trajectory.measured_by(arm)[used_samples]
         m, order = record.output.shape[1], arm.form.order
-        self.trajectory = trajectory.trajectory_states(arm, used_samples)[:, None]
-        following = np.minimum(used_samples + 1, len(record.time) - 1)
-        ahead = trajectory.trajectory_states(arm, following)[:, None]
+        states = trajectory.trajectory_states(arm, used_samples)
+        ahead = _one_later(trajectory, arm, used_samples, states)[:, None]
+        self.trajectory = states[:, None]
         motion = arm.motion_between(self.trajectory, ahead, self.command, self.time)
         parts = (self.command, arm.smooth_force(motion), self.measured)
         self.drive = np.concatenate([np.broadcast_to(part, (len(used_samples), batch, width))
@@ -201,6 +201,16 @@ class FilterRun:
         compliance = np.ascontiguousarray(np.broadcast_to(self.arm.yielding(), shape[1:]))
         return JointFriction(response, velocity_response, limits, self.arm.form.order, compliance,
                              np.array(self.arm.bends), self.arm.step_time)
+
+
+def _one_later(trajectory: Trajectory, arm: ExtendedArm, rows: Indices, states: Array) -> Array:
+    """Return the trajectory one sample after increasing rows, (N, n), with its states there."""
+    later = np.empty_like(states)
+    later[:-1] = states[1:]
+    ends = np.append(np.flatnonzero(np.diff(rows) != 1), len(rows) - 1)
+    after = np.minimum(rows[ends] + 1, len(trajectory.record.time) - 1)
+    later[ends] = trajectory.trajectory_states(arm, after)
+    return later
 
 
 def drive_command(arm: ExtendedArm, record: Record) -> Array:

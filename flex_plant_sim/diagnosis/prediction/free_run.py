@@ -21,7 +21,7 @@ HORIZONS = (0.2, 1.0, 2.0, 5.0)
 # Start instants below which a horizon is left out: of fewer, none is beyond a 95 % interval.
 FEWEST_STARTS = 20
 # Runs at most; those from nearer instants overlap and add little information.
-START_COUNT = 240
+START_COUNT = 120
 
 
 def start_instants(first: int, stop: int, count: int = START_COUNT) -> NDArray[np.int_]:

@@ -78,6 +78,7 @@ class Predictor:
         self.trajectory_effects, self.robot = tuple(trajectory_effects), robot or base.robot
         self._filters: dict[bytes, SteadyFilter] = {}
         self._last_sensors: SensorMap | None = None
+        self._last_shift: tuple[SensorMap, Array | None] | None = None
         self.record: Record = windows.record
         period = windows.warm_up * base.robot.sample_time
         self.discrepancy = Discrepancy.of(base.discrepancy, period)
@@ -268,16 +269,19 @@ class Predictor:
 
     def weights_of(self, arm: ExtendedArm) -> Array:
         """Return weights over the schedule nodes at the elbow angles an arm has, (N, K)."""
-        shift = self._joint_shift(arm)[:, 1]
-        if not shift.any():
+        shift = self._joint_shift(arm)
+        if shift is None or not shift[:, 1].any():
             return self.weights
-        return barycentric_weights(np.cos(self.angle + shift), arm.nodes)
+        return barycentric_weights(np.cos(self.angle + shift[:, 1]), arm.nodes)
 
-    def _joint_shift(self, arm: ExtendedArm) -> Array:
-        """Return joint angles as an arm's sensors mean them less as the base's do, rad, (N, 2)."""
-        if not arm.acts_on_output:
-            return np.zeros((len(self.record.time), 2))
-        return self.measured_by(arm)[:, 0, :2] - self.base_joint_angle
+    def _joint_shift(self, arm: ExtendedArm) -> Array | None:
+        """Return joint angles as an arm's sensors mean them less as the base's, rad, (N, 2)."""
+        sensors = self._sensors_of(arm)
+        if self._last_shift is None or self._last_shift[0] is not sensors:
+            shift = sensors.outputs[:, 0, :2] - self.base_joint_angle \
+                if arm.acts_on_output else np.zeros((1, 2))
+            self._last_shift = sensors, shift if shift.any() else None
+        return self._last_shift[1]
 
     def measured_by(self, arm: ExtendedArm) -> Array:
         """Return the record's outputs before an arm's sensor effects, (N, 1 or B, m)."""
@@ -302,7 +306,9 @@ class Predictor:
         with the others: a delayed angle that began at zero would jump.
         """
         states, known = self._matched_states(arm, rows)
-        states[:, :2] += self._joint_shift(arm)[rows]
+        shift = self._joint_shift(arm)
+        if shift is not None:
+            states[:, :2] += shift[rows]
         if known < arm.states:
             a, b = arm.plant.a[0, known:], arm.plant.b[0, known:]
             driven = states[:, :known] @ a[:, :known].T + self.record.command[rows] @ b.T
