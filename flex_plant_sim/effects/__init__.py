@@ -50,7 +50,7 @@ def sites(effect: type[Effect], robot: Robot) -> tuple[str, ...]:
     Return the sites at which an effect can act on a robot: joints, links, gauges or the arm.
 
     Effects of a velocity loop apply only to drives that have one. The amplifier of a link is a
-    site only if it serves more than one gauge.
+    site only if it serves more than one gauge. Where a parameter has no value, there is no site.
     """
     fixed = SITES[effect.sites]
     if effect.sites == 'velocity_loop':
@@ -58,7 +58,11 @@ def sites(effect: type[Effect], robot: Robot) -> tuple[str, ...]:
     if effect.sites == 'amplifier':
         shared = [len(link.gauge_positions) > 1 for link in robot.links]
         fixed = ('arm', *(site for site, several in zip(SITES['link'], shared) if several))
-    return (*fixed, *robot.gauge_names) if effect.sites in GAUGE_SITES else fixed
+        fixed = fixed if robot.gauge_names else ()
+    found = (*fixed, *robot.gauge_names) if effect.sites in GAUGE_SITES else fixed
+    if not any(p.discrete for p in effect.parameters):
+        return found
+    return tuple(site for site in found if all(p.starts for p in effect.at(site, robot)))
 
 
 def build(spec: EffectSpec, robot: Robot | None = None) -> Effect:

@@ -17,7 +17,7 @@ from flex_plant_sim.arm.parts import Part, robot_parts
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.effects import catalogue, sites
-from flex_plant_sim.effects.base import Effect
+from flex_plant_sim.effects.base import Effect, Parameter
 
 # Prior probability that any effect of the catalogue is at work, and that something is which no
 # catalogue knows. With the latter `imitation_odds` are those that benchmarks/stated.py finds where
@@ -158,8 +158,9 @@ def log_prior_odds(effect: type[Effect], robot: Robot) -> float:
     The probability that no effect is at work is 1 - PROBABILITY_ANY_CAUSE.
     """
     each = 1.0 - (1.0 - PROBABILITY_ANY_CAUSE)**(1.0 / len(catalogue()))
-    kinds = math.prod(len(p.starts) for p in effect.parameters if p.discrete)
-    return math.log(each / (1.0 - each) / len(sites(effect, robot)) / kinds)
+    places = sites(effect, robot)
+    kinds = math.prod(len(p.starts) for p in effect.at(places[0], robot) if p.discrete)
+    return math.log(each / (1.0 - each) / len(places) / kinds)
 
 
 def unknown_odds() -> float:
@@ -186,6 +187,12 @@ def imitation_odds(further: int = 0) -> float:
     return one_cause * FURTHER_FAULT_FACTOR**min(further, MAX_FURTHER_FAULTS)
 
 
+def _typical(parameter: Parameter) -> str:
+    if parameter.discrete:
+        return f'1 of {len(parameter.starts)}'
+    return f'{parameter.typical:.3g}'
+
+
 def prior_table(robot: Robot) -> str:
     """Return the prior of a robot as text: a line for each part and each effect's parameter."""
     sizes = ((part.name, part.tolerance, part.unit) if part.unit else
@@ -198,6 +205,6 @@ def prior_table(robot: Robot) -> str:
         for found, site in reversed(known.items()):
             label = f'{name}:{site}' * (len(known) > 1) or name
             odds = log_prior_odds(effect, robot)
-            lines += [f'{label:<30}{p.name:<32}{p.null:>8.3g}{p.typical:>10.3g}  '
+            lines += [f'{label:<30}{p.name:<32}{p.null:>8.3g}{_typical(p):>10}  '
                       f'{math.exp(odds):<11.2g}  {p.unit}' for p in found]
     return '\n'.join([*lines, f'something that no catalogue knows: {PROBABILITY_UNKNOWN:g}'])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from flex_plant_sim.arm.robot import Robot
@@ -16,13 +17,21 @@ class StrainCrosstalk(Effect):
 
     identifier = 'strain_crosstalk'
     family = 'sensors'
-    explanation = 'The gauge {site} picks up a share of another gauge.'
+    explanation = ('The gauge {site} picks up a share of another gauge, the source, counted from '
+                   '1 as the robot file lists them.')
     parameters = (
         Parameter('share', '', 0.0, -1.0, 1.0, (-0.12, 0.12), 0.03, 0.1),
-        # The other gauge's place in the robot's order, from 1.
-        Parameter('source', 'gauge number', 1.0, 1.0, 64.0, (1.0, 2.0, 3.0, 4.0), np.inf, 1.5))
+        Parameter('source', '', 1.0, 1.0, 64.0, (1.0, 2.0, 3.0, 4.0), np.inf, 1.5, discrete=True))
     sites = 'gauge'
     linear = True
+
+    @classmethod
+    def at(cls, site: str, robot: Robot) -> tuple[Parameter, ...]:
+        """Return the parameters; a gauge picks up one of the robot's others."""
+        share, source = super().at(site, robot)
+        others = tuple(float(number) for number, name in enumerate(robot.gauge_names, start=1)
+                       if name != site)
+        return share, replace(source, starts=others)
 
     def on_output(self, output: Array, time: Any, robot: Robot) -> Array:
         """Return the readings with the share added; a gauge does not pick up its own strain."""
