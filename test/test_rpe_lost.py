@@ -78,3 +78,18 @@ def test_a_state_that_is_lost_in_a_gap_is_told_by_the_next_measurement(
         stepper.predict(f, estimator._sample(k * STEP, None, rows[k][1]), loads)
     stepper.step(f, estimator._sample(52 * STEP, rows[52][0], rows[52][1]), loads)
     assert np.array_equal(f.x[:2], rows[52][0][:2]) and np.isfinite(f.cov).all()
+
+
+def test_a_lost_sample_says_nothing_of_which_filter_is_right() -> None:
+    """It used to count the likelihood of the sample before once more."""
+    estimator, rows = moving()
+    estimator.reset()
+    for k in range(60):
+        estimator.update(k * STEP, *rows[k])
+    estimator.conclude()
+    before = {id(f): f.log_likelihood for f in estimator._filters()}
+    estimator.update(60 * STEP, np.full_like(rows[60][0], np.nan), rows[60][1])
+    estimator.conclude()
+    after = estimator._filters()
+    assert len(before) > 2 and after
+    assert all(f.log_likelihood == before[id(f)] for f in after)

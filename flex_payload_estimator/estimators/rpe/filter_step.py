@@ -163,13 +163,13 @@ class FilterStep:
 
     def predict(self, f: Filter, sample: Sample, loads: Loads) -> None:
         """Predict a sample; a state that is not finite waits for the next measurement."""
+        # A sample without a measurement says nothing.
+        f.log_density = f.stated_log_density = 0.0
         if not math.isfinite(f.x.item(1)):
             f.previous = None
             return
-        before = f.x
+        before = f.x.copy() if self.effects.moves else f.x
         payload = float(f.beta[MASS] if f.model is None else f.reference[MASS])
-        if self.effects.moves:
-            before = before.copy()
         compiled_step.predict_packed(*self._prediction_arguments(f, sample, loads))
         if self.effects.moves:
             self.effects.push(f, self.schedule.cut(payload).payload, before, sample.command,
