@@ -10,6 +10,9 @@ from typing import NamedTuple, Protocol
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 
+# A gap longer than this, s, loses the state.
+LONGEST_GAP_S = 1.0
+
 
 class Estimate(NamedTuple):
     """

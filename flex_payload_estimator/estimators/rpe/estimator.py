@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 import math
 
-from flex_payload_estimator.estimators.base import Estimate, Event
+from flex_payload_estimator.estimators.base import Estimate, Event, LONGEST_GAP_S
 from flex_payload_estimator.estimators.rpe.competition import ModeCompetition
 from flex_payload_estimator.estimators.rpe.compiled_step import is_reading
 from flex_payload_estimator.estimators.rpe.events import EventLog
@@ -22,8 +22,6 @@ from flex_plant_sim.effects import effects_of
 from msg_config.errors import InputError
 import numpy as np
 
-# A gap longer than this, s, loses the state.
-LONGEST_GAP_S = 1.0
 # Where nothing is measured, one set of matrices serves for so long, s, as it does at 100 Hz.
 GAP_STEP_S = 0.01
 # Share of a stamp's deviation by which the sampling grid follows it: jitter is divided by 4.4, and

@@ -16,6 +16,7 @@ from flex_payload_estimator.estimators.base import (
     Event,
     is_finite,
     largest_payload,
+    LONGEST_GAP_S,
 )
 from flex_payload_estimator.estimators.sf1.composite import CompositeMeasurement
 from flex_payload_estimator.estimators.sf1.joint import at_start, moved, Track
@@ -28,6 +29,7 @@ from flex_payload_estimator.estimators.sf1.regression import (
     take_sample,
 )
 from flex_payload_estimator.estimators.sf1.settings import (
+    check_usable,
     DEFAULT_SETTINGS,
     Pace,
     PAPER_STEP,
@@ -143,7 +145,7 @@ class SF1Estimator:
         self._tracks: tuple[Track, ...] = ()
         self._measured, self._command, self._angle = NO_SAMPLE, np.zeros(2), 0.0
         self._ahead: Array | None = None
-        self._since = 0
+        self._since, self._time = 0, math.nan
         nothing = np.stack([0.0 * self.model.scale, 1.0 / self.model.scale])
         self._last = self._estimate(0.0, nothing, 'not_excited')
 
@@ -179,9 +181,28 @@ class SF1Estimator:
         good = sent and is_finite(scaled)
         if sent:
             self._command = command
+        self._cross(time)
         if not good:
             return self._reject(time)
         return self._begin(time, scaled) if self.track is None else self._learn(time, scaled)
+
+    def _cross(self, time: float) -> None:
+        """Predict the samples that are missing before a time, s; after a long gap begin anew."""
+        gap, self._time = time - self._time, time
+        if gap > LONGEST_GAP_S:
+            self.track = None
+        if self.track is not None and math.isfinite(gap):
+            for _ in range(round(gap / self.step) - 1):
+                self._predict_alone()
+
+    def _predict_alone(self) -> None:
+        """Predict without a sample; where that diverges, start again at the next."""
+        if self.track is not None:
+            track = self._next_track()
+            found = (self._take_ahead() or self._predicted()) and is_finite(track.state)
+            self.track = track if found else None
+        self._measured = NO_SAMPLE
+        self._since += 1
 
     def _learn(self, time: float, scaled: Array) -> Estimate:
         """Predict, and regress where that is due; start again where the model has diverged."""
@@ -292,14 +313,9 @@ class SF1Estimator:
         return self._last
 
     def _reject(self, time: float) -> Estimate:
-        """Predict without a sample; where that diverges, start again at the next."""
+        """Pass over a sample that says nothing."""
         self.rejected += 1
-        if self.track is not None:
-            track = self._next_track()
-            found = (self._take_ahead() or self._predicted()) and is_finite(track.state)
-            self.track = track if found else None
-        self._measured = NO_SAMPLE
-        self._since += 1
+        self._predict_alone()
         self._last = self._last._replace(time=time, status='input_rejected')
         return self._last
 
@@ -321,23 +337,3 @@ class SF1Estimator:
         if not self._resolvent:
             return known.variance
         return min(known.variance, (known.mass - given.mass_0)**2 + given.variance_0)
-
-
-def check_usable(robot: Robot, model: str, modes: int, settings: SF1EstimatorSettings) -> None:
-    """
-    Check that SF1 can estimate with a robot, model and settings.
-
-    Raises
-    ------
-    InputError
-        More modes than gauges on a link, or regression 'paper' on another model than
-        'paper_reduced'.
-
-    """
-    if settings.regression == 'paper' and model != 'paper_reduced':
-        raise InputError(f'regression: paper needs model paper_reduced, got {model!r}; '
-                         'it is what estimator sf1_paper has, estimator sf1 takes any model')
-    gauges = min(len(link.gauge_positions) for link in robot.links)
-    if modes > gauges:
-        raise InputError(f'modes: SF1 needs a gauge a mode on each link, expected at most '
-                         f'{gauges}, got {modes}; estimator rpe needs none')

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
+from flex_plant_sim.arm.robot import Robot
 from msg_config.errors import InputError
 
 Regression = Literal['paper', 'resolvent']
@@ -122,3 +123,23 @@ class Pace:
             return cls()
         samples = max(1, round(PAPER_STEP / step))
         return cls(samples, samples * step / PAPER_STEP)
+
+
+def check_usable(robot: Robot, model: str, modes: int, settings: SF1EstimatorSettings) -> None:
+    """
+    Check that SF1 can estimate with a robot, model and settings.
+
+    Raises
+    ------
+    InputError
+        More modes than gauges on a link, or regression 'paper' on another model than
+        'paper_reduced'.
+
+    """
+    if settings.regression == 'paper' and model != 'paper_reduced':
+        raise InputError(f'regression: paper needs model paper_reduced, got {model!r}; '
+                         'it is what estimator sf1_paper has, estimator sf1 takes any model')
+    gauges = min(len(link.gauge_positions) for link in robot.links)
+    if modes > gauges:
+        raise InputError(f'modes: SF1 needs a gauge a mode on each link, expected at most '
+                         f'{gauges}, got {modes}; estimator rpe needs none')
