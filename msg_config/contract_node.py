@@ -13,7 +13,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from msg_config.changes import Changes
 from msg_config.contract import load_topics
 from msg_config.errors import InputError
-from msg_config.first_publisher import FirstPublisher
+from msg_config.first_publisher import FirstPublisher, SILENCE
 from msg_config.messages import diagnostic_array, diagnostic_status
 from msg_config.refusing_node import REFUSED, RefusingNode
 from msg_config.ros import (
@@ -261,6 +261,10 @@ class ContractNode(RefusingNode, ABC):
     def input_status(self) -> DiagnosticStatus:
         """Return the recent refusals by topic and kind, and the last reason."""
         return self.status('input', *self._refusals.summary(time.monotonic()))
+
+    def hear_for(self, silence: float) -> None:
+        """Take another publisher of a topic after such a silence, s, at least SILENCE."""
+        self._heard.silence = max(SILENCE, silence)
 
     def second_heard(self) -> set[str]:
         """Return the topics on which a second publisher has sent messages recently."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-# Time of silence, s, after which the accepted publisher is replaced; a killed one would stay
+# Least time of silence, s, after which the accepted publisher is replaced; a killed one would stay
 # listed in ROS for 20 s.
 SILENCE = 0.5
 # Number of bytes of a gid that identify the participant, that is the publishing process (RTPS 2.3,
@@ -18,9 +18,16 @@ class FirstPublisher:
     another topic and the present one does not, since joints and strain must be of one arm. A
     publisher that was replaced for its silence is accepted again when it sends: it had been held
     up by a busy machine.
+
+    Attributes
+    ----------
+    silence : float
+        Time, s, after which a publisher that sent nothing is replaced.
+
     """
 
     def __init__(self) -> None:
+        self.silence = SILENCE
         self._kept: dict[str, tuple[bytes, float]] = {}
         self._held_up: dict[str, bytes] = {}
 
@@ -32,7 +39,7 @@ class FirstPublisher:
         if kept != gid:
             if gid == self._held_up.get(topic):
                 del self._held_up[topic]
-            elif now - heard > SILENCE:
+            elif now - heard > self.silence:
                 self._held_up[topic] = kept
             elif not self._belongs(topic, gid, kept, now):
                 return False
@@ -41,5 +48,5 @@ class FirstPublisher:
 
     def _belongs(self, topic: str, gid: bytes, kept: bytes, now: float) -> bool:
         others = {own[:PARTICIPANT_BYTES] for name, (own, heard) in self._kept.items()
-                  if name != topic and now - heard <= SILENCE}
+                  if name != topic and now - heard <= self.silence}
         return gid[:PARTICIPANT_BYTES] in others and kept[:PARTICIPANT_BYTES] not in others

@@ -45,6 +45,13 @@ class Bench:
         self.joint_states.publish(joint_state(k * STEP, joints, angle, effort=effort))
         self.strain.publish(joint_state(k * STEP, gauges, strain))
 
+    def joint_only(self, k: int, angle: Any, effort: Any) -> None:
+        """Publish the joints of sample k and wait for its answer."""
+        from msg_config.messages import joint_state
+
+        self.joint_states.publish(joint_state(k * STEP, JOINTS, angle, effort=effort))
+        self.loop.until(lambda: k * STEP in self.answers.stamps)
+
     def answered(self, k: int, **values: Any) -> None:
         """Publish a good sample k and wait for its answer."""
         self.sample(k, **values)

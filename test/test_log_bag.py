@@ -279,3 +279,14 @@ def test_a_recording_that_was_cut_off_is_told_how_it_is_mended(tmp_path: Path) -
     file.write_bytes(file.read_bytes()[:-40])
     with pytest.raises(InputError, match='mended by mcap recover'):
         read_log(bag, ROBOT)
+
+
+def test_an_arm_without_gauges_needs_no_strain(tmp_path: Path) -> None:
+    upper, lower = (replace(link, gauge_positions=()) for link in ROBOT.links)
+    bare = replace(ROBOT, links=(upper, lower))
+    bag = record(tmp_path / 'bag', [*states(5), *commands(5)])
+    log = read_log(bag, bare)
+    np.testing.assert_allclose(log.joint[:, 0], [0.1 * k for k in range(5)])
+    assert log.strain.shape == (5, 0) and not log.doubts
+    with pytest.raises(InputError, match='strain: missing, got'):
+        read_log(bag, ROBOT)

@@ -75,3 +75,12 @@ def test_a_second_publisher_is_not_heard_and_told_within_a_second(
     stranger.publish(joint_state(4 * STEP, GAUGES, (0.0,) * 4))
     bench.sample(4)
     loop.until(lambda: 4 * STEP in bench.answers.stamps)
+
+
+def test_a_slow_publisher_is_no_silent_one() -> None:
+    first, one, other = FirstPublisher(), gid(1, 1), gid(2, 1)
+    first.silence = 3.0
+    assert first.hears('strain', one, 0.0)
+    assert not first.hears('strain', other, 0.9)
+    assert first.hears('strain', one, 1.0)
+    assert first.hears('strain', other, 4.1)

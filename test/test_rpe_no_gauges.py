@@ -8,6 +8,7 @@ from pathlib import Path
 import re
 import subprocess
 import sys
+from typing import TYPE_CHECKING
 
 from flex_plant_sim.arm.parts import drawn
 from flex_plant_sim.arm.robot import Robot
@@ -16,9 +17,13 @@ from flex_plant_sim.logs.csv_log import write_csv
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.simulator import Noise, Simulator
+from node_bench import Bench
 import numpy as np
 import pytest
 from rpe_runs import estimator_of, square
+
+if TYPE_CHECKING:
+    from ros_loop import RosLoop
 
 BARE = re.sub('gauge_positions_m: .*', 'gauge_positions_m: []', robot_text('reference'))
 REST_S = 0.3
@@ -82,3 +87,20 @@ def test_its_variance_is_that_of_its_error_when_parts_are_off(robot: Robot, seed
     # Parts of some tolerances leave at least half a percent of the payload open.
     assert found[-1].status == 'ok' and 0.005 * mass < std[-1] < 0.2 * mass
     assert (np.abs(errors[100:]) < 3.0 * std[100:]).all()
+
+
+@pytest.mark.ros
+def test_the_node_weighs_it_from_the_joints_alone(
+        robot: Robot, tmp_path: Path, loop: RosLoop) -> None:
+    log = recorded(robot, 0.17, 1.5, seed=1)
+    bench = Bench(loop, 'estimator', robot=str(tmp_path / 'bare.yaml'), estimator='rpe',
+                  model='assumed_modes', modes=2)
+    payload = loop.record('payload_stamped')
+    loop.until(lambda: bench.node.count_subscribers('payload_stamped') > 0)
+    before = np.zeros(2)
+    for k, (angle, command) in enumerate(zip(log.joint, log.command)):
+        bench.joint_only(k, angle, before)
+        before = command
+    loop.until(lambda: len(payload) >= len(log.time))
+    mass, variance = payload[-1].position[0], payload[-1].effort[0]
+    assert abs(mass - 0.17) < 3.0 * variance**0.5 < 0.1

@@ -112,7 +112,9 @@ class SampleNode(ContractNode):
         self._gauges = robot.inputs.gauge_channels(robot.gauge_names)
         self._say_topics(robot)
         self.gate = Gate(robot)
-        self._pairing = Synchroniser(PARTS, slop_of(robot.sample_time))
+        self._parts = PARTS if robot.gauge_names else PARTS[:1]
+        self._pairing = Synchroniser(self._parts, slop_of(robot.sample_time))
+        self.hear_for(3.0 * robot.sample_time)
         room = load_topics()['strain'].subscribe.depth * robot.sample_time
         self._backlog = Backlog(min(self.WAITING * room, QUIET), robot.sample_time)
         self.order.interval = nanoseconds(robot.sample_time)
@@ -185,6 +187,8 @@ class SampleNode(ContractNode):
         return self._efforts.pick(message.name, message.effort, 'joint_states: effort')
 
     def _on_strain(self, message: JointState) -> None:
+        if 'strain' not in self._parts:
+            return
         self._received_at['strain'] = self.wall_time()
         stamp = checked_stamp(message, 'strain')
         self._pair_up('strain', stamp,
@@ -196,8 +200,8 @@ class SampleNode(ContractNode):
         together = self._pairing.add(part, stamp, value)
         if together is not None:
             angle, command, velocity = together.parts['joint_states']
-            self._on_sample(Sample(together.stamp, np.concatenate(
-                [angle, together.parts['strain']]), command, velocity))
+            output = np.concatenate([angle, together.parts.get('strain', np.empty(0))])
+            self._on_sample(Sample(together.stamp, output, command, velocity))
 
     def _on_sample(self, sample: Sample) -> None:
         """Answer a sample, unless its stamp is out of order or the node is too slow."""
@@ -314,10 +318,11 @@ class SampleNode(ContractNode):
         since = self.wall_time() - max(QUIET, 3.0 * self.robot.sample_time)
         if self._sample_at > since:
             return ''
-        silent = [silent_topic(self, part) for part in PARTS if self._received_at[part] < since]
+        silent = [silent_topic(self, part) for part in self._parts
+                  if self._received_at[part] < since]
         if silent:
             return f'no message on {" and ".join(silent)}'
-        if any(self._accepted_at[part] < since for part in PARTS):
+        if any(self._accepted_at[part] < since for part in self._parts):
             return f'every message is refused: {self.last_rejection}'
         if self._paired_at > since:
             return f'every sample is refused: {self.last_rejection}'

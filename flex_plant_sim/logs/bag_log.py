@@ -50,11 +50,15 @@ def read_bag(path: Path, robot: Robot) -> Log:
         No bag, a missing topic, wrong gauges or joints, or uneven time; names topic or message.
 
     """
-    streams, notes = read_messages(path, robot.inputs)
+    gauged = bool(robot.gauge_names)
+    streams, notes = read_messages(path, robot.inputs,
+                                   ('joint_states', 'strain')[:1 + gauged])
     angles, gauges = robot.inputs.joint_channels(), robot.inputs.gauge_channels(robot.gauge_names)
     joints = streams['joint_states'] = streams['joint_states'].naming(angles)
-    strain = streams['strain'] = streams['strain'].naming(gauges)
-    angle, surface = joints.values(angles, 'position'), strain.values(gauges, 'position')
+    # Without gauges each sample is its joint states alone, paired with themselves.
+    strain = streams['strain'].naming(gauges) if gauged else joints
+    angle = joints.values(angles, 'position')
+    surface = strain.values(gauges, 'position') if gauged else np.empty((len(angle), 0))
     pairs = _pairs(path, joints, strain)
     commands = Commands.of(streams, robot.inputs)
     j, g = pairs.T

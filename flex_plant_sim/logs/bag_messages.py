@@ -7,7 +7,7 @@ Reads the messages of a bag that make up a log, topic by topic, and finds their 
 from __future__ import annotations
 
 from array import array
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -178,10 +178,12 @@ class _Collector:
                       tuple(self.names), np.array(self.group, dtype=np.int64), fields)
 
 
-def read_messages(path: Path, mapping: InputMapping
+def read_messages(path: Path, mapping: InputMapping, needed: Sequence[str]
                   ) -> tuple[dict[str, Stream], tuple[str, ...]]:
     """
     Return the messages of the topics that make up a log, and notes on what could not be read.
+
+    The topics `needed` must be there.
 
     Raises
     ------
@@ -198,7 +200,7 @@ def read_messages(path: Path, mapping: InputMapping
     try:
         types = get_typestore(Stores.ROS2_JAZZY)
         with bounded(), AnyReader([path], default_typestore=types) as reader:
-            found, notes = _collected(path, reader, mapping)
+            found, notes = _collected(path, reader, mapping, needed)
     except InputError:
         raise
     except MemoryError:
@@ -213,9 +215,13 @@ def read_messages(path: Path, mapping: InputMapping
     return {name: collector.stream() for name, collector in found.items()}, notes
 
 
-def _collected(path: Path, reader: Any, mapping: InputMapping
+def _collected(path: Path, reader: Any, mapping: InputMapping, needed: Sequence[str]
                ) -> tuple[dict[str, _Collector], tuple[str, ...]]:
     chosen = {name: _connections(path, reader, name, mapping) for name in TOPICS}
+    for name in needed:
+        if not chosen[name]:
+            have = ', '.join(sorted({c.topic for c in reader.connections})) or 'none'
+            raise InputError(f'{path}: topic {_own_topic(name, mapping)}: missing, got {have}')
     owner = {id(c): name for name, group in chosen.items() for c in group}
     found = {name: _Collector(path, name) for name in TOPICS}
     came = dict.fromkeys(TOPICS, 0)
@@ -266,7 +272,4 @@ def _connections(path: Path, reader: Any, name: str, mapping: InputMapping) -> l
         if connection.msgtype != topic.type:
             raise InputError(f'{path}: {connection.topic}: expected {topic.type}, '
                              f'got {connection.msgtype}')
-    if not group and name != 'command':
-        have = ', '.join(sorted({c.topic for c in reader.connections})) or 'none'
-        raise InputError(f'{path}: topic {own}: missing, got {have}')
     return group
