@@ -200,3 +200,14 @@ def test_a_predictor_that_is_lost_begins_again_at_the_measurement() -> None:
     controller.command(1.0, far, command, 0.1, output[:2])
     assert controller.doubted == 0
     assert controller.state[0] == pytest.approx(far[0])
+
+
+def test_a_watch_follows_the_limit_of_commands_and_keeps_its_fault() -> None:
+    from flex_payload_estimator.control.arm_watch import ArmWatch
+
+    controller = LQGController(ROBOT, 'assumed_modes', 2)
+    watch = ArmWatch(ROBOT, controller, 1.0)
+    watch.fault = 'joint_1: why'
+    wider, fresh = watch.with_limit(5.0), ArmWatch(ROBOT, controller, 5.0)
+    assert wider.fault == watch.fault and wider.limit == 5.0
+    assert wider._speeds._floor == fresh._speeds._floor != watch._speeds._floor

@@ -68,6 +68,12 @@ class ArmWatch:
         self._obedience = ObedienceWatch()
         self.reset()
 
+    def with_limit(self, limit: float) -> ArmWatch:
+        """Return a watch of the same arm for another largest command; a fault stays."""
+        other = ArmWatch(self._robot, self._controller, limit)
+        other.fault = self.fault
+        return other
+
     def _largest(self) -> list[float]:
         return [min(self.limit, drive.command_limit) for drive in self._robot.drives]
 
@@ -136,7 +142,8 @@ class ArmWatch:
         if abs(leap[joint]) < LEAP or time - self._gap_at < RECENT * self._robot.sample_time:
             return ''
         return (f'{JOINTS[joint]} is {leap[joint]:+.3g} rad from where its command took it: check '
-                'its encoder (slipped, counts lost, zeroed again)')
+                'its encoder (slipped, counts lost, zeroed again), and that commands reach the '
+                'drive')
 
     def _disagreement(self, time: float, angle: list[float], velocity: Sequence[float]) -> str:
         found = self._speeds(time, angle, velocity)

@@ -136,7 +136,8 @@ class LQGControllerNode(SampleNode):
             Limits.of(self.robot).command,
             COMMAND_MARGIN * max(values['command_limit'], self.values['command_limit'])))
         self.limiter.limit, self.limiter.slew = values['command_limit'], values['command_slew']
-        self.watch.limit = values['command_limit']
+        if values['command_limit'] != self.watch.limit:
+            self.watch = self.watch.with_limit(values['command_limit'])
 
     def restart(self) -> None:
         """Go back to the start; what was last asked of the arm stays, at rest."""
@@ -333,7 +334,7 @@ class LQGControllerNode(SampleNode):
         age = self.wall_time() - self._answered
         if self.values['watchdog'] and age > self.values['watchdog']:
             return 'error', f'no {self._missing()} for {age:.3g} s: the command is zero'
-        if self.watch.fault:
+        if self.values['watchdog'] and self.watch.fault:
             return 'error', self._stop_text()
         if self._payload_missing():
             return 'warn', 'payload/inertia is late or missing: the last payload serves'
