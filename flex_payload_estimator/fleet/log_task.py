@@ -115,8 +115,10 @@ def diagnose_and_weigh(task: LogTask) -> Row:
     told = [] if task.payload is None else ['--payload', str(task.payload)]
     page = Path(task.report)
     page.mkdir(parents=True, exist_ok=True)
-    diagnosis, wrong = _run_tool(task, DIAGNOSE, [*told, '--jobs', '1', '--report', str(page)])
-    weight, error = ({}, '') if wrong else _run_tool(task, ESTIMATE, [])
+    # A log that cannot be diagnosed may still be weighed.
+    weight, error = _run_tool(task, ESTIMATE, [], started)
+    diagnosis, wrong = _run_tool(
+        task, DIAGNOSE, [*told, '--jobs', '1', '--report', str(page)], started)
     if task.present_key() != task.key:
         diagnosis, weight, error = {}, {}, 'the log or its robot file changed while it was read'
     causes = sorted(diagnosis.get('causes', ()), key=lambda cause: -cause['probability'])
@@ -129,8 +131,13 @@ def diagnose_and_weigh(task: LogTask) -> Row:
         time.monotonic() - started, wrong or error, KILLED in (wrong or error))
 
 
-def _run_tool(task: LogTask, module: str, options: Sequence[str]) -> tuple[dict[str, Any], str]:
-    """Return a tool's JSON on the log and no error, or an empty one and its one-line error."""
+def _run_tool(task: LogTask, module: str, options: Sequence[str], started: float
+              ) -> tuple[dict[str, Any], str]:
+    """
+    Return a tool's JSON on the log and no error, or an empty one and its one-line error.
+
+    Both tools share the task's time, from `started` on, s of the monotonic clock.
+    """
     tool = module.rpartition('.')[2]
     with TemporaryDirectory(prefix='flex_fleet_') as folder:
         file = Path(folder) / 'answer.json'
@@ -138,7 +145,8 @@ def _run_tool(task: LogTask, module: str, options: Sequence[str]) -> tuple[dict[
                    str(file), *options]
         try:
             done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True,
-                                  text=True, errors='replace', timeout=task.timeout)
+                                  text=True, errors='replace',
+                                  timeout=max(task.timeout - (time.monotonic() - started), 0.0))
         except subprocess.TimeoutExpired:
             return {}, f'{tool}: given up after {task.timeout:g} s'
         if done.returncode == 0 and file.is_file():
