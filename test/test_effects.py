@@ -11,7 +11,7 @@ import sys
 from typing import Any
 
 from flex_plant_sim.arm.robot import EffectSpec
-from flex_plant_sim.arm.robot_file import load_robot, parse_robot
+from flex_plant_sim.arm.robot_file import load_robot, parse_robot, robot_text
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.effects import build, catalogue, effects_of, explanation_at, parse, sites
 from flex_plant_sim.effects.base import Effect
@@ -150,6 +150,14 @@ def test_robot_file_round_trip(identifier: str) -> None:
     assert effects_of(read) == (effect,)
 
 
+def test_a_number_of_an_effect_is_not_judged_as_that_of_a_part() -> None:
+    """A link is damped by less than 0.7 of the critical, a base on rubber by more."""
+    spec = parse('base_compliance:arm:compliance_rad_per_n_m=0.01,damping_ratio=1.2')
+    data = yaml.safe_load(robot_text('reference'))
+    data['effects'] = [{'name': spec.name, 'site': spec.site, **spec.values}]
+    assert parse_robot(yaml.safe_dump(data), 'test.yaml').effects[0].values == spec.values
+
+
 @pytest.mark.parametrize('text, message', [
     ('coulomb_frictoin:joint_1:level_n_m=1', "got 'coulomb_frictoin'"),
     ('coulomb_friction:joint_3:level_n_m=1', "expected one of joint_1, joint_2, got 'joint_3'"),
@@ -158,6 +166,8 @@ def test_robot_file_round_trip(identifier: str) -> None:
     ('coulomb_friction:joint_1:level_n_m=-1', 'level_n_m: expected 0 to 20 N m, got -1'),
     ('coulomb_friction:joint_1:level_n_m=nan', 'expected 0 to 20 N m, got nan'),
     ('strain_bias:strain_1c:bias=1e-5', "got 'strain_1c'"),
+    ('strain_crosstalk:strain_1a:share=0.1,source=9', 'source: expected 1 to 4'),
+    ('strain_crosstalk:strain_1a:share=0.1,source=2.4', 'source: expected a whole number'),
     ('coulomb_friction:joint_1', 'expected identifier:site:parameter=number'),
     ('coulomb_friction:joint_1:level_n_m=much', 'expected identifier:site:parameter=number'),
 ])

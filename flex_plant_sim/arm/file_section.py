@@ -110,6 +110,10 @@ class Section:
                              f'{_unit_prefix_hint(value, least, most)}')
         return value
 
+    def any_number(self, key: str) -> float:
+        """Return a finite number."""
+        return self._number_from(key, self.take(key), -math.inf, True)
+
     def numbers(self, key: str, low: float, high: float) -> tuple[float, ...]:
         """Return a list of finite numbers, each from low to high."""
         values = self.take(key)

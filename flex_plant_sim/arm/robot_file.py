@@ -111,7 +111,8 @@ def _read_effect_value(section: Section, key: str) -> float | str | tuple[float,
     if key == 'variable':
         return section.text(key)
     if not isinstance(section.data[key], list):
-        return section.number(key, -math.inf)
+        # The effect has bounds of its own, unlike those of a part of the same name.
+        return section.any_number(key)
     if len(section.data[key]) > MAX_KNOTS:
         raise InputError(f'{section.name(key)}: expected at most {MAX_KNOTS} numbers, '
                          f'got {len(section.data[key])}')

@@ -308,6 +308,8 @@ def _value(identifier: str, parameter: Parameter, values: Mapping[str, Any]) -> 
     if not (math.isfinite(value) and parameter.low <= value <= parameter.high):
         raise InputError(f'{name}: expected {parameter.low:g} to {parameter.high:g} '
                          f'{parameter.unit}, got {value:g}')
+    if parameter.discrete and not value.is_integer():
+        raise InputError(f'{name}: expected a whole number, got {value:g}')
     return value
 
 

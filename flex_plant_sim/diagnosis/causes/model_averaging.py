@@ -42,12 +42,13 @@ def averaged_size_deviations(posterior: Posterior, hypothesis: Hypothesis) -> Ar
     """
     Return root mean square deviations from a cause's values in the best set, (k,).
 
-    Over the sets that have the cause, with the posterior variance within each.
+    Over the sets that have the cause, with whatever discrete values, and with the posterior
+    variance within each.
     """
     rows = []
     for fit, weight in zip(posterior.fits, set_weights(posterior)):
-        if hypothesis in fit.hypotheses:
-            indices = value_indices(fit, hypothesis)
+        for own in (h for h in fit.hypotheses if h.label == hypothesis.label):
+            indices = value_indices(fit, own)
             rows.append((weight, fit.values[indices], np.diagonal(fit.covariance)[indices]))
     return _rms(rows, posterior.best.values[value_indices(posterior.best, hypothesis)])
 

@@ -31,7 +31,7 @@ class StrainCrosstalk(Effect):
         share, source = super().at(site, robot)
         others = tuple(float(number) for number, name in enumerate(robot.gauge_names, start=1)
                        if name != site)
-        return share, replace(source, starts=others)
+        return share, replace(source, starts=others, high=float(len(robot.gauge_names)))
 
     def on_output(self, output: Array, time: Any, robot: Robot) -> Array:
         """Return the readings with the share added; a gauge does not pick up its own strain."""
