@@ -142,8 +142,8 @@ def test_a_suffix_in_capitals_is_the_same(tmp_path: Path) -> None:
 
 
 def test_columns_in_any_order_and_unknown_ones(tmp_path: Path) -> None:
-    rows = ['note,' + ','.join(HEADER.split(',')[::-1])]
-    rows += [f'7,4e-3,3e-3,2e-3,1e-3,20,10,200,100,{0.01 * k:g}' for k in range(3)]
+    rows = ['note,strain_temp_c,' + ','.join(HEADER.split(',')[::-1])]
+    rows += [f'7,21,4e-3,3e-3,2e-3,1e-3,20,10,200,100,{0.01 * k:g}' for k in range(3)]
     (tmp_path / 'log.csv').write_text('\ufeff' + '\r\n'.join(rows) + '\r\n', encoding='utf-8')
     log = read_log(tmp_path / 'log.csv', ROBOT)
     np.testing.assert_array_equal(log.output[0], [10, 20, 1e-3, 2e-3, 3e-3, 4e-3])

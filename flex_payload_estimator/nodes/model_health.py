@@ -198,7 +198,7 @@ class ModelHealth:
         if np.mean(centred**4) > SPIKE_KURTOSIS * np.mean(centred**2)**2:
             return 'spikes'
         if whiteness <= self.whiteness_limit:
-            return 'more noise than R_2 says'
+            return 'more noise than told'
         power = np.abs(np.fft.rfft(centred))**2
         peak = int(np.argmax(power))
         near = power[max(peak - 1, 0):peak + 2].sum()

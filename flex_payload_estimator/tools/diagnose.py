@@ -135,6 +135,10 @@ def run(logs: Sequence[Log], robot: Robot, arguments: argparse.Namespace,
     wrong = describe(before)
     left = wrong if after is before else describe(after)
     diagnosis = with_gauges_beyond(with_gain(diagnosis, gains, len(added)), left)
+    if diagnosis.verdict in UNNAMED_VERDICTS and 'after' not in latent:
+        # What the locked part refutes is unnamed too.
+        latent['after'] = latent_view(after)
+        diagnosis = with_unknown(diagnosis, latent['after'])
     found = Findings(
         diagnosis, extended, (before, after), gains, wrong, left,
         () if arguments.true_payload is None else payload_gain(

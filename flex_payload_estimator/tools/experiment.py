@@ -14,14 +14,13 @@ from typing import Any
 
 from flex_payload_estimator.control.loop import LoopRecord
 from flex_plant_sim.arm.parts import drawn
-from flex_plant_sim.arm.robot_file import load_robot
-from flex_plant_sim.arm.robot_text import document
+from flex_plant_sim.arm.robot_file import load_robot, robot_text
+from flex_plant_sim.arm.robot_text import with_numbers
 from flex_plant_sim.simulation.arm_shape import ArmShape
 from flex_plant_sim.simulation.plant_setup import robot_of, simulator_of
 from msg_config.errors import InputError
 from msg_config.parameters import check_parameters
 import numpy as np
-import yaml
 
 # Modes per link of the plant: more than any estimator has, so that the plant is no estimator's own
 # model.
@@ -84,8 +83,7 @@ def drawn_arm(options: argparse.Namespace, path: Path) -> Path:
     """Write and return the plant's robot file: its parts are drawn from their tolerances."""
     nominal = load_robot(options.robot)
     arm = drawn(nominal, np.random.default_rng([options.seed, 1]))
-    path.write_text(yaml.safe_dump(document(arm), sort_keys=False, allow_unicode=True),
-                    encoding='utf-8')
+    path.write_text(with_numbers(robot_text(options.robot), arm), encoding='utf-8')
     return path
 
 

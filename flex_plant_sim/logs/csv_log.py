@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+import re
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.atomic_file import whole_file
@@ -20,6 +21,9 @@ from flex_plant_sim.logs.rows import Rows, to_log
 from msg_config.errors import InputError
 from msg_config.input_mapping import CONTRACT, InputMapping, JOINTS, TIME_UNITS
 import numpy as np
+
+# What a column of strain is named.
+GAUGE_NAME = re.compile(r'strain_\d+[a-z]?')
 
 VELOCITY = ('velocity_1', 'velocity_2')
 
@@ -124,7 +128,7 @@ def _check_columns(table: Table, robot: Robot, wanted: list[str]) -> None:
     if twice:
         raise InputError(f'{path}: column {twice[0]}: expected once, got {header.count(twice[0])}')
     _check_present(table, wanted[:-len(robot.gauge_names) or None])
-    gauges = [name for name in header if name.startswith('strain_')]
+    gauges = [name for name in header if GAUGE_NAME.fullmatch(name)]
     if not robot.inputs.gauges and len(gauges) != len(robot.gauge_names):
         raise InputError(f'{path}: strain: expected {len(robot.gauge_names)} gauges '
                          f'({", ".join(robot.gauge_names)}) for {robot.name}, got '
