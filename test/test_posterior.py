@@ -7,7 +7,7 @@ from dataclasses import replace
 from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses, Hypothesis
 from flex_plant_sim.diagnosis.causes.neighbourhood import estimated_scores, without_mean_error
-from flex_plant_sim.diagnosis.causes.posterior import interpretations, Posterior, SetKey
+from flex_plant_sim.diagnosis.causes.posterior import interpretations, log_prior, Posterior, SetKey
 from flex_plant_sim.diagnosis.likelihood.evidence import ParameterPrior
 from flex_plant_sim.diagnosis.likelihood.prior import (
     imitation_odds,
@@ -67,8 +67,9 @@ def test_the_more_is_wrong_at_once_the_likelier_one_unknown_thing_imitates_it() 
     real = [1.0 / (1.0 + imitation_odds(further)) for further in range(3)]
     # What more than two further faults would do is not known.
     assert chances == pytest.approx([real[0], real[0], real[1], real[2], real[2]])
+    # It is one thing that imitates the whole set.
     assert [p.unknown_probability for p in stated] == pytest.approx(
-        [1.0 - r**k for r, k in zip((real[0], *real, real[2]), range(1, 6))])
+        [1.0 - r for r in (real[0], *real, real[2])])
     assert [bool(doubt(p)) for p in stated] == [False, False, True, True, True]
     # Something unnamed besides is one more fault.
     besides = Posterior.of([replace(NOTHING, hypotheses=on[:1],
@@ -185,3 +186,14 @@ def test_a_set_pays_what_white_errors_as_large_are_less_likely() -> None:
         -7.0, -10.0]
     plain = replace(small, varying_gain=-np.inf)
     assert interpretations(plain) == (plain,)
+
+
+def test_a_far_part_that_leaves_a_remainder_is_two_unknown_things() -> None:
+    base = BaseModel(REFERENCE)
+    one = replace(NOTHING, statistics=replace(EMPTY, tolerances=np.ones(30)),
+                  discrepancy=replace(base.discrepancy, far_part='mass_1'))
+    two = replace(one, discrepancy=replace(one.discrepancy, remainder=True))
+    assert log_prior(one, base) == pytest.approx(np.log(0.5 * unknown_odds() / 30.0))
+    assert log_prior(two, base) == pytest.approx(
+        log_prior(one, base) + np.log(0.5 * unknown_odds()))
+    assert log_prior(NOTHING, base) == 0.0

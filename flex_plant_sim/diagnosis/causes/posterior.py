@@ -72,12 +72,15 @@ def log_prior(fit: Fit, nominal: BaseModel) -> float:
     """
     Return the logarithm of a set's prior odds against `nothing`, nats.
 
-    Something unknown is a far part with probability 1/2, and anything else with 1/2.
+    Something unknown is a far part with probability 1/2, and anything else with 1/2. A far part
+    that leaves a remainder is two unknown things.
     """
     log_odds = log_prior_odds_of_causes(fit, nominal)
-    if is_unknown(fit, nominal):
-        kinds = fit.statistics.tolerances.size if fit.discrepancy.far_part else 1
-        log_odds += math.log(0.5 * unknown_odds() / kinds) - sum(fit.discrepancy.law_penalties)
+    one, found = math.log(0.5 * unknown_odds()), fit.discrepancy
+    if found.far_part:
+        log_odds += one - math.log(fit.statistics.tolerances.size)
+    if replace(found, far_part='') != nominal.discrepancy:
+        log_odds += one - sum(found.law_penalties)
     return log_odds
 
 
@@ -194,7 +197,7 @@ class Posterior:
     @property
     def unknown_probability(self) -> float:
         """Return the probability that something unknown is at work."""
-        return 1.0 - sum(s.probability * s.genuine_probability**len(s.labels)
+        return 1.0 - sum(s.probability * (s.genuine_probability if s.labels else 1.0)
                          for s in self._set_probabilities if not s.unknown)
 
     def _sum(self, holds: Callable[[Fit], bool]) -> float:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from flex_plant_sim.diagnosis.likelihood.prior import PROBABILITY_UNKNOWN
+from flex_plant_sim.diagnosis.likelihood.prior import unknown_odds
 from flex_plant_sim.diagnosis.prediction.friction_part import friction_part
 from flex_plant_sim.diagnosis.prediction.latent_view import Finding, LatentView
 from flex_plant_sim.diagnosis.prediction.law import CONSTANT, STRETCHES
@@ -49,7 +49,7 @@ def with_stated_law(diagnosis: Diagnosis, view: LatentView) -> Diagnosis:
     if not (diagnosis.nothing_leads and laws):
         return diagnosis
     left = min(max(1.0 - law.share, LEAST_LEFT) for law in laws)
-    odds = PROBABILITY_UNKNOWN / (1.0 - PROBABILITY_UNKNOWN) * left**(-0.5 * STRETCHES)
+    odds = unknown_odds() * left**(-0.5 * STRETCHES)
     nothing = diagnosis.effects['nothing']
     added, total = nothing * odds, 1.0 + nothing * odds
     effects = {name: p / total for name, p in diagnosis.effects.items()}
