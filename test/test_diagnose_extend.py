@@ -34,8 +34,10 @@ def some_of_each(robot: Robot) -> list[Effect]:
     for effect in catalogue().values():
         if not sites(effect, robot):  # a velocity loop's effect on an arm that has none
             continue
-        values = tuple(float(f'{min(max(p.low, p.starts[0] / 3.0), p.high):.{DIGITS}g}')
-                       for p in effect.parameters)
+        values = tuple(
+            p.starts[0] if p.discrete
+            else float(f'{min(max(p.low, p.starts[0] / 3.0), p.high):.{DIGITS}g}')
+            for p in effect.parameters)
         found.append(effect(sites(effect, robot)[-1], values))
     return found
 

@@ -101,3 +101,25 @@ def test_bad_settings_are_refused() -> None:
     ):
         with pytest.raises(InputError, match=words):
             call()  # type: ignore[no-untyped-call]
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_samples_that_are_missing_are_predicted(name: str) -> None:
+    """Under one command a gap in the stamps is what unusable samples are, up to a second."""
+    estimator, random = make_estimator(name, ROBOT), np.random.default_rng(3)
+    samples, command = 1e-3 * random.standard_normal((200, 6)), np.array([0.3, -0.2])
+
+    def after(gap: range, told: bool) -> Any:
+        estimator.reset()
+        for k, y in enumerate(samples):
+            if k not in gap:
+                found = estimator.update(0.01 * k, y, command)
+            elif told:
+                estimator.update(0.01 * k, np.full(6, np.nan), command)
+        return found
+
+    told, missing = (after(range(60, 90), told) for told in (True, False))
+    assert (missing.mass, missing.variance, missing.p) == (told.mass, told.variance, told.p)
+    whole = after(range(0), True)
+    assert (missing.mass, missing.p) != (whole.mass, whole.p)
+    assert after(range(60, 199), False).status == 'not_excited'
