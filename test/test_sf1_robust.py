@@ -123,3 +123,14 @@ def test_samples_that_are_missing_are_predicted(name: str) -> None:
     whole = after(range(0), True)
     assert (missing.mass, missing.p) != (whole.mass, whole.p)
     assert after(range(60, 199), False).status == 'not_excited'
+
+
+def test_slow_samples_are_no_gaps() -> None:
+    estimator = make_estimator('sf1', replace(ROBOT, sample_time=1.0))
+    samples, found = 1e-3 * np.random.default_rng(2).standard_normal((8, 6)), []
+    for step in (1.0, 1.0001):
+        estimator.reset()
+        found.append([estimator.update(step * k, y, y[:2]) for k, y in enumerate(samples)])
+    for even, late in zip(*found):
+        np.testing.assert_array_equal(even.innovation, late.innovation)
+        np.testing.assert_array_equal(even.innovation_std, late.innovation_std)

@@ -189,11 +189,11 @@ class SF1Estimator:
     def _cross(self, time: float) -> None:
         """Predict the samples that are missing before a time, s; after a long gap begin anew."""
         gap, self._time = time - self._time, time
-        if gap > LONGEST_GAP_S:
+        steps = round(gap / self.step) if math.isfinite(gap) else 1
+        if steps > 1 and gap > LONGEST_GAP_S:
             self.track = None
-        if self.track is not None and math.isfinite(gap):
-            for _ in range(round(gap / self.step) - 1):
-                self._predict_alone()
+        for _ in range(steps - 1 if self.track is not None else 0):
+            self._predict_alone()
 
     def _predict_alone(self) -> None:
         """Predict without a sample; where that diverges, start again at the next."""
