@@ -37,7 +37,8 @@ from simulated_records import effects, REFERENCE, simulated
 RNG = np.random.default_rng(7)
 COLUMNS, PRIOR_WIDTHS = RNG.standard_normal((30, 4)), np.array([0.5, 1.0, 2.0, 1e-9])
 RESIDUAL = RNG.standard_normal(30) + COLUMNS @ np.array([0.4, -1.0, 2.5, 0.0])
-PRIOR = ParameterPrior(np.array([1.0]), np.array([0.7]), np.zeros(1), np.zeros(1, bool))
+NO_BOUNDS = np.array([-np.inf]), np.array([np.inf])
+PRIOR = ParameterPrior(np.array([1.0]), np.array([0.7]), *NO_BOUNDS, np.zeros(1, bool))
 
 
 def test_evidence_is_that_of_the_gaussian_it_stands_for() -> None:
@@ -97,25 +98,50 @@ def test_a_prediction_that_is_not_finite_has_no_evidence() -> None:
     assert marginal.log_evidence == -np.inf
 
 
-def test_a_one_sided_prior_keeps_the_mass_on_its_side() -> None:
+@pytest.mark.parametrize('low, high', [(-np.inf, 0.0), (0.0, np.inf), (-0.3, 0.5), (0.2, 0.4)])
+def test_a_prior_keeps_the_mass_within_its_bounds(low: float, high: float) -> None:
     column, width = COLUMNS[:, :1], 0.7
+    mass = norm.cdf(high, scale=width) - norm.cdf(low, scale=width)
     marginal = GaussianMarginal.of(RESIDUAL, column, np.array([width]))
 
     def density(theta: float) -> float:
         left = RESIDUAL + column[:, 0] * theta
-        prior = 2.0 * norm.pdf(theta, scale=width)
+        prior = norm.pdf(theta, scale=width) / mass
         return float(np.exp(-0.5 * left @ left + 0.5 * RESIDUAL @ RESIDUAL) * prior)
 
-    prior = ParameterPrior(np.zeros(1), np.array([width]), np.array([-1.0]), np.zeros(1, bool))
+    prior = ParameterPrior(np.zeros(1), np.array([width]), np.array([low]), np.array([high]),
+                           np.zeros(1, bool))
     inside = prior.log_truncation(marginal.mean, np.diagonal(marginal.covariance))
     assert marginal.log_evidence + 0.5 * RESIDUAL @ RESIDUAL + inside == pytest.approx(
-        np.log(quad(density, -8.0, 0.0)[0]), abs=1e-6)
+        np.log(quad(density, max(low, -8.0), min(high, 8.0))[0]), abs=1e-6)
+
+
+@pytest.mark.parametrize('end', [-1.2, 1.5])
+def test_a_value_at_an_end_of_its_prior_is_weighed_up_to_there(end: float) -> None:
+    """The likeliest value is 0.4: with it outside of the bounds, the gradient is not zero."""
+    column, width = COLUMNS[:, 0], 0.7
+    low, high = min(end, 0.1), max(end, 0.1)
+    prior = ParameterPrior(np.zeros(1), np.array([width]), np.array([low]), np.array([high]),
+                           np.zeros(1, bool))
+    value = high if end < 0.0 else low
+
+    def density(theta: float) -> float:
+        left = RESIDUAL - column * theta
+        return float(np.exp(-0.5 * left @ left + 0.5 * RESIDUAL @ RESIDUAL)
+                     * norm.pdf(theta, scale=width))
+
+    rows = np.stack([RESIDUAL - column * value, -column])[:, None]
+    statistics = SufficientStatistics(channel_products(rows, rows), np.array([value]), prior,
+                                      np.zeros(0), 30.0, np.zeros(1))
+    mass = norm.cdf(high, scale=width) - norm.cdf(low, scale=width)
+    assert statistics.log_evidence(np.ones(1), 1.0) + 0.5 * RESIDUAL @ RESIDUAL == pytest.approx(
+        np.log(quad(density, low, high)[0] / mass), abs=1e-6)
 
 
 def test_a_shape_that_nature_may_lack_is_absent_as_likely_as_not() -> None:
     """One value, known badly and near its centre of 1, with half of its prior at 1."""
     column, width, value = 0.3 * COLUMNS[:, 0], 0.7, 1.1
-    spiked = ParameterPrior(np.ones(1), np.array([width]), np.zeros(1), np.ones(1, bool))
+    spiked = ParameterPrior(np.ones(1), np.array([width]), *NO_BOUNDS, np.ones(1, bool))
 
     def likelihood(theta: float) -> float:
         left = RESIDUAL + column * (theta - value)

@@ -7,7 +7,7 @@ The search makes one `Hypothesis` of each effect and site and fits `CauseSet`s o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import product
 import math
@@ -105,11 +105,11 @@ class Hypothesis:
         width = np.where(is_time, duration / math.sqrt(12.0),
                          [p.typical for p in self.parameters])
         width = np.where(fixed, FIXED_WIDTH, width)
-        above, below = self.low >= self.null, self.high <= self.null
-        one_sided = np.where(fixed | is_time, 0.0, 1.0 * above - 1.0 * below)
+        low = np.where(fixed | is_time, -np.inf, self.low - centre)
+        high = np.where(fixed | is_time, np.inf, self.high - centre)
         # An optional parameter is at null with probability 1/2.
         spiked = ~fixed & np.array([p.optional for p in self.parameters])
-        return ParameterPrior(centre, width, one_sided, spiked)
+        return ParameterPrior(centre, width, low, high, spiked)
 
     def difference_steps(self, values: Array) -> Array:
         """
@@ -182,8 +182,8 @@ class CauseSet:
     def prior(self) -> ParameterPrior:
         """Return the prior of all parameters."""
         priors = [h.prior(self.duration) for h in self.hypotheses]
-        return ParameterPrior(*(self._joined([getattr(p, name) for p in priors])
-                                for name in ('centre', 'width', 'one_sided', 'spiked')))
+        return ParameterPrior(*(self._joined([getattr(p, field.name) for p in priors])
+                                for field in fields(ParameterPrior)))
 
     @property
     def bounds(self) -> tuple[Array, Array]:

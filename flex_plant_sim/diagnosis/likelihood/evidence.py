@@ -6,7 +6,7 @@ The algebra of evidence: Gaussian deviations integrated out of whitened residual
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 from flex_plant_sim.arm.second_order import Array
@@ -127,14 +127,14 @@ def sandwich_covariance(covariance: Array, scores: Array) -> Array:
 @dataclass(frozen=True)
 class ParameterPrior:
     """
-    The prior of an effect's parameters: Gaussian slabs, some of them one-sided or with a spike.
+    The prior of an effect's parameters: Gaussian slabs within bounds, some of them with a spike.
 
     Attributes
     ----------
     centre, width : Array
         Mean and standard deviation of the Gaussian, (k,).
-    one_sided : Array
-        +1 where only values above the centre exist, -1 only below, 0 both, (k,).
+    low, high : Array
+        Values less the centre exist between these; -inf and inf where it has no bounds, (k,).
     spiked : Array
         True where half of the prior is a spike at the centre, (k,).
 
@@ -142,19 +142,24 @@ class ParameterPrior:
 
     centre: Array
     width: Array
-    one_sided: Array
+    low: Array
+    high: Array
     spiked: Array
 
     def subset(self, indices: Array) -> ParameterPrior:
         """Return the prior of some of the parameters, by their indices."""
-        return ParameterPrior(self.centre[indices], self.width[indices],
-                              self.one_sided[indices], self.spiked[indices])
+        return ParameterPrior(*(getattr(self, field.name)[indices] for field in fields(self)))
+
+    @property
+    def log_mass(self) -> Array:
+        """Return the logarithm of the Gaussian's mass within the bounds, (k,)."""
+        return log_mass(self.low / self.width, self.high / self.width)
 
     def log_truncation(self, mean: Array, variance: Array) -> float:
         """
-        Return the log-ratio of posterior to prior mass on the sides that exist, nats.
+        Return the log-ratio of posterior to prior mass within the bounds, nats.
 
-        It corrects the evidence under the untruncated Gaussian for the one-sided parameters.
+        It corrects the evidence under the Gaussian without bounds.
 
         Parameters
         ----------
@@ -162,9 +167,18 @@ class ParameterPrior:
             Of the posterior of value - centre, (k,).
 
         """
-        ones = self.one_sided != 0.0
-        reach = (self.one_sided * mean)[ones] / np.sqrt(variance[ones])
-        return float(np.sum(log_ndtr(reach)) + np.log(2.0) * ones.sum())
+        deviation = np.sqrt(variance)
+        inside = log_mass((self.low - mean) / deviation, (self.high - mean) / deviation)
+        return float(np.sum(inside - self.log_mass))
+
+
+def log_mass(low: Array, high: Array) -> Array:
+    """Return the logarithm of the standard Gaussian's mass between low and high > low."""
+    # In the upper tail both distribution functions round to one: it is taken from below.
+    flipped = low > 0.0
+    below = log_ndtr(np.where(flipped, -high, low))
+    above = log_ndtr(np.where(flipped, -low, high))
+    return np.asarray(above + np.log1p(-np.exp(below - above)), dtype=float)
 
 
 def detectable_size(information: float, width: float, price: float) -> float:

@@ -132,9 +132,9 @@ class SufficientStatistics:
     def _laplace_evidence(self, error_scale: Array, temper: float) -> float:
         joint, k = self.joint_marginal(error_scale, temper), self.offsets.size
         mean, variance = joint.mean[:k], np.diagonal(joint.covariance)[:k]
-        # Expanded at the values; where one is at the end of a one-sided prior, the gradient there
-        # is not zero, and the expansion is at the optimum beyond the end.
-        at_end = (self.prior.one_sided != 0.0) & (self.offsets == 0.0)
+        # Expanded at the values; where one is at the end of its prior, the gradient there is not
+        # zero, and the expansion is at the optimum beyond the end.
+        at_end = (self.offsets <= self.prior.low) | (self.offsets >= self.prior.high)
         if at_end.any():
             quadratic = joint.quadratic
         else:

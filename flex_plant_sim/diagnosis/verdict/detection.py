@@ -65,9 +65,8 @@ def _limit(proposal: Proposal, robot: Robot, duration: float, information: Infor
     """Return the size from which on a proposal's hypothesis shows; inf where none does."""
     hypothesis = proposal.hypothesis
     prior, k = hypothesis.prior(duration), int(np.argmax(hypothesis.is_size))
-    # The density of a one-sided prior is twice that of the Gaussian.
-    price = -log_prior_odds(hypothesis.effect, robot)
-    price -= math.log(2.0) * (prior.one_sided[k] != 0.0)
+    # Within its bounds, a prior is denser than the Gaussian; the posterior is taken as inside.
+    price = -log_prior_odds(hypothesis.effect, robot) + float(prior.log_mass[k])
     one, width = hypothesis.parameters[k], float(prior.width[k])
     guess = first_guess(proposal, width, price)
     least = 0.0 if hypothesis.effect.linear else LEAST_SHARE * proposal.probed_sizes[0]
