@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from flex_payload_estimator.tools import demo
-from flex_plant_sim.arm.robot_file import load_robot
+from flex_payload_estimator.tools.experiment import drawn_arm
+from flex_plant_sim.arm.robot_file import load_robot, robot_text
 from flex_plant_sim.logs.read import read_log
 import numpy as np
 import pytest
@@ -154,3 +155,13 @@ def test_the_summary_tells_when_the_estimate_stays_close() -> None:
     record.mass[-1] = 0.2
     summary = demo.summary_of(experiment, record)  # type: ignore[arg-type]
     assert summary['within_5_percent_from_s'] is None
+
+
+def test_the_demos_arm_keeps_the_effects_of_its_file(tmp_path: Path) -> None:
+    path = tmp_path / 'slack.yaml'
+    path.write_text(robot_text('reference') + 'effects:\n- {name: coulomb_friction, '
+                    'site: joint_2, level_n_m: 0.2}\n', encoding='utf-8')
+    told, arm = load_robot(path), load_robot(drawn_arm(
+        Namespace(robot=str(path), seed=3), tmp_path / 'arm.yaml'))
+    assert arm.effects == told.effects and arm.effects
+    assert arm.links[0].youngs_modulus != told.links[0].youngs_modulus

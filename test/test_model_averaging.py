@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses
@@ -61,3 +63,14 @@ def test_where_much_is_left_nats_are_known_as_well_as_windows_agree() -> None:
     assert set_weights(both[0]) == pytest.approx([1.0, 0.0], abs=1e-9)
     assert set_weights(both[1])[1] == pytest.approx(norm.cdf(-0.5), abs=0.03)
     assert averaged_size_deviations(both[1], MASS)[0] > 0.5
+
+
+def test_a_size_is_averaged_over_what_its_cause_may_come_from() -> None:
+    """Sets that name another source of the same crosstalk state its share, too."""
+    second, third = [h for h in all_hypotheses(REFERENCE)
+                     if h.label == 'strain_crosstalk:strain_1a'][:2]
+    posterior = found(((0.1, 2.0), (0.4, 3.0)), (0.75, 0.25))
+    fits = tuple(replace(fit, hypotheses=(one,))
+                 for fit, one in zip(posterior.fits, (second, third)))
+    deviations = averaged_size_deviations(replace(posterior, fits=fits), second)
+    assert deviations[0] == pytest.approx(np.sqrt(0.2**2 + 0.25 * 0.3**2))
