@@ -106,6 +106,24 @@ def test_the_variance_is_that_of_the_errors() -> None:
     np.testing.assert_allclose(rms, [0.92, 0.99, 0.98], atol=3.0 / math.sqrt(60))
 
 
+def test_rest_does_not_make_what_noisy_samples_told_surer() -> None:
+    """The payload is told in motion, with five times the stated noise; at rest it is as stated."""
+    held, noise = square_commands().copy(), 1e-3
+    held[150:] = 0.0
+    robot = replace(ROBOT, angle_noise=noise, strain_noise=noise / ROBOT.gauge_amplifier)
+    outputs = simulate(Simulator(arm_of('paper_reduced', 0.01).at_payload(0.12)), held)[0]
+    loud = np.where(np.arange(len(held)) < 200, 5.0, 1.0)[:, None]
+    outputs += (loud * noise * np.array([1.0, 1.0, *4 * [1 / ROBOT.gauge_amplifier]])
+                * np.random.default_rng(5).standard_normal(outputs.shape))
+    estimator = make_estimator('sf1', robot, 'paper_reduced', 2)
+    found = [estimator.update(0.01 * k, output, held[max(k - 1, 0)])
+             for k, output in enumerate(outputs)]
+    # What still swings tells a little more; without it the level would make this a sixteenth.
+    assert found[-1].variance > 0.3 * found[200].variance
+    assert found[-1].status == 'model_suspect', 'the estimate rests on samples that fit badly'
+    assert abs(found[-1].mass - 0.12) < 3.0 * found[-1].variance**0.5
+
+
 @pytest.mark.parametrize('mass', [0.05, 0.15, 0.45, 0.6])
 def test_light_and_heavy_payloads_are_as_well_covered(mass: float) -> None:
     """Three standard deviations of the prior are learnt slowly: the interval says so."""
@@ -134,7 +152,7 @@ def test_the_lag_is_what_least_squares_say_and_forgetting_keeps_its_second_momen
 def test_birges_ratio_widens_variances_and_leaves_the_lag(
         level: float, own: float, lag: float, spread: float) -> None:
     """One regression on two states, beside the Gaussian written out; own: J over the doubt's."""
-    random, ratio = np.random.default_rng(11), max(level, 1.0)
+    random, ratio, misfit = np.random.default_rng(11), max(level, 1.0), 2.0
     output, sensors = np.array([[1.0, 0.3], [0.2, 1.0]]), np.array([0.01, 0.02])
     weights, doubt = np.array([0.7, 0.5]), np.array([0.06, -0.04, 0.2])
     row, part, slope = weights @ output, np.array([0.3, 0.2]), np.array([0.5, -0.1, 0.0])
@@ -145,8 +163,8 @@ def test_birges_ratio_widens_variances_and_leaves_the_lag(
     noise = float(weights**2 @ sensors)
     constants = SF1Constants(
         weights, np.append(row, 0.0), output, np.pad(output, ((0, 0), (0, 1))), sensors,
-        np.ones(2), noise, 1.0, float(row @ row) + 1.0, 0.1, 2.0, 2.0, 0.0, 0.1, True)
-    known = SF1State(0.1, 0.5, 0.04, 8.0, lag, spread, level)
+        np.ones(2), noise, 1.0, float(row @ row) + 1.0, 0.1, 2.0, 2.0, 0.09, 0.0, 0.1, True)
+    known = SF1State(0.1, 0.5, 0.04, 8.0, lag, spread, level, misfit)
     scaled, reading = np.array([0.05, 0.11]), np.empty((2, 2))
     surprise, found = take_sample(tuple(track), scaled, True, tuple(known), tuple(constants),
                                   reading)
@@ -171,9 +189,15 @@ def test_birges_ratio_widens_variances_and_leaves_the_lag(
     change = kappa * np.append(part, 1.0)
     onward = np.eye(3) - np.outer(change, line)
     left, last = (onward @ doubt)[2], onward @ joint @ onward.T + noise * np.outer(change, change)
-    variance = ratio * (max(last[2, 2] - left**2, 0.0) + spread * left**2) + (lag * left)**2
-    expected = theta, variance, lag, spread, level + 0.1 * (surprise - level)
-    np.testing.assert_allclose([found[k] for k in (0, 2, 4, 5, 6)], expected, rtol=1e-10)
+    level += 0.1 * (surprise - level)
+    # The misfit is that of the samples that have told of the payload.
+    known_now, known_before, without = 1.0 / last[2, 2], 1.0 / joint[2, 2], 1.0 / 0.09
+    told = (known_now - known_before) / (known_now - without)
+    assert 0.0 < told < 1.0
+    misfit += told * (level - misfit)
+    variance = max(misfit, 1.0) * (max(last[2, 2] - left**2, 0.0) + spread * left**2)
+    expected = (theta, variance + (lag * left)**2, lag, spread, level, misfit)
+    np.testing.assert_allclose([found[k] for k in (0, 2, 4, 5, 6, 7)], expected, rtol=1e-10)
 
 
 @pytest.mark.parametrize('step, model', [

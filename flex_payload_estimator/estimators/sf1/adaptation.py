@@ -1,4 +1,4 @@
-"""One step of SF1 (29), selective forgetting: payload and P from psi and phi."""
+"""One step of SF1 (29), selective forgetting: payload and P from psi and phi; what it tells."""
 
 from __future__ import annotations
 
@@ -26,3 +26,23 @@ def sf1_step(mass: float, p: float, psi: float, phi: float, weight: float, alpha
     kappa = p * phi * weight / (1.0 + phi * p * phi * weight)
     forgotten = (alpha_1 - alpha_0) / alpha_1 * p + alpha_0
     return mass + kappa * (psi - phi * mass), (1.0 - kappa * phi) * forgotten, kappa
+
+
+@compiled
+def told_share(before: float, after: float, prior: float) -> float:
+    """
+    Return what a sample has told of a value, as a share of what all samples have.
+
+    A sample tells what it adds to one over the value's variance; while samples have told nothing,
+    each has told all of it.
+
+    Parameters
+    ----------
+    before, after : float
+        Variance before and after the sample.
+    prior : float
+        Variance without any sample.
+
+    """
+    below = before * (prior - after)
+    return min(max(prior * (before - after) / below, 0.0), 1.0) if below > 0.0 else 1.0

@@ -116,7 +116,7 @@ class SF1Estimator:
             np.pad(self.model.output, ((0, 0), (0, 1))), self._sensors, self.model.scale,
             float(weights**2 @ self._sensors), given.r_2 / share * float(weights @ weights),
             self._settled_noise(), given.sf1.alpha_0 * share, given.sf1.alpha_1,
-            largest_payload(self.robot, given.payload_max),
+            largest_payload(self.robot, given.payload_max), given.sf1.variance_0,
             min(1.0, pace / MEMORY), min(1.0, self.step / MEMORY), self._resolvent))
 
     def _settled_noise(self) -> float:
@@ -140,7 +140,8 @@ class SF1Estimator:
         """Go back to the start: forget state and payload."""
         self.rejected = 0
         given = self.settings.sf1
-        self.known = SF1State(given.mass_0, given.p_0, given.variance_0, 1.0, 0.0, 1.0, 1.0)
+        self.known = SF1State(given.mass_0, given.p_0, given.variance_0, 1.0, 0.0, 1.0, 1.0,
+                              1.0)
         self.track: Track | None = None
         self._tracks: tuple[Track, ...] = ()
         self._measured, self._command, self._angle = NO_SAMPLE, np.zeros(2), 0.0
@@ -302,7 +303,7 @@ class SF1Estimator:
     def _estimate_with_status(self, time: float, reading: Array) -> Estimate:
         """Return the estimate after a sample, with the status that excitation and noise imply."""
         status = 'ok'
-        if self.known.level > SUSPECT:
+        if max(self.known.level, self.known.misfit) > SUSPECT:
             status = 'model_suspect'
         elif (self.known.excitation <= SIGNIFICANT
               or self.known.variance > 0.5 * self.settings.sf1.variance_0):
@@ -323,7 +324,7 @@ class SF1Estimator:
         """Return the estimate; `reading` holds the innovation and its standard deviation."""
         known, variance = self.known, self._variance()
         if not self._resolvent:
-            variance *= max(known.level, 1.0)
+            variance *= max(known.misfit, 1.0)
         return Estimate(time, known.mass, variance, known.p, reading[0], reading[1], status)
 
     def _variance(self) -> float:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from flex_payload_estimator.estimators.sf1.adaptation import sf1_step
+from flex_payload_estimator.estimators.sf1.adaptation import sf1_step, told_share
 from flex_payload_estimator.estimators.sf1.composite import regression
 from flex_payload_estimator.estimators.sf1.joint import (
     add_symmetric,
@@ -56,8 +56,8 @@ class SF1Constants(NamedTuple):
         w' V w with the sensors' variances V, rad^2.
     tuned, reference : float
         w' R_2 w, and the variance to which the composite innovation settles, rad^2.
-    alpha_0, alpha_1, largest : float
-        Constants of (29), and the largest payload, kg.
+    alpha_0, alpha_1, largest, prior : float
+        Constants of (29), the largest payload, kg, and its variance before any sample, kg^2.
     fading : float
         Time from one regression to the next, as a share of MEMORY.
     passing : float
@@ -80,6 +80,7 @@ class SF1Constants(NamedTuple):
     alpha_0: float
     alpha_1: float
     largest: float
+    prior: float
     fading: float
     passing: float
     resolvent: bool
@@ -101,7 +102,10 @@ class SF1State(NamedTuple):
         it, and the variance of that multiple.
     level : float
         Mean square of the innovations over their stated standard deviation, averaged over
-        MEMORY: Birge's ratio.
+        MEMORY.
+    misfit : float
+        The level, averaged over what the samples have told of the payload: Birge's ratio of
+        those that the estimate rests on.
 
     """
 
@@ -112,6 +116,7 @@ class SF1State(NamedTuple):
     lag: float
     spread: float
     level: float
+    misfit: float
 
 
 @compiled
@@ -150,11 +155,11 @@ def take_sample(predicted: tuple[Any, ...], scaled: Array, due: bool, before: tu
                                     given.sensors)
     reading[0], reading[1] = innovation / given.scale, np.sqrt(variance) / given.scale
     surprise = np.dot(innovation, innovation / variance) / len(scaled)
-    if due:
-        known = _regress(track, scaled, known, given)
     level = known.level + given.passing * (surprise - known.level)
+    if due:
+        known = _regress(track, scaled, known, given, level)
     return surprise, (known.mass, known.p, known.variance, known.excitation, known.lag,
-                      known.spread, level)
+                      known.spread, level, known.misfit)
 
 
 @compiled
@@ -188,23 +193,24 @@ def predict_and_take_sample(
 
 
 @compiled
-def _regress(track: Track, scaled: Array, known: SF1State, given: SF1Constants) -> SF1State:
+def _regress(track: Track, scaled: Array, known: SF1State, given: SF1Constants, present: float
+             ) -> SF1State:
     """Update payload, state and their covariance by one regression; return the new SF1State."""
-    n = len(track.state)
-    ratio = _excitation_ratio(track, given.row[:n])
+    n, before = len(track.state), track.joint[-1, -1]
+    excess = _excitation_ratio(track, given.row[:n])
     # Bounded, so that it has decayed one MEMORY after the arm has come to rest.
-    excitation = min((1.0 - given.fading) * known.excitation + given.fading * ratio,
+    excitation = min((1.0 - given.fading) * known.excitation + given.fading * excess,
                      math.e * SIGNIFICANT)
-    shown = excitation > SIGNIFICANT or ratio > EVIDENT
-    mass, p, gain, innovation, true = _sf1_update(track, scaled, known, given, shown, ratio)
+    shown = excitation > SIGNIFICANT or excess > EVIDENT
+    mass, p, gain, innovation, true = _sf1_update(track, scaled, known, given, shown, excess)
     slope, change = _apply_payload_change(track.state, track.part, true, gain, mass - known.mass,
                                           given.resolvent)
-    level = max(known.level, 1.0) if given.resolvent else 1.0
     lag, spread = known.lag, known.spread
     if shown and lag == 0.0 and spread == 1.0:
         # The first regression that shows the payload. The stated variance was 1 / level of that of
         # the innovations: only this share of the state's error is what the doubt did to it. The
         # rest has lost its phase.
+        level = max(known.level, 1.0) if given.resolvent else 1.0
         add(track.doubt[:n], level**-0.5 - 1.0, track.doubt[:n])
     seen, noise = _update_covariance(track, slope, change, given)
     if shown and given.resolvent:
@@ -216,10 +222,12 @@ def _regress(track: Track, scaled: Array, known: SF1State, given: SF1Constants) 
         # A negative payload: so far off, errors are not linear, and what they showed is forgotten.
         lag, spread = 0.0, 1.0
     doubt = track.doubt[n]**2
+    misfit = known.misfit + told_share(before, with_noise, given.prior) * (present - known.misfit)
     # Birge's ratio accounts for noise above the robot file's and for a wrong model. It does not
     # scale the lag, which is a mean.
-    variance = level * (max(with_noise - doubt, 0.0) + spread * doubt) + lag * lag * doubt
-    return SF1State(mass, p, variance, excitation, lag, spread, known.level)
+    ratio = max(misfit, 1.0) if given.resolvent else 1.0
+    variance = ratio * (max(with_noise - doubt, 0.0) + spread * doubt) + lag * lag * doubt
+    return SF1State(mass, p, variance, excitation, lag, spread, known.level, misfit)
 
 
 @compiled
