@@ -10,7 +10,8 @@ import re
 from flex_payload_estimator.tools.diagnose import main
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.prediction.latent_view import Finding
+from flex_plant_sim.diagnosis.likelihood.prior import unknown_odds
+from flex_plant_sim.diagnosis.prediction.latent_view import Finding, LatentView
 from flex_plant_sim.diagnosis.prediction.law import (
     cross_validate,
     LatentSeries,
@@ -20,7 +21,7 @@ from flex_plant_sim.diagnosis.prediction.law import (
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.diagnosis.verdict.noise import with_noise
 from flex_plant_sim.diagnosis.verdict.results import Diagnosis
-from flex_plant_sim.diagnosis.verdict.unknown import REFUTED, refuted
+from flex_plant_sim.diagnosis.verdict.unknown import REFUTED, refuted, with_stated_law
 from flex_plant_sim.effects import catalogue
 from flex_plant_sim.logs.read import read_log
 import numpy as np
@@ -65,6 +66,24 @@ def test_lines_steps_and_ripples_are_laws_that_effects_have(
                           np.ones(count, dtype=bool), 0.1)
     found = Finding(series, tuple(cross_validate(series)), law_of(series), None)
     assert found.law.stated and found.has_shape_of_no_effect is of_no_effect
+
+
+def test_a_law_of_no_effect_has_the_odds_of_what_nothing_imitates() -> None:
+    """A law that explains s of the power is as many times likelier as n samples say."""
+    rng, count = np.random.default_rng(5), 100 * STRETCHES
+    x = rng.uniform(-1.0, 1.0, count)
+    series = LatentSeries('joint_1', 'N m', x**2 + 0.3 * rng.normal(size=count),
+                          np.full(count, 0.01), {'load': ('', x)}, np.ones(count, dtype=bool), 0.1)
+    law = law_of(series)
+    view = LatentView((), (Finding(series, tuple(cross_validate(series)), law, None),), ())
+    before = Diagnosis('nothing_wrong', 'Nothing.', effects={'nothing': 0.9, 'unknown': 0.1},
+                       sets=(((), 0.9), (('unknown',), 0.1)))
+    after = with_stated_law(before, view)
+    odds = 0.9 * unknown_odds() * (1.0 - law.share)**(-STRETCHES / 2)
+    assert 0.3 < law.share < 0.7 and after.verdict == 'not_in_catalogue'
+    assert after.effects['nothing'] == pytest.approx(0.9 / (1.0 + odds))
+    assert sum(after.effects.values()) == pytest.approx(1.0)
+    assert with_stated_law(before, LatentView((), (), ())) is before
 
 
 @pytest.mark.parametrize(('factor', 'said'), [(1.0, False), (2.0, False), (5.0, True)])
