@@ -81,7 +81,7 @@ class LatentForces:
     drive : Array
         Root mean square torque of the drives, N m, (2,).
     first, stop : int
-        Samples to fit laws to: after the initial transient, before the locked part.
+        Samples to fit laws to, without the initial transient and the locked part.
     log_likelihood : float
         nats.
 
@@ -104,7 +104,7 @@ class LatentForces:
 
 
 def latent_forces(predictor: Predictor, prior: LatentPrior = LatentPrior(),
-                  stop: int | None = None) -> LatentForces:
+                  scored: slice | None = None) -> LatentForces:
     """
     Return the latent forces of a record under the predictor's base.
 
@@ -117,8 +117,8 @@ def latent_forces(predictor: Predictor, prior: LatentPrior = LatentPrior(),
         Of the base, over the whole record.
     prior : LatentPrior
         Their scales.
-    stop : int, optional
-        First sample that no law may be fitted to; the record's end by default.
+    scored : slice, optional
+        Samples to fit laws to; by default all after the initial transient.
 
     """
     system = latent_system(predictor, prior)
@@ -131,7 +131,8 @@ def latent_forces(predictor: Predictor, prior: LatentPrior = LatentPrior(),
         system = replace(system, known_step=known,
                          walk_variance=scale * _student_widening(squared, scale))
         smoothed = smooth(system)
-    return _latent_forces_of(predictor, smoothed, len(system.measured) if stop is None else stop)
+    return _latent_forces_of(predictor, smoothed, scored or slice(
+        predictor.windows.warm_up, len(system.measured)))
 
 
 def _student_widening(squared: Array, scale: Array) -> Array:
@@ -218,7 +219,8 @@ def _initial_deviation(predictor: Predictor, drive: Array, gauge: Array) -> Arra
     return np.concatenate([np.ones(predictor.arm.states), drive, np.sqrt(gauge)])
 
 
-def _latent_forces_of(predictor: Predictor, smoothed: Smoothed, stop: int) -> LatentForces:
+def _latent_forces_of(predictor: Predictor, smoothed: Smoothed, scored: slice
+                      ) -> LatentForces:
     arm, record, n = predictor.arm, predictor.record, predictor.arm.states
     order = arm.form.order
     state, latent = smoothed.mean[:, :n], smoothed.mean[:, n:]
@@ -229,5 +231,5 @@ def _latent_forces_of(predictor: Predictor, smoothed: Smoothed, stop: int) -> La
         gauge=latent[:, 2:], gauge_deviation=smoothed.deviation[:, 2:],
         speed=state[:, order:order + 2], angle=state[:, :2], command=record.command,
         strain=(state @ arm.output_matrix.T)[:, 2:], load=state[:, :order] @ np.array(loads).T,
-        drive=drive_torque(predictor), first=predictor.windows.warm_up, stop=stop,
+        drive=drive_torque(predictor), first=scored.start, stop=scored.stop,
         log_likelihood=smoothed.log_likelihood)

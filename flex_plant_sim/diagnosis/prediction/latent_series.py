@@ -72,6 +72,6 @@ def _joined(parts: Sequence[Array]) -> Array:
 
 
 def _scored(found: Sequence[LatentForces]) -> NDArray[np.bool_]:
-    """Return True between the initial transient and the locked part of each record, (N,)."""
+    """Return True in the samples of each record that laws are fitted to, (N,)."""
     rows = [np.arange(len(f.time)) for f in found]
     return np.concatenate([(r >= f.first) & (r < f.stop) for r, f in zip(rows, found)])

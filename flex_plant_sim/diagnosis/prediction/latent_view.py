@@ -153,7 +153,7 @@ def latent_view(predictors: Sequence[Predictor]) -> LatentView:
         One for each record, with its locked windows, where no law is fitted.
 
     """
-    forces = tuple(latent_forces(p, stop=int(p.windows.starts[0])) for p in predictors)
+    forces = tuple(latent_forces(p, scored=p.windows.others) for p in predictors)
     robot, step = predictors[0].base.robot, predictors[0].arm.step_time
     torques, gauges = torque_series(forces, robot), gauge_series(forces, robot)
     return LatentView(forces, tuple(_finding(s, step) for s in torques),

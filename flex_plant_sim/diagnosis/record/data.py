@@ -22,9 +22,10 @@ class Data:
     noise: tuple[Array, ...]
 
     @classmethod
-    def of(cls, records: Sequence[Record], slowest: float, sample_time: float) -> Data:
-        """Cut the records by the slowest natural frequency, rad/s."""
-        pairs = [Windows.cut(r, slowest, sample_time) for r in records]
+    def of(cls, records: Sequence[Record], slowest: float, sample_time: float,
+           locks_first: bool = False) -> Data:
+        """Cut the records by the slowest natural frequency, rad/s; see `Windows.cut`."""
+        pairs = [Windows.cut(r, slowest, sample_time, locks_first) for r in records]
         noise = tuple(measurement_noise(r.measured) for r in records)
         scored = sum(work.starts.size * work.length for work, _ in pairs)
         every = -(-scored // SAMPLES)

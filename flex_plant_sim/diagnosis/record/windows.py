@@ -1,4 +1,4 @@
-"""A log cut into windows: some to fit and score on, the last part locked for the figures."""
+"""A log cut into windows: some to fit and score on, one end locked for the figures."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PERIODS, FEWEST_PERIODS = 5, 3
 # Periods before a window that are not scored: in them an arm forgets that it starts in the
 # nominal one's state.
 WARM_UP_PERIODS = 1
-# Share of the windows, the last ones, that no fit sees: they judge the gain.
+# Share of the windows, at one end, that no fit sees: they judge the gain.
 LOCKED_SHARE = 0.25
 # Least number of windows to fit: fewer do not show by how much they disagree.
 FEWEST = 4
@@ -92,9 +92,10 @@ class Windows:
     warm_up: int
 
     @classmethod
-    def cut(cls, record: Record, slowest: float, sample_time: float) -> tuple[Windows, Windows]:
+    def cut(cls, record: Record, slowest: float, sample_time: float, locks_first: bool = False
+            ) -> tuple[Windows, Windows]:
         """
-        Return the windows to work on and the locked ones at the end.
+        Return the windows to work on, and the locked ones at the end or at the beginning.
 
         A window lasts five periods of the slowest natural frequency, rad/s; in a short log as
         little as three, so that there are enough windows.
@@ -117,8 +118,16 @@ class Windows:
         count = rest // length
         starts = warm_up + length * np.arange(count, dtype=np.int64)
         locked = max(1, round(LOCKED_SHARE * count))
-        return (cls(record, starts[:-locked], length, warm_up),
-                cls(record, starts[-locked:], length, warm_up))
+        parts = (starts[locked:], starts[:locked]) if locks_first \
+            else (starts[:-locked], starts[-locked:])
+        return cls(record, parts[0], length, warm_up), cls(record, parts[1], length, warm_up)
+
+    @property
+    def others(self) -> slice:
+        """Return the samples before windows at the end of a record, or after those at its begin."""
+        first, stop = int(self.starts[0]), int(self.starts[-1]) + self.length
+        return slice(self.warm_up, first) if first > self.warm_up \
+            else slice(stop, len(self.record.time))
 
     def thinned(self, every: int) -> Windows:
         """Return every so-manieth window."""

@@ -1,0 +1,70 @@
+"""A payload that changes in the part of a record that is locked for the figures."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from flex_plant_sim.arm.robot_file import load_robot
+from flex_plant_sim.diagnosis.causes.search import search
+from flex_plant_sim.diagnosis.record.data import Data
+from flex_plant_sim.diagnosis.record.windows import Record, Windows
+from flex_plant_sim.diagnosis.verdict.late_event import locked_part_differs
+from flex_plant_sim.diagnosis.verdict.verdict import diagnose, nominal_base, slowest_frequency
+from flex_plant_sim.effects import catalogue
+import numpy as np
+import pytest
+from truth.records import draw_case, make_record
+
+REFERENCE = load_robot('reference')
+BASE = nominal_base(REFERENCE, 'assumed_modes', 3)
+DURATION_S, LATE_S = 30.0, 25.0
+ASKED = ('payload_change', 'payload_mass', 'link_stiffness')
+OTHERS = [name for name in catalogue() if name not in ASKED]
+
+
+def made(time_s: float | None) -> Record:
+    """Return the record of a finite-element arm whose payload changes at a time, s, or not."""
+    hidden: dict[str, Any] = {} if time_s is None else {'effects': (
+        ('payload_change', {'mass': 0.03, 'time': time_s, 'duration': 0.0}),)}
+    case = replace(draw_case(None, 780001, duration_s=DURATION_S), payload_true=0.1,
+                   payload_told=0.1, **hidden)
+    log = make_record(case)
+    return Record('made', log.time, log.command, np.hstack([log.joint, log.strain]), 0.1)
+
+
+def test_either_end_is_locked_and_the_rest_is_fitted() -> None:
+    record = made(None)
+    slowest = slowest_frequency(BASE, 0.1)
+    for locks_first in (False, True):
+        work, locked = Windows.cut(record, slowest, REFERENCE.sample_time, locks_first)
+        samples = np.zeros(len(record.time), dtype=int)
+        samples[locked.others] += 1
+        for windows in (work, locked):
+            assert windows.length == work.length
+        scored = (work.starts[:, None] + np.arange(work.length)).ravel()
+        assert np.all(samples[scored] == 1), 'laws are fitted to what is fitted'
+        held = (locked.starts[:, None] + np.arange(locked.length)).ravel()
+        assert np.all(samples[held] == 0)
+        assert (held.min() < scored.min()) == locks_first
+
+
+@pytest.mark.slow
+def test_a_payload_that_changes_in_the_locked_part_is_named() -> None:
+    found, data, extended = diagnose([made(LATE_S)], BASE, exclude=OTHERS)
+    cause, = found.causes
+    assert cause.name == 'payload_change' and found.verdict == 'cause'
+    values = {v.name: v for v in cause.parameters}
+    assert values['change_kg'].low < -0.07 < values['change_kg'].high < -0.05
+    assert values['time_s'].value == pytest.approx(LATE_S, abs=0.1)
+    # What judges the gain lies before the change, where no fit has been.
+    assert data.locked[0].record.time[data.locked[0].starts[-1]] < 10.0
+    assert [e.identifier for e in extended.effects].count('payload_change') == 1
+
+
+def test_without_an_event_the_locked_part_is_like_the_rest() -> None:
+    data = Data.of([made(None)], slowest_frequency(BASE, 0.1), REFERENCE.sample_time)
+    nothing = search(data, BASE, 1, lambda step, share: None, [*OTHERS, 'link_stiffness'])
+    assert not locked_part_differs(nothing, data)
+    late = Data.of([made(LATE_S)], slowest_frequency(BASE, 0.1), REFERENCE.sample_time)
+    assert locked_part_differs(nothing, late)
