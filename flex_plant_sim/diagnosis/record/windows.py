@@ -124,7 +124,7 @@ class Windows:
 
     @property
     def others(self) -> slice:
-        """Return the samples before windows at the end of a record, or after those at its begin."""
+        """Return the samples before windows at a record's end, or after those at its start."""
         first, stop = int(self.starts[0]), int(self.starts[-1]) + self.length
         return slice(self.warm_up, first) if first > self.warm_up \
             else slice(stop, len(self.record.time))
