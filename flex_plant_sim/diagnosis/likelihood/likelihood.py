@@ -23,7 +23,7 @@ from flex_plant_sim.diagnosis.likelihood.prior import (
 from flex_plant_sim.diagnosis.pool import all_of
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
-from flex_plant_sim.diagnosis.record.windows import Indices, Windows
+from flex_plant_sim.diagnosis.record.windows import evenly, Indices, Windows
 from flex_plant_sim.effects.base import Effect
 import numpy as np
 
@@ -218,7 +218,7 @@ class Likelihood:
         every = -(-sum(sizes) * self.predictors[0].windows.length // samples)
         if every <= 1:
             return self
-        chosen = np.concatenate([first + np.arange(0, size, every) for first, size in zip(
+        chosen = np.concatenate([first + evenly(size, every) for first, size in zip(
             np.cumsum([0, *sizes]), sizes)])
         weight = sum(sizes) / chosen.size
         kept = np.arange(self.centre_residual.shape[-1]).reshape(sum(sizes), -1)[chosen].ravel()

@@ -130,8 +130,8 @@ class Windows:
             else slice(stop, len(self.record.time))
 
     def thinned(self, every: int) -> Windows:
-        """Return every so-manieth window."""
-        return replace(self, starts=self.starts[::every])
+        """Return one window of every so many, see `evenly`."""
+        return replace(self, starts=self.starts[evenly(self.starts.size, every)])
 
     def with_commands_moved(self, rows: int) -> Windows:
         """Return the windows of the same record with commands that act rows earlier."""
@@ -143,3 +143,13 @@ class Windows:
     def indices(self) -> Indices:
         """Return the sample numbers, warm-up first, (W, warm_up + length)."""
         return self.starts[:, None] + np.arange(-self.warm_up, self.length)
+
+
+def evenly(size: int, every: int) -> Indices:
+    """
+    Return the indices of one item of every so many of `size`, and at least two, as available.
+
+    The first and the last are among them: what has changed in a record shows between these.
+    """
+    count = min(max(-(-size // every), 2), size)
+    return np.round(np.linspace(0, size - 1, count)).astype(np.int64)

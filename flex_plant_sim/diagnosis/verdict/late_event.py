@@ -36,6 +36,6 @@ def locked_part_differs(found: SearchResult, data: Data) -> bool:
     locked = Likelihood(best.likelihood.base, data.locked, data.noise, effects, parts)
     fitted = best.likelihood.whitened_residual(effects, parts)[0]
     left = locked.whitened_residual(effects, parts)[0]
-    ratio = np.maximum(np.mean(left**2, axis=1) / np.maximum(np.mean(fitted**2, axis=1), 1.0), 1.0)
+    ratio = np.maximum(np.mean(left**2, axis=1) / np.mean(fitted**2, axis=1), 1.0)
     nats = left.shape[1] / (2.0 * TEMPER) * np.sum(ratio - 1.0 - np.log(ratio))
     return bool(nats > price)
