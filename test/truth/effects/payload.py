@@ -40,10 +40,10 @@ def apply_inertia(arm: Arm, size: Parameters) -> Arm:
 
 
 def draw_change(rng: np.random.Generator, arm: Arm, severity: float) -> Parameters:
-    """Draw a drop of 50-85 %, a pick of as much, or a ramp over 2-5 s; at 10-28 s."""
+    """Draw a drop of 50-85 %, a pick of as much, or a ramp over 2-5 s; at 4-36 s."""
     kind = int(rng.integers(3))
     share = rng.uniform(0.5, 0.85) * (-1.0 if kind == DROP else 1.0)
-    return {'time': rng.uniform(10.0, 28.0),
+    return {'time': rng.uniform(4.0, 36.0),
             'mass': arm.payload.mass * max(1.0 + severity * share, LEAST_LEFT),
             'duration': rng.uniform(2.0, 5.0) if kind == RAMP else 0.0}
 
