@@ -9,11 +9,12 @@ from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.diagnosis.causes.search import search
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import evenly, Record, Windows
-from flex_plant_sim.diagnosis.verdict.late_event import locked_part_differs
+from flex_plant_sim.diagnosis.verdict.late_event import locked_part_differs, log_odds_of_larger
 from flex_plant_sim.diagnosis.verdict.verdict import diagnose, nominal_base, slowest_frequency
 from flex_plant_sim.effects import catalogue
 import numpy as np
 import pytest
+from scipy.stats import t
 from truth.records import draw_case, make_record
 
 REFERENCE = load_robot('reference')
@@ -89,3 +90,15 @@ def test_a_payload_that_drops_between_the_times_that_are_tried_is_named() -> Non
     values = {v.name: v.value for v in cause.parameters}
     assert values['change_kg'] == pytest.approx(-0.24, abs=0.02)
     assert values['time_s'] == pytest.approx(18.6, abs=0.1)
+
+
+def test_a_later_window_is_weighed_by_the_spread_of_the_earlier_ones() -> None:
+    rng = np.random.default_rng(2)
+    before, after = rng.normal(0.0, 0.5, (6, 5)), np.array([[-1.0, 2.0]] * 6)
+    found = log_odds_of_larger(before, after, 0.01)
+    deviation = np.sqrt(np.mean(np.var(before, axis=1, ddof=1)) * (1.0 + 1.0 / 5.0))
+    steps = (2.0 - before.mean(axis=1)) / deviation
+    assert found[:, 1] == pytest.approx(t.logpdf(0.0, 24) - t.logpdf(steps, 24))
+    assert np.all(found[:, 0] == 0.0), 'what fits better is no event'
+    wide = log_odds_of_larger(before, after, 100.0)[:, 1]
+    assert np.all(wide < 0.1), 'windows are no surer than their samples are many'

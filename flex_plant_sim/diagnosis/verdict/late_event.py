@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses, CauseSet
 from flex_plant_sim.diagnosis.causes.search import SearchResult
@@ -21,9 +22,8 @@ def locked_part_differs(found: SearchResult, data: Data) -> bool:
     """
     Tell whether the locked part fits so much worse that an event there is likelier than none.
 
-    With the causes and parts of the best set, errors of variance s^2 where all was fitted and
-    r s^2 in the n samples of the locked part, a variance of its own is n (r - 1 - ln r) / 2T nats
-    likelier, T the temper, summed over channels. That has to pay for the event.
+    With the causes and parts of the best set; see `log_odds_of_larger`. It has to pay for the
+    event, and for the channel and the window in which it shows most.
     """
     best = found.best
     robot = best.likelihood.base.robot
@@ -34,8 +34,34 @@ def locked_part_differs(found: SearchResult, data: Data) -> bool:
     effects = CauseSet(best.fit.hypotheses, data.duration).effects(best.fit.values)
     parts = best.fit.deviations
     locked = Likelihood(best.likelihood.base, data.locked, data.noise, effects, parts)
-    fitted = best.likelihood.whitened_residual(effects, parts)[0]
-    left = locked.whitened_residual(effects, parts)[0]
-    ratio = np.maximum(np.mean(left**2, axis=1) / np.mean(fitted**2, axis=1), 1.0)
-    nats = left.shape[1] / (2.0 * TEMPER) * np.sum(ratio - 1.0 - np.log(ratio))
-    return bool(nats > price)
+    length = data.windows[0].length
+    # Of all channels, windows and samples.
+    shape = len(robot.output_names), -1, length
+    before, after = (
+        np.mean(likelihood.whitened_residual(effects, parts)[0].reshape(shape)**2, axis=2)
+        for likelihood in (best.likelihood, locked))
+    nats = log_odds_of_larger(np.log(before), np.log(after), 2.0 * TEMPER / length)
+    return bool(np.max(nats) - np.log(nats.size) > price)
+
+
+def log_odds_of_larger(before: Array, after: Array, chance: float) -> Array:
+    """
+    Return by how much a mean of its own explains each later value better, nats, (m, L).
+
+    Values are Gaussian with one unknown variance, estimated from the earlier ones of all channels:
+    nats are those of Student's t with m (W - 1) degrees of freedom. Zero where a later one is
+    smaller.
+
+    Parameters
+    ----------
+    before, after : Array
+        Log-power of the errors in W earlier and in later windows, (m, W) and (m, L).
+    chance : float
+        Least variance: that of the log-power of a window of Gaussian errors.
+
+    """
+    count = before.shape[1]
+    free = before.size - len(before)
+    variance = max(float(np.mean(np.var(before, axis=1, ddof=1))), chance) * (1.0 + 1.0 / count)
+    step = np.maximum(after - before.mean(axis=1)[:, None], 0.0)
+    return np.asarray(0.5 * (free + 1) * np.log1p(step**2 / variance / free))
