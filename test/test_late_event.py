@@ -102,3 +102,13 @@ def test_a_later_window_is_weighed_by_the_spread_of_the_earlier_ones() -> None:
     assert np.all(found[:, 0] == 0.0), 'what fits better is no event'
     wide = log_odds_of_larger(before, after, 100.0)[:, 1]
     assert np.all(wide < 0.1), 'windows are no surer than their samples are many'
+
+
+def test_records_of_any_lengths_are_cut_into_equal_windows() -> None:
+    long = made(None)
+    short = replace(long, time=long.time[:1700], command=long.command[:1700],
+                    output=long.output[:1700])
+    data = Data.of([long, short], slowest_frequency(BASE, 0.1), REFERENCE.sample_time)
+    assert len({windows.length for windows in (*data.windows, *data.locked)}) == 1
+    found = search(data, BASE, 1, lambda step, share: None, [*OTHERS, 'link_stiffness'])
+    assert not locked_part_differs(found, data)

@@ -25,7 +25,9 @@ class Data:
     def of(cls, records: Sequence[Record], slowest: float, sample_time: float,
            locks_first: bool = False) -> Data:
         """Cut the records by the slowest natural frequency, rad/s; see `Windows.cut`."""
-        pairs = [Windows.cut(r, slowest, sample_time, locks_first) for r in records]
+        # All windows are equally long: as in the shortest record.
+        shortest = min(Windows.cut(r, slowest, sample_time)[0].length for r in records)
+        pairs = [Windows.cut(r, slowest, sample_time, locks_first, shortest) for r in records]
         noise = tuple(measurement_noise(r.measured) for r in records)
         scored = sum(work.starts.size * work.length for work, _ in pairs)
         every = -(-scored // SAMPLES)

@@ -92,13 +92,14 @@ class Windows:
     warm_up: int
 
     @classmethod
-    def cut(cls, record: Record, slowest: float, sample_time: float, locks_first: bool = False
-            ) -> tuple[Windows, Windows]:
+    def cut(cls, record: Record, slowest: float, sample_time: float, locks_first: bool = False,
+            longest: int | None = None) -> tuple[Windows, Windows]:
         """
         Return the windows to work on, and the locked ones at the end or at the beginning.
 
         A window lasts five periods of the slowest natural frequency, rad/s; in a short log as
-        little as three, so that there are enough windows.
+        little as three, so that there are enough windows; `longest`, if given, is the most, in
+        samples.
 
         Raises
         ------
@@ -109,7 +110,7 @@ class Windows:
         period = 2.0 * np.pi / slowest / sample_time
         warm_up = int(np.ceil(WARM_UP_PERIODS * period))
         rest = len(record.time) - warm_up
-        length = min(PERIODS * warm_up, rest // (FEWEST + 1))
+        length = min(longest or PERIODS * warm_up, rest // (FEWEST + 1))
         if length < FEWEST_PERIODS * warm_up:
             periods = WARM_UP_PERIODS + (FEWEST + 1) * FEWEST_PERIODS
             raise InputError(f'{record.name}: expected at least '
