@@ -286,3 +286,10 @@ def test_intervals_are_as_wide_as_windows_disagree() -> None:
         assert wide[0, 0] > 10.0 * white[0, 0]
         assert sandwich_covariance(white, 0.0 * scores) == pytest.approx(white)
     assert np.sqrt(np.mean(stated)) == pytest.approx(np.std(found), rel=0.12)
+
+
+def test_a_part_beyond_all_numbers_makes_no_prediction() -> None:
+    """So that the hypothesis whose fit diverged is dropped, and not the whole diagnosis."""
+    parts = part_priors(REFERENCE, 0.1)
+    with pytest.raises(np.linalg.LinAlgError, match='no finite prediction'):
+        with_deviations(REFERENCE, parts, np.full(len(parts), 1000.0))

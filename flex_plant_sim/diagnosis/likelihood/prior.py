@@ -18,6 +18,7 @@ from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.effects import catalogue, sites
 from flex_plant_sim.effects.base import Effect, Parameter
+import numpy as np
 
 # Prior probability that any effect of the catalogue is at work, and that something is which no
 # catalogue knows. With the latter `imitation_odds` are those that benchmarks/stated.py finds where
@@ -122,10 +123,21 @@ def factors_on_parts(robot: Robot) -> dict[str, FactorOnPart]:
 
 def with_deviations(robot: Robot, parts: Sequence[PartPrior], deviations: Array
                     ) -> tuple[Robot, tuple[Effect, ...]]:
-    """Return a robot with deviations (p,), and effects for those that are not the robot's."""
-    for part, value in zip(parts, deviations):
-        if value != 0.0 and part.effect is None:
-            robot = part.change(robot, float(value))
+    """
+    Return a robot with deviations (p,), and effects for those that are not the robot's.
+
+    Raises
+    ------
+    LinAlgError
+        A part is beyond all numbers: no finite prediction.
+
+    """
+    try:
+        for part, value in zip(parts, deviations):
+            if value != 0.0 and part.effect is None:
+                robot = part.change(robot, float(value))
+    except OverflowError:
+        raise np.linalg.LinAlgError('no finite prediction') from None
     return robot, sensors_with_deviations(parts, deviations)
 
 
