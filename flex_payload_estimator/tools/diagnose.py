@@ -42,7 +42,12 @@ from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual, describe
 from flex_plant_sim.diagnosis.verdict.experiments import with_experiment
 from flex_plant_sim.diagnosis.verdict.results import Diagnosis
 from flex_plant_sim.diagnosis.verdict.unknown import UNNAMED_VERDICTS, with_unknown
-from flex_plant_sim.diagnosis.verdict.verdict import diagnose, nominal_base, predictors
+from flex_plant_sim.diagnosis.verdict.verdict import (
+    diagnose,
+    nominal_base,
+    predictors,
+    prepared,
+)
 from flex_plant_sim.effects import catalogue
 from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.logs.log import Log
@@ -108,8 +113,9 @@ def run(logs: Sequence[Log], robot: Robot, arguments: argparse.Namespace,
         progress: Progress) -> Findings:
     """Diagnose, extend the model and measure the gain; write nothing."""
     payload = robot.payload_mass if arguments.payload is None else arguments.payload
-    records = [Record.of(log, payload) for log in logs]
-    nominal = nominal_base(robot, arguments.model, arguments.modes, not arguments.no_coriolis)
+    records, nominal = prepared(
+        [Record.of(log, payload) for log in logs],
+        nominal_base(robot, arguments.model, arguments.modes, not arguments.no_coriolis))
     # A hypothesis may diverge; its fit is dropped, so NumPy's warnings would only confuse.
     with np.errstate(all='ignore'):
         diagnosis, data, extended = diagnose(

@@ -36,6 +36,14 @@ class CandidateSet:
         """Return the set of a fit, to start from its estimates."""
         return cls(fit.hypotheses, (fit.values,), fit.deviations)
 
+    def with_values_of(self, known: CandidateSet) -> CandidateSet:
+        """Return the set with one more start, at another's values of the causes that it shares."""
+        values = dict(zip((h.label for h in known.hypotheses),
+                          CauseSet(known.hypotheses, 1.0).split(known.starts[0])))
+        own = CauseSet(self.hypotheses, 1.0).split(self.starts[0])
+        start = [values.get(h.label, value) for h, value in zip(self.hypotheses, own)]
+        return replace(self, starts=(*self.starts, np.concatenate([np.zeros(0), *start])))
+
     @property
     def labels(self) -> frozenset[str]:
         """Return the labels of the causes."""

@@ -18,13 +18,13 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.causes.event_grid import EventGrid
 from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.causes.gauss_newton import GaussNewton, LinearisationPoint
-from flex_plant_sim.diagnosis.causes.hypothesis import BATCH_SIZE, EVENT_GRID_TIMES
+from flex_plant_sim.diagnosis.causes.hypothesis import BATCH_SIZE
 from flex_plant_sim.diagnosis.likelihood.sufficient_statistics import TEMPER
 from flex_plant_sim.diagnosis.pool import all_of
 import numpy as np
 
-# Times of sudden events at most whose responses are computed.
-MAX_EVENT_TIMES = 150
+# Times of sudden events whose responses are computed: at first, and at most.
+FIRST_EVENT_TIMES, MAX_EVENT_TIMES = 31, 150
 
 
 class EventIndices(NamedTuple):
@@ -103,7 +103,7 @@ class EventTimeIntegral:
                                      self.solver.likelihood.part_jacobian])
         start, duration = self._event_at_point
         record = self.solver.causes.duration
-        times = np.unique(np.r_[np.linspace(0.0, record, EVENT_GRID_TIMES + 1),
+        times = np.unique(np.r_[np.linspace(0.0, record, FIRST_EVENT_TIMES),
                                 start, start + duration])
         grid = EventGrid(
             times, self._responses(times, without_event), background,

@@ -23,9 +23,8 @@ import numpy as np
 # Step of finite differences, as a share of a parameter's deviation from null: small enough for
 # linearity, large enough for rounding.
 DIFFERENCE_SHARE = 0.05
-# Starts from which on a shape parameter is searched on a grid, and the fewest times of an event;
-# times of an event at most.
-MIN_GRID_STARTS, EVENT_GRID_TIMES = 5, 30
+# Starts from which on a shape parameter is searched on a grid.
+MIN_GRID_STARTS = 5
 # Prior width of a fixed parameter, in its unit; small enough to stand for a point.
 FIXED_WIDTH = 1e-9
 # Arms that are predicted at once; memory grows with them.
@@ -126,11 +125,24 @@ class Hypothesis:
                 steps[k] = DIFFERENCE_SHARE * spacing
         return np.where(values + steps > self.high, -steps, steps)
 
-    def shape_grid(self, duration: float) -> Array:
-        """Return the grid over all shape parameters, with the sizes at null, (S, k)."""
-        grids = [(p.null,) if size else (p.low,) if p.low == p.high else self._grid(p, duration)
-                 for p, size in zip(self.parameters, self.is_size)]
+    @property
+    def shape_grid(self) -> Array:
+        """Return the grid over all shape parameters but a time, sizes at null, (S, k)."""
+        grids = [(p.null,) if size or k == self.event_index else (p.low,) if p.low == p.high
+                 else p.starts for k, (p, size) in enumerate(zip(self.parameters, self.is_size))]
         return np.array(list(product(*grids)))
+
+    def event_duration(self, values: Array) -> float:
+        """Return how long an event with values (k,) takes, s."""
+        names = [p.name for p in self.parameters]
+        return float(values[names.index(self.effect.event_duration)]) \
+            if self.effect.event_duration else 0.0
+
+    def event_share(self, time: Array, values: Array) -> Array:
+        """Return the share of an event with values (k,) that has happened at times, s, (N,)."""
+        late, duration = time - values[self.event_index], self.event_duration(values)
+        return np.asarray(
+            np.clip(late / duration, 0.0, 1.0) if duration > 0.0 else 1.0 * (late >= 0.0))
 
     def probe_deviations(self) -> list[Array]:
         """Return the deviations from null at which sensitivities are taken, (k,) each."""
@@ -138,14 +150,6 @@ class Hypothesis:
                    if size else [0.0] for p, size in zip(self.parameters, self.is_size)]
         most = max(map(len, of_each))
         return [np.array([d[min(m, len(d) - 1)] for d in of_each]) for m in range(most)]
-
-    @staticmethod
-    def _grid(parameter: Parameter, duration: float) -> Sequence[float]:
-        if math.isfinite(parameter.typical):
-            return parameter.starts
-        spacing = float(np.min(np.diff(parameter.starts)))
-        count = int(np.clip(duration / spacing, MIN_GRID_STARTS, EVENT_GRID_TIMES))
-        return tuple(duration * k / count for k in range(1, count))
 
     def effect_at(self, values: Array) -> Effect:
         """Return the effect with values (k,), or a batch of effects with (B, k)."""

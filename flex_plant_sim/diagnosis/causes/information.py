@@ -83,7 +83,7 @@ class InformationProbe:
     def _changes(self, hypothesis: Hypothesis, deviation: float) -> list[Array]:
         """Return what a deviation of the first size changes, weighted, at each shape, (m N,)."""
         probed, first = hypothesis.probe_deviations()[0], int(np.argmax(hypothesis.is_size))
-        take = SensitivityProbe(self.likelihood, self.duration).sensitivities
+        take = SensitivityProbe(self.likelihood).sensitivities
         found = take(hypothesis, probed * deviation / probed[first])
         # A contact may change the arm at null already: bristles bend under other friction, too.
         null = take(hypothesis, 0.0 * probed) if hypothesis.effect.contact else []

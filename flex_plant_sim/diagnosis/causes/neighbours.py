@@ -175,6 +175,8 @@ def _deserving(state: SearchState, proposals: Sequence[Proposal]) -> Iterable[Pr
 def _extended(state: SearchState, candidate: CandidateSet, proposal: Proposal
               ) -> Iterable[CandidateSet]:
     """Return a set with a proposed cause; if that is resonant, from each probed start."""
+    if proposal.hypothesis.event_index is not None and state.penalised_gain(proposal) > 0.0:
+        proposal = proposal.with_times_around(state.thinned.period)
     if proposal.hypothesis.label in state.resonant:
         return candidate.with_each_probe(proposal)
     return [candidate.with_proposal(proposal)]
@@ -197,8 +199,19 @@ def _fitted(state: SearchState, centre: RefinedFit, coarse: Sequence[Fit], step:
             ) -> list[Fit]:
     """Return coarse fits fitted to all windows."""
     return each(NeighbourFitter(centre.likelihood, centre.fit.error_scale, state.data.duration),
-                [CandidateSet.of(fit) for fit in coarse], state.jobs,
+                [_with_known_event(CandidateSet.of(fit), centre.fit) for fit in coarse],
+                state.jobs,
                 lambda share: state.progress(step, 0.7 + 0.2 * share))
+
+
+def _with_known_event(candidate: CandidateSet, centre: Fit) -> CandidateSet:
+    """
+    Return a set with one more start where the centre's event is, if that has one.
+
+    Of an event between the windows of a coarse fit, that fit does not tell the time.
+    """
+    has_event = any(h.event_index is not None for h in centre.hypotheses)
+    return candidate.with_values_of(CandidateSet.of(centre)) if has_event else candidate
 
 
 def _fitted_as_promised(state: SearchState, centre: RefinedFit, coarse: Sequence[Fit], step: str

@@ -20,7 +20,7 @@ def probe_catalogue(state: SearchState, nothing: RefinedFit) -> None:
     """Take the sensitivities of all hypotheses, beside no cause."""
     state.thinned = nothing.coarse.likelihood
     state.sensitivities = each(
-        SensitivityProbe(state.thinned, state.data.duration), state.catalogue, state.jobs,
+        SensitivityProbe(state.thinned), state.catalogue, state.jobs,
         lambda share: state.progress('looking at all causes', 0.4 * share))
     state.resonant = frozenset(
         h.label for h, sensitivities in state.sensitivities

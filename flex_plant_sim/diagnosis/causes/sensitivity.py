@@ -15,6 +15,10 @@ from flex_plant_sim.diagnosis.causes.hypothesis import BATCH_SIZE, Hypothesis
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
 import numpy as np
 
+# Times of an event that are looked at in each period of the slowest mode, and in its duration: so
+# many that a start is within reach of the nearest maximum.
+TIMES_A_PERIOD = 10
+
 
 @dataclass(frozen=True)
 class Sensitivity:
@@ -48,13 +52,10 @@ class SensitivityProbe:
     Attributes
     ----------
     likelihood : Likelihood
-    duration : float
-        Of the longest record, s.
 
     """
 
     likelihood: Likelihood
-    duration: float
 
     def __call__(self, hypothesis: Hypothesis) -> tuple[Hypothesis, tuple[Sensitivity, ...]]:
         """
@@ -74,16 +75,16 @@ class SensitivityProbe:
 
     def sensitivities(self, hypothesis: Hypothesis, deviation: Array) -> list[Sensitivity]:
         """Return the finite sensitivities at each shape, sizes deviating from null by (k,)."""
-        sizes, event_index = np.flatnonzero(hypothesis.is_size), hypothesis.event_index
-        shapes = hypothesis.shape_grid(self.duration)
-        probed = shapes if event_index is None else _at_start(shapes, event_index)
+        sizes, is_event = np.flatnonzero(hypothesis.is_size), hypothesis.event_index is not None
+        shapes = self._event_shapes(hypothesis) if is_event else hypothesis.shape_grid
+        probed = hypothesis.null[None] if is_event else shapes
         values = np.repeat(probed, sizes.size, axis=0)
         index = np.tile(sizes, len(probed))
         values[np.arange(len(values)), index] += deviation[index]
         changes = self._changes(hypothesis, values).reshape(len(probed), sizes.size, -1)
-        if event_index is not None:
-            probed, changes = self._at_all_times(shapes, probed, event_index, changes)
-        return [Sensitivity(shape, deviation, rows) for shape, rows in zip(probed, changes)
+        if is_event:
+            changes = self._at_all_times(hypothesis, shapes, changes[0])
+        return [Sensitivity(shape, deviation, rows) for shape, rows in zip(shapes, changes)
                 if np.all(np.isfinite(rows))]
 
     def _changes(self, hypothesis: Hypothesis, values: Array) -> Array:
@@ -95,27 +96,31 @@ class SensitivityProbe:
             (self.likelihood.residual((*centre_effects, hypothesis.effect_at(v)))
              - self.likelihood.centre_residual).astype(np.float32) for v in batches])
 
-    def _at_all_times(self, shapes: Array, probed: Array, event_index: int, changes: Array
-                      ) -> tuple[Array, Array]:
+    def _event_shapes(self, hypothesis: Hypothesis) -> Array:
         """
-        Return shapes and changes for an event at all times, from one at the start of the record.
+        Return shapes of events at times at which samples tell them apart, (S, k).
 
-        Before the event nothing changes; the filter forgets what came before it within a period.
+        Over the time of a sudden event the evidence has several maxima within a period of the arm.
         """
-        times = self.likelihood.times
-        rows = changes.reshape(*changes.shape[:2], -1, times.size)
-        origin = [int(np.argmin(np.sum((np.delete(probed, event_index, 1) - rest)**2, axis=1)))
-                  for rest in np.delete(shapes, event_index, 1)]
-        happened = times >= shapes[:, event_index, None]
-        found = rows[origin] * happened[:, None, None]
-        return shapes, found.reshape(len(shapes), changes.shape[1], -1)
+        samples, found = np.unique(self.likelihood.times), []
+        for shape in hypothesis.shape_grid:
+            step = max(self.likelihood.period, hypothesis.event_duration(shape)) / TIMES_A_PERIOD
+            _, first = np.unique(np.floor(samples / step), return_index=True)
+            found.append(np.repeat(shape[None], first.size, axis=0))
+            found[-1][:, hypothesis.event_index] = samples[first]
+        return np.concatenate(found)
 
+    def _at_all_times(self, hypothesis: Hypothesis, shapes: Array, changes: Array) -> Array:
+        """
+        Return the changes by events of all shapes, from those of one before the record (s, m N).
 
-def _at_start(shapes: Array, event_index: int) -> Array:
-    """Return shapes (S, k) with the event at the start, those that differ otherwise."""
-    moved = shapes.copy()
-    moved[:, event_index] = 0.0
-    return np.unique(moved, axis=0)
+        Before an event nothing changes; the filter forgets what came before it within a period.
+        What a gradual one changes is the mean of what sudden ones do over its duration.
+        """
+        happened = np.stack([hypothesis.event_share(self.likelihood.times, s) for s in shapes])
+        rows = changes.reshape(len(changes), -1, self.likelihood.times.size)
+        found = rows * happened[:, None, None].astype(np.float32)
+        return found.reshape(len(shapes), len(changes), -1)
 
 
 def _needed_deviations(hypothesis: Hypothesis) -> Sequence[Array]:

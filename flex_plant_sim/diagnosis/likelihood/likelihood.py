@@ -208,6 +208,11 @@ class Likelihood:
                                for p in self.predictors])
 
     @property
+    def period(self) -> float:
+        """Return the period of the slowest mode, which is that of the warm-up, s."""
+        return self.predictors[0].windows.warm_up * self.base.robot.sample_time
+
+    @property
     def duration(self) -> float:
         """Return the end of the longest record, s."""
         return max(float(p.record.time[-1]) for p in self.predictors)

@@ -58,6 +58,16 @@ class Record:
         """Return a log as a record: time from zero, with one payload, kg."""
         return cls(log.source, log.time - log.time[0], log.command, log.output, payload, log.lost)
 
+    def thinned(self, every: int) -> Record:
+        """Return one sample of every so many; commands are means until the next one kept."""
+        if every == 1:
+            return self
+        count = len(self.time) // every
+        kept = slice(None, count * every, every)
+        command = self.command[:count * every].reshape(count, every, -1).mean(axis=1)
+        return replace(self, time=self.time[kept], command=command, output=self.output[kept],
+                       lost=None if self.lost is None else self.lost[kept])
+
     @property
     def measured(self) -> Array:
         """Return the output with NaN in the lost rows, (N, m)."""

@@ -25,19 +25,18 @@ import numpy as np
 def with_command_timing(diagnosis: Diagnosis, nothing: RefinedFit, data: Data, jobs: int = 1
                         ) -> Diagnosis:
     """Return the diagnosis with what the set `nothing` tells on when commands were logged."""
-    interval = nothing.likelihood.base.robot.sample_time
     sentence = diagnosis.sentence
     for cause in diagnosis.causes:
         if cause.name == InputDelay.identifier:
-            early = cause.parameters[0].value / interval
-            sentence += f' Commands logged {early:.2g} rows too early would look the same.'
+            early = 1e3 * cause.parameters[0].value
+            sentence += f' Commands logged {early:.2g} ms too early would look the same.'
     rows, gain = rows_late(nothing, data, jobs)
     if rows:
-        late = f'{rows} {"row" if rows == 1 else "rows"} ({1e3 * rows * interval:.3g} ms) late'
-        sentence = (f'The commands seem to be logged {late}: moved up by as much, they make the '
-                    f'record 10^{gain / math.log(10.0):.0f} times likelier. No arm answers before '
-                    'it is told to, so move them and diagnose again; what follows is told of the '
-                    f'log as it is. {sentence}')
+        late = 1e3 * rows * nothing.likelihood.base.robot.sample_time
+        sentence = (f'The commands seem to be logged {late:.3g} ms late: moved up by as much, '
+                    f'they make the record 10^{gain / math.log(10.0):.0f} times likelier. No arm '
+                    'answers before it is told to, so move them and diagnose again; what follows '
+                    f'is told of the log as it is. {sentence}')
     return replace(diagnosis, sentence=sentence)
 
 

@@ -27,6 +27,7 @@ from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
 from flex_plant_sim.diagnosis.prediction.latent_view import latent_view
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.record.data import Data
+from flex_plant_sim.diagnosis.record.rate import at_needed_rate
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.diagnosis.verdict.command_timing import with_command_timing
 from flex_plant_sim.diagnosis.verdict.detection import detection_limits
@@ -70,6 +71,13 @@ def nominal_base(robot: Robot, model: str, modes: int, coriolis: bool = True) ->
     return BaseModel(robot, model, modes, nominal_effects(robot, model, coriolis))
 
 
+def prepared(records: Sequence[Record], nominal: BaseModel) -> tuple[list[Record], BaseModel]:
+    """Return records at the rate that a diagnosis needs, and the model at that rate."""
+    slower, step = at_needed_rate(records, slowest_frequency(nominal, records[0].payload),
+                                  nominal.robot.sample_time)
+    return slower, replace(nominal, robot=replace(nominal.robot, sample_time=step))
+
+
 def diagnose(records: Sequence[Record], nominal: BaseModel, jobs: int = 1,
              progress: Progress = lambda step, share: None,
              exclude: Sequence[str] = ()) -> tuple[Diagnosis, Data, BaseModel]:
@@ -79,9 +87,9 @@ def diagnose(records: Sequence[Record], nominal: BaseModel, jobs: int = 1,
     Parameters
     ----------
     records : sequence of Record
-        Of one robot, with the same sample time.
+        Of one robot, with the same sample time, see `prepared`.
     nominal : BaseModel
-        The model in question, see `nominal_base`.
+        The model in question, see `nominal_base`, with that sample time.
     jobs : int
         Processes.
     progress : Callable
@@ -137,11 +145,8 @@ def extended_base(found: SearchResult, nominal: BaseModel) -> BaseModel:
 
 def _unmoved(records: Sequence[Record], data: Data) -> tuple[str, ...]:
     """Return the joints and links that hardly moved in any record."""
-    unmoved = []
-    for j in (0, 1):
-        swing = max(np.ptp(r.output[:, j]) / n[j] for r, n in zip(records, data.noise))
-        if swing < MIN_ANGLE_SWING:
-            unmoved.append(f'joint_{j + 1}')
+    unmoved = [f'joint_{j + 1}' for j in (0, 1) if MIN_ANGLE_SWING > max(
+        np.ptp(r.output[:, j]) / n[j] for r, n in zip(records, data.noise))]
     swings = [np.std(r.output[:, 2:], axis=0) / n[2:] for r, n in zip(records, data.noise)]
     # An arm without gauges does not show whether its links bend.
     if np.size(swings) and np.max(swings) < MIN_STRAIN_SWING:

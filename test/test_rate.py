@@ -1,0 +1,92 @@
+"""Records that are sampled faster than a diagnosis needs, and events at times of any grid."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
+from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses
+from flex_plant_sim.diagnosis.causes.proposal import Proposal
+from flex_plant_sim.diagnosis.causes.sensitivity import SensitivityProbe, TIMES_A_PERIOD
+from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
+from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
+from flex_plant_sim.diagnosis.record.data import Data
+from flex_plant_sim.diagnosis.record.windows import Record
+from flex_plant_sim.diagnosis.verdict.verdict import predictors, prepared
+import numpy as np
+import pytest
+from simulated_records import REFERENCE, simulated, SLOWEST
+
+FAST = replace(REFERENCE, sample_time=0.001)
+CHANGE, = (h for h in all_hypotheses(REFERENCE) if h.label == 'payload_change:arm')
+
+
+def test_of_a_fast_record_as_many_samples_are_kept_as_a_slow_one_has() -> None:
+    time = 0.001 * np.arange(1004.0)
+    lost = np.where(np.arange(1004) == 7, 1.0, 0.0)
+    fast = Record('fast', time, np.column_stack([time, -time]), np.column_stack(4 * [time]), 0.1,
+                  lost)
+    (kept,), nominal = prepared([fast], BaseModel(FAST))
+    # The slowest mode has 0.798 s with 0.1 kg, so 7 of 798 samples leave 114, and 8 too few.
+    assert nominal.robot.sample_time == pytest.approx(0.007)
+    assert kept.time == pytest.approx(0.007 * np.arange(143))
+    assert kept.command[:, 0] == pytest.approx(kept.time + 0.003), 'the mean of seven'
+    assert kept.output[:, 3] == pytest.approx(kept.time)
+    assert np.flatnonzero(np.isnan(kept.measured[:, 0])).tolist() == [1]
+
+
+@pytest.mark.parametrize('heavy', [0.0, 0.1, 0.28])
+def test_a_record_of_a_hundred_samples_a_second_is_kept_whole(heavy: float) -> None:
+    record = replace(simulated((), 5.0), payload=heavy)
+    (kept,), nominal = prepared([record], BaseModel(REFERENCE))
+    assert kept is record and nominal == BaseModel(REFERENCE)
+
+
+def test_what_is_left_of_a_fast_record_is_predicted_to_its_noise() -> None:
+    """Commands that step between two samples kept act by their mean."""
+    record = simulated((), 22.0, robot=FAST)
+    (kept,), nominal = prepared([record], BaseModel(FAST))
+    data = Data.of([kept], SLOWEST, nominal.robot.sample_time)
+    found, = predictors(nominal, data)
+    deviation = np.sqrt(np.mean(found.innovations()**2, axis=(0, 1, 2)))
+    assert np.all(deviation < 1.5 * np.r_[1e-4, 1e-4, 4 * [5e-7]])
+
+
+def likelihood() -> Likelihood:
+    """Return the likelihood of a clean record, with each arm's own filter."""
+    data = Data.of([simulated((), 22.0)], SLOWEST, REFERENCE.sample_time)
+    return Likelihood(BaseModel(REFERENCE), data.windows, data.noise).with_own_filters
+
+
+@pytest.mark.parametrize('duration_s', [0.0, 3.0, 12.0])
+def test_an_event_at_any_time_changes_what_the_sensitivity_says(duration_s: float) -> None:
+    known, deviation = likelihood(), np.array([-0.02, 0.0, 0.0])
+    found = [s for s in SensitivityProbe(known).sensitivities(CHANGE, deviation)
+             if s.shape[2] == duration_s]
+    times = np.array([s.shape[1] for s in found])
+    # One time in each bin in which there are samples.
+    bins = np.floor(np.unique(known.times) / (max(known.period, duration_s) / TIMES_A_PERIOD))
+    assert np.all(np.isin(times, known.times)) and times.size == np.unique(bins).size
+    nearest = found[int(np.argmin(np.abs(times - 6.0)))]
+    exact = (known.residual((CHANGE.effect_at(nearest.shape + deviation),))
+             - known.centre_residual).ravel()
+    left = exact - nearest.changes[0]
+    assert left @ left < 0.2 * exact @ exact
+
+
+def test_an_event_is_started_at_all_times_within_half_a_period() -> None:
+    start = np.array([-0.1, 6.0, 0.0])
+    around = Proposal(CHANGE, 1.0, (start, 2.0 * start), (), np.zeros(0), np.zeros(0)
+                      ).with_times_around(0.8)
+    times = np.array(around.starts)
+    assert len(times) == 22 and set(times[:, 0]) == {-0.1, -0.2}
+    assert times[:11, 1] == pytest.approx(np.linspace(5.6, 6.4, 11))
+
+
+def test_an_event_that_is_known_is_where_a_fit_begins_too() -> None:
+    """A coarse fit that lacks the window in which it was says another time."""
+    lag, = (h for h in all_hypotheses(REFERENCE) if h.label == 'motor_lag:joint_1')
+    coarse = CandidateSet((lag, CHANGE), (np.array([0.009, 1.0, -0.08, 15.0, 0.0]),))
+    known = CandidateSet((CHANGE,), (np.array([-0.1, 21.05, 0.0]),))
+    first, second = coarse.with_values_of(known).starts
+    assert first is coarse.starts[0] and second == pytest.approx([0.009, 1.0, -0.1, 21.05, 0.0])
