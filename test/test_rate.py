@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
+from flex_payload_estimator.tools.diagnose import main
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
 from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses
 from flex_plant_sim.diagnosis.causes.proposal import Proposal
@@ -13,9 +16,10 @@ from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.diagnosis.verdict.verdict import predictors, prepared
+from flex_plant_sim.effects import catalogue
 import numpy as np
 import pytest
-from simulated_records import REFERENCE, simulated, SLOWEST
+from simulated_records import effects, REFERENCE, simulated, SLOWEST, write
 
 FAST = replace(REFERENCE, sample_time=0.001)
 CHANGE, = (h for h in all_hypotheses(REFERENCE) if h.label == 'payload_change:arm')
@@ -90,3 +94,20 @@ def test_an_event_that_is_known_is_where_a_fit_begins_too() -> None:
     known = CandidateSet((CHANGE,), (np.array([-0.1, 21.05, 0.0]),))
     first, second = coarse.with_values_of(known).starts
     assert first is coarse.starts[0] and second == pytest.approx([0.009, 1.0, -0.1, 21.05, 0.0])
+
+
+@pytest.mark.slow
+def test_a_fast_log_is_told_as_a_slow_one_and_extends_the_file_as_it_is(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    hidden = effects('viscous_friction:joint_2:damping_n_m_s=3')
+    log = write(simulated(hidden, 22.0, robot=FAST), tmp_path / 'log.csv', FAST)
+    asked = ('viscous_friction', 'strain_filter', 'payload_change')
+    assert main([str(log), '--payload', '0.1', '--extended', str(tmp_path / 'robot.yaml'), *(
+        f'--exclude={name}' for name in catalogue() if name not in asked)]) == 0
+    said = capsys.readouterr().out
+    assert '22000 samples, of which one in 7 is used: more tell noise alone' in said
+    assert 'viscous friction, joint 2          88 %' in said
+    extended = load_robot(str(tmp_path / 'robot.yaml'))
+    assert extended.sample_time == REFERENCE.sample_time
+    spec, = (s for s in extended.effects if s.name == 'viscous_friction')
+    assert spec.values['damping_n_m_s'] == pytest.approx(3.0, rel=0.1)

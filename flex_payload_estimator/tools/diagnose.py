@@ -181,9 +181,9 @@ def progress_bar() -> Iterator[Progress]:
         yield show
 
 
-def settings_of(arguments: argparse.Namespace, robot: Robot, logs: Sequence[Log]
-                ) -> dict[str, Any]:
-    """Return the settings of the run, for report and JSON."""
+def settings_of(arguments: argparse.Namespace, robot: Robot, logs: Sequence[Log],
+                every: int) -> dict[str, Any]:
+    """Return the settings of the run, for report and JSON; one sample of `every` was used."""
     try:
         number = version('flex_payload')
     except PackageNotFoundError:
@@ -191,12 +191,17 @@ def settings_of(arguments: argparse.Namespace, robot: Robot, logs: Sequence[Log]
     told = robot.payload_mass if arguments.payload is None else arguments.payload
     described = [f'{log.source}: {len(log)} samples, '
                  f'{log.time[-1] - log.time[0] + log.sample_time:.4g} s at '
-                 f'{1.0 / log.sample_time:.4g} Hz' for log in logs]
+                 f'{1.0 / log.sample_time:.4g} Hz{_used(every)}' for log in logs]
     return {
         'logs': described, 'robot': f'{robot.name} ({arguments.robot})',
         'model': arguments.model, 'modes': arguments.modes, 'payload_told_kg': told,
         'coriolis': _coriolis(arguments, robot), 'excluded': list(arguments.exclude),
         'jobs': arguments.jobs, 'seed': arguments.seed, 'version': number}
+
+
+def _used(every: int) -> str:
+    """Return in words of how many samples one is used; nothing where all are."""
+    return f', of which one in {every} is used' if every > 1 else ''
 
 
 def _coriolis(arguments: argparse.Namespace, robot: Robot) -> bool:
@@ -224,11 +229,14 @@ def _main(arguments: argparse.Namespace) -> None:
                      not arguments.no_coriolis)
     with progress_bar() as progress:
         found = run(logs, replace(robot, sample_time=logs[0].sample_time), arguments, progress)
-        report = None if arguments.report is None else report_of(
-            found, settings_of(arguments, robot, logs), arguments.jobs)
+        every = round(found.extended.robot.sample_time / logs[0].sample_time)
+        settings = settings_of(arguments, robot, logs, every)
+        report = None if arguments.report is None else report_of(found, settings, arguments.jobs)
     with results() as write:
         write(print, 'nominal model: ' + model_words(
             robot.name, arguments.model, arguments.modes, _coriolis(arguments, robot)))
+        if every > 1:
+            write(print, f'{len(logs[0])} samples{_used(every)}: more tell noise alone')
         write(print, answer_text(found.diagnosis, found.gains, found.payload))
         if arguments.extended:
             # A payload's deviation is one from what was told, not from the file's.
@@ -239,7 +247,7 @@ def _main(arguments: argparse.Namespace) -> None:
         if arguments.json:
             write(command_line.write_json, arguments.json, answer(
                 found.diagnosis, found.gains, found.before, found.after, found.payload,
-                settings_of(arguments, robot, logs), found.latent))
+                settings, found.latent))
         if report is not None:
             write(_write_report, arguments.report, report)
 
