@@ -16,9 +16,13 @@ from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.likelihood.prior import imitation_odds, log_prior_odds, unknown_odds
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
+from flex_plant_sim.diagnosis.record.sensor_noise import NOISE_ERROR
+from flex_plant_sim.diagnosis.record.windows import LOCKED_SHARE
 from flex_plant_sim.interval import CREDIBLE_LEVEL
 import numpy as np
 
+# Newton's steps to the likeliest noise: from none they rise to it, by half of ln s at the least.
+NEWTON_STEPS = 40
 # Faults at once that are ordinary; each further one makes an imitation more probable.
 ORDINARY_FAULTS = 2
 
@@ -53,19 +57,34 @@ def interpretations(fit: Fit) -> tuple[Fit, ...]:
     Return a fit read as complete, and as one with an unknown remainder.
 
     A complete set leaves errors no larger than any model's, as on clean arms of other simulators.
-    Larger errors cost it the log-ratio of white errors of the stated scale to those of the actual
-    scale. All samples count for that, as the errors of clean arms are white
-    (benchmarks/temper.py); the temper is for errors that go with the motion. With a remainder,
-    the errors cost nothing, and the evidence gains if a cause varies, see `Fit.varying_gain`.
+    Larger errors cost it what `cost_of_white_errors` says. With a remainder, the errors cost
+    nothing, and the evidence gains if a cause varies, see `Fit.varying_gain`.
     """
-    excess = np.maximum(fit.error_scale, 1.0)**2 - 1.0
-    cost = 0.5 * fit.statistics.samples * float(np.sum(excess - np.log1p(excess)))
+    cost = float(np.sum(cost_of_white_errors(fit.error_scale, fit.statistics.samples)))
     gain = max(fit.varying_gain, 0.0) if cost else fit.varying_gain
     if gain == -math.inf:
         return (fit,)
     return (replace(fit, log_evidence=fit.log_evidence - cost),
             replace(fit, discrepancy=replace(fit.discrepancy, remainder=True),
                     log_evidence=fit.log_evidence + gain))
+
+
+def cost_of_white_errors(scale: Array, samples: float) -> Array:
+    """
+    Return what errors of some scales, at least 1, cost where they are white noise, nats, (m,).
+
+    The log-ratio of white errors of the stated scale to those of the actual scale, at the
+    likeliest noise: what is stated has an error of its own. All samples count, as the errors of
+    clean arms are white (benchmarks/temper.py); the temper is for errors that go with the motion.
+    """
+    # In ln of the noise over what is stated, u, with variance v; noise is from locked samples, too.
+    larger = np.log(np.maximum(scale, 1.0))
+    u, v = np.zeros_like(larger), NOISE_ERROR**2 * (1.0 - LOCKED_SHARE)
+    for _ in range(NEWTON_STEPS):
+        excess = np.expm1(2.0 * (larger - u))
+        u += (v * excess - u) / (2.0 * v * (1.0 + excess) + 1.0)
+    left = 2.0 * (larger - u)
+    return np.asarray(0.5 * samples * (np.expm1(left) - left + u**2 / v))
 
 
 def log_prior(fit: Fit, nominal: BaseModel) -> float:

@@ -9,6 +9,10 @@ import numpy as np
 
 # Order of the differences: what moves slowly beside the sampling vanishes in them.
 DIFFERENCES = 5
+# Relative standard error of the white noise found in N samples, times the root of N: a median
+# tells 1.17 of independent ones (P. J. Huber, Robust Statistics, 1981), and of fifth differences
+# 1.4 times that, as neighbours are alike; test_sensor_noise.py measures it.
+NOISE_ERROR = 1.6
 # Least noise of a gauge, as a share of how much it varies: one that is filtered shows less noise
 # than it errs.
 LEAST_STRAIN = 1e-3
