@@ -77,7 +77,7 @@ def cost_of_white_errors(scale: Array, samples: float) -> Array:
     likeliest noise: what is stated has an error of its own. All samples count, as the errors of
     clean arms are white (benchmarks/temper.py); the temper is for errors that go with the motion.
     """
-    # In ln of the noise over what is stated, u, with variance v; noise is from locked samples, too.
+    # ln of the noise over what is stated, u, has variance v / N; it is from locked samples, too.
     larger = np.log(np.maximum(scale, 1.0))
     u, v = np.zeros_like(larger), NOISE_ERROR**2 * (1.0 - LOCKED_SHARE)
     for _ in range(NEWTON_STEPS):
