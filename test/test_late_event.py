@@ -63,6 +63,12 @@ def test_a_payload_that_changes_in_the_locked_part_is_named() -> None:
     assert [e.identifier for e in extended.effects].count('payload_change') == 1
 
 
+def test_what_changes_in_the_locked_part_and_has_no_name_is_not_nothing() -> None:
+    found, data, _ = diagnose([made(LATE_S)], BASE, exclude=[*OTHERS, 'payload_change'])
+    assert found.verdict != 'nothing_wrong' and found.effects['unknown'] > 0.5
+    assert data.locked[0].record.time[data.locked[0].starts[-1]] < 10.0
+
+
 def test_without_an_event_the_locked_part_is_like_the_rest() -> None:
     data = Data.of([made(None)], slowest_frequency(BASE, 0.1), REFERENCE.sample_time)
     nothing = search(data, BASE, 1, lambda step, share: None, [*OTHERS, 'link_stiffness'])

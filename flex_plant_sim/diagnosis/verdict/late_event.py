@@ -18,6 +18,16 @@ def has_event(fit: Fit) -> bool:
     return any(h.event_index is not None for h in fit.hypotheses)
 
 
+def tells_more(again: SearchResult, found: SearchResult) -> bool:
+    """
+    Tell whether a search that saw the part that differed answers for the record.
+
+    It does where it finds an event, and where it finds anything while the first one found nothing.
+    """
+    nothing = found.posterior.nothing_probability > 0.5 > again.posterior.nothing_probability
+    return nothing or has_event(again.best.fit)
+
+
 def locked_part_differs(found: SearchResult, data: Data) -> bool:
     """
     Tell whether the locked part fits so much worse that an event there is likelier than none.

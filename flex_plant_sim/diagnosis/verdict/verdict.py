@@ -31,7 +31,7 @@ from flex_plant_sim.diagnosis.record.rate import at_needed_rate
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.diagnosis.verdict.command_timing import with_command_timing
 from flex_plant_sim.diagnosis.verdict.detection import detection_limits
-from flex_plant_sim.diagnosis.verdict.late_event import has_event, locked_part_differs
+from flex_plant_sim.diagnosis.verdict.late_event import locked_part_differs, tells_more
 from flex_plant_sim.diagnosis.verdict.noise import with_noise
 from flex_plant_sim.diagnosis.verdict.results import (
     Alternative,
@@ -110,10 +110,10 @@ def diagnose(records: Sequence[Record], nominal: BaseModel, jobs: int = 1,
         return _cannot_answer(unmoved), data, nominal
     found = search(data, nominal, jobs, progress, exclude)
     if locked_part_differs(found, data):
-        # An event in the locked part shows only where that is fitted.
+        # What begins in the locked part shows only where that is fitted.
         other = Data.of(records, slowest, nominal.robot.sample_time, locks_first=True)
         again = search(other, nominal, jobs, progress, exclude)
-        if has_event(again.best.fit):
+        if tells_more(again, found):
             found, data = again, other
     diagnosis, extended = _diagnosis(found, data, nominal, jobs), extended_base(found, nominal)
     if diagnosis.nothing_leads:
