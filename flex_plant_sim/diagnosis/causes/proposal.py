@@ -59,8 +59,8 @@ class Proposal:
         """
         late = np.zeros((TIMES_A_PERIOD + 1, self.starts[0].size))
         late[:, self.hypothesis.event_index] = period * np.linspace(-0.5, 0.5, len(late))
-        return replace(self, starts=tuple(
-            start + by for start in self.starts for by in late))
+        return replace(self, starts=tuple(np.maximum(start + by, self.hypothesis.low)
+                                          for start in self.starts for by in late))
 
 
 @dataclass(frozen=True)
