@@ -18,7 +18,7 @@ import math
 from typing import Any
 
 import _truths  # noqa: F401
-from controller_elements import Elements, elements_of, ESTIMATED_MODES, MODEL
+from controller_elements import ESTIMATED_MODES, MODEL
 from flex_payload_estimator.control import gauge_watch
 from flex_payload_estimator.control.arm_watch import ArmWatch
 from flex_payload_estimator.control.lqg import LQGController, LQGSettings
@@ -30,6 +30,7 @@ from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 import numpy as np
 from truth.configuration import Arm
+from truth.sampled_arm import Elements, elements_of
 
 # Largest command; begin of a fault and end of a run, s.
 LIMIT, START, END = 5.0, 3.0, 9.0

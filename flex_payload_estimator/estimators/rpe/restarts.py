@@ -214,7 +214,8 @@ def in_other_mode(f: Filter, mode: Mode, last: StoredSample, stepper: FilterStep
     Return a filter of another mode, after the last sample.
 
     From `coarse` to `rough` it takes from f the noise alone, and any payload of the range: what
-    drove f far off may be over.
+    drove f far off may be over. `coarse` is linearised about what f found until its first pass:
+    about its moving estimate it falls to where a payload shows most, at nothing, and is sure.
     """
     if freedom(mode) < freedom(f.mode):
         mass = 0.5 * stepper.heaviest
@@ -222,7 +223,9 @@ def in_other_mode(f: Filter, mode: Mode, last: StoredSample, stepper: FilterStep
         new.noise_scale[:] = f.noise_scale
         begin_at(new, last.sample, last.loads, None, stepper)
         return new
-    return _wide_restart(f, ROUGH_ON_TRIAL if mode.name == ROUGH.name else mode, stepper)
+    if mode.name == ROUGH.name:
+        return _wide_restart(f, ROUGH_ON_TRIAL, stepper)
+    return relinearised(_wide_restart(f, mode, stepper), stepper)
 
 
 def _in_mode(f: Filter, mode: Mode) -> Filter:
