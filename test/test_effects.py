@@ -167,6 +167,7 @@ def test_a_number_of_an_effect_is_not_judged_as_that_of_a_part() -> None:
     ('coulomb_friction:joint_1:level_n_m=nan', 'expected 0 to 20 N m, got nan'),
     ('strain_bias:strain_1c:bias=1e-5', "got 'strain_1c'"),
     ('strain_crosstalk:strain_1a:share=0.1,source=9', 'source: expected 1 to 4'),
+    ('strain_crosstalk:strain_1a:share=0.1,source=1', 'source: expected another gauge, one of 2'),
     ('strain_crosstalk:strain_1a:share=0.1,source=2.4', 'source: expected a whole number'),
     ('coulomb_friction:joint_1', 'expected identifier:site:parameter=number'),
     ('coulomb_friction:joint_1:level_n_m=much', 'expected identifier:site:parameter=number'),

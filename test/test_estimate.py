@@ -29,7 +29,8 @@ def run() -> Any:
     """Return an offline run of 3.5 s with 0.15 kg."""
     simulator = Simulator(ExtendedArm(ROBOT, 'paper_reduced', 2, 0.15), noise=Noise(2e-4, 5e-7),
                           seed=2)
-    return run_loop(simulator, make_estimator('sf1', ROBOT), LQGController(ROBOT), square(), 3.5)
+    return run_loop(simulator, make_estimator('sf1', ROBOT, 'paper_reduced', 2),
+                    LQGController(ROBOT), square(), 3.5)
 
 
 @pytest.fixture(scope='module')

@@ -87,7 +87,7 @@ def driven(step: float, mass: float, noise: float, seed: int, seconds: float,
         1 / ROBOT.gauge_amplifier]])
     outputs = simulate(Simulator(arm), held)[0]
     outputs += noise * scale * random.standard_normal(outputs.shape)
-    estimator, before = make_estimator('sf1', robot, model), np.vstack([np.zeros(2), held[:-1]])
+    estimator, before = make_estimator('sf1', robot, model, 2), np.vstack([np.zeros(2), held[:-1]])
     return [estimator.update(k * step, output, command)
             for k, (output, command) in enumerate(zip(outputs, before))]
 

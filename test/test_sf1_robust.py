@@ -26,7 +26,7 @@ NAMES = ('sf1_paper', 'sf1')
 @pytest.mark.parametrize('noise', [0.0, 1.0, 1.5])
 def test_noise_alone_teaches_nothing(name: str, noise: float) -> None:
     """At rest, with the file's noise and half as much again: never ok, never surer."""
-    estimator, random = make_estimator(name, ROBOT), np.random.default_rng(8)
+    estimator, random = make_estimator(name, ROBOT, 'paper_reduced', 2), np.random.default_rng(8)
     sensors = noise * np.array([2e-4, 2e-4, *4 * [5e-7]])
     for k in range(3000):
         estimate = estimator.update(0.01 * k, sensors * random.standard_normal(6), np.zeros(2))
@@ -39,7 +39,7 @@ def test_noise_alone_teaches_nothing(name: str, noise: float) -> None:
 def test_no_sampling_interval_breaks_it(name: str, step: float) -> None:
     """A light arm at 0.1 s: n' = 15 terms do not hold A T; (19) is then no exponential."""
     light = replace(ROBOT.with_link(1, density=270.0), sample_time=step)
-    estimator, random = make_estimator(name, light), np.random.default_rng(9)
+    estimator, random = make_estimator(name, light, 'paper_reduced', 2), np.random.default_rng(9)
     for k in range(300):
         estimate = estimator.update(step * k, 0.01 * random.standard_normal(6),
                                     random.standard_normal(2))
@@ -48,7 +48,7 @@ def test_no_sampling_interval_breaks_it(name: str, step: float) -> None:
 
 @pytest.mark.parametrize('name', NAMES)
 def test_a_reset_forgets_everything(name: str) -> None:
-    estimator, random = make_estimator(name, ROBOT), np.random.default_rng(4)
+    estimator, random = make_estimator(name, ROBOT, 'paper_reduced', 2), np.random.default_rng(4)
     samples = 1e-3 * random.standard_normal((30, 6))
     runs = []
     for _ in range(2):
@@ -61,7 +61,7 @@ def test_a_reset_forgets_everything(name: str) -> None:
 @pytest.mark.parametrize('name', NAMES)
 @pytest.mark.parametrize('bad', [math.nan, math.inf, -math.inf])
 def test_what_is_not_finite_is_rejected_and_the_estimate_kept(name: str, bad: float) -> None:
-    estimator, random = make_estimator(name, ROBOT), np.random.default_rng(5)
+    estimator, random = make_estimator(name, ROBOT, 'paper_reduced', 2), np.random.default_rng(5)
     for k in range(20):
         last = estimator.update(0.01 * k, 1e-3 * random.standard_normal(6), np.ones(2))
     for channel in range(6):
@@ -79,7 +79,7 @@ def test_what_is_not_finite_is_rejected_and_the_estimate_kept(name: str, bad: fl
 
 @pytest.mark.parametrize('name', NAMES)
 def test_nonsense_gives_a_bounded_estimate(name: str) -> None:
-    estimator, random = make_estimator(name, ROBOT), np.random.default_rng(6)
+    estimator, random = make_estimator(name, ROBOT, 'paper_reduced', 2), np.random.default_rng(6)
     for k in range(300):
         estimate = estimator.update(0.01 * k, random.standard_normal(6),
                                     10 * random.standard_normal(2))
@@ -95,8 +95,10 @@ def test_bad_settings_are_refused() -> None:
         (lambda: SF1Estimator(ROBOT, 'assumed_modes', 2, PAPER_SETTINGS), 'paper_reduced'),
         (lambda: make_estimator('sf1', ROBOT, 'assumed_modes', 3),
          'a gauge a mode on each link, expected at most 2, got 3'),
-        (lambda: make_estimator('sf2', ROBOT), 'estimator: expected one of sf1_paper, sf1'),
-        (lambda: make_estimator('sf1', ROBOT).update(0.0, np.zeros(5), np.zeros(2)),
+        (lambda: make_estimator('sf2', ROBOT, 'paper_reduced', 2),
+         'estimator: expected one of sf1_paper, sf1'),
+        (lambda: make_estimator('sf1', ROBOT, 'paper_reduced', 2).update(
+            0.0, np.zeros(5), np.zeros(2)),
          'output: expected 6 numbers'),
     ):
         with pytest.raises(InputError, match=words):
@@ -106,7 +108,7 @@ def test_bad_settings_are_refused() -> None:
 @pytest.mark.parametrize('name', NAMES)
 def test_samples_that_are_missing_are_predicted(name: str) -> None:
     """Under one command a gap in the stamps is what unusable samples are, up to a second."""
-    estimator, random = make_estimator(name, ROBOT), np.random.default_rng(3)
+    estimator, random = make_estimator(name, ROBOT, 'paper_reduced', 2), np.random.default_rng(3)
     samples, command = 1e-3 * random.standard_normal((200, 6)), np.array([0.3, -0.2])
 
     def after(gap: range, told: bool) -> Any:
@@ -126,7 +128,7 @@ def test_samples_that_are_missing_are_predicted(name: str) -> None:
 
 
 def test_slow_samples_are_no_gaps() -> None:
-    estimator = make_estimator('sf1', replace(ROBOT, sample_time=1.0))
+    estimator = make_estimator('sf1', replace(ROBOT, sample_time=1.0), 'paper_reduced', 2)
     samples, found = 1e-3 * np.random.default_rng(2).standard_normal((8, 6)), []
     for step in (1.0, 1.0001):
         estimator.reset()

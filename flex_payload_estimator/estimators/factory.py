@@ -52,7 +52,7 @@ def coriolis_of(name: str, robot: Robot, model: str) -> bool | None:
     return has_coriolis(effects) if named else None
 
 
-def make_estimator(name: str, robot: Robot, model: str = 'paper_reduced', modes: int = 2,
+def make_estimator(name: str, robot: Robot, model: str, modes: int,
                    **changes: Any) -> PayloadEstimator:
     """
     Return an estimator by name.

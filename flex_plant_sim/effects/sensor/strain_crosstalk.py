@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -9,6 +10,7 @@ from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.effects.base import Effect, Parameter
 from flex_plant_sim.effects.mechanics.gauge import gauge_row
+from msg_config.errors import InputError
 import numpy as np
 
 
@@ -32,6 +34,18 @@ class StrainCrosstalk(Effect):
         others = tuple(float(number) for number, name in enumerate(robot.gauge_names, start=1)
                        if name != site)
         return share, replace(source, starts=others, high=float(len(robot.gauge_names)))
+
+    @classmethod
+    def read(cls, values: Mapping[str, Any], parameters: Sequence[Parameter]) -> tuple[Any, ...]:
+        """Return the values; the source is another gauge."""
+        share, source = super().read(values, parameters)
+        others = parameters[1].starts
+        # Without a robot the parameters are those of any, whose gauges are not known.
+        if parameters is not cls.parameters and source not in others:
+            raise InputError(f'effects: {cls.identifier}: source: expected another gauge, one of '
+                             f'{", ".join(f"{n:g}" for n in others)}, got {source:g}, the gauge '
+                             'itself')
+        return share, source
 
     def on_output(self, output: Array, time: Any, robot: Robot) -> Array:
         """Return the readings with the share added; a gauge does not pick up its own strain."""
