@@ -24,7 +24,7 @@ from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 import numpy as np
-from truth.sampled_arm import Elements, elements_of, place
+from sampled_arm import Elements, elements_of, place
 
 MODEL, MODES, ESTIMATED_MODES = 'assumed_modes', 2, 3
 PAYLOADS = (0.0, 0.1, 0.3)

@@ -29,8 +29,8 @@ from flex_plant_sim.arm.parts import drawn
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 import numpy as np
+from sampled_arm import Elements, elements_of
 from truth.configuration import Arm
-from truth.sampled_arm import Elements, elements_of
 
 # Largest command; begin of a fault and end of a run, s.
 LIMIT, START, END = 5.0, 3.0, 9.0

@@ -9,7 +9,7 @@ from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionE
 from flex_plant_sim.arm.parts import drawn
 from flex_plant_sim.arm.robot_file import load_robot
 import numpy as np
-from truth.sampled_arm import Elements, elements_of
+from sampled_arm import Elements, elements_of
 
 PAYLOAD, SEED = 0.3, 717004
 

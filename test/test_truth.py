@@ -20,6 +20,7 @@ from truth.equations import acceleration
 from truth.full_elements import full_frequencies
 from truth.records import draw_case, HAVE_MUJOCO, make_record, MUJOCO, NO_MUJOCO, TruthCase
 from truth.simulation import energy, simulate
+from truth.tolerances import TOLD
 
 Part = TypeVar('Part', Link, Joint)
 
@@ -264,3 +265,15 @@ def test_both_truths_tell_the_same_of_an_effect(name: str) -> None:
     apart = np.linalg.norm(chain.table - elements.table, axis=0)
     effect = np.linalg.norm(clean.table - elements.table, axis=0)
     assert np.any(apart[3:] < 0.2 * effect[3:])
+
+
+@pytest.mark.skipif(not HAVE_MUJOCO, reason=NO_MUJOCO)
+def test_the_air_does_not_take_a_payload_without_mass_for_a_sail() -> None:
+    """Where all of the payload is loose, hardly a mass is left that is held: a box of 77 m."""
+    case = replace(draw_case('air_drag', 8, duration_s=2.0), noise=0.0, simulator=MUJOCO,
+                   spread=TOLD)
+    loose = ('loose_payload', {'frequency': 92.6, 'damping_ratio': 0.036})
+    held = make_record(case)
+    found = make_record(replace(case, effects=(*case.effects, loose)), held.command)
+    apart = np.linalg.norm(found.table - held.table, axis=0)
+    assert np.all(apart[3:] < 0.05 * np.linalg.norm(held.table, axis=0)[3:])

@@ -106,6 +106,10 @@ def _point(body: ET.Element, name: str, position: float, mass: float,
     """Add a rigidly held body with its centre `position` m along the parent."""
     child = ET.SubElement(body, 'body', name=name, pos=_text(position, 0, 0))
     _inertial(child, max(mass, 1e-7), max(inertia, mass * 1e-9, 1e-12))
+    # The air sees this speck. Without it, it sees a box with the body's inertia, and one that has
+    # hardly a mass, as where all of the payload is loose, is a sail of 77 m.
+    ET.SubElement(child, 'geom', type='sphere', size='1e-6', fluidshape='ellipsoid', mass='0',
+                  contype='0', conaffinity='0')
     return child
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from flex_plant_sim.arm.robot import Robot
 import numpy as np
-
 from truth.assembly import assemble
 from truth.beam_elements import Array
 from truth.configuration import Arm, Joint, Link, reference_arm, Structure
