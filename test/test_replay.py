@@ -296,3 +296,18 @@ def test_a_log_that_begins_in_motion_is_simulated_in_motion(
     assert tool.main([str(tmp_path / 'cut.csv'), '--robot', 'reference', '--no-coriolis']) == 0
     assert 'cut.csv: begins in motion, at ' in capsys.readouterr().err
     assert replay(cut, robot, modes=2, coriolis=False).fit_percent[:2].min() > 97.0
+
+
+def test_a_drive_that_follows_its_first_command_at_once_begins_at_rest() -> None:
+    # The first commands of the demo's loop. By the angles joint 2 turns from the first row on.
+    first = [(0.62, 1.49), (0.47, 1.19), (0.40, 0.54), (0.84, 0.33), (0.61, 0.33), (-0.04, 0.32),
+             (-0.05, 0.32), (0.14, 0.30), (0.03, 0.36), (-0.10, 0.30), (0.0, 0.17), (0.02, 0.09)]
+    robot, t = load_robot('reference'), 0.01 * np.arange(400.0)
+    commands = np.column_stack([np.sin(2.0 * t), 0.8 * np.sin(1.5 * t)])
+    commands[:len(first)] = first
+    simulator = Simulator(ExtendedArm(robot, 'assumed_modes', 3), noise=Noise(2e-5, 5e-7))
+    output, _ = simulate(simulator, commands)
+    log = Log('loop', t, commands, output[:, :2], output[:, 2:], robot.gauge_names)
+    assert start_rates(log, robot).any()
+    found = replay(log, robot, coriolis=False)
+    assert not found.start_rates.any() and found.fit_percent.min() > 97.0

@@ -85,8 +85,9 @@ def replay(log: Log, robot: Robot, model: str = 'assumed_modes', modes: int = 3,
     """
     Simulate a log from its commands alone, starting at the log's first joint angles.
 
-    Where these tell that the joints move, they begin so; links begin straight. The nominal effects
-    are applied. The sample time is that of the log, not of the robot.
+    Where these tell that the joints move, and the rest of the log agrees, they begin so; links
+    begin straight. The nominal effects are applied. The sample time is that of the log, not of
+    the robot.
 
     Parameters
     ----------
@@ -112,17 +113,31 @@ def replay(log: Log, robot: Robot, model: str = 'assumed_modes', modes: int = 3,
     robot = replace(robot, sample_time=log.sample_time)
     arm = ExtendedArm(robot, model, modes, payload,
                       nominal_effects(robot, model, coriolis))
-    simulator = Simulator(arm)
-    at_zero = arm.output(simulator.state, 0.0)[:2]
-    simulator.state[:2] = log.joint[0] - at_zero
-    rates = start_rates(log, robot)
-    if arm.compact is None:
-        simulator.state[arm.form.order:arm.form.order + 2] = rates
-    # An overflow is reported below, once.
-    with np.errstate(all='ignore'):
-        simulated, _ = simulate(simulator, log.command)
+    at_rest, moving = np.zeros(2), start_rates(log, robot)
+    starts = [at_rest, moving] if moving.any() and arm.compact is None else [at_rest]
+    # A drive that follows a step within a sample looks like one that moved before.
+    simulated, rates = min(((_simulated(log, arm, rates), rates) for rates in starts),
+                           key=lambda found: _misfit(log, found[0]))
     _check_bounded(log, arm, simulated)
     return Replay(log, arm, simulated, rates)
+
+
+def _simulated(log: Log, arm: ExtendedArm, rates: Array) -> Array:
+    """Return the outputs of an arm that begins at the first angles and rates, rad/s, (2,)."""
+    simulator = Simulator(arm)
+    simulator.state[:2] = log.joint[0] - arm.output(simulator.state, 0.0)[:2]
+    if arm.compact is None:
+        simulator.state[arm.form.order:arm.form.order + 2] = rates
+    # An overflow is reported by `_check_bounded`, once.
+    with np.errstate(all='ignore'):
+        return simulate(simulator, log.command)[0]
+
+
+def _misfit(log: Log, simulated: Array) -> float:
+    """Return the sum over the channels of the squared error over the measured square."""
+    with np.errstate(all='ignore'):
+        share = np.sum((log.output - simulated)**2, axis=0) / np.sum(log.output**2, axis=0)
+    return float(np.nan_to_num(share, nan=0.0).sum())
 
 
 def start_rates(log: Log, robot: Robot) -> Array:
