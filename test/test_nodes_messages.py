@@ -185,6 +185,18 @@ def test_diagnostics_name_the_estimate_and_the_model(loop: RosLoop) -> None:
         'status', 'mass kg', 'standard deviation kg'}
 
 
+def test_the_model_is_not_healthy_while_no_model_explains_the_estimate(loop: RosLoop) -> None:
+    bench = Bench(loop, 'estimator')
+    bench.answered(1)
+    node = bench.node
+    healthy = node.health.report()
+    for status, level in (('ok', b'\0'), ('model_suspect', b'\1')):
+        node._estimate = node._estimate._replace(status=status)
+        found = node._model_status(healthy)
+        assert found.level == level
+        assert ('no known model explains' in found.message) is (status == 'model_suspect')
+
+
 def test_a_payload_change_is_announced_at_once_with_its_time(loop: RosLoop) -> None:
     bench = Bench(loop, 'estimator', estimator='rpe', model='assumed_modes', modes=2)
     robot = load_robot('reference')

@@ -213,5 +213,9 @@ class PayloadEstimatorNode(SampleNode):
             values[f'{channel.name} nis'] = channel.nis
             values[f'{channel.name} whiteness'] = channel.whiteness
             values[f'{channel.name} shape'] = channel.shape
-        suspect = any(channel.suspect for channel in report.channels)
-        return self.status('model', 'warn' if suspect else 'ok', report.text, values)
+        suspect, text = any(channel.suspect for channel in report.channels), report.text
+        # Innovations are compared with what the estimator expects, which a misfit has widened.
+        if not suspect and self._estimate and self._estimate.status == 'model_suspect':
+            suspect, text = True, ('the innovations are as large as the estimator expects, but '
+                                   f'{MESSAGES["model_suspect"][1]}')
+        return self.status('model', 'warn' if suspect else 'ok', text, values)
