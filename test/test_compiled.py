@@ -113,3 +113,22 @@ def loops(repository: Path) -> dict[str, Any]:
                               for key, value in vars(import_module(name)).items()
                               if isinstance(value, Dispatcher)})
     return found
+
+
+@pytest.mark.skipif(not COMPILED, reason='Numba is not installed')
+@pytest.mark.parametrize(('build', 'node'), [
+    ('estimator_of', 'payload_estimator'), ('controller_of', 'lqg_controller')])
+def test_a_node_says_that_it_is_about_to_compile(build: str, node: str, tmp_path: Path) -> None:
+    # It answers no parameter service while it does.
+    source = (f'from flex_payload_estimator.nodes.node_setup import {build}\n'
+              'from flex_plant_sim.tools import command_line\n'
+              'def stop(function):\n'
+              '    command_line.say_if_compiling(function)\n'
+              '    raise SystemExit\n'
+              'import flex_payload_estimator.nodes.node_setup as node_setup\n'
+              'node_setup.say_if_compiling = stop\n'
+              'from msg_config.parameters import check_parameters\n'
+              f'{build}(check_parameters({node!r}, {{}}))\n')
+    answer = subprocess.run([sys.executable, '-c', source], text=True, capture_output=True,
+                            env={**os.environ, 'NUMBA_CACHE_DIR': str(tmp_path)}, check=True)
+    assert answer.stderr == f'{COMPILING}\n'

@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from flex_payload_estimator.control.lqg import LQGController, LQGSettings
+from flex_payload_estimator.control.lqg import controlled, LQGController, LQGSettings
 from flex_payload_estimator.control.set_points import SetPoints, square
 from flex_payload_estimator.estimators.base import PayloadEstimator
 from flex_payload_estimator.estimators.factory import make_estimator
+from flex_payload_estimator.estimators.rpe.compiled_step import step_packed
 from flex_payload_estimator.estimators.sf1.settings import SF1Settings
+from flex_payload_estimator.kalman.predictor import predicted
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.effects import effects_of
 from flex_plant_sim.simulation.plant_setup import robot_of
+from flex_plant_sim.tools.command_line import say_if_compiling
 from msg_config.errors import InputError
 
 
@@ -30,7 +33,9 @@ def estimator_of(values: Mapping[str, Any]) -> PayloadEstimator:
     changes = _sf1_changes(values) if name.startswith('sf1') else {}
     if values['payload_max']:
         changes['payload_max'] = values['payload_max']
-    return make_estimator(name, robot_of(values), values['model'], values['modes'], **changes)
+    robot = robot_of(values)
+    say_if_compiling(step_packed if name == 'rpe' else predicted)
+    return make_estimator(name, robot, values['model'], values['modes'], **changes)
 
 
 def _sf1_changes(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -60,6 +65,7 @@ def controller_of(values: Mapping[str, Any]) -> LQGController:
         mass_max=values['payload_max'] or None, q_2=values['q_2'],
         r_1=values['r_1'], r_2=values['r_2'], terms=values['n_prime'],
         integrator=values['integrator'], command_limit=values['command_limit'])
+    say_if_compiling(controlled)
     return LQGController(_as_built(robot), values['model'], values['modes'], settings)
 
 
