@@ -13,6 +13,8 @@ from flex_plant_sim.commissioning.calibrated_robot import calibrated_robot, cali
 from flex_plant_sim.commissioning.calibration import calibrate, Calibration
 from flex_plant_sim.diagnosis.likelihood.prior import part_priors
 from flex_plant_sim.diagnosis.verdict.results import PartEstimate
+from flex_plant_sim.logs.csv_log import write_csv
+from flex_plant_sim.logs.log import Log
 from flex_plant_sim.logs.read import read_log
 from flex_plant_sim.tools.robot import main
 from msg_config.errors import InputError
@@ -102,6 +104,19 @@ def test_a_log_that_is_too_short_is_refused(output: tuple[str, Path],
                  '0.1', '--output', str(output[1] / 'none.yaml')]) == 2
     assert '16 periods of the slowest mode, got a log of 5.0 s' in capsys.readouterr().err
     assert not (output[1] / 'none.yaml').exists()
+
+
+def test_a_log_in_which_nothing_moves_is_refused(tmp_path: Path,
+                                                 capsys: pytest.CaptureFixture[str]) -> None:
+    robot, time = load_robot('reference'), np.arange(0.0, 24.0, 0.01)
+    log = Log('still', time, np.zeros((time.size, 2)), np.full((time.size, 2), 0.1),
+              np.full((time.size, 4), 1e-6), robot.gauge_names)
+    write_csv(tmp_path / 'still.csv', log, robot.inputs)
+    assert main(['calibrate', str(tmp_path / 'still.csv'), '--robot', 'reference', '--payload',
+                 '0.1', '--output', str(tmp_path / 'none.yaml')]) == 2
+    assert re.search(r'still.csv: not calibrated: joint_1 and joint_2 and the links hardly moved',
+                     capsys.readouterr().err)
+    assert not (tmp_path / 'none.yaml').exists()
 
 
 def test_a_motor_is_written_as_the_loop_that_it_is() -> None:

@@ -16,7 +16,7 @@ from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
 from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit
 from flex_plant_sim.diagnosis.likelihood.prior import part_priors, with_deviations
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
-from flex_plant_sim.diagnosis.record.data import Data
+from flex_plant_sim.diagnosis.record.data import Data, MOVE_MORE, unmoved
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.diagnosis.report.extended_file import merged_readings, specs
 from flex_plant_sim.diagnosis.verdict.results import PartEstimate
@@ -66,7 +66,8 @@ def calibrate(logs: Sequence[Log], robot: Robot, payload: float) -> Calibration:
     Raises
     ------
     InputError
-        A log is too short, or an effect of the robot file says that the payload is another one.
+        A log is too short, hardly anything moves in the logs, or an effect of the robot file says
+        that the payload is another one.
 
     """
     if any(spec.name == 'payload_mass' for spec in robot.effects):
@@ -75,7 +76,12 @@ def calibrate(logs: Sequence[Log], robot: Robot, payload: float) -> Calibration:
     known = replace(robot.tolerances, payload=0.0, payload_inertia_kg_m2=0.0)
     base = nominal_base(replace(robot, payload_mass=payload, tolerances=known,
                                 sample_time=logs[0].sample_time), MODEL, MODES)
-    data = _whole([Record.of(log, payload) for log in logs], base)
+    records = [Record.of(log, payload) for log in logs]
+    data = _whole(records, base)
+    still = unmoved(records, data)
+    if still:
+        raise InputError(f'{", ".join(log.source for log in logs)}: not calibrated: '
+                         f'{" and ".join(still)} hardly moved. {MOVE_MORE}')
     fit = RefinedFit.refine(CandidateSet((), (np.zeros(0),)), base, data).fit
     parts = part_priors(base.robot, payload)
     tolerances = np.array([part.tolerance for part in parts])

@@ -8,9 +8,16 @@ from dataclasses import dataclass, replace
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.record.sensor_noise import measurement_noise
 from flex_plant_sim.diagnosis.record.windows import Record, Windows
+import numpy as np
 
 # Samples in all windows at most; of longer records, evenly chosen windows are used. A budget.
 SAMPLES = 12000
+# Standard deviation of the strain and range of the angles, in standard deviations of their noise,
+# below which a link or a joint counts as unmoved.
+MIN_STRAIN_SWING, MIN_ANGLE_SWING = 5.0, 30.0
+# What helps where something is.
+MOVE_MORE = ('Record 40 s or more with both joints following steps of at least 0.3 rad, '
+             'with pauses of about a second')
 
 
 @dataclass(frozen=True)
@@ -42,3 +49,14 @@ class Data:
     def duration(self) -> float:
         """Return the end of the longest record, s."""
         return max(float(w.record.time[-1]) for w in self.windows)
+
+
+def unmoved(records: Sequence[Record], data: Data) -> tuple[str, ...]:
+    """Return the joints and links that hardly moved in any record, of which `data` was made."""
+    still = [f'joint_{j + 1}' for j in (0, 1) if MIN_ANGLE_SWING > max(
+        np.ptp(r.output[:, j]) / n[j] for r, n in zip(records, data.noise))]
+    swings = [np.std(r.output[:, 2:], axis=0) / n[2:] for r, n in zip(records, data.noise)]
+    # An arm without gauges does not show whether its links bend.
+    if np.size(swings) and np.max(swings) < MIN_STRAIN_SWING:
+        still.append('the links')
+    return tuple(still)

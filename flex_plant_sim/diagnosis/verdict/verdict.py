@@ -26,7 +26,7 @@ from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
 from flex_plant_sim.diagnosis.prediction.latent_view import latent_view
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
-from flex_plant_sim.diagnosis.record.data import Data
+from flex_plant_sim.diagnosis.record.data import Data, MOVE_MORE, unmoved
 from flex_plant_sim.diagnosis.record.rate import at_needed_rate
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.diagnosis.verdict.command_timing import with_command_timing
@@ -57,9 +57,6 @@ from flex_plant_sim.interval import Z95
 from flex_plant_sim.simulation.nominal import nominal_effects
 import numpy as np
 
-# Standard deviation of the strain and range of the angles, in standard deviations of their noise,
-# below which a link or a joint counts as unmoved.
-MIN_STRAIN_SWING, MIN_ANGLE_SWING = 5.0, 30.0
 # What no name of the catalogue stands for, in words.
 UNNAMED = 'something unnamed'
 # Sets of causes that the answer lists at most, and names in a sentence.
@@ -105,9 +102,9 @@ def diagnose(records: Sequence[Record], nominal: BaseModel, jobs: int = 1,
     """
     slowest = slowest_frequency(nominal, records[0].payload)
     data = Data.of(records, slowest, nominal.robot.sample_time)
-    unmoved = _unmoved(records, data)
-    if unmoved:
-        return _cannot_answer(unmoved), data, nominal
+    still = unmoved(records, data)
+    if still:
+        return _cannot_answer(still), data, nominal
     found = search(data, nominal, jobs, progress, exclude)
     if locked_part_differs(found, data):
         # What begins in the locked part shows only where that is fitted.
@@ -143,22 +140,10 @@ def extended_base(found: SearchResult, nominal: BaseModel) -> BaseModel:
     return replace(model, robot=within_file_limits(model.robot))
 
 
-def _unmoved(records: Sequence[Record], data: Data) -> tuple[str, ...]:
-    """Return the joints and links that hardly moved in any record."""
-    unmoved = [f'joint_{j + 1}' for j in (0, 1) if MIN_ANGLE_SWING > max(
-        np.ptp(r.output[:, j]) / n[j] for r, n in zip(records, data.noise))]
-    swings = [np.std(r.output[:, 2:], axis=0) / n[2:] for r, n in zip(records, data.noise)]
-    # An arm without gauges does not show whether its links bend.
-    if np.size(swings) and np.max(swings) < MIN_STRAIN_SWING:
-        unmoved.append('the links')
-    return tuple(unmoved)
-
-
-def _cannot_answer(unmoved: Sequence[str]) -> Diagnosis:
+def _cannot_answer(still: Sequence[str]) -> Diagnosis:
     return Diagnosis(
-        'data_cannot_answer', f'The record cannot answer: {" and ".join(unmoved)} hardly moved.',
-        advice='Record 40 s or more with both joints following steps of at least 0.3 rad, '
-               'with pauses of about a second.')
+        'data_cannot_answer', f'The record cannot answer: {" and ".join(still)} hardly moved.',
+        advice=f'{MOVE_MORE}.')
 
 
 def _diagnosis(found: SearchResult, data: Data, nominal: BaseModel, jobs: int) -> Diagnosis:
