@@ -12,6 +12,7 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 
 from flex_payload_estimator.tools.diagnose import main, progress_bar
 from flex_plant_sim.arm.robot_file import load_robot
@@ -52,6 +53,21 @@ def test_record_at_rest_is_refused_with_advice_and_its_files(
     assert replace(robot, effects=()) == REFERENCE
     assert [effect.identifier for effect in effects_of(robot)] == ['coriolis_centripetal']
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(places)
+
+
+def test_record_of_zeros_is_refused_in_the_same_words(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    record = simulated(duration=24.0)
+    path = write(replace(record, command=0.0 * record.command, output=0.0 * record.output),
+                 tmp_path / 'zeros.csv')
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        assert main([str(path), '--jobs', '1', '--report', str(tmp_path / 'report'),
+                     '--json', str(tmp_path / 'answer.json')]) == 0
+    out, err = capsys.readouterr()
+    assert 'joint_1 and joint_2 and the links hardly moved' in out and err == ''
+    assert json.loads((tmp_path / 'answer.json').read_text())['verdict'] == 'data_cannot_answer'
+    assert (tmp_path / 'report' / 'report.html').is_file()
 
 
 def test_an_arm_without_gauges_is_diagnosed_by_its_joints(tmp_path: Path) -> None:

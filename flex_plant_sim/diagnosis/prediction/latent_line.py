@@ -44,7 +44,7 @@ class SpectralLine:
 def line_of(series: LatentSeries, sample_time: float) -> SpectralLine | None:
     """Return the strongest line of a force that exceeds model errors; None if there is none."""
     value = series.value - series.value.mean()
-    if series.rms < series.model_error:
+    if series.rms <= series.model_error:
         return None
     frequency, power = power_density(value, sample_time, len(value) // WELCH_SEGMENTS,
                                      detrend=True)

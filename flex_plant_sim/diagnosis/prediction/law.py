@@ -185,8 +185,9 @@ class CrossValidation:
 
     @property
     def share(self) -> float:
-        """Return the share of the power explained."""
-        return 1.0 - float(self.residual_power.sum() / self.power.sum())
+        """Return the share of the power explained; 0 where there is no force."""
+        explained = self.power.sum() - self.residual_power.sum()
+        return float(explained / max(self.power.sum(), TINY))
 
     @property
     def error(self) -> float:
@@ -195,7 +196,7 @@ class CrossValidation:
 
     def beats(self, other: CrossValidation, least: float = 0.0) -> bool:
         """
-        Tell whether it explains more than another: beyond chance, and by a share `least`.
+        Tell whether it explains more than another: beyond chance, and by a power `least`.
 
         The logarithms of the residual power are compared stretch by stretch, as held-out
         likelihoods are. Where the other leaves more than there was, it counts as no law.
@@ -203,14 +204,15 @@ class CrossValidation:
         theirs = np.minimum(other.residual_power, other.power)
         gained = np.log(np.maximum(theirs, TINY)) - np.log(np.maximum(self.residual_power, TINY))
         chance = CLEAR_Z * float(np.std(gained, ddof=1)) / np.sqrt(len(gained))
-        share = float(np.sum(theirs - self.residual_power) / self.power.sum())
-        return float(gained.mean()) > chance and share > least
+        return (float(gained.mean()) > chance
+                and float(np.sum(theirs - self.residual_power)) > least)
 
 
 def _ratio_error(part: Array, whole: Array) -> float:
     """Return the standard error of sum(part) / sum(whole) over independent stretches."""
-    rest = part - whole * part.sum() / whole.sum()
-    return float(np.sqrt(len(part) / (len(part) - 1.0) * np.sum(rest**2)) / whole.sum())
+    total = max(whole.sum(), TINY)
+    rest = part - whole * part.sum() / total
+    return float(np.sqrt(len(part) / (len(part) - 1.0) * np.sum(rest**2)) / total)
 
 
 def cross_validate(series: LatentSeries) -> list[CrossValidation]:
@@ -257,7 +259,7 @@ def law_of(series: LatentSeries, validations: Sequence[CrossValidation] | None =
     error; any other variable must beat all others by as much for the law to be clear.
     """
     validations = validations or cross_validate(series)
-    best, least = validations[0], (series.model_error / series.rms)**2
+    best, least = validations[0], series.model_error**2 * np.count_nonzero(series.scored)
     by_name, unrivalled = {found.variable: found for found in validations}, True
     for name in series.preferred:
         if not best.beats(by_name[name], least):

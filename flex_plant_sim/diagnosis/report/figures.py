@@ -60,11 +60,11 @@ def gain_pictures(gains: Sequence[Gain]) -> list[Picture]:
         def draw(figure: Any, rows: list[Gain] = rows, scale: float = scale,
                  unit: str = unit) -> None:
             axis, at = figure.subplots(), [gain.horizon for gain in rows]
-            axis.loglog(at, [scale * g.before for g in rows], 'o-', color=BEFORE, label='before')
-            axis.loglog(at, [scale * g.after for g in rows], 's-', color=AFTER, label='after')
+            axis.plot(at, [scale * g.before for g in rows], 'o-', color=BEFORE, label='before')
+            axis.plot(at, [scale * g.after for g in rows], 's-', color=AFTER, label='after')
             axis.fill_between(at, [scale * g.low for g in rows], [scale * g.high for g in rows],
                               color=AFTER, alpha=0.2, linewidth=0)
-            _plain_ticks(axis)
+            _logarithmic(axis)
             axis.set_xticks(at, [f'{h:g}' for h in at])
             axis.set_xlabel('simulated ahead, s')
             axis.set_ylabel(f'rms error, {unit}')
@@ -183,8 +183,8 @@ def spectrum_pictures(nominal: Sequence[Predictor],
             axis = figure.subplots()
             for (frequency, power), colour, label in zip(
                     both, (BEFORE, AFTER), ('before', 'after')):
-                axis.loglog(frequency[1:], scale**2 * power[1:, k], color=colour, label=label)
-            _plain_ticks(axis)
+                axis.plot(frequency[1:], scale**2 * power[1:, k], color=colour, label=label)
+            _logarithmic(axis)
             axis.axhline(white, color=MEASURED, linewidth=0.8, linestyle='--',
                          label='sensor noise')
             axis.set_xlabel('frequency, Hz')
@@ -197,15 +197,20 @@ def spectrum_pictures(nominal: Sequence[Predictor],
     return pictures
 
 
-def _plain_ticks(axis: Any) -> None:
+def _logarithmic(axis: Any) -> None:
     """
-    Mark decades, or thirds of decades on a short axis, with plain numbers.
+    Make axes logarithmic, with plain numbers at decades, or thirds of decades on a short axis.
 
-    Matplotlib's own tick labels are formulas, which take half of the drawing time.
+    Matplotlib's own tick labels are formulas, which take half of the drawing time. An axis along
+    which nothing is positive, as the error of a channel that is constant, stays linear.
     """
     from matplotlib.ticker import LogLocator
-    axis.minorticks_off()
-    for scale in (axis.xaxis, axis.yaxis):
+    for scale, least, set_scale in ((axis.xaxis, axis.dataLim.minposx, axis.set_xscale),
+                                    (axis.yaxis, axis.dataLim.minposy, axis.set_yscale)):
+        if not np.isfinite(least):
+            continue
+        set_scale('log')
+        axis.minorticks_off()
         low, high = scale.get_view_interval()
         if high < THIRDS_BELOW * low:
             scale.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
