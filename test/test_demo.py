@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from argparse import Namespace
+from collections.abc import Callable
 import json
 import os
 from pathlib import Path
@@ -12,6 +13,7 @@ from flex_payload_estimator.tools import demo
 from flex_payload_estimator.tools.experiment import drawn_arm
 from flex_plant_sim.arm.robot_file import load_robot, robot_text
 from flex_plant_sim.logs.read import read_log
+from flex_plant_sim.tools import replay
 import numpy as np
 import pytest
 from test_documented_commands import blocks, checkout, run_as_written
@@ -141,6 +143,32 @@ def test_the_options_reach_all_three_nodes() -> None:
     assert experiment.plant['payload_schedule'] == (2.0, 0.3, 2.0, 0.0)
     assert (experiment.plant['payload'], experiment.plant['seed']) == (0.3, 7)
     assert experiment.samples == 1501, "500 Hz is the robot file's"
+
+
+@pytest.fixture()
+def closing(monkeypatch: pytest.MonkeyPatch) -> Callable[..., str]:
+    """Return a function of the demo's options that returns its last text."""
+    monkeypatch.setattr(demo, 'runs_table', lambda *_: '')
+    monkeypatch.setattr(demo, 'largest_bend_percent', lambda *_: 1.0)
+
+    def words(*arguments: str) -> str:
+        options = demo.options_of(arguments)
+        record: Any = Namespace(true_mass=np.ones(1))
+        return demo.closing_words(demo.Experiment.of(options), record, [], options)
+
+    return words
+
+
+def test_the_next_commands_are_right_as_written(closing: Callable[..., str]) -> None:
+    log = read_options(closing('--payload', '0.123456789', '--modes', '4', '--matched'))
+    assert (log.robot, log.modes, log.payload) == ('reference', 4, 0.123456789)
+    log = read_options(closing())
+    assert (log.robot, log.modes, log.payload) == ('demo_output/arm.yaml', 5, None)
+
+
+def read_options(words: str) -> Namespace:
+    """Return the options of the flex_replay command in a text, as that tool reads them."""
+    return replay.options().parse_args(words.split('flex_replay ')[1].split('\n')[0].split())
 
 
 def test_the_summary_tells_when_the_estimate_stays_close() -> None:

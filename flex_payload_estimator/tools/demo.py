@@ -245,6 +245,8 @@ def closing_words(experiment: Experiment, record: LoopRecord, runs: Sequence[Est
     out = options.out
     plant = options.robot if options.matched else f'{out}/{ARM}'
     plant = '' if plant == 'reference' else f' --robot {plant}'
+    # The plant's own file holds the payload of the robot file that it was drawn from.
+    plant += '' if options.payload is None else f' --payload {options.payload}'
     arm = '' if options.robot == 'reference' else f' --robot {options.robot}'
     same = f'{arm} --model {options.model} --modes {options.modes}'
     beside = Path(sys.argv[0]).with_name('flex_estimate')
