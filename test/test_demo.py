@@ -166,6 +166,21 @@ def test_the_next_commands_are_right_as_written(closing: Callable[..., str]) -> 
     assert (log.robot, log.modes, log.payload) == ('demo_output/arm.yaml', 5, None)
 
 
+@pytest.mark.parametrize(('figures', 'named'), [
+    (['--figures'], []),
+    (['--figures', '4'], ["demo_output/figure_4.png   the paper's figure"]),
+    (['--figures', '7', '5', '5'],
+     ["demo_output/figure_5.png, figure_7.png   the paper's figures; figure 5 is rpe"]),
+    ([], ["demo_output/figure_4.png … figure_9.png   the paper's figures; figure 5 is rpe"]),
+])
+def test_the_figures_that_are_named_are_those_that_were_drawn(
+    figures: list[str], named: list[str], closing: Callable[..., str],
+) -> None:
+    lines = [line.strip() for line in closing(*figures).splitlines()]
+    assert [line for line in lines if 'figure' in line] == named
+    assert any(line.startswith('demo_output/run.csv') for line in lines)
+
+
 def read_options(words: str) -> Namespace:
     """Return the options of the flex_replay command in a text, as that tool reads them."""
     return replay.options().parse_args(words.split('flex_replay ')[1].split('\n')[0].split())

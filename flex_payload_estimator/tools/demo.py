@@ -239,6 +239,17 @@ def opening_words(options: argparse.Namespace) -> str:
             f'starting the nodes{compiling} …')
 
 
+def figure_words(options: argparse.Namespace) -> str:
+    """Return the line that names the paper's figures that were drawn; empty if none was."""
+    names = [f'figure_{number}.png' for number in sorted(set(options.figures))]
+    if not names:
+        return ''
+    shown = f'{names[0]} … {names[-1]}' if len(names) == len(FIGURES) else ', '.join(names)
+    what = "the paper's figures" if len(names) > 1 else "the paper's figure"
+    whose = f'; figure 5 is {options.estimator}' if 5 in options.figures else ''
+    return f'          {options.out}/{shown}   {what}{whose}\n'
+
+
 def closing_words(experiment: Experiment, record: LoopRecord, runs: Sequence[EstimatorRun],
                   options: argparse.Namespace) -> str:
     """Return the last text that is printed: the results, and what to look at next."""
@@ -256,7 +267,7 @@ true payload {record.true_mass[-1]:g} kg; the forearm bent by up to \
 {largest_bend_percent(experiment, record):.1f} % of its length
 {runs_table(record, runs)}
 look at   {out}/{PICTURE}   the three side by side
-          {out}/figure_4.png … figure_9.png   the paper's figures; figure 5 is {options.estimator}
+{figure_words(options)}\
           {out}/run.csv, {out}/run_mcap   the run as CSV and as a bag (MCAP)
 next      {here}flex_estimate {out}/run.csv{same} --estimator {options.estimator}
           {here}flex_replay {out}/run.csv{plant} --model {experiment.plant['model']} \
