@@ -78,6 +78,24 @@ def test_all_looks_at_a_reference_are_what_it_says_at_their_times(
     np.testing.assert_allclose(found, [points(time) for time in times], atol=1e-9)
 
 
+@pytest.mark.parametrize(('rows', 'got'), [
+    ([(0.5, [0.1, 0.1]), (1.5, [1.7, 0.195]), (2.0, [9.0, 0.0])],
+     '[1.7, 0.195] in points[1], which passes a limit 1.4 s after the first'),
+    ([(0.0, [5.0, 0.0])], '[5, 0] in points[0], which passes a limit 0 s after the first'),
+    ([(0.0, [1.0, 0.0], [0.0, 0.0]), (1.0, [1.4, 0.0], [-3.0, 0.0])],
+     '[1.50422, 0] on the way, 0.45 s after the first'),
+])
+def test_a_set_point_beyond_a_limit_is_quoted_as_it_was_sent(rows: Any, got: str) -> None:
+    from msg_config.errors import InputError
+
+    points = of(trajectory(JOINTS, *rows), [0.0, 0.0], 10.0)
+    with pytest.raises(InputError) as refused:
+        points.check_within(np.array([-1.5, -2.0]), np.array([1.5, 2.0]), len(rows))
+    assert str(refused.value) == (
+        f'reference: points: expected [-1.5, -2] to [1.5, 2] rad, got {got}')
+    points.check_within(np.full(2, -10.0), np.full(2, 10.0), len(rows))
+
+
 def test_a_spline_begins_where_the_set_points_are() -> None:
     points = of(trajectory(JOINTS, (2.0, [0.4, 0.0])), [0.2, 0.1], 5.0)
     assert points(5.0).tolist() == [0.2, 0.1]

@@ -17,11 +17,14 @@ from msg_config.input_mapping import Channels, JOINTS
 from msg_config.messages import check_finite, checked_stamp
 from msg_config.time_stamp import NANOSECONDS
 import numpy as np
+from numpy.typing import NDArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 # How the points are joined. Splines are linear where the points give positions only, cubic with
 # velocities, quintic with accelerations too (as joint_trajectory_controller does).
 SHAPES = ('spline', 'steps')
+# Samples between two points at which a spline is checked against the joints' limits.
+SAMPLES_PER_PIECE = 20
 
 
 @dataclass(frozen=True)
@@ -80,6 +83,38 @@ class Trajectory:
         return (np.append(times[:-1, None] + duration[:, None] * share, times[-1]),
                 np.vstack([found.reshape(-1, 2), last]))
 
+    def check_within(self, low: Array, high: Array, sent: int) -> None:
+        """
+        Check that the joints can reach the set-points: the points, and what is between them.
+
+        Parameters
+        ----------
+        low, high : Array
+            Limits, rad, (2,).
+        sent : int
+            Points of the message; before them may be the set-points where it came.
+
+        Raises
+        ------
+        InputError
+            Quotes the first point beyond a limit, or else the first place on the way.
+
+        """
+        def beyond(angles: Array) -> NDArray[np.intp]:
+            return np.flatnonzero(~((angles >= low) & (angles <= high)).all(axis=1))
+
+        with np.errstate(all='ignore'):
+            times, angles = self.sampled(SAMPLES_PER_PIECE)
+        outside, points = beyond(angles), self.points[-sent:, 0]
+        if not outside.size:
+            return
+        when = f'{times[outside[0]] - times[0]:.3g} s after the first'
+        wrong = beyond(points)
+        what = f'{_text(points[wrong[0]])} in points[{wrong[0]}], which passes a limit {when}' \
+            if wrong.size else f'{_text(angles[outside[0]])} on the way, {when}'
+        raise InputError(f'reference: points: expected {_text(low)} to {_text(high)} rad, '
+                         f'got {what}')
+
     @classmethod
     def of(cls, message: JointTrajectory, joints: Channels, before: Array, now: float,
            shape: str = 'spline') -> Trajectory:
@@ -124,6 +159,10 @@ class Trajectory:
             times, points = [0.0, *times], np.concatenate([at_rest, points])
         return cls(before, tuple(origin + time for time in times), points,
                    _order_of(message.points) if shape == 'spline' else -1)
+
+
+def _text(angles: Array) -> str:
+    return f'[{", ".join(f"{angle:.6g}" for angle in angles)}]'
 
 
 def _interpolated(start: Array, end: Array, duration: float | Array, s: float | Array, order: int

@@ -49,9 +49,6 @@ PAYLOAD_TIMEOUT = 0.1
 # Share of the largest payload by which an estimate may lie outside without a word: one near a
 # bound errs to either side.
 CLIPPED = 0.1
-# Samples between two points of a reference at which its spline is checked against the joints'
-# limits.
-SAMPLES_PER_PIECE = 20
 # Parameters of the square set-points.
 SQUARE = ('reference_amplitude', 'reference_period')
 
@@ -289,21 +286,11 @@ class LQGControllerNode(SampleNode):
             self._early_reference = message, former
 
     def _refer(self, message: JointTrajectory, now: float) -> None:
-        self.set_points = self._within_limits(Trajectory.of(
-            message, self._joints, self.set_points(now), now, self.values['reference_shape']))
-
-    def _within_limits(self, reference: Trajectory) -> Trajectory:
-        """Return the set-points; raise InputError where a joint cannot reach them."""
-        low, high = self.gate.limits.low[:2], self.gate.limits.high[:2]
-        with np.errstate(all='ignore'):
-            times, angles = reference.sampled(SAMPLES_PER_PIECE)
-        outside = np.flatnonzero(~((angles >= low) & (angles <= high)).all(axis=1))
-        if outside.size:
-            first = outside[0]
-            raise InputError(
-                f'reference: points: expected {low.tolist()} to {high.tolist()} rad, got '
-                f'{angles[first].tolist()} {times[first] - times[0]:.4g} s after the first')
-        return reference
+        reference = Trajectory.of(message, self._joints, self.set_points(now), now,
+                                  self.values['reference_shape'])
+        limits = self.gate.limits
+        reference.check_within(limits.low[:2], limits.high[:2], len(message.points))
+        self.set_points = reference
 
     def trouble(self) -> tuple[bool, ...]:
         """Return flags whose change is reported at once, with that of a late payload."""
