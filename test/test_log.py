@@ -184,7 +184,7 @@ FAULTS: list[tuple[str, Callable[[list[str]], list[str]], str]] = [
     (HEADER, edit(2, 3, 'many'), "line 4: joint_1: expected a number, got 'many'"),
     (HEADER, edit(4, 8, '.002,9'), 'line 6: expected 9 columns, got 10'),
     (HEADER, edit(2, 3, '0_1'), "line 4: joint_1: expected a number, got '0_1'"),
-    (HEADER, edit(2, 3, '"0,1"'), "line 4: joint_1: expected a number, got '0 1'"),
+    (HEADER, edit(2, 3, '"0,1"'), "line 4: joint_1: expected a number, got '0,1'"),
     (HEADER, edit(2, 3, '3e-0,1e-05,'), 'line 4: expected exponents of two digits as elsewhere, '
                                         "got 'e-0': a number was cut"),
     (HEADER, edit(3, 0, '0.02'), 'line 5: time: expected more than 0.02 s, got 0.02 s'),
@@ -212,6 +212,28 @@ def test_text_in_a_column_that_is_not_read_does_no_harm(tmp_path: Path, note: st
     path.write_text('\n'.join([f'{HEADER},note', *(
         f'{row},{note if k % 2 else 1e-5}' for k, row in enumerate(good_rows()))]) + '\n')
     assert read_log(path, ROBOT).joint.tolist() == [[3.0, 4.0]] * 6
+
+
+@pytest.mark.parametrize('separator', [',', ';'])
+def test_quoted_decimal_commas_are_read_and_said(tmp_path: Path, separator: str) -> None:
+    path, expected = tmp_path / 'log.csv', some_log()
+    write_csv(path, expected)
+    lines = [line.split(',') for line in path.read_text().splitlines()
+             if not line.startswith('#')]
+    path.write_text('\n'.join(separator.join(f'"{cell.replace(".", ",")}"' for cell in line)
+                              for line in lines) + '\n')
+    found = read_log(path, ROBOT)
+    assert_same(found, expected)
+    assert 'decimal commas read as points' in found.notes
+
+
+def test_quoted_thousands_are_refused_as_they_stand(tmp_path: Path) -> None:
+    path = tmp_path / 'log.csv'
+    for cell, other in (('1,234', '1'), ('1,234.5', '1'), ('0,5', '1.5')):
+        rows = [f'{k},"{cell}",{other},0,0,0,0,0,0' for k in range(3)]
+        path.write_text('\n'.join([HEADER, *rows]) + '\n')
+        with pytest.raises(InputError, match=f"command_1: expected a number, got '{cell}'"):
+            read_log(path, ROBOT)
 
 
 @pytest.mark.parametrize('header, change, message', FAULTS)

@@ -20,6 +20,9 @@ MAX_BYTES = 80_000_000
 MAX_LINE = 60_000
 UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 SEPARATORS = (',', ';', '\t')
+# A quoted number whose comma separates no thousands, as in "0,01"; a decimal point.
+DECIMAL_COMMA = re.compile(r'"[-+]?(?:0,|\d+,(?!\d{3}[",]))\d')
+DECIMAL_POINT = re.compile(r'\.\d')
 # A writer that pads exponents to two digits always does so; a single digit is then what a cut
 # line leaves of two.
 PADDED = re.compile(r'[eE][-+]0\d')
@@ -67,13 +70,16 @@ class Table:
         lines = self.lines
         if not lines:
             raise InputError(f'{self.path}: expected at least 2 samples, got 0')
-        if self.decimal_comma:
+        # In quotes where commas separate.
+        quoted = self.decimal_comma and self.separator == ','
+        if self.decimal_comma and not quoted:
             lines = [line.replace(',', '.') for line in lines]
         columns = [self.header.index(name) for name in names]
         self._check_exponents(lines, columns)
         # Text may hold the separator in quotes, where no number is read.
+        instead = '.' if quoted else ' '
         lines = [line if '"' not in line else self.separator.join(
-            cell.replace(self.separator, ' ') for cell in self._cells(line)) for line in lines]
+            cell.replace(self.separator, instead) for cell in self._cells(line)) for line in lines]
         commas = len(self.header) - 1
         if all(line.count(self.separator) == commas for line in lines):
             for read in (lambda: lines, lambda: self._filled(lines)):
@@ -109,7 +115,7 @@ class Table:
 
     def _first_error(self, lines: list[str], columns: list[int]) -> str:
         """Return what is wrong in the first line that does not have one number per column."""
-        for number, line in zip(self.numbers_of_lines, lines):
+        for number, line, written in zip(self.numbers_of_lines, lines, self.lines):
             row = self._cells(line)
             if len(row) != len(self.header):
                 why = ' (decimal commas? separate by semicolons)' \
@@ -119,7 +125,7 @@ class Table:
             for k in columns:
                 if row[k].strip() and not _is_number(row[k]):
                     return (f'line {number}: {self.header[k]}: expected a number, '
-                            f'got {row[k][:40]!r}')
+                            f'got {self._cells(written)[k][:40]!r}')
         return f'expected {len(self.header)} numbers a line'
 
 
@@ -136,8 +142,8 @@ def read_table(path: Path) -> Table:
     """
     Return the table in a CSV file: UTF-8 or UTF-16, separated by comma, semicolon or tab.
 
-    With semicolons or tabs, numbers may have decimal commas. Lines that start with # are
-    comments. A last line without a line end may be cut, and is left out.
+    Numbers may have decimal commas, in quotes where commas separate the columns. Lines that start
+    with # are comments. A last line without a line end may be cut, and is left out.
 
     Raises
     ------
@@ -162,9 +168,17 @@ def read_table(path: Path) -> Table:
                      'be cut')
         data = data[:-1]
     notes += [] if separator == ',' else [f'columns separated by {separator!r}']
-    comma = separator != ',' and any(',' in line for _, line in data)
+    comma = _has_decimal_commas([line for _, line in data], separator)
     return Table(path, header, [line for _, line in data], [k for k, _ in data], separator, comma,
                  tuple([*notes, 'decimal commas read as points'] if comma else notes))
+
+
+def _has_decimal_commas(lines: Sequence[str], separator: str) -> bool:
+    """Return whether commas are decimal: where they separate columns, only beside no point."""
+    if separator != ',':
+        return any(',' in line for line in lines)
+    return (any('"' in line and DECIMAL_COMMA.search(line) for line in lines)
+            and not any(map(DECIMAL_POINT.search, lines)))
 
 
 def _header(path: Path, line: str, separator: str) -> list[str]:
