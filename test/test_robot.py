@@ -89,6 +89,13 @@ def test_a_name_that_no_file_can_bear_is_no_robot() -> None:
         load_robot('x' * 10_000)
 
 
+def test_a_log_is_no_robot_and_its_size_is_told(tmp_path: Path) -> None:
+    (tmp_path / 'log.csv').write_text('0.1,0.2\n' * 25_000)
+    with pytest.raises(InputError, match='log.csv: expected a robot file, of at most 64000 '
+                                         'characters, got a file of 200000 bytes'):
+        load_robot(tmp_path / 'log.csv')
+
+
 def test_binary_file_is_no_robot(tmp_path: Path) -> None:
     (tmp_path / 'robot.yaml').write_bytes(b'\xff\xfe\x00')
     with pytest.raises(InputError, match='expected a readable text file'):

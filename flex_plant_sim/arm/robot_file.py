@@ -186,7 +186,7 @@ def robot_text(name_or_file: str | Path) -> str:
     Raises
     ------
     InputError
-        Neither exists, or the file cannot be read.
+        Neither exists, or the file cannot be read or is too long for a robot file.
 
     """
     name = str(name_or_file)
@@ -198,10 +198,13 @@ def robot_text(name_or_file: str | Path) -> str:
                          f'file, got {name[:200]!r}, {what}')
     try:
         with open(name, encoding='utf-8-sig') as file:
-            # One character more than is allowed, so that the parser reports a file too long.
-            return file.read(MAX_TEXT + 1)
+            text, size = file.read(MAX_TEXT + 1), os.fstat(file.fileno()).st_size
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f'{name}: expected a readable text file, got: {error}') from None
+    if len(text) > MAX_TEXT:
+        raise InputError(f'{name}: expected a robot file, of at most {MAX_TEXT} characters, got a '
+                         f'file of {size} bytes')
+    return text
 
 
 def load_robot(name_or_file: str | Path) -> Robot:
