@@ -213,6 +213,22 @@ def test_gauges_of_two_links_are_told_by_their_shape_not_by_their_size() -> None
         'strain_1 and strain_2 look exchanged',)
 
 
+@pytest.mark.parametrize('dead', [2, 3])
+def test_a_dead_gauge_looks_exchanged_with_none(dead: int) -> None:
+    noise = np.random.default_rng(5).standard_normal((1000, 4))
+    expected = np.cumsum(noise * [0.01, 0.01, 3e-5, 1e-5], axis=0)
+    names, units = ('joint_1', 'joint_2', 'strain_1', 'strain_2'), ('rad', 'rad', 'm/m', 'm/m')
+    # The other gauge is as large as the dead one should be.
+    measured = 1.5 * expected
+    measured[:, 2:] = expected[:, 2:] @ [[0.0, 1.0], [1.0, 0.0]]
+    std = np.full(4, 1e-9)
+    assert any('look exchanged' in hint for hint in channel_hints(
+        measured, expected, names, units, std))
+    measured[:, dead] = 1e-6
+    assert not any('look exchanged' in hint for hint in channel_hints(
+        measured, expected, names, units, std))
+
+
 def test_a_log_counts_once(tmp_path: Path) -> None:
     (tmp_path / 'link.csv').symlink_to(tmp_path / 'log.csv')
     with pytest.raises(InputError, match='log.csv: expected each log once'):

@@ -145,7 +145,8 @@ def _exchanged(measured: Array, expected: Array, names: Sequence[str], units: Se
         # With the better of both signs, as an inverted channel is not an exchanged one.
         return min(float(np.sum((measured[:, i] - sign * expected[:, j])**2))
                    for sign in (1.0, -1.0))
-    # A channel that is zero throughout has a logarithm, too.
+    # A dead channel is like none; one that should be zero throughout has a logarithm, too.
+    alive = np.flatnonzero(measured.any(axis=0)).tolist()
     size, wanted = (np.log(np.maximum(np.linalg.norm(x, axis=0), np.finfo(float).tiny))
                     for x in (measured, expected))
 
@@ -155,7 +156,7 @@ def _exchanged(measured: Array, expected: Array, names: Sequence[str], units: Se
             return _sizes_exchanged(size[i] - size[j], wanted[i] - wanted[j])
         return (squared_difference(i, j) + squared_difference(j, i)
                 < EXCHANGE_GAIN * (squared_difference(i, i) + squared_difference(j, j)))
-    for i, j in combinations(range(len(names)), 2):
+    for i, j in combinations(alive, 2):
         if units[i] == units[j] and looks_exchanged(i, j):
             also = ', or the commands' if units[i] == 'rad' else ''
             yield f'{names[i]} and {names[j]} look exchanged{also}'
