@@ -86,6 +86,13 @@ def _reason(error: OSError) -> str:
     return error.strerror or str(error)
 
 
+def check_name(path: str | Path) -> None:
+    """Raise InputError for -, which is standard output elsewhere and would become a file."""
+    if str(path) == '-':
+        raise InputError('-: expected the name of a file or folder: - is not read as standard '
+                         'output')
+
+
 def check_replaceable(path: str | Path, folder: bool = False, known: bool = False) -> None:
     """
     Check that an output can be written and would replace only an output of these tools.
@@ -96,6 +103,7 @@ def check_replaceable(path: str | Path, folder: bool = False, known: bool = Fals
         It cannot be written, or would replace something else.
 
     """
+    check_name(path)
     target = Path(os.path.realpath(path))
     try:
         if os.path.abspath(path).startswith(tuple(f'{folder}/' for folder in SYSTEM_FOLDERS)):

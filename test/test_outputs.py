@@ -94,6 +94,18 @@ def test_a_file_replaces_nothing_of_the_user_s(
         refused(tool, [*arguments, option, str(place / target)], place, capsys)
 
 
+@pytest.mark.parametrize('tool, arguments, option, name', [
+    # A picture's suffix is asked for first.
+    *(case for case in FILES if not case[3].endswith('.png')), *FOLDERS])
+def test_a_dash_is_no_output(
+        tool: Tool, arguments: list[str], option: str, name: str, place: Path,
+        monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.chdir(place)
+    err = refused(tool, [*arguments, option, '-'], place, capsys)
+    assert '-: expected the name of a file or folder' in err
+    assert not (place / '-').exists()
+
+
 @pytest.mark.parametrize('tool, arguments, option, name', FOLDERS)
 def test_a_folder_replaces_nothing_of_the_user_s(
         tool: Tool, arguments: list[str], option: str, name: str, place: Path,

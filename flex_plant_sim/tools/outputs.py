@@ -14,7 +14,7 @@ import sys
 from tempfile import TemporaryFile
 from typing import Any
 
-from flex_plant_sim.atomic_file import check_replaceable
+from flex_plant_sim.atomic_file import check_name, check_replaceable
 from msg_config.errors import InputError
 
 # Block size of file systems, bytes: an empty file could be created even on a full disk.
@@ -70,6 +70,7 @@ def check_folder(option: str, folder: str | Path, names: Sequence[str],
         Names the option and the path.
 
     """
+    check_name(folder)
     folder = Path(folder)
     standing = next(place for place in (folder, *folder.absolute().parents) if place.exists())
     if not standing.is_dir():
