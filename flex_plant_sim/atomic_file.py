@@ -8,7 +8,7 @@ file that they did not write.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 import os
 from pathlib import Path
 import re
@@ -80,6 +80,33 @@ def _replace(target: Path, new: Path) -> None:
             os.replace(earlier, target)
         raise
     shutil.rmtree(earlier, ignore_errors=True)
+
+
+@contextmanager
+def made_folder(path: Path) -> Iterator[Path]:
+    """
+    Make a folder and its parents, where missing, for outputs that the block writes into it.
+
+    After an error or Ctrl-C those that were made and hold nothing are removed.
+
+    Raises
+    ------
+    InputError
+        It cannot be made.
+
+    """
+    made = [place for place in (path, *path.parents) if not place.exists()]
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f'{path}: expected a folder to write to, got: {_reason(error)}') from None
+    try:
+        yield path
+    except BaseException:  # noqa: B902  a Ctrl-C too
+        with suppress(OSError):  # one that holds an output stays
+            for place in made:
+                place.rmdir()
+        raise
 
 
 def _reason(error: OSError) -> str:

@@ -14,6 +14,7 @@ import sys
 from flex_payload_estimator.tools import demo, diagnose, estimate, figures
 from flex_plant_sim.arm.robot_file import load_robot, robot_text
 from flex_plant_sim.atomic_file import MARK, whole_file, written_here
+from flex_plant_sim.diagnosis.report import html_report
 from flex_plant_sim.diagnosis.report.extended_file import write_extended
 from flex_plant_sim.logs.bag_log import write_bag
 from flex_plant_sim.logs.csv_log import write_csv
@@ -156,6 +157,28 @@ def test_a_disk_that_fills_keeps_the_rest_and_leaves_nothing_half_written(place:
     assert run.stderr.splitlines()[-1].startswith('error: ') and 'too large' in run.stderr
     assert json.loads((place / 'out.json').read_text())['channels']
     assert not (place / 'out.png').exists() and not list(place.glob('.*'))
+
+
+@pytest.mark.parametrize('earlier', [False, True])
+def test_a_disk_that_fills_leaves_no_folder_that_was_made_for_the_output(
+        place: Path, earlier: bool) -> None:
+    folder = place / 'rep'
+    if earlier:
+        folder.mkdir()
+    run = subprocess.run(
+        [sys.executable, '-m', 'flex_payload_estimator.tools.figures', '--out', str(folder)],
+        text=True, capture_output=True,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (6000, 6000)))
+    assert run.returncode == 2 and 'too large' in run.stderr, run.stderr
+    assert folder.exists() == earlier and not (earlier and list(folder.iterdir()))
+
+
+def test_a_report_that_cannot_be_written_leaves_no_folder(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(html_report, 'render', lambda report: '\ud800')  # fails in writing
+    with pytest.raises(UnicodeEncodeError):
+        html_report.write_report(tmp_path / 'rep', None)  # type: ignore[arg-type]
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize('where', ['full', 'closed pipe'])

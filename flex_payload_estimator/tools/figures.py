@@ -14,7 +14,7 @@ import sys
 from flex_plant_sim.arm.beam import Beam, frequency_roots
 from flex_plant_sim.arm.paper_model import CompactModel
 from flex_plant_sim.arm.robot_file import load_robot
-from flex_plant_sim.atomic_file import MARK, whole_file
+from flex_plant_sim.atomic_file import made_folder, MARK, whole_file
 from flex_plant_sim.tools import command_line
 from flex_plant_sim.tools.outputs import check_folder, results
 from matplotlib.axes import Axes
@@ -144,8 +144,7 @@ def options() -> argparse.ArgumentParser:
 def _main(arguments: argparse.Namespace) -> None:
     folder = Path(arguments.out)
     check_folder('--out', folder, [f'{name}.png' for name in FIGURES], nested=True)
-    folder.mkdir(parents=True, exist_ok=True)
-    with results() as write:
+    with made_folder(folder), results() as write:
         for name in FIGURES:
             write(_write, name, folder)
 

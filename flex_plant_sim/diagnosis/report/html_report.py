@@ -9,7 +9,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from flex_plant_sim.atomic_file import whole_file
+from flex_plant_sim.atomic_file import made_folder, whole_file
 from flex_plant_sim.diagnosis.report.figures import Picture, shown
 from flex_plant_sim.diagnosis.report.improvement import Gain
 from flex_plant_sim.diagnosis.report.latent_pictures import LatentSection
@@ -132,15 +132,10 @@ def write_report(folder: str | Path, report: Report) -> Path:
         Nothing can be written there.
 
     """
-    folder = Path(folder)
     text = render(report)
-    try:
-        folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise InputError(f'{folder}: expected a folder for the report, got: {error}') from None
-    with whole_file(folder / FILE_NAME) as temporary:
+    with made_folder(Path(folder)) as place, whole_file(place / FILE_NAME) as temporary:
         temporary.write_text(text, encoding='utf-8')
-    return folder / FILE_NAME
+    return Path(folder) / FILE_NAME
 
 
 def _site_text(label: str) -> str:
