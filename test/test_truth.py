@@ -277,3 +277,10 @@ def test_the_air_does_not_take_a_payload_without_mass_for_a_sail() -> None:
     found = make_record(replace(case, effects=(*case.effects, loose)), held.command)
     apart = np.linalg.norm(found.table - held.table, axis=0)
     assert np.all(apart[3:] < 0.05 * np.linalg.norm(held.table, axis=0)[3:])
+
+
+@pytest.mark.skipif(not HAVE_MUJOCO, reason=NO_MUJOCO)
+def test_a_chain_that_is_unstable_takes_shorter_steps() -> None:
+    """A drive so stiff that its implicit damping counts as more than its rotor's inertia."""
+    case = TruthCase(13330, robot='quanser_2dsfl', duration_s=0.2, spread=TOLD, simulator=MUJOCO)
+    assert np.isfinite(make_record(case).table).all()

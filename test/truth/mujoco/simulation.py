@@ -55,17 +55,26 @@ def simulate(arm: Arm, reference: Array | None = None, command: Array | None = N
     """
     Simulate `arm` for N samples, from `reference` (N, 2) rad or from `command` (N, 2).
 
-    `noise` (N, 2) rad is added to the joint readings; `steps` replaces the sub-steps a sample.
+    `noise` (N, 2) rad is added to the joint readings; `steps` replaces the sub-steps a sample,
+    which are otherwise up to four times as many where fewer are unstable.
     """
     given = reference if command is None else command
     if given is None:
         raise ValueError('simulate: expected a reference or a command')
-    steps = steps or max(FEWEST_STEPS, math.ceil(arm.sample_time / LONGEST_STEP - 1e-9))
-    chain = build(arm, arm.sample_time / steps)
-    loop = Loop(arm, given, command, np.zeros_like(given) if noise is None else noise)
-    strain = _run(arm, chain, loop, len(given), steps)
+    least = max(FEWEST_STEPS, math.ceil(arm.sample_time / LONGEST_STEP - 1e-9))
+    tried = [steps] if steps else [least, 2 * least, 4 * least]
+    for count in tried:
+        chain = build(arm, arm.sample_time / count)
+        loop = Loop(arm, given, command, np.zeros_like(given) if noise is None else noise)
+        try:
+            strain = _run(arm, chain, loop, len(given), count)
+        except FloatingPointError:
+            if count == tried[-1]:
+                raise
+            continue
+        break
     return Motion(np.array(loop.sent), np.array(loop.read), strain,
-                  np.zeros((len(given), 2, 0)), steps)
+                  np.zeros((len(given), 2, 0)), count)
 
 
 def _run(arm: Arm, chain: Chain, loop: Loop, samples: int, steps: int) -> Array:
