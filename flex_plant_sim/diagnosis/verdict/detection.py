@@ -15,7 +15,7 @@ from flex_plant_sim.diagnosis.causes.hypothesis import Hypothesis
 from flex_plant_sim.diagnosis.causes.proposal import Proposal
 from flex_plant_sim.diagnosis.likelihood.evidence import detectable_size
 from flex_plant_sim.diagnosis.likelihood.prior import factors_on_parts, log_prior_odds
-from flex_plant_sim.diagnosis.pool import each
+from flex_plant_sim.diagnosis.pool import attempt, each
 import numpy as np
 
 # Sizes probed at most, and the relative error of a limit at which it is close enough.
@@ -53,12 +53,18 @@ def detection_limits(proposals: Sequence[Proposal], robot: Robot, duration: floa
     """
     limit = partial(_limit, robot=robot, duration=duration, information=information)
     found: dict[str, tuple[float, str]] = {}
-    for proposal, size in zip(proposals, each(limit, proposals, jobs)):
+    for proposal, size in zip(proposals, each(partial(_limit_or_inf, limit), proposals, jobs)):
         h = proposal.hypothesis
         told = (size, h.parameters[int(np.argmax(h.is_size))].unit)
         # Of several discrete values, the one that is hardest to see counts.
         found[h.label] = max(told, found.get(h.label, told))
     return found
+
+
+def _limit_or_inf(limit: Callable[[Proposal], float], proposal: Proposal) -> float:
+    """Return a limit, inf where the sizes that are tried predict nothing finite."""
+    found = attempt(limit, proposal)
+    return np.inf if found is None else found
 
 
 def _limit(proposal: Proposal, robot: Robot, duration: float, information: Information) -> float:

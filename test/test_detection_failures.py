@@ -1,0 +1,38 @@
+"""Detection limits where the sizes that are tried predict nothing finite."""
+
+from __future__ import annotations
+
+from typing import cast
+
+from flex_plant_sim.arm.state_space import zero_order_hold
+from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses
+from flex_plant_sim.diagnosis.causes.proposal import Proposal
+from flex_plant_sim.diagnosis.verdict import detection
+from flex_plant_sim.diagnosis.verdict.detection import detection_limits
+import numpy as np
+import pytest
+from simulated_records import REFERENCE
+
+
+class OneProposal:
+    """As much of a proposal as a limit asks for."""
+
+    def __init__(self, label: str):
+        self.hypothesis = next(h for h in all_hypotheses(REFERENCE) if h.label == label)
+
+
+def test_a_limit_that_fails_leaves_the_others_where_they_are(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    # Those that fail were dropped, and each later hypothesis got the limit of the next one.
+    labels = ('viscous_friction:joint_1', 'viscous_friction:joint_2', 'strain_gain:strain_1a')
+
+    def limit(proposal: OneProposal, **_: object) -> float:
+        place = labels.index(proposal.hypothesis.label)
+        if place == 1:
+            zero_order_hold(np.full((2, 2), np.nan), np.zeros((2, 1)), 0.01)
+        return float(place)
+
+    monkeypatch.setattr(detection, '_limit', limit)
+    proposals = cast(list[Proposal], [OneProposal(label) for label in labels])
+    found = detection_limits(proposals, REFERENCE, 40.0, lambda *_: 0.0)
+    assert [found[label][0] for label in labels] == [0.0, np.inf, 2.0]
