@@ -9,9 +9,11 @@ import subprocess
 import sys
 from typing import Any
 
+from flex_payload_estimator.nodes import node_setup
 from flex_payload_estimator.tools import compile as flex_compile
 from flex_plant_sim.compiled import cold, COMPILED
 from flex_plant_sim.tools.command_line import COMPILING
+from msg_config.parameters import check_parameters
 import pytest
 
 if COMPILED:
@@ -117,7 +119,8 @@ def loops(repository: Path) -> dict[str, Any]:
 
 @pytest.mark.skipif(not COMPILED, reason='Numba is not installed')
 @pytest.mark.parametrize(('build', 'node'), [
-    ('estimator_of', 'payload_estimator'), ('controller_of', 'lqg_controller')])
+    ('announced_estimator', 'payload_estimator'),
+    ('announced_controller', 'lqg_controller')])
 def test_a_node_says_that_it_is_about_to_compile(build: str, node: str, tmp_path: Path) -> None:
     # It answers no parameter service while it does.
     source = (f'from flex_payload_estimator.nodes.node_setup import {build}\n'
@@ -132,3 +135,14 @@ def test_a_node_says_that_it_is_about_to_compile(build: str, node: str, tmp_path
     answer = subprocess.run([sys.executable, '-c', source], text=True, capture_output=True,
                             env={**os.environ, 'NUMBA_CACHE_DIR': str(tmp_path)}, check=True)
     assert answer.stderr == f'{COMPILING}\n'
+
+
+def test_flex_compile_says_nothing_of_what_it_is_there_for(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    # Each of its processes said it once more.
+    said: list[Any] = []
+    monkeypatch.setattr(node_setup, 'say_if_compiling', said.append)
+    flex_compile.regressions()
+    assert not said
+    node_setup.announced_controller(check_parameters('lqg_controller', {}))
+    assert len(said) == 1

@@ -65,8 +65,11 @@ def test_coriolis_forces_act_unless_switched_off() -> None:
 @pytest.mark.parametrize('identifier', catalogue())
 def test_plant_sim_starts_with_every_effect(identifier: str) -> None:
     effect, robot = catalogue()[identifier], load_robot('reference')
-    pairs = ','.join(f'{parameter.name}={parameter.null!r}' for parameter in effect.parameters)
-    text = f'{identifier}:{sites(effect, robot)[0]}:{pairs}'
+    site = sites(effect, robot)[0]
+    # A discrete parameter has no null.
+    pairs = ','.join(f'{p.name}={p.starts[0] if p.discrete else p.null!r}'
+                     for p in effect.at(site, robot))
+    text = f'{identifier}:{site}:{pairs}'
     assert np.all(np.isfinite(outputs(effects=[text])[:5]))
 
 

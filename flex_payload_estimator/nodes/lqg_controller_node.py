@@ -14,7 +14,11 @@ from flex_payload_estimator.control.arm_watch import ArmWatch
 from flex_payload_estimator.control.safeguards import CommandLimiter
 from flex_payload_estimator.control.set_points import constant, SetPoints
 from flex_payload_estimator.control.trajectory import Trajectory
-from flex_payload_estimator.nodes.node_setup import check_square, controller_of, set_points_of
+from flex_payload_estimator.nodes.node_setup import (
+    announced_controller,
+    check_square,
+    set_points_of,
+)
 from flex_payload_estimator.nodes.sample_node import Sample, SampleNode
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.inputs.gate import COMMAND_MARGIN, Limits
@@ -104,7 +108,7 @@ class LQGControllerNode(SampleNode):
         """Return the robot and the controller that the parameters describe."""
         robot = robot_of(values)
         check_square(values, robot)
-        return robot, controller_of(values)
+        return robot, announced_controller(values)
 
     def install(self, built: Any) -> None:
         """Take over the robot and controller that `build` returned."""

@@ -33,9 +33,7 @@ def estimator_of(values: Mapping[str, Any]) -> PayloadEstimator:
     changes = _sf1_changes(values) if name.startswith('sf1') else {}
     if values['payload_max']:
         changes['payload_max'] = values['payload_max']
-    robot = robot_of(values)
-    say_if_compiling(step_packed if name == 'rpe' else predicted)
-    return make_estimator(name, robot, values['model'], values['modes'], **changes)
+    return make_estimator(name, robot_of(values), values['model'], values['modes'], **changes)
 
 
 def _sf1_changes(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -65,8 +63,19 @@ def controller_of(values: Mapping[str, Any]) -> LQGController:
         mass_max=values['payload_max'] or None, q_2=values['q_2'],
         r_1=values['r_1'], r_2=values['r_2'], terms=values['n_prime'],
         integrator=values['integrator'], command_limit=values['command_limit'])
-    say_if_compiling(controlled)
     return LQGController(_as_built(robot), values['model'], values['modes'], settings)
+
+
+def announced_estimator(values: Mapping[str, Any]) -> PayloadEstimator:
+    """Return the estimator; say on stderr before if it is about to be compiled."""
+    say_if_compiling(step_packed if values['estimator'] == 'rpe' else predicted)
+    return estimator_of(values)
+
+
+def announced_controller(values: Mapping[str, Any]) -> LQGController:
+    """Return the controller; say on stderr before if it is about to be compiled."""
+    say_if_compiling(controlled)
+    return controller_of(values)
 
 
 def _as_built(robot: Robot) -> Robot:

@@ -17,7 +17,7 @@ from flex_payload_estimator.estimators.base import Estimate
 from flex_payload_estimator.estimators.factory import coriolis_of
 from flex_payload_estimator.nodes.measured_shape import MeasuredShape
 from flex_payload_estimator.nodes.model_health import HealthReport, ModelHealth
-from flex_payload_estimator.nodes.node_setup import estimator_of
+from flex_payload_estimator.nodes.node_setup import announced_estimator
 from flex_payload_estimator.nodes.sample_node import Sample, SampleNode
 from flex_plant_sim.nodes.arm_markers import arm_markers
 from flex_plant_sim.simulation.nominal import model_words
@@ -75,7 +75,7 @@ class PayloadEstimatorNode(SampleNode):
 
     def build(self, values: dict[str, Any]) -> Any:
         """Return the robot and the estimator that the parameters describe."""
-        return robot_of(values), estimator_of(values)
+        return robot_of(values), announced_estimator(values)
 
     def install(self, built: Any) -> None:
         """Take over the robot and estimator that `build` returned."""

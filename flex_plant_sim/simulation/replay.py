@@ -134,10 +134,11 @@ def _simulated(log: Log, arm: ExtendedArm, rates: Array) -> Array:
 
 
 def _misfit(log: Log, simulated: Array) -> float:
-    """Return the sum over the channels of the squared error over the measured square."""
+    """Return the sum of squared error over measured square, of the channels that are not zero."""
+    power = np.sum(log.output**2, axis=0)
     with np.errstate(all='ignore'):
-        share = np.sum((log.output - simulated)**2, axis=0) / np.sum(log.output**2, axis=0)
-    return float(np.nan_to_num(share, nan=0.0).sum())
+        error = np.sum((log.output - simulated)**2, axis=0)
+    return float(np.sum(error[power > 0.0] / power[power > 0.0]))
 
 
 def start_rates(log: Log, robot: Robot) -> Array:

@@ -130,7 +130,8 @@ def _explored(state: SearchState, nothing: RefinedFit, best: RefinedFit
         if SetKey.of(best.fit) in found or _is_complete(best.fit):
             return found
         found[SetKey.of(best.fit)] = fit_neighbours(state, best)
-        if best.parts_stand_for_a_cause:
+        if best.parts_stand_for_a_cause and state.best.parts_stand_for_a_cause:
+            # What was found does not put them right.
             fit_neighbours(state, best.near_file_parts(state.nominal, state.data, state.jobs))
     try_far_parts(state)
     refine_leading(state, best)
