@@ -130,12 +130,21 @@ def _explored(state: SearchState, nothing: RefinedFit, best: RefinedFit
         if SetKey.of(best.fit) in found or _is_complete(best.fit):
             return found
         found[SetKey.of(best.fit)] = fit_neighbours(state, best)
-        if best.parts_stand_for_a_cause and state.best.parts_stand_for_a_cause:
-            # What was found does not put them right.
+        if _parts_hide_a_cause(state, best):
             fit_neighbours(state, best.near_file_parts(state.nominal, state.data, state.jobs))
     try_far_parts(state)
     refine_leading(state, best)
     return found
+
+
+def _parts_hide_a_cause(state: SearchState, centre: RefinedFit) -> bool:
+    """
+    Tell whether a centre's parts stand for a cause that none of its neighbours names.
+
+    Beside something unnamed they stand for that.
+    """
+    return (centre.fit.discrepancy == state.nominal.discrepancy
+            and centre.parts_stand_for_a_cause and state.best.parts_stand_for_a_cause)
 
 
 def _result(state: SearchState, nothing: RefinedFit, explored: dict[SetKey, Neighbourhood]
