@@ -134,11 +134,12 @@ def _simulated(log: Log, arm: ExtendedArm, rates: Array) -> Array:
 
 
 def _misfit(log: Log, simulated: Array) -> float:
-    """Return the sum of squared error over measured square, of the channels that are not zero."""
+    """Return the sum of squared error over measured square, of channels not zero; inf if NaN."""
     power = np.sum(log.output**2, axis=0)
     with np.errstate(all='ignore'):
         error = np.sum((log.output - simulated)**2, axis=0)
-    return float(np.sum(error[power > 0.0] / power[power > 0.0]))
+        share = float(np.sum(error[power > 0.0] / power[power > 0.0]))
+    return np.inf if np.isnan(share) else share
 
 
 def start_rates(log: Log, robot: Robot) -> Array:

@@ -27,8 +27,8 @@ from scipy.stats import chi2
 # Error of a linearisation, nats, above which it is repeated at the new optimum; and how often.
 LINEARISATION_ERROR, MAX_RELINEARISATIONS = 1.0, 6
 # Probability with which parts within their tolerances deviate by as much as where they are said to
-# stand for a cause. (Beside the right causes the sum of squares was 1.5 to 17, of 31 parts; beside
-# a ripple that hid a bulky payload 436.)
+# stand for a cause. (Beside the right causes of four arms the sum of squares was 1.6 to 9, of 31
+# parts; beside a ripple that hid a bulky payload 436.)
 PARTS_LEVEL = 1e-3
 # Samples of the windows that sensitivities and coarse fits use; a budget.
 COARSE_SAMPLES = 1600
