@@ -29,7 +29,7 @@ from flex_plant_sim.diagnosis.likelihood.prior import (
     imitation_odds,
     MAX_FURTHER_FAULTS,
 )
-from flex_plant_sim.diagnosis.report.json_answer import PREDICTS_WORSE
+from flex_plant_sim.diagnosis.report.json_answer import PREDICTS_WORSE, WORSE_WHERE_NAMED
 from flex_plant_sim.effects import catalogue
 import numpy as np
 from run_bank import read_results
@@ -123,13 +123,14 @@ def verdict(lines: Sequence[score.Line], what: str) -> str:
 
 
 def refuted(lines: Sequence[score.Line]) -> str:
-    """Return of how many sets, right and wrong, the locked part was predicted worse."""
+    """Return of how many sets, right and wrong, the locked part refutes."""
     found = {True: [0, 0], False: [0, 0]}
     for line in lines:
         if line['causes'] and REMAINS not in line['sentence']:
             right = line['kind'] != 'missing' and all(
                 score.is_hidden(line, cause['name']) for cause in line['causes'])
-            found[right][0] += PREDICTS_WORSE in line['sentence']
+            found[right][0] += any(said in line['sentence']
+                                   for said in (PREDICTS_WORSE, WORSE_WHERE_NAMED))
             found[right][1] += 1
     return ', '.join(f'{"right" if right else "wrong"} {worse} of {count}'
                      for right, (worse, count) in found.items())

@@ -17,6 +17,7 @@ from flex_plant_sim.diagnosis.report.json_answer import (
     plain,
     with_gain,
     with_gauges_beyond,
+    WORSE_WHERE_NAMED,
 )
 from flex_plant_sim.diagnosis.report.payload_gain import PayloadGain
 from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual, Whiteness
@@ -184,6 +185,21 @@ def test_sentence_says_which_error_the_extension_makes_larger() -> None:
     assert 'prediction error of joint 1 after 1 s rises from 3.7° to 7.4°.' in alone
     # Then nobody should use it.
     assert 'do not use it' in alone and 'do not use it' not in both
+
+
+def test_a_cause_whose_own_channel_rises_most_is_doubted() -> None:
+    diagnosis = report().diagnosis
+    at_joint = replace(diagnosis, causes=(replace(diagnosis.causes[0], site='joint_2'),))
+    falls = tuple(replace(GAIN, channel=f'strain_{name}') for name in ('1a', '1b', '2a', '2b'))
+    rises = replace(GAIN, horizon=5.0, after=0.13, ratio_low=1.5, ratio_high=2.5)
+    doubted = with_gain(at_joint, [*falls, rises])
+    assert doubted.verdict == 'cause_and_remainder' and WORSE_WHERE_NAMED in doubted.sentence
+    assert doubted.causes[0].probability < at_joint.causes[0].probability
+    elsewhere = replace(rises, channel='joint_1', after=0.14)
+    for others in ([elsewhere], [replace(rises, ratio_low=0.9)],
+                   [replace(rises, channel='joint_1')]):
+        assert with_gain(at_joint, [*falls, *others]).causes == at_joint.causes
+    assert with_gain(at_joint, [*falls, rises, elsewhere]).causes == at_joint.causes
 
 
 def test_sentence_speaks_of_the_channel_of_the_cause_and_of_what_rises_later() -> None:

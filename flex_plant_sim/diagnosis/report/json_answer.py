@@ -26,7 +26,8 @@ import numpy as np
 
 # Horizon of the gain in the sentence, s, one of HORIZONS: a swing of the reference arm.
 SENTENCE_HORIZON = 1.0
-# Said where the extended robot is no gain.
+# Said where the extended robot is no gain: at what a cause stands at, or on the whole.
+WORSE_WHERE_NAMED = 'No channel rises more, and it is what a cause stands at.'
 PREDICTS_WORSE = ('On the whole the extended robot predicts the locked part worse than the file: '
                   'do not use it. What changed within the record is in no robot file.')
 
@@ -55,9 +56,11 @@ def with_gain(diagnosis: Diagnosis, gains: Sequence[Gain], unnamed: int = 0) -> 
     text = (f'With {what} and the parts as estimated the prediction error '
             f'{", ".join(changes)}.')
     found = replace(diagnosis, sentence=f'{diagnosis.sentence} {text}')
-    if not any(gain in at_horizon for gain in larger) or _mean_log_ratio(at_horizon) <= 0.0:
-        return found
-    return refuted(replace(found, sentence=f'{found.sentence} {PREDICTS_WORSE}'))
+    if any(gain in at_horizon for gain in larger) and _mean_log_ratio(at_horizon) > 0.0:
+        return refuted(replace(found, sentence=f'{found.sentence} {PREDICTS_WORSE}'))
+    if larger and max(larger, key=lambda gain: gain.ratio).channel in sites:
+        return refuted(replace(found, sentence=f'{found.sentence} {WORSE_WHERE_NAMED}'))
+    return found
 
 
 def with_gauges_beyond(diagnosis: Diagnosis, after: Sequence[ChannelResidual]) -> Diagnosis:
