@@ -184,6 +184,11 @@ class Robot:
         """Return the measured channels: joint_1, joint_2 and the gauges."""
         return ('joint_1', 'joint_2', *self.gauge_names)
 
+    @property
+    def moved_mass(self) -> float:
+        """Return the mass of elbow and links, kg."""
+        return self.elbow_mass + sum(link.mass for link in self.links)
+
     def with_link(self, index: int, **changes: Any) -> Robot:
         """Return the robot with changes to one link (index 0 or 1)."""
         links = list(self.links)

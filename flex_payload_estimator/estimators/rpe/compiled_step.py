@@ -147,8 +147,8 @@ def predict_packed(previous: Array, packed: Array, reference: Array, fixed: bool
 
 @compiled
 def correct_packed(packed: Array, reference: Array, fixed: bool, loads: Array, measured: Array,
-                   offset: Array, output: Array, told: Array, noise_model: NoiseModel
-                   ) -> tuple[float, float, float, float]:
+                   offset: Array, output: Array, bend: Array, told: Array,
+                   noise_model: NoiseModel) -> tuple[float, float, float, float]:
     """
     Let a filter learn from a measurement, and keep the innovation with its standard deviation.
 
@@ -158,6 +158,8 @@ def correct_packed(packed: Array, reference: Array, fixed: bool, loads: Array, m
         See `predict_packed`.
     reference, fixed, measured, offset, output
         See measurement_update.correct.
+    bend : Array
+        Angle by which bending turns each link's end over the state, (2, n).
     told : Array
         The robot file's noise variances, (m,).
 
@@ -190,20 +192,23 @@ def correct_packed(packed: Array, reference: Array, fixed: bool, loads: Array, m
     log_density, stated, noise_drop_gain = update_statistics(
         statistics, innovation, innovations[0], variances, scores, log_det, told,
         least_scale, GATE, step)
-    update_score(statistics[SCORE], change, before, beta_cov[MASS, MASS], step)
+    ends = applied(bend, x)
+    update_score(statistics[SCORE], change, before, beta_cov[MASS, MASS],
+                 0.5 * inner(ends, ends), step)
     put(innovations[0], innovation)
     put(innovations[1], np.sqrt(variances))
     return log_density, stated, min(inner(scores, scores), GATE) / channels, noise_drop_gain
 
 
 @compiled
-def step_packed(measured: Array, offset: Array, output: Array, told: Array, previous: Array,
-                packed: Array, reference: Array, fixed: bool, model_beta: Array, series: Array,
-                parts: Array, mass_offset: float, motion: Array, command: Array,
-                command_variance: Array, speed: Array, loads: Array, steps: int,
-                noise_model: NoiseModel) -> tuple[float, float, float, float]:
+def step_packed(measured: Array, offset: Array, output: Array, bend: Array, told: Array,
+                previous: Array, packed: Array, reference: Array, fixed: bool,
+                model_beta: Array, series: Array, parts: Array, mass_offset: float,
+                motion: Array, command: Array, command_variance: Array, speed: Array,
+                loads: Array, steps: int, noise_model: NoiseModel
+                ) -> tuple[float, float, float, float]:
     """Predict, and learn from a measurement: `predict_packed`, then `correct_packed`."""
     predict_packed(previous, packed, reference, fixed, model_beta, series, parts, mass_offset,
                    motion, command, command_variance, speed, loads, steps, noise_model)
-    return correct_packed(packed, reference, fixed, loads, measured, offset, output, told,
-                          noise_model)
+    return correct_packed(packed, reference, fixed, loads, measured, offset, output, bend,
+                          told, noise_model)

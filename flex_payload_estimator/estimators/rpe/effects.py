@@ -7,6 +7,7 @@ from flex_payload_estimator.estimators.rpe.friction import brake
 from flex_plant_sim.arm.schedule import chebyshev_nodes
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.effects.base import Effect
+from flex_plant_sim.effects.mechanics.kinematics import end_rotations
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 
@@ -51,6 +52,11 @@ class EffectStep:
         """Return d(sensors)/dx about the straight arm at rest, (m, n)."""
         unit = np.eye(self.arm.states)
         return (self.arm.output(unit, 0.0) - self.arm.output(0.0 * unit, 0.0)).T
+
+    def bend_rows(self) -> Array:
+        """Return the angles by which bending turns the links' ends over the state, (2, n)."""
+        return np.pad(end_rotations(self.arm.form, self.arm.robot),
+                      ((0, 0), (0, self.arm.states - self.arm.form.order)))
 
     def at_drive(self, command: Array, time: float) -> Array:
         """Return the command at the drives, (2,), for one that is sent, (2,), at a time, s."""

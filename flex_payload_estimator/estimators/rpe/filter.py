@@ -65,7 +65,7 @@ class Filter:
     beta_cov : Array
         V, the covariance of beta, (B, B).
     statistics : Array
-        Running statistics of the innovations; see likelihood.initial_statistics, (m + 15,).
+        Running statistics of the innovations; see likelihood.initial_statistics, (m + 17,).
     noise_scale : Array
         Estimated variance of each channel's noise over that in the robot file, (m,); the first
         part of `statistics`.

@@ -10,7 +10,7 @@ from flex_payload_estimator.estimators.rpe import compiled_step
 from flex_payload_estimator.estimators.rpe.effects import EffectStep
 from flex_payload_estimator.estimators.rpe.far_part import far_part_averaged
 from flex_payload_estimator.estimators.rpe.filter import Filter, Sample
-from flex_payload_estimator.estimators.rpe.likelihood import initial_statistics
+from flex_payload_estimator.estimators.rpe.likelihood import initial_statistics, SCORE
 from flex_payload_estimator.estimators.rpe.linearised import Lineariser
 from flex_payload_estimator.estimators.rpe.misfit import misfits
 from flex_payload_estimator.estimators.rpe.model_average import model_averaged
@@ -18,6 +18,7 @@ from flex_payload_estimator.estimators.rpe.modes import Mode, noise_model
 from flex_payload_estimator.estimators.rpe.packing import pack
 from flex_payload_estimator.estimators.rpe.prior import Prior, SHARE_STD, SHARES
 from flex_payload_estimator.estimators.rpe.schedule import PayloadSchedule
+from flex_payload_estimator.estimators.rpe.score import bending_error
 from flex_payload_estimator.estimators.rpe.sensors import Loads, speed_feedback
 from flex_payload_estimator.estimators.rpe.time_update import (
     CORIOLIS,
@@ -94,14 +95,14 @@ class FilterStep:
         self.has_bending = len(motion[False]) < len(motion[True])
         self.exact_prior, self.heaviest = prior.exact(), heaviest
         self.start_cov = np.diag(start_std**2)
-        unknown = prior.std[CORIOLIS] >= SHARE_STD
-        self.shares = SHARES if unknown else (float(prior.mean[CORIOLIS]),)
+        self.shares = SHARES if prior.std[CORIOLIS] >= SHARE_STD else (prior.mean.item(CORIOLIS),)
         biases = self.exact_prior.std[FIRST_BIAS:]
         # Of what the published payload averages over, without and with free parts.
         self._averaged_std = biases, prior.std[FIRST_BIAS:][:biases.size + DISTURBANCES].copy()
         self.told_variance, self._torque_variance = noise_std**2, torque**2
         self._told: list[float] = self.told_variance.tolist()
         self.output = np.ascontiguousarray(effects.output_matrix())
+        self._bend, self._moved_mass = effects.bend_rows(), effects.arm.robot.moved_mass
         self.lineariser, self.step_time = lineariser, effects.arm.step_time
         self._error_samples = ERROR_STEP_S / self.step_time
         self._speed, self._offsets = speed_feedback(effects.arm), effects.arm.acts_on_output
@@ -158,7 +159,7 @@ class FilterStep:
             self.correct(f, sample, loads)
             return
         self._take_likelihood(f, sample, compiled_step.step_packed(
-            sample.measured, self._no_offset, self.output, self.told_variance,
+            sample.measured, self._no_offset, self.output, self._bend, self.told_variance,
             *self._prediction_arguments(f, sample, loads)))
 
     def predict(self, f: Filter, sample: Sample, loads: Loads) -> None:
@@ -181,7 +182,7 @@ class FilterStep:
             return
         self._take_likelihood(f, sample, compiled_step.correct_packed(
             f.packed, f.reference, f.model is not None, loads.table, sample.measured,
-            self._offset(f.x, sample.time), self.output, self.told_variance,
+            self._offset(f.x, sample.time), self.output, self._bend, self.told_variance,
             self._noise_model(f.mode)))
 
     def _prediction_arguments(self, f: Filter, sample: Sample, loads: Loads) -> tuple[Any, ...]:
@@ -296,12 +297,10 @@ class FilterStep:
 
     def modes_differ(self, f: Filter, loads: Loads, mode: Mode) -> bool:
         """Tell whether a mode's model error is well above the gauges' noise; without any, yes."""
-        if len(self._told) == 2:
-            return True
         # All gauges have one noise scale; plain numbers are quicker for a few.
-        scale = DISTINCT_ERROR**2 / (mode.gauge_error**2 * self._error_samples) \
-            * float(f.statistics[2])
-        return any(load > scale * told for load, told in zip(loads.strain.tolist(), self._told))
+        scale = (DISTINCT_ERROR / mode.gauge_error)**2 * f.statistics.item(2) / self._error_samples
+        return len(self._told) == 2 or any(
+            load > scale * told for load, told in zip(loads.strain.tolist(), self._told))
 
     def moments(self, f: Filter) -> compiled_step.Moments:
         """Return payload, kg, and its variance, kg^2, averaged over biases and none."""
@@ -312,8 +311,8 @@ class FilterStep:
         """
         Return the payload, kg, and the variance to publish, kg^2.
 
-        With free parts that is D [V_mm + (0.01 m)^2 + V_f + (m - m_a)^2 + sigma_s^2 m^2], see
-        docs/estimator_method.md; else the model-averaged variance.
+        With free parts that is D [V_mm + (0.01 m)^2 + V_f + (m - m_a)^2 + sigma_s^2 m^2] + V_b,
+        see docs/estimator_method.md; else the model-averaged variance.
 
         Parameters
         ----------
@@ -337,6 +336,7 @@ class FilterStep:
                 shift, further = self._far_part(f)
                 mass, variance = mass + shift, variance + further
             variance *= self.variance_factor(f) if factor is None else factor
+            variance += (bending_error(f.statistics[SCORE]) * (self._moved_mass + mass))**2
         # The average over two models may be below zero; no payload is, so that zero is nearer.
         return max(mass, 0.0), variance
 

@@ -26,7 +26,7 @@ POOR_FIT = 1.4
 # noise above that.
 NOISE_PRIOR_STD = 2.0
 # Where the sums of the payload's score are among the statistics.
-SCORE = slice(-7, -3)
+SCORE = slice(-9, -3)
 # Smallest scale and reduced chi-square, where innovations are zero and these have no logarithm.
 SMALLEST_SCALE, SMALLEST_CHI_SQUARE = 1e-6, 1e-4
 # Mean time in motion between two false alarms, at least, s.
@@ -35,16 +35,16 @@ FALSE_ALARM_S = 3600.0
 
 def initial_statistics(channels: int) -> Array:
     """
-    Return the statistics of a new filter, (m + 15,), for m channels.
+    Return the statistics of a new filter, (m + 17,), for m channels.
 
     In this order: noise variance over that of the robot file, of each channel, (m,); for angles
     and for gauges, Page's sum for a drop of the noise, nats, the number of readings since it was
     zero and their sum, (2, 3); number of readings by which the noise's scale is known, (2,); sums
-    of the payload's score, see score.py, (4,); mean square of the whitened innovations, (2,);
+    of the payload's score, see score.py, (6,); mean square of the whitened innovations, (2,);
     number of samples.
     """
     return np.concatenate([np.ones(channels), np.zeros(6),
-                           [PRIOR_READINGS, PRIOR_READINGS], np.zeros(4), [1.0, 1.0, 0.0]])
+                           [PRIOR_READINGS, PRIOR_READINGS], np.zeros(6), [1.0, 1.0, 0.0]])
 
 
 @compiled
@@ -92,12 +92,12 @@ def update_statistics(statistics: Array, innovation: Array, before: Array, varia
 
     """
     channels, memory = innovation.size, max(MEMORY_S / step, MEMORY_SAMPLES)
-    samples, drop_gain = statistics[channels + 14], 0.0
+    samples, drop_gain = statistics[channels + 16], 0.0
     gate_share = min(1.0, gate / max(inner(scores, scores), 1e-300))
     minus_twice_log = minus_twice_stated = log_det
     for kind in range(2 if channels > 2 else 1):
         first, last = (0, 2) if kind == 0 else (2, channels)
-        count, place = last - first, channels + 12 + kind
+        count, place = last - first, channels + 14 + kind
         square = gate_share / count * inner(scores[first:last], scores[first:last])
         fit = min(max(statistics[place], SMALLEST_CHI_SQUARE), 1.0)
         minus_twice_log += count * (square / fit + np.log(fit))
@@ -108,7 +108,7 @@ def update_statistics(statistics: Array, innovation: Array, before: Array, varia
         drop_gain += _update_noise(
             statistics, drop, channels + 6 + kind, first, last, innovation, before, variances,
             told, least, statistics[place] - 1.0, memory, false_alarm_threshold(step))
-    statistics[channels + 14] = samples + 1.0
+    statistics[channels + 16] = samples + 1.0
     return drop_gain - 0.5 * minus_twice_log, drop_gain - 0.5 * minus_twice_stated, drop_gain
 
 

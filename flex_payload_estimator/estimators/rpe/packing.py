@@ -30,7 +30,7 @@ def unpack(packed: Array, states: int, parameters: int, channels: int
     -------
     tuple of Array
         x (n,), P (n, n), s (n, B), beta (B,) and V (B, B), see time_update.py; statistics of the
-        innovations, (m + 15,), see likelihood.initial_statistics; and the last innovation with
+        innovations, (m + 17,), see likelihood.initial_statistics; and the last innovation with
         its standard deviation, (2, m).
 
     """

@@ -14,10 +14,14 @@ CORRELATION_S = MEMORY_S
 # Time in motion, s, for which the stated variance counts: two memories, as in one or two chance
 # makes almost anything of the ratio (benchmarks/score_prior.py, seeds 642500 and 646500).
 PRIOR_S = 1.0
+# Error of a payload, as a share of the moving mass, over the mean square of the angles by which
+# bending turns the links (benchmarks/bending.py, seeds 719010 to 719015).
+BENDING_SHARE = 0.1
 
 
 @compiled
-def update_score(sums: Array, change: float, before: float, after: float, step: float) -> None:
+def update_score(sums: Array, change: float, before: float, after: float, turned: float,
+                 step: float) -> None:
     """
     Add what a measurement has done to the payload.
 
@@ -31,11 +35,13 @@ def update_score(sums: Array, change: float, before: float, after: float, step: 
     Parameters
     ----------
     sums : Array
-        y, q, and the sums of y^2 and of q, (4,); changed.
+        y, q, and the sums of y^2, q, q times `turned` and q times its square, (6,); changed.
     change : float
         c, kg.
     before, after : float
         V and V+, kg^2.
+    turned : float
+        Mean square of the angles by which bending turns the ends of the links, rad^2.
     step : float
         T, s.
 
@@ -47,6 +53,8 @@ def update_score(sums: Array, change: float, before: float, after: float, step: 
     sums[1] = kept * kept * sums[1] + (1.0 - after / before) / after
     sums[2] += sums[0] * sums[0]
     sums[3] += sums[1]
+    sums[4] += sums[1] * turned
+    sums[5] += sums[1] * turned * turned
 
 
 def score_ratio(sums: Array, learnt_s: float) -> float:
@@ -66,3 +74,15 @@ def score_ratio(sums: Array, learnt_s: float) -> float:
     if not sums.item(3) > 0.0:
         return 1.0
     return (PRIOR_S + learnt_s * sums.item(2) / sums.item(3)) / (PRIOR_S + learnt_s)
+
+
+def bending_error(sums: Array) -> float:
+    """
+    Return by which share of the moving mass bending makes a payload wrong.
+
+    The forces are right to first order in the angles by which bending turns the links' ends. What
+    is left out is smaller by their square, and the same whenever the arm moves alike, so that it
+    stays however long the payload is weighed; free parts let the payload stand for all that moves.
+    The square is averaged over what bends and was learnt from.
+    """
+    return BENDING_SHARE * sums.item(5) / sums.item(4) if sums.item(4) > 0.0 else 0.0

@@ -54,6 +54,15 @@ def root_row(form: SecondOrderForm, index: int) -> Array:
     return base if index == 0 else base + form.elbow_angle
 
 
+def end_rotations(form: SecondOrderForm, robot: Robot) -> Array:
+    """Return the rows of the angles by which bending turns the ends of the links, (2, N)."""
+    rows = np.zeros((2, form.order))
+    for index, link in enumerate(robot.links):
+        rows[index, link_columns(form, index)] = shapes_of(form, robot, index).shape(
+            link.length, 1)
+    return rows
+
+
 def momentum_rows(form: SecondOrderForm, robot: Robot, index: int) -> tuple[Array, Array]:
     """
     Return the angular momentum that the rotor of a joint transmits to its link, over p'.
