@@ -7,6 +7,7 @@ from dataclasses import replace
 import json
 import math
 from pathlib import Path
+import re
 
 from finite_elements import natural_frequencies
 from flex_payload_estimator.kalman.cramer_rao import linearise, payload_bound
@@ -157,6 +158,16 @@ def test_the_tool_prints_draws_and_writes(tmp_path: Path,
     assert '<svg' in picture.read_text(encoding='utf-8')
     assert main(['show', str(arm), '--output', str(tmp_path / 'a.txt')]) == 2
     assert 'expected an image suffix' in capsys.readouterr().err
+
+
+def test_what_is_large_is_written_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arm = tmp_path / 'a.yaml'
+    stiff = re.sub('(thickness_m: )[0-9.]+', r'\g<1>0.03', robot_text('reference'))
+    arm.write_text(stiff.replace('{mass_kg: 0.1', '{mass_kg: 20'))
+    assert main(['check', str(arm)]) == 0
+    text = capsys.readouterr().out
+    assert re.search(r'worth \d{3} mN', text) and re.search(r'± \d{3} g', text)
+    assert 'e+' not in text
 
 
 def test_the_whole_prior_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -16,6 +16,7 @@ from flex_plant_sim.commissioning.summary import (
     locked_modes,
     tip_force,
 )
+from flex_plant_sim.diagnosis.verdict.wording import digits_text
 
 # Number of modes in the table: two for each link, as in the paper's model.
 SHOWN_MODES = 4
@@ -115,7 +116,7 @@ class Check:
         lines = [f'1 N across the tip bends it by {1e3 * self.deflection:.3g} mm and strains']
         noise = self.robot.strain_noise
         lines += [f'  {name:<12}{1e6 * strain:8.1f} um/m; its noise is worth '
-                  f'{1e3 * noise / abs(strain):.2g} mN' if strain else
+                  f'{digits_text(1e3 * noise / abs(strain), 2)} mN' if strain else
                   f'  {name:<12} not at all: it sits where the link does not bend'
                   for name, strain in self.strain.items()]
         return '\n'.join(lines)
@@ -125,7 +126,7 @@ class Check:
         return '\n'.join([
             f'a log of {move.strokes} strokes of 0.5 rad, {move.stroke:g} s each, could tell the '
             f'payload of {1e3 * mass:g} g to', *(
-                f'  ± {1e3 * std:.2g} g   {words}' for std, words in (
+                f'  ± {digits_text(1e3 * std, 2)} g   {words}' for std, words in (
                     (self.payload.exact, 'if every part were as the file says'),
                     (self.payload.within_tolerances,
                      'with every part unknown within its tolerance'))),
