@@ -6,6 +6,7 @@ It is the one source for declaration, validation, parameter files and docs/param
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
@@ -111,7 +112,7 @@ class Parameter:
         """
         accepts, convert, _ = _TYPES[self.type]
         if not accepts(value) or not self._within(value):
-            raise InputError(f'{self.name}: expected {self.expected}, got {value!r}')
+            raise InputError(f'{self.name}: expected {self.expected}, got {_plain(value)!r}')
         return convert(value)
 
     @property
@@ -171,8 +172,9 @@ def check_parameters(node: str, values: Mapping[str, object]) -> dict[str, Value
         raise InputError(f'{node}: {error}') from None
 
 
-def _plain(value: Value) -> object:
-    return list(value) if isinstance(value, tuple) else value
+def _plain(value: object) -> object:
+    # ROS has lists of numbers as arrays.
+    return list(value) if isinstance(value, (tuple, array)) else value
 
 
 def parameter_file() -> str:

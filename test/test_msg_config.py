@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from functools import partial
 import math
 from pathlib import Path
@@ -135,6 +136,8 @@ def test_an_int_becomes_a_double() -> None:
     ({'effects': 7}, 'plant_sim: effects: expected a list of texts, got 7'),
     ({'payload_schedule': [1.0, 'a']},
      "plant_sim: payload_schedule: expected a list of numbers s, kg, got [1.0, 'a']"),
+    ({'payload_schedule': array('d', [math.nan, 0.1])},
+     'plant_sim: payload_schedule: expected a list of numbers s, kg, got [nan, 0.1]'),
 ])
 def test_bad_values_are_refused_in_one_line(values: dict[str, object], message: str) -> None:
     with pytest.raises(InputError) as raised:

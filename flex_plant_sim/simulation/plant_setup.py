@@ -79,8 +79,11 @@ def profile_of(mass: float, schedule: tuple[float, ...]) -> PayloadProfile:
     if len(schedule) % 2:
         raise InputError('payload_schedule: expected pairs time, mass, got '
                          f'{len(schedule)} numbers')
-    times = schedule[::2]
+    times, masses = schedule[::2], schedule[1::2]
     if any(b < a for a, b in zip((0.0, *times), times)):
         raise InputError('payload_schedule: expected times from 0 on that do not decrease, got '
                          f'{", ".join(f"{t:g}" for t in times)}')
+    if any(m < 0.0 for m in masses):
+        raise InputError('payload_schedule: expected masses >= 0 kg, got '
+                         f'{", ".join(f"{m:g}" for m in masses)}')
     return PayloadProfile.of_pairs((0.0, mass, *schedule))
