@@ -19,7 +19,11 @@ from flex_plant_sim.commissioning.plausibility import hints
 from flex_plant_sim.commissioning.standard_move import standard_move
 from flex_plant_sim.commissioning.summary import locked_modes, tip_force
 from flex_plant_sim.diagnosis.likelihood.prior import part_priors
+from flex_plant_sim.diagnosis.record.data import Data
+from flex_plant_sim.diagnosis.record.windows import Record
+from flex_plant_sim.diagnosis.verdict.verdict import nominal_base, prepared, slowest_frequency
 from flex_plant_sim.effects import catalogue
+from flex_plant_sim.logs.read import read_log
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.simulator import Simulator
 from flex_plant_sim.tools.robot import main
@@ -209,6 +213,30 @@ def test_an_effect_that_is_none_is_named_with_its_robot(
     arm.write_text(f'{text}effects: [{{name: rust, site: joint_1}}]\n')
     assert main(['check', str(arm)]) == 2
     assert capsys.readouterr().err.startswith('error: quanser_2dsfl: effects: expected one of ')
+
+
+def test_a_slow_arm_moves_as_long_as_its_diagnosis_needs(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arm, log = tmp_path / 'a.yaml', tmp_path / 'a.csv'
+    arm.write_text(re.sub('(thickness_m: )[0-9.]+', r'\g<1>0.001', robot_text('reference')))
+    robot = load_robot(str(arm))
+    base = nominal_base(robot, 'assumed_modes', 3)
+
+    def cut() -> None:
+        read = read_log(str(log), robot)
+        records, nominal = prepared([Record.of(read, robot.payload_mass)], base)
+        Data.of(records, slowest_frequency(nominal, robot.payload_mass),
+                nominal.robot.sample_time)
+
+    assert main(['move', str(arm), '--modes', '1', '--output', str(log)]) == 0
+    assert capsys.readouterr().err == ''
+    cut()
+    log.unlink()
+    assert main(['move', str(arm), '--modes', '1', '--strokes', '30', '--output', str(log)]) == 0
+    said = re.fullmatch(r'.*a.csv: 30.0 s, flex_diagnose needs ([0-9.]+) s, 16 periods.*\n',
+                        capsys.readouterr().err)
+    with pytest.raises(InputError, match=f'at least {said and said[1]} s, 16 periods'):
+        cut()
 
 
 @pytest.mark.parametrize('options, words', [

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+import math
 from pathlib import Path
 import sys
 
@@ -15,10 +16,12 @@ from flex_plant_sim.commissioning.calibrated_robot import calibrated_robot, cali
 from flex_plant_sim.commissioning.calibration import calibrate, MODEL, MODES
 from flex_plant_sim.commissioning.check import Check
 from flex_plant_sim.commissioning.drawing import write_drawing
-from flex_plant_sim.commissioning.standard_move import simulated_move
+from flex_plant_sim.commissioning.standard_move import simulated_move, standard_move
 from flex_plant_sim.commissioning.template import reference_page, template
 from flex_plant_sim.commissioning.urdf import urdf
 from flex_plant_sim.diagnosis.likelihood.prior import prior_table
+from flex_plant_sim.diagnosis.record.windows import LEAST_PERIODS
+from flex_plant_sim.diagnosis.verdict.verdict import needed_duration, nominal_base
 from flex_plant_sim.logs.csv_log import write_csv
 from flex_plant_sim.simulation.replay import replay
 from flex_plant_sim.tools import command_line
@@ -29,6 +32,8 @@ from msg_config.errors import InputError
 # Strokes of a log: half a minute, as docs/logs.md asks for. Of ten seconds `calibrate` and
 # flex_diagnose refuse the reference arm's.
 LOG_STROKES = 30
+# How much longer a log is than flex_diagnose needs: it may be told a heavier payload.
+MARGIN = 1.1
 
 
 def _print_or_write(text: str, path: str | None) -> None:
@@ -84,8 +89,14 @@ def _move(arguments: argparse.Namespace) -> None:
     robot = load_robot(arguments.file)
     if arguments.payload is not None:
         robot = replace(robot, payload_mass=arguments.payload)
-    write_csv(arguments.output, simulated_move(robot, arguments.strokes, arguments.modes,
-                                               arguments.seed), robot.inputs)
+    needed = needed_duration(nominal_base(robot, MODEL, MODES))
+    stroke = standard_move(robot, LOG_STROKES).stroke
+    strokes = arguments.strokes or max(LOG_STROKES, math.ceil(MARGIN * needed / stroke))
+    log = simulated_move(robot, strokes, arguments.modes, arguments.seed)
+    write_csv(arguments.output, log, robot.inputs)
+    if len(log) * robot.sample_time < needed:
+        print(f'{arguments.output}: {len(log) * robot.sample_time:.1f} s, flex_diagnose needs '
+              f'{needed:.1f} s, {LEAST_PERIODS} periods of the slowest mode', file=sys.stderr)
     print(f'commands, and what the arm should measure: {arguments.output}')
 
 
@@ -182,8 +193,9 @@ def _add_move(add: Add) -> None:
     _add_file(move)
     _add_modes(move)
     _add_payload(move)
-    move.add_argument('--strokes', default=LOG_STROKES, type=command_line.count, metavar='N',
-                      help='of 0.5 rad, 1 s each or as slow as the drives need')
+    move.add_argument('--strokes', default=None, type=command_line.count, metavar='N',
+                      help='of 0.5 rad, 1 s each or as slow as the drives need; if not given, '
+                      f'{LOG_STROKES}, or as many as flex_diagnose needs')
     move.add_argument('--seed', default=1, type=command_line.seed, metavar='N',
                       help='of the noise')
     move.add_argument('--output', required=True, metavar='FILE', help='CSV')

@@ -23,6 +23,18 @@ WARM_UP_PERIODS = 1
 LOCKED_SHARE = 0.25
 # Least number of windows to fit: fewer do not show by how much they disagree.
 FEWEST = 4
+# Periods that a log must last.
+LEAST_PERIODS = WARM_UP_PERIODS + (FEWEST + 1) * FEWEST_PERIODS
+
+
+def warm_up_samples(slowest: float, sample_time: float) -> int:
+    """Return the samples of a warm-up, by the slowest natural frequency, rad/s."""
+    return int(np.ceil(WARM_UP_PERIODS * 2.0 * np.pi / slowest / sample_time))
+
+
+def least_duration(slowest: float, sample_time: float) -> float:
+    """Return how long a log must be to be cut, s."""
+    return LEAST_PERIODS * warm_up_samples(slowest, sample_time) * sample_time
 
 
 @dataclass(frozen=True)
@@ -117,15 +129,14 @@ class Windows:
             The log is too short.
 
         """
-        period = 2.0 * np.pi / slowest / sample_time
-        warm_up = int(np.ceil(WARM_UP_PERIODS * period))
+        warm_up = warm_up_samples(slowest, sample_time)
         rest = len(record.time) - warm_up
         length = min(longest or PERIODS * warm_up, rest // (FEWEST + 1))
         if length < FEWEST_PERIODS * warm_up:
-            periods = WARM_UP_PERIODS + (FEWEST + 1) * FEWEST_PERIODS
             raise InputError(f'{record.name}: expected at least '
-                             f'{periods * warm_up * sample_time:.1f} s, {periods} periods of the '
-                             f'slowest mode, got a log of {len(record.time) * sample_time:.1f} s')
+                             f'{least_duration(slowest, sample_time):.1f} s, {LEAST_PERIODS} '
+                             'periods of the slowest mode, got a log of '
+                             f'{len(record.time) * sample_time:.1f} s')
         count = rest // length
         starts = warm_up + length * np.arange(count, dtype=np.int64)
         locked = max(1, round(LOCKED_SHARE * count))

@@ -28,7 +28,7 @@ from flex_plant_sim.diagnosis.prediction.latent_view import latent_view
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.record.data import Data, MOVE_MORE, unmoved
 from flex_plant_sim.diagnosis.record.rate import at_needed_rate
-from flex_plant_sim.diagnosis.record.windows import Record
+from flex_plant_sim.diagnosis.record.windows import least_duration, Record
 from flex_plant_sim.diagnosis.verdict.command_timing import with_command_timing
 from flex_plant_sim.diagnosis.verdict.detection import detection_limits
 from flex_plant_sim.diagnosis.verdict.late_event import locked_part_differs, tells_more
@@ -132,6 +132,13 @@ def slowest_frequency(base: BaseModel, payload: float) -> float:
     ratio = np.linalg.solve(form.mass_at(1.0, payload)[flexible, flexible],
                             form.stiffness_at(1.0)[flexible, flexible])
     return float(np.sqrt(np.min(np.linalg.eigvals(ratio).real)))
+
+
+def needed_duration(nominal: BaseModel) -> float:
+    """Return how long a record must be that `diagnose` takes once it is `prepared`, s."""
+    slowest = slowest_frequency(nominal, nominal.robot.payload_mass)
+    _, step = at_needed_rate([], slowest, nominal.robot.sample_time)
+    return least_duration(slowest, step)
 
 
 def extended_base(found: SearchResult, nominal: BaseModel) -> BaseModel:
