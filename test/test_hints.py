@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
+from flex_payload_estimator.tools import estimate
 from flex_plant_sim.arm.robot_file import load_robot
+from flex_plant_sim.commissioning.standard_move import simulated_move
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.inputs.plausible import channel_hints
+from flex_plant_sim.logs.csv_log import write_csv
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.logs.read import read_log
-from flex_plant_sim.tools.log_input import hints, read_logs
+from flex_plant_sim.tools.log_input import bending_angles, hints, read_logs
 from msg_config.errors import InputError
 import numpy as np
 import pytest
-from truth.records import make_record, TruthCase
+from truth.assembly import assemble
+from truth.records import make_record, move, TruthCase
 
 ROBOT = load_robot('reference')
 NAMES = ('time', 'command_1', 'command_2', 'joint_1', 'joint_2', 'strain_1a', 'strain_1b',
@@ -233,3 +238,30 @@ def test_a_log_counts_once(tmp_path: Path) -> None:
     (tmp_path / 'link.csv').symlink_to(tmp_path / 'log.csv')
     with pytest.raises(InputError, match='log.csv: expected each log once'):
         read_logs([str(tmp_path / 'log.csv'), str(tmp_path / 'link.csv')], ROBOT, 'paper', 2)
+
+
+@pytest.mark.parametrize('name', ['reference', 'quanser_2dsfl'])
+def test_links_bend_as_far_as_finite_elements_do(name: str) -> None:
+    case = TruthCase(5, robot=name, duration_s=6.0, payload_true=0.15, tolerances=False)
+    arm, motion = move(case)
+    found = bending_angles(make_record(case).strain, load_robot(name))
+    system, deflections = assemble(arm), motion.state[:, 0, 2:]
+    first = system.upper.a.size
+    turned = np.stack([deflections[:, :first] @ system.upper.tip_slope,
+                       deflections[:, first:] @ system.lower_empty.tip_slope], axis=-1)
+    np.testing.assert_allclose(np.std(found - turned, axis=0) / np.std(turned, axis=0), 0.0,
+                               atol=0.1)
+
+
+@pytest.mark.parametrize('payload', [0.1, 0.8])
+def test_a_log_that_bends_further_than_the_models_hold_for_is_said(
+        payload: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / 'log.csv'
+    write_csv(path, simulated_move(replace(ROBOT, payload_mass=payload), 4, 3, 1), ROBOT.inputs)
+    read_logs([str(path)], ROBOT, 'assumed_modes', 3)
+    diagnosed = capsys.readouterr().err
+    assert estimate.main([str(path), '--estimator', 'sf1', '--modes', '2']) == 0
+    assert capsys.readouterr().err == diagnosed
+    said = diagnosed.splitlines()
+    assert len(said) == (payload > 0.1)
+    assert all('bends by 0.45 rad: the models' in line and '20 %' in line for line in said)

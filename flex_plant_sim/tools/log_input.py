@@ -7,8 +7,12 @@ from dataclasses import replace
 import os
 import sys
 
+from flex_plant_sim.arm.assumed_modes import assumed_modes
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.commissioning.summary import locked_modes
+from flex_plant_sim.effects.mechanics.gauge import gauge_places
+from flex_plant_sim.effects.mechanics.kinematics import link_shapes
 from flex_plant_sim.inputs.plausible import channel_hints, SAMPLING_AGREES, WRONG_SCALE
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.logs.read import read_log
@@ -21,6 +25,10 @@ import numpy as np
 # Duration that is compared with a simulation, s: a few swings of the slowest mode, enough to show
 # wrong signs and units.
 HINT_DURATION = 10.0
+# Angle by which bending turns a link's end, rad, from which on its square is told: 9 %.
+FAR_BENT = 0.3
+# Modes per link of the shape in which links are taken to bend.
+BENT_MODES = 3
 
 
 def read_log_aloud(path: str, robot: Robot, model: str, modes: int,
@@ -29,8 +37,9 @@ def read_log_aloud(path: str, robot: Robot, model: str, modes: int,
     Return a log, and print to stderr, one line each, what a user must know before trusting it.
 
     This is what was done to read it, its origin if that is another model, joints faster than the
-    models are checked for, and channels whose unit or sign looks wrong in comparison with a
-    simulation from the same commands. `coriolis` is None if it is open whether these forces act.
+    models are checked for, links that bend further than they hold for, and channels whose unit or
+    sign looks wrong in comparison with a simulation from the same commands. `coriolis` is None if
+    it is open whether these forces act.
 
     Raises
     ------
@@ -39,8 +48,11 @@ def read_log_aloud(path: str, robot: Robot, model: str, modes: int,
 
     """
     log = read_log(path, robot)
+    wrong = hints(log, robot)
+    # What strain in a wrong unit says of bending would be nonsense.
     said = (*log.notes, _other_origin(log, robot, model, modes, coriolis),
-            beyond_checked(log.time, log.joint), *hints(log, robot))
+            beyond_checked(log.time, log.joint), '' if wrong else far_bent(log.strain, robot),
+            *wrong)
     for line in filter(None, said):
         print(f'{log.source}: {line}', file=sys.stderr)
     return log
@@ -77,6 +89,35 @@ def read_logs(paths: Sequence[str], robot: Robot, model: str, modes: int,
 def _other_origin(log: Log, robot: Robot, model: str, modes: int,
                   coriolis: bool | None) -> str:
     return '' if log.origin is None else log.origin.against(robot.name, model, modes, coriolis)
+
+
+def bending_angles(strain: Array, robot: Robot) -> Array:
+    """
+    Return the angles by which bending turns the ends of the links, rad, (N, 2).
+
+    Each follows from the link's gauges (N, G) as in the arm's first mode with the joints held, to
+    8 % of finite elements', and counts from the median; of a link without gauges it is 0.
+    """
+    shape = locked_modes(robot, BENT_MODES, robot.payload_mass)[1][:, 0]
+    gauges = assumed_modes(robot, BENT_MODES).strain[:, 2:] @ shape
+    found = np.zeros((len(strain), 2))
+    for k, link in enumerate(robot.links):
+        slopes = link_shapes(link, BENT_MODES, True).shape(link.length, 1)
+        own = gauge_places(robot, f'link_{k + 1}')
+        swings = strain[:, own] @ np.linalg.pinv(gauges[own, None])[0]
+        found[:, k] = swings * (slopes @ np.split(shape, 2)[k])
+    return np.asarray(found - np.median(found, axis=0))
+
+
+def far_bent(strain: Array, robot: Robot) -> str:
+    """Return a one-line warning if links bend further than the models hold for, else ''."""
+    # One sample in a hundred may be a gauge's fault.
+    angles = np.percentile(np.abs(bending_angles(strain, robot)), 99.0, axis=0)
+    k = int(np.argmax(angles))
+    if not angles[k] > FAR_BENT:
+        return ''
+    return (f'link {k + 1} bends by {angles[k]:.2g} rad: the models are of first order in that '
+            f'angle and err by its square, {100.0 * angles[k]**2:.0f} %')
 
 
 def hints(log: Log, robot: Robot) -> tuple[str, ...]:
