@@ -12,7 +12,7 @@ from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.commissioning.summary import locked_modes
 from flex_plant_sim.effects.mechanics.gauge import gauge_places
-from flex_plant_sim.effects.mechanics.kinematics import link_shapes
+from flex_plant_sim.effects.mechanics.kinematics import end_rotations
 from flex_plant_sim.inputs.plausible import channel_hints, SAMPLING_AGREES, WRONG_SCALE
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.logs.read import read_log
@@ -99,13 +99,12 @@ def bending_angles(strain: Array, robot: Robot) -> Array:
     8 % of finite elements', and counts from the median; of a link without gauges it is 0.
     """
     shape = locked_modes(robot, BENT_MODES, robot.payload_mass)[1][:, 0]
-    gauges = assumed_modes(robot, BENT_MODES).strain[:, 2:] @ shape
+    form = assumed_modes(robot, BENT_MODES)
+    gauges, ends = form.strain[:, 2:] @ shape, end_rotations(form, robot)[:, 2:] @ shape
     found = np.zeros((len(strain), 2))
-    for k, link in enumerate(robot.links):
-        slopes = link_shapes(link, BENT_MODES, True).shape(link.length, 1)
+    for k, end in enumerate(ends):
         own = gauge_places(robot, f'link_{k + 1}')
-        swings = strain[:, own] @ np.linalg.pinv(gauges[own, None])[0]
-        found[:, k] = swings * (slopes @ np.split(shape, 2)[k])
+        found[:, k] = strain[:, own] @ np.linalg.pinv(gauges[own, None])[0] * end
     return np.asarray(found - np.median(found, axis=0))
 
 
