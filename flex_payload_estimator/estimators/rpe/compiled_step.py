@@ -146,6 +146,16 @@ def predict_packed(previous: Array, packed: Array, reference: Array, fixed: bool
 
 
 @compiled
+def _noise(noise: Array, gauge_error: float, loads: Array, measured: Array) -> Array:
+    """Return the sensors' noise variances with those of the gauges' model errors, (m,)."""
+    if not gauge_error > 0.0:
+        return noise
+    strain_square = measured * measured
+    strain_square[:2] = 0.0
+    return noise + gauge_error * np.maximum(loads, strain_square)
+
+
+@compiled
 def correct_packed(packed: Array, reference: Array, fixed: bool, loads: Array, measured: Array,
                    offset: Array, output: Array, bend: Array, told: Array,
                    noise_model: NoiseModel) -> tuple[float, float, float, float]:
@@ -178,11 +188,8 @@ def correct_packed(packed: Array, reference: Array, fixed: bool, loads: Array, m
     gauge_error, least_scale, gains, heaviest, step = noise_model[2:]
     x, cov, sensitivity, beta, beta_cov, statistics, innovations = unpack_compiled(
         packed, output.shape[1], reference.size, channels)
-    noise = told * np.maximum(statistics[:channels], least_scale)
-    if gauge_error > 0.0:
-        strain_square = measured * measured
-        strain_square[:2] = 0.0
-        noise = noise + gauge_error * np.maximum(loads[STRAIN], strain_square)
+    noise = _noise(told * np.maximum(statistics[:channels], least_scale), gauge_error,
+                   loads[STRAIN], measured)
     before = beta_cov[MASS, MASS]
     innovation, variances, scores, log_det, change = correct(
         x, cov, sensitivity, beta, beta_cov, reference, fixed, measured, offset, output, noise,
