@@ -25,6 +25,7 @@ from flex_plant_sim.simulation.payload_profile import PayloadProfile
 from flex_plant_sim.simulation.simulator import Noise, Simulator
 import numpy as np
 import pytest
+from scipy.stats import multivariate_normal
 from rpe_runs import estimator_of, robot_with, Run, square
 
 MASS = 0.15
@@ -263,3 +264,21 @@ def test_a_start_under_fifty_times_the_noise_told_is_not_led_astray() -> None:
         simulator.step(command)
     assert estimator.incumbent.mode.name == 'exact' and not estimator.events
     assert abs(found.mass - truth.at(0.0)) < 4.0 * found.variance**0.5 < 1e-3
+
+
+def test_the_odds_of_an_exact_model_are_those_of_its_likelihood() -> None:
+    # Linear measurements of all parameters, with free parts and with the parts in the file.
+    prior, random = estimator_of().stepper.prior, np.random.default_rng(3)
+    free, size = prior.covariance(0.1), prior.mean.size
+    certain = free.copy()
+    certain[prior.tolerated] = certain[:, prior.tolerated] = 0.0
+    rows = random.standard_normal((40, size)) / np.sqrt(free.diagonal())
+    rows[:, prior.tolerated] *= 2.0
+    y = rows @ random.multivariate_normal(np.zeros(size), certain) + random.standard_normal(40)
+    spread = [np.eye(40) + rows @ cov @ rows.T for cov in (certain, free)]
+    expected = multivariate_normal.logpdf(y, cov=spread[0]) \
+        - multivariate_normal.logpdf(y, cov=spread[1])
+    gain = np.linalg.solve(spread[1], rows @ free).T
+    found = prior.log_odds_of_exact(prior.mean + gain @ y, free - gain @ rows @ free)
+    assert found == pytest.approx(expected, rel=1e-3)
+    assert found > 20.0

@@ -312,7 +312,7 @@ class ModeCompetition:
                 self._pass = comparison(best, incumbent, self.window, self.stepper)
             return incumbent
         if done.compares:
-            if not transitions.to_exact(best):
+            if not transitions.to_exact(done, self._situation(incumbent)):
                 self._reject_exact(done)
                 return incumbent
             done.store_log_densities(self.window)

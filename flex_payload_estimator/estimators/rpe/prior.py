@@ -116,6 +116,30 @@ class Prior:
         free = np.diag(std**2 * (1.0 + REGULAR))
         return free - self.scale_variance * np.outer(self.scale, self.scale)
 
+    def log_odds_of_exact(self, beta: Array, beta_cov: Array) -> float:
+        """
+        Return the log-likelihood ratio of parts as in the robot file over free parts, nats.
+
+        It is the ratio of the parts' posterior to their prior density at the file's values, as the
+        exact model is the free one there (Dickey, Annals of Mathematical Statistics 42, 1971).
+
+        Parameters
+        ----------
+        beta : Array
+            Estimates of a filter that began at this prior, (B,).
+        beta_cov : Array
+            Their V, (B, B).
+
+        """
+        parts = self.tolerated
+        own = 1.0 / self.std[parts]
+        regular = REGULAR * np.eye(own.size)
+        prior, now = (own[:, None] * cov[parts, parts] * own + regular
+                      for cov in (self.covariance(1.0), beta_cov))
+        off = own * (beta - self.mean)[parts]
+        lost = np.linalg.slogdet(prior)[1] - np.linalg.slogdet(now)[1]
+        return float(0.5 * (lost - off @ np.linalg.solve(now, off)))
+
     def consider_variance(self, beta_cov: Array) -> float:
         """
         Return the consider variance of the payload for the parts p, c' (V_prior - V_pp) c, kg^2.

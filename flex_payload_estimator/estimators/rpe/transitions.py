@@ -41,7 +41,7 @@ from flex_payload_estimator.estimators.rpe.prior import Prior
 from flex_payload_estimator.estimators.rpe.restarts import PASSES
 from flex_payload_estimator.estimators.rpe.sample_window import SampleWindow
 from flex_payload_estimator.estimators.rpe.trial import Trial
-from flex_payload_estimator.estimators.rpe.window_pass import FIRST_PASS_S
+from flex_payload_estimator.estimators.rpe.window_pass import FIRST_PASS_S, WindowPass
 
 # By what, besides the score ratio, the false-alarm threshold of a change of the payload is
 # multiplied with free parts: some errors of a wrong model last for longer than the score's memory.
@@ -178,14 +178,20 @@ def _leads(trial: Trial, now: Situation) -> bool:
         - noise_log_prior(now.incumbent.statistics) > now.threshold
 
 
-def to_exact(best: Filter) -> bool:
+def to_exact(done: WindowPass, now: Situation) -> bool:
     """
     Tell whether the winner of a comparison over the window is exact, and fits.
 
     Exact models begin a comparison with the threshold as a handicap, see window_pass.comparison.
-    One that does not fit is likelier than another that does not, and no more than that.
+    One that does not fit is likelier than another that does not, and no more than that. Most of
+    a lead is what free parts lose by a model error that the arm does not make in a quiet moment.
+    Where what the arm did before is out of the window, no more of it counts than free parts have
+    found themselves to be as in the file.
     """
-    return not best.mode.free_parts and reduced_chi_square(best.statistics) <= POOR_FIT
+    best, free = done.best.kalman, done.filters[-1].kalman
+    return not best.mode.free_parts and reduced_chi_square(best.statistics) <= POOR_FIT \
+        and (now.time_in_motion - now.window.time_in_motion <= FIRST_PASS_S
+             or now.prior.log_odds_of_exact(free.beta, free.beta_cov) > now.threshold)
 
 
 def has_failed(trial: Trial, now: Situation) -> bool:
