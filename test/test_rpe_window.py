@@ -25,8 +25,8 @@ from flex_plant_sim.simulation.payload_profile import PayloadProfile
 from flex_plant_sim.simulation.simulator import Noise, Simulator
 import numpy as np
 import pytest
-from scipy.stats import multivariate_normal
 from rpe_runs import estimator_of, robot_with, Run, square
+from scipy.stats import multivariate_normal
 
 MASS = 0.15
 
