@@ -9,6 +9,8 @@ from extended_arms import arm, effect, frequencies, ROBOT, stiff
 from flex_plant_sim.arm.robot import EffectSpec
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses
+from flex_plant_sim.diagnosis.likelihood.prior import log_prior_odds
 from flex_plant_sim.effects import build, catalogue, sites
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.simulator import simulate, Simulator
@@ -56,31 +58,49 @@ def test_no_bandwidth_where_there_is_no_loop() -> None:
         build(EffectSpec('drive_bandwidth', 'joint_1', {'time_constant_factor': 2.0}), current)
 
 
-def bristles(command: Array, level: float, travel: float, step: float) -> Array:
+def bristles(command: Array, forward: float, backward: float, stiffness: float, step: float
+             ) -> Array:
     """Return a bare rotor's angle under a Maxwell-slip element, in small explicit steps, (S,)."""
     theta = speed = anchor = 0.0
     found, fine = [], round(step / 1e-4)
     for u in command:
         for _ in range(fine):
-            anchor = min(max(anchor, theta - travel), theta + travel)
+            anchor = min(max(anchor, theta - forward / stiffness), theta + backward / stiffness)
             torque = (DRIVE.torque_gain * u - DRIVE.damping * speed
-                      - level * (theta - anchor) / travel)
+                      - stiffness * (theta - anchor))
             speed += step / fine * torque / DRIVE.inertia
             theta += step / fine * speed
         found.append(theta)
     return np.array(found)
 
 
+@pytest.mark.parametrize('text, levels', [
+    ('presliding_friction:joint_1:level_n_m=2,travel_rad=0.01', (2.0, 2.0)),
+    ('asymmetric_friction:joint_1:forward_n_m=1,backward_n_m=3,travel_rad=0.01', (1.0, 3.0)),
+    # So fast that it is at the sum of its levels at any speed here.
+    ('stribeck_friction:joint_1:level_n_m=0.5,extra_n_m=1.5,speed_rad_per_s=2,travel_rad=0.01',
+     (2.0, 2.0))])
 @pytest.mark.parametrize('step, tolerance', [(0.01, 0.06), (0.002, 0.015)])
-def test_bristles_against_small_explicit_steps(step: float, tolerance: float) -> None:
-    text = 'presliding_friction:joint_1:level_n_m=2,travel_rad=0.01'
+def test_bristles_against_small_explicit_steps(text: str, levels: tuple[float, float],
+                                               step: float, tolerance: float) -> None:
     sim = Simulator(arm(text, robot=replace(BARE, sample_time=step)))
     command = 0.4 * np.sin(3.0 * step * np.arange(round(3.0 / step)))
-    expected, got = bristles(command, 2.0, 0.01, step), []
+    expected, got = bristles(command, *levels, 2.0 / 0.01, step), []
     for u in command:
         sim.step(np.array([u, 0.0]))
         got.append(sim.state[0])
     assert np.abs(got - expected).max() < tolerance * np.ptp(expected)
+
+
+def test_friction_is_dry_or_of_bristles_and_either_is_as_probable() -> None:
+    robot = load_robot('reference')
+    dry, yielding = (h for h in all_hypotheses(robot) if h.label == 'asymmetric_friction:joint_1')
+    short = yielding.low[2]
+    assert dry.low[2] == dry.high[2] == 0.0 and dry.switches == (True,)
+    assert short > 0.0 and yielding.switches == (False,) and not yielding.prior(40.0).spiked.any()
+    assert not dry.effect_at(np.array([0.2, 0.1, 0.0])).yielding().any()
+    whole = log_prior_odds(catalogue()['coulomb_friction'], robot)
+    assert log_prior_odds(dry.effect, robot) == pytest.approx(whole - np.log(2.0))
 
 
 def test_bristles_are_stable_at_any_step_and_stiffness() -> None:

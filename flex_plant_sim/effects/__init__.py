@@ -34,7 +34,7 @@ def kinds() -> Mapping[str, type[Effect]]:
             continue
         content = vars(importlib.import_module(module.name)).values()
         found += [item for item in content if isinstance(item, type) and issubclass(item, Effect)
-                  and item is not Effect and item.__module__ == module.name]
+                  and hasattr(item, 'identifier') and item.__module__ == module.name]
     found.sort(key=lambda item: (item.family, item.identifier))
     return MappingProxyType({item.identifier: item for item in found})
 

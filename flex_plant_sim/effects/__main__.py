@@ -17,7 +17,8 @@ under `effects:` (a list of `name`, `site` and the parameters), and `plant_sim` 
 `identifier:site:parameter=number,…`. A null value means that the effect is absent. `smallest` is
 the deviation from null that matters in practice; where it is empty, the
 parameter only shapes the effect. `typical` is the standard deviation of the prior around null; a
-time may be anywhere in the record, and `one of them` stands where nature has one of the starts.
+time may be anywhere in the record, `one of them` stands where nature has one of the starts, and
+`or null` where null is as probable as all else.
 
 All numbers are those of the reference robot (0.98 kg, 1.1 m of reach). On another they are
 multiplied by what their unit is worth there, at the same pace (`robot_scale.py`): kg by the mass m
@@ -59,7 +60,7 @@ def _row(effect: type[Effect], k: int) -> str:
     sites = _sites(effect) if k == 0 else ''
     smallest = f'{parameter.smallest:g}' if math.isfinite(parameter.smallest) else ''
     typical = f'{parameter.typical:g}' if math.isfinite(parameter.typical) else ''
-    typical = 'one of them' if parameter.discrete else typical
+    typical = 'one of them' if parameter.discrete else typical + ' or null' * parameter.switched
     return (f'| {name} | {sites} | `{parameter.name}` | {parameter.unit} | {parameter.null:g} '
             f'| {parameter.low:g} to {parameter.high:g} | {_starts(parameter)} | {smallest} '
             f'| {typical} |\n')

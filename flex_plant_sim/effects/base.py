@@ -50,6 +50,9 @@ class Parameter:
         Whether a robot file may leave it out; it then has its null value.
     discrete : bool
         Whether the true value is one of `starts`, all equally likely, and never between.
+    switched : bool
+        Whether the parameter is at null or beyond the least of `starts`, equally likely, each a
+        hypothesis of its own: at null the effect has another structure.
 
     """
 
@@ -63,6 +66,16 @@ class Parameter:
     typical: float
     optional: bool = False
     discrete: bool = False
+    switched: bool = False
+
+    @property
+    def kinds(self) -> tuple[Parameter, ...]:
+        """Return the parameter as it is in each hypothesis of the effect."""
+        fixed = self.starts if self.discrete else (self.null,) if self.switched else ()
+        found = [replace(self, low=value, high=value) for value in fixed]
+        if self.switched:
+            found.append(replace(self, low=min(self.starts), optional=False))
+        return tuple(found) or (self,)
 
     def scaled(self, factor: float) -> Parameter:
         """Return the parameter with its sizes multiplied by a factor, see robot_scale."""

@@ -7,7 +7,7 @@ The search makes one `Hypothesis` of each effect and site and fits `CauseSet`s o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import product
 import math
@@ -36,8 +36,8 @@ class Hypothesis:
     """
     An effect at a site, with its parameters as they can be on the robot.
 
-    A parameter with few values (`Parameter.discrete`) is fixed: its bounds coincide, and each
-    value is a hypothesis of its own with the same label.
+    A parameter with few values (`Parameter.kinds`) is fixed: its bounds coincide, and each value
+    is a hypothesis of its own with the same label.
     """
 
     effect: type[Effect]
@@ -68,6 +68,11 @@ class Hypothesis:
     def fixed_values(self) -> tuple[float, ...]:
         """Return the values of the fixed parameters."""
         return tuple(p.low for p in self.parameters if p.low == p.high)
+
+    @property
+    def switches(self) -> tuple[bool, ...]:
+        """Return whether each switched parameter is at null."""
+        return tuple(p.low == p.high for p in self.parameters if p.switched)
 
     @property
     def typical_deviation(self) -> Array:
@@ -231,6 +236,5 @@ def all_hypotheses(robot: Robot, exclude: Sequence[str] = ()) -> tuple[Hypothesi
     """Return a hypothesis for each effect, site and discrete value that a robot can have."""
     return tuple(Hypothesis(effect, site, parameters)
                  for name, effect in catalogue().items() if name not in exclude
-                 for site in sites(effect, robot) for parameters in product(*(
-                     [replace(p, low=value, high=value) for value in p.starts]
-                     if p.discrete else [p] for p in effect.at(site, robot))))
+                 for site in sites(effect, robot)
+                 for parameters in product(*(p.kinds for p in effect.at(site, robot))))

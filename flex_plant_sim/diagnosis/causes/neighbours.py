@@ -167,9 +167,9 @@ def candidates(state: SearchState, centre: RefinedFit, proposals: Sequence[Propo
 
 
 def _deserving(state: SearchState, proposals: Sequence[Proposal]) -> Iterable[Proposal]:
-    """Return the best proposal of each label that deserves a coarse fit."""
+    """Return the best proposal of each label and structure that deserves a coarse fit."""
     added = [p for rank, p in enumerate(proposals) if state.deserves_fit(rank, p)]
-    return {p.hypothesis.label: p for p in reversed(added)}.values()
+    return {(p.hypothesis.label, p.hypothesis.switches): p for p in reversed(added)}.values()
 
 
 def _extended(state: SearchState, candidate: CandidateSet, proposal: Proposal

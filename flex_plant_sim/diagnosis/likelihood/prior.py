@@ -171,7 +171,7 @@ def log_prior_odds(effect: type[Effect], robot: Robot) -> float:
     """
     each = 1.0 - (1.0 - PROBABILITY_ANY_CAUSE)**(1.0 / len(catalogue()))
     places = sites(effect, robot)
-    kinds = math.prod(len(p.starts) for p in effect.at(places[0], robot) if p.discrete)
+    kinds = math.prod(len(p.kinds) for p in effect.at(places[0], robot))
     return math.log(each / (1.0 - each) / len(places) / kinds)
 
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.effects.base import Effect, FRICTION, Motion, one_hot, Parameter
+from flex_plant_sim.effects.base import Motion, one_hot, Parameter
+from flex_plant_sim.effects.joint.bristles import Bristles, TRAVEL
 import numpy as np
 
 
-class StribeckFriction(Effect):
+class StribeckFriction(Bristles):
     """
     Dry friction of one joint, level + extra exp(-(v / speed)^2).
 
@@ -16,14 +17,17 @@ class StribeckFriction(Effect):
     """
 
     identifier = 'stribeck_friction'
-    family = 'joint and gear'
     explanation = 'Dry friction in {site} is higher at rest and falls as the joint gets going.'
     parameters = (
         Parameter('level_n_m', 'N m', 0.0, 0.0, 20.0, (0.2, 0.8), 0.05, 1.0),
         Parameter('extra_n_m', 'N m', 0.0, 0.0, 20.0, (0.3, 1.0), 0.05, 1.0),
-        Parameter('speed_rad_per_s', 'rad/s', 0.1, 0.01, 2.0, (0.05, 0.2), np.inf, 0.1))
-    sites = 'joint'
-    contact = FRICTION
+        Parameter('speed_rad_per_s', 'rad/s', 0.1, 0.01, 2.0, (0.05, 0.2), np.inf, 0.1),
+        TRAVEL)
+
+    @property
+    def breakaway(self) -> float:
+        """Return the friction at rest, N m."""
+        return float(self['level_n_m'] + self['extra_n_m'])
 
     def dry_friction(self, motion: Motion) -> tuple[Array, Array]:
         """Return the level in both directions at the present speed, N m."""
