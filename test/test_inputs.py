@@ -159,8 +159,11 @@ def test_a_long_gap_leaves_the_longest_stretch() -> None:
 
 def test_limits_follow_from_the_robot_file() -> None:
     limits = Limits.of(QUANSER)
-    # 3 x 8.925 x 0.94 / 4; a quarter turn of the tip: pi b / (2 L), (36) for a tip force.
-    assert limits.speed[0] == pytest.approx(6.29, rel=1e-3)
+    # Half a turn with 8.925 x 0.94 N m on rotor and link; a quarter turn of the tip: pi b / (2 L),
+    # (36) for a tip force.
+    drive, link = QUANSER.drives[0], QUANSER.links[0]
+    carried = drive.inertia + link.mass * link.length**2 / 3.0
+    assert 0.5 * carried * limits.speed[0]**2 == pytest.approx(8.925 * 0.94 * math.pi)
     assert limits.high[2] == pytest.approx(math.pi * 0.00127 / (2 * 0.202))
     assert limits.command == pytest.approx([1.88, 2.4])
     assert Limits.of(replace(REFERENCE, angle_limits=((-1.0, 2.0), (-3.0, 3.0)))).low[0] == -1.0
@@ -184,6 +187,18 @@ def test_one_bad_sample_is_refused_and_no_other(column: int, value: float, kind:
     refused = judge_record(gate, time, output, command)
     assert [k for k, refusal in enumerate(refused) if refusal is not None] == [50]
     assert gate.refused == {kind: 1}
+
+
+def test_a_joint_with_less_friction_than_its_file_says_is_believed() -> None:
+    # A sixth of the file's: it coasts at 4 rad/s where the file's would let it go at 0.7.
+    time = 0.002 * np.arange(1000.0)
+    output, command = np.zeros((1000, 4)), np.zeros((1000, 2))
+    output[:, 1] = 4.0 / 6.0 * np.sin(6.0 * time)
+    assert judge_record(Gate(QUANSER), time, output, command) == [None] * 1000
+    first, second = (replace(drive, command_limit=1.0) for drive in REFERENCE.drives)
+    slower = replace(REFERENCE, drives=(first, second))
+    # A velocity loop goes as fast as it is told.
+    assert Limits.of(slower).speed == pytest.approx([3.0, 3.0])
 
 
 def test_a_command_beyond_the_drive_is_refused() -> None:

@@ -23,8 +23,12 @@ MAX_TURNS = 16
 # Joint speed, rad/s, that no joint with a flexible link exceeds, whatever its drive; it replaces
 # the drive's limit if the robot file limits no command.
 MAX_SPEED = 100.0
-# Largest joint speed over a drive's steady speed: what a reversal without any loss would reach.
+# Largest joint speed over the steady speed of a velocity loop: what a reversal without any loss
+# would reach.
 OVERSHOOT = 3.0
+# Turn, rad, over which a drive without such a loop may gain speed: moves from stop to stop are no
+# longer. Its damping is friction, which a robot file often has far too large.
+RUN_UP = math.pi
 # Largest elastic strain of a metal, m/m: spring steel yields at 0.7 %, titanium at 0.9 %.
 YIELD_STRAIN = 0.01
 # Largest command over the command limit: the overshoot of a current controller without damping.
@@ -76,13 +80,26 @@ class Limits:
         strain = [min(YIELD_STRAIN, np.pi * link.thickness / (2.0 * link.length))
                   for link in robot.links for _ in link.gauge_positions]
         drives = robot.drives
-        speed = [
-            min(MAX_SPEED, OVERSHOOT * drive.torque_gain * drive.command_limit / drive.damping)
-            if drive.damping > 0.0 else MAX_SPEED for drive in drives]
+        speed = [min(MAX_SPEED, _largest_speed(robot, joint)) for joint in (0, 1)]
         return cls(np.array([*ranges[:, 0], *(-s for s in strain)]),
                    np.array([*ranges[:, 1], *strain]), np.array(speed),
                    COMMAND_MARGIN * np.array([_largest_command(drive) for drive in drives]),
                    NOISE_MARGIN * math.sqrt(2.0) * robot.angle_noise)
+
+
+def _largest_speed(robot: Robot, joint: int) -> float:
+    """
+    Return the speed, rad/s, beyond which a joint is not believed.
+
+    Of a drive without a velocity loop, what its torque gives to the least that it can carry, rotor
+    and own link, over RUN_UP without any loss.
+    """
+    drive, link = robot.drives[joint], robot.links[joint]
+    torque = drive.torque_gain * drive.command_limit
+    if drive.closed_loop and drive.damping > 0.0:
+        return OVERSHOOT * torque / drive.damping
+    least = drive.inertia + link.mass * link.length**2 / 3.0
+    return math.sqrt(2.0 * torque * RUN_UP / least)
 
 
 def _largest_command(drive: Drive) -> float:
