@@ -86,7 +86,12 @@ class ArmWatch:
 
     def reset(self) -> None:
         """Forget everything, a fault included."""
-        self.fault, self._time, self._gap_at = '', -math.inf, -math.inf
+        self.fault = ''
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget what was followed, as after a leap in time; a fault stays."""
+        self._time, self._gap_at = -math.inf, -math.inf
         if self.gauges is not None:
             self.gauges.reset()
         self._speeds.reset()

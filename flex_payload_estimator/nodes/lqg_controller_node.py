@@ -150,6 +150,11 @@ class LQGControllerNode(SampleNode):
         self._unusable, self._waiting, self._late, self._last_mass = 0, None, False, math.nan
         self._masses.clear()
         self._wild = ''
+        self.watch.restart()
+
+    def start_over(self) -> None:
+        """Be as at the start, which alone ends a stop for a sensor's fault."""
+        super().start_over()
         self.watch.reset()
 
     def take(self, sample: Sample) -> Any:

@@ -298,14 +298,18 @@ class SampleNode(ContractNode):
 
     def _on_reset(self, _: Any, response: Any) -> Any:
         """Take parameters that wait for ~/reset into force, and start again."""
+        self.start_over()
+        response.success, response.message = True, 'as at the start'
+        return response
+
+    def start_over(self) -> None:
+        """Take parameters that wait into force, and be as at the start."""
         self.begin_again()
         self.restart()
         self.gate.restart()
         self._pairing.clear()
         self.order.clear()
         self._answer = None
-        response.success, response.message = True, 'as at the start'
-        return response
 
     def remember(self, answer: Any) -> None:
         """Keep an answer that was given after `take` returned, for when its sample is repeated."""

@@ -1,0 +1,41 @@
+"""What stops the arm, and what alone lets it go on."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from node_bench import Bench
+import numpy as np
+import pytest
+
+if TYPE_CHECKING:
+    from ros_loop import RosLoop
+
+pytestmark = pytest.mark.ros
+
+
+def stuck(bench: Bench, first: int, samples: int) -> None:
+    """Feed an arm that does not move whatever it is commanded, as one whose encoder is stuck."""
+    for k in range(first, first + samples):
+        bench.answered(k, angle=(-1.0, -1.0), effort=bench.answers[-1].effort
+                       if bench.answers else (0.0, 0.0))
+
+
+def test_a_stop_for_a_sensor_outlasts_a_leap_in_time(loop: RosLoop) -> None:
+    bench = Bench(loop, 'controller', reference_amplitude=0.5, reference_period=10.0)
+    for k in range(100):
+        stuck(bench, k, 1)
+        if bench.node.watch.fault:
+            break
+    assert 'does not move as its command asks' in bench.node.watch.fault
+    assert np.abs([m.effort for m in bench.answers]).max() > 2.0
+    # The driver's clock is set 5 s ahead; the first stamp alone is not believed.
+    bench.sample(k + 500, angle=(-1.0, -1.0))
+    count = len(bench.answers)
+    stuck(bench, k + 501, 20)
+    assert not np.any([message.effort for message in bench.answers[count:]])
+    loop.until(lambda: bench.status('command') is not None
+               and 'The command is zero until ~/reset' in bench.status('command').message)
+    assert loop.call('lqg_controller', 'reset').success
+    stuck(bench, k + 521, 3)
+    assert np.any(bench.answers[-1].effort)
