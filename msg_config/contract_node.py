@@ -102,6 +102,11 @@ class ContractNode(RefusingNode, ABC):
             self.trigger_configure()
             self.trigger_activate()
 
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Begin as at the start, with the parameters as they were set."""
+        self.start_over()
+        return super().on_configure(state)
+
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Start taking messages."""
         for topic in self._polled:
@@ -141,6 +146,10 @@ class ContractNode(RefusingNode, ABC):
 
     def on_live(self, changed: dict[str, Any]) -> None:
         """Apply changed live parameters; an InputError refuses them."""
+
+    def start_over(self) -> None:
+        """Be as at the start; subclasses forget what they know."""
+        self.begin_again()
 
     def begin_again(self) -> None:
         """Put in force the changes that wait for a reset."""

@@ -51,6 +51,24 @@ def test_the_controller_does_nothing_until_it_is_active(loop: RosLoop) -> None:
     bench.answered(6)
 
 
+def test_configure_begins_as_at_the_start_with_what_was_set(loop: RosLoop) -> None:
+    from rclpy.parameter import Parameter
+
+    bench = Bench(loop, 'estimator')
+    bench.answered(0)
+    for label in ('deactivate', 'cleanup'):
+        assert change(loop, 'payload_estimator', label)
+    assert bench.node.set_parameters_atomically([Parameter('modes', value=1)]).successful
+    for label in ('configure', 'activate'):
+        assert change(loop, 'payload_estimator', label)
+    bench.diagnostics.clear()
+    bench.node.report()
+    loop.until(lambda: bench.status('estimate') is not None)
+    assert bench.node.values['modes'] == 1
+    assert bench.status('estimate').message == 'no sample yet'
+    assert bench.status('parameters').message == 'ok'
+
+
 @pytest.mark.parametrize('kind', ['controller', 'estimator'])
 def test_a_destroyed_node_leaves_the_graph_without_the_garbage_collector(
         loop: RosLoop, kind: str) -> None:

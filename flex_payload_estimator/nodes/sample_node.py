@@ -304,7 +304,7 @@ class SampleNode(ContractNode):
 
     def start_over(self) -> None:
         """Take parameters that wait into force, and be as at the start."""
-        self.begin_again()
+        super().start_over()
         self.restart()
         self.gate.restart()
         self._pairing.clear()
