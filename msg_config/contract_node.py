@@ -61,11 +61,13 @@ class ContractNode(RefusingNode, ABC):
     waited : float
         Time that the present message has waited to be taken, s.
     interrupted : Future
-        Done after a Ctrl-C inside a callback; an EventsExecutor would print an exception there.
+        Done when the process is asked to end, and after a Ctrl-C inside a callback, where an
+        EventsExecutor would print an exception.
 
     """
 
     def __init__(self, name: str, **options: Any):
+        self.active = False
         super().__init__(name, **options)
         try:
             self.values: dict[str, Any] = declare_parameters(self, name)
@@ -80,17 +82,18 @@ class ContractNode(RefusingNode, ABC):
         self._wall = Clock(clock_type=ClockType.STEADY_TIME)
         self._diagnostics = self.publisher('/diagnostics')
         self.hardware = Path(str(self.values['robot'])).stem
-        self.active = False
         self.configured(lambda: self.install(self.build(self.values)))
         self.add_on_set_parameters_callback(self._on_set)
 
     def destroy_node(self) -> None:
         """
-        Destroy the node and the services of its lifecycle.
+        Destroy the node, which ceases first, and the services of its lifecycle.
 
         rclpy leaves them to the state machine, which lives on in cycles of references: until the
         garbage collector came by, the node would stay in the graph.
         """
+        if self.context.ok():
+            self._pause()
         super().destroy_node()
         self._state_machine.destroy_when_not_in_use()
 

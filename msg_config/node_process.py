@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 import gc
 from pathlib import Path
-import signal
 import sys
-from types import FrameType
 from typing import Any
 
 from msg_config.contract_node import ContractNode
+from msg_config.end_signals import end_on_signal
 from msg_config.errors import InputError
-from msg_config.quiet_start import end_at_once
+from msg_config.quiet_start import CODES, end_at_once
 from msg_config.transport import avoid_shared_memory
 import rclpy
 from rclpy.context import Context
@@ -22,7 +21,7 @@ from rclpy.exceptions import (
     ROSInterruptException,
 )
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
-from rclpy.signals import install_signal_handlers, SignalHandlerOptions
+from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
 
@@ -44,7 +43,7 @@ def spin(executor: Executor, stop: Future[Any]) -> None:
 
 def run(make: Callable[[], ContractNode], arguments: Sequence[str] | None = None) -> int:
     """
-    Run one node until Ctrl-C or SIGTERM.
+    Run one node until Ctrl-C, SIGTERM or SIGHUP.
 
     Parameters
     ----------
@@ -56,8 +55,8 @@ def run(make: Callable[[], ContractNode], arguments: Sequence[str] | None = None
     Returns
     -------
     int
-        0 after SIGTERM or shutdown, 130 after Ctrl-C, 2 for a bad parameter, which is named in
-        one line.
+        0 after SIGTERM or shutdown, 130 after Ctrl-C, 129 after SIGHUP, 2 for a bad parameter,
+        which is named in one line.
 
     """
     avoid_shared_memory()
@@ -71,10 +70,12 @@ def run(make: Callable[[], ContractNode], arguments: Sequence[str] | None = None
         if _asks_for_help(given):
             return 0
         _spin_one(make, interrupts)
+        if interrupts:
+            return CODES[interrupts[0]]
     except InputError as error:
         return _print_error(error)
     except (ExternalShutdownException, ROSInterruptException):
-        return 130 if interrupts else 0
+        return 0
     except Exception:  # noqa: B902
         # A signal came before the node was complete.
         if rclpy.ok():
@@ -116,7 +117,7 @@ def _spin_one(make: Callable[[], ContractNode], interrupts: list[int]) -> None:
         # The present objects are permanent, so the garbage collector need not visit them again.
         gc.collect()
         gc.freeze()
-        _handle_signals(interrupts)
+        end_on_signal(lambda number: _end(number, interrupts, node, executor))
         spin(executor, node.interrupted)
     finally:
         end_at_once()
@@ -139,19 +140,12 @@ def _created(make: Callable[[], ContractNode]) -> ContractNode:
         raise
 
 
-def _handle_signals(interrupts: list[int]) -> None:
-    """
-    Let a signal shut rclpy down from now on, which wakes the executor; note a SIGINT.
-
-    A KeyboardInterrupt would come anywhere, in the executor too, which prints it as an error. The
-    second signal ends the process at once, wherever it is.
-    """
-    def note(number: int, _: FrameType | None) -> None:
-        interrupts.append(number)
-        end_at_once()
-    signal.signal(signal.SIGINT, note)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    install_signal_handlers(SignalHandlerOptions.ALL)
+def _end(number: int, interrupts: list[int], node: ContractNode, executor: Executor) -> None:
+    """Note a signal and let the executor return; the node lives on until it is destroyed."""
+    interrupts.append(number)
+    if not node.interrupted.done():
+        node.interrupted.set_result(None)
+    executor.wake()
 
 
 def _print_error(error: Exception) -> int:

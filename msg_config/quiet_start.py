@@ -12,15 +12,22 @@ import signal
 import sys
 from types import FrameType
 
-# Exit codes: 130 after Ctrl-C by the convention of shells; 0 after SIGTERM, a requested end.
-CODES = {signal.SIGINT: 130, signal.SIGTERM: 0}
+# Exit codes: 130 after Ctrl-C and 129 after a closed terminal by the convention of shells; 0 after
+# SIGTERM, a requested end.
+CODES: dict[int, int] = {signal.SIGINT: 130, signal.SIGTERM: 0, signal.SIGHUP: 129}
 
 
 def end_at_once() -> None:
-    """Let SIGINT and SIGTERM end the process without output, unless they are ignored."""
-    for number, code in CODES.items():
+    """Let the signals of CODES end the process without output, unless they are ignored."""
+    for number in CODES:
         if signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, partial(_leave, code))
+            signal.signal(number, partial(_leave, CODES[number]))
+
+
+def ended_by() -> list[int]:
+    """Return the signals that end a running node: SIGHUP does not where nohup ignores it."""
+    return [number for number in CODES
+            if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN]
 
 
 def _leave(code: int, _number: int, _frame: FrameType | None) -> None:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import signal
 from typing import TYPE_CHECKING
 
-from node_bench import Bench
+from node_bench import Bench, STEP
 import numpy as np
 import pytest
 
 if TYPE_CHECKING:
+    from rclpy.context import Context
     from ros_loop import RosLoop
 
 pytestmark = pytest.mark.ros
@@ -39,3 +41,38 @@ def test_a_stop_for_a_sensor_outlasts_a_leap_in_time(loop: RosLoop) -> None:
     assert loop.call('lqg_controller', 'reset').success
     stuck(bench, k + 521, 3)
     assert np.any(bench.answers[-1].effort)
+
+
+@pytest.mark.parametrize(('number', 'code'), [
+    (signal.SIGINT, 130),
+    pytest.param(signal.SIGHUP, 129, marks=pytest.mark.skipif(
+        signal.getsignal(signal.SIGHUP) is signal.SIG_IGN, reason='nohup ignores it'))])
+def test_a_controller_that_is_asked_to_end_leaves_a_command_of_zero(
+        ros_context: Context, domain_id: int, number: signal.Signals, code: int) -> None:
+    from msg_config.messages import joint_state
+    from node_bench import GAUGES, JOINTS
+    from ros_loop import RosLoop
+    from test_nodes_processes import start
+
+    loop = RosLoop(ros_context)
+    commands = loop.record('command')
+    process = start(domain_id, 'lqg_controller', 'model:=paper_reduced', 'modes:=2',
+                    'adapt:=false')
+    try:
+        joints, strain = loop.publisher('joint_states'), loop.publisher('strain')
+        k = 0
+        while len(commands.stamps) < 5:  # the first ones come before the processes know each other
+            k += 1
+            joints.publish(joint_state(k * STEP, JOINTS, (-0.5, -0.5), effort=(0.0, 0.0)))
+            strain.publish(joint_state(k * STEP, GAUGES, (0.0,) * 4))
+            loop.wait(0.01)
+        assert np.abs(commands[-1].effort).max() > 0.1
+        process.send_signal(number)
+        _, error = process.communicate(timeout=20.0)
+        assert process.returncode == code, error
+        loop.wait(0.1)
+        assert not np.any(commands[-1].effort)
+    finally:
+        process.kill()
+        process.communicate()
+        loop.close()
