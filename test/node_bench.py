@@ -57,6 +57,17 @@ class Bench:
         self.sample(k, **values)
         self.loop.until(lambda: k * STEP in self.answers.stamps)
 
+    def seldom(self, samples: range, times: int) -> None:
+        """Publish joints at every sample, strain at every so many, and wait for the answers."""
+        from msg_config.messages import joint_state
+
+        for k in samples:
+            effort = (0.1 * (k % times), 0.0)
+            self.joint_states.publish(joint_state(k * STEP, JOINTS, (0.2, 0.2), effort=effort))
+            if k % times == 0:
+                self.strain.publish(joint_state(k * STEP, GAUGES, (0.0,) * 4))
+                self.loop.until(lambda k=k: k * STEP in self.answers.stamps)  # type: ignore[misc]
+
     def status(self, name: str) -> Any:
         """Return the latest status of a name."""
         found = [s for m in self.diagnostics for s in m.status if s.name.endswith(name)]

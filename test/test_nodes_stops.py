@@ -76,3 +76,16 @@ def test_a_controller_that_is_asked_to_end_leaves_a_command_of_zero(
         process.kill()
         process.communicate()
         loop.close()
+
+
+def test_strain_at_a_third_of_the_rate_gets_no_command(loop: RosLoop) -> None:
+    bench = Bench(loop, 'controller', watchdog=0.0)
+    bench.seldom(range(70), 3)
+    assert np.any([message.effort for message in bench.answers])
+    assert not np.any(bench.answers[-1].effort)
+    loop.until(lambda: bench.status('command') is not None
+               and bench.status('command').message == (
+        'samples come every 0.03 s (joint_states every 0.01 s, strain every 0.03 s), '
+        'expected 0.01 s (sample_time): the command is zero'))
+    bench.seldom(range(70, 95), 1)
+    assert np.any(bench.answers[-1].effort)

@@ -23,6 +23,27 @@ def test_another_rate_is_said(mean: float, text: str) -> None:
     assert counts_of(np.full(300, mean)).status(1.0, '')[1] == text
 
 
+@pytest.mark.parametrize('intervals', [(2,), (3,), (4,), (20,), (2, 1, 2)])
+def test_samples_that_come_too_seldom_are_told_from_lost_ones(intervals: tuple[int, ...]) -> None:
+    counts = counts_of(0.01 * np.tile(intervals, 60))
+    assert counts.slow
+    for _ in range(20):
+        assert counts.slow
+        counts.add_interval(0.01, 1.0)
+    assert not counts.slow
+    counts.add_interval(0.03, 1.0)
+    assert not counts.slow
+
+
+@pytest.mark.parametrize('lost', [0.1, 0.3])
+def test_samples_that_are_lost_at_random_do_not_come_too_seldom(lost: float) -> None:
+    chance = np.random.default_rng(4)
+    counts = SampleCounts(0.01)
+    for interval in 0.01 * chance.geometric(1.0 - lost, 100_000):
+        counts.add_interval(float(interval), 1.0)
+        assert not counts.slow
+
+
 def test_jitter_and_lost_samples_are_no_other_rate() -> None:
     stamps = 0.01 * np.arange(1000) + 0.004 * np.random.default_rng(3).uniform(-0.5, 0.5, 1000)
     kept = np.delete(stamps, [100, 101, 200, 555])

@@ -68,7 +68,8 @@ class LQGControllerNode(SampleNode):
 
     A sample that cannot be used leaves the command as it is. From the second in a row on the
     command goes to zero, as it does where no sample comes for the watchdog's time. Samples that
-    come later are used again; after the watchdog's time the predictor begins anew. Where an angle
+    come later are used again; after the watchdog's time the predictor begins anew. Where samples
+    come at another rate than told, the command is zero as long as they do. Where an angle
     or a strain contradicts the others (`ArmWatch`), the command is zero until ~/reset: no sample
     tells where the arm is.
     """
@@ -209,6 +210,10 @@ class LQGControllerNode(SampleNode):
     def _control(self, sample: Sample, mass: float) -> Any:
         """Publish and return the command that answers a sample at a payload, kg."""
         self._begin_again_if_lost(sample)
+        slowness = self.slowness()
+        if slowness:
+            # The predictor takes a step a sample: one that misses steps would shake the arm.
+            self.controller.reset()
         before = self.limiter.sent
         if self._early_reference is not None:
             (message, self.set_points), self._early_reference = self._early_reference, None
@@ -225,7 +230,7 @@ class LQGControllerNode(SampleNode):
                                    'before is kept', 'not finite')
         elif self._unusable:
             command = self.limiter.sent if self._unusable == 1 else np.zeros(2)
-        if self._faulty(sample, before):
+        if self._faulty(sample, before) or slowness:
             command = np.zeros(2)
         answer = self._send(command, sample.stamp, self.robot.sample_time)
         self._answered, self._stopped = self.wall_time(), False
@@ -332,6 +337,9 @@ class LQGControllerNode(SampleNode):
             return 'error', f'no {self._missing()} for {age:.3g} s: the command is zero'
         if self.values['watchdog'] and self.watch.fault:
             return 'error', self._stop_text()
+        slowness = self.slowness()
+        if slowness:
+            return 'error', f'{slowness}: the command is zero'
         if self._payload_missing():
             return 'warn', 'payload/inertia is late or missing: the last payload serves'
         if self._unusable > 1:

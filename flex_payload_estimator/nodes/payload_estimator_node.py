@@ -45,6 +45,8 @@ MESSAGES = {
     'model_suspect': ('warn', 'no known model explains what is measured'),
     'restarted': ('error', 'the estimate was not finite; the last good one is kept'),
     'input_rejected': ('warn', 'a measurement was refused; the estimate is that without it')}
+# Statuses that say nothing against the estimate.
+CONFIDENT = ('ok', 'not_excited')
 # Statuses whose estimate has no innovation of its own.
 NO_INNOVATION = ('input_rejected', 'restarted')
 
@@ -99,6 +101,8 @@ class PayloadEstimatorNode(SampleNode):
         estimate = self._estimate_of(sample)
         if estimate is None:
             return None
+        if self.unknown_commands and estimate.status in CONFIDENT:
+            estimate = estimate._replace(status='model_suspect')
         payload = self._payload.serialised(sample.stamp, estimate.mass, estimate.variance,
                                            estimate.p)
         self._payload.publish(payload)
@@ -200,6 +204,8 @@ class PayloadEstimatorNode(SampleNode):
             return self.status('estimate', 'stale', 'no sample yet', {})
         estimate = self._estimate
         level, text = MESSAGES.get(estimate.status, ('ok', estimate.status))
+        if self.unknown_commands:
+            text = f'the commands between samples are not known: {self.slowness()}'
         return self.status('estimate', level, text, {
             'status': estimate.status, 'time s': float(estimate.time),
             'mass kg': float(estimate.mass),

@@ -8,12 +8,13 @@ status of the samples in the diagnostics.
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import dataclass, replace
+from dataclasses import replace
 import math
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from flex_payload_estimator.nodes.backlog import Backlog
+from flex_payload_estimator.nodes.sample import mean_command, Sample
 from flex_payload_estimator.nodes.sample_counts import SampleCounts
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
@@ -42,35 +43,6 @@ NO_VELOCITY = np.full(2, np.nan)
 PARTS = ('joint_states', 'strain')
 
 
-@dataclass(frozen=True)
-class Sample:
-    """
-    The measurements of one stamp.
-
-    Attributes
-    ----------
-    stamp : int
-        ns.
-    output : Array
-        (theta_1, theta_2, strain…), rad and m/m, (m,); NaN where the sample was refused.
-    command : Array
-        Command applied up to this stamp, (2,).
-    velocity : Array
-        Of the joints, rad/s, (2,); NaN where joint_states has none.
-
-    """
-
-    stamp: int
-    output: Array
-    command: Array
-    velocity: Array
-
-    @property
-    def time(self) -> float:
-        """Return the stamp in s."""
-        return seconds(self.stamp)
-
-
 class SampleNode(ContractNode):
     """
     A node that answers each sample once, and a repeated sample with the same answer again.
@@ -82,6 +54,8 @@ class SampleNode(ContractNode):
     ----------
     WAITING : float
         Share of the queue that may stay filled before samples are passed over.
+    unknown_commands : bool
+        Whether samples come so seldom that joint_states lacks commands between them.
     commanded : Array or None
         The last command that this node sent or received, (2,). It is taken as the applied one
         where joint_states has no effort, as on many robots.
@@ -118,7 +92,7 @@ class SampleNode(ContractNode):
         room = load_topics()['strain'].subscribe.depth * robot.sample_time
         self._backlog = Backlog(min(self.WAITING * room, QUIET), robot.sample_time)
         self.order.interval = nanoseconds(robot.sample_time)
-        self._counts = SampleCounts(robot.sample_time)
+        self._counts, self.unknown_commands = SampleCounts(robot.sample_time), False
 
     def _say_topics(self, robot: Robot) -> None:
         """Say which topics of the robot file, all for bags, this node does not hear."""
@@ -143,7 +117,7 @@ class SampleNode(ContractNode):
 
     def trouble(self) -> tuple[bool, ...]:
         """Return flags whose change is reported at once: no sample, a second publisher."""
-        return (bool(self.silence()), bool(self.second_heard()))
+        return (bool(self.silence()), bool(self.second_heard()), self._counts.slow)
 
     def _report_trouble(self) -> None:
         """Report where trouble has begun or ended."""
@@ -201,7 +175,9 @@ class SampleNode(ContractNode):
         if together is not None:
             angle, command, velocity = together.parts['joint_states']
             output = np.concatenate([angle, together.parts.get('strain', np.empty(0))])
-            self._on_sample(Sample(together.stamp, output, command, velocity))
+            passed = [own for _, own, _ in together.passed if self.gate.takes(own)]
+            self._on_sample(Sample(together.stamp, output, mean_command(passed, command),
+                                   velocity, 1 + len(passed)))
 
     def _on_sample(self, sample: Sample) -> None:
         """Answer a sample, unless its stamp is out of order or the node is too slow."""
@@ -224,6 +200,8 @@ class SampleNode(ContractNode):
                 self._pass_over(sample.stamp - last)
                 return
             self._watch_interval(sample.stamp - last)
+            self.unknown_commands = self._counts.slow and sample.commands < round(
+                seconds(sample.stamp - last) / self.robot.sample_time)
         self._answer = None
         self._answer = self.take(self._gated(sample))
 
@@ -332,6 +310,15 @@ class SampleNode(ContractNode):
             return f'every sample is refused: {self.last_rejection}'
         return self._pairing.why_nothing()
 
+    def slowness(self) -> str:
+        """Return which topic comes too seldom, and how often; empty where samples come in time."""
+        if not self._counts.slow:
+            return ''
+        topics = ', '.join(f'{part} every {self._pairing.interval(part):.3g} s'
+                           for part in self._parts)
+        return (f'samples come every {self._pairing.interval():.3g} s ({topics}), expected '
+                f'{self.robot.sample_time:.4g} s (sample_time)')
+
     def sample_status(self) -> DiagnosticStatus:
         """Return the status of the samples: lost, uneven, passed over, or why none comes."""
         values = self._counts.values()
@@ -340,6 +327,9 @@ class SampleNode(ContractNode):
             self.warn_seldom('silence', f'no sample: {silence}', SILENCE_INTERVAL)
             return self.status('samples', 'stale' if self.order.last is None else 'error',
                                f'no sample: {silence}', values)
+        slowness = self.slowness()
+        if slowness:
+            return self.status('samples', 'error', slowness, values)
         return self.status('samples', *self._counts.status(self.wall_time(), self.last_rejection),
                            values)
 

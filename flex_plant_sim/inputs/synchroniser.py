@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+import math
 from statistics import median
 from typing import Any
 
@@ -17,7 +18,8 @@ from typing import Any
 SLOP = 0.4
 # Messages of a part that may wait for another part: as many as a publisher keeps (topics.yaml).
 PENDING = 10
-# Recent offsets between stamps, of which the median is reported if no stamps match.
+# Recent offsets between stamps, of which the median is reported if no stamps match, and recent
+# stamps, of which the mean interval is.
 OFFSETS = 50
 
 
@@ -37,20 +39,25 @@ class PairedSample:
         Stamp of its first part, ns.
     parts : dict
         Part name to its value.
+    passed : sequence
+        Values of the first part since the sample before that make no sample.
 
     """
 
     stamp: int
     parts: dict[str, Any]
+    passed: Sequence[Any] = ()
 
 
 @dataclass
 class _Waiting:
     queue: deque[tuple[int, Any]] = field(default_factory=deque)
+    stamps: deque[int] = field(default_factory=lambda: deque(maxlen=OFFSETS))
     count: int = 0
 
     def put(self, stamp: int, value: Any) -> None:
         """Add a value to the queue; it replaces one with the same stamp."""
+        _note(self.stamps, stamp)
         for k, (at, _) in enumerate(self.queue):
             if at == stamp:
                 self.queue[k] = (stamp, value)
@@ -94,6 +101,7 @@ class Synchroniser:
         self._waiting = {part: _Waiting() for part in self._parts}
         self._offsets: dict[str, deque[int]] = {
             part: deque(maxlen=OFFSETS) for part in self._parts[1:]}
+        self._paired: deque[int] = deque(maxlen=OFFSETS)
         self.lost = 0
 
     def add(self, part: str, stamp: int, value: Any) -> PairedSample | None:
@@ -125,18 +133,30 @@ class Synchroniser:
             if near is None or abs(near[0] - reference) > self._slop:
                 return None
             chosen[part] = near
-        for part, (stamp, _) in chosen.items():
-            self._drop_up_to(part, stamp)
-        return PairedSample(reference, {part: value for part, (_, value) in chosen.items()})
+        passed = [self._drop_up_to(part, stamp) for part, (stamp, _) in chosen.items()]
+        _note(self._paired, reference)
+        return PairedSample(reference, {part: value for part, (_, value) in chosen.items()},
+                            passed[0])
 
-    def _drop_up_to(self, part: str, stamp: int) -> None:
-        """Drop messages older than those of a complete sample: their other parts were lost."""
-        queue = self._waiting[part].queue
+    def _drop_up_to(self, part: str, stamp: int) -> list[Any]:
+        """
+        Drop messages older than those of a complete sample: their other parts were lost.
+
+        Return their values.
+        """
+        queue, dropped = self._waiting[part].queue, []
         while queue:
-            at, _ = queue.popleft()
+            at, value = queue.popleft()
             if at == stamp:
-                return
-            self.lost += 1
+                break
+            dropped.append(value)
+        self.lost += len(dropped)
+        return dropped
+
+    def interval(self, part: str = '') -> float:
+        """Return the mean interval of the last stamps of a part, or of samples, s, or NaN."""
+        stamps = self._waiting[part].stamps if part else self._paired
+        return (stamps[-1] - stamps[0]) * 1e-9 / (len(stamps) - 1) if len(stamps) > 1 else math.nan
 
     def why_nothing(self) -> str:
         """Return in one line why no sample is complete; empty if no message came yet."""
@@ -153,3 +173,11 @@ class Synchroniser:
                 return (f'{part}: header.stamp: expected within {self._slop * 1e-6:.4g} ms of '
                         f'{self._parts[0]}, got {off * 1e-6:+.4g} ms')
         return f'{", ".join(counts)}: no stamps that belong together'
+
+
+def _note(stamps: deque[int], stamp: int) -> None:
+    """Keep a stamp that is later than those before; one that is not begins anew if it is early."""
+    if stamps and stamp < stamps[0]:
+        stamps.clear()
+    if not stamps or stamp > stamps[-1]:
+        stamps.append(stamp)
