@@ -14,6 +14,7 @@ from msg_config.changes import Changes
 from msg_config.contract import load_topics
 from msg_config.errors import InputError
 from msg_config.first_publisher import FirstPublisher, SILENCE
+from msg_config.input_mapping import Channels
 from msg_config.messages import diagnostic_array, diagnostic_status
 from msg_config.refusing_node import REFUSED, RefusingNode
 from msg_config.ros import (
@@ -202,27 +203,35 @@ class ContractNode(RefusingNode, ABC):
             subscription.callback(taken)  # type: ignore[call-arg, arg-type]
 
     def subscribe(self, topic: str, callback: Callable[[Any], None], *, polled: bool = False,
-                  ) -> None:
+                  names: Callable[[], Channels] | None = None) -> None:
         """
         Take messages of a topic of the contract; those for which InputError is raised are refused.
 
         With `polled`, messages wait for `take_waiting`, because waking up for each of them costs
-        as much as sending it.
+        as much as sending it. With `names`, messages that name none of these channels are of
+        another device and ignored, as in bags, while one speaks that names some.
         """
         own = load_topics()[topic]
         # A publisher sends the same names with every sample, so only the numbers need be read.
-        exclusive, read = own.exclusive, MessageReader(interface_class(own.type), topic)
+        exclusive, kind = own.exclusive, interface_class(own.type)
+        read, read_other = MessageReader(kind, topic), MessageReader(kind, topic)
 
         def guarded(message: Any, gid: bytes | None, waited: float) -> None:
             if not self.active:
                 return
-            self.waited = waited
-            if exclusive and not self._heard.hears(topic, gid, time.monotonic()):
-                self.reject(topic, f'{topic}: expected one publisher, got a message of a second '
-                                   'one; the first is kept', SECOND)
-                return
+            self.waited, now = waited, time.monotonic()
+            reader = read if self._heard.is_kept(topic, gid) else read_other
             try:
-                self._run(callback, read(message) if isinstance(message, bytes) else message)
+                given = reader(message) if isinstance(message, bytes) else message
+                ours = names is None or names().name_any(given.name)
+                if not ours and self._heard.speaks(topic, now):
+                    return
+                if ours and exclusive and not self._heard.hears(topic, gid, now):
+                    self.reject(topic, f'{topic}: expected one publisher, got a message of a '
+                                       'second one; the first is kept', SECOND)
+                    return
+                # What is not ours, while nobody else speaks, is refused with the names that are missing.
+                self._run(callback, given)
             except REFUSED as error:
                 self.reject(topic, str(error))
         if polled:

@@ -31,6 +31,14 @@ class FirstPublisher:
         self._kept: dict[str, tuple[bytes, float]] = {}
         self._held_up: dict[str, bytes] = {}
 
+    def is_kept(self, topic: str, gid: bytes | None) -> bool:
+        """Return whether the last message accepted on a topic was of this publisher."""
+        return topic in self._kept and self._kept[topic][0] == gid
+
+    def speaks(self, topic: str, now: float) -> bool:
+        """Return whether a publisher is accepted on a topic and not silent."""
+        return topic in self._kept and now - self._kept[topic][1] <= self.silence
+
     def hears(self, topic: str, gid: bytes | None, now: float) -> bool:
         """Return whether a message is accepted; `gid` is None if the middleware gives none."""
         if gid is None:

@@ -92,6 +92,10 @@ class Channels:
             rows.append(found[0])
         return rows
 
+    def name_any(self, given: Sequence[str]) -> bool:
+        """Return whether one of the names given is that of a channel."""
+        return not self._known.isdisjoint(given)
+
     def pick(self, given: Sequence[str], values: Sequence[float], where: str) -> Array:
         """
         Return the values of one message in SI, (n,), in the arm's order, found by name.
@@ -136,6 +140,10 @@ class Channels:
     def _indices(self) -> dict[tuple[str, ...], list[int]]:
         """Cache of the indices by names, since messages repeat the same order of names."""
         return {}
+
+    @cached_property
+    def _known(self) -> frozenset[str]:
+        return frozenset(name for names in self.sources for name in names)
 
     @cached_property
     def _in_si(self) -> bool:

@@ -84,3 +84,30 @@ def test_a_slow_publisher_is_no_silent_one() -> None:
     assert not first.hears('strain', other, 0.9)
     assert first.hears('strain', one, 1.0)
     assert first.hears('strain', other, 4.1)
+
+
+@pytest.mark.ros
+def test_a_gripper_on_the_same_topic_is_ignored_whoever_comes_first(loop: RosLoop) -> None:
+    from msg_config.messages import joint_state
+
+    bench = Bench(loop, 'estimator')
+    gripper = loop.publisher('joint_states')
+
+    def grip(k: int) -> None:
+        gripper.publish(joint_state(k * STEP, ('finger_left', 'finger_right'), (0.0, 0.0)))
+    grip(0)
+    loop.until(lambda: bench.node.rejected.total() == 1)
+    assert 'joint_1 is missing from finger_left, finger_right' in bench.node.last_rejection
+    for k in range(4):
+        bench.answered(k)
+        grip(k)
+    # The arm's driver comes again after a pause in which the gripper goes on.
+    begin = time.monotonic()
+    while time.monotonic() - begin < SILENCE + 0.2:
+        grip(4)
+        loop.wait(0.02)
+    driver = loop.publisher('joint_states')
+    bench.joint_states = driver
+    for k in range(5, 8):
+        bench.answered(k)
+    assert not bench.node.second_heard()

@@ -70,7 +70,7 @@ class PayloadEstimatorNode(SampleNode):
         self._estimate: Estimate | None = None
         self._events = 0
         self._prepared: int | None = None
-        self.subscribe('command', self._on_command)
+        self.subscribe('command', self._on_command, names=lambda: self._efforts)
         self.listen()
         self.every(DIAGNOSTICS_INTERVAL, self.report, always=True)
         self.bring_up()

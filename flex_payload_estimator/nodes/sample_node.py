@@ -106,8 +106,8 @@ class SampleNode(ContractNode):
 
     def listen(self) -> None:
         """Subscribe to the samples and offer ~/reset; call it when all else is ready."""
-        self.subscribe('joint_states', self._on_joint_states)
-        self.subscribe('strain', self._on_strain)
+        self.subscribe('joint_states', self._on_joint_states, names=lambda: self._joints)
+        self.subscribe('strain', self._on_strain, names=lambda: self._gauges)
         self.offer('~/reset', self._on_reset)
         self.every(LOOK_INTERVAL, self._report_trouble)
 

@@ -92,8 +92,7 @@ class Stream:
 
         Several drivers may share joint_states, so that some messages are of other joints.
         """
-        own = {name for names in channels.sources for name in names}
-        tells = np.array([bool(own.intersection(names)) for names in self.names], dtype=bool)
+        tells = np.array([channels.name_any(names) for names in self.names], dtype=bool)
         kept = np.flatnonzero(tells[self.group]) if tells.size else np.zeros(0, dtype=np.int64)
         if len(kept) in (0, len(self.stamps)):
             return self

@@ -76,7 +76,8 @@ class PlantSim(ContractNode):
         self._paused = False
         self._at_rest()
         # In real time nothing needs the command before the tick, which then takes it.
-        self.subscribe('command', self._on_command, polled=not self._lockstep)
+        self.subscribe('command', self._on_command, polled=not self._lockstep,
+                       names=lambda: self._efforts)
         self.offer('~/reset', self._on_reset)
         self.offer('~/pause', self._on_pause)
         self.offer('~/step', self._on_step)
