@@ -224,13 +224,13 @@ class ContractNode(RefusingNode, ABC):
             try:
                 given = reader(message) if isinstance(message, bytes) else message
                 ours = names is None or names().name_any(given.name)
-                if not ours and self._heard.speaks(topic, now):
+                if not ours and len(given.name) and self._heard.speaks(topic, now):
                     return
                 if ours and exclusive and not self._heard.hears(topic, gid, now):
                     self.reject(topic, f'{topic}: expected one publisher, got a message of a '
                                        'second one; the first is kept', SECOND)
                     return
-                # What is not ours, while nobody else speaks, is refused with the names that are missing.
+                # What is not ours while nobody else speaks is refused: it lacks our names.
                 self._run(callback, given)
             except REFUSED as error:
                 self.reject(topic, str(error))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
-from msg_config.first_publisher import FirstPublisher, SILENCE
+from msg_config.first_publisher import FirstPublisher, HELD_UP, SILENCE
 from msg_config.recent_counts import RecentCounts, WINDOW
 from node_bench import Bench, GAUGES, STEP
 import pytest
@@ -29,6 +29,16 @@ def test_the_first_publisher_is_kept_until_it_is_silent() -> None:
     assert first.hears('strain', one, 0.42 + SILENCE), 'it was only held up'
     assert not first.hears('strain', other, 0.43 + SILENCE)
     assert first.hears('strain', None, 0.43 + SILENCE), 'where the middleware tells none'
+
+
+def test_a_publisher_that_was_long_dead_does_not_displace_another() -> None:
+    first, one, other = FirstPublisher(), gid(1, 1), gid(2, 1)
+    assert first.hears('strain', one, 0.0)
+    for second in range(1, 7):
+        assert first.hears('strain', other, 1.0 + 0.4 * second)
+    assert not first.hears('strain', one, 1.41 + HELD_UP)
+    assert first.hears('strain', other, 1.45 + HELD_UP)
+    assert first.hears('strain', one, 1.5 + HELD_UP + SILENCE), 'the other is silent'
 
 
 def test_joints_and_strain_are_of_one_process() -> None:
