@@ -1,4 +1,4 @@
-"""Samples that come more seldom than told: what the estimator knows of the time between them."""
+"""Samples that come more seldom than told, or no more: what the estimator says of the time."""
 
 from __future__ import annotations
 
@@ -51,3 +51,16 @@ def test_an_estimate_between_whose_samples_commands_are_unknown_is_not_ok(loop: 
         'the commands between samples are not known: samples come every 0.02 s '
         '(joint_states every 0.02 s, strain every 0.01 s), expected 0.01 s (sample_time)'))
     assert bench.status('estimate').level == b'\x01'
+
+
+def test_an_estimate_without_samples_is_stale_with_its_age(loop: RosLoop) -> None:
+    bench = Bench(loop, 'estimator')
+    for k in range(3):
+        bench.answered(k)
+    loop.until(lambda: bench.status('estimate') is not None
+               and bench.status('estimate').level == b'\x03', 3.0)
+    text = bench.status('estimate').message
+    assert text.startswith('no sample for 0.') and 'no message on /joint_states' in text
+    assert bench.status('model').level == b'\x03'
+    bench.answered(3)
+    loop.until(lambda: bench.status('estimate').level == b'\x00', 3.0)

@@ -202,14 +202,19 @@ class PayloadEstimatorNode(SampleNode):
     def _estimator_status(self) -> DiagnosticStatus:
         if self._estimate is None:
             return self.status('estimate', 'stale', 'no sample yet', {})
-        estimate = self._estimate
+        estimate, silence = self._estimate, self.silence()
         level, text = MESSAGES.get(estimate.status, ('ok', estimate.status))
-        if self.unknown_commands:
+        if silence:
+            level, text = 'stale', self._stale_text(silence)
+        elif self.unknown_commands:
             text = f'the commands between samples are not known: {self.slowness()}'
         return self.status('estimate', level, text, {
             'status': estimate.status, 'time s': float(estimate.time),
             'mass kg': float(estimate.mass),
             'standard deviation kg': float(np.sqrt(max(estimate.variance, 0.0)))})
+
+    def _stale_text(self, silence: str) -> str:
+        return f'no sample for {self.sample_age():.3g} s: {silence}'
 
     def _model_status(self, report: HealthReport) -> DiagnosticStatus:
         """Return the model's health: normalised innovation squared and whiteness."""
@@ -224,4 +229,7 @@ class PayloadEstimatorNode(SampleNode):
         if not suspect and self._estimate and self._estimate.status == 'model_suspect':
             suspect, text = True, ('the innovations are as large as the estimator expects, but '
                                    f'{MESSAGES["model_suspect"][1]}')
+        silence = self._estimate and self.silence()
+        if silence:
+            return self.status('model', 'stale', self._stale_text(silence), values)
         return self.status('model', 'warn' if suspect else 'ok', text, values)

@@ -293,6 +293,10 @@ class SampleNode(ContractNode):
         """Keep an answer that was given after `take` returned, for when its sample is repeated."""
         self._answer = answer
 
+    def sample_age(self) -> float:
+        """Return the time since the last sample that was taken, s."""
+        return self.wall_time() - self._sample_at
+
     def silence(self) -> str:
         """Return why no sample comes; empty where samples come."""
         if not self.active:
