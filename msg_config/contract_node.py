@@ -292,21 +292,25 @@ class ContractNode(RefusingNode, ABC):
         return self._refusals.recent_topics(SECOND, time.monotonic())
 
     def publisher_status(self) -> DiagnosticStatus:
-        """Return whether each topic has one publisher."""
-        heard = self.second_heard()
-        counts = {topic: self.count_publishers(subscription.topic_name)
-                  for topic, subscription in self._subscribed.items()
-                  if load_topics()[topic].exclusive}
-        crowded = [topic for topic, count in counts.items() if count > 1]
+        """Return whether each topic that is heard or published here has one publisher."""
+        heard, names = self.second_heard(), {own.topic_name for own in self.publishers}
+        exclusive = {topic: self.resolve_topic_name(topic)
+                     for topic, own in load_topics().items() if own.exclusive}
+        own = {topic for topic, name in exclusive.items() if name in names}
+        counts = {topic: self.count_publishers(name) for topic, name in exclusive.items()
+                  if topic in self._subscribed or topic in own}
         values: dict[str, object] = {f'publishers of {topic}': count
                                      for topic, count in counts.items()}
+        crowded = {topic for topic, count in counts.items() if count > 1}
         if not heard and not crowded:
             return self.status('publishers', 'ok', 'ok', values)
         text = '; '.join(
-            f'{counts[topic]} publishers of {topic}'
-            + (', only the first is heard' if topic in heard else ', one speaks')
-            for topic in counts if topic in heard or topic in crowded)
-        return self.status('publishers', 'error' if heard else 'warn', text, values)
+            f'{counts[topic]} publishers of {topic}' + (
+                ', this node and others' if topic in own
+                else ', only the first is heard' if topic in heard else ', one speaks')
+            for topic in counts if topic in heard | crowded)
+        return self.status('publishers', 'error' if heard or own & crowded else 'warn', text,
+                           values)
 
     def parameter_status(self) -> DiagnosticStatus:
         """Return the status of parameters that wait for a reset, or change nothing."""

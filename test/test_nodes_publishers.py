@@ -121,3 +121,15 @@ def test_a_gripper_on_the_same_topic_is_ignored_whoever_comes_first(loop: RosLoo
     for k in range(5, 8):
         bench.answered(k)
     assert not bench.node.second_heard()
+
+
+@pytest.mark.ros
+def test_two_controllers_of_one_arm_both_say_so(loop: RosLoop) -> None:
+    bench = Bench(loop, 'controller')
+    bench.answered(0)
+    assert bench.node.publisher_status().message == 'ok'
+    loop.observer.create_publisher(type(bench.answers[0]), 'command', 1)
+    loop.until(lambda: bench.status('publishers') is not None
+               and bench.status('publishers').message == '2 publishers of command, this node '
+                                                         'and others')
+    assert bench.status('publishers').level == b'\x02'
