@@ -173,7 +173,7 @@ class ContractNode(RefusingNode, ABC):
         self.values = self._parameter_changes.accept(live, later, prepared)
         if later:
             # ROS drops the reason of a success, so it is logged; the diagnostics report it too.
-            self.get_logger().info('; '.join(self._parameter_texts()))
+            self.get_logger().info('; '.join(self._parameter_texts()) or 'no change waits')
         return SetParametersResult(successful=True)
 
     def configured(self, make: Callable[[], Configured]) -> Configured:

@@ -223,3 +223,11 @@ def test_a_publisher_keeps_its_last_message_where_it_is_told_to(loop: RosLoop) -
     loop.observer.create_subscription(JointState, 'strain', found.append, QoSProfile(
         depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
     loop.until(lambda: bool(found))
+
+
+def test_a_waiting_change_that_is_taken_back_is_logged_as_such(
+        loop: RosLoop, capfd: pytest.CaptureFixture[str]) -> None:
+    start(loop, 'payload_estimator')
+    for modes, text in ((1, 'modes: in force after ~/reset'), (2, 'no change waits')):
+        assert setting(loop, 'payload_estimator', modes=modes)[0].successful
+        assert capfd.readouterr().err.splitlines()[-1].endswith(f'[payload_estimator]: {text}')
