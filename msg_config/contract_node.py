@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from msg_config.changes import Changes
+from msg_config.clock_watch import ClockWatch
 from msg_config.contract import load_topics
 from msg_config.errors import InputError
 from msg_config.first_publisher import FirstPublisher, SILENCE
@@ -76,6 +77,7 @@ class ContractNode(RefusingNode, ABC):
             self.destroy_node()
             raise
         self._heard, self.waited = FirstPublisher(), 0.0
+        self.clock_watch = ClockWatch(DIAGNOSTICS_INTERVAL)
         self._parameter_changes = Changes(name, self.values)
         self._subscribed: dict[str, Subscription[Any]] = {}
         self._polled: set[str] = set()
@@ -314,14 +316,16 @@ class ContractNode(RefusingNode, ABC):
 
     def parameter_status(self) -> DiagnosticStatus:
         """Return the status of parameters that wait for a reset, or change nothing."""
-        own = self.get_clock()
-        timeless = isinstance(own, ROSClock) and own.ros_time_is_active and (
-            not own.now().nanoseconds)
+        timeless = self._clock_text()
         level = 'warn' if timeless or self._parameter_changes.unused else 'ok'
-        texts = ['use_sim_time: expected a time on /clock, got none: this is stamped 0 s'] \
-            if timeless else []
-        return self.status('parameters', level, '; '.join(
-            [*texts, *self._parameter_texts()]) or 'ok', {})
+        texts = [timeless, *self._parameter_texts()]
+        return self.status('parameters', level, '; '.join(filter(None, texts)) or 'ok', {})
+
+    def _clock_text(self) -> str:
+        own = self.get_clock()
+        if not (isinstance(own, ROSClock) and own.ros_time_is_active):
+            return ''
+        return self.clock_watch(own.now().nanoseconds, time.monotonic())
 
     def _parameter_texts(self) -> list[str]:
         changes = self._parameter_changes

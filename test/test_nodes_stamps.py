@@ -14,6 +14,22 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.ros
 
 
+def test_a_clock_that_stands_still_is_told_from_one_that_never_came() -> None:
+    from msg_config.clock_watch import ClockWatch
+
+    watch = ClockWatch(1.0)
+    assert 'got none' in watch(0, 0.0)
+    assert watch(5_000_000_000, 1.0) == ''
+    watch.sampled = 1.9
+    assert watch(5_000_000_000, 2.0) == '', 'both may have stopped since'
+    watch.sampled = 2.9
+    assert watch(5_000_000_000, 3.0) == (
+        'use_sim_time: /clock stands still at 5 s while samples come')
+    assert watch(5_000_000_000, 9.0), 'it still does'
+    assert watch(5_010_000_000, 10.0) == ''
+    assert watch(5_010_000_000, 20.0) == '', 'no sample comes: all is paused'
+
+
 @pytest.mark.parametrize('kind', ['estimator', 'controller'])
 def test_other_measurements_under_the_same_stamp_are_refused_until_they_are_repeated(
     loop: RosLoop, kind: str,
@@ -94,3 +110,10 @@ def test_a_clock_that_is_no_time_ends_no_node(
     loop.until(lambda: bench.node.get_clock().now().nanoseconds == 300 * STEP)
     loop.until(lambda: parameters() == 'ok')
     bench.answered(301)
+    if second == 1:
+        for k in range(302, 335):
+            bench.answered(k)
+            loop.wait(0.1)
+            if 'stands still' in parameters():
+                break
+        assert parameters() == 'use_sim_time: /clock stands still at 3 s while samples come'

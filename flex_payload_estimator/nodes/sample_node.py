@@ -193,6 +193,7 @@ class SampleNode(ContractNode):
         if order is Order.REPEATED and self._answer is not None:
             self.answer(self._answer)
             return
+        self.clock_watch.sampled = self._sample_at
         if order is Order.RESTARTED:
             self._begin_afresh(last or 0, sample)
         elif order is Order.NEW and last is not None:
