@@ -210,8 +210,8 @@ class ContractNode(RefusingNode, ABC):
         Take messages of a topic of the contract; those for which InputError is raised are refused.
 
         With `polled`, messages wait for `take_waiting`, because waking up for each of them costs
-        as much as sending it. With `names`, messages that name none of these channels are of
-        another device and ignored, as in bags, while one speaks that names some.
+        as much as sending it. With `names`, another publisher's messages that name none of these
+        channels are of another device and ignored, as in bags, while one speaks that names some.
         """
         own = load_topics()[topic]
         # A publisher sends the same names with every sample, so only the numbers need be read.
@@ -222,17 +222,18 @@ class ContractNode(RefusingNode, ABC):
             if not self.active:
                 return
             self.waited, now = waited, time.monotonic()
-            reader = read if self._heard.is_kept(topic, gid) else read_other
+            kept = self._heard.is_kept(topic, gid)
+            reader = read if kept else read_other
             try:
                 given = reader(message) if isinstance(message, bytes) else message
                 ours = names is None or names().name_any(given.name)
-                if not ours and len(given.name) and self._heard.speaks(topic, now):
+                if not (ours or kept) and self._heard.speaks(topic, now):
                     return
                 if ours and exclusive and not self._heard.hears(topic, gid, now):
                     self.reject(topic, f'{topic}: expected one publisher, got a message of a '
                                        'second one; the first is kept', SECOND)
                     return
-                # What is not ours while nobody else speaks is refused: it lacks our names.
+                # What is not ours and of the one who is heard, or the only one, lacks our names.
                 self._run(callback, given)
             except REFUSED as error:
                 self.reject(topic, str(error))
