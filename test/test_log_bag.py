@@ -255,6 +255,23 @@ def test_a_bag_says_what_simulated_it(tmp_path: Path) -> None:
         'Coriolis forces: ' in origin.against('reference', 'assumed_modes', 2, False)
 
 
+@pytest.mark.parametrize('shift', [0, -3_000_000, -10**9 * 1000])
+def test_only_the_arm_s_own_stamps_must_increase(tmp_path: Path, shift: int) -> None:
+    """A gripper shares two topics, with the arm's stamps, an earlier clock, or one that stands."""
+    gripper = [(topic, arrival + 1, joint_state(max(t + shift, START - 10**12), ['finger'],
+                                                [0.3], [9.0]))
+               for (topic, arrival, _), t in zip([*states(20), *commands(20)], 2 * ticks(20))]
+    arm = [*states(20), *strains(20), *commands(20)]
+    # Lock-step sends a sample again; the gripper speaks in between.
+    again = [(topic, arrival + 2, message) for topic, arrival, message in states(20)[7:8]]
+    log = read_log(record(tmp_path / 'bag', sorted([*arm, *gripper, *again],
+                                                   key=lambda item: item[1])), ROBOT)
+    alone = read_log(record(tmp_path / 'alone', arm), ROBOT)
+    assert log.notes == alone.notes
+    for name in ('time', 'joint', 'strain', 'command'):
+        np.testing.assert_array_equal(getattr(log, name), getattr(alone, name))
+
+
 def test_two_publishers_are_not_a_fast_one(tmp_path: Path) -> None:
     other = [(topic, arrival + 3_000_000, joint_state(t + 3_000_000, JOINTS, [0.0, 0.0]))
              for (topic, arrival, _), t in zip(states(20), ticks(20))]

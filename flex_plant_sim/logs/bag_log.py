@@ -51,12 +51,13 @@ def read_bag(path: Path, robot: Robot) -> Log:
 
     """
     gauged = bool(robot.gauge_names)
-    streams, notes = read_messages(path, robot.inputs,
-                                   ('joint_states', 'strain')[:1 + gauged])
     angles, gauges = robot.inputs.joint_channels(), robot.inputs.gauge_channels(robot.gauge_names)
-    joints = streams['joint_states'] = streams['joint_states'].naming(angles)
+    streams, notes = read_messages(path, robot.inputs, {
+        'joint_states': angles, **({'strain': gauges} if gauged else {}),
+        'command': robot.inputs.command_channels()})
+    joints = streams['joint_states']
     # Without gauges each sample is its joint states alone, paired with themselves.
-    strain = streams['strain'].naming(gauges) if gauged else joints
+    strain = streams['strain'] if gauged else joints
     angle = joints.values(angles, 'position')
     surface = strain.values(gauges, 'position') if gauged else np.empty((len(angle), 0))
     pairs = _pairs(path, joints, strain)

@@ -7,8 +7,8 @@ Reads the messages of a bag that make up a log, topic by topic, and finds their 
 from __future__ import annotations
 
 from array import array
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +21,8 @@ from msg_config.time_stamp import NANOSECONDS, valid_stamp
 import numpy as np
 from numpy.typing import NDArray
 
-TOPICS = ('joint_states', 'strain', 'command')
 FIELDS = ('position', 'velocity', 'effort')
-# Largest number of different lists of names on a topic. Several drivers may share joint_states,
-# each with its own names.
+# Largest number of different lists of names on a topic.
 MAX_NAME_LISTS = 100
 Stamps = NDArray[np.int64]
 
@@ -60,7 +58,7 @@ class Fields:
 @dataclass(frozen=True)
 class Stream:
     """
-    The messages of one topic in the order of recording.
+    The messages of one topic that name any of the arm's channels, in the order of recording.
 
     Attributes
     ----------
@@ -70,6 +68,8 @@ class Stream:
         Name of the topic in the contract.
     stamps : array of int
         Stamps, ns, increasing, (N,).
+    number : array of int
+        Number of each message among all on the topic, from 1, (N,).
     names : tuple of tuple of str
         The different lists of names in the messages.
     group : array of int
@@ -82,23 +82,10 @@ class Stream:
     path: Path
     name: str
     stamps: Stamps
+    number: Stamps
     names: tuple[tuple[str, ...], ...]
     group: Stamps
     fields: Mapping[str, Fields]
-
-    def naming(self, channels: Channels) -> Stream:
-        """
-        Return only the messages that name any of the channels.
-
-        Several drivers may share joint_states, so that some messages are of other joints.
-        """
-        tells = np.array([channels.name_any(names) for names in self.names], dtype=bool)
-        kept = np.flatnonzero(tells[self.group]) if tells.size else np.zeros(0, dtype=np.int64)
-        if len(kept) in (0, len(self.stamps)):
-            return self
-        return replace(self, stamps=self.stamps[kept], group=self.group[kept],
-                       fields={field: _selected(values, kept)
-                               for field, values in self.fields.items()})
 
     def values(self, channels: Channels, field: str, rate: bool = False) -> Array:
         """
@@ -119,7 +106,7 @@ class Stream:
                 continue
             wrong = own.count[rows] != len(given)
             at = int(rows[int(np.argmax(wrong))])
-            where = f'{self.path}: {self.name}: message {at + 1}'
+            where = f'{self.path}: {self.name}: message {self.number[at]}'
             if wrong.any():
                 raise InputError(f'{where}: {field}: expected {len(given)} values, one for each '
                                  f'name, got {int(own.count[at])}')
@@ -132,26 +119,36 @@ class Stream:
         return len(self.stamps) > 0 and bool(self.fields[field].count.all())
 
 
-def _selected(field: Fields, rows: Stamps) -> Fields:
-    inside = np.zeros(len(field.count), dtype=bool)
-    inside[rows] = True
-    return Fields(field.flat[np.repeat(inside, field.count)], field.count[rows])
-
-
 class _Collector:
-    """Collects the needed parts of a topic's messages, with some forty bytes per value."""
+    """
+    Collects what is needed of a topic's messages, with some forty bytes per value.
 
-    def __init__(self, path: Path, name: str):
-        self.path, self.name = path, name
-        self.stamps, self.group = array('q'), array('q')
+    Several drivers may share joint_states, each with its own clock. Only the messages that name
+    any of the channels are of the arm, and only their stamps must increase.
+    """
+
+    def __init__(self, path: Path, name: str, channels: Channels):
+        self.path, self.name, self.channels = path, name, channels
+        self.seen, self.last = 0, b''
+        self.others: tuple[str, ...] | None = None
+        self.stamps, self.number, self.group = array('q'), array('q'), array('q')
         self.names: dict[tuple[str, ...], int] = {}
         self.flat = {field: array('d') for field in FIELDS}
         self.count = {field: array('q') for field in FIELDS}
 
-    def add(self, message: Any) -> None:
-        """Add a message, whose stamp must be later than that of the one before."""
+    def add(self, message: Any, data: bytes) -> None:
+        """Add a message and its bytes; its stamp must be later than that of the one before."""
+        self.seen += 1
+        names = tuple(message.name)
+        if not self.channels.name_any(names):
+            self.others = names if self.others is None else self.others
+            return
+        # In lock-step a sample that is not answered in time is sent again: equal messages are one.
+        if data == self.last:
+            return
+        self.last = data
         own = message.header.stamp
-        where = f'{self.path}: {self.name}: message {len(self.stamps) + 1}'
+        where = f'{self.path}: {self.name}: message {self.seen}'
         if not valid_stamp(own.sec, own.nanosec):
             raise InputError(f'{where}: header.stamp: expected a time, got {own.sec} s and '
                              f'{own.nanosec} ns')
@@ -159,10 +156,10 @@ class _Collector:
         if self.stamps and stamp <= self.stamps[-1]:
             raise InputError(f'{where}: expected a stamp after {seconds_text(self.stamps[-1])}, '
                              f'got {seconds_text(stamp)}')
-        names = tuple(message.name)
         if len(self.names) > MAX_NAME_LISTS:
             raise InputError(f'{where}: name: expected at most {MAX_NAME_LISTS} different lists')
         self.stamps.append(stamp)
+        self.number.append(self.seen)
         self.group.append(self.names.setdefault(names, len(self.names)))
         for field in FIELDS:
             values = getattr(message, field)
@@ -170,24 +167,27 @@ class _Collector:
             self.count[field].append(len(values))
 
     def stream(self) -> Stream:
-        """Return the collected messages."""
+        """Return the collected messages; raise InputError where all are of something else."""
+        if self.others is not None and not self.stamps:
+            self.channels.index(self.others, f'{self.path}: {self.name}: message 1')
         fields = {field: Fields(np.array(self.flat[field]),
                                 np.array(self.count[field], dtype=np.int64)) for field in FIELDS}
-        return Stream(self.path, self.name, np.array(self.stamps, dtype=np.int64),
-                      tuple(self.names), np.array(self.group, dtype=np.int64), fields)
+        stamps, number, group = (np.array(values, dtype=np.int64)
+                                 for values in (self.stamps, self.number, self.group))
+        return Stream(self.path, self.name, stamps, number, tuple(self.names), group, fields)
 
 
-def read_messages(path: Path, mapping: InputMapping, needed: Sequence[str]
+def read_messages(path: Path, mapping: InputMapping, channels: Mapping[str, Channels]
                   ) -> tuple[dict[str, Stream], tuple[str, ...]]:
     """
     Return the messages of the topics that make up a log, and notes on what could not be read.
 
-    The topics `needed` must be there.
+    `channels` holds what is sought on each topic; all but `command` must be there.
 
     Raises
     ------
     InputError
-        No bag, or a topic is missing, ambiguous, or of another type.
+        No bag, or a topic is missing, ambiguous, of another type, or of something else.
 
     """
     try:
@@ -199,7 +199,7 @@ def read_messages(path: Path, mapping: InputMapping, needed: Sequence[str]
     try:
         types = get_typestore(Stores.ROS2_JAZZY)
         with bounded(), AnyReader([path], default_typestore=types) as reader:
-            found, notes = _collected(path, reader, mapping, needed)
+            found, notes = _collected(path, reader, mapping, channels)
     except InputError:
         raise
     except MemoryError:
@@ -214,31 +214,27 @@ def read_messages(path: Path, mapping: InputMapping, needed: Sequence[str]
     return {name: collector.stream() for name, collector in found.items()}, notes
 
 
-def _collected(path: Path, reader: Any, mapping: InputMapping, needed: Sequence[str]
+def _collected(path: Path, reader: Any, mapping: InputMapping, channels: Mapping[str, Channels]
                ) -> tuple[dict[str, _Collector], tuple[str, ...]]:
-    chosen = {name: _connections(path, reader, name, mapping) for name in TOPICS}
-    for name in needed:
-        if not chosen[name]:
+    chosen = {name: _connections(path, reader, name, mapping) for name in channels}
+    for name, group in chosen.items():
+        if not group and name != 'command':
             have = ', '.join(sorted({c.topic for c in reader.connections})) or 'none'
             raise InputError(f'{path}: topic {_own_topic(name, mapping)}: missing, got {have}')
     owner = {id(c): name for name, group in chosen.items() for c in group}
-    found = {name: _Collector(path, name) for name in TOPICS}
-    came = dict.fromkeys(TOPICS, 0)
-    before: dict[str, bytes] = {}
+    found = {name: _Collector(path, name, own) for name, own in channels.items()}
+    came = dict.fromkeys(channels, 0)
     wanted = [c for group in chosen.values() for c in group]
     for connection, _, data in reader.messages(wanted):
         name = owner[id(connection)]
-        # In lock-step a sample that is not answered in time is sent again: equal messages are one.
-        if before.get(name) != data:
-            try:
-                message = reader.deserialize(data, connection.msgtype)
-            except MemoryError:
-                raise
-            except Exception:  # noqa: B902, S112  a message that was cut can raise anything
-                continue
-            found[name].add(message)
+        try:
+            message = reader.deserialize(data, connection.msgtype)
+        except MemoryError:
+            raise
+        except Exception:  # noqa: B902, S112  a message that was cut can raise anything
+            continue
+        found[name].add(message, data)
         came[name] += 1
-        before[name] = data
     notes = []
     for name, group in chosen.items():
         told = sum(c.msgcount for c in group)
