@@ -1,5 +1,5 @@
 """
-Handles Ctrl-C and SIGTERM in the tools, at any moment.
+Handles Ctrl-C, SIGTERM and SIGHUP, of a terminal that closes, in the tools, at any moment.
 
 A tool ends without a traceback, with exit code 130, and leaves no incomplete file.
 """
@@ -22,7 +22,7 @@ if MYPY:
 
 # Exit code by the convention of shells: 128 plus the number of SIGINT.
 INTERRUPTED = 130
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 # Time, s, after which an interrupt is repeated that a destructor or callback has swallowed: that
 # code is then over.
 REPEAT_DELAY = 0.01
@@ -61,10 +61,15 @@ def _interrupt_again(unraisable: UnraisableHookArgs) -> None:
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Turn both signals into KeyboardInterrupt inside the block, if in the main thread."""
+    """
+    Turn the signals into KeyboardInterrupt inside the block, if in the main thread.
+
+    One that is ignored stays so: under nohup a tool outlives its terminal.
+    """
     hook = sys.unraisablehook
     try:
-        before = [(number, signal.signal(number, _interrupt)) for number in SIGNALS]
+        before = [(number, signal.signal(number, _interrupt)) for number in SIGNALS
+                  if signal.getsignal(number) is not signal.SIG_IGN]
         sys.unraisablehook = _interrupt_again
     except ValueError:  # not in the main thread, which handles the signals
         before = []

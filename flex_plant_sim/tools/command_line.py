@@ -168,8 +168,9 @@ def run(main: Callable[[], int | None]) -> int:
     """
     Run a tool and return its exit code: its own or 0, 2 after bad input, 130 after a signal.
 
-    Any error is reported in one line on stderr. The signals are Ctrl-C and SIGTERM. An unforeseen
-    error gives 1; its traceback is shown if the environment variable FLEX_TRACEBACK is set.
+    Any error is reported in one line on stderr. The signals are Ctrl-C, SIGTERM and SIGHUP. An
+    unforeseen error gives 1; its traceback is shown if the environment variable FLEX_TRACEBACK is
+    set.
     """
     _replace_unencodable()
     if tools.IN_OWN_PROCESS:

@@ -20,6 +20,8 @@ import sys
 from tempfile import TemporaryDirectory
 import time
 
+import psutil
+
 NODES = {
     'plant_sim': ('flex_plant_sim.nodes.start',),
     'payload_estimator': ('flex_payload_estimator.nodes.start', 'payload_estimator'),
@@ -37,9 +39,9 @@ OPTIONS: dict[str, tuple[str, ...]] = {
     'robot': ('show', 'reference', '--output', '{out}/a.png')}
 # Exit codes that are right; a tool or node may have ended before the signal came.
 NODE_CODES = {signal.SIGINT: (0, 130), signal.SIGTERM: (0,)}
-TOOL_CODES = {signal.SIGINT: (0, 130), signal.SIGTERM: (0, 130)}
-# Latest moment of a signal after the start, s.
-LATEST = 4.0
+TOOL_CODES = dict.fromkeys((signal.SIGINT, signal.SIGTERM, signal.SIGHUP), (0, 130))
+# Latest moment of a signal after the start, and how long children may take to end after that, s.
+LATEST, LINGER = 4.0, 1.0
 # Python's own messages where a signal comes while it imports `site`: no line of this package has
 # run.
 SITE = ('Failed to import the site module', 'Fatal Python error: init_')
@@ -78,16 +80,31 @@ def attack(program: str, number: signal.Signals, delay: float, domain: int,
     time.sleep(delay)
     process.send_signal(number)
     try:
-        # Ends only when no child of the program lives: until then the pipe stays open.
         error = process.communicate(timeout=30.0)[1]
     except subprocess.TimeoutExpired:
         error = 'Traceback: it, or a child, goes on'
+    if running_in(process.pid, LINGER):
+        error += f'Traceback: goes on: {running_in(process.pid)}'
     with suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)
     process.wait()
     left = [path.name for path in folder.glob('out/**/.*')] if program in TOOLS else []
     return Attack(program, number, delay, process.returncode,
                   f'{error}Traceback: it left {left}' if left else error)
+
+
+def running_in(session: int, patience: float = 0.0) -> list[int]:
+    """Return the processes of a session that have not ended after some time, s."""
+    end = time.monotonic() + patience
+    while True:
+        found = []
+        for process in psutil.process_iter():
+            with suppress(OSError, psutil.Error):
+                if os.getsid(process.pid) == session and process.status() != 'zombie':
+                    found.append(process.pid)
+        if not found or time.monotonic() > end:
+            return found
+        time.sleep(0.02)
 
 
 def command(program: str, folder: Path) -> list[str]:
@@ -108,7 +125,9 @@ def attacks(count: int, seed: int, domain: int, programs: list[str]) -> list[Att
     for _ in range(count):
         with TemporaryDirectory() as name:
             write_log(Path(name) / 'night' / '0.csv', 1, 21.0)
-            found.append(attack(chance.choice(programs), chance.choice(sorted(NODE_CODES)),
+            program = chance.choice(programs)
+            codes = NODE_CODES if program in NODES else TOOL_CODES
+            found.append(attack(program, chance.choice(sorted(codes)),
                                 chance.uniform(0.0, LATEST), domain, Path(name)))
     return found
 
