@@ -6,6 +6,7 @@ import csv
 import json
 import os
 from pathlib import Path
+import signal
 import subprocess
 import sys
 import time
@@ -20,6 +21,7 @@ from flex_payload_estimator.tools.fleet import options as fleet_options
 from flex_payload_estimator.tools.fleet import run, tasks_of
 from msg_config.errors import InputError
 import numpy as np
+import psutil
 import pytest
 
 HEADER = 'time,command_1,command_2,joint_1,joint_2,strain_1a,strain_1b,strain_2a,strain_2b'
@@ -90,6 +92,35 @@ def test_a_log_without_end_is_given_up(tmp_path: Path) -> None:
     row = diagnose_and_weigh(task)
     assert row.error == 'diagnose: given up after 2 s' and not row.verdict
     assert row.seconds < 4.0, 'both tools share the time'
+
+
+WORKER = """
+import sys
+from flex_payload_estimator.fleet.log_task import diagnose_and_weigh, LogTask
+row = diagnose_and_weigh(LogTask('a', sys.argv[1], 'reference', sys.argv[2]))
+print(row.killed, row.error)
+"""
+
+
+@pytest.mark.parametrize('killed, number', [
+    ('worker', signal.SIGKILL), ('tool', signal.SIGINT)])
+def test_a_tool_ends_with_its_worker_and_a_killed_tool_is_the_last(
+        killed: str, number: signal.Signals, tmp_path: Path) -> None:
+    log = tmp_path / 'endless.csv'
+    os.mkfifo(log)
+    (tmp_path / 'tmp').mkdir()
+    worker = subprocess.Popen(
+        [sys.executable, '-c', WORKER, str(log), str(tmp_path / 'page')], text=True,
+        stdout=subprocess.PIPE, env={**os.environ, 'TMPDIR': str(tmp_path / 'tmp')})
+    # Opening for writing waits until the tool opens for reading.
+    with log.open('w'):
+        tool, = psutil.Process(worker.pid).children()
+        os.kill(worker.pid if killed == 'worker' else tool.pid, number)
+        said, _ = worker.communicate(timeout=20)
+        tool.wait(timeout=20)
+    if killed == 'tool':
+        assert said == 'True estimate: interrupted\n'
+    assert [*(tmp_path / 'tmp').iterdir(), *(tmp_path / 'page').iterdir()] == []
 
 
 def test_a_log_that_is_too_short_for_a_diagnosis_is_weighed(tmp_path: Path) -> None:

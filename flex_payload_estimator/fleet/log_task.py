@@ -6,15 +6,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 import json
+import os
 from pathlib import Path
 import subprocess
 import sys
-from tempfile import TemporaryDirectory
 import time
 from typing import Any
 
+from flex_plant_sim.quiet_signals import INTERRUPTED
 from msg_config.errors import LONGEST
 
+# Runs a tool so that it ends with the worker that waits for it.
+BOUND = 'flex_payload_estimator.tools.bound'
 DIAGNOSE = 'flex_payload_estimator.tools.diagnose'
 ESTIMATE = 'flex_payload_estimator.tools.estimate'
 # What is said of a tool that a signal ended.
@@ -110,15 +113,22 @@ class Row:
 
 
 def diagnose_and_weigh(task: LogTask) -> Row:
-    """Return the row of a log; a failure of log or tool is told in the row, not raised."""
+    """
+    Return the row of a log; a failure of log or tool is told in the row, not raised.
+
+    A signal to a tool ends the work on the log.
+    """
     started = time.monotonic()
     told = [] if task.payload is None else ['--payload', str(task.payload)]
     page = Path(task.report)
     page.mkdir(parents=True, exist_ok=True)
     # A log that cannot be diagnosed may still be weighed.
-    weight, error = _run_tool(task, ESTIMATE, [], started)
-    diagnosis, wrong = _run_tool(
-        task, DIAGNOSE, [*told, '--jobs', '1', '--report', str(page)], started)
+    weight, error, killed = _run_tool(task, ESTIMATE, [], started)
+    diagnosis: dict[str, Any] = {}
+    wrong = ''
+    if not killed:
+        diagnosis, wrong, killed = _run_tool(
+            task, DIAGNOSE, [*told, '--jobs', '1', '--report', str(page)], started)
     if task.present_key() != task.key:
         diagnosis, weight, error = {}, {}, 'the log or its robot file changed while it was read'
     causes = sorted(diagnosis.get('causes', ()), key=lambda cause: -cause['probability'])
@@ -128,35 +138,39 @@ def diagnose_and_weigh(task: LogTask) -> Row:
         causes[0]['probability'] if causes else None, weight.get('mass_kg'),
         weight.get('std_kg'), weight.get('status', ''),
         str(page / 'report.html') if diagnosis else '',
-        time.monotonic() - started, wrong or error, KILLED in (wrong or error))
+        time.monotonic() - started, wrong or error, killed)
 
 
 def _run_tool(task: LogTask, module: str, options: Sequence[str], started: float
-              ) -> tuple[dict[str, Any], str]:
+              ) -> tuple[dict[str, Any], str, bool]:
     """
-    Return a tool's JSON on the log and no error, or an empty one and its one-line error.
+    Return a tool's JSON on the log, or an empty one and its error, and whether a signal ended it.
 
-    Both tools share the task's time, from `started` on, s of the monotonic clock.
+    The error is one line. Both tools share the task's time, from `started` on, s of the monotonic
+    clock.
     """
     tool = module.rpartition('.')[2]
-    with TemporaryDirectory(prefix='flex_fleet_') as folder:
-        file = Path(folder) / 'answer.json'
-        command = [sys.executable, '-m', module, task.log, '--robot', task.robot, '--json',
-                   str(file), *options]
-        try:
-            done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True,
-                                  text=True, errors='replace',
-                                  timeout=max(task.timeout - (time.monotonic() - started), 0.0))
-        except subprocess.TimeoutExpired:
-            return {}, f'{tool}: given up after {task.timeout:g} s'
-        if done.returncode == 0 and file.is_file():
-            return json.loads(file.read_text(encoding='utf-8')), ''
-        lines = [line for line in done.stderr.splitlines() if line.strip()]
-        last = lines[-1] if lines else f'exit code {done.returncode}'
-        if done.returncode < 0:
-            last = f'{KILLED} {-done.returncode}'
-        last = last.removeprefix('error: ').removeprefix(f'{task.log}: ')
-        return {}, f'{tool}: {last}'[:LONGEST]
+    # In the fleet's own folder, so that a worker that is killed leaves nothing elsewhere.
+    file = Path(task.report) / f'{tool}.json'
+    command = [sys.executable, '-m', BOUND, str(os.getpid()), module, task.log, '--robot',
+               task.robot, '--json', str(file), *options]
+    try:
+        done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True,
+                              text=True, errors='replace',
+                              timeout=max(task.timeout - (time.monotonic() - started), 0.0))
+    except subprocess.TimeoutExpired:
+        return {}, f'{tool}: given up after {task.timeout:g} s', False
+    if done.returncode == 0 and file.is_file():
+        answer: dict[str, Any] = json.loads(file.read_text(encoding='utf-8'))
+        file.unlink()
+        return answer, '', False
+    lines = [line for line in done.stderr.splitlines() if line.strip()]
+    last = lines[-1] if lines else f'exit code {done.returncode}'
+    if done.returncode < 0:
+        last = f'{KILLED} {-done.returncode}'
+    last = last.removeprefix('error: ').removeprefix(f'{task.log}: ')
+    killed = done.returncode < 0 or done.returncode == INTERRUPTED
+    return {}, f'{tool}: {last}'[:LONGEST], killed
 
 
 def _stamp(path: Path) -> list[float]:
