@@ -75,6 +75,19 @@ def test_several_logs_stand_in_one_list(
     assert one == pytest.approx(other, abs=1e-5)
 
 
+def test_a_bad_log_costs_none_of_the_others(
+    logs: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str],
+) -> None:
+    read = [str(tmp_path / 'absent.csv'), str(logs[0]), str(tmp_path / 'gone.csv')]
+    assert estimate.main([*read, *SF1, '--json', str(tmp_path / 'out.json')]) == 2
+    shown = capsys.readouterr()
+    assert 'end, 3.5 s' in shown.out
+    last = shown.err.splitlines()[-1]
+    assert last.startswith('error: ') and 'absent.csv: expected' in last and 'gone.csv' in last
+    result = json.loads((tmp_path / 'out.json').read_text())
+    assert [item['log'] for item in result['logs']] == read[1:2] and 'mass_kg' not in result
+
+
 def test_the_log_s_sample_time_wins(tmp_path: Path) -> None:
     time = np.linspace(0.0, 0.796, 200)
     log = Log('slow', time, np.zeros((200, 2)), np.zeros((200, 2)), np.zeros((200, 4)),

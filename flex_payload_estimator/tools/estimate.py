@@ -154,20 +154,22 @@ def _estimate(arguments: Sequence[str] | None) -> None:
         _write(options, robot, write)
 
 
-def _write(options: argparse.Namespace, robot: Robot, write: Callable[..., None]) -> None:
+def _write(options: argparse.Namespace, robot: Robot, write: Callable[..., Any]) -> None:
     """Estimate over each log, print its table, and write JSON where asked."""
     forces = coriolis_of(options.estimator, robot, options.model)
     write(print, f'{options.estimator}: '
           f'{model_words(robot.name, options.model, options.modes, forces)}')
-    found = []
+    found: list[Estimates] = []
     for path in options.log:
-        found.append(estimate_file(path, robot, options.estimator, options.model, options.modes))
-        write(print, found[-1].table())
+        one = write(estimate_file, path, robot, options.estimator, options.model, options.modes)
+        if one is not None:
+            found.append(one)
+            write(print, one.table())
     settings = {'robot': robot.name, 'estimator': options.estimator, 'model': options.model,
                 'modes': options.modes, 'coriolis': 'estimated' if forces is None else forces}
-    if options.json:
+    if options.json and found:
         logs = [item.results() for item in found]
-        own = logs[0] if len(logs) == 1 else {}
+        own = logs[0] if len(options.log) == 1 else {}
         write(command_line.write_json, options.json, {**settings, **own, 'logs': logs})
 
 

@@ -1,7 +1,8 @@
 """
 Checks the outputs of a tool before its work, and writes them after it.
 
-If one output cannot be written, the others still are.
+If one output cannot be written, the others still are; where a tool takes its logs one by one, a
+bad one costs none of the others.
 """
 
 from __future__ import annotations
@@ -130,23 +131,26 @@ def check_image(path: str | Path) -> None:
 
 
 @contextmanager
-def results() -> Iterator[Callable[..., None]]:
+def results() -> Iterator[Callable[..., Any]]:
     """
-    Yield a function that calls the writer of one output and continues after a failure.
+    Yield a function that calls the writer of one output, or what reads one log.
+
+    It returns what the call returns, or None after a failure, after which it continues.
 
     Raises
     ------
     InputError
-        At the end of the block; gives the first failure and the number of others.
+        At the end of the block; tells each failure once.
 
     """
     failed: list[str] = []
 
-    def write(writer: Callable[..., Any], *arguments: Any) -> None:
+    def write(writer: Callable[..., Any], *arguments: Any) -> Any:
         try:
-            writer(*arguments)
+            found = writer(*arguments)
             if writer is print:
                 sys.stdout.flush()
+            return found
         except InputError as error:
             failed.append(str(error))
         except OSError as error:
@@ -154,11 +158,11 @@ def results() -> Iterator[Callable[..., None]]:
             failed.append(f'{where}: expected a writable place, got: {error.strerror or error}')
             if writer is print:
                 forget_standard_output()
+        return None
 
     yield write
     if failed:
-        more = f'; {len(failed) - 1} more outputs failed' if len(failed) > 1 else ''
-        raise InputError(f'{failed[0]}{more}')
+        raise InputError('; '.join(dict.fromkeys(failed)))
 
 
 def forget_standard_output() -> None:
