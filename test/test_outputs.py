@@ -137,6 +137,26 @@ def test_two_outputs_are_two_places(place: Path, capsys: pytest.CaptureFixture[s
     assert 'expected another place than --plot' in err
 
 
+@pytest.mark.parametrize('option', ['--extended', '--json'])
+def test_a_report_is_no_place_for_another_output(
+        place: Path, option: str, capsys: pytest.CaptureFixture[str]) -> None:
+    (place / 'rep').mkdir()
+    for output, report in (('new', 'new'), ('rep/report.html', 'rep')):
+        err = refused(diagnose.main, ['{log}', option, str(place / output), '--report',
+                                      str(place / report)], place, capsys)
+        assert 'expected another place than --report' in err
+
+
+def test_a_demo_does_not_replace_the_robot_that_it_reads(
+        place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (place / 'run').mkdir()
+    for name, text in (('summary.json', MARK), ('arm.yaml', robot_text('reference'))):
+        (place / 'run' / name).write_text(text)
+    err = refused(demo.main, ['--duration', '0.1', '--out', str(place / 'run'), '--robot',
+                              str(place / 'run' / 'arm.yaml')], place, capsys)
+    assert 'expected another place than the input' in err
+
+
 def test_a_tool_replaces_what_it_wrote(place: Path) -> None:
     (place / 'out.json').touch()  # empty files are free
     for plot in ('out.png', 'out.svg'):

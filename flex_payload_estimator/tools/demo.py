@@ -181,17 +181,18 @@ def summary_of(experiment: Experiment, record: LoopRecord) -> dict[str, Any]:
 
 
 @contextmanager
-def whole_folder(path: Path) -> Iterator[Path]:
+def whole_folder(path: Path, read: Sequence[str | Path] = ()) -> Iterator[Path]:
     """
     Yield a new folder, which is renamed to `path` when the block ends without an error.
 
     Raises
     ------
     InputError
-        `path` is something else than an earlier demo's output, or nothing can be written there.
+        `path` is something else than an earlier demo's output, or holds a file that is `read`, or
+        nothing can be written there.
 
     """
-    check_outputs({'--out': path}, (), folder=True)
+    check_outputs({'--out': path}, read, folder=True)
     foreign = _foreign(path)
     if foreign:
         raise InputError(f'--out: {path}: expected a new folder or an output of flex_demo alone, '
@@ -316,7 +317,7 @@ def _angle(text: str) -> float:
 def _demo(arguments: Sequence[str] | None) -> None:
     options = options_of(arguments)
     Experiment.of(options)
-    with whole_folder(options.out) as folder:
+    with whole_folder(options.out, [options.robot]) as folder:
         print(opening_words(options), flush=True)
         experiment = Experiment.of(
             options, None if options.matched else drawn_arm(options, folder / ARM))

@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 import os
+from pathlib import Path
 import sys
 from typing import Any, Protocol
 
@@ -54,7 +55,7 @@ from flex_plant_sim.logs.log import Log
 from flex_plant_sim.simulation.nominal import has_coriolis, model_words, nominal_effects
 from flex_plant_sim.tools import command_line
 from flex_plant_sim.tools.log_input import read_logs
-from flex_plant_sim.tools.outputs import check_folder, check_outputs, results
+from flex_plant_sim.tools.outputs import check_apart, check_folder, check_outputs, results
 from msg_config.errors import InputError
 from msg_config.parameters import load_parameters
 import numpy as np
@@ -212,8 +213,12 @@ def _coriolis(arguments: argparse.Namespace, robot: Robot) -> bool:
 def check_arguments(arguments: argparse.Namespace) -> None:
     """Raise InputError for arguments that would fail only after the work is done."""
     read = [*arguments.log, arguments.robot]
-    check_outputs({'--extended': arguments.extended, '--json': arguments.json}, read)
+    files = {'--extended': arguments.extended, '--json': arguments.json}
+    check_outputs(files, read)
     if arguments.report is not None:
+        page = Path(arguments.report)
+        check_apart({**{option: Path(path) for option, path in files.items() if path},
+                     '--report': page, f'--report ({FILE_NAME})': page / FILE_NAME})
         check_folder('--report', arguments.report, [FILE_NAME], read)
     if arguments.true_payload == 0.0:
         raise InputError('--true-payload: expected a mass > 0 kg, got 0')

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import combinations
 import os
 from pathlib import Path
 import sys
@@ -46,16 +47,21 @@ def check_outputs(outputs: Mapping[str, str | Path | None], inputs: Sequence[str
 
     """
     places = {option: Path(path) for option, path in outputs.items() if path is not None}
+    check_apart(places)
     for option, place in places.items():
         for read in map(Path, inputs):
             if _overlap(place, read):
                 raise InputError(f'{option}: {place}: expected another place than the input '
                                  f'{read}')
-        for other, second in places.items():
-            if other != option and _same(place, second):
-                raise InputError(f'{option}: {place}: expected another place than {other}')
         check_replaceable(place, folder)
         _check_room(place)
+
+
+def check_apart(places: Mapping[str, Path]) -> None:
+    """Raise InputError where two options name one place, folder or file."""
+    for (option, place), (other, second) in combinations(places.items(), 2):
+        if _same(place, second):
+            raise InputError(f'{option}: {place}: expected another place than {other}')
 
 
 def check_folder(option: str, folder: str | Path, names: Sequence[str],
