@@ -102,7 +102,8 @@ def test_a_log_that_is_too_short_is_refused(output: tuple[str, Path],
     (output[1] / 'short.csv').write_text('\n'.join(lines) + '\n')
     assert main(['calibrate', str(output[1] / 'short.csv'), '--robot', 'reference', '--payload',
                  '0.1', '--output', str(output[1] / 'none.yaml')]) == 2
-    assert '16 periods of the slowest mode, got a log of 5.0 s' in capsys.readouterr().err
+    err = capsys.readouterr().err
+    assert '16 periods of the slowest mode, got a log of 5.0 s' in err and 'fitting' not in err
     assert not (output[1] / 'none.yaml').exists()
 
 
@@ -114,8 +115,9 @@ def test_a_log_in_which_nothing_moves_is_refused(tmp_path: Path,
     write_csv(tmp_path / 'still.csv', log, robot.inputs)
     assert main(['calibrate', str(tmp_path / 'still.csv'), '--robot', 'reference', '--payload',
                  '0.1', '--output', str(tmp_path / 'none.yaml')]) == 2
+    err = capsys.readouterr().err
     assert re.search(r'still.csv: not calibrated: joint_1 and joint_2 and the links hardly moved',
-                     capsys.readouterr().err)
+                     err) and 'fitting' not in err
     assert not (tmp_path / 'none.yaml').exists()
 
 

@@ -7,7 +7,7 @@ its fit of the set without causes (docs/evidence.md), on the whole of the logs.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from flex_plant_sim.arm.parts import within_file_limits
@@ -50,7 +50,8 @@ class Calibration:
     parts: tuple[PartEstimate, ...]
 
 
-def calibrate(logs: Sequence[Log], robot: Robot, payload: float) -> Calibration:
+def calibrate(logs: Sequence[Log], robot: Robot, payload: float,
+              begin: Callable[[], None] = lambda: None) -> Calibration:
     """
     Return the most probable parts, given logs in which the payload is known.
 
@@ -62,6 +63,8 @@ def calibrate(logs: Sequence[Log], robot: Robot, payload: float) -> Calibration:
         Its numbers and tolerances are the prior.
     payload : float
         Payload in all logs, kg.
+    begin : callable
+        Called before the fit, which takes long, once no log is refused.
 
     Raises
     ------
@@ -82,6 +85,7 @@ def calibrate(logs: Sequence[Log], robot: Robot, payload: float) -> Calibration:
     if still:
         raise InputError(f'{", ".join(log.source for log in logs)}: not calibrated: '
                          f'{" and ".join(still)} hardly moved. {MOVE_MORE}')
+    begin()
     fit = RefinedFit.refine(CandidateSet((), (np.zeros(0),)), base, data).fit
     parts = part_priors(base.robot, payload)
     tolerances = np.array([part.tolerance for part in parts])

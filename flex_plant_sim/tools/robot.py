@@ -104,9 +104,9 @@ def _calibrate(arguments: argparse.Namespace) -> None:
     check_outputs({'--output': arguments.output}, [arguments.robot, *arguments.log])
     robot = load_robot(arguments.robot)
     logs = read_logs(arguments.log, robot, MODEL, MODES)
-    print(f'fitting the parts to {sum(map(len, logs))} samples, half a minute for 4000',
-          file=sys.stderr)
-    found = calibrate(logs, robot, arguments.payload)
+    found = calibrate(logs, robot, arguments.payload, lambda: print(
+        f'fitting the parts to {sum(map(len, logs))} samples, half a minute for 4000',
+        file=sys.stderr))
     text = with_numbers(robot_text(arguments.robot), calibrated_robot(robot, found))
     before, after = ([replay(log, item, payload=arguments.payload) for log in logs]
                      for item in (robot, found.robot))
