@@ -105,6 +105,8 @@ def test_another_run_replaces_the_output_and_spares_what_is_not_a_demo_s(
 @pytest.mark.parametrize(('arguments', 'text'), [
     (['--robot', 'nobody'], "expected one of .* got 'nobody'"),
     (['--duration', '1', '--drop-at', '5'], 'before the end of the run, 1 s, got 5 s'),
+    (['--payload', '0', '--drop-at', '1'], '--drop-at: expected a payload > 0 kg to drop'),
+    (['--seed', '1', '--seed', '1'], 'argument --seed: expected once, given again'),
     (['--duration', '-1'], "argument --duration: expected a time > 0 s, .* got '-1'"),
     (['--amplitude', '0'], "argument --amplitude: expected an angle > 0 rad, .* got '0'"),
     (['--amplitude', 'wide'], "expected an angle > 0 rad, .* got 'wide'"),

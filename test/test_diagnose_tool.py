@@ -102,6 +102,8 @@ def test_an_arm_without_gauges_is_diagnosed_by_its_joints(tmp_path: Path) -> Non
     (['LOG', '--payload', '-1'], 'argument --payload: expected a mass >= 0 kg'),
     (['LOG', '--true-payload', '0'], '--true-payload: expected a mass > 0 kg, got 0'),
     (['LOG', '--model', 'paper_reduced'], '--model: expected assumed_modes or paper'),
+    (['LOG', '--payload', '0.1', '--pay', '0.3'], 'argument --payload: expected once, given'),
+    (['LOG', '--model', 'paper', '--no-coriolis'], '--no-coriolis: expected a model with forces'),
     (['LOG', '--exclude', 'rust'], 'argument --exclude: invalid choice'),
     ([], 'the following arguments are required: LOG')])
 def test_bad_input_is_one_line_and_code_2(

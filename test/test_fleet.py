@@ -197,6 +197,13 @@ def test_names_of_any_bytes_cost_no_table(tmp_path: Path) -> None:
     assert fleet(['night', '--out', os.fsdecode(b'o\xff')]) == 2
 
 
+def test_workers_of_this_machine_are_none_of_a_scheduler_s(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert fleet([str(tmp_path), '--out', str(tmp_path / 'out'), '--workers', '2',
+                  '--scheduler', 'tcp://127.0.0.1:1']) == 2
+    assert '--workers: expected none with --scheduler' in capsys.readouterr().err
+
+
 def test_a_strangers_folder_is_refused(tmp_path: Path) -> None:
     (tmp_path / 'thesis.txt').write_text('mine')
     with pytest.raises(InputError, match='expected an empty folder'):

@@ -17,12 +17,14 @@ import time
 from flex_plant_sim.arm.robot import EffectSpec, Robot
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.effects import build
+from flex_plant_sim.diagnosis.report.extended_file import write_extended
+from flex_plant_sim.effects import build, effects_of
 from flex_plant_sim.logs.csv_log import write_csv
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.logs.read import read_log
 from flex_plant_sim.simulation.agreement import fit_percent, rmse
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.nominal import nominal_robot
 from flex_plant_sim.simulation.replay import replay, start_rates
 from flex_plant_sim.simulation.simulator import Noise, simulate, Simulator
 from flex_plant_sim.tools import command_line
@@ -93,6 +95,22 @@ def test_tool_says_whether_coriolis_forces_act(
     shown = capsys.readouterr()
     assert f'{words}, 0.1 kg' in shown.out and shown.err == ''
     assert ('paper' in arguments) or shown.out.count('fit 100.0 %') == 6
+
+
+@pytest.mark.parametrize('arguments, why', [
+    (['--model', 'paper'], '--model paper has none'),
+    (['--robot', 'spinning.yaml'], 'names these forces, which stay')])
+def test_forces_that_cannot_be_left_out_are_told(
+        arguments: list[str], why: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+        capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_extended(tmp_path / 'spinning.yaml', 'reference', ROBOT, effects_of(
+        nominal_robot(ROBOT)))
+    write_csv(tmp_path / 'log.csv', simulated_log())
+    assert tool.main(['log.csv', *arguments, '--no-coriolis']) == 2
+    err = capsys.readouterr().err
+    assert err.startswith('error: --no-coriolis: ') and why in err and err.count('\n') == 1
+    assert tool.main(['log.csv', *arguments]) == 0
 
 
 def test_a_log_faster_than_the_model_was_checked_for_is_said(
@@ -261,6 +279,15 @@ def test_a_signal_leaves_nothing_behind(tmp_path: Path, number: signal.Signals) 
             _, error = process.communicate(timeout=60)
     assert (process.returncode, error) == (130, 'interrupted\n')
     assert [path.name for path in tmp_path.iterdir()] == ['log.csv']
+
+
+def test_what_is_told_to_ignore_a_signal_does() -> None:
+    """As nohup tells of a terminal that closes."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        assert command_line.run(lambda: signal.raise_signal(signal.SIGHUP)) == 0
+    finally:
+        signal.signal(signal.SIGHUP, before)
 
 
 class Swallowing:

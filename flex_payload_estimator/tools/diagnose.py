@@ -230,6 +230,7 @@ def check_arguments(arguments: argparse.Namespace) -> None:
 def _main(arguments: argparse.Namespace) -> None:
     check_arguments(arguments)
     robot = load_robot(arguments.robot)
+    command_line.check_coriolis(arguments, robot)
     logs = read_logs(arguments.log, robot, arguments.model, arguments.modes,
                      not arguments.no_coriolis)
     with progress_bar() as progress:

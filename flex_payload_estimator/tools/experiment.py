@@ -64,6 +64,8 @@ class Experiment:
             if options.drop_at >= options.duration:
                 raise InputError('--drop-at: expected a time before the end of the run, '
                                  f'{options.duration:g} s, got {options.drop_at:g} s')
+            if payload == 0.0:
+                raise InputError('--drop-at: expected a payload > 0 kg to drop, got 0 kg')
             plant['payload_schedule'] = [options.drop_at, payload, options.drop_at, 0.0]
         return cls(check_parameters('plant_sim', plant), check_parameters(
             'payload_estimator', {**arm, 'estimator': options.estimator}),

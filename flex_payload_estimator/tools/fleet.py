@@ -36,8 +36,8 @@ def options() -> argparse.ArgumentParser:
                         help='robot of logs that have no robot.yaml')
     parser.add_argument('--payload', default=None, type=command_line.mass, metavar='KG',
                         help="payload mass; the robot file's if not given")
-    parser.add_argument('--workers', default=len(os.sched_getaffinity(0)), metavar='N',
-                        type=command_line.processes, help='processes on this machine')
+    parser.add_argument('--workers', default=None, metavar='N', type=command_line.processes,
+                        help='processes on this machine; one a core if not given')
     parser.add_argument('--scheduler', default=None, metavar='ADDRESS',
                         help='Dask scheduler to use instead, as tcp://host:8786; its workers '
                              'see the same folders')
@@ -109,9 +109,12 @@ def _main(arguments: argparse.Namespace) -> None:
     out = Path(arguments.out)
     if printable(arguments.out) != arguments.out:
         raise InputError(f'--out: {arguments.out}: expected a name in UTF-8, without controls')
+    if arguments.scheduler is not None and arguments.workers is not None:
+        raise InputError('--workers: expected none with --scheduler, which has workers of its own')
     check_folder('--out', out, (), nested=True)
     tasks = tasks_of(arguments, out)
-    rows = run(tasks, Journal(out), arguments.scheduler, arguments.workers)
+    rows = run(tasks, Journal(out), arguments.scheduler,
+               arguments.workers or len(os.sched_getaffinity(0)))
     write_csv(out / 'fleet.csv', rows)
     written = ['fleet.csv']
     written += ['fleet.parquet'] if write_parquet(out / 'fleet.parquet', rows) else []

@@ -15,11 +15,13 @@ from typing import Any, NoReturn
 
 from flex_plant_sim import tools
 from flex_plant_sim.arm.file_section import PLAUSIBLE
+from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import built_in_robots
 from flex_plant_sim.atomic_file import AUTHOR, whole_file
 from flex_plant_sim.compiled import cold
 from flex_plant_sim.quiet_signals import INTERRUPTED, interruptible
 from flex_plant_sim.simulation.extended_arm import MODELS
+from flex_plant_sim.simulation.nominal import nominal_robot, WITH_CORIOLIS
 from flex_plant_sim.tools.outputs import forget_standard_output
 from msg_config.errors import InputError
 
@@ -31,8 +33,32 @@ TRACEBACK = 'FLEX_TRACEBACK'
 LARGEST_MASS = PLAUSIBLE['mass_kg'][1]
 
 
+class StoreOnce(argparse.Action):
+    """Store the value of an option, which may be given once: who gives two means another one."""
+
+    def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace,
+                 values: Any, option_string: str | None = None) -> None:
+        """Store the value; report an option that has one."""
+        given = parser.given if isinstance(parser, OneLineParser) else set()
+        if self.option_strings and self.dest in given:
+            raise argparse.ArgumentError(self, 'expected once, given again')
+        given.add(self.dest)
+        setattr(namespace, self.dest, values)
+
+
 class OneLineParser(argparse.ArgumentParser):
     """A parser that reports a bad option in one line, like any other bad input."""
+
+    def __init__(self, *arguments: Any, **settings: Any) -> None:
+        super().__init__(*arguments, **settings)
+        self.given: set[str] = set()
+        for name in (None, 'store'):
+            self.register('action', name, StoreOnce)
+
+    def parse_known_args(self, *arguments: Any, **settings: Any) -> Any:
+        """Parse with no option given yet."""
+        self.given = set()
+        return super().parse_known_args(*arguments, **settings)
 
     def error(self, message: str) -> NoReturn:
         """Print the message and exit with code 2."""
@@ -77,6 +103,16 @@ def add_coriolis_argument(options: argparse.ArgumentParser) -> None:
     options.add_argument('--no-coriolis', action='store_true',
                          help='leave Coriolis and centripetal forces out of the model, as those '
                               'of the paper do; what the robot file names stays')
+
+
+def check_coriolis(arguments: argparse.Namespace, robot: Robot) -> None:
+    """Raise InputError where --no-coriolis would change nothing."""
+    with_forces, without = (nominal_robot(robot, arguments.model, coriolis)
+                            for coriolis in (True, False))
+    if arguments.no_coriolis and with_forces == without:
+        why = f'the robot file {robot.name} names these forces, which stay' \
+            if arguments.model in WITH_CORIOLIS else f'--model {arguments.model} has none'
+        raise InputError(f'--no-coriolis: expected a model with forces to leave out: {why}')
 
 
 def add_json_argument(options: argparse.ArgumentParser) -> None:

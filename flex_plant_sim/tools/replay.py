@@ -46,6 +46,7 @@ def _main(arguments: argparse.Namespace) -> None:
     if arguments.plot:
         check_image(arguments.plot)
     robot = load_robot(arguments.robot)
+    command_line.check_coriolis(arguments, robot)
     coriolis = not arguments.no_coriolis
     forces = has_coriolis(nominal_effects(robot, arguments.model, coriolis))
     log = read_log_aloud(arguments.log, robot, arguments.model, arguments.modes, forces)
