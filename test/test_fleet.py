@@ -88,10 +88,10 @@ def test_a_bad_file_and_a_killed_worker_lose_nothing_else(tmp_path: Path) -> Non
 def test_a_log_without_end_is_given_up(tmp_path: Path) -> None:
     log = tmp_path / 'endless.csv'
     os.mkfifo(log)  # opening it waits for ever
-    task = LogTask('a', str(log), 'reference', str(tmp_path / 'page'), timeout=2.0)
+    task = LogTask('a', str(log), 'reference', str(tmp_path / 'page'), timeout=1.0)
     row = diagnose_and_weigh(task)
-    assert row.error == 'diagnose: given up after 2 s' and not row.verdict
-    assert row.seconds < 4.0, 'both tools share the time'
+    assert row.error == 'diagnose: given up after 1 s' and not row.verdict
+    assert row.seconds < 2.0, 'both tools share the time'
 
 
 WORKER = """
@@ -238,7 +238,8 @@ def test_no_cell_is_a_formula(tmp_path: Path) -> None:
 
 
 def test_a_log_is_known_as_it_was_met(tmp_path: Path) -> None:
-    _log_at_rest(tmp_path / 'night' / 'a.csv', 1)
+    # Too short for a diagnosis, whose answer would not be believed either.
+    _log_at_rest(tmp_path / 'night' / 'a.csv', 1, 200)
     task, = tasks_of(fleet_options().parse_args(
         [str(tmp_path / 'night'), '--out', str(tmp_path / 'out')]), tmp_path / 'out')
     key = task.key

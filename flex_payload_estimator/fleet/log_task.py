@@ -130,7 +130,8 @@ def diagnose_and_weigh(task: LogTask) -> Row:
         diagnosis, wrong, killed = _run_tool(
             task, DIAGNOSE, [*told, '--jobs', '1', '--report', str(page)], started)
     if task.present_key() != task.key:
-        diagnosis, weight, error = {}, {}, 'the log or its robot file changed while it was read'
+        # Whatever the tools say of one that is still being copied.
+        diagnosis, weight, wrong = {}, {}, 'the log or its robot file changed while it was read'
     causes = sorted(diagnosis.get('causes', ()), key=lambda cause: -cause['probability'])
     return Row(
         task.arm, task.log, diagnosis.get('verdict', ''), diagnosis.get('sentence', ''),
