@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 from flex_plant_sim.arm.robot_file import load_robot
@@ -24,6 +25,7 @@ ASKED = ('payload_change', 'payload_mass', 'link_stiffness')
 OTHERS = [name for name in catalogue() if name not in ASKED]
 
 
+@cache
 def made(time_s: float | None, payload: float = 0.1, left: float = 0.03) -> Record:
     """Return the record of a finite-element arm whose payload changes at a time, s, or not."""
     hidden: dict[str, Any] = {} if time_s is None else {'effects': (

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 import hashlib
 import json
 import os
@@ -166,30 +167,40 @@ def test_a_tool_replaces_what_it_wrote(place: Path) -> None:
     assert json.loads((place / 'out.json').read_text())['written_by'] == 'flex_payload'
 
 
-def test_a_disk_that_fills_keeps_the_rest_and_leaves_nothing_half_written(place: Path) -> None:
-    """No file may grow beyond 6 kB: the probe and the JSON fit, the picture does not."""
-    run = subprocess.run(
-        [sys.executable, '-m', 'flex_plant_sim.tools.replay', str(place / 'log.csv'), '--json',
-         str(place / 'out.json'), '--plot', str(place / 'out.png')], text=True,
-        capture_output=True,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (6000, 6000)))
-    assert run.returncode == 2, run.stderr
-    assert run.stderr.splitlines()[-1].startswith('error: ') and 'too large' in run.stderr
+@contextmanager
+def files_of_at_most(size: int) -> Iterator[None]:
+    """Let no file grow beyond a size, bytes, inside the block."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def test_a_disk_that_fills_keeps_the_rest_and_leaves_nothing_half_written(
+        place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The probe and the JSON fit, the picture does not."""
+    with files_of_at_most(6000):
+        code = replay.main([str(place / 'log.csv'), '--json', str(place / 'out.json'), '--plot',
+                            str(place / 'out.png')])
+    err = capsys.readouterr().err
+    assert code == 2, err
+    assert err.splitlines()[-1].startswith('error: ') and 'too large' in err
     assert json.loads((place / 'out.json').read_text())['channels']
     assert not (place / 'out.png').exists() and not list(place.glob('.*'))
 
 
 @pytest.mark.parametrize('earlier', [False, True])
 def test_a_disk_that_fills_leaves_no_folder_that_was_made_for_the_output(
-        place: Path, earlier: bool) -> None:
+        place: Path, earlier: bool, capsys: pytest.CaptureFixture[str]) -> None:
     folder = place / 'rep'
     if earlier:
         folder.mkdir()
-    run = subprocess.run(
-        [sys.executable, '-m', 'flex_payload_estimator.tools.figures', '--out', str(folder)],
-        text=True, capture_output=True,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (6000, 6000)))
-    assert run.returncode == 2 and 'too large' in run.stderr, run.stderr
+    with files_of_at_most(6000):
+        code = figures.main(['--out', str(folder)])
+    err = capsys.readouterr().err
+    assert code == 2 and 'too large' in err, err
     assert folder.exists() == earlier and not (earlier and list(folder.iterdir()))
 
 
