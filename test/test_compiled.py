@@ -12,8 +12,11 @@ from typing import Any
 from flex_payload_estimator.nodes import node_setup
 from flex_payload_estimator.tools import compile as flex_compile
 from flex_plant_sim.compiled import cold, COMPILED
+from flex_plant_sim.diagnosis.prediction import recursion
+from flex_plant_sim.diagnosis.prediction.scheduled_matrices import ScheduledMatrices
 from flex_plant_sim.tools.command_line import COMPILING
 from msg_config.parameters import check_parameters
+import numpy as np
 import pytest
 
 if COMPILED:
@@ -33,6 +36,18 @@ print(double(3.0))
 
 
 @pytest.mark.skipif(not COMPILED, reason='Numba is not installed')
+def test_the_diagnosis_recursion_sees_one_memory_layout(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever slice of the records drives it: another one is compiled anew, for many seconds."""
+    seen: list[bool] = []
+    monkeypatch.setattr(recursion, '_propagate_compiled', lambda *given: seen.extend(
+        item.flags.c_contiguous for item in given if isinstance(item, np.ndarray)))
+    drive = np.zeros((5, 2, 8))[:, :, ::2]
+    recursion.propagate_with_gaps(
+        ScheduledMatrices(np.zeros((5, 3)), np.zeros((3, 4, 4))), drive, np.zeros((1, 4)),
+        np.zeros((2, 1), dtype=int), None, recursion.Backlashes.none(4))
+    assert len(seen) > 10 and all(seen)
+
+
 def test_what_is_about_to_be_compiled_is_said_once_for_each_installation(tmp_path: Path) -> None:
     script = tmp_path / 'loops.py'
     script.write_text(SOURCE)

@@ -161,10 +161,11 @@ def propagate_with_gaps(matrices: ScheduledMatrices, drive: Array, start: Array,
     f = friction or JointFriction.none(start.shape[1], gaps.velocity)
     # One memory layout alone: for any other, Numba would compile once more, some seconds each.
     return _propagate_compiled(
-        matrices.weights, matrices.table.reshape(len(matrices.table), -1), drive, start, rows,
-        f.response, f.velocity_response, np.ascontiguousarray(f.limits), f.velocity,
-        f.compliance.copy(), f.deflections, f.step, gaps.weights, gaps.engaged, gaps.separation,
-        gaps.impulse, gaps.rotor, gaps.indices, gaps.output, gaps.substeps)
+        matrices.weights, matrices.table.reshape(len(matrices.table), -1),
+        np.ascontiguousarray(drive), start, rows, f.response, f.velocity_response,
+        np.ascontiguousarray(f.limits), f.velocity, f.compliance.copy(), f.deflections, f.step,
+        gaps.weights, gaps.engaged, gaps.separation, gaps.impulse, gaps.rotor, gaps.indices,
+        gaps.output, gaps.substeps)
 
 
 @compiled
