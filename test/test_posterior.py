@@ -31,9 +31,8 @@ NOTHING = Fit((), DiscrepancyModel(), np.zeros(0), np.zeros(0), np.ones(1), np.e
 
 
 def hypothesis(label: str) -> Hypothesis:
-    """Return a hypothesis about the reference robot."""
-    found, = (h for h in all_hypotheses(REFERENCE) if h.label == label)
-    return found
+    """Return the first hypothesis of a label about the reference robot."""
+    return next(h for h in all_hypotheses(REFERENCE) if h.label == label)
 
 
 def test_hypotheses_of_two_fixed_values_both_stand_in_the_posterior_under_one_name() -> None:
