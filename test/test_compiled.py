@@ -8,7 +8,9 @@ from pathlib import Path
 import subprocess
 import sys
 from typing import Any
+from unittest.mock import Mock
 
+from flex_payload_estimator.estimators.rpe import filter_step
 from flex_payload_estimator.nodes import node_setup
 from flex_payload_estimator.tools import compile as flex_compile
 from flex_plant_sim.compiled import cold, COMPILED
@@ -110,6 +112,15 @@ def test_flex_compile_leaves_nothing_to_compile(repository: Path) -> None:
     if any(map(cold, found.values())):
         subprocess.run([sys.executable, '-m', 'flex_payload_estimator.tools.compile'], check=True)
     assert {name for name, function in found.items() if cold(function)} == set()
+
+
+def test_flex_compile_runs_what_free_parts_tell_after_a_pass(monkeypatch: pytest.MonkeyPatch
+                                                             ) -> None:
+    # It is called seconds after a motion begins, when nobody waits for a compiler.
+    averaged = Mock(return_value=(0.0, 0.0))
+    monkeypatch.setattr(filter_step, 'far_part_averaged', averaged)
+    flex_compile.estimators()
+    averaged.assert_called()
 
 
 def test_a_bad_option_of_flex_compile_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
