@@ -303,7 +303,7 @@ def doubt(posterior: Posterior) -> str:
 
 def _genuine_text(posterior: Posterior) -> str:
     which = 'this cause is' if len(posterior.best.hypotheses) == 1 else 'each of these causes is'
-    return (f'The probability that {which} real is '
+    return (f'The probability that {which} real is at most '
             f'{100.0 * posterior.genuine_probability:.0f} %.')
 
 
