@@ -18,10 +18,13 @@ from flex_plant_sim.diagnosis.causes.free_run_ranking import (
     free_run_score,
     ranked_by_free_runs,
 )
-from flex_plant_sim.diagnosis.causes.neighbours import refine_look_alikes
+from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses
+from flex_plant_sim.diagnosis.causes.look_alikes import different_optima
+from flex_plant_sim.diagnosis.causes.posterior import SetKey
 from flex_plant_sim.diagnosis.causes.proposal_step import probe_catalogue
 from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit
 from flex_plant_sim.diagnosis.causes.refinement import remaining_torque_shares, try_laws
+from flex_plant_sim.diagnosis.causes.search import ranked_with_laws
 from flex_plant_sim.diagnosis.causes.search_state import SearchState
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
@@ -202,13 +205,27 @@ def test_a_slow_gauge_is_found_beside_laws_from_a_late_one() -> None:
     try_laws(state, nothing)
     laws = state.best.fit.discrepancy
     assert laws.laws
-    late = next(h for h in state.catalogue if h.label == 'strain_delay:arm')
+    late, slow = (next(h for h in state.catalogue if h.label == label)
+                  for label in ('strain_delay:arm', 'strain_filter:arm'))
     state.refine(CandidateSet((late,), (np.array([SLOW]),)), laws)
-    refine_look_alikes(state, state.refined_with_laws[-1])
-    sets = state.refined_with_laws
-    best, _ = ranked_by_free_runs(sets, free_run_log_likelihoods(sets, data, base, 1), base)
+    # The slow gauge is known, at an optimum of which evidence is sure and that runs badly.
+    wrong = state.refine(CandidateSet((slow,), (np.array([SLOW, 0.5]),)), laws)
+    wrong = replace(wrong, fit=replace(wrong.fit, values=np.array([0.2 * SLOW, 1.7]),
+                                       log_evidence=wrong.fit.log_evidence + 300.0))
+    state.refined[SetKey.of(wrong.fit)] = wrong
+    best = ranked_with_laws(state, nothing).best
     assert [h.label for h in best.fit.hypotheses] == ['strain_filter:arm']
     np.testing.assert_allclose(best.fit.values, [SLOW, 0.5], rtol=0.2)
+
+
+def test_starts_that_end_within_a_deviation_are_one_optimum(
+        braked_as_stated: tuple[RefinedFit, Data, BaseModel]) -> None:
+    found, _, base = braked_as_stated
+    late = next(h for h in all_hypotheses(base.robot) if h.label == 'strain_delay:arm')
+    ends = [replace(found.fit, hypotheses=(late,), values=np.array([delay]),
+                    covariance=np.diag([1e-6, *np.diag(found.fit.covariance)]))
+            for delay in (0.02, 0.0205, 0.05, 0.0209)]
+    assert [fit.values[0] for fit in different_optima([*ends, found.fit])[:-1]] == [0.02, 0.05]
 
 
 def test_a_free_run_is_scored_by_the_likelihood_of_errors_of_unknown_scale() -> None:

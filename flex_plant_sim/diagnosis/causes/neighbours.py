@@ -14,7 +14,7 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
 from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.causes.gauss_newton import fit_set
-from flex_plant_sim.diagnosis.causes.hypothesis import CauseSet, Hypothesis
+from flex_plant_sim.diagnosis.causes.hypothesis import CauseSet
 from flex_plant_sim.diagnosis.causes.neighbourhood import Neighbourhood
 from flex_plant_sim.diagnosis.causes.part_causes import fits_replacing_parts
 from flex_plant_sim.diagnosis.causes.posterior import SetKey
@@ -116,29 +116,6 @@ def fit_in_place_of_law(state: SearchState, with_laws: RefinedFit, law: Effect) 
     refine_contenders(state, leading, leading[0], with_laws)
 
 
-def refine_look_alikes(state: SearchState, with_laws: RefinedFit) -> None:
-    """
-    Refine sets with laws in which a cause is replaced by one of its family at its site.
-
-    Evidence does not tell which set beside laws is worth refining, see `free_run_ranking`. Where a
-    part seems to have one fault, it may have another instead: a late gauge may be a slow one.
-    """
-    now, step = CandidateSet.of(with_laws.fit), 'look-alikes beside laws'
-    known = {SetKey.of(found.fit) for found in state.refined_with_laws}
-    sets = [candidate for index, cause in enumerate(now.hypotheses)
-            for proposal in proposals_beside(state, with_laws, index)
-            if is_look_alike(proposal.hypothesis, cause)
-            for candidate in now.without(index).with_each_probe(proposal)]
-    fits = sorted(_coarse_fits(state, with_laws, sets, step), key=lambda fit: -state.score(fit))
-    state.refine_each([fit for fit in fits if SetKey.of(fit) not in known][:MAX_REFINED_AT_ONCE])
-
-
-def is_look_alike(hypothesis: Hypothesis, cause: Hypothesis) -> bool:
-    """Tell whether a hypothesis is another fault of the part in which a cause is."""
-    return (hypothesis.effect is not cause.effect and hypothesis.site == cause.site
-            and hypothesis.effect.family == cause.effect.family)
-
-
 def _keep_better(state: SearchState, fits: Iterable[Fit]) -> None:
     """Keep each fit unless its set is refined and not clearly worse."""
     for fit in fits:
@@ -185,13 +162,33 @@ def _extended(state: SearchState, candidate: CandidateSet, proposal: Proposal
 def _coarse_fits(state: SearchState, centre: RefinedFit, sets: Iterable[CandidateSet],
                  step: str) -> list[Fit]:
     """Return coarse fits of sets around a centre, one of each set."""
-    fitter = NeighbourFitter(centre.coarse.likelihood, centre.coarse.fit.error_scale,
-                             state.data.duration, coarse=True)
-    fits = each(fitter, list(sets), state.jobs,
-                lambda share: state.progress(step, 0.4 + 0.2 * share))
     # Of a set that was fitted from several starts, the best fit comes last.
-    best = {SetKey.of(fit): fit for fit in sorted(fits, key=state.score)}
-    return each(fitter.along_own_trajectory, list(best.values()), state.jobs,
+    best = {SetKey.of(fit): fit for fit in sorted(
+        _first_coarse_fits(state, centre, sets, step), key=state.score)}
+    return _along_own_trajectories(state, centre, list(best.values()), step)
+
+
+def coarse_fits_of_each(state: SearchState, centre: RefinedFit, sets: Iterable[CandidateSet],
+                        step: str) -> list[Fit]:
+    """Return coarse fits around a centre, one of each set and start."""
+    return _along_own_trajectories(
+        state, centre, _first_coarse_fits(state, centre, sets, step), step)
+
+
+def _coarse_fitter(state: SearchState, centre: RefinedFit) -> NeighbourFitter:
+    return NeighbourFitter(centre.coarse.likelihood, centre.coarse.fit.error_scale,
+                           state.data.duration, coarse=True)
+
+
+def _first_coarse_fits(state: SearchState, centre: RefinedFit, sets: Iterable[CandidateSet],
+                       step: str) -> list[Fit]:
+    return each(_coarse_fitter(state, centre), list(sets), state.jobs,
+                lambda share: state.progress(step, 0.4 + 0.2 * share))
+
+
+def _along_own_trajectories(state: SearchState, centre: RefinedFit, fits: Sequence[Fit],
+                            step: str) -> list[Fit]:
+    return each(_coarse_fitter(state, centre).along_own_trajectory, fits, state.jobs,
                 lambda share: state.progress(step, 0.6 + 0.1 * share))
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from operator import itemgetter
 
 from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
 from flex_plant_sim.diagnosis.causes.fit import Fit
@@ -19,12 +20,9 @@ from flex_plant_sim.diagnosis.causes.free_run_ranking import (
     ranked_by_free_runs,
 )
 from flex_plant_sim.diagnosis.causes.information import InformationProbe
+from flex_plant_sim.diagnosis.causes.look_alikes import refined_look_alikes
 from flex_plant_sim.diagnosis.causes.neighbourhood import Neighbourhood
-from flex_plant_sim.diagnosis.causes.neighbours import (
-    fit_in_place_of_law,
-    fit_neighbours,
-    refine_look_alikes,
-)
+from flex_plant_sim.diagnosis.causes.neighbours import fit_in_place_of_law, fit_neighbours
 from flex_plant_sim.diagnosis.causes.posterior import ORDINARY_FAULTS, Posterior, SetKey
 from flex_plant_sim.diagnosis.causes.proposal import Proposal
 from flex_plant_sim.diagnosis.causes.proposal_step import probe_catalogue, proposals_beside
@@ -150,7 +148,7 @@ def _parts_hide_a_cause(state: SearchState, centre: RefinedFit) -> bool:
 def _result(state: SearchState, nothing: RefinedFit, explored: dict[SetKey, Neighbourhood]
             ) -> SearchResult:
     if state.best.fit.discrepancy.laws:
-        return _ranked_by_free_runs(state, nothing)
+        return ranked_with_laws(state, nothing)
     last = max((state.refined[key] for key in explored), key=lambda r: state.score(r.fit))
     around = explored[SetKey.of(last.fit)]
     posterior = state.posterior(around.unfitted_scores(state), around.has_unknown(state))
@@ -177,21 +175,24 @@ def _is_complete(fit: Fit) -> bool:
     return bool(fit.discrepancy.laws) and len(fit.hypotheses) >= ORDINARY_FAULTS
 
 
-def _ranked_by_free_runs(state: SearchState, nothing: RefinedFit) -> SearchResult:
+def ranked_with_laws(state: SearchState, nothing: RefinedFit) -> SearchResult:
     """Return where a search ends in which laws of unknown torques lead."""
-    runs: dict[SetKey, float] = {}
-    tried: set[SetKey] = set()
+    found: dict[SetKey, tuple[RefinedFit, float]] = {}
+    asked: set[SetKey] = set()
+    fresh = state.refined_with_laws
     while True:
-        sets = state.refined_with_laws
-        fresh = [found for found in sets if SetKey.of(found.fit) not in runs]
-        found = free_run_log_likelihoods(fresh, state.data, state.nominal, state.jobs)
-        runs.update(zip((SetKey.of(chosen.fit) for chosen in fresh), found))
+        runs = free_run_log_likelihoods(fresh, state.data, state.nominal, state.jobs)
+        for chosen, run in zip(fresh, runs):
+            # Of a set that was refined from several starts, the one that runs best counts.
+            key = SetKey.of(chosen.fit)
+            found[key] = max((chosen, run), found.get(key, (chosen, -np.inf)), key=itemgetter(1))
+        sets = [chosen for chosen, _ in found.values()]
         best, posterior = ranked_by_free_runs(
-            sets, np.array([runs[SetKey.of(chosen.fit)] for chosen in sets]), state.nominal)
+            sets, np.array([run for _, run in found.values()]), state.nominal)
         named = next((key for fit in posterior.fits if (key := SetKey.of(fit)).labels), None)
-        if named is None or named in tried:
+        if named is None or named in asked:
             break
-        tried.add(named)
-        attempt(partial(refine_look_alikes, state), state.refined[named])
+        asked.add(named)
+        fresh = attempt(partial(refined_look_alikes, state), found[named][0]) or []
     return SearchResult(best, tuple(proposals_beside(state, best)),
                         InformationProbe.beside(best), posterior, nothing)

@@ -99,9 +99,13 @@ class SearchState:
 
     def refine_each(self, fits: Sequence[Fit]) -> None:
         """Refine fits in parallel and keep the results; none depends on another's."""
-        for found in each(lambda fit: self._refined(CandidateSet.of(fit), fit.discrepancy,
-                                                    fit.error_scale), fits, self.jobs):
+        for found in self.refined_each(fits):
             self._keep(found)
+
+    def refined_each(self, fits: Sequence[Fit]) -> list[RefinedFit]:
+        """Return fits refined in parallel, without those that cannot be; none is kept."""
+        return each(lambda fit: self._refined(CandidateSet.of(fit), fit.discrepancy,
+                                              fit.error_scale), fits, self.jobs)
 
     def _refined(self, candidate: CandidateSet, discrepancy: DiscrepancyModel,
                  error_scale: Array | None) -> RefinedFit:

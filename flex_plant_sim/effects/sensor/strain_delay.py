@@ -18,7 +18,7 @@ class StrainDelay(Effect):
     family = 'sensors'
     explanation = 'The strain readings of {site} are older than the angles logged with them.'
     parameters = (
-        Parameter('delay_s', 's', 0.0, 0.0, 0.2, (0.005, 0.01, 0.02, 0.03, 0.05), 0.003, 0.03),)
+        Parameter('delay_s', 's', 0.0, 0.0, 0.2, (0.005, 0.01, 0.02, 0.04, 0.08), 0.003, 0.03),)
     sites = 'amplifier'
     structural = True
 

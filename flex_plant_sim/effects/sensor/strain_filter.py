@@ -21,7 +21,8 @@ class StrainFilter(Effect):
     explanation = 'The strain of {site} passes a slow amplifier: a low-pass filter of order two.'
     parameters = (
         # It delays slow signals by 2 zeta tau: 0.003 s is half a reference sample.
-        Parameter('time_constant_s', 's', 0.0, 0.0, 1.0, (0.008, 0.016, 0.03, 0.06), 0.003, 0.03),
+        Parameter('time_constant_s', 's', 0.0, 0.0, 1.0, (0.008, 0.016, 0.03, 0.06, 0.12), 0.003,
+                  0.03),
         Parameter('damping', '', 0.8, 0.4, 3.0, (0.7,), np.inf, 0.3))
     sites = 'amplifier'
     structural = True
