@@ -10,8 +10,8 @@ from collections.abc import Sequence
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.prediction.latent_forces import LatentForces
-from flex_plant_sim.diagnosis.prediction.law import CONSTANT, LatentSeries
+from flex_plant_sim.diagnosis.prediction.latent_forces import LatentForces, LatentPrior
+from flex_plant_sim.diagnosis.prediction.law import CONSTANT, LatentSeries, TIME
 import numpy as np
 from numpy.typing import NDArray
 
@@ -38,7 +38,7 @@ def torque_series(found: Sequence[LatentForces], robot: Robot) -> tuple[LatentSe
         variables = {
             'speed': ('rad/s', speed), 'angle': ('rad', _joined([f.angle[:, j] for f in found])),
             'command': (COMMAND_UNIT, _joined([f.command[:, j] for f in found])),
-            'time': ('s', _joined([f.time for f in found]))}
+            TIME: ('s', _joined([f.time for f in found]))}
         if robot.links[j].gauge_positions:
             variables['load'] = ('N m', _joined([f.load[:, j] for f in found]))
         drive = np.sqrt(np.mean([f.drive[j]**2 for f in found]))
@@ -59,11 +59,12 @@ def gauge_series(found: Sequence[LatentForces], robot: Robot) -> tuple[LatentSer
         others = {other: ('m/m', strain[:, k]) for k, other in enumerate(names)
                   if other[:LINK_PREFIX] != name[:LINK_PREFIX]}
         variables = {'strain': ('m/m', strain[:, g]), 'strain rate': ('m/m/s', rate[:, g]),
-                     **others, 'time': ('s', _joined([f.time for f in found]))}
+                     **others, TIME: ('s', _joined([f.time for f in found]))}
         series.append(LatentSeries(
             name, 'm/m', _joined([f.gauge[:, g] for f in found]),
             _joined([f.gauge_deviation[:, g] for f in found]), variables, _scored(found),
-            float(GAUGE_MODEL_ERROR * np.std(strain[:, g])), (CONSTANT, 'strain')))
+            float(GAUGE_MODEL_ERROR * np.std(strain[:, g])), (CONSTANT, 'strain'),
+            LatentPrior.gauge_time / float(found[0].time[1] - found[0].time[0])))
     return tuple(series)
 
 

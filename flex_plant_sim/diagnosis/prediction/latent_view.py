@@ -85,7 +85,7 @@ class Finding:
                  for k in PERIODS if law.variable == 'angle']
         left = min(np.mean((curve - shape @ np.linalg.lstsq(shape, curve, rcond=None)[0])**2)
                    for shape in (straight, *waves))
-        return bool(np.sqrt(left) > self.series.model_error)
+        return bool(np.sqrt(left) > self.series.model_error_over(law.variable, law.knots))
 
     def results(self) -> dict[str, Any]:
         """Return the figures for JSON."""

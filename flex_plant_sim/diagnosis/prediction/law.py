@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+import math
 
 from flex_plant_sim.arm.second_order import Array
 import numpy as np
@@ -26,8 +27,9 @@ MIN_EXPLAINED_SHARE = 0.5
 CLEAR_Z = 2.576
 # Smallest power, so that logarithms stay finite where a stretch is explained fully.
 TINY = 1e-300
-# Name of the law that depends on nothing, and of the variable whose tables may step at zero.
-CONSTANT = 'constant'
+# Name of the law that depends on nothing, of time, and of the variable whose tables may step at
+# zero.
+CONSTANT, TIME = 'constant', 'time'
 STEPPED_VARIABLE = 'speed'
 
 
@@ -50,6 +52,9 @@ class LatentSeries:
         Root mean square, in `unit`, below which a force may be model error.
     preferred : tuple of str
         Variables that are chosen unless another is better by more than a model error.
+    error_samples : float
+        Samples for which a model error lasts: a table over time averages over many. A torque's
+        may last.
 
     """
 
@@ -61,6 +66,19 @@ class LatentSeries:
     scored: NDArray[np.bool_]
     model_error: float
     preferred: tuple[str, ...] = (CONSTANT,)
+    error_samples: float = math.inf
+
+    def model_error_over(self, variable: str, knots: Array) -> float:
+        """
+        Return the root mean square, in `unit`, that a table (K,) may have of model error.
+
+        Over time it has of an error of the correlation time t what K means over T / K leave of it,
+        the share 2 t K / T of its power.
+        """
+        if variable != TIME:
+            return self.model_error
+        left = 2.0 * self.error_samples * knots.size / np.count_nonzero(self.scored)
+        return self.model_error * math.sqrt(min(left, 1.0))
 
     @property
     def rms(self) -> float:
@@ -259,7 +277,8 @@ def law_of(series: LatentSeries, validations: Sequence[CrossValidation] | None =
     error; any other variable must beat all others by as much for the law to be clear.
     """
     validations = validations or cross_validate(series)
-    best, least = validations[0], series.model_error**2 * np.count_nonzero(series.scored)
+    best, count = validations[0], np.count_nonzero(series.scored)
+    least = series.model_error_over(best.variable, best.knots)**2 * count
     by_name, unrivalled = {found.variable: found for found in validations}, True
     for name in series.preferred:
         if not best.beats(by_name[name], least):
@@ -278,7 +297,8 @@ def _law_over(series: LatentSeries, best: CrossValidation, clear: bool) -> Law:
     return Law(series.site, series.unit, best.variable, unit, best.knots, values,
                _clustered_deviations(design, value - design @ values, inverse,
                                      stretches_of(len(series.value))[series.scored]),
-               best.share, best.error, series.rms, series.rms > series.model_error, clear)
+               best.share, best.error, series.rms,
+               series.rms > series.model_error_over(best.variable, best.knots), clear)
 
 
 def _clustered_deviations(design: Array, residual: Array, inverse: Array,
