@@ -27,4 +27,3 @@ def test_noise_of_less_than_a_step_is_found_with_the_rounding(step: float) -> No
     measured = np.round((motion + rng.standard_normal((4000, 100))) / step) * step
     error = np.sqrt(np.mean((measured - motion)**2))
     assert np.mean(white_noise(measured)) == pytest.approx(error, rel=0.05)
-
