@@ -6,9 +6,8 @@ half a detection limit each, on seeds that never score. The true parts are known
 density under the posterior of a record can be computed. Printed for each temper: chi^2 of the true
 parts over their number (1: as far off as stated, 2: too sure) and the logarithm of their posterior
 over their prior density, nats. Then the size and the correlation of the errors that remain when
-the parts are fitted: each channel's error over the stated one, the samples that count as one
-for that alone, and the error of its mean over a window over the one stated for white errors,
-which for gauges is not tempered at 16: it must not exceed 1.
+the parts are fitted: each channel's error over the stated one, and the samples that count as one
+for that alone.
 
     python benchmarks/temper.py --arms 3
 """
@@ -28,8 +27,6 @@ from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
 from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit
-from flex_plant_sim.diagnosis.likelihood.likelihood import JOINTS
-from flex_plant_sim.diagnosis.likelihood.sufficient_statistics import TEMPER
 from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
@@ -111,22 +108,18 @@ class CleanArm:
             np.log(np.diagonal(root) / statistics.tolerances)))
         return float(away @ away) / away.size, nats
 
-    def errors(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return each channel's error over that stated, its correlation, and of windows' means."""
+    def errors(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return each channel's error over the stated one, and its correlation in samples."""
         windows = sum(p.windows.starts.size for p in self.likelihood.predictors)
         left = self.likelihood.centre_residual + np.tensordot(
             self.fit.deviations, self.likelihood.part_jacobian, 1)
         left = left.reshape(len(left), windows, -1)
-        mean = left.mean(axis=2, keepdims=True)
-        mean[JOINTS:] /= np.sqrt(TEMPER)
-        left[JOINTS:] -= (np.sqrt(TEMPER) - 1.0) * mean[JOINTS:]
         power = np.abs(np.fft.rfft(left, 2 * left.shape[-1]))**2
         like = np.fft.irfft(power).sum(axis=1)[:, :left.shape[-1]]
         like /= like[:, :1]
         first = np.argmax(like < NEGLIGIBLE, axis=1)
         return np.sqrt(np.mean(left**2, axis=(1, 2))), np.array(
-            [1.0 + 2.0 * row[1:n].sum() for row, n in zip(like, first)]), np.sqrt(
-                left.shape[-1] * np.mean(mean[..., 0]**2, axis=1))
+            [1.0 + 2.0 * row[1:n].sum() for row, n in zip(like, first)])
 
 
 def print_group(robot: str, form: Realisation, arms: list[CleanArm]) -> None:
@@ -135,7 +128,7 @@ def print_group(robot: str, form: Realisation, arms: list[CleanArm]) -> None:
     rows = np.mean([[arm.at(t) for t in TEMPERS] for arm in arms], axis=0)
     print('  chi^2 of a part ' + ' '.join(f'{row[0]:8.2f}' for row in rows))
     print('  nats            ' + ' '.join(f'{row[1]:8.1f}' for row in rows))
-    for what, values in zip(('error over stated', 'samples as one', 'of means'),
+    for what, values in zip(('error over stated', 'samples as one'),
                             np.mean([arm.errors() for arm in arms], axis=0)):
         print(f'  {what:<18}' + ' '.join(f'{value:6.2f}' for value in values), flush=True)
 

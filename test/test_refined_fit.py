@@ -213,10 +213,7 @@ def test_a_gradual_event_is_tried_as_a_sudden_one_too(start: tuple[float, ...]) 
     slow, found = (way((np.array(start),)) for way in (solver.descend, solver.minimise))
     # Between a change of ten seconds and a sudden one is a local minimum.
     assert slow.values[2] > 8.0 and slow.cost > found.cost + 200.0
-    # In time it ends in one of the minima that lie a period apart, and there a change within a
-    # period does not differ from a sudden one.
-    assert found.values[2] < solver.likelihood.period
-    assert found.values[0] == pytest.approx(-0.06, abs=1e-3)
+    assert found.values[2] < 0.1 and found.values[0] == pytest.approx(-0.06, abs=1e-3)
 
 
 def test_causes_without_the_trajectory_s_shapes_are_predicted_one_at_a_time() -> None:

@@ -20,7 +20,6 @@ from flex_plant_sim.diagnosis.likelihood.prior import (
     sensors_with_deviations,
     with_deviations,
 )
-from flex_plant_sim.diagnosis.likelihood.sufficient_statistics import TEMPER
 from flex_plant_sim.diagnosis.pool import all_of
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
@@ -31,8 +30,6 @@ import numpy as np
 # Step of the finite differences in a part, as a share of its tolerance, within which the residual
 # is nearly linear.
 DIFFERENCE_STEP = 0.2
-# Channels before the gauges.
-JOINTS = 2
 
 
 class Likelihood:
@@ -110,8 +107,9 @@ class Likelihood:
     def _whitened_residual(self, effects: Sequence[Effect], robot: Robot,
                            reuse_gain: bool = False) -> Array:
         """Return e of a robot, its sensors' effects included; see `Predictor` on the gain."""
-        found = [_by_channel(_with_slow_errors_whole(p.whitened_residual(
-            effects, robot, reuse_gain, self.shared_covariance))) for p in self.predictors]
+        found = [_by_channel(p.whitened_residual(effects, robot, reuse_gain,
+                                                 self.shared_covariance))
+                 for p in self.predictors]
         return np.sqrt(self.weight) * np.concatenate(found, axis=-1)
 
     def residual(self, effects: Sequence[Effect]) -> Array:
@@ -236,20 +234,6 @@ class Likelihood:
             centre_residual=np.sqrt(weight) * self.centre_residual[:, kept],
             part_jacobian=np.sqrt(weight) * self.part_jacobian[..., kept],
             centre_shift=np.sqrt(weight) * self.centre_shift[:, kept])
-
-
-def _with_slow_errors_whole(errors: Array) -> Array:
-    """
-    Return errors (B, W, length, m) with a gauge's mean over a window not tempered.
-
-    The temper is for errors that go with the motion. A model's error of the strain does, and so it
-    cancels over a window of several periods, as the strain does: the means of clean arms are no
-    larger than white errors of the stated size have (benchmarks/temper.py). What is left of them
-    is there at rest, too.
-    """
-    slow = errors[..., JOINTS:].mean(axis=2, keepdims=True)
-    errors[..., JOINTS:] += (np.sqrt(TEMPER) - 1.0) * slow
-    return errors
 
 
 def _by_channel(errors: Array) -> Array:

@@ -22,6 +22,7 @@ from flex_plant_sim.diagnosis.prediction.law import (
     Law,
     law_of,
     MIN_EXPLAINED_SHARE,
+    TIME,
 )
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.effects.base import Effect
@@ -74,13 +75,16 @@ class Finding:
         Tell whether its law is stated and of no effect's shape, by more than a model error.
 
         Lines with a step are gains, dampings, springs, dry friction; a wave over a joint's angle
-        is a ripple. The evidence judges them by name.
+        is a ripple. The evidence judges them by name. A line over time, a drift, it tempers as if
+        that went with the motion.
         """
         law, scored = self.law, self.series.scored
         if not law.stated or law.variable == CONSTANT:
             return False
         x = self.series.variables[law.variable][1][scored]
         curve, straight = law.at(x), np.column_stack([np.ones_like(x), x, np.sign(x)])
+        if law.variable == TIME:
+            straight = straight[:, :1]
         waves = [np.column_stack([straight, np.sin(k * x), np.cos(k * x)])
                  for k in PERIODS if law.variable == 'angle']
         left = min(np.mean((curve - shape @ np.linalg.lstsq(shape, curve, rcond=None)[0])**2)
