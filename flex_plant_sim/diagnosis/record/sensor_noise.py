@@ -11,8 +11,9 @@ import numpy as np
 # weights of a prime order share that factor, so that differences of what is rounded to steps come
 # in lumps: their median was up to 13 % off where the noise is half a step. Of order 6 it is 4 %.
 DIFFERENCES = 6
-# Noise with rounding, in steps, from which on the median tells it. Below that most differences of
-# a channel that is held are zero; where it moves, up to this much is believed of it.
+# Noise with rounding, in steps, from which on the median tells it: (0.37^2 + 1 / 12)^(1/2), where
+# the noise is 0.37 steps. Below that most differences of a channel that is held are zero; where it
+# moves, up to this much is believed of it.
 MEDIAN_FROM = 0.47
 # Relative standard error of the white noise found in N samples, times the root of N: a median
 # tells 1.17 of independent ones (P. J. Huber, Robust Statistics, 1981), and of sixth differences
