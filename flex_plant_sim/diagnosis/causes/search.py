@@ -176,7 +176,17 @@ def _is_complete(fit: Fit) -> bool:
 
 
 def ranked_with_laws(state: SearchState, nothing: RefinedFit) -> SearchResult:
-    """Return where a search ends in which laws of unknown torques lead."""
+    """
+    Return where a search ends in which laws of unknown torques lead.
+
+    Parameters
+    ----------
+    state : SearchState
+        With sets with laws among those that are refined.
+    nothing : RefinedFit
+        The nominal model with its parts re-estimated.
+
+    """
     found: dict[SetKey, tuple[RefinedFit, float]] = {}
     asked: set[SetKey] = set()
     fresh = state.refined_with_laws
