@@ -18,7 +18,7 @@ from truth.records import make_record, TruthCase
 ROBOT = load_robot('reference')
 BASE = nominal_base(ROBOT, 'assumed_modes', 3)
 TRUTH = make_record(TruthCase(9101))
-# Gauges of the reference robot by label; both are on different links.
+# Columns of one gauge of each link.
 COLUMN = {'strain_1a': 0, 'strain_2b': 3}
 
 
@@ -59,7 +59,7 @@ def test_a_drift_is_a_law_over_time(gauge: str, size: float,
 
 
 def test_an_error_that_goes_with_the_motion_is_no_law_over_time() -> None:
-    """A gauge may show 5 % too much, which no slow error does: as large as the drifts above."""
+    """A gauge may show 5 % too much, which no slow error does."""
     found = finding_of('strain_1a', 0.05 * TRUTH.strain[:, 0])
     assert not found.has_shape_of_no_effect
 
