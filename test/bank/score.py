@@ -16,6 +16,8 @@ Z = 1.959964
 LARGEST_SET = 3
 # Probability from which a cause is stated surely.
 SURE = 0.9
+# The same of the firmest statements, as no name is stated at more than 0.88.
+FIRM = 0.8
 # Bins of the calibration error, and random draws for what it would be by chance.
 BINS = 5
 DRAWS = 2000
@@ -144,6 +146,13 @@ def surely_wrong(line: Line) -> bool:
         cause['probability'] >= SURE and not is_hidden(line, cause['name'])
         and cause['name'] not in line.get('distractors', [])
         for cause in line.get('causes', []))
+
+
+def firmly_wrong(line: Line) -> bool:
+    """Return whether a name is stated firmly that is neither hidden nor a distractor."""
+    return any(cause['probability'] >= FIRM and not is_hidden(line, cause['name'])
+               and cause['name'] not in line.get('distractors', [])
+               for cause in line.get('causes', []))
 
 
 def named_wrongly(line: Line) -> bool:
