@@ -89,6 +89,19 @@ def test_the_first_and_the_last_window_are_among_those_that_are_looked_at(
     assert evenly(size, every).tolist() == expected
 
 
+@pytest.mark.parametrize(('size', 'every', 'expected'), [
+    (8, 5, [0, 5, 7]), (8, 3, [0, 5, 7]), (8, 2, [0, 1, 5, 7]), (4, 1, [0, 1, 2, 3]), (2, 3, [0, 1]),
+    (1, 3, [0])])
+def test_the_busiest_windows_are_looked_at_first(size: int, every: int, expected: list[int]
+                                                 ) -> None:
+    """A limit that is met in one window in eight shows there alone."""
+    command = np.zeros((10 * size, 2))
+    command[::2, 0], command[51:60, 1] = 1e-3, 1.0
+    record = Record('busy', 0.01 * np.arange(len(command)), command, np.zeros_like(command), 0.1)
+    windows = Windows(record, 10 * np.arange(size), 10, 0)
+    assert windows.busiest(every).tolist() == expected
+
+
 @pytest.mark.slow
 def test_a_payload_that_drops_between_the_times_that_are_tried_is_named() -> None:
     """Most of a heavy payload falls off: from the nearest times tried, a fit ends elsewhere."""

@@ -195,8 +195,8 @@ class RefinedFit:
 
     @cached_property
     def coarse(self) -> RefinedFit:
-        """Return the same set and values on some windows, `Likelihood.with_own_filters`."""
-        likelihood = self.likelihood.thinned(COARSE_SAMPLES).with_own_filters
+        """Return the same set and values on busy windows, `Likelihood.with_own_filters`."""
+        likelihood = self.likelihood.thinned(COARSE_SAMPLES, busiest=True).with_own_filters
         solver = GaussNewton(likelihood, self.causes, self.fit.error_scale)
         values = self.fit.values
         point = solver.linearise(values, *solver.residual_and_cost(values))

@@ -217,19 +217,22 @@ class Likelihood:
         """Return the end of the longest record, s."""
         return max(float(p.record.time[-1]) for p in self.predictors)
 
-    def thinned(self, samples: int) -> Likelihood:
-        """Return the likelihood of evenly chosen windows with about so many samples in all."""
+    def thinned(self, samples: int, busiest: bool = False) -> Likelihood:
+        """Return the likelihood of even or of busiest windows, about so many samples in all."""
         sizes = [p.windows.starts.size for p in self.predictors]
         every = -(-sum(sizes) * self.predictors[0].windows.length // samples)
         if every <= 1:
             return self
-        chosen = np.concatenate([first + evenly(size, every) for first, size in zip(
-            np.cumsum([0, *sizes]), sizes)])
+        of_each = [p.windows.busiest(every) if busiest else evenly(p.windows.starts.size, every)
+                   for p in self.predictors]
+        chosen = np.concatenate([first + of_record for first, of_record in zip(
+            np.cumsum([0, *sizes]), of_each)])
         weight = sum(sizes) / chosen.size
         kept = np.arange(self.centre_residual.shape[-1]).reshape(sum(sizes), -1)[chosen].ravel()
         return self._copied(
             'part_products', 'channel_log_determinants', 'with_own_filters',
-            predictors=[p.thinned(every) for p in self.predictors], kept_samples=kept,
+            predictors=[p.at(some) for p, some in zip(self.predictors, of_each)],
+            kept_samples=kept,
             weight=self.weight * weight,
             centre_residual=np.sqrt(weight) * self.centre_residual[:, kept],
             part_jacobian=np.sqrt(weight) * self.part_jacobian[..., kept],

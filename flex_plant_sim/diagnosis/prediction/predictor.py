@@ -248,14 +248,14 @@ class Predictor:
         """Return the trajectory's matrices, shared by all effects that leave the plant alone."""
         return predictor_matrices(self, self.arm, self.gain, self.used_samples)
 
-    def thinned(self, every: int) -> Predictor:
-        """Return the same predictor for every `every`-th window alone."""
+    def at(self, chosen: Indices) -> Predictor:
+        """Return the same predictor for some of its windows alone."""
         depend_on_windows = ('matrices', 'whitener', 'nominal_whitening', 'used_samples',
                              'window_rows')
         other = object.__new__(Predictor)
         other.__dict__.update({k: v for k, v in self.__dict__.items()
                                if k not in depend_on_windows})
-        other.windows = self.windows.thinned(every)
+        other.windows = self.windows.at(chosen)
         return other
 
     def _filtered_states(self, arm: ExtendedArm) -> Array:

@@ -153,7 +153,26 @@ class Windows:
 
     def thinned(self, every: int) -> Windows:
         """Return one window of every so many, see `evenly`."""
-        return replace(self, starts=self.starts[evenly(self.starts.size, every)])
+        return self.at(evenly(self.starts.size, every))
+
+    def at(self, chosen: Indices) -> Windows:
+        """Return some of the windows alone."""
+        return replace(self, starts=self.starts[chosen])
+
+    def busiest(self, every: int) -> Indices:
+        """
+        Return the indices of one window of every so many, and at least three, as available.
+
+        The first and the last are among them, as in `evenly`, and of each stretch between those
+        the window in which the drives do most: a limit that is rarely met shows nowhere else.
+        """
+        size = self.starts.size
+        groups = np.array_split(np.arange(1, max(size - 1, 1)), max(-(-size // every) - 2, 1))
+        square = (self.record.command - np.mean(self.record.command, axis=0))**2
+        driven = np.sum(square / np.maximum(np.mean(square, axis=0), np.finfo(float).tiny), axis=1)
+        totals = np.sum(driven[self.indices[:, self.warm_up:]], axis=1)
+        between = [group[np.argmax(totals[group])] for group in groups if group.size]
+        return np.unique([0, *between, size - 1]).astype(np.int64)
 
     def with_commands_moved(self, rows: int) -> Windows:
         """Return the windows of the same record with commands that act rows earlier."""
