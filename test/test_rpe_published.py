@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from flex_payload_estimator.estimators.rpe.modes import EXACT
 from flex_payload_estimator.estimators.rpe.time_update import FIRST_BIAS, MASS
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.payload_profile import PayloadProfile
 from flex_plant_sim.interval import Z95
 import numpy as np
-from rpe_runs import estimator_of
+import pytest
+from rpe_runs import estimator_of, robot_with, Run
 from scipy.stats import norm, truncnorm
 
 
@@ -33,3 +36,24 @@ def test_zero_serves_an_empty_arm_better_than_the_mean_of_payloads_above_it() ->
     assert weights @ cut.mean() > 2.0 * weights @ kept
     # The interval about zero holds it as often as before or more.
     assert weights @ (kept < Z95) > 0.974
+
+
+def test_a_payload_of_many_times_the_file_s_is_weighed() -> None:
+    """With a range of 0.43 kg it was 0.35 +- 0.04 kg, and `ok`."""
+    robot = robot_with()
+    assert robot.payload_mass < 0.2
+    estimator = estimator_of(robot)
+    run = Run(estimator, PayloadProfile.constant(1.5), 3.0, 7,
+              ExtendedArm(robot, 'assumed_modes', 2, 1.5))
+    assert run.estimates[-1].status == 'ok' and run.std[-1] < 0.03
+    assert run.mass[-1] == pytest.approx(1.5, abs=4.0 * run.std[-1])
+
+
+def test_no_band_is_wider_than_the_range_of_payloads() -> None:
+    """A payload that nothing is learnt of was published as 0.7 +- 1169 kg."""
+    stepper = estimator_of().stepper
+    f = stepper.begin(EXACT, np.zeros(6), 0.1, 1e3)
+    mass, variance = stepper.published(f)
+    middle = 0.5 * stepper.heaviest
+    assert 0.0 <= mass <= stepper.heaviest
+    assert variance == pytest.approx((mass - middle)**2 + middle**2 / 3.0)

@@ -123,6 +123,23 @@ def is_finite(values: Array) -> bool:
     return all(map(math.isfinite, values.tolist()))
 
 
+def within_range(mass: float, variance: float, heaviest: float) -> tuple[float, float]:
+    """
+    Return a payload, kg, and its variance, kg^2, of which it is known to be in a range.
+
+    A mean over models may be outside the range, and the bound is nearer. No variance is larger
+    than that about the estimate of a payload that may be anywhere on the range.
+    """
+    mass, middle = min(max(mass, 0.0), heaviest), 0.5 * heaviest
+    return mass, min(variance, (mass - middle)**2 + middle**2 / 3.0)
+
+
 def largest_payload(robot: Robot, told: float | None) -> float:
-    """Return the largest payload, kg: as told, or four lower links and twice the file's."""
-    return float(told or 4.0 * robot.links[1].mass + 2.0 * robot.payload_mass)
+    """
+    Return the largest payload, kg: as told, or twice what the arm moves with that of its file.
+
+    No arm of motors and links carries twice its own moving mass. A payload beyond the range reads
+    as one inside it with a worse model, `ok` and wrong; a range that is too wide costs little, as
+    a heavier payload changes the arm by m / (m + soft mass).
+    """
+    return float(told or 2.0 * (robot.moved_mass + robot.payload_mass))

@@ -6,6 +6,7 @@ from functools import cache, partial
 import math
 from typing import Any
 
+from flex_payload_estimator.estimators.base import within_range
 from flex_payload_estimator.estimators.rpe import compiled_step
 from flex_payload_estimator.estimators.rpe.effects import EffectStep
 from flex_payload_estimator.estimators.rpe.far_part import far_part_averaged
@@ -337,8 +338,7 @@ class FilterStep:
                 mass, variance = mass + shift, variance + further
             variance *= self.variance_factor(f) if factor is None else factor
             variance += (bending_error(f.statistics[SCORE]) * (self._moved_mass + mass))**2
-        # The average over two models may be below zero; no payload is, so that zero is nearer.
-        return max(mass, 0.0), variance
+        return within_range(mass, variance, self.heaviest)
 
     def _far_part(self, f: Filter) -> tuple[float, float]:
         prior, told = self.prior, self.prior.tolerated
