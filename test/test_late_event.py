@@ -90,8 +90,8 @@ def test_the_first_and_the_last_window_are_among_those_that_are_looked_at(
 
 
 @pytest.mark.parametrize(('size', 'every', 'expected'), [
-    (8, 5, [0, 5, 7]), (8, 3, [0, 5, 7]), (8, 2, [0, 1, 5, 7]), (4, 1, [0, 1, 2, 3]), (2, 3, [0, 1]),
-    (1, 3, [0])])
+    (8, 5, [0, 5, 7]), (8, 3, [0, 5, 7]), (8, 2, [0, 1, 5, 7]), (4, 1, [0, 1, 2, 3]),
+    (2, 3, [0, 1]), (1, 3, [0])])
 def test_the_busiest_windows_are_looked_at_first(size: int, every: int, expected: list[int]
                                                  ) -> None:
     """A limit that is met in one window in eight shows there alone."""

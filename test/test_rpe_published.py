@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from flex_payload_estimator.estimators.rpe.modes import EXACT
 from flex_payload_estimator.estimators.rpe.time_update import FIRST_BIAS, MASS
+from flex_plant_sim.interval import Z95
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.payload_profile import PayloadProfile
-from flex_plant_sim.interval import Z95
 import numpy as np
 import pytest
 from rpe_runs import estimator_of, robot_with, Run
