@@ -7,6 +7,7 @@ from functools import lru_cache
 import hashlib
 import os
 from pathlib import Path
+import sys
 from typing import Any, cast, TypeVar
 
 try:
@@ -15,6 +16,7 @@ try:
 except ImportError:
     COMPILED = False
 
+COMPILING = 'compiling the inner loops (once for each installation, about a minute) …'
 Function = TypeVar('Function', bound=Callable[..., Any])
 
 
@@ -49,3 +51,9 @@ def cold(function: Callable[..., Any]) -> bool:
     # Numba has no public function for this. A changed source counts as not compiled.
     dispatcher: Any = function
     return not dispatcher._cache._cache_file._load_index()
+
+
+def say_if_compiling(function: Callable[..., Any]) -> None:
+    """Print a line to stderr if calling a function is about to compile it."""
+    if cold(function):
+        print(COMPILING, file=sys.stderr, flush=True)

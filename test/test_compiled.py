@@ -13,10 +13,9 @@ from unittest.mock import Mock
 from flex_payload_estimator.estimators.rpe import filter_step
 from flex_payload_estimator.nodes import node_setup
 from flex_payload_estimator.tools import compile as flex_compile
-from flex_plant_sim.compiled import cold, COMPILED
+from flex_plant_sim.compiled import cold, COMPILED, COMPILING
 from flex_plant_sim.diagnosis.prediction import recursion
 from flex_plant_sim.diagnosis.prediction.scheduled_matrices import ScheduledMatrices
-from flex_plant_sim.tools.command_line import COMPILING
 from msg_config.parameters import check_parameters
 import numpy as np
 import pytest
@@ -25,8 +24,7 @@ if COMPILED:
     from numba.core.dispatcher import Dispatcher
 
 SOURCE = """
-from flex_plant_sim.compiled import compiled
-from flex_plant_sim.tools.command_line import say_if_compiling
+from flex_plant_sim.compiled import compiled, say_if_compiling
 
 @compiled
 def double(x):
@@ -150,9 +148,9 @@ def loops(repository: Path) -> dict[str, Any]:
 def test_a_node_says_that_it_is_about_to_compile(build: str, node: str, tmp_path: Path) -> None:
     # It answers no parameter service while it does.
     source = (f'from flex_payload_estimator.nodes.node_setup import {build}\n'
-              'from flex_plant_sim.tools import command_line\n'
+              'from flex_plant_sim import compiled\n'
               'def stop(function):\n'
-              '    command_line.say_if_compiling(function)\n'
+              '    compiled.say_if_compiling(function)\n'
               '    raise SystemExit\n'
               'import flex_payload_estimator.nodes.node_setup as node_setup\n'
               'node_setup.say_if_compiling = stop\n'

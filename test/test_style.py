@@ -104,6 +104,13 @@ def test_no_room_below_imports_one_above(repository: Path) -> None:
             assert not [name for name in above if f'{name}.' in text], path
 
 
+def test_no_node_imports_a_tool(repository: Path) -> None:
+    """A node has parameters, no command line: what both need stands beside the tools."""
+    for package in PACKAGES:
+        for path in (repository / package).rglob('nodes/*.py'):
+            assert 'flex_plant_sim.tools' not in path.read_text(encoding='utf-8'), path
+
+
 @pytest.mark.parametrize('name', ['flex_plant_sim', 'flex_payload_estimator'])
 def test_modules_are_short(repository: Path, name: str) -> None:
     long = {str(path): lines for path in (repository / name).rglob('*.py')

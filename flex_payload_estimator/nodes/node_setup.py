@@ -13,9 +13,9 @@ from flex_payload_estimator.estimators.rpe.compiled_step import step_packed
 from flex_payload_estimator.estimators.sf1.settings import SF1Settings
 from flex_payload_estimator.kalman.predictor import predicted
 from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.compiled import say_if_compiling
 from flex_plant_sim.effects import effects_of
 from flex_plant_sim.simulation.plant_setup import robot_of
-from flex_plant_sim.tools.command_line import say_if_compiling
 from msg_config.errors import InputError
 
 

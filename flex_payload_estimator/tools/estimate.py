@@ -15,6 +15,7 @@ from flex_payload_estimator.tools.words import decimals_of, with_uncertainty
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.compiled import say_if_compiling
 from flex_plant_sim.interval import Z95
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.simulation.nominal import model_words
@@ -129,7 +130,7 @@ def estimate_file(path: str, robot: Robot, name: str, model: str, modes: int) ->
     """
     log = read_log_aloud(path, robot, model, modes, coriolis_of(name, robot, model))
     if name == 'rpe':
-        command_line.say_if_compiling(compiled_step.step_packed)
+        say_if_compiling(compiled_step.step_packed)
     return estimate(log, make_estimator(
         name, replace(robot, sample_time=log.sample_time), model, modes))
 

@@ -18,14 +18,12 @@ from flex_plant_sim.arm.file_section import PLAUSIBLE
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import built_in_robots
 from flex_plant_sim.atomic_file import AUTHOR, whole_file
-from flex_plant_sim.compiled import cold
 from flex_plant_sim.quiet_signals import INTERRUPTED, interruptible
 from flex_plant_sim.simulation.extended_arm import MODELS
 from flex_plant_sim.simulation.nominal import nominal_robot, WITH_CORIOLIS
 from flex_plant_sim.tools.outputs import forget_standard_output
 from msg_config.errors import InputError
 
-COMPILING = 'compiling the inner loops (once for each installation, about a minute) …'
 # Exit codes: 1 as Python itself uses, and 2 as argparse.
 UNFORESEEN, BAD_INPUT = 1, 2
 TRACEBACK = 'FLEX_TRACEBACK'
@@ -118,12 +116,6 @@ def check_coriolis(arguments: argparse.Namespace, robot: Robot) -> None:
 def add_json_argument(options: argparse.ArgumentParser) -> None:
     """Add --json."""
     options.add_argument('--json', default=None, metavar='FILE', help='write the results as JSON')
-
-
-def say_if_compiling(function: Callable[..., Any]) -> None:
-    """Print a line to stderr if calling a function is about to compile it."""
-    if cold(function):
-        print(COMPILING, file=sys.stderr, flush=True)
 
 
 def modes_number(text: str) -> int:
