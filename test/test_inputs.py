@@ -6,7 +6,7 @@ from dataclasses import replace
 import math
 
 from flex_plant_sim.arm.robot_file import load_robot, parse_robot, robot_text
-from flex_plant_sim.inputs.gate import Gate, judge_record, Limits
+from flex_plant_sim.inputs.gate import angle_ranges, Gate, judge_record, Limits
 from flex_plant_sim.inputs.resample import even_grid, fill_by_line, fill_by_spline
 from flex_plant_sim.inputs.stamps import Order, StampOrder
 from flex_plant_sim.inputs.synchroniser import slop_of, Synchroniser
@@ -166,7 +166,29 @@ def test_limits_follow_from_the_robot_file() -> None:
     assert 0.5 * carried * limits.speed[0]**2 == pytest.approx(8.925 * 0.94 * math.pi)
     assert limits.high[2] == pytest.approx(math.pi * 0.00127 / (2 * 0.202))
     assert limits.command == pytest.approx([1.88, 2.4])
-    assert Limits.of(replace(REFERENCE, angle_limits=((-1.0, 2.0), (-3.0, 3.0)))).low[0] == -1.0
+
+
+def test_angles_are_believed_as_far_as_the_file_says_and_16_turns_without() -> None:
+    told = replace(REFERENCE, angle_limits=((-1.0, 2.0), (-200.0, 200.0)))
+    margin = 8.0 * REFERENCE.angle_noise
+    assert Limits.of(told).low[:2] == pytest.approx([-1.0 - margin, -200.0 - margin], abs=1e-12)
+    assert Limits.of(told).high[:2] == pytest.approx([2.0 + margin, 200.0 + margin], abs=1e-12)
+    assert Limits.of(REFERENCE).high[:2] == pytest.approx(32.0 * math.pi + margin, abs=1e-12)
+    # Set-points have no noise.
+    assert angle_ranges(told).tolist() == [[-1.0, 2.0], [-200.0, 200.0]]
+
+
+@pytest.mark.parametrize('step', [0.0, 2e-3])
+def test_a_joint_that_rests_on_its_stop_is_believed(step: float) -> None:
+    # An encoder's noise is its step over the root of twelve.
+    robot = replace(REFERENCE, angle_noise=step / 12**0.5 or 2e-4,
+                    angle_limits=((-0.5, 0.5 - 0.4 * step), (-2.0, 2.0)))
+    time, output, command = motion(10_000)
+    output[:, 0] = 0.5 + np.random.default_rng(1).normal(0.0, robot.angle_noise, 10_000) \
+        if not step else 0.5
+    assert not any(judge_record(Gate(robot), time, output, command))
+    output[5000, 0] += 0.05
+    assert sum(map(bool, judge_record(Gate(robot), time, output, command))) == 1
 
 
 def motion(samples: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

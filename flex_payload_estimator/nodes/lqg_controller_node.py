@@ -21,7 +21,7 @@ from flex_payload_estimator.nodes.node_setup import (
 )
 from flex_payload_estimator.nodes.sample_node import Sample, SampleNode
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.inputs.gate import COMMAND_MARGIN, Limits
+from flex_plant_sim.inputs.gate import angle_ranges, COMMAND_MARGIN, Limits
 from flex_plant_sim.simulation.nominal import model_words
 from flex_plant_sim.simulation.plant_setup import robot_of
 from geometry_msgs.msg import InertiaStamped
@@ -302,8 +302,8 @@ class LQGControllerNode(SampleNode):
     def _refer(self, message: JointTrajectory, now: float) -> None:
         reference = Trajectory.of(message, self._joints, self.set_points(now), now,
                                   self.values['reference_shape'])
-        limits = self.gate.limits
-        reference.check_within(limits.low[:2], limits.high[:2], len(message.points))
+        low, high = angle_ranges(self.robot).T
+        reference.check_within(low, high, len(message.points))
         self.set_points = reference
 
     def trouble(self) -> tuple[bool, ...]:

@@ -18,7 +18,8 @@ from flex_plant_sim.arm.second_order import Array
 from msg_config.input_mapping import JOINTS
 import numpy as np
 
-# Turns of a joint: the wires to the gauges and to the second motor allow only a few.
+# Turns of a joint whose limits are not told: the wires to the gauges and to the second motor allow
+# only a few.
 MAX_TURNS = 16
 # Joint speed, rad/s, that no joint with a flexible link exceeds, whatever its drive; it replaces
 # the drive's limit if the robot file limits no command.
@@ -33,8 +34,8 @@ RUN_UP = math.pi
 YIELD_STRAIN = 0.01
 # Largest command over the command limit: the overshoot of a current controller without damping.
 COMMAND_MARGIN = 2.0
-# Standard deviations of one sample's noise by which two neighbours may differ: exceeded so rarely
-# that a night's samples contain no case.
+# Standard deviations of its noise by which a sample may be off: exceeded so rarely that a night's
+# samples contain no case. It holds rounding, too: an encoder's step is 3.5 deviations.
 NOISE_MARGIN = 8.0
 # One turn, and what a joint may move beside it in a sample, rad: by more, the step is no turn.
 TURN, LIKE_A_TURN = 2.0 * math.pi, 0.2
@@ -75,8 +76,9 @@ class Limits:
         the tip by a quarter turn, pi b / (2 L) (b: thickness), and the strain at which metals
         yield. Beyond, neither the gauge nor beam theory holds.
         """
-        largest = 2.0 * np.pi * MAX_TURNS
-        ranges = np.clip(np.array(robot.angle_limits), -largest, largest)
+        # A joint that rests on its stop reads beyond it in every second sample.
+        margin = NOISE_MARGIN * robot.angle_noise
+        ranges = angle_ranges(robot) + np.array([-margin, margin])
         strain = [min(YIELD_STRAIN, np.pi * link.thickness / (2.0 * link.length))
                   for link in robot.links for _ in link.gauge_positions]
         drives = robot.drives
@@ -84,7 +86,13 @@ class Limits:
         return cls(np.array([*ranges[:, 0], *(-s for s in strain)]),
                    np.array([*ranges[:, 1], *strain]), np.array(speed),
                    COMMAND_MARGIN * np.array([_largest_command(drive) for drive in drives]),
-                   NOISE_MARGIN * math.sqrt(2.0) * robot.angle_noise)
+                   math.sqrt(2.0) * margin)
+
+
+def angle_ranges(robot: Robot) -> Array:
+    """Return the least and largest angles of the joints, rad, (2, 2)."""
+    told, most = np.array(robot.angle_limits), MAX_TURNS * TURN
+    return np.where(np.isfinite(told), told, [-most, most])
 
 
 def _largest_speed(robot: Robot, joint: int) -> float:
