@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -164,9 +165,25 @@ def edit(row: int, column: int, text: str) -> Callable[[list[str]], list[str]]:
 
 def test_a_step_that_is_possible_in_degrees_is_asked_about() -> None:
     """Half a turn a second in degrees is no angle out of range, but faster than any drive."""
-    said = 'joint_2: expected at most 9 rad/s, got a step of {} rad in 0.01 s'
-    assert 'degrees' in unit_hint(Refusal('speed', said.format('-1.8')))
-    assert not unit_hint(Refusal('speed', said.format('+6')))
+    assert 'degrees' in unit_hint(Refusal('speed', 'joint_2', '', 'rad/s', 180.0, 0.0, 9.0))
+    assert not unit_hint(Refusal('speed', 'joint_2', '', 'rad/s', 600.0, 0.0, 9.0))
+
+
+def read_angles(folder: Path, angle: np.ndarray) -> Log:
+    """Return the log of a first joint that may turn by 0.5 rad to either side."""
+    rows = np.zeros((len(angle), 9))
+    rows[:, 0], rows[:, 3] = 0.01 * np.arange(len(angle)), angle
+    np.savetxt(folder / 'a.csv', rows, delimiter=',', header=HEADER, comments='')
+    return read_log(folder / 'a.csv', replace(ROBOT, angle_limits=((-0.5, 0.5), (-1.0, 1.0))))
+
+
+def test_only_what_is_far_beyond_its_limits_is_taken_for_another_unit(tmp_path: Path) -> None:
+    swing = np.sin(0.02 * np.arange(400.0))
+    with pytest.raises(InputError, match=r'joint_1: expected .* rad, got 0\.5\d+; '):
+        read_angles(tmp_path, 0.6 * swing)
+    # Its first sample beyond the limit is as near.
+    with pytest.raises(InputError, match=r'got 0\.5\d+ \(is it in degrees\?.*; .* like it'):
+        read_angles(tmp_path, np.degrees(0.1 * swing))
 
 
 FAULTS: list[tuple[str, Callable[[list[str]], list[str]], str]] = [

@@ -119,20 +119,54 @@ def _largest_command(drive: Drive) -> float:
 
 @dataclass(frozen=True)
 class Refusal:
-    """Why a sample was refused: the kind, by which refusals are counted, and one line of text."""
+    """
+    Why a sample was refused.
+
+    Attributes
+    ----------
+    kind : str
+        By which refusals are counted.
+    channel, words : str
+        What was refused; what was expected of it and found.
+    unit : str
+        rad, rad/s, turns or m/m; empty for a command, whose unit is the drive's own.
+    value, low, high : float
+        The number that was refused and its bounds, in that unit.
+
+    """
 
     kind: str
-    text: str
+    channel: str
+    words: str
+    unit: str
+    value: float
+    low: float
+    high: float
+
+    @property
+    def text(self) -> str:
+        """Return the refusal in one line."""
+        return f'{self.channel}: {self.words}'
+
+    @property
+    def excess(self) -> float:
+        """Return how far the value is beyond its bounds, over their distance; 0 if not finite."""
+        beyond = max(self.low - self.value, self.value - self.high)
+        return beyond / (self.high - self.low) if math.isfinite(self.value) else 0.0
 
 
 def refuse_command(command: Array, largest: Array) -> Refusal:
     """Return why a command (2,) that is not finite, or larger than (2,), is refused."""
     k = int(np.argmax(~(np.abs(command) <= largest) | ~np.isfinite(command)))
-    if not math.isfinite(command[k]):
-        return Refusal(NOT_FINITE, f'command of {JOINTS[k]}: expected a finite number, '
-                                   f'got {command[k]}')
-    return Refusal(RANGE, f'command of {JOINTS[k]}: expected at most '
-                          f'{largest[k]:.4g}, got {command[k]:.6g}')
+    value, most = float(command[k]), float(largest[k])
+    finite = math.isfinite(value)
+    words = f'expected at most {most:.4g}, got {value:.6g}' if finite else _not_finite(value)
+    return Refusal(RANGE if finite else NOT_FINITE, f'command of {JOINTS[k]}', words, '', value,
+                   -most, most)
+
+
+def _not_finite(value: float) -> str:
+    return f'expected a finite number, got {value}'
 
 
 class Gate:
@@ -212,14 +246,15 @@ class Gate:
 
     def _refuse_output(self, output: Array) -> Refusal:
         finite = np.isfinite(output)
-        if not finite.all():
-            k = int(np.argmin(finite))
-            return Refusal(NOT_FINITE, f'{self._names[k]}: expected a finite number, '
-                                       f'got {output[k]}')
-        k = int(np.argmax((output < self.limits.low) | (output > self.limits.high)))
+        wrong = ~finite if not finite.all() else (
+            (output < self.limits.low) | (output > self.limits.high))
+        k = int(np.argmax(wrong))
+        value, low, high = float(output[k]), self._low[k], self._high[k]
         unit = 'rad' if k < 2 else 'm/m'
-        return Refusal(RANGE, f'{self._names[k]}: expected {self.limits.low[k]:.4g} to '
-                              f'{self.limits.high[k]:.4g} {unit}, got {output[k]:.6g}')
+        words = f'expected {low:.4g} to {high:.4g} {unit}, got {value:.6g}' \
+            if finite[k] else _not_finite(value)
+        return Refusal(RANGE if finite[k] else NOT_FINITE, self._names[k], words, unit, value,
+                       low, high)
 
     def _judge_speed(self, time: float, angle: list[float]) -> Refusal | None:
         # After a turn, time alone must not make the same angle slow enough.
@@ -235,9 +270,11 @@ class Gate:
         if self._convinced(time, angle) and not wrapped:
             self._pass(time, angle)
             return None
-        return Refusal(SPEED, f'{JOINTS[k]}: expected at most {self.limits.speed[k]:.4g} rad/s, '
-                              f'got a step of {step:+.4g} rad in {span:.4g} s'
-                              + (' (a turn: is the angle wrapped?)' if wrapped else ''))
+        unit, one = ('turns', TURN) if wrapped else ('rad/s', span)
+        return Refusal(SPEED, JOINTS[k], f'expected at most {self._fastest[k]:.4g} rad/s, '
+                       f'got a step of {step:+.4g} rad in {span:.4g} s'
+                       + (' (a turn: is the angle wrapped?)' if wrapped else ''),
+                       unit, abs(step) / one, 0.0, self._fastest[k] * span / one)
 
     def _is_turn(self, step: float, most: float) -> bool:
         """Return whether a step is whole turns but for what the joint moves, `most`, rad."""

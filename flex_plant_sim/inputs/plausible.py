@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from itertools import combinations
 import math
-import re
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.inputs.gate import RANGE, Refusal
@@ -23,8 +22,12 @@ SAMPLING_AGREES = 1e-3
 # the factor of a thousand between units of time.
 SAME_TIME_UNIT = 30.0
 # How many of another unit make one rad or one m/m.
-UNITS = {'rad': {180.0 / math.pi: 'degrees'},
+DEGREES = {180.0 / math.pi: 'degrees'}
+UNITS = {'rad': DEGREES, 'rad/s': DEGREES,
          'm/m': {1e6: 'µm/m (microstrain)', 1e3: 'mm/m', 1e2: 'percent'}}
+# How far beyond its bounds, over their distance, a number may be in the right unit: an undamped
+# joint that is sent from one to the other overshoots by as much.
+OVERSHOOT = 1.0
 # Factor within which a model with a wrong payload and friction still gets the size of a signal:
 # strain that follows the model's is within 2.7 beside any effect that is 2.5 times a clear one.
 SIZE_TOLERANCE = 4.0
@@ -69,17 +72,12 @@ def time_unit(interval: float, expected: float) -> str | None:
 
 def unit_hint(refusal: Refusal) -> str:
     """Return a question that names the units in which a refused value would pass, or ''."""
-    step = re.search(r'at most (\S+) rad/s, got a step of (\S+) rad in (\S+) s$', refusal.text)
-    value = re.search(r'expected (\S+) to (\S+) (rad|m/m), got (\S+)$', refusal.text)
-    if step is not None:
-        unit, low, high = 'rad', 0.0, float(step[1])
-        found = abs(float(step[2])) / float(step[3])
-    elif value is not None:
-        unit, low, high, found = value[3], float(value[1]), float(value[2]), float(value[4])
-    else:
+    if not refusal.unit:
         return (' (in another unit? scale it under inputs: in the robot file)'
-                if refusal.text.startswith('command of ') and refusal.kind == RANGE else '')
-    fits = [name for factor, name in UNITS[unit].items() if low <= found / factor <= high]
+                if refusal.kind == RANGE else '')
+    fits = [name for factor, name in UNITS.get(refusal.unit, {}).items()
+            if refusal.excess > OVERSHOOT
+            and refusal.low <= refusal.value / factor <= refusal.high]
     return (f' (is it in {" or ".join(fits)}? say so under inputs: in the robot file)'
             if fits else '')
 

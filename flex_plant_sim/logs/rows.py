@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
@@ -149,12 +150,15 @@ def _pass_gate(rows: Rows, robot: Robot) -> Rows:
     refused = [k for k, refusal in enumerate(refusals) if refusal is not None]
     if not refused:
         return rows
-    first: Refusal | None = refusals[refused[0]]
-    assert first is not None
+    wrong: list[Refusal] = [refusal for refusal in refusals if refusal is not None]
+    first = wrong[0]
     where = f'{rows.row(refused[0])}: {first.text}'
     if len(refused) > LOST * len(rows.time):
         more = '' if len(refused) == 1 else f'; {len(refused)} of {len(rows.time)} samples like it'
-        raise InputError(f'{rows.source}: {where}{unit_hint(first)}{more}')
+        # An angle in degrees that starts slowly passes its limit by little at first.
+        worst = max((item for item in wrong if item.channel == first.channel),
+                    key=attrgetter('excess'))
+        raise InputError(f'{rows.source}: {where}{unit_hint(worst)}{more}')
     kept = rows.kept(np.setdiff1d(np.arange(len(rows.time)), refused))
     return kept.noted(f'{len(refused)} of {len(rows.time)} samples refused '
                       f'({counted(gate.refused)}), the first at {where}')
