@@ -9,7 +9,7 @@ from pathlib import Path
 
 from flex_payload_estimator.tools import estimate
 from flex_plant_sim.arm.robot_file import load_robot
-from flex_plant_sim.commissioning.standard_move import simulated_move
+from flex_plant_sim.commissioning.standard_move import simulated_move, standard_move
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.inputs.plausible import channel_hints
@@ -257,7 +257,8 @@ def test_links_bend_as_far_as_finite_elements_do(name: str) -> None:
 def test_a_log_that_bends_further_than_the_models_hold_for_is_said(
         payload: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / 'log.csv'
-    write_csv(path, simulated_move(replace(ROBOT, payload_mass=payload), 4, 3, 1), ROBOT.inputs)
+    loaded = replace(ROBOT, payload_mass=payload)
+    write_csv(path, simulated_move(loaded, standard_move(loaded, 4), 3, 1), ROBOT.inputs)
     read_logs([str(path)], ROBOT, 'assumed_modes', 3)
     diagnosed = capsys.readouterr().err
     assert estimate.main([str(path), '--estimator', 'sf1', '--modes', '2']) == 0

@@ -66,14 +66,6 @@ def test_frequencies_are_those_of_finite_elements() -> None:
     np.testing.assert_allclose(hertz[:3], truth, rtol=2e-3)
 
 
-def test_the_move_keeps_within_the_drives() -> None:
-    """The commands of a rigid arm bring both joints 0.25 rad to one side, and back."""
-    move = standard_move(QUANSER)
-    limits = [drive.command_limit for drive in QUANSER.drives]
-    assert move.stroke > 1.0
-    assert np.all(np.abs(move.commands).max(axis=0) <= limits)
-
-
 def test_the_bound_without_tolerances_is_that_of_the_riccati_recursion() -> None:
     """Another way to the same number: known start, no process noise, state and payload."""
     none = replace(REFERENCE, tolerances=Tolerances(**dict.fromkeys(vars(Tolerances()), 0.0)))

@@ -85,7 +85,8 @@ DRIVE_ENDS = (
         'Data sheet, or the limit set in the driver.', ('3.0', '3.0'),
         default='none'),
     Key('angle_limits_rad', 'rad', 'Smallest and largest joint angle; set-points beyond them '
-        'are refused.', 'Turn the joint to its stops by hand and read the angles.',
+        'are refused, and `flex_robot move` goes half of the way to them at most.',
+        'Turn the joint to its stops by hand and read the angles.',
         ('[-1.5, 1.5]', '[-2.0, 2.0]'), default='none'),
 )
 INERTIA = Key('inertia_kg_m2', 'kg m^2', 'Rotor and gear, seen from the joint: what turns with '

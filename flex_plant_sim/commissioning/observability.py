@@ -100,7 +100,9 @@ def _output(robot: Robot, sensors: tuple[Effect, ...], modes: int, move: Move) -
     arm = ExtendedArm(robot, 'assumed_modes', modes, robot.payload_mass,
                       (*nominal_effects(robot), *sensors))
     with np.errstate(all='ignore'):
-        output = simulate(Simulator(arm), move.commands)[0]
+        simulator = Simulator(arm)
+        simulator.begin_at(move.centre)
+        output = simulate(simulator, move.commands)[0]
     if not np.abs(output).max() < DIVERGED:
         raise InputError(f'{robot.name}: payload: mass_kg: expected one that the model moves, got '
                          f'{robot.payload_mass:.4g} kg: with {modes} modes it is unstable')

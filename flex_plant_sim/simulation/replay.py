@@ -125,7 +125,7 @@ def replay(log: Log, robot: Robot, model: str = 'assumed_modes', modes: int = 3,
 def _simulated(log: Log, arm: ExtendedArm, rates: Array) -> Array:
     """Return the outputs of an arm that begins at the first angles and rates, rad/s, (2,)."""
     simulator = Simulator(arm)
-    simulator.state[:2] = log.joint[0] - arm.output(simulator.state, 0.0)[:2]
+    simulator.begin_at(log.joint[0])
     if arm.compact is None:
         simulator.state[arm.form.order:arm.form.order + 2] = rates
     # An overflow is reported by `_check_bounded`, once.

@@ -116,6 +116,10 @@ class Simulator:
         self._drive_input.reset()
         self._random = np.random.default_rng(self._seed)
 
+    def begin_at(self, angles: Array) -> None:
+        """Turn the joints to where they read angles, rad, (2,)."""
+        self.state[:2] += angles - self.arm.output(self.state, self.time)[:2]
+
     def mass(self, time: float) -> float:
         """Return the payload at a time, kg, including effects on it."""
         mass = self.payload.at(time)

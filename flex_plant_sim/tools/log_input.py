@@ -129,7 +129,7 @@ def hints(log: Log, robot: Robot) -> tuple[str, ...]:
         with np.errstate(all='ignore'):
             simulator = Simulator(ExtendedArm(robot, 'assumed_modes', 1, None,
                                               nominal_effects(robot)))
-            simulator.state[:2] = part.joint[0]
+            simulator.begin_at(part.joint[0])
             expected, _ = simulate(simulator, part.command)
     except (InputError, np.linalg.LinAlgError):
         return ()

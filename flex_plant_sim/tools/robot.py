@@ -28,6 +28,7 @@ from flex_plant_sim.tools import command_line
 from flex_plant_sim.tools.log_input import read_logs
 from flex_plant_sim.tools.outputs import check_image, check_outputs
 from msg_config.errors import InputError
+from msg_config.input_mapping import JOINTS
 
 # Strokes of a log: half a minute, as docs/logs.md asks for. Of ten seconds `calibrate` and
 # flex_diagnose refuse the reference arm's.
@@ -92,12 +93,16 @@ def _move(arguments: argparse.Namespace) -> None:
     needed = needed_duration(nominal_base(robot, MODEL, MODES))
     stroke = standard_move(robot, LOG_STROKES).stroke
     strokes = arguments.strokes or max(LOG_STROKES, math.ceil(MARGIN * needed / stroke))
-    log = simulated_move(robot, strokes, arguments.modes, arguments.seed)
+    move = standard_move(robot, strokes)
+    log = simulated_move(robot, move, arguments.modes, arguments.seed)
     write_csv(arguments.output, log, robot.inputs)
     if len(log) * robot.sample_time < needed:
         print(f'{arguments.output}: {len(log) * robot.sample_time:.1f} s, flex_diagnose needs '
               f'{needed:.1f} s, {LEAST_PERIODS} periods of the slowest mode', file=sys.stderr)
     print(f'commands, and what the arm should measure: {arguments.output}')
+    print('begin at rest, with ' + ', '.join(
+        f'{name} at {centre:.3g} rad (it swings by {amplitude:.3g} rad to either side)'
+        for name, centre, amplitude in zip(JOINTS, move.centre, move.amplitude)))
 
 
 def _calibrate(arguments: argparse.Namespace) -> None:
@@ -194,7 +199,8 @@ def _add_move(add: Add) -> None:
     _add_modes(move)
     _add_payload(move)
     move.add_argument('--strokes', default=None, type=command_line.count, metavar='N',
-                      help='of 0.5 rad, 1 s each or as slow as the drives need; if not given, '
+                      help='of 0.5 rad or what the angle limits leave, 1 s each or as slow as the '
+                      'drives need; if not given, '
                       f'{LOG_STROKES}, or as many as flex_diagnose needs')
     move.add_argument('--seed', default=1, type=command_line.seed, metavar='N',
                       help='of the noise')

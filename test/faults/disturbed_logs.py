@@ -24,7 +24,7 @@ from attack.disturbances import DISTURBANCES, Table
 from faults.page import record
 from flex_plant_sim.arm.robot import EffectSpec, Robot
 from flex_plant_sim.arm.robot_file import load_robot
-from flex_plant_sim.commissioning.standard_move import simulated_move
+from flex_plant_sim.commissioning.standard_move import simulated_move, standard_move
 from flex_plant_sim.logs.csv_log import write_csv
 import numpy as np
 
@@ -64,7 +64,8 @@ def good(folder: Path) -> dict[tuple[str, bool], tuple[str, Table]]:
         robot = load_robot(arm)
         for unnamed, moved in ((False, robot), (True, pushed(robot))):
             path = folder / f'{arm}_{unnamed}.csv'
-            write_csv(path, replace(simulated_move(moved, strokes, 3, 1), velocity=None))
+            write_csv(path, replace(simulated_move(
+                moved, standard_move(moved, strokes), 3, 1), velocity=None))
             lines = [line for line in path.read_text().splitlines() if line[:1] != '#']
             found[arm, unnamed] = lines[0], np.loadtxt(lines[1:], delimiter=',')
     return found
