@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.inputs.first_rates import first_rates, MOVES
+from flex_plant_sim.logs.log import Log
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.replay import start_rates
+from flex_plant_sim.simulation.simulator import Noise, simulate, Simulator
 import numpy as np
 import pytest
 from simulated_records import predictor
@@ -76,3 +81,17 @@ def test_a_log_from_rest_begins_at_rest() -> None:
         [0.3, -0.2, *np.zeros(p.record.output.shape[1] - 2)])), locked=False)
     np.testing.assert_array_equal(still.states[0, :2], still.record.output[0, :2])
     assert not still.states[0, 2:].any()
+
+
+def test_the_first_rates_are_read_in_the_arm_s_own_time() -> None:
+    """A sixth of its slowest period has eight samples, 0.13 s of the reference arm's three."""
+    robot = replace(load_robot('reference'), sample_time=0.04)
+    for link in (0, 1):
+        robot = robot.with_link(link, thickness=0.4 * robot.links[link].thickness)
+    arm, t = ExtendedArm(robot, 'assumed_modes', 2), 0.04 * np.arange(200.0)
+    commands = np.column_stack([np.sin(t), 0.8 * np.cos(0.8 * t)])
+    output, rates = simulate(Simulator(arm, noise=Noise(1e-4)), commands)
+    log = Log('whole', t, commands, output[:, :2], output[:, 2:], robot.gauge_names)
+    for first in (37, 50, 80):
+        found = start_rates(log.part(first, 200), arm)
+        np.testing.assert_allclose(found, rates[first], atol=0.03)

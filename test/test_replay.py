@@ -316,9 +316,9 @@ def test_a_log_that_begins_in_motion_is_simulated_in_motion(
     commands = np.column_stack([np.sin(2.0 * t), 0.8 * np.cos(1.5 * t)])
     output, rates = simulate(simulator, commands)
     whole = Log('whole', t, commands, output[:, :2], output[:, 2:], robot.gauge_names)
-    assert not start_rates(whole, robot).any()
+    assert not start_rates(whole, ExtendedArm(robot)).any()
     cut = whole.part(250, 400)
-    np.testing.assert_allclose(start_rates(cut, robot), rates[250], atol=0.05)
+    np.testing.assert_allclose(start_rates(cut, ExtendedArm(robot)), rates[250], atol=0.05)
     write_csv(tmp_path / 'cut.csv', cut)
     assert tool.main([str(tmp_path / 'cut.csv'), '--robot', 'reference', '--no-coriolis']) == 0
     assert 'cut.csv: begins in motion, at ' in capsys.readouterr().err
@@ -335,6 +335,6 @@ def test_a_drive_that_follows_its_first_command_at_once_begins_at_rest() -> None
     simulator = Simulator(ExtendedArm(robot, 'assumed_modes', 3), noise=Noise(2e-5, 5e-7))
     output, _ = simulate(simulator, commands)
     log = Log('loop', t, commands, output[:, :2], output[:, 2:], robot.gauge_names)
-    assert start_rates(log, robot).any()
+    assert start_rates(log, ExtendedArm(robot)).any()
     found = replay(log, robot, coriolis=False)
     assert not found.start_rates.any() and found.fit_percent.min() > 97.0

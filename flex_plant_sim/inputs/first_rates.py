@@ -8,11 +8,18 @@ import numpy as np
 # The angles are taken as a polynomial of this degree in time: a command that begins with the log
 # gives an arm at rest an acceleration and, by the drive's lag, a jerk.
 DEGREE = 3
+# Share of the slowest period in which angles are about cubic in time.
+SHARE = 6
 # Fewest rows: a parabola through the first half of them leaves something to check it by.
 FEWEST = 8
 # Deviations from which a joint moves: of 156 arms that begin at rest, most with steep commands,
 # none is above 7; of 355 stretches in motion 352 are above 10 (benchmarks/first_rates.py).
 MOVES = 10.0
+
+
+def first_rows(period: int) -> int:
+    """Return of how many rows the rates are read, by the samples of the slowest period."""
+    return -(-period // SHARE)
 
 
 def first_rates(angle: Array, step: float, noise: Array) -> tuple[Array, Array]:

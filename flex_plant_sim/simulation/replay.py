@@ -8,19 +8,18 @@ from typing import Any
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.inputs.first_rates import first_rates, MOVES
+from flex_plant_sim.inputs.first_rates import first_rates, first_rows, MOVES
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.simulation.agreement import fit_percent, rmse
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.nominal import nominal_effects
 from flex_plant_sim.simulation.simulator import simulate, Simulator
+from flex_plant_sim.simulation.slowest_mode import frequency_of, period_samples
 from msg_config.errors import InputError
 import numpy as np
 
 # Angle, rad, and strain, m/m, that no arm reaches: a simulation that does has diverged.
 DIVERGED_ANGLE, DIVERGED_STRAIN = 1e3, 1.0
-# Time from which the first rates are read, s: a sixth of the reference arm's slowest period.
-START_S = 0.13
 
 
 @dataclass(frozen=True)
@@ -113,7 +112,7 @@ def replay(log: Log, robot: Robot, model: str = 'assumed_modes', modes: int = 3,
     robot = replace(robot, sample_time=log.sample_time)
     arm = ExtendedArm(robot, model, modes, payload,
                       nominal_effects(robot, model, coriolis))
-    at_rest, moving = np.zeros(2), start_rates(log, robot)
+    at_rest, moving = np.zeros(2), start_rates(log, arm)
     starts = [at_rest, moving] if moving.any() and arm.compact is None else [at_rest]
     # A drive that follows a step within a sample looks like one that moved before.
     simulated, rates = min(((_simulated(log, arm, rates), rates) for rates in starts),
@@ -142,11 +141,11 @@ def _misfit(log: Log, simulated: Array) -> float:
     return np.inf if np.isnan(share) else share
 
 
-def start_rates(log: Log, robot: Robot) -> Array:
+def start_rates(log: Log, arm: ExtendedArm) -> Array:
     """Return the joints' rates at a log's first row, rad/s, (2,); 0 where they may be at rest."""
-    count = round(START_S / log.sample_time)
+    count = first_rows(period_samples(frequency_of(arm), log.sample_time))
     rates, deviations = first_rates(log.joint[:count], log.sample_time,
-                                    np.full(2, robot.angle_noise))
+                                    np.full(2, arm.robot.angle_noise))
     return np.where(np.abs(rates) > MOVES * deviations, rates, 0.0)
 
 

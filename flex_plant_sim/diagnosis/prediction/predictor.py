@@ -34,12 +34,10 @@ from flex_plant_sim.diagnosis.prediction.whitening import (
 )
 from flex_plant_sim.diagnosis.record.windows import Indices, Record, Windows
 from flex_plant_sim.effects.base import Effect
+from flex_plant_sim.inputs.first_rates import first_rows
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 
-# Share of the warm-up, a slowest period, from which the first state of an arm in motion is read:
-# in a sixth of it angles are about cubic in time.
-FIRST_SHARE = 6
 # Times that the trajectory is filtered, each with matrices at the angles that the last one found.
 # With 4 no digit of a diagnosis changes; with 1 a size changes by a twentieth of its interval.
 TRAJECTORY_PASSES = 2
@@ -262,7 +260,7 @@ class Predictor:
         """Return the predicted states of the base over the whole record, (N, n)."""
         rows = np.arange(len(self.record.time))
         run = FilterRun(self, arm, predictor_matrices(self, arm, self.gain, rows), rows, 1)
-        count = -(-self.windows.warm_up // FIRST_SHARE)
+        count = first_rows(self.windows.warm_up)
         whitener = interpolated(self.weights[:count], self.steady.whitener)
         first = first_state(arm, run, self.record.output[:count], self.noise, whitener)
         return run.states(rows[:, None], first[None])[:, 0, 0]

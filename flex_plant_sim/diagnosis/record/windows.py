@@ -7,6 +7,7 @@ from functools import cached_property
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.logs.log import Log
+from flex_plant_sim.simulation.slowest_mode import period_samples
 from msg_config.errors import InputError
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,7 @@ LEAST_PERIODS = WARM_UP_PERIODS + (FEWEST + 1) * FEWEST_PERIODS
 
 def warm_up_samples(slowest: float, sample_time: float) -> int:
     """Return the samples of a warm-up, by the slowest natural frequency, rad/s."""
-    return int(np.ceil(WARM_UP_PERIODS * 2.0 * np.pi / slowest / sample_time))
+    return WARM_UP_PERIODS * period_samples(slowest, sample_time)
 
 
 def least_duration(slowest: float, sample_time: float) -> float:

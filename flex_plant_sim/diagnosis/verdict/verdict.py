@@ -55,6 +55,7 @@ from flex_plant_sim.diagnosis.verdict.wording import (
 from flex_plant_sim.effects import catalogue, explanation_at
 from flex_plant_sim.interval import Z95
 from flex_plant_sim.simulation.nominal import nominal_effects
+from flex_plant_sim.simulation.slowest_mode import frequency_of
 import numpy as np
 
 # What no name of the catalogue stands for, in words.
@@ -127,11 +128,7 @@ def predictors(base: BaseModel, data: Data) -> list[Predictor]:
 
 def slowest_frequency(base: BaseModel, payload: float) -> float:
     """Return the lowest natural frequency of the stretched arm with locked joints, rad/s."""
-    form = base.arm(payload).form
-    flexible = slice(2, 2 + 2 * base.modes)
-    ratio = np.linalg.solve(form.mass_at(1.0, payload)[flexible, flexible],
-                            form.stiffness_at(1.0)[flexible, flexible])
-    return float(np.sqrt(np.min(np.linalg.eigvals(ratio).real)))
+    return frequency_of(base.arm(payload))
 
 
 def needed_duration(nominal: BaseModel) -> float:
