@@ -38,7 +38,7 @@ def logs(run: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path
     """Return the run as CSV and as a bag whose time does not start at zero."""
     folder = tmp_path_factory.mktemp('logs')
     log = Log('run', run.time + 17.0, run.command, run.output[:, :2], run.output[:, 2:],
-              ROBOT.gauge_names, run.velocity)
+              ROBOT.gauge_names)
     write_csv(folder / 'run.csv', log)
     write_bag(folder / 'run_mcap', log)
     return folder / 'run.csv', folder / 'run_mcap'

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+import math
 from pathlib import Path
 from typing import Any
 
@@ -100,6 +101,14 @@ def test_a_late_command_acts_from_its_stamp_on(tmp_path: Path) -> None:
 def test_without_commands_the_effort_of_the_next_sample_is_the_command(tmp_path: Path) -> None:
     log = read_log(record(tmp_path / 'bag', [*states(5), *strains(5)]), ROBOT)
     np.testing.assert_array_equal(log.command[:, 0], [0, 10, 20, 30])
+
+
+def test_velocities_are_not_read(tmp_path: Path) -> None:
+    told = states(5)
+    for _, _, message in told:
+        message.velocity = np.array([math.nan])
+    log = read_log(record(tmp_path / 'bag', [*told, *strains(5)]), ROBOT)
+    np.testing.assert_allclose(log.joint[:, 0], [0.0, 0.1, 0.2, 0.3])
 
 
 BAG_FAULTS: list[tuple[Callable[[], list[tuple[str, int, Any]]], str]] = [

@@ -50,8 +50,8 @@ def simulated_log(robot: Robot = ROBOT, rows: int = 300, start: float = 0.4,
                       effects=[build(spec, robot) for spec in (*robot.effects, *nature)])
     simulator = Simulator(arm)
     simulator.state[:2] = start
-    output, velocity = simulate(simulator, command)
-    return Log('made', time_, command, output[:, :2], output[:, 2:], robot.gauge_names, velocity)
+    output, _ = simulate(simulator, command)
+    return Log('made', time_, command, output[:, :2], output[:, 2:], robot.gauge_names)
 
 
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:
@@ -119,8 +119,7 @@ def test_a_log_faster_than_the_model_was_checked_for_is_said(
     write_csv(tmp_path / 'log.csv', log)
     assert tool.main([str(tmp_path / 'log.csv')]) == 0
     error = capsys.readouterr().err
-    assert log.velocity is not None
-    fastest = np.abs(log.velocity[:, 0]).max()
+    fastest = np.abs(np.gradient(log.joint[:, 0], 0.01)).max()
     said = float(error.split('joint_1 turns at up to ')[1].split()[0])
     assert said == pytest.approx(fastest, rel=0.02)
     assert 'the models are checked up to 1.5 rad/s' in error and error.count('\n') == 1
@@ -182,7 +181,7 @@ def test_tool_writes_what_it_prints(tmp_path: Path) -> None:
 def test_channel_at_rest_has_no_fit(tmp_path: Path) -> None:
     log = simulated_log()
     still = replace(log, command=0.0 * log.command, joint=0.0 * log.joint + 0.1,
-                    strain=0.0 * log.strain, velocity=None)
+                    strain=0.0 * log.strain)
     write_csv(tmp_path / 'log.csv', still)
     process = run(str(tmp_path / 'log.csv'), '--json', str(tmp_path / 'out.json'))
     assert process.returncode == 0, process.stderr

@@ -158,7 +158,7 @@ def log_of(experiment: Experiment, record: LoopRecord) -> Log:
     """Return the run as a log that names its origin."""
     robot, plant = robot_of(experiment.plant), experiment.plant
     return Log('flex_demo', record.time, record.command, record.output[:, :2],
-               record.output[:, 2:], robot.gauge_names, record.velocity,
+               record.output[:, 2:], robot.gauge_names,
                origin=Origin(robot.name, plant['model'], plant['modes'],
                              has_coriolis(simulator_of(plant).arm.effects)))
 

@@ -140,7 +140,7 @@ def simulated_move(robot: Robot, move: Move, modes: int, seed: int) -> Log:
     noise = Noise(robot.angle_noise, robot.strain_noise)
     simulator = Simulator(arm, noise=noise, seed=seed)
     simulator.begin_at(move.centre)
-    output, velocity = simulate(simulator, move.commands)
+    output, _ = simulate(simulator, move.commands)
     for name, angle, (low, high) in zip(DRIVES, output.T, robot.angle_limits):
         if not (low <= angle.min() and angle.max() <= high):
             raise InputError(f'{robot.name}: {name}.angle_limits_rad: expected a simulated '
@@ -148,4 +148,4 @@ def simulated_move(robot: Robot, move: Move, modes: int, seed: int) -> Log:
                              f'{angle.max():.4g}')
     time = np.asarray(robot.sample_time * np.arange(len(output)), dtype=float)
     return Log(f'{robot.name}, standard move', time, move.commands, output[:, :2], output[:, 2:],
-               robot.gauge_names, velocity)
+               robot.gauge_names)

@@ -65,11 +65,8 @@ def read_bag(path: Path, robot: Robot) -> Log:
     j, g = pairs.T
     start = joints.stamps[j[0]]
     time = (joints.stamps[j] - start) / NANOSECONDS
-    rate = joints.values(angles, 'velocity', rate=True) if joints.has('velocity') else None
-    if rate is not None and not np.isfinite(rate).all():
-        rate = None
     rows = Rows(str(path), time, angle[j], surface[g],
-                commands.around(joints.stamps[j]), None if rate is None else rate[j],
+                commands.around(joints.stamps[j]),
                 lambda k: f'sample {k + 1}, stamp {seconds_text(joints.stamps[j[k]])}',
                 (*notes, *commands.notes), notes)
     rows = _with_rate_notes(rows, joints, strain, pairs)
@@ -182,22 +179,19 @@ def _samples(log: Log, types: Any, inputs: InputMapping) -> Iterator[tuple[str, 
     joints, drives = inputs.joint_channels(), inputs.command_channels()
     gauges = inputs.gauge_channels(log.gauge_names)
 
-    def message(stamp: int, names: tuple[str, ...], position: Array, velocity: Array,
-                effort: Array) -> Any:
+    def message(stamp: int, names: tuple[str, ...], position: Array, effort: Array) -> Any:
         time = types.types['builtin_interfaces/msg/Time'](*divmod(stamp, NANOSECONDS))
         header = types.types['std_msgs/msg/Header'](time, '')
         state = types.types['sensor_msgs/msg/JointState']
         return state(header, list(names), *(np.ascontiguousarray(a, dtype=float)
-                                            for a in (position, velocity, effort)))
+                                            for a in (position, empty, effort)))
 
     commands = drives.outside(log.command)
     empty, applied = np.zeros(0), drives.outside(np.zeros(2))
     for k, time in enumerate(log.time):
         stamp = round(float(time) * NANOSECONDS)
-        rate = empty if log.velocity is None else joints.rate_outside(log.velocity[k])
         yield 'joint_states', stamp, message(stamp, joints.names, joints.outside(log.joint[k]),
-                                             rate, applied)
-        yield 'strain', stamp, message(stamp, gauges.names, gauges.outside(log.strain[k]), empty,
-                                       empty)
-        yield 'command', stamp, message(stamp, drives.names, empty, empty, commands[k])
+                                             applied)
+        yield 'strain', stamp, message(stamp, gauges.names, gauges.outside(log.strain[k]), empty)
+        yield 'command', stamp, message(stamp, drives.names, empty, commands[k])
         applied = commands[k]

@@ -21,7 +21,7 @@ from msg_config.time_stamp import NANOSECONDS, valid_stamp
 import numpy as np
 from numpy.typing import NDArray
 
-FIELDS = ('position', 'velocity', 'effort')
+FIELDS = ('position', 'effort')
 # Largest number of different lists of names on a topic.
 MAX_NAME_LISTS = 100
 Stamps = NDArray[np.int64]
@@ -75,7 +75,7 @@ class Stream:
     group : array of int
         Index in `names` of the list of each message, (N,).
     fields : Mapping of str to Fields
-        position, velocity and effort.
+        position and effort.
 
     """
 
@@ -87,11 +87,9 @@ class Stream:
     group: Stamps
     fields: Mapping[str, Fields]
 
-    def values(self, channels: Channels, field: str, rate: bool = False) -> Array:
+    def values(self, channels: Channels, field: str) -> Array:
         """
         Return a field of all messages in SI units, (N, n), assigned by each message's names.
-
-        With `rate`, the values are rates of change, to which offsets do not apply.
 
         Raises
         ------
@@ -112,7 +110,7 @@ class Stream:
                                  f'name, got {int(own.count[at])}')
             flat, begin = own.of(rows)
             found[rows] = flat[begin[:, None] + np.array(channels.index(given, where))]
-        return channels.rate(found) if rate else channels.si(found)
+        return channels.si(found)
 
     def has(self, field: str) -> bool:
         """Return whether every message has values in a field."""

@@ -25,16 +25,14 @@ import numpy as np
 # What a column of strain is named.
 GAUGE_NAME = re.compile(r'strain_\d+[a-z]?')
 
-VELOCITY = ('velocity_1', 'velocity_2')
-
 
 def read_csv(path: Path, robot: Robot) -> Log:
     """
     Return the record in a CSV file.
 
     Columns, in any order: time (s), command_1, command_2 (the drives' own unit), joint_1,
-    joint_2 (rad), the robot's gauges (m/m), and optionally velocity_1, velocity_2 (rad/s); or as
-    the section `inputs:` of the robot file names them. Other columns are ignored.
+    joint_2 (rad) and the robot's gauges (m/m); or as the section `inputs:` of the robot file names
+    them. Other columns are ignored.
 
     Raises
     ------
@@ -46,14 +44,12 @@ def read_csv(path: Path, robot: Robot) -> Log:
     table = read_table(path)
     mapping, columns = robot.inputs, _columns(robot.inputs, robot.gauge_names)
     _check_columns(table, robot, columns)
-    rate = set(VELOCITY) <= set(table.header)
-    values = table.numbers([*columns, *(VELOCITY if rate else ())])
+    values = table.numbers(columns)
     joints, commands = mapping.joint_channels(), mapping.command_channels()
     gauges = mapping.gauge_channels(robot.gauge_names)
-    end = 5 + len(robot.gauge_names)
-    rows = Rows(str(path), values[:, 0], joints.si(values[:, 3:5]), gauges.si(values[:, 5:end]),
-                commands.si(values[:, 1:3]), joints.rate(values[:, end:]) if rate else None,
-                lambda k: f'line {table.numbers_of_lines[k]}', table.notes)
+    rows = Rows(str(path), values[:, 0], joints.si(values[:, 3:5]), gauges.si(values[:, 5:]),
+                commands.si(values[:, 1:3]), lambda k: f'line {table.numbers_of_lines[k]}',
+                table.notes)
     log = to_log(_in_seconds(rows, robot), robot)
     return replace(log, origin=csv_origin(path))
 
@@ -111,13 +107,9 @@ def write_csv(path: str | Path, log: Log, inputs: InputMapping = CONTRACT) -> No
     columns = [log.time[:, None] / (inputs.time.factor or 1.0),
                inputs.command_channels().outside(log.command), joints.outside(log.joint),
                gauges.outside(log.strain)]
-    names = _columns(inputs, log.gauge_names)
-    if log.velocity is not None:
-        columns.append(joints.rate_outside(log.velocity))
-        names += VELOCITY
     with whole_file(path) as temporary:
         np.savetxt(temporary, np.hstack(columns), fmt='%.9g', delimiter=',',
-                   header=','.join(names), comments='')
+                   header=','.join(_columns(inputs, log.gauge_names)), comments='')
     if log.origin is not None:
         write_origin(Path(path), log.origin)
 

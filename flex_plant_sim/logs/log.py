@@ -32,8 +32,6 @@ class Log:
         Surface strain, m/m, (N, G).
     gauge_names : tuple of str
         G names, in the robot's order.
-    velocity : Array, optional
-        Joint velocities, rad/s, (N, 2), if they were recorded.
     notes : tuple of str
         Notes for the user on how the log was made from the recording, one line each.
     doubts : tuple of str
@@ -51,7 +49,6 @@ class Log:
     joint: Array
     strain: Array
     gauge_names: tuple[str, ...]
-    velocity: Array | None = None
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
     origin: Origin | None = None
@@ -86,8 +83,7 @@ class Log:
 
     def part(self, start: int, stop: int) -> Log:
         """Return rows start to stop (exclusive)."""
-        velocity = None if self.velocity is None else self.velocity[start:stop]
         lost = None if self.lost is None else self.lost[start:stop]
         return replace(self, time=self.time[start:stop], command=self.command[start:stop],
                        joint=self.joint[start:stop], strain=self.strain[start:stop],
-                       velocity=velocity, lost=lost)
+                       lost=lost)

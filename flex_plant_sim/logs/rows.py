@@ -57,8 +57,6 @@ class Rows:
         s, (N,).
     joint, strain, command : Array
         rad, m/m, drives' own unit, (N, 2), (N, G), (N, 2).
-    velocity : Array, optional
-        rad/s, (N, 2).
     row : callable
         Gives the name of row k (from 0) by which a user finds it in the file.
     notes, doubts : tuple of str
@@ -71,7 +69,6 @@ class Rows:
     joint: Array
     strain: Array
     command: Array
-    velocity: Array | None
     row: Callable[[int], str]
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
@@ -79,10 +76,9 @@ class Rows:
     def kept(self, which: Array | slice | Sequence[int]) -> Rows:
         """Return some of the rows, which keep their names."""
         numbers = np.arange(len(self.time))[which]
-        velocity = None if self.velocity is None else self.velocity[which]
         return replace(self, time=self.time[which], joint=self.joint[which],
                        strain=self.strain[which], command=self.command[which],
-                       velocity=velocity, row=lambda k: self.row(int(numbers[k])))
+                       row=lambda k: self.row(int(numbers[k])))
 
     def noted(self, note: str, doubtful: bool = False) -> Rows:
         """Return the rows with one more note."""
@@ -125,7 +121,6 @@ def to_log(rows: Rows, robot: Robot, commands: Callable[[Grid], Array] | None = 
               fill_by_line(grid, rows.command) if commands is None else commands(shifted),
               fill_by_spline(grid, rows.joint), fill_by_spline(grid, rows.strain),
               robot.gauge_names,
-              None if rows.velocity is None else fill_by_spline(grid, rows.velocity),
               rows.notes, rows.doubts, lost=grid.missing if grid.lost else None)
     return _with_sampling_note(_with_error_note(log, rows, grid), robot)
 

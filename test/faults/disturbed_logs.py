@@ -64,8 +64,7 @@ def good(folder: Path) -> dict[tuple[str, bool], tuple[str, Table]]:
         robot = load_robot(arm)
         for unnamed, moved in ((False, robot), (True, pushed(robot))):
             path = folder / f'{arm}_{unnamed}.csv'
-            write_csv(path, replace(simulated_move(
-                moved, standard_move(moved, strokes), 3, 1), velocity=None))
+            write_csv(path, simulated_move(moved, standard_move(moved, strokes), 3, 1))
             lines = [line for line in path.read_text().splitlines() if line[:1] != '#']
             found[arm, unnamed] = lines[0], np.loadtxt(lines[1:], delimiter=',')
     return found
