@@ -16,6 +16,7 @@ from flex_plant_sim.logs.csv_log import write_csv
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.logs.read import read_log
 from msg_config.errors import InputError
+from msg_config.input_mapping import InputMapping, Source
 import numpy as np
 import pytest
 
@@ -226,6 +227,21 @@ FAULTS: list[tuple[str, Callable[[list[str]], list[str]], str]] = [
      '3 (strain_1a, strain_1b, strain_2a)'),
     (HEADER.replace('strain_2b', 'strain_2c'), lambda rows: rows, 'column strain_2b: missing'),
 ]
+
+
+def test_gauges_that_the_robot_file_lacks_are_left_alone_once_its_own_are_named(
+        tmp_path: Path) -> None:
+    write_csv(tmp_path / 'log.csv', some_log())
+    one = ROBOT.with_link(1, gauge_positions=()).with_link(0, gauge_positions=(0.03,))
+    with pytest.raises(InputError) as error:
+        read_log(tmp_path / 'log.csv', one)
+    assert str(error.value) == (
+        f'{tmp_path}/log.csv: strain: expected 1 gauge (strain_1) for reference, got 4 '
+        f"({', '.join(ROBOT.gauge_names)}); to leave the others alone, name the arm's under "
+        'inputs: in the robot file')
+    named = replace(one, inputs=InputMapping(gauges={'strain_1': Source('strain_1b')}))
+    found = read_log(tmp_path / 'log.csv', named)
+    np.testing.assert_allclose(found.strain[:, 0], some_log().strain[:, 1], atol=1e-12)
 
 
 @pytest.mark.parametrize('note', ['"ok, fine"', 'sensor 2e', '"a ""quoted"" one, 1e"', 'Δ'])

@@ -32,7 +32,7 @@ def read_csv(path: Path, robot: Robot) -> Log:
 
     Columns, in any order: time (s), command_1, command_2 (the drives' own unit), joint_1,
     joint_2 (rad) and the robot's gauges (m/m); or as the section `inputs:` of the robot file names
-    them. Other columns are ignored.
+    them. Other columns are ignored, but for strain of gauges that the robot file does not have.
 
     Raises
     ------
@@ -122,9 +122,13 @@ def _check_columns(table: Table, robot: Robot, wanted: list[str]) -> None:
     _check_present(table, wanted[:-len(robot.gauge_names) or None])
     gauges = [name for name in header if GAUGE_NAME.fullmatch(name)]
     if not robot.inputs.gauges and len(gauges) != len(robot.gauge_names):
-        raise InputError(f'{path}: strain: expected {len(robot.gauge_names)} gauges '
-                         f'({", ".join(robot.gauge_names)}) for {robot.name}, got '
-                         f'{len(gauges)} ({", ".join(gauges) or "none"})')
+        # With some left out, strain_1 of one file may be strain_1b of the other.
+        count = len(robot.gauge_names)
+        more = "; to leave the others alone, name the arm's under inputs: in the robot file" \
+            if len(gauges) > count > 0 else ''
+        raise InputError(f'{path}: strain: expected {count} gauge{"" if count == 1 else "s"} '
+                         f'({", ".join(robot.gauge_names) or "none"}) for {robot.name}, got '
+                         f'{len(gauges)} ({", ".join(gauges) or "none"}){more}')
     _check_present(table, wanted)
 
 
