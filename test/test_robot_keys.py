@@ -79,6 +79,31 @@ def test_a_geared_motor_without_a_tacho_runs_at_its_back_emf() -> None:
     assert not drive.closed_loop
 
 
+@pytest.mark.parametrize('kind', sorted(DRIVE_KINDS))
+def test_zero_is_accepted_where_the_page_says_so(kind: str) -> None:
+    page = reference_page()
+    groups = [group for group in KEY_GROUPS if group.kind in ('', kind)]
+    for group in groups:
+        table = page.partition(f'\n## {group.title}\n')[2].partition('\n## ')[0]
+        for key in group.keys:
+            told = table.partition(f'| `{key.name}` |')[2].partition('\n')[0].split(' | ')[3]
+            if '…' not in told:
+                continue
+            found = data()
+            found['drives']['elbow'] = {'kind': kind, **{
+                other.name: yaml.safe_load(other.examples[1]) for other in next(
+                    group for group in KEY_GROUPS if group.kind == kind).keys}}
+            section = found
+            for name in filter(None, group.places[-1].split('.')):
+                section = section[name]
+            section[key.name] = 0
+            try:
+                parse_robot(yaml.safe_dump(found), 'robot.yaml')
+                assert told.startswith('0, or '), (group.title, key.name)
+            except InputError as error:
+                assert not told.startswith('0, or '), str(error)
+
+
 def test_no_key_of_the_parser_is_undocumented() -> None:
     described = {key.name for group in KEY_GROUPS for key in group.keys}
     described |= {f'tolerances.{name}' for name in TOLERANCES}

@@ -13,8 +13,7 @@ from typing import Any
 from msg_config.errors import InputError
 
 # Least and largest plausible magnitude of each key, in the key's unit, for anything from an arm
-# on a bench to a crane. A value outside has a wrong unit or decimal point. Zero is not judged
-# here: the caller says whether it is allowed.
+# on a bench to a crane. A value outside has a wrong unit or decimal point.
 PLAUSIBLE = {
     'length_m': (0.01, 20.0), 'thickness_m': (1e-5, 0.2), 'height_m': (1e-4, 1.0),
     'youngs_modulus_pa': (1e6, 1.5e12), 'density_kg_per_m3': (10.0, 3e4),
@@ -33,8 +32,22 @@ PLAUSIBLE = {
     **{f'tolerances.{key}': (1e-9, 3.0) for key in (
         'stiffness', 'damping', 'link_mass', 'drive_inertia', 'drive_gain', 'drive_damping',
         'elbow_mass', 'elbow_inertia', 'strain_gain', 'payload', 'length')}}
+# Keys, and sections of keys, that may also be zero: what an arm may not have, or is exactly known.
+MAY_BE_ZERO = frozenset({
+    'damping_ratio', 'hub_radius_m', 'damping_n_m_s', 'friction_n_m_s', 'tacho_gain_v_s',
+    'mass_kg', 'elbow.inertia_kg_m2', 'payload.inertia_kg_m2', 'tolerances'})
 # SI prefixes that the hint on an implausible value suggests, by factor.
 SI_PREFIXES = {1e-3: 'milli', 1e-6: 'micro', 1e3: 'kilo', 1e6: 'mega', 1e9: 'giga'}
+
+
+def plausible(path: str, key: str) -> tuple[float, float]:
+    """Return the least and largest plausible magnitude of a key of a section; infinite if none."""
+    return PLAUSIBLE.get(f'{path}.{key}', PLAUSIBLE.get(key, (-math.inf, math.inf)))
+
+
+def may_be_zero(path: str, key: str) -> bool:
+    """Return whether a key of a section may also be zero."""
+    return not MAY_BE_ZERO.isdisjoint({path, key, f'{path}.{key}'})
 
 
 class Section:
@@ -96,18 +109,17 @@ class Section:
             raise InputError(f'{self.name(key)}: expected a name, got {shown(value)}')
         return str(value)
 
-    def number(self, key: str, low: float = 0.0, default: float | None = None,
-               strict: bool = True) -> float:
-        """Return a finite number > low (>= low if not strict) that is plausible for its key."""
+    def number(self, key: str, low: float = 0.0, default: float | None = None) -> float:
+        """Return a finite number > low, or >= low if it may be zero, plausible for its key."""
         if default is not None and key not in self.data:
             self.left_out[f'{self.path}.{key}'] = default
             return float(self.take(key, default))
-        value = self._number_from(key, self.take(key), low, strict)
-        least, most = PLAUSIBLE.get(f'{self.path}.{key}', PLAUSIBLE.get(
-            key, (-math.inf, math.inf)))
+        value = self._number_from(key, self.take(key), low, not may_be_zero(self.path, key))
+        least, most = plausible(self.path, key)
         if value and not least <= abs(value) <= most:
-            raise InputError(f'{self.name(key)}: expected {least:g} to {most:g}, got {value:g}'
-                             f'{_unit_prefix_hint(value, least, most)}')
+            zero = '0, or ' if may_be_zero(self.path, key) else ''
+            raise InputError(f'{self.name(key)}: expected {zero}{least:g} to {most:g}, got '
+                             f'{value:g}{_unit_prefix_hint(value, least, most)}')
         return value
 
     def any_number(self, key: str) -> float:

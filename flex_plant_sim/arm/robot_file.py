@@ -35,8 +35,8 @@ def _read_link(section: Section) -> Link:
     length = section.number('length_m')
     link = Link(length, section.number('thickness_m'), section.number('height_m'),
                 section.number('youngs_modulus_pa'), section.number('density_kg_per_m3'),
-                section.number('damping_ratio', strict=False),
-                section.number('hub_radius_m', default=0.0, strict=False),
+                section.number('damping_ratio'),
+                section.number('hub_radius_m', default=0.0),
                 section.numbers('gauge_positions_m', 0.0, length))
     if link.thickness > 0.2 * length:
         raise InputError(f'{section.name("thickness_m")}: expected at most a fifth of length_m, '
@@ -66,15 +66,15 @@ def _read_velocity_loop(section: Section) -> Drive:
 
 def _read_current(section: Section) -> Drive:
     return Drive(section.number('inertia_kg_m2'), section.number('torque_constant_n_m_per_a'),
-                 section.number('damping_n_m_s', strict=False))
+                 section.number('damping_n_m_s'))
 
 
 def _read_dc_motor(section: Section) -> Drive:
     return DCMotor(
         section.number('torque_constant_n_m_per_a'), section.number('resistance_ohm'),
-        section.number('friction_n_m_s', default=0.0, strict=False),
+        section.number('friction_n_m_s', default=0.0),
         section.number('rotor_inertia_kg_m2'), section.number('amplifier_gain', default=1.0),
-        section.number('tacho_gain_v_s', default=0.0, strict=False),
+        section.number('tacho_gain_v_s', default=0.0),
         section.number('gear_ratio')).drive()
 
 
@@ -120,7 +120,7 @@ def _read_effect_value(section: Section, key: str) -> float | str | tuple[float,
 
 
 def _read_tolerances(section: Section) -> Tolerances:
-    values = {key: section.number(key, default=default, strict=False)
+    values = {key: section.number(key, default=default)
               for key, default in vars(Tolerances()).items()}
     section.close()
     return Tolerances(**values)
@@ -155,10 +155,10 @@ def parse_robot(text: str, source: str) -> Robot:
     robot = Robot(
         name=top.text('name'), links=(upper, lower),
         drives=(_read_drive(joints[0]), _read_drive(joints[1])),
-        elbow_mass=elbow.number('mass_kg', strict=False),
-        elbow_inertia=elbow.number('inertia_kg_m2', strict=False),
-        payload_mass=payload.number('mass_kg', strict=False),
-        payload_inertia=payload.number('inertia_kg_m2', default=0.0, strict=False),
+        elbow_mass=elbow.number('mass_kg'),
+        elbow_inertia=elbow.number('inertia_kg_m2'),
+        payload_mass=payload.number('mass_kg'),
+        payload_inertia=payload.number('inertia_kg_m2', default=0.0),
         sample_time=measurement.number('sample_time_s'),
         gauge_amplifier=measurement.number('gauge_amplifier_v_per_strain', default=1.0),
         angle_noise=measurement.number('angle_noise_rad'),

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import fields
+import math
 from textwrap import wrap
 
-from flex_plant_sim.arm.file_section import PLAUSIBLE
+from flex_plant_sim.arm.file_section import may_be_zero, plausible
 from flex_plant_sim.arm.robot import Tolerances
 from flex_plant_sim.arm.robot_keys import (
     EFFECTS_ABOUT,
@@ -89,16 +90,17 @@ def _table(group: KeyGroup) -> str:
     where = ' and '.join(f'`{place}`' for place in group.places if place) or 'the top'
     kind = f' `kind: {group.kind}`.' if group.kind else ''
     rows = ''.join(
-        f'| `{key.name}` | {key.unit} | {key.meaning} | {key.measure} | {_range(key)} '
-        f'| {key.default} |\n' for key in group.keys)
+        f'| `{key.name}` | {key.unit} | {key.meaning} | {key.measure} | '
+        f'{_range(group.places[0], key)} | {key.default} |\n' for key in group.keys)
     return (f'\n## {group.title}\n\nAt {where}.{kind} {group.about}\n\n'
             '| key | unit | meaning | how to measure it | range | default |\n'
             f'|---|---|---|---|---|---|\n{rows}')
 
 
-def _range(key: Key) -> str:
-    least, most = PLAUSIBLE.get(key.name, (0.0, 0.0))
-    return f'{least:g} … {most:g}' if most else ''
+def _range(place: str, key: Key) -> str:
+    least, most = plausible(place, key.name)
+    zero = '0, or ' if may_be_zero(place, key.name) else ''
+    return f'{zero}{least:g} … {most:g}' if math.isfinite(most) else ''
 
 
 def _ending() -> str:
