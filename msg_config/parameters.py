@@ -67,6 +67,8 @@ class Parameter:
         Unit of the value; empty if it has none.
     minimum, maximum : float or None
         Inclusive limits of a number.
+    special : float or None
+        One more number that is accepted, below them.
     choices : tuple of str
         Allowed texts; empty if any text is allowed.
     applies : str
@@ -84,6 +86,7 @@ class Parameter:
     unit: str = ''
     minimum: float | None = None
     maximum: float | None = None
+    special: float | None = None
     choices: tuple[str, ...] = ()
     applies: str = 'read_only'
     needs: Mapping[str, Sequence[Value]] = field(default_factory=dict)
@@ -123,12 +126,13 @@ class Parameter:
         words = _TYPES[self.type][2]
         if self.minimum is not None:
             words += f' from {self.minimum:g} to {self.maximum:g}'
-        return f'{words} {self.unit}'.rstrip()
+        words = f'{words} {self.unit}'.rstrip()
+        return words if self.special is None else f'{words}, or {self.special:g}'
 
     def _within(self, value: Any) -> bool:
         if self.choices:
             return value in self.choices
-        return self.minimum is None or self.maximum is None or (
+        return self.minimum is None or self.maximum is None or value == self.special or (
             self.minimum <= value <= self.maximum)
 
 
@@ -209,7 +213,8 @@ def _shown(value: Value) -> str:
 def _limits(row: Parameter) -> str:
     if row.choices:
         return ', '.join(f'`{choice}`' for choice in row.choices)
-    return '' if row.minimum is None else f'{row.minimum:g} … {row.maximum:g}'
+    special = '' if row.special is None else f'{row.special:g}, or '
+    return '' if row.minimum is None else f'{special}{row.minimum:g} … {row.maximum:g}'
 
 
 def _rows() -> list[tuple[str, Parameter]]:

@@ -223,7 +223,8 @@ def descriptor(row: Parameter) -> ParameterDescriptor:
                 from_value=int(row.minimum), to_value=int(row.maximum), step=1)]
         else:
             result.floating_point_range = [FloatingPointRange(
-                from_value=row.minimum, to_value=row.maximum)]
+                from_value=row.minimum if row.special is None else row.special,
+                to_value=row.maximum)]
     return result
 
 

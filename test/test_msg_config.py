@@ -9,6 +9,8 @@ from pathlib import Path
 import time
 from typing import Any, TYPE_CHECKING
 
+from flex_plant_sim.arm.file_section import PLAUSIBLE
+from flex_plant_sim.tools.command_line import LARGEST_MASS
 from msg_config.contract import load_services, load_topics
 from msg_config.errors import InputError
 from msg_config.parameters import (
@@ -38,6 +40,7 @@ CONTRACT = {
     '/clock': 'rosgraph_msgs/msg/Clock',
 }
 NODES = ('plant_sim', 'payload_estimator', 'lqg_controller')
+MASS = 'expected a number from 0 to 1000 kg, or -1'
 
 
 def test_topics_are_the_contract() -> None:
@@ -128,9 +131,10 @@ def test_an_int_becomes_a_double() -> None:
 
 
 @pytest.mark.parametrize(('values', 'message'), [
-    ({'payload': -2}, 'plant_sim: payload: expected a number from -1 to 100 kg, got -2'),
-    ({'payload': math.nan}, 'plant_sim: payload: expected a number from -1 to 100 kg, got nan'),
-    ({'payload': True}, 'plant_sim: payload: expected a number from -1 to 100 kg, got True'),
+    ({'payload': -2}, f'plant_sim: payload: {MASS}, got -2'),
+    ({'payload': math.nan}, f'plant_sim: payload: {MASS}, got nan'),
+    ({'payload': -0.5}, f'plant_sim: payload: {MASS}, got -0.5'),
+    ({'payload': True}, f'plant_sim: payload: {MASS}, got True'),
     ({'modes': 2.0}, 'plant_sim: modes: expected an integer from 1 to 20, got 2.0'),
     ({'mode': 'fast'}, "plant_sim: mode: expected lockstep or realtime, got 'fast'"),
     ({'effects': 7}, 'plant_sim: effects: expected a list of texts, got 7'),
@@ -163,6 +167,15 @@ def _node(context: Context, name: str, **overrides: Any) -> Any:
         Parameter(key, value=value) for key, value in overrides.items()])
 
 
+def test_the_largest_payload_is_the_same_everywhere() -> None:
+    """What a tool or a robot file takes, a node takes."""
+    assert LARGEST_MASS == PLAUSIBLE['mass_kg'][1]
+    rows = [row for table in load_parameters().values() for row in table.values()
+            if row.unit == 'kg']
+    assert len(rows) == 5
+    assert {row.maximum for row in rows} == {LARGEST_MASS}
+
+
 @pytest.mark.ros
 @pytest.mark.parametrize('name', NODES)
 def test_nodes_declare_the_whole_table(ros_context: Context, name: str) -> None:
@@ -175,7 +188,8 @@ def test_nodes_declare_the_whole_table(ros_context: Context, name: str) -> None:
         assert described.description.startswith(row.description)
         ranges = [*described.integer_range, *described.floating_point_range]
         assert [(span.from_value, span.to_value) for span in ranges] == (
-            [] if row.minimum is None else [(row.minimum, row.maximum)])
+            [] if row.minimum is None else [
+                (row.minimum if row.special is None else row.special, row.maximum)])
     node.destroy_node()
 
 

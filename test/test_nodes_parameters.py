@@ -92,7 +92,7 @@ def test_every_parameter_is_applied_or_refused_with_a_reason(loop: RosLoop, name
 
 
 @pytest.mark.parametrize(('name', 'value', 'text'), [
-    ('payload', -1.5, 'payload'), ('payload', -0.5, 'payload: expected at least 0, or -1'),
+    ('payload', -1.5, 'payload'), ('payload', -0.5, '0 to 1000 kg, or -1, got -0.5'),
     ('payload', 'heavy', 'payload: expected a number'),
     ('modes', 0, 'modes'), ('modes', 2.5, 'modes'), ('effects', [1.0], 'expected a list of texts'),
     ('effects', ['magic:joint_1:level=1'], "got 'magic'"),

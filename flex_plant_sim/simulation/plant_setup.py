@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+from flex_plant_sim.arm.file_section import PLAUSIBLE
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.effects import build, parse
@@ -66,12 +67,7 @@ def _carried(told: float, arm: ExtendedArm) -> float:
 def _parameter(values: Mapping[str, Any], name: str, own: float) -> float:
     """Return the value of a parameter, or the robot file's number if it is FROM_ROBOT_FILE."""
     value: float = values[name]
-    if value == FROM_ROBOT_FILE:
-        return own
-    if value < 0.0:
-        raise InputError(f'{name}: expected at least 0, or {FROM_ROBOT_FILE:g} for the robot '
-                         f"file's, got {value:g}")
-    return value
+    return own if value == FROM_ROBOT_FILE else value
 
 
 def profile_of(mass: float, schedule: tuple[float, ...]) -> PayloadProfile:
@@ -83,7 +79,8 @@ def profile_of(mass: float, schedule: tuple[float, ...]) -> PayloadProfile:
     if any(b < a for a, b in zip((0.0, *times), times)):
         raise InputError('payload_schedule: expected times from 0 on that do not decrease, got '
                          f'{", ".join(f"{t:g}" for t in times)}')
-    if any(m < 0.0 for m in masses):
-        raise InputError('payload_schedule: expected masses >= 0 kg, got '
+    largest = PLAUSIBLE['mass_kg'][1]
+    if not all(0.0 <= m <= largest for m in masses):
+        raise InputError(f'payload_schedule: expected masses from 0 to {largest:g} kg, got '
                          f'{", ".join(f"{m:g}" for m in masses)}')
     return PayloadProfile.of_pairs((0.0, mass, *schedule))
