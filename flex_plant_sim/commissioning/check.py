@@ -123,9 +123,10 @@ class Check:
 
     def _payload(self) -> str:
         move, mass = self.payload.move, self.robot.payload_mass
+        swings = ' and '.join(dict.fromkeys(f'{2.0 * size:.3g}' for size in move.amplitude))
         return '\n'.join([
-            f'a log of {move.strokes} strokes of 0.5 rad, {move.stroke:g} s each, could tell the '
-            f'payload of {1e3 * mass:g} g to', *(
+            f'a log of {move.strokes} strokes of {swings} rad, {move.stroke:g} s each, could tell '
+            f'the payload of {1e3 * mass:g} g to', *(
                 f'  ± {digits_text(1e3 * std, 2)} g   {words}' for std, words in (
                     (self.payload.exact, 'if every part were as the file says'),
                     (self.payload.within_tolerances,
