@@ -17,6 +17,7 @@ import argparse
 from dataclasses import dataclass
 from pathlib import Path
 
+from flex_payload_estimator.colours import BLUE, ORANGE
 from flex_payload_estimator.control.loop import LoopRecord, run_loop
 from flex_payload_estimator.control.lqg import LQGController, LQGSettings
 from flex_payload_estimator.control.set_points import square
@@ -41,7 +42,7 @@ PAYLOADS = (0.0, 0.1, 0.3)
 DESIGNS = ('fixed 0 kg', 'fixed 0.1 kg', 'fixed 0.3 kg', 'adaptive', 'true payload')
 MEASURES = ('settling time / s (2: not settled before the next step)', 'bending energy / mJ',
             'command effort / (rad$^2$/s)')
-COLOURS = ('#9aa5b1', '#5f7488', '#2f3e4e', '#d1622b', '#1f5fa8')
+COLOURS = ('#9aa5b1', '#5f7488', '#2f3e4e', ORANGE, BLUE)
 
 
 @dataclass(frozen=True)

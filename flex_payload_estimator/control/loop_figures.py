@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from flex_payload_estimator.colours import BLUE, GREY, ORANGE
 from flex_payload_estimator.control.loop import LoopRecord
 from flex_plant_sim.interval import Z95
 from matplotlib.axes import Axes
@@ -13,7 +14,6 @@ import numpy as np
 
 # Size of a figure, inches, and its resolution, dots per inch.
 SIZE, RESOLUTION = (7.5, 4.2), 130
-BLUE, ORANGE, GREY = '#1f5fa8', '#d1622b', '#707070'
 ANGLES = (r'$\theta_{b1}$', r'$\theta_2$')
 
 

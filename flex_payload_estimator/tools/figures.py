@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 import sys
 
+from flex_payload_estimator.colours import BLUE, GREEN, ORANGE, VIOLET
 from flex_plant_sim.arm.beam import Beam, frequency_roots
 from flex_plant_sim.arm.paper_model import CompactModel
 from flex_plant_sim.arm.robot_file import load_robot
@@ -26,7 +27,7 @@ import numpy as np
 SIZE, RESOLUTION = (8.0, 5.6), 120
 # Number of mode shapes, and of beam constants, that are drawn.
 MODES, CONSTANTS = 4, 10
-COLOURS = ('#1f5fa8', '#d1622b', '#2e8b57', '#7b4fa3')
+COLOURS = (BLUE, ORANGE, GREEN, VIOLET)
 STYLES = ('-', '--', '-.', ':')
 # Labels of the shape and its derivatives of order 1 to 3.
 QUANTITIES = (r'$\varphi_i(x)$', r"$L\,\varphi_i'(x)$", r"$L^2\varphi_i''(x)$",

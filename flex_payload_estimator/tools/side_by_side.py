@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from flex_payload_estimator.colours import BLUE, GREY
 from flex_payload_estimator.control.loop import LoopRecord
 from flex_payload_estimator.estimators.factory import make_estimator
 from flex_payload_estimator.tools.estimate import TIMES
@@ -19,7 +20,6 @@ import numpy as np
 DESCRIPTIONS = {
     'sf1_paper': 'SF1 as the paper prints it', 'sf1': 'SF1 with its errors carried along',
     'rpe': 'recursive prediction error, the default'}
-BLUE, GREY = '#1f5fa8', '#707070'
 
 
 @dataclass(frozen=True)
