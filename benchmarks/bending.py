@@ -12,6 +12,7 @@ estimators/rpe/score.py with which that deviation would be the error: steps of 0
 from __future__ import annotations
 
 import argparse
+import math
 
 import _truths  # noqa: F401
 from flex_payload_estimator.control.lqg import LQGController, LQGSettings
@@ -37,7 +38,8 @@ def weighed(payload: float, step: float, seed: int, until: float) -> tuple[float
     nominal = load_robot('reference')
     plant = Elements(elements_of(drawn(nominal, np.random.default_rng([seed, 3])), payload),
                      nominal, seed)
-    controller = LQGController(nominal, MODEL, MODES, LQGSettings(mass_0=0.0))
+    controller = LQGController(nominal, MODEL, MODES, LQGSettings(
+        integrator=False, command_limit=math.inf))
     estimator = make_estimator('rpe', nominal, MODEL, ESTIMATED_MODES)
     assert isinstance(estimator, RecursivePredictionError)
     target, sent = square(amplitude=step, period=2.0 * HOLD_S), np.zeros(2)

@@ -13,6 +13,8 @@ watch has stopped, and the payload that the adaptive design believed at the end.
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
+import math
 
 import _truths  # noqa: F401
 from flex_payload_estimator.control.arm_watch import ArmWatch
@@ -82,8 +84,10 @@ def main() -> None:
         for seed in range(given.seed, given.seed + given.arms):
             robot = drawn(nominal, np.random.default_rng([seed, 3]))
             arm = elements_of(robot, payload)
-            adaptive = LQGController(nominal, MODEL, MODES, LQGSettings(mass_0=0.0))
-            knowing = LQGController(robot, MODEL, MODES, LQGSettings(adapt=False, mass_0=payload))
+            free = LQGSettings(integrator=False, command_limit=math.inf)
+            adaptive = LQGController(nominal, MODEL, MODES, free)
+            knowing = LQGController(robot, MODEL, MODES, replace(free, adapt=False,
+                                                                 mass_0=payload))
             ours, mass, stopped = settling(adaptive, None, Elements(arm, nominal, seed), nominal,
                                            given)
             best, _, other = settling(knowing, payload, Elements(arm, nominal, seed), robot, given)

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import dataclass
+import math
 from pathlib import Path
 
 from flex_payload_estimator.colours import BLUE, ORANGE
@@ -62,10 +63,10 @@ def drawn_arm(seed: int, payload: float) -> ExtendedArm:
 
 def settings_of(design: str, payload: float, q_2: float) -> LQGSettings:
     """Return the controller's settings for a design."""
-    if design == 'adaptive':
-        return LQGSettings(mass_0=0.0, q_2=q_2)
-    told = payload if design == 'true payload' else float(design.split()[1])
-    return LQGSettings(adapt=False, mass_0=told, q_2=q_2)
+    adapt = design == 'adaptive'
+    told = 0.0 if adapt else payload if design == 'true payload' else float(design.split()[1])
+    return LQGSettings(adapt=adapt, mass_0=told, q_2=q_2, integrator=False,
+                       command_limit=math.inf)
 
 
 def run(design: str, payload: float, seed: int, q_2: float, other: bool = False) -> Run:

@@ -20,7 +20,7 @@ import time
 
 from filterpy.kalman import KalmanFilter
 from flex_payload_estimator.control.loop import run_loop
-from flex_payload_estimator.control.lqg import LQGController
+from flex_payload_estimator.control.lqg import LQGController, LQGSettings
 from flex_payload_estimator.control.set_points import square
 from flex_payload_estimator.estimators.factory import make_estimator
 from flex_payload_estimator.estimators.sf1.estimator import SF1Estimator
@@ -36,6 +36,7 @@ import numpy as np
 
 STEP = 0.01
 MODELS = {'sf1': 'paper_reduced', 'rpe': 'assumed_modes'}
+SETTINGS = LQGSettings(integrator=False, command_limit=math.inf)
 # Samples of an estimator's start-up, which are not timed.
 SETTLED = 600
 Steps = dict[str, Callable[[], object]]
@@ -58,7 +59,7 @@ def lq_step(modes: int) -> Callable[[], object]:
     """Return the controller's Riccati iteration."""
     robot = load_robot('reference')
     model = payload_model(robot, 'paper_reduced', modes)
-    controller = LQGController(robot, 'paper_reduced', modes)
+    controller = LQGController(robot, 'paper_reduced', modes, SETTINGS)
     a, b = model.matrices(math.cos(0.5), 0.1)
     big = DeltaOperator(model.states, STEP, 15, model.halvings)(a)
     a_bar, b_bar = big @ a, big @ b
@@ -122,7 +123,7 @@ def loop_speed(modes: int, seconds: float) -> float:
     simulator = Simulator(ExtendedArm(robot, 'paper_reduced', modes, 0.1), None,
                           Noise(2e-4, 5e-7))
     estimator = make_estimator('sf1', robot, 'paper_reduced', modes)
-    controller = LQGController(robot, 'paper_reduced', modes)
+    controller = LQGController(robot, 'paper_reduced', modes, SETTINGS)
     run_loop(simulator, estimator, controller, square(), 0.2)
     simulator.reset()
     start = time.process_time()

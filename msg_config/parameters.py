@@ -1,7 +1,8 @@
 """
 The table of parameters, from parameters.yaml.
 
-It is the one source for declaration, validation, parameter files and docs/parameters.md.
+It is the one source for declaration, validation, parameter files and docs/parameters.md. Defaults
+that the library has too are the same (test/test_msg_config.py).
 """
 
 from __future__ import annotations

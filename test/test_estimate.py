@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
 from flex_payload_estimator.control.loop import run_loop
-from flex_payload_estimator.control.lqg import LQGController
+from flex_payload_estimator.control.lqg import LQGController, LQGSettings
 from flex_payload_estimator.control.set_points import square
 from flex_payload_estimator.estimators.factory import make_estimator
 from flex_payload_estimator.tools import estimate
@@ -29,8 +30,10 @@ def run() -> Any:
     """Return an offline run of 3.5 s with 0.15 kg."""
     simulator = Simulator(ExtendedArm(ROBOT, 'paper_reduced', 2, 0.15), noise=Noise(2e-4, 5e-7),
                           seed=2)
+    controller = LQGController(ROBOT, 'paper_reduced', 2, LQGSettings(
+        integrator=False, command_limit=math.inf))
     return run_loop(simulator, make_estimator('sf1', ROBOT, 'paper_reduced', 2),
-                    LQGController(ROBOT), square(), 3.5)
+                    controller, square(), 3.5)
 
 
 @pytest.fixture(scope='module')

@@ -59,7 +59,7 @@ def test_the_iteration_settles_at_scipy_s_solution() -> None:
 
 @pytest.mark.parametrize('step', [1e-5, 1e-4, 1e-3, 1e-2, 0.1])
 def test_the_controller_s_settled_gain_is_scipy_s(step: float) -> None:
-    model = payload_model(replace(ROBOT, sample_time=step))
+    model = payload_model(replace(ROBOT, sample_time=step), 'paper_reduced', 2)
     a_bar, b_bar = delta_model(*model.matrices(1.0, 0.1), step, halvings=model.halvings)
     q_1 = model.output[:2].T @ model.output[:2] + np.outer(model.end_point, model.end_point)
     q_2 = 0.005 * np.eye(2)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 import functools
+import math
 
 from flex_payload_estimator.control.loop import LoopRecord, run_loop
 from flex_payload_estimator.control.lqg import LQGController, LQGSettings
@@ -20,6 +22,7 @@ ROBOT = load_robot('reference')
 # 1e-3 V behind 2000 V per unit strain.
 NOISE = Noise(angle=2e-4, strain=1e-3 / ROBOT.gauge_amplifier)
 SILENT = Noise()
+PAPER = LQGSettings(integrator=False, command_limit=math.inf)
 FROM_THREE = slice(300, None)
 
 
@@ -29,7 +32,7 @@ def experiment(name: str = 'sf1', noise: Noise = SILENT, seed: int = 0, seconds:
     """Return the paper's experiment: square set-points, 0.1 kg, (30) and (31)."""
     simulator = Simulator(ExtendedArm(ROBOT, plant, 2, 0.1), None, noise, seed)
     return run_loop(simulator, make_estimator(name, ROBOT, model, 2),
-                    LQGController(ROBOT, model), square(), seconds)
+                    LQGController(ROBOT, model, 2, PAPER), square(), seconds)
 
 
 def test_the_payload_is_within_five_percent_from_three_seconds_on() -> None:
@@ -53,7 +56,7 @@ def test_the_printed_algorithm_reaches_the_payload_at_three_seconds_and_p_is_no_
 
 def test_the_printed_algorithm_needs_commands_without_a_limit() -> None:
     simulator = Simulator(ExtendedArm(ROBOT, 'paper_reduced', 2, 0.1), None, SILENT)
-    controller = LQGController(ROBOT, settings=LQGSettings(command_limit=5.0))
+    controller = LQGController(ROBOT, 'paper_reduced', 2, replace(PAPER, command_limit=5.0))
     estimator = make_estimator('sf1_paper', ROBOT, 'paper_reduced', 2)
     record = run_loop(simulator, estimator, controller, square(), 10.0)
     assert np.abs(experiment('sf1_paper', seconds=10.0).command).max() > 25.0
@@ -106,7 +109,7 @@ def test_a_drop_is_followed() -> None:
     simulator = Simulator(ExtendedArm(ROBOT, 'paper_reduced', 2, 0.2),
                           PayloadProfile.step(0.2, 5.0, 0.05), NOISE, 3)
     record = run_loop(simulator, make_estimator('sf1', ROBOT, 'paper_reduced', 2),
-                      LQGController(ROBOT), square(), 11.0)
+                      LQGController(ROBOT, 'paper_reduced', 2, PAPER), square(), 11.0)
     assert record.mass[490] == pytest.approx(0.2, rel=0.05)
     assert record.mass[-1] == pytest.approx(0.05, abs=0.005)
     assert (record.true_mass[490], record.true_mass[-1]) == (0.2, 0.05)
@@ -114,7 +117,8 @@ def test_a_drop_is_followed() -> None:
 
 def test_a_run_repeats_bit_for_bit_and_starts_afresh() -> None:
     arm = ExtendedArm(ROBOT, 'paper_reduced', 2, 0.1)
-    estimator, controller = make_estimator('sf1', ROBOT, 'paper_reduced', 2), LQGController(ROBOT)
+    estimator = make_estimator('sf1', ROBOT, 'paper_reduced', 2)
+    controller = LQGController(ROBOT, 'paper_reduced', 2, PAPER)
     runs = [run_loop(Simulator(arm, None, NOISE, 7), estimator, controller, square(), 1.0)
             for _ in range(2)]
     np.testing.assert_array_equal(runs[0].mass, runs[1].mass)
@@ -136,4 +140,4 @@ def test_bad_set_points_and_durations_are_refused() -> None:
     simulator = Simulator(ExtendedArm(ROBOT, 'paper_reduced', 2, 0.1))
     with pytest.raises(InputError, match='duration'):
         run_loop(simulator, make_estimator('sf1', ROBOT, 'paper_reduced', 2),
-                 LQGController(ROBOT), square(), 0.0)
+                 LQGController(ROBOT, 'paper_reduced', 2, PAPER), square(), 0.0)

@@ -106,6 +106,25 @@ def test_defaults_satisfy_their_own_rows(node: str) -> None:
     assert check_parameters(node, {}) == {name: row.default for name, row in table.items()}
 
 
+def test_defaults_and_choices_are_those_of_the_library() -> None:
+    from flex_payload_estimator.control.lqg import LQGSettings
+    from flex_payload_estimator.estimators.factory import BUILDERS
+    from flex_payload_estimator.estimators.sf1.settings import DEFAULT_SETTINGS
+    from flex_payload_estimator.nodes.node_setup import controller_of, estimator_of
+    from flex_plant_sim.arm.models import DEFAULT_MODEL, DEFAULT_MODES, MODELS
+
+    for table in load_parameters().values():
+        assert (table['model'].default, table['modes'].default) == (DEFAULT_MODEL, DEFAULT_MODES)
+        assert tuple(table['model'].choices) == tuple(MODELS)
+    rows = load_parameters()['payload_estimator']
+    assert tuple(rows['estimator'].choices) == tuple(BUILDERS)
+    estimator: Any = estimator_of(check_parameters('payload_estimator', {
+        'estimator': 'sf1', 'modes': 2}))
+    assert estimator.settings == DEFAULT_SETTINGS
+    controller = controller_of(check_parameters('lqg_controller', {'modes': 2}))
+    assert controller.settings == LQGSettings(integrator=True, command_limit=5.0)
+
+
 @pytest.mark.parametrize('node', NODES)
 def test_what_a_parameter_needs_are_choices_of_its_node(node: str) -> None:
     table = load_parameters()[node]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from flex_payload_estimator.control.lqg import LQGController, LQGSettings
 from flex_payload_estimator.control.set_points import square
 from flex_payload_estimator.estimators.factory import make_estimator
@@ -25,7 +27,8 @@ def loop_of(seed: int, payload: float, step: float, until: float
     robot = load_robot('reference')
     arm = elements_of(drawn(robot, np.random.default_rng([seed, 3])), payload)
     plant, target = Elements(arm, robot, seed), square(amplitude=step, period=8.0)
-    controller = LQGController(robot, 'assumed_modes', 2, LQGSettings(mass_0=0.0))
+    controller = LQGController(robot, 'assumed_modes', 2, LQGSettings(
+        integrator=False, command_limit=math.inf))
     estimator = make_estimator('rpe', robot, 'assumed_modes', 3)
     assert isinstance(estimator, RecursivePredictionError)
     sent, deviations, modes = np.zeros(2), [], set()

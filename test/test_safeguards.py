@@ -187,7 +187,8 @@ def test_square_set_points_beyond_the_joints_are_refused() -> None:
 
 
 def test_a_predictor_that_is_lost_begins_again_at_the_measurement() -> None:
-    controller = LQGController(ROBOT, settings=LQGSettings(command_limit=5.0))
+    controller = LQGController(ROBOT, 'paper_reduced', 2, LQGSettings(
+        integrator=False, command_limit=5.0))
     output = np.array([0.1, 0.2, 0.0, 0.0, 0.0, 0.0])
     command = np.zeros(2)
     for k in range(50):
@@ -206,7 +207,8 @@ def test_a_predictor_that_is_lost_begins_again_at_the_measurement() -> None:
 def test_a_watch_follows_the_limit_of_commands_and_keeps_its_fault() -> None:
     from flex_payload_estimator.control.arm_watch import ArmWatch
 
-    controller = LQGController(ROBOT, 'assumed_modes', 2)
+    controller = LQGController(ROBOT, 'assumed_modes', 2, LQGSettings(
+        integrator=False, command_limit=math.inf))
     watch = ArmWatch(ROBOT, controller, 1.0)
     watch.fault = 'joint_1: why'
     wider, fresh = watch.with_limit(5.0), ArmWatch(ROBOT, controller, 5.0)

@@ -258,7 +258,7 @@ def test_the_end_point_is_the_slope_of_the_bent_forearm() -> None:
 
 
 def test_the_prediction_is_25() -> None:
-    estimator = SF1Estimator(ROBOT, settings=replace(PAPER_SETTINGS, exact=True))
+    estimator = SF1Estimator(ROBOT, 'paper_reduced', 2, replace(PAPER_SETTINGS, exact=True))
     random = np.random.default_rng(3)
     scale = estimator.model.scale
     first, second = random.standard_normal((2, 6)) * 0.1 / scale

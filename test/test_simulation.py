@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from flex_plant_sim.arm.models import MODELS
 from flex_plant_sim.arm.robot import EffectSpec
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.schedule import barycentric_weights, chebyshev_nodes
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.arm.state_space import state_space, zero_order_hold
 from flex_plant_sim.effects import build, catalogue, sites
-from flex_plant_sim.simulation.extended_arm import ExtendedArm, MODELS
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.payload_profile import PayloadProfile
 from flex_plant_sim.simulation.plant_setup import simulator_of
 from flex_plant_sim.simulation.simulator import Noise, simulate, Simulator
@@ -205,8 +206,8 @@ def test_step_must_divide_the_sample_time() -> None:
 
 
 def test_unknown_model() -> None:
-    with pytest.raises(InputError, match='^model: expected one of assumed_modes, paper, '
-                                         "paper_reduced, got 'rigid'$"):
+    with pytest.raises(InputError, match='^model: expected one of paper_reduced, paper, '
+                                         "assumed_modes, got 'rigid'$"):
         ExtendedArm(ROBOT, 'rigid')
 
 

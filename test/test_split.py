@@ -121,4 +121,4 @@ def test_the_reduced_model_is_appendix_f_at_any_angle(cosine: float) -> None:
 
 def test_a_bad_model_is_refused() -> None:
     with pytest.raises(InputError, match='model: expected one of paper_reduced'):
-        payload_model(ROBOT, 'beam')
+        payload_model(ROBOT, 'beam', 2)

@@ -28,7 +28,7 @@ LOST = 10
 SMALLEST_VARIANCE = 1e-4
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class LQGSettings:
     """
     What (30) and (31) give, and the choices beside it.
@@ -65,9 +65,9 @@ class LQGSettings:
     r_1: float = 1e-4
     r_2: float = 1e-4
     terms: int = 15
-    integrator: bool = False
+    integrator: bool
     disturbance: float = 1e-4
-    command_limit: float = math.inf
+    command_limit: float
 
 
 class LQGController:
@@ -99,8 +99,7 @@ class LQGController:
 
     """
 
-    def __init__(self, robot: Robot, model: str = 'paper_reduced', modes: int = 2,
-                 settings: LQGSettings = LQGSettings()):
+    def __init__(self, robot: Robot, model: str, modes: int, settings: LQGSettings):
         self.settings, self.step = settings, robot.sample_time
         self.model = payload_model(robot, model, modes)
         self._drive_limits = np.array([drive.command_limit for drive in robot.drives])

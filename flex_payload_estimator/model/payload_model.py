@@ -18,6 +18,7 @@ from flex_payload_estimator.model.tabulated import (
     terms_at,
 )
 from flex_plant_sim.arm.assumed_modes import assumed_modes, KinematicRows
+from flex_plant_sim.arm.models import MODELS
 from flex_plant_sim.arm.paper_model import CompactModel, paper_model
 from flex_plant_sim.arm.ritz import RitzShapes
 from flex_plant_sim.arm.robot import Robot
@@ -27,7 +28,6 @@ import numpy as np
 
 # Stands for the tables that a second-order model does not have.
 NO_TABLE = np.zeros((0, 0))
-MODEL_NAMES = ('paper_reduced', 'paper', 'assumed_modes')
 
 
 class PayloadModel(Protocol):
@@ -66,14 +66,14 @@ class PayloadModel(Protocol):
         """Return A (n, n) and B (n, 2) at cos(theta_2) and m_p, kg."""
 
 
-def payload_model(robot: Robot, name: str = 'paper_reduced', modes: int = 2) -> PayloadModel:
+def payload_model(robot: Robot, name: str, modes: int) -> PayloadModel:
     """
     Return a robot's model by name, with a number of modes per link.
 
     Raises
     ------
     InputError
-        The name is not one of MODEL_NAMES.
+        The name is not one of MODELS.
 
     """
     if name == 'paper_reduced':
@@ -84,7 +84,7 @@ def payload_model(robot: Robot, name: str = 'paper_reduced', modes: int = 2) -> 
     if name == 'assumed_modes':
         shapes = RitzShapes.of(beams[0]), RitzShapes.of(beams[1])
         return SecondOrderModel(robot, modes, assumed_modes(robot, modes), shapes)
-    raise InputError(f'model: expected one of {", ".join(MODEL_NAMES)}, got {name!r}')
+    raise InputError(f'model: expected one of {", ".join(MODELS)}, got {name!r}')
 
 
 class ReducedModel:

@@ -16,6 +16,7 @@ from flex_payload_estimator.control.loop import run_loop
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
 from flex_payload_estimator.estimators.rpe.modes import ROUGH
 from flex_payload_estimator.nodes.node_setup import controller_of, estimator_of, set_points_of
+from flex_plant_sim.arm.models import DEFAULT_MODEL, DEFAULT_MODES
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.compiled import COMPILED
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
@@ -45,7 +46,7 @@ def _loop(estimator: str, model: str, modes: int) -> None:
 
 def estimators() -> None:
     """Compile rpe, and simulator and controller with it."""
-    _loop('rpe', 'assumed_modes', 3)
+    _loop('rpe', DEFAULT_MODEL, DEFAULT_MODES)
     # What free parts tell after a pass, which begins after some seconds in motion.
     stepper = RecursivePredictionError(load_robot('reference')).stepper
     free = stepper.begin(ROUGH, np.zeros(len(stepper.told_variance)), 0.1, 0.1)
@@ -68,7 +69,7 @@ def smoothing() -> None:
     record = Record('compiling', time, rng.normal(size=(SAMPLES, 2)),
                     1e-3 * rng.normal(size=(SAMPLES, 6)), robot.payload_mass)
     windows = Windows.cut(record, 10.0, robot.sample_time)[0]
-    base = BaseModel(robot, effects=nominal_effects(robot, 'assumed_modes'))
+    base = BaseModel(robot, effects=nominal_effects(robot))
     predictor = Predictor(base, windows, np.full(6, 1e-4), for_comparison=True)
     latent_forces(Predictor(base, windows, np.full(6, 1e-4)))
     # Any other robot than the base's, so that its residual is whitened anew.

@@ -279,7 +279,7 @@ def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
     """Return the parsed options."""
     options = command_line.parser(
         'An arm in closed loop over ROS 2 topics, and three estimators of its payload.')
-    command_line.add_arm_arguments(options, 'assumed_modes', 5)
+    command_line.add_arm_arguments(options, modes=5)
     options.add_argument('--estimator', default='rpe', help='payload estimator in the loop',
                          choices=load_parameters()['payload_estimator']['estimator'].choices)
     options.add_argument('--duration', default=10.0, type=_time, metavar='S',

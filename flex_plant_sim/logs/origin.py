@@ -30,7 +30,7 @@ class Origin:
     robot : str
         Name of the robot.
     model : str
-        A key of extended_arm.MODELS.
+        A key of models.MODELS.
     modes : int
         Modes per link.
     coriolis : bool

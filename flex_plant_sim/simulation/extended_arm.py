@@ -11,19 +11,16 @@ from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
-from flex_plant_sim.arm.assumed_modes import assumed_modes
-from flex_plant_sim.arm.paper_model import CompactModel, paper_model
+from flex_plant_sim.arm.models import DEFAULT_MODEL, DEFAULT_MODES, MODELS
+from flex_plant_sim.arm.paper_model import CompactModel
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.schedule import chebyshev_nodes, NODES, Schedule
-from flex_plant_sim.arm.second_order import ArmModel, Array, SecondOrderForm
+from flex_plant_sim.arm.second_order import Array, SecondOrderForm
 from flex_plant_sim.arm.state_space import state_space, StateSpace, zero_order_hold
 from flex_plant_sim.effects.base import Effect, FRICTION, GAP, Motion
 from msg_config.errors import InputError
 import numpy as np
 from numpy.typing import NDArray
-
-MODELS: dict[str, ArmModel] = {
-    'assumed_modes': assumed_modes, 'paper': paper_model, 'paper_reduced': paper_model}
 
 
 class ExtendedArm:
@@ -56,7 +53,7 @@ class ExtendedArm:
 
     """
 
-    def __init__(self, robot: Robot, model: str = 'assumed_modes', modes: int = 3,
+    def __init__(self, robot: Robot, model: str = DEFAULT_MODEL, modes: int = DEFAULT_MODES,
                  payload: float | None = None, effects: Sequence[Effect] = (),
                  step: float | None = None, nodes: int = NODES, in_step: bool = False):
         if model not in MODELS:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from flex_plant_sim.arm.models import DEFAULT_MODEL
 from flex_plant_sim.arm.robot import EffectSpec, Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.effects import effects_of
@@ -30,7 +31,7 @@ CHECKED_SPEED = 1.5
 SPEED_INTERVAL = 0.05
 
 
-def nominal_robot(robot: Robot, model: str = 'assumed_modes', coriolis: bool = True) -> Robot:
+def nominal_robot(robot: Robot, model: str = DEFAULT_MODEL, coriolis: bool = True) -> Robot:
     """
     Return the robot with Coriolis and centripetal forces if its model has them by default.
 
@@ -41,7 +42,7 @@ def nominal_robot(robot: Robot, model: str = 'assumed_modes', coriolis: bool = T
     robot : Robot
         The robot as in its file.
     model : str
-        A key of extended_arm.MODELS; the paper's models do not have these forces.
+        A key of models.MODELS; the paper's models do not have these forces.
     coriolis : bool
         Whether to add the forces.
 
@@ -52,7 +53,7 @@ def nominal_robot(robot: Robot, model: str = 'assumed_modes', coriolis: bool = T
     return replace(robot, effects=(*robot.effects, EffectSpec(name, 'arm', {'share': 1.0})))
 
 
-def nominal_effects(robot: Robot, model: str = 'assumed_modes', coriolis: bool = True
+def nominal_effects(robot: Robot, model: str = DEFAULT_MODEL, coriolis: bool = True
                     ) -> tuple[Effect, ...]:
     """Return the effects of nominal_robot, ready for an ExtendedArm."""
     return effects_of(nominal_robot(robot, model, coriolis))

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import math
 from typing import Any
 
+from flex_plant_sim.arm.models import DEFAULT_MODEL, DEFAULT_MODES
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.inputs.first_rates import first_rates, first_rows, MOVES
@@ -79,7 +80,7 @@ class Replay:
                                                   self.rmse, self.units)}}
 
 
-def replay(log: Log, robot: Robot, model: str = 'assumed_modes', modes: int = 3,
+def replay(log: Log, robot: Robot, model: str = DEFAULT_MODEL, modes: int = DEFAULT_MODES,
            payload: float | None = None, coriolis: bool = True) -> Replay:
     """
     Simulate a log from its commands alone, starting at the log's first joint angles.
@@ -95,7 +96,7 @@ def replay(log: Log, robot: Robot, model: str = 'assumed_modes', modes: int = 3,
     robot : Robot
         The arm, with its effects.
     model : str
-        A key of extended_arm.MODELS.
+        A key of models.MODELS.
     modes : int
         Modes per link.
     payload : float, optional

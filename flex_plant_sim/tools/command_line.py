@@ -15,11 +15,11 @@ from typing import Any, NoReturn
 
 from flex_plant_sim import tools
 from flex_plant_sim.arm.file_section import PLAUSIBLE
+from flex_plant_sim.arm.models import DEFAULT_MODEL, DEFAULT_MODES, MODELS
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import built_in_robots
 from flex_plant_sim.atomic_file import AUTHOR, whole_file
 from flex_plant_sim.quiet_signals import INTERRUPTED, interruptible
-from flex_plant_sim.simulation.extended_arm import MODELS
 from flex_plant_sim.simulation.nominal import nominal_robot, WITH_CORIOLIS
 from flex_plant_sim.tools.outputs import forget_standard_output
 from msg_config.errors import InputError
@@ -82,8 +82,8 @@ def add_log_argument(options: argparse.ArgumentParser, nargs: str | None = None)
                          help='CSV file, or rosbag2 (sqlite3, MCAP) folder or file')
 
 
-def add_arm_arguments(options: argparse.ArgumentParser, model: str = 'assumed_modes',
-                      modes: int = 3, payload: bool = True) -> None:
+def add_arm_arguments(options: argparse.ArgumentParser, model: str = DEFAULT_MODEL,
+                      modes: int = DEFAULT_MODES, payload: bool = True) -> None:
     """Add --robot, --model, --modes and, if `payload`, --payload."""
     options.add_argument('--robot', default='reference', metavar='NAME|FILE',
                          help=f'{", ".join(built_in_robots())} or a YAML file')

@@ -9,6 +9,7 @@ import math
 from pathlib import Path
 import sys
 
+from flex_plant_sim.arm.models import DEFAULT_MODES
 from flex_plant_sim.arm.robot_file import built_in_robots, load_robot, robot_text
 from flex_plant_sim.arm.robot_text import with_numbers
 from flex_plant_sim.atomic_file import MARK, whole_file
@@ -136,8 +137,8 @@ def _add_output(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_modes(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('--modes', default=3, type=command_line.modes_number, metavar='N',
-                        help='flexible modes a link, 1 to 20')
+    parser.add_argument('--modes', default=DEFAULT_MODES, type=command_line.modes_number,
+                        metavar='N', help='flexible modes a link, 1 to 20')
 
 
 def _add_payload(parser: argparse.ArgumentParser) -> None:

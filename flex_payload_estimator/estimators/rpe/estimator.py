@@ -16,6 +16,7 @@ from flex_payload_estimator.estimators.rpe.outliers import OutlierTests
 from flex_payload_estimator.estimators.rpe.sensors import Loads
 from flex_payload_estimator.estimators.rpe.settings import RpeSettings, stepper_of
 from flex_payload_estimator.estimators.rpe.start import StartBank
+from flex_plant_sim.arm.models import DEFAULT_MODEL, DEFAULT_MODES
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.effects import effects_of
@@ -63,7 +64,7 @@ class RecursivePredictionError:
 
     """
 
-    def __init__(self, robot: Robot, model: str = 'assumed_modes', modes: int = 3,
+    def __init__(self, robot: Robot, model: str = DEFAULT_MODEL, modes: int = DEFAULT_MODES,
                  settings: RpeSettings | None = None):
         self.settings = settings or RpeSettings()
         self.stepper = stepper_of(robot, model, modes, effects_of(robot), self.settings)

@@ -78,7 +78,7 @@ class SF1Estimator:
 
     """
 
-    def __init__(self, robot: Robot, model: str = 'paper_reduced', modes: int = 2,
+    def __init__(self, robot: Robot, model: str, modes: int,
                  settings: SF1EstimatorSettings = DEFAULT_SETTINGS):
         check_usable(robot, model, modes, settings)
         self.robot, self.settings, self.step = robot, settings, robot.sample_time

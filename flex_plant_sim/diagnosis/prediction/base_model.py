@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from flex_plant_sim.arm.models import DEFAULT_MODEL, DEFAULT_MODES
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
 from flex_plant_sim.effects.base import Effect
@@ -42,8 +43,8 @@ class BaseModel:
     """
 
     robot: Robot
-    model: str = 'assumed_modes'
-    modes: int = 3
+    model: str = DEFAULT_MODEL
+    modes: int = DEFAULT_MODES
     effects: tuple[Effect, ...] = ()
     noise_shares: tuple[float, float] = (0.01, 0.02)
     discrepancy: DiscrepancyModel = DiscrepancyModel()
