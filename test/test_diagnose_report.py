@@ -7,6 +7,7 @@ from html.parser import HTMLParser
 import json
 from pathlib import Path
 import re
+from typing import get_args
 
 from flex_plant_sim.diagnosis.report.figures import picture
 from flex_plant_sim.diagnosis.report.html_report import render, Report, write_report
@@ -26,7 +27,7 @@ from flex_plant_sim.diagnosis.verdict.results import (
     Cause,
     Diagnosis,
     ParameterValue,
-    VERDICTS,
+    Verdict,
 )
 from flex_plant_sim.diagnosis.verdict.wording import (
     apart_text,
@@ -56,7 +57,7 @@ GAIN = Gain('joint_2', 'rad', 1.0, 0.0651, 0.00066, 0.0005, 0.0008, 0.007, 0.013
 PAYLOAD = PayloadGain('record.csv', 'rpe', 0.1, 0.135, 0.002, 0.101, 0.001)
 
 
-def report(verdict: str = 'cause', causes: tuple[Cause, ...] = (CAUSE,)) -> Report:
+def report(verdict: Verdict = 'cause', causes: tuple[Cause, ...] = (CAUSE,)) -> Report:
     """Return a small report."""
     diagnosis = Diagnosis(
         verdict, 'Joint 2 has dry friction & no <script>.', causes,
@@ -91,8 +92,8 @@ class TagCheck(HTMLParser):
         assert self.open.pop() == tag
 
 
-@pytest.mark.parametrize('verdict', VERDICTS)
-def test_every_verdict_renders_whole_and_self_contained(verdict: str) -> None:
+@pytest.mark.parametrize('verdict', get_args(Verdict))
+def test_every_verdict_renders_whole_and_self_contained(verdict: Verdict) -> None:
     causes = (CAUSE,) if verdict in ('cause', 'cause_and_remainder', 'cannot_tell') else ()
     page = TagCheck()
     page.feed(render(report(verdict, causes)))

@@ -6,9 +6,10 @@ from pathlib import Path
 import re
 import subprocess
 import sys
+from typing import get_args
 
 from flex_payload_estimator.nodes.payload_estimator_node import MESSAGES
-from flex_plant_sim.diagnosis.verdict.results import VERDICTS
+from flex_plant_sim.diagnosis.verdict.results import Verdict
 from msg_config.contract import load_topics
 import pytest
 
@@ -37,7 +38,7 @@ def test_every_page_is_in_the_table_of_contents(repository: Path) -> None:
 
 def test_every_status_and_verdict_is_explained(repository: Path) -> None:
     page = (repository / 'docs/report.md').read_text(encoding='utf-8')
-    for name in (*MESSAGES, *VERDICTS):
+    for name in (*MESSAGES, *get_args(Verdict)):
         assert f'| `{name}` |' in page, name
 
 

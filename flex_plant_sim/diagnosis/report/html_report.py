@@ -20,7 +20,7 @@ from flex_plant_sim.diagnosis.report.posterior_pictures import (
     sets_picture,
 )
 from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual
-from flex_plant_sim.diagnosis.verdict.results import Alternative, Cause, Diagnosis
+from flex_plant_sim.diagnosis.verdict.results import Alternative, Cause, Diagnosis, Verdict
 from flex_plant_sim.diagnosis.verdict.wording import (
     digits_text,
     interval_text,
@@ -34,7 +34,7 @@ from flex_plant_sim.diagnosis.verdict.wording import (
 from msg_config.errors import InputError
 
 FILE_NAME = 'report.html'
-VERDICT_TEXT: Mapping[str, str] = {
+VERDICT_TEXT: Mapping[Verdict, str] = {
     'nothing_wrong': 'nothing wrong', 'cause': 'cause found',
     'cannot_tell': 'cannot tell which', 'not_in_catalogue': 'not in the catalogue',
     'cause_and_remainder': 'cause found, something is left',

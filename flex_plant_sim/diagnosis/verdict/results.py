@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Literal
 
 from flex_plant_sim.effects.base import Effect
 
-# All verdicts, see docs/report.md.
-VERDICTS = ('nothing_wrong', 'cause', 'cannot_tell', 'not_in_catalogue', 'cause_and_remainder',
-            'data_cannot_answer')
+# See docs/report.md.
+Verdict = Literal['nothing_wrong', 'cause', 'cannot_tell', 'not_in_catalogue',
+                  'cause_and_remainder', 'data_cannot_answer']
 
 
 @dataclass(frozen=True)
@@ -105,8 +106,7 @@ class Diagnosis:
 
     Attributes
     ----------
-    verdict : str
-        One of VERDICTS.
+    verdict : Verdict
     sentence : str
     causes : tuple of Cause
     cannot_tell : tuple of tuple of str
@@ -130,7 +130,7 @@ class Diagnosis:
 
     """
 
-    verdict: str
+    verdict: Verdict
     sentence: str
     causes: tuple[Cause, ...] = ()
     cannot_tell: tuple[tuple[str, ...], ...] = ()

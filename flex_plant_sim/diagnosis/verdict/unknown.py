@@ -13,11 +13,11 @@ from flex_plant_sim.diagnosis.likelihood.prior import unknown_odds
 from flex_plant_sim.diagnosis.prediction.friction_part import friction_part
 from flex_plant_sim.diagnosis.prediction.latent_view import Finding, LatentView
 from flex_plant_sim.diagnosis.prediction.law import CONSTANT, STRETCHES
-from flex_plant_sim.diagnosis.verdict.results import Diagnosis
+from flex_plant_sim.diagnosis.verdict.results import Diagnosis, Verdict
 from flex_plant_sim.diagnosis.verdict.wording import digits_text
 
 # Verdicts under which something unknown is at work.
-UNNAMED_VERDICTS = ('not_in_catalogue', 'cause_and_remainder')
+UNNAMED_VERDICTS: tuple[Verdict, ...] = ('not_in_catalogue', 'cause_and_remainder')
 # Variables of laws in words.
 VARIABLE_TEXT = {'speed': 'its speed', 'angle': 'its angle', 'load': 'the load on its link',
                  'command': 'its command', 'time': 'time', 'strain': 'its own strain',

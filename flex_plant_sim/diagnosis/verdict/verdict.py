@@ -39,6 +39,7 @@ from flex_plant_sim.diagnosis.verdict.results import (
     Diagnosis,
     ParameterValue,
     PartEstimate,
+    Verdict,
 )
 from flex_plant_sim.diagnosis.verdict.unknown import (
     LOOK_AT_RESIDUALS,
@@ -243,7 +244,7 @@ def cause_sentence(hypothesis: Hypothesis, values: Sequence[ParameterValue]) -> 
 
 
 def _verdict(found: SearchResult, causes: Sequence[Cause]
-             ) -> tuple[str, str, tuple[tuple[str, ...], ...]]:
+             ) -> tuple[Verdict, str, tuple[tuple[str, ...], ...]]:
     """Return verdict, sentence and the sets of causes that cannot be told apart."""
     unknown = is_unknown(found.best.fit, found.posterior.nominal)
     if not causes and not unknown:
@@ -266,7 +267,7 @@ def _verdict(found: SearchResult, causes: Sequence[Cause]
 
 
 def nothing_verdict(posterior: Posterior, parts: Sequence[PartEstimate]
-                    ) -> tuple[str, str, tuple[tuple[str, ...], ...]]:
+                    ) -> tuple[Verdict, str, tuple[tuple[str, ...], ...]]:
     """Return the verdict where no set of causes is likelier than nothing; all together may be."""
     nothing, far = posterior.nothing_probability, _parts_beyond_tolerance(parts)
     if nothing >= 0.5:
@@ -330,7 +331,7 @@ def _parts_beyond_tolerance(parts: Sequence[PartEstimate]) -> str:
     return f' Parts beyond their tolerance: {", ".join(far)}.' if far else ''
 
 
-def _advice(verdict: str, sets: Sequence[Sequence[str]]) -> str:
+def _advice(verdict: Verdict, sets: Sequence[Sequence[str]]) -> str:
     if verdict == 'cannot_tell':
         return (f'To tell {apart_text(sets[0])}: record again with another known payload and '
                 'with slow and fast moves.')
