@@ -18,6 +18,7 @@ import sys
 from flex_payload_estimator.tools.diagnose import Findings, run
 from flex_payload_estimator.tools.diagnose import options as diagnose_options
 from flex_plant_sim.arm.robot_file import load_robot
+from flex_plant_sim.arm.units import CHANNEL_SHOWN
 from flex_plant_sim.diagnosis.prediction.free_run import free_run, window_rows
 from flex_plant_sim.diagnosis.prediction.latent_view import Finding
 from flex_plant_sim.diagnosis.report.figures import AFTER, BEFORE, MEASURED
@@ -73,8 +74,9 @@ def draw_channels(axes: Sequence[Axes], found: Findings) -> None:
     rows = np.arange(first, min(stop, first + round(SECONDS / step)))
     runs = [free_run(model, np.array([first]), rows.size)[:, 0] for model in (before, after)]
     gains = {g.channel: g.ratio for g in found.gains if g.horizon == HORIZON}
-    for k, (axis, name) in enumerate(zip(axes, before.base.robot.output_names)):
-        scale, unit = (180.0 / np.pi, '°') if k < 2 else (1e6, 'µm/m')
+    robot = before.base.robot
+    for k, (axis, name, si_unit) in enumerate(zip(axes, robot.output_names, robot.output_units)):
+        scale, unit = CHANNEL_SHOWN[si_unit]
         for values, colour, label in zip(runs, (BEFORE, AFTER), ('before', 'after')):
             axis.plot(step * rows, scale * values[:, k], color=colour, label=label)
         axis.plot(step * rows, scale * before.record.output[rows, k], color=MEASURED,

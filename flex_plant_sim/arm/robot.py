@@ -185,6 +185,11 @@ class Robot:
         return ('joint_1', 'joint_2', *self.gauge_names)
 
     @property
+    def output_units(self) -> tuple[str, ...]:
+        """Return the SI unit of every measured channel."""
+        return ('rad', 'rad', *('m/m' for _ in self.gauge_names))
+
+    @property
     def moved_mass(self) -> float:
         """Return the mass of elbow and links, kg."""
         return self.elbow_mass + sum(link.mass for link in self.links)

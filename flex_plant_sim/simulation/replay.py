@@ -47,7 +47,7 @@ class Replay:
     @property
     def units(self) -> tuple[str, ...]:
         """Return the unit of every channel."""
-        return ('rad', 'rad', *('m/m' for _ in self.log.gauge_names))
+        return self.arm.robot.output_units
 
     @property
     def residual(self) -> Array:

@@ -135,13 +135,12 @@ def hints(log: Log, robot: Robot) -> tuple[str, ...]:
         return ()
     if not np.isfinite(expected).all():
         return ()
-    units = ('rad', 'rad', *('m/m' for _ in log.gauge_names))
-    noise = np.where(np.array(units) == 'rad', robot.angle_noise, robot.strain_noise)
+    noise = np.where(np.array(robot.output_units) == 'rad', robot.angle_noise, robot.strain_noise)
     # What follows from a command that was not logged would be taken for wrong units and signs.
     uncommanded = tuple(command_hints(part, expected, noise))
     if uncommanded or not part.command.any():
         return uncommanded
-    return channel_hints(part.output, expected, log.output_names, units, noise)
+    return channel_hints(part.output, expected, log.output_names, robot.output_units, noise)
 
 
 def command_hints(log: Log, expected: Array, noise: Array) -> Iterator[str]:

@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+from flex_plant_sim.arm.units import CHANNEL_SHOWN
 from flex_plant_sim.atomic_file import image_metadata, whole_file
 from flex_plant_sim.simulation.replay import Replay
-
-# Factor and name of the unit that is plotted, by SI unit.
-SHOWN = {'rad': (1.0, 'rad'), 'm/m': (1e6, 'µm/m')}
 
 
 def fit_text(fit: float) -> str:
@@ -36,7 +34,7 @@ def write_plot(path: str | Path, result: Replay) -> None:
     columns = zip(log.output_names, result.units, result.fit_percent, result.rmse,
                   log.output.T, result.simulated.T, axes)
     for name, unit, fit, error, measured, simulated, (left, right) in columns:
-        scale, shown = SHOWN[unit]
+        scale, shown = CHANNEL_SHOWN[unit]
         left.plot(log.time, scale * measured, color='tab:blue', linewidth=1.4, label='measured')
         left.plot(log.time, scale * simulated, color='tab:orange', linewidth=0.8,
                   label='simulated')

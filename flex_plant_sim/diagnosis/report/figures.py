@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from io import BytesIO
 from typing import Any
 
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.arm.units import CHANNEL_SHOWN
 from flex_plant_sim.diagnosis.pool import all_of
 from flex_plant_sim.diagnosis.prediction.free_run import (
     free_run,
@@ -24,8 +25,6 @@ from flex_plant_sim.diagnosis.verdict.wording import digits_text
 import numpy as np
 
 MEASURED, BEFORE, AFTER = '#333333', '#d95f02', '#1b6ca8'
-# Factor and name of the unit in figures, by SI unit.
-SHOWN = {'rad': (180.0 / np.pi, '°'), 'm/m': (1e6, 'µm/m')}
 # Size of a figure, inches: three fit side by side on a desktop screen.
 SIZE = (4.4, 2.7)
 # Number of points of a trace, more than a figure has pixels in width on a phone.
@@ -45,9 +44,10 @@ class Picture:
     text: str
 
 
-def shown(unit: str) -> tuple[float, str]:
-    """Return factor and name of the unit used in figures."""
-    return SHOWN[unit]
+def _channels(predictor: Predictor) -> Iterator[tuple[str, str]]:
+    """Yield name and SI unit of each measured channel."""
+    robot = predictor.base.robot
+    yield from zip(robot.output_names, robot.output_units)
 
 
 def gain_pictures(gains: Sequence[Gain]) -> list[Picture]:
@@ -55,7 +55,7 @@ def gain_pictures(gains: Sequence[Gain]) -> list[Picture]:
     pictures = []
     for channel in dict.fromkeys(gain.channel for gain in gains):
         rows = [gain for gain in gains if gain.channel == channel and np.isfinite(gain.before)]
-        scale, unit = shown(rows[0].unit)
+        scale, unit = CHANNEL_SHOWN[rows[0].unit]
 
         def draw(figure: Any, rows: list[Gain] = rows, scale: float = scale,
                  unit: str = unit) -> None:
@@ -86,8 +86,8 @@ def trace_pictures(nominal: Predictor, extended: Predictor) -> list[Picture]:
     before, after = (free_run(p, np.array([first]), steps)[:, 0] for p in (nominal, extended))
     kept = slice(None, None, max(1, steps // POINTS))
     pictures = []
-    for k, name in enumerate(nominal.base.robot.output_names):
-        scale, unit = shown('rad' if k < 2 else 'm/m')
+    for k, (name, si_unit) in enumerate(_channels(nominal)):
+        scale, unit = CHANNEL_SHOWN[si_unit]
         lines = [scale * values[kept, k] for values in
                  (nominal.record.output[rows], before, after)]
 
@@ -125,9 +125,9 @@ def speed_pictures(nominal: Sequence[Predictor], extended: Sequence[Predictor]) 
     """Return the mean error after a short free run over the speed of the nearest joint."""
     both = [_speeds_and_errors(predictors) for predictors in (nominal, extended)]
     pictures = []
-    for k, name in enumerate(nominal[0].base.robot.output_names):
+    for k, (name, si_unit) in enumerate(_channels(nominal[0])):
         joint = int(name.split('_')[1][0]) - 1
-        scale, unit = shown('rad' if k < 2 else 'm/m')
+        scale, unit = CHANNEL_SHOWN[si_unit]
         curves = [_binned(speed[:, joint], scale * error[:, k]) for speed, error in both]
 
         def draw(figure: Any, curves: list[Array] = curves, joint: int = joint,
@@ -174,8 +174,8 @@ def spectrum_pictures(nominal: Sequence[Predictor],
     both = [spectrum([one_step(p) for p in predictors], step)
             for predictors in (nominal, extended)]
     pictures = []
-    for k, name in enumerate(nominal[0].base.robot.output_names):
-        scale, unit = shown('rad' if k < 2 else 'm/m')
+    for k, (name, si_unit) in enumerate(_channels(nominal[0])):
+        scale, unit = CHANNEL_SHOWN[si_unit]
         white = scale**2 * nominal[0].noise[k]**2 * 2.0 * step
 
         def draw(figure: Any, k: int = k, white: float = white, scale: float = scale,

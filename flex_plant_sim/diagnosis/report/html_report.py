@@ -9,8 +9,9 @@ import math
 from pathlib import Path
 from typing import Any
 
+from flex_plant_sim.arm.units import CHANNEL_SHOWN
 from flex_plant_sim.atomic_file import made_folder, whole_file
-from flex_plant_sim.diagnosis.report.figures import Picture, shown
+from flex_plant_sim.diagnosis.report.figures import Picture
 from flex_plant_sim.diagnosis.report.improvement import Gain
 from flex_plant_sim.diagnosis.report.latent_pictures import LatentSection
 from flex_plant_sim.diagnosis.report.payload_gain import PayloadGain
@@ -155,7 +156,7 @@ def _error_rows(gains: Sequence[Gain]) -> list[dict[str, Any]]:
     """Return one row for each channel and horizon, in the units of the figures."""
     rows, order = [], list(dict.fromkeys(gain.channel for gain in gains))
     for gain in sorted(gains, key=lambda g: order.index(g.channel)):
-        scale, unit = shown(gain.unit)
+        scale, unit = CHANNEL_SHOWN[gain.unit]
         finite = all(math.isfinite(value) for value in (gain.before, gain.after, gain.high))
         rows.append({
             'channel': gain.channel.replace('_', ' '), 'horizon': f'{gain.horizon:g} s',
@@ -178,7 +179,7 @@ def _number(value: float) -> str:
 def _channel_rows(report: Report) -> list[dict[str, Any]]:
     rows = []
     for before, after in zip(report.before, report.after):
-        scale, unit = shown(before.unit)
+        scale, unit = CHANNEL_SHOWN[before.unit]
         rows.append({
             'name': before.channel.replace('_', ' '), 'unit': unit,
             'noise': _number(scale * before.noise),

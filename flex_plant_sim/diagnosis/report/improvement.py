@@ -18,13 +18,14 @@ from flex_plant_sim.diagnosis.prediction.free_run import (
     start_spacing,
 )
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
+from flex_plant_sim.interval import CREDIBLE_LEVEL
 from msg_config.errors import InputError
 import numpy as np
 
 # Number of bootstrap replicates: 2.5 ± 0.5 % are then outside each bound of a 95 % interval.
 REPLICATES = 1000
-# Percentiles that bound the 95 % interval.
-INTERVAL = (2.5, 97.5)
+# Percentiles that bound a credible interval.
+INTERVAL = (50.0 - 50.0 * CREDIBLE_LEVEL, 50.0 + 50.0 * CREDIBLE_LEVEL)
 # Blocks are at least as long as the horizon, but at most so long that this many remain.
 MIN_BLOCKS = 5
 
@@ -68,10 +69,11 @@ class Gain:
 
 
 def measure_gain(nominal: Sequence[Predictor], extended: Sequence[Predictor],
-                 horizons: Sequence[float] = HORIZONS, seed: int = 0, jobs: int = 1
-                 ) -> tuple[Gain, ...]:
+                 seed: int = 0, jobs: int = 1) -> tuple[Gain, ...]:
     """
-    Return the errors before and after for each channel and horizon.
+    Return the errors before and after for each channel, one step ahead and at each of HORIZONS.
+
+    Horizons longer than every record are left out.
 
     The bootstrap resamples moving blocks of start instants, circularly within each record and
     jointly for both models (Künsch, Annals of Statistics 17 (1989)).
@@ -80,8 +82,6 @@ def measure_gain(nominal: Sequence[Predictor], extended: Sequence[Predictor],
     ----------
     nominal, extended : sequence of Predictor
         One for each record, over the locked windows of the same records.
-    horizons : sequence of float
-        s; horizons longer than every record are left out.
     seed : int
         Seed of the bootstrap.
     jobs : int
@@ -97,22 +97,23 @@ def measure_gain(nominal: Sequence[Predictor], extended: Sequence[Predictor],
         raise InputError(f'records: expected the same number before and after, at least one, '
                          f'got {len(nominal)} and {len(extended)}')
     models = [*nominal] if extended is nominal else [*nominal, *extended]
-    found = all_of(lambda p: horizon_errors(p, horizons), models, jobs)
+    found = all_of(lambda p: horizon_errors(p, HORIZONS), models, jobs)
     before, after = found[:len(nominal)], found[-len(nominal):]
-    names, step = nominal[0].base.robot.output_names, nominal[0].base.robot.sample_time
+    robot = nominal[0].base.robot
+    step, channels = robot.sample_time, [*zip(robot.output_names, robot.output_units)]
     spacing = [start_spacing(p) * step for p in nominal]
     rng, gains = np.random.default_rng(seed), []
-    for horizon in (step, *horizons):
+    for horizon in (step, *HORIZONS):
         kept = [k for k, found in enumerate(before) if horizon in found]
         if not kept:
             continue
         pairs = [np.stack([before[k][horizon], after[k][horizon]]) for k in kept]
         blocks = [max(1, round(horizon / spacing[k])) for k in kept]
-        gains += _gains(names, horizon, pairs, blocks, rng)
+        gains += _gains(channels, horizon, pairs, blocks, rng)
     return tuple(gains)
 
 
-def _gains(names: Sequence[str], horizon: float, pairs: Sequence[Array],
+def _gains(channels: Sequence[tuple[str, str]], horizon: float, pairs: Sequence[Array],
            blocks: Sequence[int], rng: np.random.Generator) -> list[Gain]:
     with np.errstate(over='ignore', invalid='ignore'):
         squares = [pair**2 for pair in pairs]
@@ -123,9 +124,9 @@ def _gains(names: Sequence[str], horizon: float, pairs: Sequence[Array],
         after = np.percentile(replicates[:, 1], INTERVAL, axis=0)
         ratio = np.percentile(replicates[:, 1] / np.maximum(replicates[:, 0], 1e-300),
                               INTERVAL, axis=0)
-    return [Gain(name, 'rad' if k < 2 else 'm/m', horizon, float(rms[0, k]), float(rms[1, k]),
+    return [Gain(name, unit, horizon, float(rms[0, k]), float(rms[1, k]),
                  float(after[0, k]), float(after[1, k]), float(ratio[0, k]), float(ratio[1, k]),
-                 count) for k, name in enumerate(names)]
+                 count) for k, (name, unit) in enumerate(channels)]
 
 
 def _resampled_sums(squares: Array, block: int, rng: np.random.Generator) -> Array:

@@ -8,12 +8,12 @@ import math
 from types import MappingProxyType
 from typing import Any
 
+from flex_plant_sim.arm.units import CHANNEL_SHOWN
 from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
 from flex_plant_sim.diagnosis.prediction.latent_view import LatentView
-from flex_plant_sim.diagnosis.report.figures import shown
 from flex_plant_sim.diagnosis.report.improvement import Gain, gain_results
 from flex_plant_sim.diagnosis.report.payload_gain import PayloadGain
-from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual, HORIZONS
+from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual, HORIZONS, SWING
 from flex_plant_sim.diagnosis.verdict.results import Alternative, Cause, Diagnosis, ParameterValue
 from flex_plant_sim.diagnosis.verdict.unknown import LOOK_AT_RESIDUALS, refuted
 from flex_plant_sim.diagnosis.verdict.wording import (
@@ -24,8 +24,6 @@ from flex_plant_sim.diagnosis.verdict.wording import (
 )
 import numpy as np
 
-# Horizon of the gain in the sentence, s, one of HORIZONS: a swing of the reference arm.
-SENTENCE_HORIZON = 1.0
 # Said where the extended robot is no gain: at what a cause stands at, or on the whole.
 WORSE_WHERE_NAMED = 'No other channel rises as much, and a cause stands at it.'
 PREDICTS_WORSE = ('On the whole the extended robot predicts the locked part worse than the file: '
@@ -40,10 +38,10 @@ def with_gain(diagnosis: Diagnosis, gains: Sequence[Gain], unnamed: int = 0) -> 
     horizons.
     """
     count = len(diagnosis.causes) + unnamed
-    at_horizon = [gain for gain in gains if gain.horizon == SENTENCE_HORIZON]
+    at_horizon = [gain for gain in gains if gain.horizon == SWING]
     smaller = [gain for gain in at_horizon if gain.ratio_high < 1.0]
     larger = [gain for gain in gains
-              if gain.horizon >= SENTENCE_HORIZON and gain.ratio_low > 1.0]
+              if gain.horizon >= SWING and gain.ratio_low > 1.0]
     sites = {cause.site for cause in diagnosis.causes}
     named = [gain for gain in smaller if gain.channel in sites] or smaller
     changes = [f'{of} {_change(gain)}' for of, gain in (
@@ -72,14 +70,14 @@ def with_gauges_beyond(diagnosis: Diagnosis, after: Sequence[ChannelResidual]) -
     if diagnosis.verdict != 'nothing_wrong':
         return diagnosis
     share = DiscrepancyModel().gauge_share
-    found = {row.channel: math.sqrt(max(row.free_run[SENTENCE_HORIZON]**2 - row.noise**2, 0.0))
+    found = {row.channel: math.sqrt(max(row.free_run[SWING]**2 - row.noise**2, 0.0))
              / row.swing for row in after
-             if row.unit == 'm/m' and SENTENCE_HORIZON in row.free_run and row.swing > 0.0}
+             if row.unit == 'm/m' and SWING in row.free_run and row.swing > 0.0}
     beyond = [f'{channel.replace("_", " ")} errs by {100.0 * error:.0f} %'
               for channel, error in found.items() if share < error < math.inf]
     if not beyond:
         return diagnosis
-    return replace(diagnosis, sentence=f'{diagnosis.sentence} But over {SENTENCE_HORIZON:g} s, '
+    return replace(diagnosis, sentence=f'{diagnosis.sentence} But over {SWING:g} s, '
                    f'simulated by commands alone, {", ".join(beyond)} of what it reads: more than '
                    'that.', advice=LOOK_AT_RESIDUALS)
 
@@ -91,7 +89,7 @@ def _mean_log_ratio(gains: Sequence[Gain]) -> float:
 
 
 def _change(gain: Gain) -> str:
-    scale, unit = shown(gain.unit)
+    scale, unit = CHANNEL_SHOWN[gain.unit]
     space = '' if unit == '°' else ' '
     channel = gain.channel.replace('_', ' ')
     if not math.isfinite(gain.after):
@@ -189,7 +187,7 @@ def _gain_lines(gains: Sequence[Gain]) -> list[str]:
         cells = []
         for horizon in horizons:
             gain = table[channel, horizon]
-            scale, unit = shown(gain.unit)
+            scale, unit = CHANNEL_SHOWN[gain.unit]
             cells.append(f'{digits_text(scale * gain.before, 3)} -> '
                          f'{digits_text(scale * gain.after, 3)}')
         lines.append(f'  {f"{channel}, {unit}":<25}' + ''.join(f'{cell:>21}' for cell in cells))

@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.diagnosis.prediction import free_run
 from flex_plant_sim.diagnosis.prediction.free_run import errors, horizon_samples, start_instants
 from flex_plant_sim.diagnosis.prediction.latent_series import REST_SPEED_SHARE
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
@@ -20,20 +21,20 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_toeplitz
 from scipy.special import chdtrc
 
-# Horizons of free runs, s, some of those of improvement.py.
-HORIZONS = (0.2, 1.0, 5.0)
+# Horizons of free runs that a table has room for, s. After the shortest one an error of torque has
+# moved the arm.
+DRIFTED, SWING, _, LONGEST = free_run.HORIZONS
+HORIZONS = (DRIFTED, SWING, LONGEST)
 # Number of lags, samples: a quarter of the reference arm's slowest period.
 LAGS = 20
 # Number of folds of the cross-validation: each fifth is predicted from the other four.
 FOLDS = 5
 # Number of past commands, samples: a delay of 0.05 s, the longest start of a fit, at 100 Hz.
 COMMAND_LAGS = 6
-# Number of free runs of seconds, and of those of DRIFTED, which overlap less.
-STARTS, SHORT_STARTS = 120, 900
-# Duration of a short free run, s, after which an error of torque has moved the arm.
-DRIFTED = 0.2
-# Error from which the prediction has diverged; sums of its fourth power are still finite.
-DIVERGED = 1e50
+# Number of free runs of DRIFTED at most: they overlap less than longer ones.
+SHORT_STARTS = 900
+# Error from which the prediction has diverged: sums of its fourth power are still finite.
+LARGEST_ERROR = 1e50
 
 
 @dataclass(frozen=True)
@@ -102,10 +103,10 @@ class ChannelResidual:
         return found
 
 
-def whiteness(parts: Sequence[Array], lags: int = LAGS) -> Whiteness:
+def whiteness(parts: Sequence[Array]) -> Whiteness:
     """Return the whiteness of a residual, given as stretches (N_k,) without gaps."""
     count = sum(len(part) for part in parts)
-    lags = min(lags, *(len(part) - 1 for part in parts))
+    lags = min(LAGS, *(len(part) - 1 for part in parts))
     mean = sum(part.sum() for part in parts) / count
     covariance = np.array([sum(float((p[k:] - mean) @ (p[:len(p) - k] - mean)) for p in parts)
                            for k in range(lags + 1)])
@@ -231,7 +232,8 @@ def describe(predictors: Sequence[Predictor]) -> tuple[ChannelResidual, ...]:
 
     """
     first = predictors[0]
-    step, names = first.base.robot.sample_time, first.base.robot.output_names
+    robot = first.base.robot
+    step, channels = robot.sample_time, zip(robot.output_names, robot.output_units)
     raw = [one_step(p) for p in predictors]
     steps = [_zero_if_diverged(e) for e in raw]
     now = _over_records(predictors, steps, [
@@ -243,9 +245,9 @@ def describe(predictors: Sequence[Predictor]) -> tuple[ChannelResidual, ...]:
     noise = np.sqrt(np.mean([p.noise**2 for p in predictors], axis=0))
     swing = np.std(np.vstack([p.record.output for p in predictors]), axis=0)
     return tuple(ChannelResidual(
-        name, 'rad' if k < 2 else 'm/m', float(noise[k]), float(swing[k]),
+        name, unit, float(noise[k]), float(swing[k]),
         {h: float(e[k]) for h, e in runs.items()}, whiteness([part[:, k] for part in steps]),
-        now[k], later[k], in_bands[k]) for k, name in enumerate(names))
+        now[k], later[k], in_bands[k]) for k, (name, unit) in enumerate(channels))
 
 
 def _over_records(predictors: Sequence[Predictor], residuals: Sequence[Array],
@@ -269,7 +271,7 @@ def drift(predictor: Predictor,
 
 def _zero_if_diverged(values: Array) -> Array:
     """Return values, with zero where a prediction has diverged and so shows no dependence."""
-    return np.where(np.abs(values) < DIVERGED, values, 0.0)
+    return np.where(np.abs(values) < LARGEST_ERROR, values, 0.0)
 
 
 def _free_run_errors(predictors: Sequence[Predictor], steps: Sequence[Array],
@@ -282,7 +284,7 @@ def _free_run_errors(predictors: Sequence[Predictor], steps: Sequence[Array],
         fitting = {h: k for h, k in samples.items() if p.windows.warm_up + k < count}
         if not fitting:
             continue
-        starts = start_instants(p.windows.warm_up, count - min(fitting.values()), STARTS)
+        starts = start_instants(p.windows.warm_up, count - min(fitting.values()))
         error = errors(p, starts, max(fitting.values()))
         for h, k in fitting.items():
             found.setdefault(h, []).append(error[k - 1][starts + k <= count])

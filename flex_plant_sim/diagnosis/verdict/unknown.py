@@ -14,7 +14,7 @@ from flex_plant_sim.diagnosis.prediction.friction_part import friction_part
 from flex_plant_sim.diagnosis.prediction.latent_view import Finding, LatentView
 from flex_plant_sim.diagnosis.prediction.law import CONSTANT, STRETCHES
 from flex_plant_sim.diagnosis.verdict.results import Diagnosis, Verdict
-from flex_plant_sim.diagnosis.verdict.wording import digits_text
+from flex_plant_sim.diagnosis.verdict.wording import digits_text, shown_unit
 
 # Verdicts under which something unknown is at work.
 UNNAMED_VERDICTS: tuple[Verdict, ...] = ('not_in_catalogue', 'cause_and_remainder')
@@ -113,8 +113,8 @@ def _sentences(findings: Sequence[Finding]) -> tuple[str, ...]:
 def sentence(finding: Finding) -> str:
     """Return what a latent force shows, in one sentence."""
     law, series = finding.law, finding.series
-    what, scale, unit = ('torque', 1.0, 'N·m') if series.unit == 'N m' else (
-        'error', 1e6, 'µm/m')
+    what = 'torque' if series.unit == 'N m' else 'error'
+    scale, unit = shown_unit(series.unit)
     size = f'{digits_text(scale * series.rms, 2)} {unit} rms'
     site = series.site.replace('_', ' ')
     if law.stated and law.variable == CONSTANT:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 import math
 
+from flex_plant_sim.arm.units import SHOWN
 from flex_plant_sim.diagnosis.verdict.results import ParameterValue, PartEstimate
 from flex_plant_sim.interval import Z95
 import numpy as np
@@ -12,8 +13,6 @@ import numpy as np
 # Distance of a value from the middle of its interval, as a share of half of it, from which on both
 # ends are stated.
 MAX_ASYMMETRY = 0.3
-# Factor and name of the unit in which a quantity is shown; strains in millionths.
-SHOWN_UNITS = {'m/m': (1e6, 'µm/m'), 'm/m/s': (1e6, 'µm/m/s')}
 
 
 def unit_text(unit: str) -> str:
@@ -24,7 +23,7 @@ def unit_text(unit: str) -> str:
 
 def shown_unit(unit: str) -> tuple[float, str]:
     """Return factor and name of the unit in which a quantity is shown."""
-    return SHOWN_UNITS.get(unit, (1.0, unit_text(unit)))
+    return SHOWN.get(unit, (1.0, unit_text(unit)))
 
 
 def key_text(key: str, unit: str) -> str:

@@ -1,0 +1,10 @@
+"""The units in which people read quantities, by SI unit."""
+
+from __future__ import annotations
+
+import math
+
+# Factor and name of the unit in which a quantity is shown; others as they are.
+SHOWN = {'m/m': (1e6, 'µm/m'), 'm/m/s': (1e6, 'µm/m/s')}
+# The same for a measured channel: its angles in degrees, those of robot files stay in rad.
+CHANNEL_SHOWN = {**SHOWN, 'rad': (180.0 / math.pi, '°')}
