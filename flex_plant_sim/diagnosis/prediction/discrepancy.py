@@ -30,7 +30,8 @@ class DiscrepancyModel:
     Attributes
     ----------
     torque_share : tuple of float
-        Standard deviation of each joint's torque, as a share of its drive's rms torque.
+        Standard deviation of each joint's torque, as a share of the commanded one, see
+        `rms_loads`.
     gauge_share : float
         Standard deviation of a gauge's error, as a share of what it shows.
     torque_periods, gauge_periods : float

@@ -30,7 +30,7 @@ import numpy as np
 EM_PASSES = 4
 # Degrees of freedom of a torque's steps; heavy tails, as friction jumps where a joint reverses.
 STUDENT_FREEDOM = 3.0
-# Smallest rms torque, N m, and strain, so that nothing is divided by zero.
+# Smallest commanded torque, N m, and strain, so that nothing is divided by zero.
 TINY_RMS = 1e-12
 
 
@@ -46,7 +46,7 @@ class LatentPrior:
     Attributes
     ----------
     torque : float
-        Standard deviation of a torque's change over one second, over the rms drive torque.
+        Standard deviation of a torque's change over one second, over the commanded torque.
     gauge : float
         Standard deviation of a gauge's error, as a share of the rms strain.
     gauge_time : float
@@ -79,7 +79,7 @@ class LatentForces:
     load : Array
         Bending moment at each link's first gauge, N m, (N, 2); 0 where there is none.
     drive : Array
-        Root mean square torque of the drives, N m, (2,).
+        Commanded torque of the joints, see `rms_loads`, N m, (2,).
     first, stop : int
         Samples to fit laws to, without the initial transient and the locked part.
     log_likelihood : float

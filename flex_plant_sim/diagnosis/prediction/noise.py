@@ -25,10 +25,11 @@ def rms_loads(arm: ExtendedArm, command: Array, output: Array) -> Array:
     """
     Return the root-mean-square generalised force on each coordinate in a record, (N,).
 
-    Drive torques follow from the standard deviations of the commands (2,). Bending forces follow
-    from those of the strain, among the outputs' (m,), as if the first shape alone made it; they
-    are the same for all shapes, as those of a force at the tip are. Coordinates that an effect
-    added have none.
+    A joint's is its commanded torque: the drive's torque gain times the standard deviation of the
+    command, (2,); in a velocity loop that is not the net torque. Bending forces follow from the
+    standard deviations of the strain, among the outputs' (m,), as if the first shape alone made
+    it; they are the same for all shapes, as those of a force at the tip are. Coordinates that an
+    effect added have none.
     """
     loads, robot = np.zeros(arm.form.order), arm.robot
     loads[:2] = [d.torque_gain * spread for d, spread in zip(robot.drives, command)]
