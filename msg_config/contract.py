@@ -15,6 +15,9 @@ from typing import Any
 
 import yaml
 
+# Age of a command, s, from which drives no longer hold it and stop, as by a drive's own watchdog.
+COMMAND_TIMEOUT = 0.1
+
 
 @dataclass(frozen=True)
 class Field:

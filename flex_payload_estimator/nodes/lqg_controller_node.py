@@ -25,6 +25,7 @@ from flex_plant_sim.inputs.gate import angle_ranges, COMMAND_MARGIN, Limits
 from flex_plant_sim.simulation.nominal import model_words
 from flex_plant_sim.simulation.plant_setup import robot_of
 from geometry_msgs.msg import InertiaStamped
+from msg_config.contract import COMMAND_TIMEOUT, load_topics
 from msg_config.contract_node import DIAGNOSTICS_INTERVAL
 from msg_config.errors import InputError
 from msg_config.messages import (
@@ -41,15 +42,15 @@ from trajectory_msgs.msg import JointTrajectory
 
 # Interval of the watchdog, s: a command on its way to zero is sent twice in the time that drives
 # wait for one.
-WATCH_INTERVAL = 0.05
-# Most payloads that are kept until their sample comes: as many as a publisher keeps (topics.yaml).
-MAX_EARLY_PAYLOADS = 10
+WATCH_INTERVAL = 0.5 * COMMAND_TIMEOUT
+# Most payloads that are kept until their sample comes: as many as a publisher keeps.
+MAX_EARLY_PAYLOADS = load_topics()['payload/inertia'].qos.depth
 # Payloads in time, one after another, after which the node waits for them again: at 100 Hz as long
 # as PAYLOAD_TIMEOUT.
 IN_TIME = 10
 # Time without a payload in time after which diagnostics say so, s: as long as drives wait for a
-# command (COMMAND_TIMEOUT of the plant). A single late payload does no harm.
-PAYLOAD_TIMEOUT = 0.1
+# command. A single late payload does no harm.
+PAYLOAD_TIMEOUT = COMMAND_TIMEOUT
 # Share of the largest payload by which an estimate may lie outside without a word: one near a
 # bound errs to either side.
 CLIPPED = 0.1

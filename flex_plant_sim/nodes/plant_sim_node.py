@@ -15,6 +15,7 @@ from flex_plant_sim.nodes.arm_markers import arm_markers
 from flex_plant_sim.simulation.arm_shape import ArmShape
 from flex_plant_sim.simulation.nominal import has_coriolis, model_words
 from flex_plant_sim.simulation.plant_setup import simulator_of
+from msg_config.contract import COMMAND_TIMEOUT
 from msg_config.contract_node import ContractNode, DIAGNOSTICS_INTERVAL, MARKER_INTERVAL
 from msg_config.errors import InputError
 from msg_config.input_mapping import JOINTS
@@ -35,9 +36,6 @@ from sensor_msgs.msg import JointState
 
 # Lock-step: time, s, after which a sample without a command counts as lost and is sent again.
 RESEND_INTERVAL = 0.1
-# Real time: age, s, from which a command is no longer held and the drives get zero, as by the
-# watchdog of a drive.
-COMMAND_TIMEOUT = 0.1
 # Real time: number of steps behind the wall clock from which the missing samples are skipped.
 MAX_STEPS_BEHIND = 100
 # Fields of joint_states and strain whose numbers change.

@@ -13,6 +13,7 @@ from functools import cached_property
 import math
 
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.diagnosis.causes.gauss_newton import MAX_STEPS, MIN_STEP_GAIN
 from flex_plant_sim.diagnosis.causes.hypothesis import Hypothesis
 from flex_plant_sim.diagnosis.causes.refined_fit import COARSE_SAMPLES, RefinedFit
 from flex_plant_sim.diagnosis.causes.sensitivity import SensitivityProbe
@@ -20,8 +21,6 @@ from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
 from flex_plant_sim.diagnosis.likelihood.sufficient_statistics import TEMPER
 import numpy as np
 
-# Steps of the parts at most, and gain of a step, nats, below which they are at their best.
-MAX_STEPS, MIN_STEP_GAIN = 8, 0.3
 # Deviation of a part, in tolerances, up to which the residual is linear in it.
 LINEAR_TOLERANCES = 0.5
 # Share of the shapes of an effect that have less information than is stated.

@@ -11,6 +11,7 @@ from copy import copy
 from dataclasses import dataclass, replace
 
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
 from flex_plant_sim.diagnosis.prediction.filter_run import (
     FilterRun,
     payload_schedule,
@@ -41,7 +42,7 @@ class LatentPrior:
 
     Calibrated by benchmarks/latent_amplitudes.py: with a torque of 0.03 the 95 % bands hold 96 and
     98 % of the samples of joints 1 and 2, with 0.02 they hold 95 and 97 %. The gauge's share
-    hardly matters there; it is that of `DiscrepancyModel`.
+    hardly matters there.
 
     Attributes
     ----------
@@ -55,7 +56,7 @@ class LatentPrior:
     """
 
     torque: float = 0.03
-    gauge: float = 0.05
+    gauge: float = DiscrepancyModel.gauge_share
     gauge_time: float = 0.3
 
 

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
 from flex_plant_sim.diagnosis.prediction.latent_forces import LatentForces, LatentPrior
 from flex_plant_sim.diagnosis.prediction.law import CONSTANT, LatentSeries, TIME
 import numpy as np
@@ -19,8 +20,8 @@ from numpy.typing import NDArray
 # takes any value within its limits.
 REST_SPEED_SHARE = 0.1
 # Difference of two good models of an arm (finite elements, a chain of rigid segments), as a share
-# of the rms drive torque and of the rms strain, see benchmarks/latent_amplitudes.py.
-TORQUE_MODEL_ERROR, GAUGE_MODEL_ERROR = 0.01, 0.05
+# of the commanded torque, see benchmarks/latent_amplitudes.py, and of the rms strain.
+TORQUE_MODEL_ERROR, GAUGE_MODEL_ERROR = 0.01, DiscrepancyModel.gauge_share
 # Characters of a gauge's name that name its link.
 LINK_PREFIX = len('strain_1')
 # Unit of a command: rad/s, A or V, as its drive takes it.
