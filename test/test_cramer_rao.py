@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-from flex_payload_estimator.kalman.cramer_rao import (
-    linearise,
-    Linearised,
-    output_sensitivity,
-    payload_bound,
-)
+from flex_payload_estimator.kalman.cramer_rao import linearise, Linearised, payload_bound
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.effects import catalogue
@@ -41,6 +36,20 @@ def trajectory(arm: ExtendedArm, torque: float = 0.0) -> tuple[Array, Array]:
 def linearised(model: str = 'assumed_modes', torque: float = 0.0) -> Linearised:
     arm = ExtendedArm(ROBOT, model, 2, 0.12)
     return linearise(arm, trajectory(arm, torque)[0], commands())
+
+
+def output_sensitivity(model: Linearised) -> Array:
+    """
+    Return dy_k/dm at samples 0 to N, (N + 1, m).
+
+    The state at sample 0 is taken not to depend on the payload.
+    """
+    x = np.zeros(model.jacobian.shape[-1])
+    rows = [model.output @ x]
+    for jacobian, slope in zip(model.jacobian, model.slope):
+        x = jacobian @ x + slope
+        rows.append(model.output @ x)
+    return np.array(rows)
 
 
 @pytest.mark.parametrize('model', ['assumed_modes', 'paper', 'paper_reduced'])

@@ -92,20 +92,6 @@ def _next_states(arm: ExtendedArm, cosine: Array, states: Array, commands: Array
     return (f @ states[..., None] + g @ commands[..., None])[..., 0]
 
 
-def output_sensitivity(model: Linearised) -> Array:
-    """
-    Return dy_k/dm at samples 0 to N, (N + 1, m).
-
-    The state at sample 0 is taken not to depend on the payload.
-    """
-    x = np.zeros(model.jacobian.shape[-1])
-    rows = [model.output @ x]
-    for jacobian, slope in zip(model.jacobian, model.slope):
-        x = jacobian @ x + slope
-        rows.append(model.output @ x)
-    return np.array(rows)
-
-
 def payload_bound(model: Linearised, noise: ArrayLike, start: ArrayLike,
                   torque: ArrayLike = (0.0, 0.0), prior: float = np.inf) -> Array:
     """

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from flex_plant_sim.arm.assumed_modes import elastic_and_drive_terms, KinematicRows
+from flex_plant_sim.arm.beam import Beam
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import (
     angle_rows,
@@ -107,10 +108,10 @@ class PaperBlocks:
             np.outer(tip_2, rows.elbow))
 
 
-def _link_inertia(beam: object, radius: float, root: Array, q: slice) -> Array:
+def _link_inertia(beam: Beam, radius: float, root: Array, q: slice) -> Array:
     """Return the rows of mu (q'' - (alpha + r beta) theta'') for a clamp at hub radius r, m."""
-    rows = -beam.modal_mass * np.outer(beam.alpha + radius * beam.beta, root)  # type: ignore
-    rows[:, q] += beam.modal_mass * np.eye(rows.shape[0])  # type: ignore[attr-defined]
+    rows = -beam.modal_mass * np.outer(beam.alpha + radius * beam.beta, root)
+    rows[:, q] += beam.modal_mass * np.eye(rows.shape[0])
     return rows
 
 
