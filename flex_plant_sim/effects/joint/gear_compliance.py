@@ -7,7 +7,11 @@ from dataclasses import replace
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import SecondOrderForm
 from flex_plant_sim.effects.base import Effect, Parameter
-from flex_plant_sim.effects.mechanics.elastic_root import root_moment, with_elastic_root
+from flex_plant_sim.effects.mechanics.elastic_root import (
+    RIGID_RAD_PER_N_M,
+    root_moment,
+    with_elastic_root,
+)
 from flex_plant_sim.effects.mechanics.kinematics import (
     is_energy_form,
     with_coordinates,
@@ -15,9 +19,8 @@ from flex_plant_sim.effects.mechanics.kinematics import (
 )
 import numpy as np
 
-# Compliance, rad/(N m), and hub share below which the twist has no coordinate of its own: it would
-# be stiff and unobservable.
-RIGID, LEAST_SHARE = 1e-7, 1e-3
+# Hub share below which the twist has no coordinate of its own.
+LEAST_SHARE = 1e-3
 # Damping ratio of the hub alone on the gear: preloaded steel gears without backlash lose a few
 # per cent.
 DAMPING_RATIO = 0.05
@@ -49,7 +52,8 @@ class GearCompliance(Effect):
     def on_form(self, form: SecondOrderForm, robot: Robot) -> SecondOrderForm:
         """Return the form in which the link's root also turns by the gear's twist."""
         compliance, j = self['compliance_rad_per_n_m'], self.index
-        if self['hub_share'] > LEAST_SHARE and compliance > RIGID and is_energy_form(form):
+        if self['hub_share'] > LEAST_SHARE and compliance > RIGID_RAD_PER_N_M \
+                and is_energy_form(form):
             return self._with_hub(form, robot)
         moment = root_moment(form, robot, j, robot.links[j].hub_radius)
         twisted = with_elastic_root(form, robot, j, compliance, moment,

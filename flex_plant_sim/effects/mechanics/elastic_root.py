@@ -18,6 +18,10 @@ from flex_plant_sim.effects.mechanics.kinematics import (
 )
 import numpy as np
 
+# Compliance, rad/(N m), below which a spring is rigid and gets no coordinate of its own, which
+# would be stiff and unobservable.
+RIGID_RAD_PER_N_M = 1e-7
+
 
 def root_moment(form: SecondOrderForm, robot: Robot, index: int, radius: float) -> Array:
     """Return the row of E I (w'' - radius w''') at a link's clamp, N m, (N,)."""

@@ -13,7 +13,7 @@ from flex_plant_sim.effects.mechanics.kinematics import (
 import numpy as np
 
 # Compliance, m/N, below which the grip counts as rigid and gets no coordinate.
-RIGID = 1e-7
+RIGID_GRIP = 1e-7
 # Mass of the grip, kg: its coordinate needs one if there is no payload.
 GRIP_MASS = 1e-6
 
@@ -39,7 +39,7 @@ class LoosePayload(Effect):
 
     def on_form(self, form: SecondOrderForm, robot: Robot) -> SecondOrderForm:
         """Return the form with the payload's displacement, m, as its last coordinate."""
-        if self['compliance_m_per_n'] < RIGID:
+        if self['compliance_m_per_n'] < RIGID_GRIP:
             return form
         wide, stiffness = with_coordinates(form, ('z_payload',)), 1.0 / self['compliance_m_per_n']
         elbow, tip, share = wide.field[0, 1], wide.field[1, 1], self['share']

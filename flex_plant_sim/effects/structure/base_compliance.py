@@ -5,7 +5,7 @@ from __future__ import annotations
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import SecondOrderForm
 from flex_plant_sim.effects.base import Effect, Parameter
-from flex_plant_sim.effects.mechanics.elastic_root import root_moment
+from flex_plant_sim.effects.mechanics.elastic_root import RIGID_RAD_PER_N_M, root_moment
 from flex_plant_sim.effects.mechanics.kinematics import (
     is_energy_form,
     with_coordinates,
@@ -13,8 +13,6 @@ from flex_plant_sim.effects.mechanics.kinematics import (
 )
 import numpy as np
 
-# Compliance, rad/(N m), below which the mounting counts as rigid and gets no coordinate.
-RIGID = 1e-7
 # Damping ratio of the base alone on its mounting: steel has 0.03 and less, rubber up to 0.3.
 MOUNTING_DAMPING = Parameter('damping_ratio', '', 0.03, 0.0, 2.0, (0.03,), np.inf, 0.15,
                              optional=True)
@@ -41,7 +39,7 @@ class BaseCompliance(Effect):
 
     def on_form(self, form: SecondOrderForm, robot: Robot) -> SecondOrderForm:
         """Return the form with the base's angle as its last coordinate."""
-        if self['compliance_rad_per_n_m'] < RIGID:
+        if self['compliance_rad_per_n_m'] < RIGID_RAD_PER_N_M:
             return form
         wide = with_coordinates(form, ('psi_base',))
         wide = with_root_turn(wide, robot, 0, np.eye(wide.order)[-1])

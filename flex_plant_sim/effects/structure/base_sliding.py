@@ -16,7 +16,7 @@ from flex_plant_sim.effects.structure.base_compliance import MOUNTING_DAMPING
 import numpy as np
 
 # Compliance, m/N, below which the mounting counts as rigid and gets no coordinate.
-RIGID = 1e-9
+RIGID_MOUNTING = 1e-9
 # Added to sin^2(theta_2) in the mass and spring of the shift along the upper link, so that they
 # stay above zero. The arm's response then has its poles in cos(theta_2) far enough beyond 1 for
 # the schedule's polynomials (1.05: 4e-4 with 25 nodes); of the coupling 83 % are left at 0.5 rad.
@@ -50,7 +50,7 @@ class BaseSliding(Effect):
 
     def on_form(self, form: SecondOrderForm, robot: Robot) -> SecondOrderForm:
         """Return the form with the base's shifts across and along as its last coordinates."""
-        if self['compliance_m_per_n'] < RIGID:
+        if self['compliance_m_per_n'] < RIGID_MOUNTING:
             return form
         return self._along(self._across(form, robot), robot)
 
