@@ -8,7 +8,7 @@ from functools import partial
 import math
 
 from flex_payload_estimator.control.joint_watch import ObedienceWatch, SpeedWatch
-from flex_payload_estimator.control.lqg import LOST, LQGController, LQGSettings
+from flex_payload_estimator.control.lqg import LQGController, LQGSettings, MOST_DOUBTED
 from flex_payload_estimator.control.safeguards import (
     BelievedPayload,
     CLOSING_TIME,
@@ -195,7 +195,7 @@ def test_a_predictor_that_is_lost_begins_again_at_the_measurement() -> None:
         command = controller.command(0.01 * k, output, command, 0.1, output[:2])
     assert controller.doubted == 0
     far = output + np.array([2.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    for k in range(50, 50 + LOST):
+    for k in range(50, 50 + MOST_DOUBTED):
         command = controller.command(0.01 * k, far, command, 0.1, output[:2])
         assert controller.doubted == k - 49
         assert abs(controller.state[0] - far[0]) > 1.0

@@ -7,7 +7,7 @@ import math
 
 from flex_payload_estimator.control.gauge_watch import DEAD, GaugeWatch
 from flex_payload_estimator.control.joint_watch import ObedienceWatch, SpeedWatch
-from flex_payload_estimator.control.lqg import GATE, LOST, LQGController, SMALLEST_VARIANCE
+from flex_payload_estimator.control.lqg import GATE, LQGController, MOST_DOUBTED, SMALLEST_VARIANCE
 from flex_payload_estimator.model.payload_model import SecondOrderModel
 from flex_plant_sim.arm.drive import Drive
 from flex_plant_sim.arm.robot import Robot
@@ -22,7 +22,7 @@ LARGE = 0.5
 # An angle within so much of its prediction is not too far from it, rad.
 LEAP = GATE * math.sqrt(SMALLEST_VARIANCE)
 # Samples after a gap in which the arm may be elsewhere: more than gate and predictor doubt.
-RECENT = 3 * LOST
+RECENT = 3 * MOST_DOUBTED
 # Interval between two samples, over the sampling time, from which one is missing.
 MISSING = 1.5
 

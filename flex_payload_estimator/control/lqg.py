@@ -20,10 +20,13 @@ import numpy as np
 # Standard deviations of the innovation beyond which a measurement is not used: an arm unlike its
 # model (30 % softer, six payloads, dry friction) stays below 3.
 GATE = 8.0
+# Variance by which the disturbance of a command may wander in a sample, (drive's own unit)^2: as
+# much as r_1 lets a state by default.
+DISTURBANCE = 1e-4
 # So many in a row mean that the predictor is lost, and it begins again at the measurement. Chosen:
 # at 100 Hz as long as a drive waits for a command. Angles that are 1 rad off for no longer move a
 # joint of an arm with links 15 % softer by 0.01 rad, for twice as long by 0.5 rad.
-LOST = 10
+MOST_DOUBTED = 10
 # What r_2 is by default, rad^2 and V^2: a predictor told of less noise is no better a judge.
 SMALLEST_VARIANCE = 1e-4
 
@@ -51,8 +54,6 @@ class LQGSettings:
     integrator : bool
         Estimate a constant disturbance of each command and take it out: integral action. It
         cannot wind up, because the predictor is driven by the limited command.
-    disturbance : float
-        Variance by which that disturbance may wander in a sample.
     command_limit : float
         Largest magnitude of either command, beside the drive's own.
 
@@ -66,7 +67,6 @@ class LQGSettings:
     r_2: float = 1e-4
     terms: int = 15
     integrator: bool
-    disturbance: float = 1e-4
     command_limit: float
 
 
@@ -111,7 +111,7 @@ class LQGController:
         self.q_1 = angles.T @ angles + end.T @ end
         self.q_2 = settings.q_2 * np.eye(2)
         process = np.full(n + extra, settings.r_1)
-        process[n:] = settings.disturbance
+        process[n:] = DISTURBANCE
         self._output_rows = np.hstack([self.model.output,
                                        np.zeros((len(self.model.output), extra))])
         self.kalman = KalmanPredictor(self._output_rows, np.diag(process),
@@ -221,7 +221,7 @@ class LQGController:
             self.doubted = 0
             return False
         self.doubted += 1
-        if self.doubted <= LOST:
+        if self.doubted <= MOST_DOUBTED:
             return True
         self.kalman.reset()
         self.leap = scaled[:2] - self.state[:2]

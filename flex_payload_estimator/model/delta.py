@@ -148,10 +148,9 @@ def halvings_for(spectral_radius: float, step: float, terms: int = 15) -> int:
     return halvings
 
 
-def delta_model(a: Array, b: Array, step: float, terms: int = 15,
-                halvings: int = 0) -> tuple[Array, Array]:
+def delta_model(a: Array, b: Array, step: float, halvings: int = 0) -> tuple[Array, Array]:
     """Return A-bar = Omega A (n, n) and B-bar = Omega B (n, m), (20), (21)."""
-    factor = omega(a, step, terms, halvings)
+    factor = omega(a, step, halvings=halvings)
     return factor.dot(a), factor.dot(b)
 
 

@@ -30,6 +30,9 @@ GAP_STEP_S = 0.01
 STAMP_SHARE = 0.1
 # Numbers beyond these are no reading: rad, m/m, and the drive's own unit.
 LARGEST_ANGLE, LARGEST_STRAIN, LARGEST_COMMAND = 1e6, 1.0, 1e6
+# Random walk of the payload while nothing tells of it, kg per square root of a second: chosen,
+# 0.015 kg in a minute.
+REST_DRIFT = 2e-3
 # Where the published variance has to be multiplied by more than this, no mode's model holds.
 SUSPECT_FACTOR = 3.0
 
@@ -313,7 +316,7 @@ class RecursivePredictionError:
 
     def _drift(self) -> None:
         """Let the payload walk at random at rest, where nothing tells of it."""
-        variance = self.settings.rest_drift**2 * self.arm.step_time
+        variance = REST_DRIFT**2 * self.arm.step_time
         for f in self._filters():
             self.stepper.drift(f, variance)
         self._excitation.moments = None

@@ -33,22 +33,18 @@ class RpeSettings:
         Largest payload, kg; None takes base.largest_payload.
     torque_noise : tuple of float
         Told process noise: standard deviation of a torque on each joint, held over a sample, N m.
-    rest_drift : float
-        Random walk of the payload while nothing tells of it, kg per square root of a second.
 
     """
 
     payload_max: float | None = None
     torque_noise: tuple[float, float] = (0.0, 0.0)
-    rest_drift: float = 2e-3
 
     def __post_init__(self) -> None:
         """Validate."""
         if self.payload_max is not None and not self.payload_max > 0.0:
             raise InputError(f'payload_max: expected a number > 0, got {self.payload_max!r}')
-        if min(*self.torque_noise, self.rest_drift) < 0.0:
-            raise InputError('torque_noise, rest_drift: expected numbers >= 0, '
-                             f'got {self.torque_noise}, {self.rest_drift!r}')
+        if min(self.torque_noise) < 0.0:
+            raise InputError(f'torque_noise: expected numbers >= 0, got {self.torque_noise}')
 
 
 def stepper_of(robot: Robot, model: str, modes: int, effects: Sequence[Effect],
