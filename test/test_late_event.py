@@ -97,8 +97,9 @@ def test_the_busiest_windows_are_looked_at_first(size: int, every: int, expected
     """A limit that is met in one window in eight shows there alone."""
     command = np.zeros((10 * size, 2))
     command[::2, 0], command[51:60, 1] = 1e-3, 1.0
-    record = Record('busy', 0.01 * np.arange(len(command), dtype=float), command, np.zeros_like(command), 0.1)
-    windows = Windows(record, 10 * np.arange(size), 10, 0)
+    time = 0.01 * np.arange(len(command), dtype=float)
+    windows = Windows(Record('busy', time, command, np.zeros_like(command), 0.1),
+                      10 * np.arange(size), 10, 0)
     assert windows.busiest(every).tolist() == expected
 
 
