@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from flex_payload_estimator.estimators.base import Estimate
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
+from flex_payload_estimator.estimators.rpe.sensors import start_spread
 from flex_plant_sim.arm.robot_file import load_robot
+from flex_plant_sim.effects.drive.motor_lag import MotorLag
+from flex_plant_sim.effects.sensor.strain_filter import StrainFilter
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 import pytest
 from truth.records import draw_case, make_record
@@ -47,3 +51,15 @@ def test_a_pass_finds_the_payload_from_which_a_wrong_model_was_led_away() -> Non
     last = found[-1]
     assert estimator.incumbent.passes > 0
     assert abs(last.mass - payload) < min(0.1 * payload, 3.0 * last.variance**0.5)
+
+
+def test_a_filtered_strain_begins_as_uncertain_as_the_strain() -> None:
+    """With 1 m/m for it, each new start forgot what gauges had told (a filter of 0.3 ms)."""
+    robot = load_robot('reference')
+    arm = ExtendedArm(robot, 'assumed_modes', 3, effects=(
+        StrainFilter('arm', (0.02, 0.8)), MotorLag('joint_1', (0.03, 0.0))))
+    spread, own = start_spread(arm), arm.own_states
+    bare = ExtendedArm(robot, 'assumed_modes', 3)
+    gauges = np.sqrt(bare.output_matrix[2:]**2 @ spread[:own]**2)
+    np.testing.assert_allclose(spread[own:-1], np.tile(gauges, 2))
+    assert spread.size == arm.states and spread[-1] == pytest.approx(1.0)

@@ -174,8 +174,7 @@ def test_no_rate_of_the_samples_stops_an_arm_for_a_payload_that_is_not_known(
 
 def test_the_largest_payload_is_the_parameter_s_or_follows_from_the_robot() -> None:
     assert largest_payload(ROBOT, 0.3) == 0.3
-    assert largest_payload(ROBOT, 0.0) == pytest.approx(
-        2.0 * (ROBOT.moved_mass + ROBOT.payload_mass))
+    assert largest_payload(ROBOT, 0.0) == 4.0 * ROBOT.links[1].mass + 2.0 * ROBOT.payload_mass
 
 
 def test_square_set_points_beyond_the_joints_are_refused() -> None:

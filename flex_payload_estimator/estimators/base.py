@@ -85,6 +85,10 @@ class PayloadEstimator(Protocol):
     def takes_parts_as_told(self) -> bool:
         """Return whether the estimate and its variance hold only if all parts are as told."""
 
+    @property
+    def payload_max(self) -> float:
+        """Return the largest payload that is looked for, kg."""
+
     def reset(self) -> None:
         """Go back to the start: forget state and payload."""
 
@@ -136,10 +140,9 @@ def within_range(mass: float, variance: float, heaviest: float) -> tuple[float, 
 
 def largest_payload(robot: Robot, told: float | None) -> float:
     """
-    Return the largest payload, kg: as told, or twice what the arm moves with that of its file.
+    Return the largest payload, kg: as told, or four lower links and twice the file's.
 
-    No arm of motors and links carries twice its own moving mass. A payload beyond the range reads
-    as one inside it with a worse model, `ok` and wrong; a range that is too wide costs little, as
-    a heavier payload changes the arm by m / (m + soft mass).
+    The file says what the arm is to carry; a wider range makes the start longer, and what walks
+    or jumps less certain.
     """
-    return float(told or 2.0 * (robot.moved_mass + robot.payload_mass))
+    return float(told or 4.0 * robot.links[1].mass + 2.0 * robot.payload_mass)

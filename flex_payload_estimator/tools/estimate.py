@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import sys
 from typing import Any
 
-from flex_payload_estimator.estimators.base import PayloadEstimator
+from flex_payload_estimator.estimators.base import Event, PayloadEstimator
 from flex_payload_estimator.estimators.factory import coriolis_of, make_estimator
 from flex_payload_estimator.estimators.rpe import compiled_step
 from flex_payload_estimator.tools.words import decimals_of, with_uncertainty
@@ -46,6 +46,10 @@ class Estimates:
         The estimator's status, N.
     parts_as_told : bool
         Whether the last estimate holds only if all parts are as the robot file says.
+    largest : float
+        Largest payload that was looked for, kg.
+    changes : tuple of Event
+        The changes of the payload that were found; times since the log's start.
 
     """
 
@@ -55,6 +59,8 @@ class Estimates:
     variance: Array
     status: tuple[str, ...]
     parts_as_told: bool
+    largest: float
+    changes: tuple[Event, ...] = ()
 
     def row(self, index: int) -> tuple[float, float]:
         """Return payload and standard deviation at a sample, kg."""
@@ -76,6 +82,8 @@ class Estimates:
             'at_s': {key: self.row(k)[0] for key, k in self.marks().items()},
             'std_at_s': {key: self.row(k)[1] for key, k in self.marks().items()},
             'status': self.status[-1], 'status_samples': counts,
+            'changes': [{'time_s': event.time, 'before_kg': event.before, 'after_kg': event.after}
+                        for event in self.changes],
             'parts_as_told': self.parts_as_told}
 
     def table(self) -> str:
@@ -89,9 +97,14 @@ class Estimates:
             lines.append(f'  {label:>14}   {with_uncertainty(mass, std)} kg   {self.status[k]}')
         low, high = self.results()['interval95_kg']
         digits = decimals_of(std)
+        changes = [f'  {f"change, {event.time:.2f} s":>14}   {event.before:.3g} -> '
+                   f'{event.after:.3g} kg' for event in self.changes]
+        reached = high > self.largest
+        note = [f'  It reaches the largest payload that is looked for, {self.largest:.3g} kg: '
+                '--payload-max raises that.'] if reached else []
         if_told = ', if every part is as the robot file says' if self.parts_as_told else ''
-        return '\n'.join([*lines, f'  {"95 % interval":>14}   {low:.{digits}f} … '
-                                  f'{high:.{digits}f} kg{if_told}'])
+        return '\n'.join([*lines, *changes, f'  {"95 % interval":>14}   {low:.{digits}f} … '
+                                  f'{high:.{digits}f} kg{if_told}', *note])
 
 
 def estimate(log: Log, estimator: PayloadEstimator) -> Estimates:
@@ -115,12 +128,16 @@ def estimate(log: Log, estimator: PayloadEstimator) -> Estimates:
     answers = [estimator.update(float(t), y, u) for t, y, u in zip(time, log.measured, applied)]
     return Estimates(log.source, time, np.array([a.mass for a in answers]),
                      np.array([a.variance for a in answers]), tuple(a.status for a in answers),
-                     estimator.takes_parts_as_told)
+                     estimator.takes_parts_as_told, estimator.payload_max,
+                     tuple(estimator.events))
 
 
-def estimate_file(path: str, robot: Robot, name: str, model: str, modes: int) -> Estimates:
+def estimate_file(path: str, robot: Robot, name: str, model: str, modes: int,
+                  payload_max: float | None = None) -> Estimates:
     """
     Return the estimates over a log file; the log's sampling time replaces the robot's.
+
+    `payload_max` is the largest payload, kg; None takes what `largest_payload` says.
 
     Raises
     ------
@@ -132,7 +149,7 @@ def estimate_file(path: str, robot: Robot, name: str, model: str, modes: int) ->
     if name == 'rpe':
         say_if_compiling(compiled_step.step_packed)
     return estimate(log, make_estimator(
-        name, replace(robot, sample_time=log.sample_time), model, modes))
+        name, replace(robot, sample_time=log.sample_time), model, modes, payload_max=payload_max))
 
 
 def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
@@ -143,6 +160,9 @@ def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
     row = load_parameters()['payload_estimator']['estimator']
     options.add_argument('--estimator', default=row.default, choices=row.choices,
                          help='payload estimator')
+    options.add_argument('--payload-max', type=command_line.mass, metavar='KG',
+                         help='largest payload that is looked for, kg; without it that of the '
+                              'node: four lower links and twice the payload of the robot file')
     command_line.add_json_argument(options)
     return options.parse_args(arguments)
 
@@ -162,7 +182,8 @@ def _write(options: argparse.Namespace, robot: Robot, write: Callable[..., Any])
           f'{model_words(robot.name, options.model, options.modes, forces)}')
     found: list[Estimates] = []
     for path in options.log:
-        one = write(estimate_file, path, robot, options.estimator, options.model, options.modes)
+        one = write(estimate_file, path, robot, options.estimator, options.model, options.modes,
+                    options.payload_max)
         if one is not None:
             found.append(one)
             write(print, one.table())

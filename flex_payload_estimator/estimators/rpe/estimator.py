@@ -20,6 +20,7 @@ from flex_plant_sim.arm.models import DEFAULT_MODEL, DEFAULT_MODES
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.effects import effects_of
+from flex_plant_sim.interval import Z95
 from msg_config.errors import InputError
 import numpy as np
 
@@ -63,6 +64,8 @@ class RecursivePredictionError:
     stepper : FilterStep
     arm : ExtendedArm
         The model, with the robot file's effects.
+    payload_max : float
+        Largest payload, kg.
     settings : RpeSettings
 
     """
@@ -71,7 +74,7 @@ class RecursivePredictionError:
                  settings: RpeSettings | None = None):
         self.settings = settings or RpeSettings()
         self.stepper = stepper_of(robot, model, modes, effects_of(robot), self.settings)
-        self.arm = self.stepper.effects.arm
+        self.arm, self.payload_max = self.stepper.effects.arm, self.stepper.heaviest
         self._competition, self._start = ModeCompetition(self.stepper), StartBank(self.stepper)
         self._outliers = OutlierTests(self.stepper)
         self._channels = self.stepper.told_variance.size
@@ -332,9 +335,10 @@ class RecursivePredictionError:
             mass, variance = self._start.moments()
         else:
             mass, variance = self.stepper.published(best, moments, factor)
-        suspect = factor > SUSPECT_FACTOR
-        status = 'model_suspect' if suspect else 'ok' if self._excitation.excited \
-            and self._incumbent is not None else 'not_excited'
+        tells = self._excitation.excited and self._incumbent is not None
+        cut_by_range = tells and mass + Z95 * math.sqrt(variance) > self.payload_max
+        status = 'model_suspect' if factor > SUSPECT_FACTOR or cut_by_range \
+            else 'ok' if tells else 'not_excited'
         # To unpack an array takes as long as ten of these lines: it ends in an exception.
         innovations = best.innovations.copy()
         self._last = Estimate(time, mass, variance, best.variance, innovations[0],

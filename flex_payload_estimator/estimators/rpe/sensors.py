@@ -8,6 +8,7 @@ from flex_payload_estimator.estimators.rpe.compiled_step import DRIVE, MEAN, STR
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
 # Memory of the loads, s: about a period of the arm.
 LOAD_MEMORY_S = 0.3
@@ -38,8 +39,24 @@ def start_spread(arm: ExtendedArm) -> Array:
         swing += list(size * link.beam(arm.modes).frequencies)
     extra = [1.0] * (0 if arm.compact else arm.form.order - 2 - 2 * arm.modes)
     turning = [] if arm.compact else [1.0, 1.0]
-    spread = [1.0, 1.0, *bend, *extra, *turning, *swing, *extra]
-    return np.array(spread + [1.0] * (arm.states - len(spread)))
+    spread = np.array([1.0, 1.0, *bend, *extra, *turning, *swing, *extra])
+    return np.concatenate([spread, _added_spread(arm, spread)])
+
+
+def _added_spread(arm: ExtendedArm, spread: Array) -> Array:
+    """
+    Return the standard deviation of the states that lags and filters add, from the others' (e,).
+
+    With A_z, A_zx, B of the added states z, dz/dt = A_z z + A_zx x + B u, these follow slow motion
+    by z = -A_z^-1 (A_zx x + B u), with commands of one unit. States of one filter are as uncertain
+    as the most uncertain of them: a filtered strain as the strain, in m/m.
+    """
+    plant, own = arm.plant, spread.size
+    among = plant.a[0, own:, own:]
+    following = -np.linalg.pinv(among) @ np.hstack([plant.a[0, own:, :own], plant.b[0, own:]])
+    found = np.sqrt(following**2 @ np.append(spread, [1.0, 1.0])**2)
+    _, filters = connected_components(among != 0.0, directed=False)
+    return np.array([found[filters == one].max() for one in filters])
 
 
 class Loads(NamedTuple):

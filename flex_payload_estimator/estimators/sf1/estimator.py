@@ -116,7 +116,7 @@ class SF1Estimator:
             np.pad(self.model.output, ((0, 0), (0, 1))), self._sensors, self.model.scale,
             float(weights**2 @ self._sensors), given.r_2 / share * float(weights @ weights),
             self._settled_noise(), given.sf1.alpha_0 * share, given.sf1.alpha_1,
-            largest_payload(self.robot, given.payload_max), given.sf1.variance_0,
+            self.payload_max, given.sf1.variance_0,
             min(1.0, pace / MEMORY), min(1.0, self.step / MEMORY), self._resolvent))
 
     def _settled_noise(self) -> float:
@@ -251,6 +251,11 @@ class SF1Estimator:
     def takes_parts_as_told(self) -> bool:
         """Return True: SF1 knows no tolerances."""
         return True
+
+    @property
+    def payload_max(self) -> float:
+        """Return the largest payload that is looked for, kg."""
+        return largest_payload(self.robot, self.settings.payload_max)
 
     def prepare(self, command: Array) -> None:
         """
