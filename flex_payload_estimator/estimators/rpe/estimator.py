@@ -11,6 +11,7 @@ from flex_payload_estimator.estimators.rpe.compiled_step import is_reading
 from flex_payload_estimator.estimators.rpe.events import EventLog
 from flex_payload_estimator.estimators.rpe.excitation import Excitation
 from flex_payload_estimator.estimators.rpe.filter import Filter, Sample
+from flex_payload_estimator.estimators.rpe.first_sample import FirstSample
 from flex_payload_estimator.estimators.rpe.likelihood import POOR_FIT, reduced_chi_square
 from flex_payload_estimator.estimators.rpe.outliers import OutlierTests
 from flex_payload_estimator.estimators.rpe.sensors import Loads
@@ -87,8 +88,7 @@ class RecursivePredictionError:
         self.reset()
         # At rest, and with joints that move, so that the bank begins.
         for k, angle in enumerate((0.0, 0.0, 0.0, 0.1, 0.2)):
-            measured = np.zeros(self._channels)
-            measured[:2] = angle
+            measured = np.repeat([angle, 0.0], (2, self._channels - 2))
             self.prepare(np.zeros(2))
             self.update(self.arm.step_time * k, measured, np.zeros(2))
         self.stepper.drift(self._start.best(), 0.0)
@@ -96,11 +96,16 @@ class RecursivePredictionError:
 
     def reset(self) -> None:
         """Forget everything."""
+        self._first = FirstSample(self.stepper.told_variance)
+        self.rejected = 0
+        self._forget()
+
+    def _forget(self) -> None:
+        """Forget every sample."""
         self._competition.clear()
         self._start.clear()
         self._outliers.clear()
         self.stepper.effects.reset()
-        self.rejected = 0
         self._log = EventLog()
         self._incumbent: Filter | None = None
         self._excitation = Excitation(self.stepper)
@@ -158,6 +163,8 @@ class RecursivePredictionError:
                              f'shapes {output.shape} and {command.shape}')
         sent = is_reading(command, self._largest_command)
         good = sent and math.isfinite(time) and is_reading(output, self._largest)
+        if good and self._first.is_off(output):
+            self._forget()
         if math.isnan(self._time):
             return self._begin(time, output) if good else self._reject(time)
         if sent:
@@ -287,21 +294,14 @@ class RecursivePredictionError:
     def _missing(self, steps: int) -> Iterator[Sample]:
         """Yield the samples that a gap lacks, several in one while the arm hardly turns."""
         step, effects = self.arm.step_time, self.stepper.effects
-        variance = self._lost_command_variance(steps)
+        # An error that is constant over the gap is as white noise so many times as large.
+        change = self._command - self._previous_command
+        variance = steps * (change * change + self._loads.drive)
         most = 1 if effects.moves or effects.memory else max(1, round(GAP_STEP_S / step))
         for done in range(0, steps - 1, most):
             some = min(most, steps - 1 - done)
             yield self._sample(self._time + (done + some) * step, None, self._command)._replace(
                 command_variance=variance, steps=some)
-
-    def _lost_command_variance(self, steps: int) -> Array:
-        """
-        Return the variance of the commands that were lost in a gap of so many samples, (2,).
-
-        The error is constant over the gap; as white noise it counts that many times as much.
-        """
-        change = self._command - self._previous_command
-        return steps * (change * change + self._loads.drive)
 
     def _take_prediction(self, time: float) -> Sample | None:
         """Return the sample that `prepare` predicted if it is the present one; else undo that."""
