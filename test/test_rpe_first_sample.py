@@ -44,7 +44,8 @@ def test_a_first_sample_that_the_next_ones_deny_costs_nothing(glitch: list[float
 
 @pytest.mark.parametrize('samples, off', [
     ([0.0, 0.0, 0.0], False), ([1.0, 0.0, 0.0], True), ([0.0, 1.0, 0.0], False),
-    ([0.0, 1.0, 2.0], False), ([0.0, 0.05, 0.05], False), ([0.0, 1.0, 1.2], True)])
+    ([0.0, 1.0, 2.0], False), ([0.0, 0.05, 0.05], False), ([0.0, 1.0, 1.2], False),
+    ([0.0, 1.0, 1.05], True)])
 def test_only_a_leap_after_the_first_sample_denies_it(samples: list[float], off: bool) -> None:
     first = FirstSample(np.array([1e-4, 1.0]))
     found = [first.is_off(np.array([sample, 0.0])) for sample in samples]

@@ -244,12 +244,14 @@ def _with_error_note(log: Log, rows: Rows, grid: Grid) -> Log:
              for slip in found if slip.lasting]
     single = [error for error in found if not error.lasting]
     if single:
-        error = single[0]
+        error, counted = single[0], (
+            'a single number contradicts' if len(single) == 1 else
+            f'{len(single)} single numbers contradict')
         name, value = names[error.column], values[start + error.row, error.column]
         notes.append(
-            f'{len(single)} single numbers contradict the samples around them, first '
+            f'{counted} the samples around, first '
             f'{place_of(error)}: {name}: {value:.6g}, where {value - error.error:.6g} would fit; '
-            'kept as they are' + ('; or the arm was pushed' if name in COMMANDS else ''))
+            'kept as it is' + ('; or the arm was pushed' if name in COMMANDS else ''))
     return replace(log, notes=(*log.notes, *notes))
 
 

@@ -7,16 +7,15 @@ import numpy as np
 
 # A leap of so many standard deviations of its noise is none of it: one in 1e9 first samples.
 LEAP = 9.0
-# An arm that begins to move leaps from its second sample on, or in both steps alike.
-ALIKE = 4.0
 
 
 class FirstSample:
     """
-    The first three samples, of which the first may be no reading.
+    The first three samples of an arm at rest, of which the first may be no reading.
 
     An amplifier that settles, or a driver that starts at zero, gives a first sample that the next
-    ones deny. A filter that began there would take it for a bent arm that swings.
+    ones deny. A filter that began there would take it for a bent arm that swings. Of an arm that
+    moves, nothing tells a wrong first sample from the first step.
 
     Parameters
     ----------
@@ -36,5 +35,5 @@ class FirstSample:
         if len(self._head) < 3:
             return False
         first, second, third = self._head
-        leap = np.abs(second - first)
-        return bool(((leap > self._leap) & (leap > ALIKE * np.abs(third - second))).any())
+        rests = bool((np.abs(third - second) <= self._leap).all())
+        return rests and bool((np.abs(second - first) > self._leap).any())

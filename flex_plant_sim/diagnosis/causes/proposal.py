@@ -133,10 +133,13 @@ class ProposalScorer:
         width, centre = prior.width[sizes], (prior.centre - shape)[sizes]
         hessian = products[0] / deviation[:, None] / deviation
         gradient = products[1] / deviation
-        total = hessian + np.diag(width**-2.0)
-        best = np.clip(np.linalg.solve(total, centre / width**2 - gradient),
+        # Two sizes may do the same so strongly that rounding leaves nothing of the prior's one.
+        values, vectors = np.linalg.eigh(np.eye(sizes.size) + width[:, None] * hessian * width)
+        values = np.maximum(values, 1.0)
+        scaled = vectors.T @ (centre / width - width * gradient) / values
+        best = np.clip(width * (vectors @ scaled),
                        (hypothesis.low - shape)[sizes], (hypothesis.high - shape)[sizes])
-        occam = 0.5 * float(np.linalg.slogdet(width[:, None] * total * width)[1])
+        occam = 0.5 * float(np.sum(np.log(values)))
         information = np.zeros(shape.size)
         information[sizes] = np.diagonal(hessian)
 
