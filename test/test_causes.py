@@ -17,7 +17,12 @@ from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.diagnosis.verdict.detection import detection_limits, visible_size
-from flex_plant_sim.diagnosis.verdict.verdict import nominal_base, slowest_frequency
+from flex_plant_sim.diagnosis.verdict.results import ParameterValue
+from flex_plant_sim.diagnosis.verdict.verdict import (
+    cause_sentence,
+    nominal_base,
+    slowest_frequency,
+)
 from flex_plant_sim.effects import catalogue
 import numpy as np
 import pytest
@@ -193,6 +198,26 @@ def test_the_proposal_of_a_discrete_value_gains_what_that_value_does() -> None:
     gain = 0.5 * residual @ residual - 0.5 * np.sum((residual + 2.0 * change)**2)
     assert scorer.propose(two, [sensitivity]).linear_gain == pytest.approx(gain, abs=1e-5)
     assert np.all(np.array(scorer.propose(two, [sensitivity]).starts) == 3.0)
+
+
+def test_sizes_that_do_the_same_are_parted_by_their_prior() -> None:
+    """Joints that turn without a command told 1e27 of both levels; the equations were singular."""
+    asymmetric = next(h for h in all_hypotheses(REFERENCE)
+                      if h.label == 'asymmetric_friction:joint_1')
+    change = 1e13 * np.ones((2, 8), dtype=np.float32)
+    scorer = ProposalScorer(-0.3 * change[:1], np.zeros(0), np.ones(8), 28.0)
+    deviation = np.where(asymmetric.is_size, 1.0, 0.0)
+    found = scorer.propose(asymmetric, [Sensitivity(asymmetric.null, deviation, change)])
+    best = found.starts[0][asymmetric.is_size]
+    assert np.isfinite(found.linear_gain) and best == pytest.approx([0.15, 0.15], rel=0.1)
+
+
+def test_a_filter_is_said_by_how_late_slow_strains_come() -> None:
+    """One lag of 12 ms is fitted by an order of two as 2 ms and much damping."""
+    hypothesis, = (h for h in all_hypotheses(REFERENCE) if h.label == 'strain_filter:arm')
+    values = [ParameterValue('time_constant_s', 0.002, 0.001, 0.003, 's'),
+              ParameterValue('damping', 3.0, 2.0, 4.0, '')]
+    assert 'so that slow strains come 12 ms late' in cause_sentence(hypothesis, values)
 
 
 def test_nothing_is_found_where_nothing_is_hidden(clean: tuple[SearchResult, Data]) -> None:

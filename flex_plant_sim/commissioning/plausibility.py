@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import math
 
 from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.single_link import GRAVITY
 
 # Least ratio of length to thickness. At this ratio shear and rotary inertia, which the
 # Euler-Bernoulli beam neglects, lower the first three frequencies of a clamped link by 0.4, 2.4
@@ -124,8 +125,11 @@ def _motion(robot: Robot, frequencies: tuple[float, ...], deflection: float) -> 
                f'{1.0 / (SAMPLES_PER_PERIOD * second):.2g} s to see the second mode, '
                f'{second:.3g} Hz')
     reach = sum(link.hub_radius + link.length for link in robot.links)
-    if deflection > 0.2 * reach:
-        yield (f'1 N bends the tip by {deflection:.2g} m, the arm reaches {reach:.2g} m: large '
-               'deflections are outside the model; are thickness and modulus right?')
+    # A tip is seldom moved harder than gravity would bend it.
+    force = GRAVITY * max(robot.payload_mass, robot.links[1].mass)
+    if force * deflection > 0.2 * reach:
+        yield (f'{force:.2g} N, the weight of payload or lower link, bends the tip by '
+               f'{force * deflection:.2g} m, the arm reaches {reach:.2g} m: large deflections are '
+               'outside the model; are thickness and modulus right?')
     if deflection < 1e-5 * reach:
         yield f'1 N bends the tip by {1e6 * deflection:.2g} um: is this arm flexible at all?'

@@ -170,6 +170,11 @@ class Effect(ABC):
         return int(self.site.rstrip('abcdefgh').rsplit('_', 1)[1]) - 1
 
     @property
+    def remark(self) -> str:
+        """Return what the values amount to, for a reader; mostly nothing."""
+        return ''
+
+    @property
     def modes(self) -> int:
         """Return the least number of shapes per link that the effect requires."""
         return 0

@@ -41,7 +41,7 @@ FOLLOWS = 0.5
 # sixteenth of its motion. Simulated arms with a cause have 0.9 and more, a real arm of another
 # make 0.6.
 UNRELATED = 0.25
-# Two channels look exchanged if exchanging them leaves less than this share of the squared
+# Two channels look exchanged if exchanging them leaves each less than this share of its squared
 # difference from the model. Simulated logs leave 0.3 to 0.7 of it if channels are exchanged, and
 # more than 1 if not.
 EXCHANGE_GAIN = 0.75
@@ -152,8 +152,9 @@ def _exchanged(measured: Array, expected: Array, names: Sequence[str], units: Se
         # Of one link, as strain_1a and strain_1b.
         if units[i] == 'm/m' and names[i][-1].isalpha() and names[i][:-1] == names[j][:-1]:
             return _sizes_exchanged(size[i] - size[j], wanted[i] - wanted[j])
-        return (squared_difference(i, j) + squared_difference(j, i)
-                < EXCHANGE_GAIN * (squared_difference(i, i) + squared_difference(j, j)))
+        # Each is more like the other: joints that move alike leave one of the two worse.
+        return all(squared_difference(a, b) < EXCHANGE_GAIN * squared_difference(a, a)
+                   for a, b in ((i, j), (j, i)))
     for i, j in combinations(alive, 2):
         if units[i] == units[j] and looks_exchanged(i, j):
             also = ', or the commands' if units[i] == 'rad' else ''

@@ -20,6 +20,8 @@ import numpy as np
 # Starts of a proposal at most, the best first; probed values it offers to start from at most, and
 # at least one of each size. Both are budgets.
 MAX_STARTS, MAX_PROBE_STARTS = 2, 6
+# Information on sizes in single precision is known to this share of its largest part.
+ROUNDING = float(np.finfo(np.float32).eps)
 
 
 @dataclass(frozen=True)
@@ -135,7 +137,7 @@ class ProposalScorer:
         gradient = products[1] / deviation
         # Two sizes may do the same so strongly that rounding leaves nothing of the prior's one.
         values, vectors = np.linalg.eigh(np.eye(sizes.size) + width[:, None] * hessian * width)
-        values = np.maximum(values, 1.0)
+        values = np.maximum(values, max(1.0, ROUNDING * values[-1]))
         scaled = vectors.T @ (centre / width - width * gradient) / values
         best = np.clip(width * (vectors @ scaled),
                        (hypothesis.low - shape)[sizes], (hypothesis.high - shape)[sizes])

@@ -240,7 +240,8 @@ def cause_sentence(hypothesis: Hypothesis, values: Sequence[ParameterValue]) -> 
     sizes = [parameter_text(v) for v, p, counts in zip(
         values, hypothesis.parameters, hypothesis.is_size)
         if counts and not (p.optional and v.low <= p.null <= v.high)]
-    return f'{text.rstrip(".")} ({", ".join(sizes)}).'
+    remark = hypothesis.effect_at(np.array([v.value for v in values])).remark
+    return f'{text.rstrip(".")} ({", ".join([*sizes, remark] if remark else sizes)}).'
 
 
 def _verdict(found: SearchResult, causes: Sequence[Cause]
@@ -261,6 +262,9 @@ def _verdict(found: SearchResult, causes: Sequence[Cause]
         alike = ' '.join(dict.fromkeys(
             f'This record cannot tell {apart_text(names)}.' for names in sets))
         return 'cannot_tell', f'{sentence} {alike}', sets
+    nothing = found.posterior.nothing_probability
+    if nothing > MIN_RELATIVE_PROBABILITY:
+        return 'cause', f'{sentence} That nothing is wrong has {percent_text(nothing)}.', ()
     alone = '' if doubt(found.posterior) else (
         ' Nothing else in the catalogue explains the record as well.')
     return 'cause', f'{sentence}{alone}', ()

@@ -27,6 +27,12 @@ class StrainFilter(Effect):
     sites = 'amplifier'
     structural = True
 
+    @property
+    def remark(self) -> str:
+        """Return by how much slow signals come late, 2 zeta tau: of one lag that is its tau."""
+        late = 2e3 * self['damping'] * self['time_constant_s']
+        return f'so that slow strains come {late:.3g} ms late'
+
     def on_state_space(self, plant: StateSpace, robot: Robot) -> StateSpace:
         """Return the plant with (w, tau w') of each gauge as its last states."""
         if self['time_constant_s'] < NO_FILTER:
