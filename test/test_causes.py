@@ -204,10 +204,11 @@ def test_sizes_that_do_the_same_are_parted_by_their_prior() -> None:
     """Joints that turn without a command told 1e27 of both levels; the equations were singular."""
     asymmetric = next(h for h in all_hypotheses(REFERENCE)
                       if h.label == 'asymmetric_friction:joint_1')
-    change = 1e13 * np.ones((2, 8), dtype=np.float32)
+    change = np.full((2, 8), 1e13)
     scorer = ProposalScorer(-0.3 * change[:1], np.zeros(0), np.ones(8), 28.0)
     deviation = np.where(asymmetric.is_size, 1.0, 0.0)
-    found = scorer.propose(asymmetric, [Sensitivity(asymmetric.null, deviation, change)])
+    found = scorer.propose(asymmetric, [
+        Sensitivity(asymmetric.null, deviation, change.astype(np.float32))])
     best = found.starts[0][asymmetric.is_size]
     assert np.isfinite(found.linear_gain) and best == pytest.approx([0.15, 0.15], rel=0.1)
 
