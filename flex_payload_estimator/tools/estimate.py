@@ -103,8 +103,8 @@ class Estimates:
         note = [f'  It reaches the largest payload that is looked for, {self.largest:.3g} kg: '
                 '--payload-max raises that.'] if reached else []
         if_told = ', if every part is as the robot file says' if self.parts_as_told else ''
-        return '\n'.join([*lines, *changes, f'  {"95 % interval":>14}   {low:.{digits}f} … '
-                                  f'{high:.{digits}f} kg{if_told}', *note])
+        interval = f'{low:.{digits}f} … {high:.{digits}f} kg{if_told}'
+        return '\n'.join([*lines, *changes, f'  {"95 % interval":>14}   {interval}', *note])
 
 
 def estimate(log: Log, estimator: PayloadEstimator) -> Estimates:
