@@ -10,6 +10,7 @@ from typing import Any
 from flex_payload_estimator.control.loop import run_loop
 from flex_payload_estimator.control.lqg import LQGController, LQGSettings
 from flex_payload_estimator.control.set_points import square
+from flex_payload_estimator.estimators.base import Event
 from flex_payload_estimator.estimators.factory import make_estimator
 from flex_payload_estimator.tools import estimate
 from flex_plant_sim.arm.robot_file import load_robot
@@ -99,6 +100,19 @@ def test_the_log_s_sample_time_wins(tmp_path: Path) -> None:
     found = estimate.estimate_file(str(tmp_path / 'slow.csv'), ROBOT, 'sf1', 'paper_reduced', 2)
     assert found.time[-1] == pytest.approx(0.796)
     assert set(found.status) == {'not_excited'}
+
+
+def test_changes_and_the_end_of_the_range_are_said(
+        logs: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = estimate.Estimates('drop.csv', np.array([0.0, 1.0]), np.array([0.3, 0.1]),
+                               np.array([1e-4, 1e-4]), ('ok', 'ok'), False, 0.11,
+                               (Event(0.5, 0.6, 0.3, 0.1),))
+    assert 'change, 0.50 s   0.3 -> 0.1 kg' in found.table()
+    assert 'It reaches the largest payload that is looked for, 0.11 kg' in found.table()
+    assert found.results()['changes'] == [{'time_s': 0.5, 'before_kg': 0.3, 'after_kg': 0.1}]
+    # The payload is 0.15 kg.
+    assert estimate.main([str(logs[0]), *SF1, '--payload-max', '0.12']) == 0
+    assert 'the largest payload that is looked for, 0.12 kg' in capsys.readouterr().out
 
 
 def test_the_defaults_run_on_a_shared_record(shared_data: Path, tmp_path: Path) -> None:
