@@ -70,6 +70,7 @@ def test_a_controller_that_is_asked_to_end_leaves_a_command_of_zero(
         process.send_signal(number)
         _, error = process.communicate(timeout=20.0)
         assert process.returncode == code, error
+        loop.until(lambda: not np.any(commands[-1].effort))
         loop.wait(0.1)
         assert not np.any(commands[-1].effort)
     finally:

@@ -38,15 +38,14 @@ from msg_config.messages import (
 from msg_config.time_stamp import NANOSECONDS
 from msg_config.wire import MessageWriter
 import numpy as np
+from rclpy.duration import Duration
 from trajectory_msgs.msg import JointTrajectory
 
-# Interval of the watchdog, s: a command on its way to zero is sent twice in the time that drives
-# wait for one.
+# Interval of the watchdog, s: two commands on their way to zero in the time that drives wait.
 WATCH_INTERVAL = 0.5 * COMMAND_TIMEOUT
 # Most payloads that are kept until their sample comes: as many as a publisher keeps.
 MAX_EARLY_PAYLOADS = load_topics()['payload/inertia'].qos.depth
-# Payloads in time, one after another, after which the node waits for them again: at 100 Hz as long
-# as PAYLOAD_TIMEOUT.
+# Payloads in time in a row after which the node waits again: at 100 Hz over PAYLOAD_TIMEOUT.
 IN_TIME = 10
 # Time without a payload in time after which diagnostics say so, s: as long as drives wait for a
 # command. A single late payload does no harm.
@@ -105,6 +104,7 @@ class LQGControllerNode(SampleNode):
         self.restart()
         if self.order.last is not None:
             self._send(np.zeros(2), self.order.last, WATCH_INTERVAL)
+            self._command.wait_for_all_acked(Duration(seconds=COMMAND_TIMEOUT))
 
     def build(self, values: dict[str, Any]) -> Any:
         """Return the robot and the controller that the parameters describe."""
