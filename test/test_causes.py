@@ -6,9 +6,7 @@ from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.diagnosis.causes.gauss_newton import GaussNewton
 from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses, CauseSet
 from flex_plant_sim.diagnosis.causes.posterior import SetKey
-from flex_plant_sim.diagnosis.causes.proposal import ProposalScorer
 from flex_plant_sim.diagnosis.causes.search import search, SearchResult
-from flex_plant_sim.diagnosis.causes.sensitivity import Sensitivity
 from flex_plant_sim.diagnosis.likelihood.evidence import detectable_size
 from flex_plant_sim.diagnosis.likelihood.prior import imitation_odds, log_prior_odds
 from flex_plant_sim.diagnosis.pool import each
@@ -17,12 +15,7 @@ from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.diagnosis.verdict.detection import detection_limits, visible_size
-from flex_plant_sim.diagnosis.verdict.results import ParameterValue
-from flex_plant_sim.diagnosis.verdict.verdict import (
-    cause_sentence,
-    nominal_base,
-    slowest_frequency,
-)
+from flex_plant_sim.diagnosis.verdict.verdict import nominal_base, slowest_frequency
 from flex_plant_sim.effects import catalogue
 import numpy as np
 import pytest
@@ -186,39 +179,6 @@ def test_a_payload_told_wrong_is_found_though_parts_undo_most_of_it() -> None:
     best = found.posterior.best
     assert abs(best.values[0] - 0.04) < 2.0 * np.sqrt(best.covariance[0, 0]) < 0.01
     assert np.max(np.abs(found.nothing.fit.deviations / found.best.likelihood.tolerances)) > 3.0
-
-
-def test_the_proposal_of_a_discrete_value_gains_what_that_value_does() -> None:
-    # ln N of rows (8) less twice (3) a change: 0.5 |r|^2 - 0.5 |r + 2 c|^2; no more is asked.
-    rng, known = np.random.default_rng(3), all_hypotheses(REFERENCE)
-    two, = (h for h in known if h.label == 'modal_truncation:arm' and h.fixed_values == (3.0,))
-    residual, change = rng.normal(size=(2, 8))
-    sensitivity = Sensitivity(two.null, np.array([2.0]), (2.0 * change[None]).astype(np.float32))
-    scorer = ProposalScorer(residual[None], np.zeros(0), np.ones(8), 28.0)
-    gain = 0.5 * residual @ residual - 0.5 * np.sum((residual + 2.0 * change)**2)
-    assert scorer.propose(two, [sensitivity]).linear_gain == pytest.approx(gain, abs=1e-5)
-    assert np.all(np.array(scorer.propose(two, [sensitivity]).starts) == 3.0)
-
-
-def test_sizes_that_do_the_same_are_parted_by_their_prior() -> None:
-    """Joints that turn without a command told 1e27 of both levels; the equations were singular."""
-    asymmetric = next(h for h in all_hypotheses(REFERENCE)
-                      if h.label == 'asymmetric_friction:joint_1')
-    change = np.full((2, 8), 1e13)
-    scorer = ProposalScorer(-0.3 * change[:1], np.zeros(0), np.ones(8), 28.0)
-    deviation = np.where(asymmetric.is_size, 1.0, 0.0)
-    found = scorer.propose(asymmetric, [
-        Sensitivity(asymmetric.null, deviation, change.astype(np.float32))])
-    best = found.starts[0][asymmetric.is_size]
-    assert np.isfinite(found.linear_gain) and best == pytest.approx([0.15, 0.15], rel=0.1)
-
-
-def test_a_filter_is_said_by_how_late_slow_strains_come() -> None:
-    """One lag of 12 ms is fitted by an order of two as 2 ms and much damping."""
-    hypothesis, = (h for h in all_hypotheses(REFERENCE) if h.label == 'strain_filter:arm')
-    values = [ParameterValue('time_constant_s', 0.002, 0.001, 0.003, 's'),
-              ParameterValue('damping', 3.0, 2.0, 4.0, '')]
-    assert 'so that slow strains come 12 ms late' in cause_sentence(hypothesis, values)
 
 
 def test_nothing_is_found_where_nothing_is_hidden(clean: tuple[SearchResult, Data]) -> None:
