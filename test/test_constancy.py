@@ -30,7 +30,7 @@ SCALE, WIDTH, TOLERANCE = np.array([1.0, 1.5]), 3.0, 0.5
 ROW = 10.0 * RNG.standard_normal((CHANNELS, WINDOWS * LENGTH))
 PART = RNG.standard_normal((CHANNELS, WINDOWS * LENGTH))
 NOISE = SCALE[:, None] * RNG.standard_normal(ROW.shape)
-NO_PRIOR = ParameterPrior(*np.zeros((5, 0)))
+NO_PRIOR = ParameterPrior(*np.zeros((6, 0)))
 EMPTY = SufficientStatistics(np.zeros((1, 1, 1)), np.zeros(0), NO_PRIOR, np.zeros(0), 1.0,
                              np.zeros(1))
 NOTHING = Fit((), DiscrepancyModel(), np.zeros(0), np.zeros(0), np.ones(1), np.eye(1), EMPTY, 0.0)
@@ -43,7 +43,7 @@ def answer(sizes: Array, value: float = 0.8) -> float:
     residual = seen + value * ROW
     rows = np.stack([residual, ROW, PART])
     prior = ParameterPrior(np.zeros(1), np.array([WIDTH]), np.array([-np.inf]),
-                           np.array([np.inf]), np.zeros(1, bool))
+                           np.array([np.inf]), np.zeros(1, bool), np.zeros(1))
     statistics = SufficientStatistics(
         np.einsum('amn,bmn->mab', rows, rows), np.array([value]), prior, np.array([TOLERANCE]),
         ROW.shape[1], np.zeros(CHANNELS))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import math
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.diagnosis.causes.gauss_newton import fit_set
@@ -38,7 +39,8 @@ RNG = np.random.default_rng(7)
 COLUMNS, PRIOR_WIDTHS = RNG.standard_normal((30, 4)), np.array([0.5, 1.0, 2.0, 1e-9])
 RESIDUAL = RNG.standard_normal(30) + COLUMNS @ np.array([0.4, -1.0, 2.5, 0.0])
 NO_BOUNDS = np.array([-np.inf]), np.array([np.inf])
-PRIOR = ParameterPrior(np.array([1.0]), np.array([0.7]), *NO_BOUNDS, np.zeros(1, bool))
+PRIOR = ParameterPrior(np.array([1.0]), np.array([0.7]), *NO_BOUNDS, np.zeros(1, bool),
+                       np.zeros(1))
 
 
 def test_evidence_is_that_of_the_gaussian_it_stands_for() -> None:
@@ -110,8 +112,8 @@ def test_a_prior_keeps_the_mass_within_its_bounds(low: float, high: float) -> No
         return float(np.exp(-0.5 * left @ left + 0.5 * RESIDUAL @ RESIDUAL) * prior)
 
     prior = ParameterPrior(np.zeros(1), np.array([width]), np.array([low]), np.array([high]),
-                           np.zeros(1, bool))
-    inside = prior.log_truncation(marginal.mean, np.diagonal(marginal.covariance))
+                           np.zeros(1, bool), np.zeros(1))
+    inside = prior.log_correction(np.zeros(1), marginal.mean, np.diagonal(marginal.covariance))
     assert marginal.log_evidence + 0.5 * RESIDUAL @ RESIDUAL + inside == pytest.approx(
         np.log(quad(density, max(low, -8.0), min(high, 8.0))[0]), abs=1e-6)
 
@@ -122,7 +124,7 @@ def test_a_value_at_an_end_of_its_prior_is_weighed_up_to_there(end: float) -> No
     column, width = COLUMNS[:, 0], 0.7
     low, high = min(end, 0.1), max(end, 0.1)
     prior = ParameterPrior(np.zeros(1), np.array([width]), np.array([low]), np.array([high]),
-                           np.zeros(1, bool))
+                           np.zeros(1, bool), np.zeros(1))
     value = high if end < 0.0 else low
 
     def density(theta: float) -> float:
@@ -138,10 +140,49 @@ def test_a_value_at_an_end_of_its_prior_is_weighed_up_to_there(end: float) -> No
         np.log(quad(density, low, high)[0] / mass), abs=1e-6)
 
 
+@pytest.mark.parametrize('low, high', [(-np.inf, np.inf), (0.0, np.inf)])
+@pytest.mark.parametrize('truth', [0.1, 1.5, 5.0])
+def test_a_width_is_known_to_a_factor(truth: float, low: float, high: float) -> None:
+    """The evidence is that of a slab whose width has a Gaussian logarithm, by three widths."""
+    column, width, spread = COLUMNS[:, 0], 0.7, math.log(2.0)
+    slab = ParameterPrior(np.zeros(1), np.array([width]), np.array([low]), np.array([high]),
+                          np.zeros(1, bool), np.array([spread]))
+    residual = RESIDUAL - column * truth
+    nodes, weights = np.polynomial.hermite_e.hermegauss(3)
+    widths = width * np.exp(spread * nodes)
+    mass = norm.cdf(high, scale=widths) - norm.cdf(low, scale=widths)
+
+    def density(theta: float) -> float:
+        left = residual + column * theta
+        return float(np.exp(-0.5 * left @ left + 0.5 * RESIDUAL @ RESIDUAL)
+                     * (weights / weights.sum() / mass) @ norm.pdf(theta, scale=widths))
+
+    values = np.linspace(max(low, truth - 3.0), truth + 3.0, 60001)
+    best = values[np.argmax([density(theta) for theta in values])]
+    rows = np.stack([residual + column * best, column])[:, None]
+    statistics = SufficientStatistics(channel_products(rows, rows), np.array([best]), slab,
+                                      np.zeros(0), 30.0, np.zeros(1))
+    # No posterior here is wider than half a width: Laplace's method errs by less than this.
+    assert statistics.log_evidence(np.ones(1), 1.0) + 0.5 * RESIDUAL @ RESIDUAL == pytest.approx(
+        np.log(quad(density, max(low, truth - 4.0), truth + 4.0, limit=200)[0]), abs=0.03)
+
+
+def test_the_gaussian_that_stands_for_a_slab_has_its_slope() -> None:
+    slab = ParameterPrior(np.zeros(2), np.array([0.7, 2.0]), np.full(2, -np.inf),
+                          np.full(2, np.inf), np.zeros(2, bool), np.array([math.log(2.0), 0.0]))
+    offsets, step = np.array([3.1, 3.1]), 1e-6
+    for k, direction in enumerate(np.eye(2)):
+        slope = (slab.cost(offsets + step * direction)
+                 - slab.cost(offsets - step * direction)) / (2.0 * step)
+        assert slope == pytest.approx(offsets[k] / slab.working_width(offsets)[k]**2, rel=1e-6)
+    assert slab.working_width(offsets)[1] == pytest.approx(2.0)
+
+
 def test_a_shape_that_nature_may_lack_is_absent_as_likely_as_not() -> None:
     """One value, known badly and near its centre of 1, with half of its prior at 1."""
     column, width, value = 0.3 * COLUMNS[:, 0], 0.7, 1.1
-    spiked = ParameterPrior(np.ones(1), np.array([width]), *NO_BOUNDS, np.ones(1, bool))
+    spiked = ParameterPrior(np.ones(1), np.array([width]), *NO_BOUNDS, np.ones(1, bool),
+                            np.zeros(1))
 
     def likelihood(theta: float) -> float:
         left = RESIDUAL + column * (theta - value)

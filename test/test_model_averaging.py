@@ -22,7 +22,7 @@ import pytest
 from scipy.stats import norm
 from simulated_records import REFERENCE
 
-EMPTY = SufficientStatistics(np.zeros((1, 1, 1)), np.zeros(0), ParameterPrior(*np.zeros((5, 0))),
+EMPTY = SufficientStatistics(np.zeros((1, 1, 1)), np.zeros(0), ParameterPrior(*np.zeros((6, 0))),
                              np.zeros(0), 1.0, np.zeros(1))
 MASS, = (h for h in all_hypotheses(REFERENCE) if h.label == 'payload_mass:arm')
 DRAG, = (h for h in all_hypotheses(REFERENCE) if h.label == 'viscous_friction:joint_1')

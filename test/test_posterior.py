@@ -24,7 +24,7 @@ import pytest
 from scipy.stats import norm
 from simulated_records import REFERENCE
 
-NO_PRIOR = ParameterPrior(*np.zeros((5, 0)))
+NO_PRIOR = ParameterPrior(*np.zeros((6, 0)))
 EMPTY = SufficientStatistics(np.zeros((1, 1, 1)), np.zeros(0), NO_PRIOR, np.zeros(0), 1.0,
                              np.zeros(1))
 NOTHING = Fit((), DiscrepancyModel(), np.zeros(0), np.zeros(0), np.ones(1), np.eye(1), EMPTY, 0.0)
@@ -163,7 +163,7 @@ def test_what_stands_beside_a_cause_is_no_look_alike() -> None:
 def plain_fit(scale: tuple[float, ...], samples: int = 4) -> Fit:
     """Return a fit without causes and parts whose errors are so much larger than stated."""
     statistics = SufficientStatistics(
-        np.zeros((len(scale), 1, 1)), np.zeros(0), ParameterPrior(*np.zeros((5, 0))), np.zeros(0),
+        np.zeros((len(scale), 1, 1)), np.zeros(0), ParameterPrior(*np.zeros((6, 0))), np.zeros(0),
         samples, np.zeros(len(scale)))
     return Fit((), DiscrepancyModel(remainder=True), np.zeros(0), np.zeros(0), np.array(scale),
                np.zeros((0, 0)), statistics, -7.0)

@@ -98,9 +98,8 @@ class GaussNewton:
             return float('inf')
         products = np.tensordot(1.0 / (TEMPER * self.error_scale**2),
                                 self._products(residual[None]), 1)
-        offsets = (values - self.prior.centre) / self.prior.width
-        return 0.5 * (GaussianMarginal(products, self.likelihood.tolerances).quadratic
-                      + float(offsets @ offsets))
+        marginal = GaussianMarginal(products, self.likelihood.tolerances)
+        return 0.5 * marginal.quadratic + self.prior.cost(values - self.prior.centre)
 
     def residual_and_cost(self, values: Array) -> tuple[Array, float]:
         """Return residual (m, N) and cost at values, (k,)."""
@@ -206,9 +205,9 @@ class GaussNewton:
         low, high = self.causes.bounds
         statistics = self.statistics(point)
         products = statistics.weighted_products(self.error_scale)
-        k, widths = point.values.size, np.concatenate([self.prior.width, statistics.tolerances])
+        k, widths = point.values.size, np.concatenate([statistics.widths, statistics.tolerances])
         # In units of the prior widths, for values and parts together.
-        pull = np.concatenate([statistics.offsets / self.prior.width**2,
+        pull = np.concatenate([statistics.offsets / statistics.widths**2,
                                np.zeros(len(widths) - k)])
         gradient = widths * (products[1:, 0] + pull)
         hessian = widths[:, None] * products[1:, 1:] * widths + np.eye(len(widths))

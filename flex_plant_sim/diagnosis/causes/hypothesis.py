@@ -27,6 +27,8 @@ DIFFERENCE_SHARE = 0.05
 MIN_GRID_STARTS = 5
 # Prior width of a fixed parameter, in its unit; small enough to stand for a point.
 FIXED_WIDTH = 1e-9
+# Standard deviation of the logarithm of a parameter's typical size: to a factor of two.
+WIDTH_SPREAD = math.log(2.0)
 # Arms that are predicted at once; memory grows with them.
 BATCH_SIZE = 8
 
@@ -113,7 +115,8 @@ class Hypothesis:
         high = np.where(fixed | is_time, np.inf, self.high - centre)
         # An optional parameter is at null with probability 1/2.
         spiked = ~fixed & np.array([p.optional for p in self.parameters])
-        return ParameterPrior(centre, width, low, high, spiked)
+        spread = np.where(fixed | is_time, 0.0, WIDTH_SPREAD)
+        return ParameterPrior(centre, width, low, high, spiked, spread)
 
     def difference_steps(self, values: Array) -> Array:
         """

@@ -62,7 +62,7 @@ class InformationProbe:
         weight = 1.0 / (fit.error_scale * np.sqrt(TEMPER))[:, None]
         columns = np.concatenate([of_values, likelihood.part_jacobian]) * weight
         return cls(likelihood, columns.reshape(len(columns), -1),
-                   np.concatenate([fit.statistics.prior.width, likelihood.tolerances]), weight,
+                   np.concatenate([fit.statistics.widths, likelihood.tolerances]), weight,
                    centre.causes.duration)
 
     def __call__(self, hypothesis: Hypothesis, deviation: float) -> float:

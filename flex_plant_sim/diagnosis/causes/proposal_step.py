@@ -45,7 +45,7 @@ def proposal_scorer(state: SearchState, centre: RefinedFit, left_out: int | None
     weight = np.repeat(1.0 / (fit.error_scale * np.sqrt(TEMPER)), rows.shape[-1])
     return ProposalScorer(
         rows.reshape(len(rows), -1) * weight,
-        np.concatenate([fit.statistics.prior.width[kept], likelihood.tolerances]), weight,
+        np.concatenate([fit.statistics.widths[kept], likelihood.tolerances]), weight,
         state.data.duration)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from functools import cached_property
+import math
 
 from flex_plant_sim.arm.second_order import Array
 import numpy as np
@@ -124,19 +125,29 @@ def sandwich_covariance(covariance: Array, scores: Array) -> Array:
     return wider[:, None] * covariance * wider
 
 
+# Gauss and Hermite's rule of three nodes for a Gaussian: abscissae and weights.
+NODES = np.array([-math.sqrt(3.0), 0.0, math.sqrt(3.0)])
+LOG_WEIGHTS = np.log([1.0 / 6.0, 2.0 / 3.0, 1.0 / 6.0])
+
+
 @dataclass(frozen=True)
 class ParameterPrior:
     """
-    The prior of an effect's parameters: Gaussian slabs within bounds, some of them with a spike.
+    The prior of an effect's parameters: slabs within bounds, some of them with a spike.
+
+    A slab is Gaussian, with a width whose logarithm is Gaussian; three widths stand for all. At
+    values, the Gaussian of the `working_width` has the same slope as the slab.
 
     Attributes
     ----------
     centre, width : Array
-        Mean and standard deviation of the Gaussian, (k,).
+        Mean and, at the likeliest width, standard deviation of the slab, (k,).
     low, high : Array
         Values less the centre exist between these; -inf and inf where it has no bounds, (k,).
     spiked : Array
         True where half of the prior is a spike at the centre, (k,).
+    width_spread : Array
+        Standard deviation of the width's logarithm, (k,).
 
     """
 
@@ -145,6 +156,7 @@ class ParameterPrior:
     low: Array
     high: Array
     spiked: Array
+    width_spread: Array
 
     def subset(self, indices: Array) -> ParameterPrior:
         """Return the prior of some of the parameters, by their indices."""
@@ -152,24 +164,53 @@ class ParameterPrior:
 
     @property
     def log_mass(self) -> Array:
-        """Return the logarithm of the Gaussian's mass within the bounds, (k,)."""
+        """Return the log-mass within the bounds of the Gaussian of the likeliest width, (k,)."""
         return log_mass(self.low / self.width, self.high / self.width)
 
-    def log_truncation(self, mean: Array, variance: Array) -> float:
-        """
-        Return the log-ratio of posterior to prior mass within the bounds, nats.
+    @property
+    def _widths(self) -> Array:
+        """Return the widths that stand for all, (3, k)."""
+        return np.asarray(self.width * np.exp(NODES[:, None] * self.width_spread))
 
-        It corrects the evidence under the Gaussian without bounds.
+    def _log_densities(self, offsets: Array) -> Array:
+        """Return the log-density of values less the centres (k,) at each width, (3, k)."""
+        return (LOG_WEIGHTS[:, None] - np.log(self._widths)
+                - 0.5 * (offsets / self._widths)**2)
+
+    def cost(self, offsets: Array) -> float:
+        """Return minus the log-density at values less the centres, up to a constant, nats."""
+        return -float(np.sum(np.logaddexp.reduce(self._log_densities(offsets), axis=0)))
+
+    def working_width(self, offsets: Array) -> Array:
+        """Return the width of the Gaussian with the slab's slope at values less the centres."""
+        each = self._log_densities(offsets)
+        share = np.exp(each - np.logaddexp.reduce(each, axis=0))
+        return np.asarray(np.sum(share / self._widths**2, axis=0)**-0.5)
+
+    def log_correction(self, offsets: Array, mean: Array, variance: Array) -> float:
+        """
+        Return what corrects the evidence under Gaussians of the working widths, nats.
+
+        It is the log-ratio to the evidence under the slabs within their bounds.
 
         Parameters
         ----------
+        offsets : Array
+            Values less the centres where the working widths were taken, (k,).
         mean, variance : Array
-            Of the posterior of value - centre, (k,).
+            Of the posterior of value - centre under these, (k,).
 
         """
-        deviation = np.sqrt(variance)
-        inside = log_mass((self.low - mean) / deviation, (self.high - mean) / deviation)
-        return float(np.sum(inside - self.log_mass))
+        working, widths = self.working_width(offsets), self._widths
+        # The posterior mean of exp(-difference x^2 / 2), and the posterior times that.
+        difference = widths**-2 - working**-2
+        narrower = 1.0 + variance * difference
+        ratio = (np.log(working / widths) - 0.5 * np.log(narrower)
+                 - 0.5 * difference * mean**2 / narrower)
+        centre, deviation = mean / narrower, np.sqrt(variance / narrower)
+        inside = log_mass((self.low - centre) / deviation, (self.high - centre) / deviation)
+        ratio += inside - log_mass(self.low / widths, self.high / widths)
+        return float(np.sum(np.logaddexp.reduce(LOG_WEIGHTS[:, None] + ratio, axis=0)))
 
 
 def log_mass(low: Array, high: Array) -> Array:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 import math
 
@@ -57,6 +58,11 @@ class SufficientStatistics:
     samples: float
     channel_log_determinants: Array
 
+    @cached_property
+    def widths(self) -> Array:
+        """Return the standard deviations of Gaussians that stand for the prior, (k,)."""
+        return self.prior.working_width(self.offsets)
+
     def weighted_products(self, error_scale: Array, temper: float = TEMPER) -> Array:
         """Return the products summed over channels, each divided by its variance."""
         return np.asarray(np.tensordot(1.0 / (temper * error_scale**2), self.products, 1),
@@ -101,7 +107,7 @@ class SufficientStatistics:
         shift = np.eye(len(self.products[0]))
         shift[1:1 + self.offsets.size, 0] = -self.offsets
         return GaussianMarginal(shift.T @ self.weighted_products(error_scale, temper) @ shift,
-                                np.concatenate([self.prior.width, self.tolerances]))
+                                np.concatenate([self.widths, self.tolerances]))
 
     def fixed_at_centre(self, indices: Collection[int]) -> SufficientStatistics:
         """Return the statistics with some values fixed at the centres of their priors."""
@@ -139,9 +145,9 @@ class SufficientStatistics:
             quadratic = joint.quadratic
         else:
             quadratic = self.part_marginal(error_scale, temper).quadratic + float(
-                np.sum((self.offsets / self.prior.width)**2))
+                np.sum((self.offsets / self.widths)**2))
         evidence = -0.5 * quadratic - joint.half_log_determinant
         evidence -= float(np.sum(self.samples * np.log(error_scale)
                                  + self.channel_log_determinants)) / temper
-        return evidence + self.prior.log_truncation(
-            np.where(at_end, mean, self.offsets), variance)
+        return evidence + self.prior.log_correction(
+            self.offsets, np.where(at_end, mean, self.offsets), variance)

@@ -16,7 +16,8 @@ class PayloadInertia(Effect):
     explanation = 'The payload is bulky: it resists turning, not only moving.'
     parameters = (
         # 2e-4 kg m^2 is 0.1 kg at a radius of gyration of 45 mm.
-        Parameter('inertia_kg_m2', 'kg m^2', 0.0, 0.0, 0.2, (5e-4, 2e-3, 6e-3), 2e-4, 0.003),)
+        Parameter('inertia_kg_m2', 'kg m^2', 0.0, 0.0, 0.2,
+                  (5e-4, 2e-3, 6e-3, 2e-2), 2e-4, 0.003),)
     sites = 'arm'
     structural = True
 
