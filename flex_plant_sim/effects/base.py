@@ -43,9 +43,10 @@ class Parameter:
         Smallest deviation from null that matters in practice; inf if the parameter only shapes
         an effect whose size another parameter gives.
     typical : float
-        Standard deviation of the Gaussian prior around null: 68 % of the conceivable sizes on
-        robots of this kind are within it. The prior of a parameter that cannot be below null is
-        the upper half of that Gaussian. inf for a time, which may be anywhere in the record.
+        Likeliest standard deviation of the Gaussian prior around null: 68 % of the conceivable
+        sizes on robots of this kind are within it. The prior of a parameter that cannot be below
+        null is the upper half of that Gaussian. inf for a time, which may be anywhere in the
+        record.
     optional : bool
         Whether a robot file may leave it out; it then has its null value.
     discrete : bool

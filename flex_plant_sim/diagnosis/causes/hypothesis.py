@@ -115,7 +115,9 @@ class Hypothesis:
         high = np.where(fixed | is_time, np.inf, self.high - centre)
         # An optional parameter is at null with probability 1/2.
         spiked = ~fixed & np.array([p.optional for p in self.parameters])
-        spread = np.where(fixed | is_time, 0.0, WIDTH_SPREAD)
+        # `EventGrid` integrates over events with the likeliest width alone.
+        known = fixed | is_time | (self.event_index is not None)
+        spread = np.where(known, 0.0, WIDTH_SPREAD)
         return ParameterPrior(centre, width, low, high, spiked, spread)
 
     def difference_steps(self, values: Array) -> Array:
