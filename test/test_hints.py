@@ -78,6 +78,19 @@ def test_only_what_is_wrong_with_a_channel_is_said(
                for line, name in zip(said, channels))
 
 
+@pytest.mark.parametrize('share, said', [(0.0, True), (0.5, False)])
+def test_joints_look_exchanged_only_if_each_is_more_like_the_other(share: float, said: bool
+                                                                   ) -> None:
+    """Joint 1 follows what joint 2 should: by an exchange, or as a fault makes both move alike."""
+    time = np.arange(0.0, 10.0, 0.01)
+    expected = np.stack([np.sin(2.0 * time), np.sin(3.1 * time + 0.4)], axis=1)
+    measured = np.stack([expected[:, 1], (1.0 - share) * expected[:, 0] + share * expected[:, 1]],
+                        axis=1)
+    found = channel_hints(measured, expected, ('joint_1', 'joint_2'), ('rad', 'rad'),
+                          np.full(2, 1e-4))
+    assert any('look exchanged' in line for line in found) == said
+
+
 @pytest.mark.parametrize('columns', [(5, 6), (7, 8)])
 def test_gauges_of_a_link_are_told_exchanged_beside_an_untold_payload(
         tmp_path: Path, columns: tuple[int, ...]) -> None:

@@ -140,6 +140,24 @@ def test_what_hardly_any_arm_is_gets_a_hint(change: Callable[[Robot], Robot], wo
     assert len(found) <= 2
 
 
+@pytest.mark.parametrize('bent_share, said', [(0.18, False), (0.22, True)])
+def test_a_tip_is_bent_by_what_the_arm_weighs(bent_share: float, said: bool) -> None:
+    """A payload whose weight bends the tip by a share of the reach, by statics of beams."""
+    upper, lower = (link.length for link in REFERENCE.links)
+    radii = [link.hub_radius for link in REFERENCE.links]
+    first, second = (link.youngs_modulus * link.height * link.thickness**3 / 12.0
+                     for link in REFERENCE.links)
+    # The lower link stands on the end of the upper, stretched out, joints held.
+    arm = lower + radii[1]
+    sag = upper**3 / 3.0 + arm * upper**2 + arm**2 * upper
+    by_newton = sag / first + lower**3 / (3.0 * second)
+    assert tip_force(REFERENCE, 3).deflection == pytest.approx(by_newton, rel=0.01)
+    payload = bent_share * (sum(radii) + upper + lower) / (9.80665 * by_newton)
+    assert payload > REFERENCE.links[1].mass
+    found = hints(replace(REFERENCE, payload_mass=payload), (1.0, 4.0), by_newton, (1e-3,) * 4)
+    assert any('large deflections' in line for line in found) == said
+
+
 def test_the_tool_prints_draws_and_writes(tmp_path: Path,
                                           capsys: pytest.CaptureFixture[str]) -> None:
     arm, picture, figures = tmp_path / 'a.yaml', tmp_path / 'a.svg', tmp_path / 'a.json'
