@@ -22,7 +22,7 @@ from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit
 from flex_plant_sim.diagnosis.pool import all_of, attempt
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.free_run import horizon_errors, HORIZONS
-from flex_plant_sim.diagnosis.prediction.latent_view import latent_view
+from flex_plant_sim.diagnosis.prediction.latent_view import law_effect, torque_laws
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.record.data import Data
 import numpy as np
@@ -80,9 +80,9 @@ def free_run_log_likelihoods(sets: Sequence[RefinedFit], data: Data, nominal: Ba
 def with_own_laws(chosen: RefinedFit, data: Data, nominal: BaseModel) -> BaseModel:
     """Return a set's model with the laws that hold of the torques that it leaves."""
     extended = chosen.extended_model(nominal)
-    view = latent_view([Predictor(extended, windows, noise)
+    laws = torque_laws([Predictor(extended, windows, noise)
                         for windows, noise in zip(data.locked, data.noise)])
-    return replace(extended, effects=(*extended.effects, *view.law_effects))
+    return replace(extended, effects=(*extended.effects, *map(law_effect, laws)))
 
 
 def free_run_rms(model: BaseModel, data: Data) -> Array:

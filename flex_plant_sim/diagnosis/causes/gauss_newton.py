@@ -183,7 +183,9 @@ class GaussNewton:
 
     def descend(self, starts: Sequence[Array], coarse: bool = False) -> LinearisationPoint:
         """Return where Gauss-Newton steps from the best of some starts end."""
-        tried = [(start, *self.residual_and_cost(start)) for start in starts]
+        residuals = self.causes.residual(self.likelihood, np.array(starts))
+        tried = [(start, residual, self.cost(start, residual))
+                 for start, residual in zip(starts, residuals)]
         point = self.linearise(*min(tried, key=lambda found: found[2]))
         exact_jacobian, may_retry, may_shorten = True, not coarse, not coarse
         for _ in range((MAX_COARSE_STEPS if coarse else MAX_STEPS) if point.values.size else 0):

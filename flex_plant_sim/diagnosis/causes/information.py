@@ -8,7 +8,7 @@ the innovations of each arm's own filter. `verdict.detection` turns it into limi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 import math
 
@@ -25,6 +25,9 @@ import numpy as np
 LINEAR_TOLERANCES = 0.5
 # Share of the shapes of an effect that have less information than is stated.
 LESS_SHARE = 0.25
+
+# Changes of the residual by the shape of the effect, (m N,) each.
+_Changes = dict[tuple[float, ...], Array]
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,7 @@ class InformationProbe:
     prior_widths: Array
     weight: Array
     duration: float
+    _nulls: dict[Hypothesis, _Changes] = field(default_factory=dict, repr=False)
 
     @classmethod
     def beside(cls, centre: RefinedFit) -> InformationProbe:
@@ -73,22 +77,32 @@ class InformationProbe:
         square. NaN where no prediction is finite.
         """
         changes = self._changes(hypothesis, deviation)
-        if not changes:
+        if not len(changes):
             return math.nan
-        linear = [self._linear(change, self.columns, self._precision)[1] for change in changes]
+        linear = self._linear(changes.T, self.columns, self._precision)[1]
         chosen = int(np.argsort(linear)[int(LESS_SHARE * len(linear))])
         return 2.0 * self._left(changes[chosen]) / deviation**2
 
-    def _changes(self, hypothesis: Hypothesis, deviation: float) -> list[Array]:
-        """Return what a deviation of the first size changes, weighted, at each shape, (m N,)."""
-        probed, first = hypothesis.probe_deviations()[0], int(np.argmax(hypothesis.is_size))
-        take = SensitivityProbe(self.likelihood).sensitivities
-        found = take(hypothesis, probed * deviation / probed[first])
+    def _changes(self, hypothesis: Hypothesis, deviation: float) -> Array:
+        """Return what a deviation of the first size changes, weighted, at each shape, (L, m N)."""
+        found = self._taken(hypothesis, deviation)
         # A contact may change the arm at null already: bristles bend under other friction, too.
-        null = take(hypothesis, 0.0 * probed) if hypothesis.effect.contact else []
-        at_null = {tuple(s.shape): s.changes[0] for s in null}
-        return [((s.changes[0] - at_null.get(tuple(s.shape), 0.0)).reshape(len(self.weight), -1)
-                 * self.weight).ravel() for s in found]
+        null = self._at_null(hypothesis) if hypothesis.effect.contact else {}
+        return np.array([((change - null.get(shape, 0.0)).reshape(len(self.weight), -1)
+                          * self.weight).ravel() for shape, change in found.items()])
+
+    def _taken(self, hypothesis: Hypothesis, deviation: float) -> _Changes:
+        """Return what a deviation of the first size changes, by shape."""
+        probed, first = hypothesis.probe_deviations()[0], int(np.argmax(hypothesis.is_size))
+        found = SensitivityProbe(self.likelihood).sensitivities(
+            hypothesis, probed * deviation / probed[first], first_size=True)
+        return {tuple(s.shape): s.changes[0] for s in found}
+
+    def _at_null(self, hypothesis: Hypothesis) -> _Changes:
+        """Return the same at null, taken once for all deviations that are asked about."""
+        if hypothesis not in self._nulls:
+            self._nulls[hypothesis] = self._taken(hypothesis, 0.0)
+        return self._nulls[hypothesis]
 
     @cached_property
     def _precision(self) -> Array:
@@ -98,13 +112,18 @@ class InformationProbe:
     def _precision_with(self, columns: Array) -> Array:
         return np.asarray(columns @ columns.T + np.diag(self.prior_widths**-2.0), dtype=float)
 
-    def _linear(self, change: Array, columns: Array, precision: Array) -> tuple[Array, float]:
-        """Return what of causes and parts undoes a change best, (k + p,), and what is left."""
-        step = np.asarray(np.linalg.solve(precision, columns @ change), dtype=float)
-        return step, self._nats(change - columns.T @ step, step)
+    def _linear(self, changes: Array, columns: Array, precision: Array) -> tuple[Array, Array]:
+        """
+        Return what of causes and parts undoes changes best, and the nats that are left.
 
-    def _nats(self, left: Array, deviations: Array) -> float:
-        return 0.5 * float(left @ left + np.sum((deviations / self.prior_widths)**2))
+        Of one change (m N,), (k + p,) and a number; of changes (m N, L), (k + p, L) and (L,).
+        """
+        step = np.asarray(np.linalg.solve(precision, columns @ changes), dtype=float)
+        return step, self._nats(changes - columns.T @ step, step)
+
+    def _nats(self, left: Array, deviations: Array) -> Array:
+        of_each = deviations.T / self.prior_widths
+        return np.asarray(0.5 * (np.sum(left**2, axis=0) + np.sum(of_each**2, axis=-1)))
 
     def _left(self, change: Array) -> float:
         """
@@ -117,13 +136,13 @@ class InformationProbe:
         trial, promised = self._linear(change, columns, self._precision)
         parts = slice(len(trial) - len(self.likelihood.parts), None)
         if np.max(np.abs(trial / self.prior_widths)[parts], initial=0.0) <= LINEAR_TOLERANCES:
-            return promised
+            return float(promised)
         best, moved_best, least = np.zeros_like(trial), np.zeros_like(change), math.inf
         for _ in range(MAX_STEPS):
             moved, by = self._moved(trial, parts), (trial - best) / self.prior_widths
             columns += np.outer(by / (by @ by) / self.prior_widths,
                                 moved - moved_best - columns.T @ (trial - best))
-            found = self._nats(change - moved, trial)
+            found = float(self._nats(change - moved, trial))
             if found < least:
                 best, moved_best, least = trial, moved, found
             trial, promised = self._linear(change - moved_best + columns.T @ best, columns,

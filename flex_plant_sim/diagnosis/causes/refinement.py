@@ -17,7 +17,7 @@ from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit
 from flex_plant_sim.diagnosis.causes.search_state import MIN_RELATIVE_PROBABILITY, SearchState
 from flex_plant_sim.diagnosis.likelihood.prior import parts_without_effect
 from flex_plant_sim.diagnosis.pool import attempt
-from flex_plant_sim.diagnosis.prediction.latent_view import latent_view, law_effect
+from flex_plant_sim.diagnosis.prediction.latent_view import law_effect, torque_laws
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 import numpy as np
 
@@ -104,11 +104,11 @@ def _refine_with_laws(state: SearchState, centre: RefinedFit) -> None:
     within its tolerance. What the laws leave of the joints' errors are torques too.
     """
     base = centre.extended_model(state.nominal)
-    view = latent_view([Predictor(base, windows, noise) for windows, noise
-                        in zip(state.data.locked, state.data.noise)])
+    found = torque_laws([Predictor(base, windows, noise) for windows, noise
+                         in zip(state.data.locked, state.data.noise)])
     excessive = np.flatnonzero(centre.fit.error_scale[:2] > NOTABLE_EXCESS)
     sites = {f'joint_{k + 1}' for k in excessive}
-    laws = [law for law in view.laws if law.site in sites]
+    laws = [law for law in found if law.site in sites]
     if laws:
         discrepancy = replace(
             centre.fit.discrepancy, laws=tuple(map(law_effect, laws)),

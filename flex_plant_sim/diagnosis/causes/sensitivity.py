@@ -73,9 +73,15 @@ class SensitivityProbe:
             raise np.linalg.LinAlgError(f'{hypothesis.label}: no finite prediction')
         return hypothesis, tuple(found)
 
-    def sensitivities(self, hypothesis: Hypothesis, deviation: Array) -> list[Sensitivity]:
-        """Return the finite sensitivities at each shape, sizes deviating from null by (k,)."""
+    def sensitivities(self, hypothesis: Hypothesis, deviation: Array, first_size: bool = False
+                      ) -> list[Sensitivity]:
+        """
+        Return the finite sensitivities at each shape, sizes deviating from null by (k,).
+
+        On request, by the first size alone.
+        """
         sizes, is_event = np.flatnonzero(hypothesis.is_size), hypothesis.event_index is not None
+        sizes = sizes[:1] if first_size else sizes
         shapes = self._event_shapes(hypothesis) if is_event else hypothesis.shape_grid
         probed = hypothesis.null[None] if is_event else shapes
         values = np.repeat(probed, sizes.size, axis=0)

@@ -7,7 +7,7 @@ unknown torques are ranked.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from flex_plant_sim.arm.schedule import barycentric_weights
 from flex_plant_sim.arm.second_order import Array
@@ -51,25 +51,33 @@ def free_run(predictor: Predictor, starts: NDArray[np.int_], steps: int) -> Arra
         Predicted outputs, (steps, S, m); NaN beyond the end of the record.
 
     """
+    found = _free_outputs(predictor, starts, range(steps))
+    return np.array(list(found.values())).reshape(steps, len(starts), predictor.noise.size)
+
+
+def _free_outputs(predictor: Predictor, starts: NDArray[np.int_], wanted: Collection[int]
+                  ) -> dict[int, Array]:
+    """Return the outputs of free runs after the steps that are wanted, by step: (S, m)."""
     record, base = predictor.record, predictor.base
     arm = base.arm(record.payload)
     payload, table = payload_schedule(arm, record.time, np.ones((len(record.time), 1)))
     command = drive_command(arm, record)[:, 0]
     n, order = arm.states, arm.form.order
-    state = predictor.states[starts]
-    outputs = np.full((steps, len(starts), predictor.noise.size), np.nan)
+    state, found = predictor.states[starts], dict[int, Array]()
     with np.errstate(all='ignore'):
-        for k in range(steps):
+        for k in range(max(wanted, default=-1) + 1):
             rows = np.minimum(starts + k, len(record.time) - 1)
-            inside, time = starts + k < len(record.time), record.time[rows]
-            outputs[k, inside] = arm.output(state, time)[inside]
+            time = record.time[rows]
+            if k in wanted:
+                inside = (starts + k < len(record.time))[:, None]
+                found[k] = np.where(inside, arm.output(state, time), np.nan)
             angle = barycentric_weights(np.cos(state[:, :order] @ arm.form.elbow_angle), arm.nodes)
             both = (payload[rows][:, :, None] * angle[:, None, :]).reshape(len(rows), -1)
             matrices = (both @ table).reshape(len(rows), n, -1)
             inputs = np.concatenate([state, command[rows]], axis=1)
             after = (matrices[..., :n + 2] @ inputs[..., None])[..., 0]
             state = arm.apply_effects(matrices[..., n + 2:], state, after, command[rows], time)
-    return outputs
+    return found
 
 
 def errors(predictor: Predictor, starts: NDArray[np.int_], steps: int) -> Array:
@@ -102,9 +110,9 @@ def horizon_errors(predictor: Predictor, horizons: Sequence[float]) -> dict[floa
     samples = {h: horizon_samples(h, step) for h in (step, *horizons)}
     kept = {h: k for h, k in samples.items()
             if np.count_nonzero(starts + k <= stop) >= min(FEWEST_STARTS, len(starts))}
-    simulated = free_run(predictor, starts, max(kept.values()))
     # Of long runs only the ends of the horizons are compared.
-    return {h: predictor.record.output[starts[inside] + k - 1] - simulated[k - 1, inside]
+    simulated = _free_outputs(predictor, starts, [k - 1 for k in kept.values()])
+    return {h: predictor.record.output[starts[inside] + k - 1] - simulated[k - 1][inside]
             for h, k in kept.items() for inside in [starts + k <= stop]}
 
 

@@ -164,6 +164,13 @@ def latent_view(predictors: Sequence[Predictor]) -> LatentView:
                       tuple(_finding(s, step) for s in gauges))
 
 
+def torque_laws(predictors: Sequence[Predictor]) -> tuple[Law, ...]:
+    """Return the laws of `latent_view` alone: gauges and spectra, unread, would cost as much."""
+    forces = tuple(latent_forces(p, scored=p.windows.others) for p in predictors)
+    found = map(law_of, torque_series(forces, predictors[0].base.robot))
+    return tuple(law for law in found if law.holds)
+
+
 def law_effect(law: Law) -> MeasuredTorque:
     """Return a law as the effect that a robot file carries; a constant is one knot of time."""
     variable = 'time' if law.variable == CONSTANT else law.variable
