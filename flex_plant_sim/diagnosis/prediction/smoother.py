@@ -14,8 +14,8 @@ from flex_plant_sim.compiled import compiled
 import numpy as np
 
 # Bytes for the covariances of a block. Of several blocks each is filtered twice, however many
-# there are: smaller ones cost no more time.
-BLOCK_BYTES = 12e6
+# there are; one that stays in the processor's cache costs least.
+BLOCK_BYTES = 1e6
 
 
 @dataclass(frozen=True)
