@@ -54,6 +54,6 @@ def proposals_beside(state: SearchState, centre: RefinedFit, left_out: int | Non
     """Return proposals of all other hypotheses, see `proposal_scorer`, the best first."""
     scorer, hypotheses = proposal_scorer(state, centre, left_out), centre.fit.hypotheses
     labels = {h.label for k, h in enumerate(hypotheses) if k != left_out}
-    found = [scorer.propose(h, sensitivities) for h, sensitivities in state.sensitivities
-             if h.label not in labels]
+    others = [known for known in state.sensitivities if known[0].label not in labels]
+    found = each(lambda known: scorer.propose(*known), others, state.jobs)
     return sorted(found, key=lambda p: -state.penalised_gain(p))
