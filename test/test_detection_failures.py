@@ -34,5 +34,7 @@ def test_a_limit_that_fails_leaves_the_others_where_they_are(
 
     monkeypatch.setattr(detection, '_limit', limit)
     proposals = cast(list[Proposal], [OneProposal(label) for label in labels])
-    found = detection_limits(proposals, REFERENCE, 40.0, lambda *_: 0.0)
+    shares: list[float] = []
+    found = detection_limits(proposals, REFERENCE, 40.0, lambda *_: 0.0, progress=shares.append)
+    assert shares == pytest.approx([1.0 / 3.0, 2.0 / 3.0, 1.0])
     assert [found[label][0] for label in labels] == [0.0, np.inf, 2.0]

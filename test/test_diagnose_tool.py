@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from importlib import resources
+from io import StringIO
 import json
 import os
 from pathlib import Path
@@ -24,6 +25,14 @@ import pytest
 from simulated_records import effects, REFERENCE, simulated, write
 from truth.effects.hidden_effect import Parameters
 from truth.records import FINITE_ELEMENTS, make_record, TruthCase
+
+
+class Terminal(StringIO):
+    """What a process writes to a terminal."""
+
+    def isatty(self) -> bool:
+        """Tell that somebody watches."""
+        return True
 
 
 @pytest.fixture(scope='module')
@@ -143,6 +152,16 @@ def test_progress_bar_is_silent_where_nobody_watches(
         for share in (0.0, 0.5, 0.4, 1.0):
             progress('fitting', share)
     assert capsys.readouterr() == ('', '')
+
+
+def test_a_terminal_is_told_of_every_step_when_it_begins(monkeypatch: pytest.MonkeyPatch
+                                                         ) -> None:
+    """A step without progress, as the search has many, was not told at all."""
+    monkeypatch.setattr(sys, 'stderr', terminal := Terminal())
+    with progress_bar() as progress:
+        for label in ('cause 1', 'laws', 'detection limits'):
+            progress(label, 0.5)
+            assert terminal.getvalue().split('\r')[-1].startswith(label)
 
 
 def test_interrupt_leaves_nothing_behind(tmp_path: Path) -> None:

@@ -187,9 +187,10 @@ def test_sets_whose_models_all_diverge_are_as_likely_as_before(
     found, data, base = braked_as_stated
     monkeypatch.setattr('flex_plant_sim.diagnosis.causes.free_run_ranking.free_run_rms',
                         lambda model, data: np.array([[np.inf]]))
-    sets = [found, found]
+    sets, shares = [found, found], list[float]()
     _, posterior = ranked_by_free_runs(
-        sets, free_run_log_likelihoods(sets, data, base, 1), base)
+        sets, free_run_log_likelihoods(sets, data, base, 1, shares.append), base)
+    assert shares == [0.5, 1.0]
     np.testing.assert_allclose(posterior.probability, 0.5)
 
 

@@ -178,7 +178,9 @@ def progress_bar() -> Iterator[Progress]:
                 bar_format='{desc} {bar} {percentage:3.0f} % [{elapsed}]') as bar:
         def show(label: str, share: float) -> None:
             bar.set_description_str(f'{label:<28.28}', refresh=False)
-            bar.update(max(0.0, 100.0 * share - bar.n))
+            bar.n = max(bar.n, 100.0 * share)
+            # A step is told when it begins, however little is done by then.
+            bar.refresh()
         yield show
 
 

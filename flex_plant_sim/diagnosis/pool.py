@@ -36,7 +36,8 @@ def each(task: Callable[[Any], Found], items: Sequence[Any], jobs: int,
     return [result for result in found if result is not None]
 
 
-def all_of(task: Callable[[Any], Found], items: Sequence[Any], jobs: int) -> list[Found]:
+def all_of(task: Callable[[Any], Found], items: Sequence[Any], jobs: int,
+           progress: Callable[[float], None] = lambda share: None) -> list[Found]:
     """
     Return what the task finds for each item.
 
@@ -46,7 +47,7 @@ def all_of(task: Callable[[Any], Found], items: Sequence[Any], jobs: int) -> lis
         Where it fails for one.
 
     """
-    found = each(task, items, jobs)
+    found = each(task, items, jobs, progress)
     if len(found) < len(items):
         raise np.linalg.LinAlgError('no finite prediction')
     return found

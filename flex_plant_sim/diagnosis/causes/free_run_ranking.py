@@ -10,7 +10,7 @@ each window counts as one independent draw is an assumption, not calibrated.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from flex_plant_sim.arm.second_order import Array
@@ -53,7 +53,8 @@ def ranked_by_free_runs(sets: Sequence[RefinedFit], log_likelihoods: Array, nomi
 
 
 def free_run_log_likelihoods(sets: Sequence[RefinedFit], data: Data, nominal: BaseModel,
-                             jobs: int) -> Array:
+                             jobs: int, progress: Callable[[float], None] = lambda share: None
+                             ) -> Array:
     """
     Return the log-likelihood of each set's free runs, with laws of what it leaves, nats, (S,).
 
@@ -67,6 +68,8 @@ def free_run_log_likelihoods(sets: Sequence[RefinedFit], data: Data, nominal: Ba
         The model in question.
     jobs : int
         Processes.
+    progress : Callable
+        Called with the share of the sets that have run.
 
     """
     def log_likelihood(candidate: RefinedFit) -> float:
@@ -74,7 +77,7 @@ def free_run_log_likelihoods(sets: Sequence[RefinedFit], data: Data, nominal: Ba
         return -np.inf if rms is None else free_run_score(rms, windows)
 
     windows = sum(work.starts.size for work in data.windows)
-    return np.array(all_of(log_likelihood, sets, jobs))
+    return np.array(all_of(log_likelihood, sets, jobs, progress))
 
 
 def with_own_laws(chosen: RefinedFit, data: Data, nominal: BaseModel) -> BaseModel:

@@ -36,8 +36,9 @@ def refined_look_alikes(state: SearchState, with_laws: RefinedFit) -> list[Refin
             if is_look_alike(proposal.hypothesis, cause)
             for candidate in now.without(index).with_each_probe(proposal)]
     fits = coarse_fits_of_each(state, with_laws, sets, 'look-alikes beside laws')
-    runs = free_run_log_likelihoods([replace(with_laws, fit=fit) for fit in fits], state.data,
-                                    state.nominal, state.jobs)
+    runs = free_run_log_likelihoods(
+        [replace(with_laws, fit=fit) for fit in fits], state.data, state.nominal, state.jobs,
+        lambda share: state.progress('free runs of look-alikes', 0.9 + 0.05 * share))
     best_first = [fits[index] for index in np.argsort(-runs) if np.isfinite(runs[index])]
     return state.refined_each(different_optima(best_first)[:MAX_REFINED_AT_ONCE])
 

@@ -103,6 +103,7 @@ def _refine_with_laws(state: SearchState, centre: RefinedFit) -> None:
     Only for joints whose errors are too large: the torque of another may be an echo, or a part
     within its tolerance. What the laws leave of the joints' errors are torques too.
     """
+    state.progress('laws of unnamed torques', 0.9)
     base = centre.extended_model(state.nominal)
     found = torque_laws([Predictor(base, windows, noise) for windows, noise
                          in zip(state.data.locked, state.data.noise)])
@@ -115,6 +116,7 @@ def _refine_with_laws(state: SearchState, centre: RefinedFit) -> None:
             law_penalties=tuple(law.occam_penalty for law in laws),
             torque_share=remaining_torque_shares(centre.fit))
         error_scale = np.concatenate([np.ones(2), centre.fit.error_scale[2:]])
+        state.progress('linearising with laws', 0.9)
         attempt(lambda candidate: state.refine(candidate, discrepancy, error_scale),
                 CandidateSet.of(centre.fit))
 

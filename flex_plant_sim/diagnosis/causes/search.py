@@ -191,7 +191,9 @@ def ranked_with_laws(state: SearchState, nothing: RefinedFit) -> SearchResult:
     asked: set[SetKey] = set()
     fresh = state.refined_with_laws
     while True:
-        runs = free_run_log_likelihoods(fresh, state.data, state.nominal, state.jobs)
+        runs = free_run_log_likelihoods(
+            fresh, state.data, state.nominal, state.jobs,
+            lambda share: state.progress('free runs beside laws', 0.9))
         for chosen, run in zip(fresh, runs):
             # Of a set that was refined from several starts, the one that runs best counts.
             key = SetKey.of(chosen.fit)

@@ -105,7 +105,8 @@ class SearchState:
     def refined_each(self, fits: Sequence[Fit]) -> list[RefinedFit]:
         """Return fits refined in parallel, without those that cannot be; none is kept."""
         return each(lambda fit: self._refined(CandidateSet.of(fit), fit.discrepancy,
-                                              fit.error_scale), fits, self.jobs)
+                                              fit.error_scale), fits, self.jobs,
+                    lambda share: self.progress('linearising the leading', 0.9))
 
     def _refined(self, candidate: CandidateSet, discrepancy: DiscrepancyModel,
                  error_scale: Array | None) -> RefinedFit:

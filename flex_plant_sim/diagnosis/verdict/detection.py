@@ -31,7 +31,9 @@ Information = Callable[[Hypothesis, float], float]
 
 
 def detection_limits(proposals: Sequence[Proposal], robot: Robot, duration: float,
-                     information: Information, jobs: int = 1) -> dict[str, tuple[float, str]]:
+                     information: Information, jobs: int = 1,
+                     progress: Callable[[float], None] = lambda share: None
+                     ) -> dict[str, tuple[float, str]]:
     """
     Return 'identifier:site' to (smallest deviation from null, unit); inf where none is visible.
 
@@ -49,11 +51,14 @@ def detection_limits(proposals: Sequence[Proposal], robot: Robot, duration: floa
         Information on a deviation, beside the same causes.
     jobs : int
         Processes.
+    progress : Callable
+        Called with the share that is done.
 
     """
     limit = partial(_limit, robot=robot, duration=duration, information=information)
     found: dict[str, tuple[float, str]] = {}
-    for proposal, size in zip(proposals, each(partial(_limit_or_inf, limit), proposals, jobs)):
+    sizes = each(partial(_limit_or_inf, limit), proposals, jobs, progress)
+    for proposal, size in zip(proposals, sizes):
         h = proposal.hypothesis
         told = (size, h.parameters[int(np.argmax(h.is_size))].unit)
         # Of several discrete values, the one that is hardest to see counts.

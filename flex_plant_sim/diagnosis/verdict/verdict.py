@@ -6,7 +6,7 @@ The diagnosis of records: cut, searched, and put into one verdict in an engineer
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from flex_plant_sim.arm.parts import within_file_limits
@@ -111,10 +111,13 @@ def diagnose(records: Sequence[Record], nominal: BaseModel, jobs: int = 1,
     if locked_part_differs(found, data):
         # What begins in the locked part shows only where that is fitted.
         other = Data.of(records, slowest, nominal.robot.sample_time, locks_first=True)
-        again = search(other, nominal, jobs, progress, exclude)
+        again = search(other, nominal, jobs,
+                       lambda step, share: progress(f'again: {step}', share), exclude)
         if tells_more(again, found):
             found, data = again, other
-    diagnosis, extended = _diagnosis(found, data, nominal, jobs), extended_base(found, nominal)
+    diagnosis = _diagnosis(found, data, nominal, jobs,
+                           lambda share: progress('detection limits', share))
+    extended = extended_base(found, nominal)
     if diagnosis.nothing_leads:
         diagnosis = with_stated_law(diagnosis, latent_view(predictors(extended, data)))
     diagnosis = with_noise(with_command_timing(diagnosis, found.nothing, data, jobs), records,
@@ -151,9 +154,10 @@ def _cannot_answer(still: Sequence[str]) -> Diagnosis:
         advice=f'{MOVE_MORE}.')
 
 
-def _diagnosis(found: SearchResult, data: Data, nominal: BaseModel, jobs: int) -> Diagnosis:
+def _diagnosis(found: SearchResult, data: Data, nominal: BaseModel, jobs: int,
+               progress: Callable[[float], None]) -> Diagnosis:
     limits = detection_limits(found.proposals, nominal.robot, data.duration, found.information,
-                              jobs)
+                              jobs, progress)
     causes = causes_of(found.posterior, found.best.fit)
     verdict, sentence, sets = _verdict(found, causes)
     channels = nominal.robot.output_names
