@@ -18,7 +18,15 @@ from flex_plant_sim.simulation.payload_profile import PayloadProfile
 import numpy as np
 import pytest
 from rpe_runs import estimator_of, Run
-from truth.records import draw_case, make_record, Record, TruthCase
+from truth.records import (
+    draw_case,
+    HAVE_MUJOCO,
+    make_record,
+    MUJOCO,
+    NO_MUJOCO,
+    Record,
+    TruthCase,
+)
 
 
 def rows_of(record: Record) -> Iterator[tuple[float, Array, Array]]:
@@ -99,3 +107,16 @@ def test_errors_that_go_one_way_are_not_hidden_by_a_mean_square_that_is_small() 
     assert reduced_chi_square(estimator.incumbent.statistics) < 1.0
     assert not any(a.status == 'ok' and abs(a.mass - case.payload_true) > 3.0 * a.variance**0.5
                    for a in late)
+
+
+@pytest.mark.skipif(not HAVE_MUJOCO, reason=NO_MUJOCO)
+@pytest.mark.parametrize(('name', 'seed'), [
+    ('stribeck_friction', 842018), ('joint_spring', 842058), ('payload_inertia', 842012)])
+def test_a_start_that_does_not_fit_is_not_ok_for_beginning_again(name: str, seed: int) -> None:
+    """They were `ok` and beyond three deviations for 0.05 to 0.23 s of their first second."""
+    case = replace(draw_case(name, seed, duration_s=3.55), simulator=MUJOCO)
+    estimator = RecursivePredictionError(load_robot('reference'))
+    found = [estimator.update(*row) for row in rows_of(make_record(case)) if row[0] < 1.3]
+    assert not any(one.status == 'ok'
+                   and abs(one.mass - case.payload_true) > 3.0 * one.variance**0.5
+                   for one in found)

@@ -88,6 +88,7 @@ class ModeCompetition:
         log_density, noise = (f.log_density, f.noise_scale.copy()) if f \
             else (0.0, self._told_noise)
         self.window.add(StoredSample(sample, loads, time, log_density, noise))
+        self._time_in_motion += time if sample.measured is not None else 0.0
 
     def variance_factor(self, incumbent: Filter) -> float:
         """Return D of an incumbent, with the misfit of those before it in the window; keep it."""
@@ -119,7 +120,7 @@ class ModeCompetition:
                 or sample.time - self._constant_since >= _settling_s(incumbent.mode):
             self.reported_change = None
         time = self.stepper.step_time if excited else 0.0
-        incumbent.age, self._time_in_motion = incumbent.age + time, self._time_in_motion + time
+        incumbent.age += time
         self._step_trials(incumbent, sample, loads, excited)
         now = self._situation(incumbent)
         for trial in list(self.trials):

@@ -12,6 +12,7 @@ from flex_payload_estimator.estimators.rpe.likelihood import (
     POOR_FIT,
     reduced_chi_square,
 )
+from flex_payload_estimator.estimators.rpe.misfit import misfits
 from flex_payload_estimator.estimators.rpe.modes import EXACT, PARTS_FREE, ROUGH_ON_TRIAL
 from flex_payload_estimator.estimators.rpe.restarts import (
     about_file,
@@ -189,10 +190,14 @@ class StartBank:
                 else restarted(f, f.mode, NARROW_PAYLOAD, RESTART_STATE_STD, self.stepper)
         # Free parts contain the exact model: they are behind it only if they went astray. Where
         # they do not fit, more than parts is off.
-        fits = self._fits(f) and (
-            f is first or f.log_likelihood > top - GIVE_UP_NATS)
-        return f if fits else restarted(first, ROUGH_ON_TRIAL, WIDE_PAYLOAD, RESTART_STATE_STD,
-                                        self.stepper)
+        fits = self._fits(f)
+        if fits and (f is first or f.log_likelihood > top - GIVE_UP_NATS):
+            return f
+        new = restarted(first, ROUGH_ON_TRIAL, WIDE_PAYLOAD, RESTART_STATE_STD, self.stepper)
+        if not fits:
+            # That is no better for being forgotten: it counts until a pass learns it again.
+            new.misfit = misfits(f, self.stepper.prior)[0]
+        return new
 
     def _has_learnt_well(self, f: Filter) -> bool:
         """Tell whether a filter fits, and the noise was about what it was taken for."""
