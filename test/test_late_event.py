@@ -7,6 +7,10 @@ from functools import cache
 from typing import Any
 
 from flex_plant_sim.arm.robot_file import load_robot
+from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
+from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses
+from flex_plant_sim.diagnosis.causes.neighbours import NeighbourFitter, with_event_times
+from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit
 from flex_plant_sim.diagnosis.causes.search import search
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import evenly, Record, Windows
@@ -63,6 +67,22 @@ def test_a_payload_that_changes_in_the_locked_part_is_named() -> None:
     # What judges the gain lies before the change, where no fit has been.
     assert data.locked[0].record.time[data.locked[0].starts[-1]] < 10.0
     assert [e.identifier for e in extended.effects].count('payload_change') == 1
+
+
+def test_an_event_between_the_windows_of_a_coarse_fit_is_looked_for_there() -> None:
+    """To a fit that sees eight windows, the end of one is as good as all that no window saw."""
+    data = Data.of([made(12.0, left=0.16)], slowest_frequency(BASE, 0.1), REFERENCE.sample_time)
+    centre = RefinedFit.refine(CandidateSet((), (np.zeros(0),)), BASE, data)
+    seen = np.unique(centre.coarse.likelihood.times)
+    before, after = np.max(seen[seen < 12.0]), np.min(seen[seen > 12.0])
+    assert before < 11.0 and after > 13.0
+    event = tuple(h for h in all_hypotheses(REFERENCE) if h.label == 'payload_change:arm')
+    start = CandidateSet(event, (np.array([0.05, after + 0.1, 0.0]),))
+    fitted = NeighbourFitter(centre.likelihood, centre.fit.error_scale, data.duration)
+    stuck, found = fitted(start), fitted(with_event_times(start, centre))
+    assert abs(stuck.values[1] - 12.0) > 1.0
+    assert found.values[1] == pytest.approx(12.0, abs=0.2)
+    assert found.log_evidence > stuck.log_evidence + 50.0
 
 
 def test_what_changes_in_the_locked_part_and_has_no_name_is_not_nothing() -> None:

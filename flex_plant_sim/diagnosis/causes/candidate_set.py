@@ -45,6 +45,24 @@ class CandidateSet:
         return replace(self, starts=(*self.starts, np.concatenate([np.zeros(0), *start])))
 
     @property
+    def event_time(self) -> float | None:
+        """Return the time of the first event where the first start has it, s; None without one."""
+        index = self._event_index
+        return None if index is None else float(self.starts[0][index])
+
+    def with_event_at(self, times: Array) -> CandidateSet:
+        """Return the set with more starts: the first one with its first event at each time, s."""
+        more = np.repeat(self.starts[0][None], len(times), axis=0)
+        more[:, self._event_index] = times
+        return replace(self, starts=(*self.starts, *more))
+
+    @property
+    def _event_index(self) -> int | None:
+        boundaries = CauseSet(self.hypotheses, 1.0).boundaries
+        return next((int(first) + h.event_index for h, first in zip(self.hypotheses, boundaries)
+                     if h.event_index is not None), None)
+
+    @property
     def labels(self) -> frozenset[str]:
         """Return the labels of the causes."""
         return frozenset(h.label for h in self.hypotheses)

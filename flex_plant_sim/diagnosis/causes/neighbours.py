@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
+from flex_plant_sim.diagnosis.causes.event_time import FIRST_EVENT_TIMES
 from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.causes.gauss_newton import fit_set
 from flex_plant_sim.diagnosis.causes.hypothesis import CauseSet
@@ -196,19 +197,29 @@ def _fitted(state: SearchState, centre: RefinedFit, coarse: Sequence[Fit], step:
             ) -> list[Fit]:
     """Return coarse fits fitted to all windows."""
     return each(NeighbourFitter(centre.likelihood, centre.fit.error_scale, state.data.duration),
-                [_with_known_event(CandidateSet.of(fit), centre.fit) for fit in coarse],
+                [with_event_times(CandidateSet.of(fit), centre) for fit in coarse],
                 state.jobs,
                 lambda share: state.progress(step, 0.7 + 0.2 * share))
 
 
-def _with_known_event(candidate: CandidateSet, centre: Fit) -> CandidateSet:
+def with_event_times(candidate: CandidateSet, centre: RefinedFit) -> CandidateSet:
     """
-    Return a set with one more start where the centre's event is, if that has one.
+    Return a set with more starts, if it has an event: at times that coarse fits do not tell.
 
-    Of an event between the windows of a coarse fit, that fit does not tell the time.
+    They are those between the windows of coarse fits before and after the event's, as an event
+    that no window saw is best at an end of one; and where the centre's event is.
     """
-    has_event = any(h.event_index is not None for h in centre.hypotheses)
-    return candidate.with_values_of(CandidateSet.of(centre)) if has_event else candidate
+    time = candidate.event_time
+    if time is None:
+        return candidate
+    seen, every = np.unique(centre.coarse.likelihood.times), centre.likelihood.times
+    after_gap = np.flatnonzero(np.diff(seen) > 1.5 * np.min(np.diff(seen))) + 1
+    starts, ends = seen[np.r_[0, after_gap]], seen[np.r_[after_gap - 1, -1]]
+    around = candidate.with_event_at(np.linspace(
+        np.max(ends[ends < time], initial=np.min(every)),
+        np.min(starts[starts > time], initial=np.max(every)), FIRST_EVENT_TIMES))
+    has_event = any(h.event_index is not None for h in centre.fit.hypotheses)
+    return around.with_values_of(CandidateSet.of(centre.fit)) if has_event else around
 
 
 def _fitted_as_promised(state: SearchState, centre: RefinedFit, coarse: Sequence[Fit], step: str
