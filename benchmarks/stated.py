@@ -26,6 +26,7 @@ import _truths  # noqa: F401
 from bank import score
 from bank.summary import JUDGED
 from flex_plant_sim.diagnosis.likelihood.prior import (
+    further_faults,
     imitation_odds,
     MAX_FURTHER_FAULTS,
 )
@@ -39,8 +40,8 @@ from scipy.optimize import minimize
 REMAINS = 'Something unnamed remains.'
 # Cases of a whole bank: three of every identifier, effects taken out, pairs, clean arms.
 WHOLE_BANK = {'one': 3 * len(catalogue()), 'missing': 40, 'pair': 30, 'clean': 100}
-# Label of the unknown, and named faults that are ordinary, so that only further ones count.
-UNKNOWN, ORDINARY = 'unknown', 2
+# Label of the unknown.
+UNKNOWN = 'unknown'
 
 
 @dataclass(frozen=True)
@@ -68,9 +69,9 @@ def claims(line: score.Line) -> list[Claim]:
 
 
 def further(labels: Sequence[str]) -> int:
-    """Return the number of faults of a set beyond one or two named ones."""
+    """Return the number of faults of a set beyond the ordinary ones."""
     named = [label for label in labels if label != UNKNOWN]
-    return min(max(len(named) - ORDINARY, 0) + (UNKNOWN in labels), MAX_FURTHER_FAULTS)
+    return min(further_faults(named, UNKNOWN in labels), MAX_FURTHER_FAULTS)
 
 
 def weights(lines: Sequence[score.Line]) -> dict[str, float]:

@@ -56,10 +56,21 @@ def test_probabilities_follow_evidence_and_price() -> None:
         PROBABILITY_UNKNOWN / (1.0 - PROBABILITY_UNKNOWN))
 
 
+def test_two_causes_at_one_place_are_one_more_than_two_apart() -> None:
+    base, real = BaseModel(REFERENCE), [1.0 / (1.0 + imitation_odds(k)) for k in range(2)]
+    for labels, further in ((('joint_spring:joint_2', 'torque_ripple:joint_2'), 1),
+                            (('joint_spring:joint_2', 'torque_ripple:joint_1'), 0),
+                            (('payload_mass:arm', 'air_drag:arm'), 0)):
+        found = Posterior.of([replace(NOTHING, hypotheses=tuple(map(hypothesis, labels)))], base)
+        for label in labels:
+            assert found.effect_probability(label.partition(':')[0]) == pytest.approx(
+                real[further])
+        assert bool(doubt(found)) == bool(further)
+
+
 def test_the_more_is_wrong_at_once_the_likelier_one_unknown_thing_imitates_it() -> None:
-    labels = [f'{name}:joint_1' for name in (
-        'coulomb_friction', 'viscous_friction', 'torque_ripple', 'actuator_bias', 'motor_lag')]
-    on = tuple(hypothesis(label) for label in labels)
+    names = 'coulomb_friction', 'viscous_friction', 'torque_ripple', 'actuator_bias', 'motor_lag'
+    on = tuple(hypothesis(f'{name}:joint_{1 + k % 2}') for k, name in enumerate(names))
     base = BaseModel(REFERENCE)
     stated = [Posterior.of([replace(NOTHING, hypotheses=on[:k])], base) for k in range(1, 6)]
     chances = [p.effect_probability('coulomb_friction') for p in stated]

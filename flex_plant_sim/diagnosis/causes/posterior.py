@@ -13,7 +13,12 @@ from types import MappingProxyType
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.causes.fit import Fit
-from flex_plant_sim.diagnosis.likelihood.prior import imitation_odds, log_prior_odds, unknown_odds
+from flex_plant_sim.diagnosis.likelihood.prior import (
+    further_faults,
+    imitation_odds,
+    log_prior_odds,
+    unknown_odds,
+)
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
 from flex_plant_sim.diagnosis.record.sensor_noise import NOISE_ERROR
@@ -23,8 +28,6 @@ import numpy as np
 
 # Newton's steps to the likeliest noise: from none they rise to it, by half of ln s at the least.
 NEWTON_STEPS = 40
-# Faults at once that are ordinary; each further one makes an imitation more probable.
-ORDINARY_FAULTS = 2
 
 
 @dataclass(frozen=True)
@@ -119,8 +122,7 @@ class _SetProbability:
     @property
     def genuine_probability(self) -> float:
         """Return the probability that a cause of the set is not imitated by something unknown."""
-        further = max(len(self.labels) - ORDINARY_FAULTS, 0) + self.unknown
-        return 1.0 / (1.0 + imitation_odds(further))
+        return 1.0 / (1.0 + imitation_odds(further_faults(self.labels, self.unknown)))
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from flex_plant_sim.diagnosis.causes.information import InformationProbe
 from flex_plant_sim.diagnosis.causes.look_alikes import refined_look_alikes
 from flex_plant_sim.diagnosis.causes.neighbourhood import Neighbourhood
 from flex_plant_sim.diagnosis.causes.neighbours import fit_in_place_of_law, fit_neighbours
-from flex_plant_sim.diagnosis.causes.posterior import ORDINARY_FAULTS, Posterior, SetKey
+from flex_plant_sim.diagnosis.causes.posterior import Posterior, SetKey
 from flex_plant_sim.diagnosis.causes.proposal import Proposal
 from flex_plant_sim.diagnosis.causes.proposal_step import probe_catalogue, proposals_beside
 from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit
@@ -34,6 +34,7 @@ from flex_plant_sim.diagnosis.causes.refinement import (
     try_laws,
 )
 from flex_plant_sim.diagnosis.causes.search_state import Progress, SearchState
+from flex_plant_sim.diagnosis.likelihood.prior import ORDINARY_FAULTS
 from flex_plant_sim.diagnosis.pool import attempt
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.record.data import Data

@@ -309,8 +309,9 @@ def doubt(posterior: Posterior) -> str:
 
 def _genuine_text(posterior: Posterior) -> str:
     which = 'this cause is' if len(posterior.best.hypotheses) == 1 else 'each of these causes is'
-    return (f'The probability that {which} real is at most '
-            f'{100.0 * posterior.genuine_probability:.0f} %.')
+    most = max(posterior.effect_probability(h.effect.identifier)
+               for h in posterior.best.hypotheses)
+    return f'The probability that {which} real is at most {100.0 * most:.0f} %.'
 
 
 def _unnamed_remainder(found: SearchResult) -> str:
