@@ -16,7 +16,7 @@ try:
 except ImportError:
     COMPILED = False
 
-COMPILING = 'compiling the inner loops (once for each installation, about a minute) …'
+COMPILING = 'compiling the inner loops (once for each installation, one to three minutes) …'
 Function = TypeVar('Function', bound=Callable[..., Any])
 
 

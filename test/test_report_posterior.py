@@ -20,8 +20,8 @@ def test_parts_beyond_their_tolerance_come_furthest_first() -> None:
 
 
 @pytest.mark.parametrize(('part', 'text'), [
-    (FAR, 'shoulder drive damping -7.69 ± 2 % (told ± 9.8)'),
-    (BIASED, 'strain 1a bias +5 ± 0.2 µm/m (told ± 3.9)')])
+    (FAR, 'shoulder drive damping -7.69 ± 2 % (tolerance 5 %)'),
+    (BIASED, 'strain 1a bias +5 ± 0.2 µm/m (tolerance 2 µm/m)')])
 def test_part_says_prior_and_posterior(part: PartEstimate, text: str) -> None:
     assert part_text(part) == text
 
@@ -37,5 +37,5 @@ def test_report_shows_both() -> None:
                               {'angle': 0.0}, ((0.0, 50.0, 1.0, 1.0),))
     diagnosis = Diagnosis('cause', 'Something.', parts=(NEAR, FAR), sets=SETS)
     page = render(Report(diagnosis, (channel,), (channel,), ()))
-    assert 'shoulder drive damping -7.69 ± 2 % (told ± 9.8)' in page
+    assert 'shoulder drive damping -7.69 ± 2 % (tolerance 5 %)' in page
     assert 'unknown 20 %' in page and page.count('data:image/svg+xml') == 2

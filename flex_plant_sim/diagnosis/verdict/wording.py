@@ -91,12 +91,13 @@ def label_text(label: str) -> str:
 
 
 def part_text(part: PartEstimate) -> str:
-    """Return a part's deviation and what its tolerance allows, both at 95 %."""
-    name, reach, told = label_text(part.name), Z95 * part.deviation, Z95 * part.prior
+    """Return a part's deviation, at 95 %, and its tolerance as the robot file has it."""
+    name, reach = label_text(part.name), Z95 * part.deviation
     scale, unit = shown_unit(part.unit) if part.unit else (100.0, '%')
     mean = scale * (part.mean if part.unit else math.expm1(part.mean))
     return (f'{name} {"+" if mean >= 0.0 else ""}{digits_text(mean, 3)} '
-            f'± {digits_text(scale * reach, 2)} {unit} (told ± {digits_text(scale * told, 2)})')
+            f'± {digits_text(scale * reach, 2)} {unit} '
+            f'(tolerance {digits_text(scale * part.prior, 2)} {unit})')
 
 
 def apart_text(names: Sequence[str]) -> str:
