@@ -7,6 +7,7 @@ from functools import lru_cache
 
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
 from flex_payload_estimator.estimators.rpe.modes import Mode, MODES
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.payload_profile import PayloadProfile
@@ -14,6 +15,7 @@ from flex_plant_sim.simulation.simulator import Noise, Simulator
 import numpy as np
 import pytest
 from rpe_runs import estimator_of, robot_with, Run, square
+from truth.records import draw_case, make_record
 
 STEP, LAST = 2e-3, 3000
 
@@ -93,3 +95,16 @@ def test_a_lost_sample_says_nothing_of_which_filter_is_right() -> None:
     after = estimator._filters()
     assert len(before) > 2 and after
     assert all(f.log_likelihood == before[id(f)] for f in after)
+
+
+@pytest.mark.parametrize(('name', 'seed'), [('backlash', 851013), ('presliding_friction', 851015)])
+def test_a_first_pass_waits_for_samples_of_after_the_state_was_lost(name: str, seed: int) -> None:
+    """Of 0.13 s it told a thirtieth and a third of the payload for a second or more, `ok`."""
+    case = draw_case(name, seed, 'quanser_2dsfl', duration_s=3.55)
+    record = make_record(case)
+    estimator = RecursivePredictionError(load_robot('quanser_2dsfl'), 'assumed_modes', 3)
+    before = np.vstack([np.zeros(2), record.command[:-1]])
+    rows = zip(record.time.tolist(), np.hstack([record.joint, record.strain]), before)
+    found = [estimator.update(*row) for row in rows if not 0.9 <= row[0] < 2.0]
+    assert all(abs(one.mass - case.payload_true) < 3.0 * one.variance**0.5
+               for one in found if one.time > 0.9 and one.status == 'ok')

@@ -156,12 +156,13 @@ def gauss_newton_pass(f: Filter, window: SampleWindow, stepper: FilterStep) -> W
     """
     Return a pass of a filter's own mode about its estimate; None where it knows too little yet.
 
-    It begins after FIRST_PASS_S in motion; an exact model that does not fit, as soon as it has
-    settled, because it may be linearised about the wrong payload.
+    It begins after FIRST_PASS_S in motion, of the filter and of the window: after a lost state the
+    filter has learnt more than the window holds. An exact model that does not fit begins as soon
+    as it has settled, because it may be linearised about the wrong payload.
     """
     unfit = not f.mode.free_parts and reduced_chi_square(f.statistics) > POOR_FIT
     # `coarse` begins while the arm moves: the window counts, not its own time.
-    learnt = window.time_in_motion if freedom(f.mode) == 2 else f.age
+    learnt = window.time_in_motion if freedom(f.mode) == 2 else min(f.age, window.time_in_motion)
     if min(f.age, window.time_in_motion) < SETTLING_S or learnt < FIRST_PASS_S and not unfit:
         return None
     return WindowPass(_variants(f, window, stepper), window.first + 1)
