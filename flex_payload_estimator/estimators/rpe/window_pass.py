@@ -161,8 +161,10 @@ def gauss_newton_pass(f: Filter, window: SampleWindow, stepper: FilterStep) -> W
     as it has settled, because it may be linearised about the wrong payload.
     """
     unfit = not f.mode.free_parts and reduced_chi_square(f.statistics) > POOR_FIT
-    # `coarse` begins while the arm moves: the window counts, not its own time.
-    learnt = window.time_in_motion if freedom(f.mode) == 2 else min(f.age, window.time_in_motion)
+    # `coarse` begins while the arm moves, and free parts begin again in the start: the window
+    # counts, not their own time, if it begins with a state that is known.
+    by_window = freedom(f.mode) == 2 or f.mode.free_parts and window.rested is not None
+    learnt = window.time_in_motion if by_window else min(f.age, window.time_in_motion)
     if min(f.age, window.time_in_motion) < SETTLING_S or learnt < FIRST_PASS_S and not unfit:
         return None
     return WindowPass(_variants(f, window, stepper), window.first + 1)
