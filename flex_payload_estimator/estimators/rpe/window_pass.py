@@ -156,9 +156,10 @@ def gauss_newton_pass(f: Filter, window: SampleWindow, stepper: FilterStep) -> W
     """
     Return a pass of a filter's own mode about its estimate; None where it knows too little yet.
 
-    It begins after FIRST_PASS_S in motion, of the filter and of the window: after a lost state the
-    filter has learnt more than the window holds. An exact model that does not fit begins as soon
-    as it has settled, because it may be linearised about the wrong payload.
+    It begins after FIRST_PASS_S in motion: of the window, and of the filter where the window does
+    not begin at rest. After a lost state the filter has learnt more than the window holds. An
+    exact model that does not fit begins as soon as it has settled, because it may be linearised
+    about the wrong payload.
     """
     unfit = not f.mode.free_parts and reduced_chi_square(f.statistics) > POOR_FIT
     # `coarse` begins while the arm moves, and free parts begin again in the start: the window
