@@ -30,15 +30,15 @@ def estimator() -> tuple[str, Weigh]:
 
 @pytest.fixture(scope='module')
 def log() -> Log:
-    """Return the log of an arm whose lower gauge reads a fifth too much."""
-    record = simulated(effects('strain_gain:strain_2a:factor=1.2'), 8.0)
+    """Return the log of an arm whose payload is bulky."""
+    record = simulated(effects('payload_inertia:arm:inertia_kg_m2=0.006'), 8.0)
     return Log('made.csv', record.time, record.command, record.output[:, :2],
                record.output[:, 2:], REFERENCE.gauge_names)
 
 
 def test_the_right_effect_brings_the_payload_right(
         log: Log, estimator: tuple[str, Weigh]) -> None:
-    right = BaseModel(REFERENCE, effects=effects('strain_gain:strain_2a:factor=1.2'))
+    right = BaseModel(REFERENCE, effects=effects('payload_inertia:arm:inertia_kg_m2=0.006'))
     row, = payload_gain([log], TRUE, BaseModel(REFERENCE), right, *estimator)
     assert abs(row.after_percent) < 2.0
     assert abs(row.after_percent) < 0.5 * abs(row.before_percent)

@@ -8,6 +8,7 @@ from io import StringIO
 import json
 import os
 from pathlib import Path
+import pty
 import re
 import signal
 import subprocess
@@ -162,6 +163,18 @@ def test_a_terminal_is_told_of_every_step_when_it_begins(monkeypatch: pytest.Mon
         for label in ('cause 1', 'laws', 'detection limits'):
             progress(label, 0.5)
             assert terminal.getvalue().split('\r')[-1].startswith(label)
+
+
+def test_a_terminal_that_states_no_columns_is_told_too() -> None:
+    master, slave = pty.openpty()  # Of no columns, as in some containers.
+    subprocess.run([sys.executable, '-c', (
+        'from flex_payload_estimator.tools.diagnose import progress_bar\n'
+        'with progress_bar() as progress:\n    progress("a step", 0.5)')],
+        stdin=slave, stdout=slave, stderr=slave, check=True)
+    os.set_blocking(master, False)
+    assert b'a step' in os.read(master, 10_000)
+    os.close(slave)
+    os.close(master)
 
 
 def test_interrupt_leaves_nothing_behind(tmp_path: Path) -> None:

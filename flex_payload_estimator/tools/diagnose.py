@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 import os
 from pathlib import Path
+from shutil import get_terminal_size
 import sys
 from typing import Any, Protocol
 
@@ -172,9 +173,12 @@ def progress_bar() -> Iterator[Progress]:
     except ImportError:
         yield lambda label, share: None
         return
-    # Without tqdm's monitor thread, because workers are forked.
+    # Without tqdm's monitor thread, because workers are forked. A terminal in a container may
+    # state no columns, and tqdm then shows nothing.
     single: Any = type('Bar', (tqdm,), {'monitor_interval': 0})
+    size = get_terminal_size()
     with single(total=100.0, disable=None, leave=False, file=sys.stderr,
+                ncols=size.columns, nrows=size.lines,
                 bar_format='{desc} {bar} {percentage:3.0f} % [{elapsed}]') as bar:
         def show(label: str, share: float) -> None:
             bar.set_description_str(f'{label:<28.28}', refresh=False)
