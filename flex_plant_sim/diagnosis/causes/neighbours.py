@@ -213,7 +213,8 @@ def with_event_times(candidate: CandidateSet, centre: RefinedFit) -> CandidateSe
     if time is None:
         return candidate
     seen, every = np.unique(centre.coarse.likelihood.times), centre.likelihood.times
-    after_gap = np.flatnonzero(np.diff(seen) > 1.5 * np.min(np.diff(seen))) + 1
+    # Not by the sampling interval: stamps jitter, and records have their own.
+    after_gap = np.flatnonzero(np.diff(seen) > 0.5 * centre.likelihood.period) + 1
     starts, ends = seen[np.r_[0, after_gap]], seen[np.r_[after_gap - 1, -1]]
     around = candidate.with_event_at(np.linspace(
         np.max(ends[ends < time], initial=np.min(every)),
