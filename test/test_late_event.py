@@ -14,7 +14,11 @@ from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit
 from flex_plant_sim.diagnosis.causes.search import search
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import evenly, Record, Windows
-from flex_plant_sim.diagnosis.verdict.late_event import locked_part_differs, log_odds_of_larger
+from flex_plant_sim.diagnosis.verdict.late_event import (
+    event_pays,
+    locked_part_differs,
+    log_odds_of_larger,
+)
 from flex_plant_sim.diagnosis.verdict.verdict import diagnose, nominal_base, slowest_frequency
 from flex_plant_sim.effects import catalogue
 import numpy as np
@@ -99,6 +103,18 @@ def test_without_an_event_the_locked_part_is_like_the_rest() -> None:
     for record in (made(LATE_S), made(28.0, left=0.07)):
         late = Data.of([record], slowest_frequency(BASE, 0.1), REFERENCE.sample_time)
         assert locked_part_differs(nothing, late)
+
+
+def test_an_event_is_asked_for_beside_what_was_found() -> None:
+    def seen(time_s: float | None, locks_first: bool) -> Data:
+        record = replace(made(time_s), payload=0.14)
+        return Data.of([record], slowest_frequency(BASE, 0.1), REFERENCE.sample_time, locks_first)
+    found = search(seen(None, False), BASE, 1, lambda step, share: None,
+                   [*OTHERS, 'payload_change', 'link_stiffness'])
+    assert [h.effect.identifier for h in found.best.fit.hypotheses] == ['payload_mass']
+    for time_s in (None, LATE_S):
+        pays = event_pays(found, seen(time_s, True), BASE, 1, lambda step, share: None, OTHERS)
+        assert pays == (time_s is not None)
 
 
 @pytest.mark.parametrize(('size', 'every', 'expected'), [

@@ -18,7 +18,7 @@ from truth.records import TruthCase
 
 TRACEBACK = 1  # what Python exits with after one
 KEPT = ('verdict', 'sentence', 'causes', 'sets', 'cannot_tell', 'probabilities', 'not_excited',
-        'remainder')
+        'remainder', 'gain')
 
 
 def run_case(case: BankCase, limits: Limits) -> dict[str, Any]:

@@ -31,7 +31,7 @@ from flex_plant_sim.diagnosis.record.rate import at_needed_rate
 from flex_plant_sim.diagnosis.record.windows import least_duration, Record
 from flex_plant_sim.diagnosis.verdict.command_timing import with_command_timing
 from flex_plant_sim.diagnosis.verdict.detection import detection_limits
-from flex_plant_sim.diagnosis.verdict.late_event import locked_part_differs, tells_more
+from flex_plant_sim.diagnosis.verdict.late_event import locked_part_differs, searched_again
 from flex_plant_sim.diagnosis.verdict.noise import with_noise
 from flex_plant_sim.diagnosis.verdict.results import (
     Alternative,
@@ -111,10 +111,7 @@ def diagnose(records: Sequence[Record], nominal: BaseModel, jobs: int = 1,
     if locked_part_differs(found, data):
         # What begins in the locked part shows only where that is fitted.
         other = Data.of(records, slowest, nominal.robot.sample_time, locks_first=True)
-        again = search(other, nominal, jobs,
-                       lambda step, share: progress(f'again: {step}', share), exclude)
-        if tells_more(again, found):
-            found, data = again, other
+        found, data = searched_again(found, data, other, nominal, jobs, progress, exclude)
     diagnosis = _diagnosis(found, data, nominal, jobs,
                            lambda share: progress('detection limits', share))
     extended = extended_base(found, nominal)
