@@ -66,6 +66,17 @@ def test_a_link_damps_no_more_than_its_file_may_say(tmp_path: Path) -> None:
     assert within_file_limits(robot) == robot
 
 
+def test_a_channel_that_is_mapped_by_its_name_alone_is_kept() -> None:
+    text = robot_text('reference') + (
+        'inputs:\n  joints: {joint_1: {name: pan, unit: deg}, joint_2: forearm}\n'
+        '  gauges:\n    strain_1a: gauge 1\n  commands: {joint_1: u_1}\n')
+    robot = parse_robot(text, 'mapped.yaml')
+    assert with_numbers(text, robot) == text
+    heavier = replace(robot, elbow_mass=0.9)
+    written = with_numbers(text, heavier)
+    assert '    strain_1a: gauge 1\n' in written and parse_robot(written, 'written') == heavier
+
+
 def test_comments_stay_and_effects_are_not_doubled(tmp_path: Path) -> None:
     robot = load_robot('reference')
     first = build(parse('coulomb_friction:joint_2:level_n_m=1e-05'), robot)

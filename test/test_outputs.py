@@ -21,6 +21,7 @@ from flex_plant_sim.logs.bag_log import write_bag
 from flex_plant_sim.logs.csv_log import write_csv
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.tools import replay, robot
+from flex_plant_sim.tools.outputs import results
 from msg_config.errors import InputError
 import numpy as np
 import pytest
@@ -262,6 +263,18 @@ def test_a_name_of_any_bytes_is_read_and_drawn(place: Path) -> None:
 def test_a_read_only_folder_is_refused(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (place / 'fixed').mkdir(mode=0o500)
     refused(replay.main, ['{log}', '--json', str(place / 'fixed' / 'out.json')], place, capsys)
+
+
+def test_an_output_that_fails_unforeseen_keeps_the_rest(
+        capsys: pytest.CaptureFixture[str]) -> None:
+    def fail(path: str) -> None:
+        raise ValueError(path)
+
+    with pytest.raises(ValueError, match='first'), results() as write:
+        write(fail, 'first')
+        write(fail, 'second')
+        write(print, 'kept')
+    assert capsys.readouterr().out == 'kept\n'
 
 
 def test_a_file_without_the_mark_is_never_replaced(tmp_path: Path) -> None:

@@ -68,7 +68,8 @@ def _edits(node: Any, old: Mapping[str, Any], new: Mapping[str, Any], path: Path
     for key, value in new.items():
         was = old.get(key)
         if isinstance(value, Mapping) and isinstance(was, Mapping):
-            if key in there and value.get('kind') == was.get('kind') == _kind(there[key]):
+            if _is_mapping_of_kind(there.get(key), was.get('kind')) \
+                    and value.get('kind') == was.get('kind'):
                 yield from _edits(there[key], was, value, (*path, key))
             elif not _same(was, value):
                 yield _replacement(node, there.get(key), key, value)
@@ -76,8 +77,10 @@ def _edits(node: Any, old: Mapping[str, Any], new: Mapping[str, Any], path: Path
             yield _replacement(node, there.get(key), key, value)
 
 
-def _kind(node: Any) -> str | None:
-    return next((value.value for key, value in node.value if key.value == 'kind'), None)
+def _is_mapping_of_kind(node: Any, kind: str | None) -> bool:
+    # A mapping may be written in short as its name alone.
+    return isinstance(node, yaml.MappingNode) and kind == next(
+        (value.value for key, value in node.value if key.value == 'kind'), None)
 
 
 def _replacement(node: Any, there: Any, key: str, value: Any) -> tuple[int, int, str]:

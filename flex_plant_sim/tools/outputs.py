@@ -147,9 +147,12 @@ def results() -> Iterator[Callable[..., Any]]:
     ------
     InputError
         At the end of the block; tells each failure once.
+    Exception
+        At the end of the block: the first that was unforeseen, which costs no other output either.
 
     """
     failed: list[str] = []
+    unforeseen: list[Exception] = []
 
     def write(writer: Callable[..., Any], *arguments: Any) -> Any:
         try:
@@ -164,9 +167,13 @@ def results() -> Iterator[Callable[..., Any]]:
             failed.append(f'{where}: expected a writable place, got: {error.strerror or error}')
             if writer is print:
                 forget_standard_output()
+        except Exception as error:
+            unforeseen.append(error)
         return None
 
     yield write
+    if unforeseen:
+        raise unforeseen[0]
     if failed:
         raise InputError('; '.join(dict.fromkeys(failed)))
 
