@@ -137,6 +137,19 @@ def test_friction_of_a_finite_element_arm_shows_its_law(rubbing: Record) -> None
     assert not any(law_of(series).stated for series in gauge_series([found], REFERENCE))
 
 
+def test_a_gap_that_the_model_knows_leaves_no_torque() -> None:
+    """The push of its teeth is no unseen torque."""
+    gap = {'joint': 2, 'gap': 0.03}
+    record = true_record(TruthCase(12, (('backlash', gap),), duration_s=SECONDS,
+                                   tolerances=False))
+    told = (*effects('coriolis_centripetal:arm:share=1'),
+            catalogue()['backlash']('joint_2', (0.03, 1.0, 0.05, 0.0)))
+    unknown, known = (latent_view([predictor(record, assumed)]) for assumed in (told[:1], told))
+    before, after = (view.torques[1].series.rms for view in (unknown, known))
+    assert after < 0.1 * before
+    assert not any(f.exceeds_model_error for f in known.findings if f.series.site != 'joint_2')
+
+
 def test_law_over_speed_is_told_as_friction() -> None:
     hidden = (('coulomb_friction', {'joint': 2, 'torque': 0.4}),
               ('viscous_friction', {'joint': 2, 'coefficient': 0.3}))

@@ -125,7 +125,10 @@ def latent_forces(predictor: Predictor, prior: LatentPrior = LatentPrior(),
     system = latent_system(predictor, prior)
     least = scale = system.walk_variance[0]
     smoothed = smooth(system)
-    known = _known_step(_along_states(predictor, smoothed.mean[:, :system.states]))
+    known = system.known_step
+    if not predictor.arm.gaps:
+        # Whether teeth touch only the filter knows: the linear smoother lets them meet anywhere.
+        known = _known_step(_along_states(predictor, smoothed.mean[:, :system.states]))
     for _ in range(EM_PASSES - 1):
         squared = smoothed.increment_power
         scale = np.maximum(np.mean(squared / _student_widening(squared, scale), axis=0), least)

@@ -165,10 +165,16 @@ def latent_view(predictors: Sequence[Predictor]) -> LatentView:
 
 
 def torque_laws(predictors: Sequence[Predictor]) -> tuple[Law, ...]:
-    """Return the laws of `latent_view` alone: gauges and spectra, unread, would cost as much."""
+    """
+    Return the laws of `latent_view` alone: gauges and spectra, unread, would cost as much.
+
+    Of a joint with backlash none: where its teeth meet earlier or later than in the filter, the
+    torque is that of the contact.
+    """
     forces = tuple(latent_forces(p, scored=p.windows.others) for p in predictors)
     found = map(law_of, torque_series(forces, predictors[0].base.robot))
-    return tuple(law for law in found if law.holds)
+    gaps = {gap.site for gap in predictors[0].arm.gaps}
+    return tuple(law for law in found if law.holds and law.site not in gaps)
 
 
 def law_effect(law: Law) -> MeasuredTorque:
