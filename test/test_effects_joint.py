@@ -87,6 +87,29 @@ def test_root_spring_in_series_with_a_light_link(text: str, lever: float) -> Non
     assert frequencies(form, held, 0.1)[0] == pytest.approx((0.1 * deflection)**-0.5, rel=1e-5)
 
 
+@pytest.mark.parametrize('text, lever', [
+    ('gear_compliance:joint_2:compliance_rad_per_n_m=0.05,sensor_behind_gear=1', 0.58),
+    ('clamp_compliance:link_2:compliance_rad_per_n_m=0.05', 0.5)])
+def test_a_lossy_root_spring_damps_by_its_share_of_the_energy(text: str, lever: float) -> None:
+    """A spring of Kelvin and Voigt loses omega * retardation of its energy a radian."""
+    robot = ROBOT.with_link(1, density=1e-3, hub_radius=0.08)
+    link = robot.links[1]
+    spring = 0.05 * lever**2
+    share = spring / (link.length**3 / (3.0 * link.bending_stiffness) + spring)
+
+    def damping_ratio(retardation: float) -> tuple[float, float]:
+        form = arm(f'{text},retardation_s={retardation}', robot=robot).form
+        kept = np.arange(form.order) >= 5
+        stiffness, mass, damping = (matrix[np.ix_(kept, kept)] for matrix in (
+            form.stiffness_at(1.0), form.mass_at(1.0, 0.1), form.damping))
+        powers, modes = eigh(stiffness, mass)
+        omega, mode = float(np.sqrt(powers[0])), modes[:, 0]
+        return float(mode @ damping @ mode) / (2.0 * omega), omega
+
+    (without, omega), (lossy, _) = damping_ratio(0.0), damping_ratio(0.003)
+    assert lossy - without == pytest.approx(0.5 * omega * 0.003 * share, rel=1e-4)
+
+
 @pytest.mark.parametrize('j, compliance', [(0, 0.01), (1, 0.08)])
 def test_root_spring_is_that_of_an_added_coordinate(j: int, compliance: float) -> None:
     n, clean = 8, assumed_modes(ROBOT, 8)

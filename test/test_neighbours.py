@@ -49,6 +49,24 @@ def test_others_are_fitted_where_the_leader_does_not_keep_its_promise(
     assert fitted == expected and len(found) == len(expected)
 
 
+def test_larger_sets_leave_room_for_what_may_stand_in_the_place_of_a_cause(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    clamp, gear, *others = (h for h in all_hypotheses(REFERENCE) if h.label in (
+        'clamp_compliance:link_1', 'gear_compliance:joint_1') or h.effect.family == 'sensors')
+    centre = replace(NOTHING, hypotheses=(clamp,))
+    larger = [with_score(replace(NOTHING, hypotheses=(clamp, h)), -float(k))
+              for k, h in enumerate({h.label: h for h in others}.values())]
+    instead = with_score(replace(NOTHING, hypotheses=(gear,)), -20.0)
+    assert len(larger) > 2 * neighbours.MAX_FITTED
+
+    monkeypatch.setattr(neighbours, '_fitted', lambda state, centre, fits, step: fits)
+    state: Any = SimpleNamespace(score=lambda fit: fit.log_evidence, refined={})
+    found = neighbours._fitted_as_promised(
+        state, cast(Any, SimpleNamespace(fit=with_score(centre, 0.0))),
+        [with_score(centre, 0.0), *larger, instead], 'step')
+    assert instead in found and len(found) == neighbours.MAX_FITTED + 1
+
+
 def test_an_effect_of_the_file_at_one_site_is_still_sought_at_others() -> None:
     nominal = BaseModel(REFERENCE, effects=effects('coulomb_friction:joint_2:level_n_m=0.05'))
     labels = {h.label for h in SearchState(cast(Any, None), nominal, 1, (),

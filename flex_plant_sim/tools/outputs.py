@@ -167,7 +167,7 @@ def results() -> Iterator[Callable[..., Any]]:
             failed.append(f'{where}: expected a writable place, got: {error.strerror or error}')
             if writer is print:
                 forget_standard_output()
-        except Exception as error:
+        except Exception as error:  # noqa: B902  the others are written first
             unforeseen.append(error)
         return None
 

@@ -29,9 +29,11 @@ from flex_plant_sim.diagnosis.pool import each
 from flex_plant_sim.effects.base import Effect
 import numpy as np
 
-# Budgets: alternatives fitted in the place of each cause; neighbours fitted to all windows, of
-# those that are not refined yet and of those that are.
-MAX_ALTERNATIVES, MAX_FITTED, MAX_REFITTED = 5, 6, 1
+# Budgets: alternatives fitted in the place of each cause; sets fitted to all windows beside a
+# law; neighbours fitted to all windows, by kind. A set with a cause more has all of what the
+# others have, so that many of these would leave no room for a look-alike.
+MAX_ALTERNATIVES, MAX_FITTED = 5, 6
+MAX_NEIGHBOURS = {'larger': MAX_FITTED, 'not larger': 3, 'refined': 1}
 # Score by which a coarse fit may be behind the best one and yet be fitted to all windows, nats.
 MAX_COARSE_DEFICIT = 30.0
 # Share of a cause's gain that a proposal needs to be an alternative to it; gain of a cause from
@@ -236,18 +238,25 @@ def _fitted_as_promised(state: SearchState, centre: RefinedFit, coarse: Sequence
     promises = {SetKey.of(fit): state.score(fit) - at_centre for fit in coarse}
     left = sorted((fit for fit in coarse if SetKey.of(fit) != SetKey.of(centre.fit)),
                   key=lambda fit: -state.score(fit))
-    fresh_left, known_left, fitted = MAX_FITTED, MAX_REFITTED, list[Fit]()
+    budgets, fitted = dict(MAX_NEIGHBOURS), list[Fit]()
+
+    def kind(fit: Fit) -> str:
+        if SetKey.of(fit) in state.refined:
+            return 'refined'
+        return 'larger' if len(fit.hypotheses) > len(centre.fit.hypotheses) else 'not larger'
+
     while left:
         best = max((state.score(fit) - state.score(centre.fit) for fit in fitted),
                    default=promises[SetKey.of(left[0])])
         least = best - max(GAIN_UNCERTAINTY * best, MAX_COARSE_DEFICIT)
         near = [fit for fit in left if promises[SetKey.of(fit)] > least]
-        fresh = [fit for fit in near if SetKey.of(fit) not in state.refined][:fresh_left]
-        known = [fit for fit in near if SetKey.of(fit) in state.refined][:known_left]
-        if not fresh and not known:
+        chosen = [fit for some, budget in budgets.items()
+                  for fit in [fit for fit in near if kind(fit) == some][:budget]]
+        if not chosen:
             break
-        fresh_left, known_left = fresh_left - len(fresh), known_left - len(known)
-        fitted += _fitted(state, centre, [*fresh, *known], step)
-        done = {SetKey.of(fit) for fit in (*fresh, *known)}
+        for fit in chosen:
+            budgets[kind(fit)] -= 1
+        fitted += _fitted(state, centre, chosen, step)
+        done = {SetKey.of(fit) for fit in chosen}
         left = [fit for fit in left if SetKey.of(fit) not in done]
     return fitted

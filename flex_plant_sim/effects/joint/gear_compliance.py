@@ -8,6 +8,7 @@ from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import SecondOrderForm
 from flex_plant_sim.effects.base import Effect, Parameter
 from flex_plant_sim.effects.mechanics.elastic_root import (
+    RETARDATION,
     RIGID_RAD_PER_N_M,
     root_moment,
     with_elastic_root,
@@ -34,7 +35,8 @@ class GearCompliance(Effect):
     sensor_behind_gear = 0 it is on the motor; without a hub radius the gear is then the same as a
     clamp compliance. With a hub_share of the joint's inertia behind the gear, the twist becomes a
     coordinate of its own. In the paper's form, whose rows do not balance a hub, it does not, and
-    the torque that accelerates the hub is left out.
+    the torque that accelerates the hub is left out. Belts and couplings of rubber lose energy as
+    they twist: retardation_s is damping over stiffness.
     """
 
     identifier = 'gear_compliance'
@@ -45,7 +47,8 @@ class GearCompliance(Effect):
         Parameter('compliance_rad_per_n_m', 'rad/(N m)', 0.0, 0.0, 1.0,
                   (0.003, 0.01, 0.03, 0.08), 0.001, 0.04),
         Parameter('sensor_behind_gear', '', 1.0, 0.0, 1.0, (1.0, 0.0), np.inf, 0.5, discrete=True),
-        Parameter('hub_share', '', 0.0, 0.0, 0.9, (0.0, 0.1), np.inf, 0.3, optional=True))
+        Parameter('hub_share', '', 0.0, 0.0, 0.9, (0.0, 0.1), np.inf, 0.3, optional=True),
+        RETARDATION)
     sites = 'joint'
     structural = True
 
@@ -57,7 +60,8 @@ class GearCompliance(Effect):
             return self._with_hub(form, robot)
         moment = root_moment(form, robot, j, robot.links[j].hub_radius)
         twisted = with_elastic_root(form, robot, j, compliance, moment,
-                                    carried=self['hub_share'])
+                                    carried=self['hub_share'],
+                                    retardation=self['retardation_s'])
         angle = twisted.angle.copy()
         angle[j] += self['sensor_behind_gear'] * compliance * moment
         return replace(twisted, angle=angle)
@@ -69,6 +73,7 @@ class GearCompliance(Effect):
         wide = with_root_turn(wide, robot, j, np.eye(wide.order)[-1], share)
         hub = share * robot.drives[j].inertia
         wide.stiffness[0, -1, -1] += stiffness
-        wide.damping[-1, -1] += 2.0 * DAMPING_RATIO * np.sqrt(stiffness * hub)
+        wide.damping[-1, -1] += (2.0 * DAMPING_RATIO * np.sqrt(stiffness * hub)
+                                 + self['retardation_s'] * stiffness)
         wide.angle[j, -1] = self['sensor_behind_gear']
         return wide

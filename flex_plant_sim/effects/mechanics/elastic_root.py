@@ -10,6 +10,7 @@ from dataclasses import replace
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array, SecondOrderForm
+from flex_plant_sim.effects.base import Parameter
 from flex_plant_sim.effects.mechanics.kinematics import (
     is_energy_form,
     link_columns,
@@ -22,6 +23,9 @@ import numpy as np
 # would be stiff and unobservable.
 RIGID_RAD_PER_N_M = 1e-7
 
+# Damping over stiffness: a rubber coupling with a loss factor of 0.3 has 10 ms at 5 Hz.
+RETARDATION = Parameter('retardation_s', 's', 0.0, 0.0, 0.2, (0.0,), np.inf, 0.01, optional=True)
+
 
 def root_moment(form: SecondOrderForm, robot: Robot, index: int, radius: float) -> Array:
     """Return the row of E I (w'' - radius w''') at a link's clamp, N m, (N,)."""
@@ -33,15 +37,16 @@ def root_moment(form: SecondOrderForm, robot: Robot, index: int, radius: float) 
 
 
 def with_elastic_root(form: SecondOrderForm, robot: Robot, index: int, compliance: float,
-                      moment: Array, lever: float = 1.0,
-                      carried: float = 0.0) -> SecondOrderForm:
+                      moment: Array, lever: float = 1.0, carried: float = 0.0,
+                      retardation: float = 0.0) -> SecondOrderForm:
     """
     Return the form with psi = compliance * moment p between rotor and link root.
 
     There is no mass between rotor and link, so the spring carries the link's root moment and psi
     follows from the bending. This needs no stiff extra state at any compliance, and has a smooth
-    limit at zero. The spring's energy is moment^2 compliance / 2, its loss that of the link's
-    material. (The paper's rows of the rotors already hold the root moment and do not change.)
+    limit at zero. The spring's energy is moment^2 compliance / 2; its loss is that of the link's
+    material and, with a retardation, one of its own (Kelvin and Voigt). (The paper's rows of the
+    rotors already hold the root moment and do not change.)
 
     Parameters
     ----------
@@ -59,14 +64,17 @@ def with_elastic_root(form: SecondOrderForm, robot: Robot, index: int, complianc
         Rotation about the joint axis per rotation of the spring.
     carried : float
         Share of the rotor's inertia behind the spring, 0 to 1.
+    retardation : float
+        Damping of the spring over its stiffness, beyond the link's own, s.
 
     """
     turned = with_root_turn(form, robot, index, lever * compliance * moment, carried)
     if not is_energy_form(form):
         return turned
     link = robot.links[index]
-    retardation = 2.0 * link.damping_ratio / link.beam(1).frequencies[0]
+    own = 2.0 * link.damping_ratio / link.beam(1).frequencies[0]
     spring = compliance * np.outer(moment, moment)
     stiffness = turned.stiffness.copy()
     stiffness[0] += spring
-    return replace(turned, stiffness=stiffness, damping=turned.damping + retardation * spring)
+    damping = turned.damping + (own + retardation) * spring
+    return replace(turned, stiffness=stiffness, damping=damping)
