@@ -167,6 +167,25 @@ def test_a_width_is_known_to_a_factor(truth: float, low: float, high: float) -> 
         np.log(quad(density, max(low, truth - 4.0), truth + 4.0, limit=200)[0]), abs=0.03)
 
 
+@pytest.mark.parametrize('likeliest', [-0.5, 0.5])
+def test_a_value_that_the_data_do_not_tell_costs_nothing(likeliest: float) -> None:
+    """Such as the speed of an extra friction of zero, wherever its fit was left."""
+    column, spread = COLUMNS[:, 0], np.full(2, math.log(2.0))
+    slab = ParameterPrior(np.zeros(2), np.array([1.0, 0.1]), np.array([0.0, -0.09]),
+                          np.full(2, np.inf), np.zeros(2, bool), spread)
+    value = max(likeliest, 0.0)
+    rows = np.stack([column * (value - likeliest), column, np.zeros_like(column)])[:, None]
+
+    def log_evidence(slab: ParameterPrior, offsets: list[float]) -> float:
+        kept = rows[:1 + len(offsets)]
+        return SufficientStatistics(channel_products(kept, kept), np.array(offsets), slab,
+                                    np.zeros(0), 30.0, np.zeros(1)).log_evidence(np.ones(1), 1.0)
+
+    told = log_evidence(slab.subset(np.array([0])), [value])
+    # A fit stops where little is to be gained.
+    assert log_evidence(slab, [value, 0.04]) == pytest.approx(told, abs=0.3)
+
+
 def test_the_gaussian_that_stands_for_a_slab_has_its_slope() -> None:
     slab = ParameterPrior(np.zeros(2), np.array([0.7, 2.0]), np.full(2, -np.inf),
                           np.full(2, np.inf), np.zeros(2, bool), np.array([math.log(2.0), 0.0]))

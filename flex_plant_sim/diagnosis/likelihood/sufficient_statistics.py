@@ -149,5 +149,4 @@ class SufficientStatistics:
         evidence = -0.5 * quadratic - joint.half_log_determinant
         evidence -= float(np.sum(self.samples * np.log(error_scale)
                                  + self.channel_log_determinants)) / temper
-        return evidence + self.prior.log_correction(
-            self.offsets, np.where(at_end, mean, self.offsets), variance)
+        return evidence + self.prior.log_correction(self.offsets, mean, variance)

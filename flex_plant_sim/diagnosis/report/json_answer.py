@@ -27,7 +27,7 @@ import numpy as np
 # Said where the extended robot is no gain: at what a cause stands at, or on the whole.
 WORSE_WHERE_NAMED = 'No other channel rises as much, and a cause stands at it.'
 PREDICTS_WORSE = ('On the whole the extended robot predicts the locked part worse than the file: '
-                  'do not use it. What changed within the record is in no robot file.')
+                  'do not use it.')
 
 
 def with_gain(diagnosis: Diagnosis, gains: Sequence[Gain], unnamed: int = 0) -> Diagnosis:
