@@ -80,7 +80,9 @@ def single_errors(command: Array, output: Array) -> list[SingleError]:
     scaled = (values[:, columns] - values[0, columns]) / span[columns]
     before = _regressors(scaled)
     fit = _fit(before, scaled[ORDER:, of_output])
-    predicted = _leverage(before, _inverse(before.T @ before)) < UNPREDICTED
+    alone = _leverage(before, _inverse(before.T @ before)) >= UNPREDICTED
+    # What the next rows are predicted from is like nothing else, either.
+    predicted = np.convolve(alone, np.ones(ORDER + 1))[:len(alone)] == 0.0
     found: list[tuple[float, SingleError]] = []
     for place, column in enumerate(columns):
         own = np.eye(len(columns))[place][of_output]
