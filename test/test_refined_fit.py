@@ -158,6 +158,20 @@ def test_a_gear_is_started_with_a_heavy_output_too() -> None:
                for values in proposal.probe_starts)
 
 
+def test_what_is_forgotten_where_laws_lead_can_be_computed_again() -> None:
+    data, base = Data.of([simulated((), 22.0)], SLOWEST, REFERENCE.sample_time), BaseModel(
+        REFERENCE)
+    state = SearchState(data, base, 1, (), lambda *told: None)
+    nothing = state.refine(CandidateSet((), (np.zeros(0),)), base.discrepancy)
+    state.keep_light_without_laws()
+    light, = state.refined.values()
+    assert 'part_jacobian' in vars(nothing.likelihood)
+    assert not {'part_jacobian', 'centre_residual'} & set(vars(light.likelihood))
+    assert light.fit is nothing.fit and light.likelihood.parts == nothing.likelihood.parts
+    difference = light.likelihood.part_jacobian - nothing.likelihood.part_jacobian
+    assert np.linalg.norm(difference) < 0.01 * np.linalg.norm(nothing.likelihood.part_jacobian)
+
+
 def test_single_causes_are_fitted_around_the_parts_of_the_file() -> None:
     # Within three tolerances the parts stand for the softer link as well.
     off = effects('link_stiffness:link_1:factor=0.95')

@@ -92,8 +92,10 @@ def try_laws(state: SearchState, explored: RefinedFit) -> None:
     if not explored.fit.discrepancy.laws:
         _refine_with_laws(state, explored)
     best = state.best
-    if best.fit.discrepancy.laws and best.fit.hypotheses != explored.fit.hypotheses:
-        _refine_with_laws(state, best)
+    if best.fit.discrepancy.laws:
+        state.keep_light_without_laws()
+        if best.fit.hypotheses != explored.fit.hypotheses:
+            _refine_with_laws(state, best)
 
 
 def _refine_with_laws(state: SearchState, centre: RefinedFit) -> None:

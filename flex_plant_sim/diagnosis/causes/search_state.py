@@ -121,6 +121,12 @@ class SearchState:
         self.fits[key], self.refined[key] = found.fit, found
         return found
 
+    def keep_light_without_laws(self) -> None:
+        """Keep of refined sets without laws what is read where sets with laws lead: the fits."""
+        for key, found in self.refined.items():
+            if not found.fit.discrepancy.laws:
+                self.refined[key] = RefinedFit(found.likelihood.light, found.point, found.fit)
+
     def worth_refining(self, fit: Fit, more: float = 0.0) -> bool:
         """Tell whether a set would be worth stating if it had more evidence, nats."""
         best = max((self.best_score(r.fit) for r in self.refined.values()), default=-np.inf)

@@ -188,6 +188,12 @@ class Likelihood:
         return centre._copied(predictors=centre._predictors_along(
             effects, ((p.windows, p.noise) for p in self.predictors)))
 
+    @property
+    def light(self) -> Likelihood:
+        """Return the same without what can be computed again."""
+        return self._copied('centre_residual', 'centre_shift', 'part_jacobian', 'part_products',
+                            'with_own_filters')
+
     def with_commands_moved(self, rows: int) -> Likelihood:
         """Return the same likelihood with commands that act rows earlier, with the same J."""
         predictors = self._predictors_along(self.centre_effects, (
