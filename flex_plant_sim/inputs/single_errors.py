@@ -80,9 +80,7 @@ def single_errors(command: Array, output: Array) -> list[SingleError]:
     scaled = (values[:, columns] - values[0, columns]) / span[columns]
     before = _regressors(scaled)
     fit = _fit(before, scaled[ORDER:, of_output])
-    alone = _leverage(before, _inverse(before.T @ before)) >= UNPREDICTED
-    # What the next rows are predicted from is like nothing else, either.
-    predicted = np.convolve(alone, np.ones(ORDER + 1))[:len(alone)] == 0.0
+    predicted = _predicted(before)
     found: list[tuple[float, SingleError]] = []
     for place, column in enumerate(columns):
         own = np.eye(len(columns))[place][of_output]
@@ -97,6 +95,12 @@ def single_errors(command: Array, output: Array) -> list[SingleError]:
                 int(k) + ORDER, int(column), float(error[k] * span[column]), lasting))
                 for k in np.flatnonzero(bad)]
     return _without_overlaps([error for _, error in sorted(found)])
+
+
+def _predicted(before: Array) -> NDArray[np.bool_]:
+    """Return where neither a row nor one that it is predicted from is like no other, (N,)."""
+    alone = _leverage(before, _inverse(before.T @ before)) >= UNPREDICTED
+    return np.asarray(np.convolve(alone, np.ones(ORDER + 1))[:len(alone)] == 0.0)
 
 
 def _regressors(scaled: Array) -> Array:
