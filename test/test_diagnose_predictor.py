@@ -6,10 +6,13 @@ from dataclasses import replace
 
 from flex_plant_sim.compiled import COMPILED
 from flex_plant_sim.diagnosis.prediction import filter_run
+from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
+from flex_plant_sim.diagnosis.prediction.noise import steady_filter
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 import numpy as np
 import pytest
-from simulated_records import effects, predictor, simulated
+from scipy.linalg import solve_discrete_are
+from simulated_records import effects, predictor, REFERENCE, simulated
 
 GAPS = ('backlash:joint_1:gap_rad=0.01,sensor_behind_gear=0,hub_share=0.1',
         'backlash:joint_2:gap_rad=0.006,sensor_behind_gear=1,hub_share=0.05')
@@ -107,3 +110,18 @@ def test_arms_start_where_a_trajectory_with_other_coordinates_puts_them() -> Non
                   'loose_payload:arm:compliance_m_per_n=0.01,damping_ratio=0.05'):
         along = Predictor(p.base, p.windows, p.noise, trajectory_effects=effects(other))
         assert np.all(np.std(along.innovations()[0], axis=(0, 1)) < 1.2 * own)
+
+
+def test_steady_filter_solves_the_riccati_equation() -> None:
+    arm = BaseModel(REFERENCE).arm(REFERENCE.payload_mass)
+    noise = np.array([1e-4, 1e-4, 5e-7, 5e-7, 5e-7, 5e-7])
+    force = np.full(arm.form.order, 1e-4)
+    steady, n = steady_filter(arm, force, noise), arm.states
+    # At an end of the schedule, where a Riccati equation is solved itself.
+    table, c = arm.schedule.table[0].reshape(n, -1), arm.output_matrix
+    f, e = table[:, :n], table[:, n + 2:]
+    p = solve_discrete_are(f.T, c.T / noise, (e * force) @ e.T, np.eye(noise.size))
+    s = c @ p @ c.T + np.diag(noise**2)
+    assert steady.gain[0] == pytest.approx(f @ p @ c.T @ np.linalg.inv(s), rel=1e-5, abs=1e-9)
+    whitened = steady.whitener[0] @ s @ steady.whitener[0].T
+    assert whitened == pytest.approx(np.eye(noise.size), abs=1e-5)

@@ -25,13 +25,11 @@ from flex_plant_sim.diagnosis.likelihood.prior import (
 )
 from flex_plant_sim.diagnosis.likelihood.sufficient_statistics import SufficientStatistics
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
-from flex_plant_sim.diagnosis.prediction.noise import steady_filter
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.effects import catalogue
 import numpy as np
 import pytest
 from scipy.integrate import quad
-from scipy.linalg import solve_discrete_are
 from scipy.stats import multivariate_normal, norm
 from simulated_records import effects, REFERENCE, simulated
 
@@ -254,21 +252,6 @@ def test_what_nature_has_one_of_two_values_of_is_weighed_at_both() -> None:
         alone = np.eye(30) + prior.width[0]**2 * np.outer(COLUMNS[:, 0], COLUMNS[:, 0])
         direct = multivariate_normal(np.zeros(30), alone).logpdf(residual)
         assert joint.log_evidence == pytest.approx(direct + 15.0 * np.log(2.0 * np.pi))
-
-
-def test_steady_filter_solves_the_riccati_equation() -> None:
-    arm = BaseModel(REFERENCE).arm(REFERENCE.payload_mass)
-    noise = np.array([1e-4, 1e-4, 5e-7, 5e-7, 5e-7, 5e-7])
-    force = np.full(arm.form.order, 1e-4)
-    steady, n = steady_filter(arm, force, noise), arm.states
-    # At an end of the schedule, where a Riccati equation is solved itself.
-    table, c = arm.schedule.table[0].reshape(n, -1), arm.output_matrix
-    f, e = table[:, :n], table[:, n + 2:]
-    p = solve_discrete_are(f.T, c.T / noise, (e * force) @ e.T, np.eye(noise.size))
-    s = c @ p @ c.T + np.diag(noise**2)
-    assert steady.gain[0] == pytest.approx(f @ p @ c.T @ np.linalg.inv(s), rel=1e-5, abs=1e-9)
-    whitened = steady.whitener[0] @ s @ steady.whitener[0].T
-    assert whitened == pytest.approx(np.eye(noise.size), abs=1e-5)
 
 
 def test_parts_are_changed_by_their_deviation() -> None:
