@@ -4,12 +4,14 @@ Print the cost of a diagnosis with the whole catalogue: on a 40 s log, and one t
 `python benchmarks/diagnosis_time.py` makes two logs of the reference robot with dry friction in
 its elbow, gives each to `flex_diagnose` in two processes, and samples the memory of all of them
 (proportional set size, so that shared pages count once). Then it searches the short log in one
-process and prints passes through the record and CPU time up to each step.
+process and prints passes through the record and CPU time up to each step. With `--log` it gives
+`flex_diagnose` that log alone, with the `--robot` and `--payload` named.
 """
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 import subprocess
 import sys
@@ -66,12 +68,12 @@ def memory(pid: int) -> float:
     return own / 1024.0 + sum(memory(int(child)) for child in children)
 
 
-def diagnose(path: Path, jobs: int) -> tuple[float, float, str]:
+def diagnose(path: Path, jobs: int, options: Sequence[str]) -> tuple[float, float, str]:
     """Return time (s), highest memory (MB) and the answer's first line."""
     started, highest = time.perf_counter(), 0.0
     with subprocess.Popen(
-            [sys.executable, '-m', 'flex_payload_estimator.tools.diagnose', str(path), '--robot',
-             'reference', '--payload', '0.1', '--jobs', str(jobs)],
+            [sys.executable, '-m', 'flex_payload_estimator.tools.diagnose', str(path),
+             '--jobs', str(jobs), *options],
             stdout=subprocess.PIPE, text=True) as process:
         while process.poll() is None:
             highest = max(highest, memory(process.pid))
@@ -112,14 +114,23 @@ def main() -> None:
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--jobs', type=int, default=2, help='processes (default: 2)')
     parser.add_argument('--seed', type=int, default=0, help='of the records (default: 0)')
+    parser.add_argument('--log', type=Path, help='a log of your own')
+    parser.add_argument('--robot', default='reference', help='of that log (default: reference)')
+    parser.add_argument('--payload', help='of that log, kg (default: as the log has it)')
     chosen = parser.parse_args()
+    told = ['--robot', chosen.robot, *(('--payload', chosen.payload) if chosen.payload else ())]
+    if chosen.log:
+        taken, highest, answer = diagnose(chosen.log, chosen.jobs, told)
+        print(f'{taken:.1f} s, {highest:.0f} MB: {answer}')
+        return
     found = []
     print(f'{"log":>6} {"time":>9} {"of it":>8} {"memory":>9}  answer')
     with TemporaryDirectory() as folder:
         for duration in (40.0, 400.0):
             path = Path(folder) / f'record_{duration:.0f}.csv'
             write_record(path, duration, chosen.seed)
-            taken, highest, answer = diagnose(path, chosen.jobs)
+            taken, highest, answer = diagnose(path, chosen.jobs,
+                                              ('--robot', 'reference', '--payload', '0.1'))
             found.append(taken)
             print(f'{duration:4.0f} s {taken:7.1f} s {taken / duration:8.2f} {highest:6.0f} MB  '
                   f'{answer[:60]}', flush=True)
