@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses, Hypothesis
-from flex_plant_sim.diagnosis.causes.neighbourhood import estimated_scores, without_mean_error
+from flex_plant_sim.diagnosis.causes.neighbourhood import without_mean_error
 from flex_plant_sim.diagnosis.causes.posterior import interpretations, log_prior, Posterior, SetKey
 from flex_plant_sim.diagnosis.likelihood.evidence import ParameterPrior
 from flex_plant_sim.diagnosis.likelihood.prior import (
@@ -97,7 +97,7 @@ def test_errors_larger_than_every_model_s_are_not_those_of_a_cause_alone() -> No
     assert not Posterior.of([NOTHING, quiet], base).best.discrepancy.remainder
 
 
-def test_what_was_not_fitted_counts_with_its_linear_evidence() -> None:
+def test_what_was_not_fitted_counts_with_its_estimated_evidence() -> None:
     cause = replace(NOTHING, hypotheses=(hypothesis('payload_mass:arm'),), log_evidence=6.0)
     unfitted = {frozenset({'payload_mass:arm'}): 99.0, frozenset({'air_drag:arm'}): -1.0}
     found = Posterior.of([NOTHING, cause], BaseModel(REFERENCE), unfitted)
@@ -108,10 +108,21 @@ def test_what_was_not_fitted_counts_with_its_linear_evidence() -> None:
 
 
 def test_what_was_not_fitted_beside_a_set_with_a_remainder_has_one_too() -> None:
-    unfitted = {frozenset({'air_drag:arm'}): 0.0}
-    shares = [Posterior.of([NOTHING], BaseModel(REFERENCE), unfitted, unknown).effect_probability(
-        'air_drag') for unknown in (False, True)]
+    unfitted, base = {frozenset({'air_drag:arm'}): 0.0}, BaseModel(REFERENCE)
+    remainder = replace(NOTHING, discrepancy=replace(base.discrepancy, remainder=True))
+    shares = [Posterior.of([NOTHING], base, unfitted, beside).effect_probability('air_drag')
+              for beside in (NOTHING, remainder)]
     assert shares == pytest.approx([0.5 / (1.0 + imitation_odds(k)) for k in (0, 1)])
+
+
+def test_a_cause_that_the_record_does_not_show_is_no_fault_more_to_imitate() -> None:
+    base, names = BaseModel(REFERENCE), ('coulomb_friction:joint_1', 'strain_gain:strain_1a')
+    pair = replace(NOTHING, hypotheses=tuple(map(hypothesis, names)))
+    third = {frozenset({*names, 'torque_ripple:joint_2'}): NOTHING.log_evidence}
+    alone, beside = Posterior.of([pair], base), Posterior.of([pair], base, third, pair)
+    assert beside.effect_probability('torque_ripple') > 0.0
+    for name in ('coulomb_friction', 'strain_gain'):
+        assert beside.effect_probability(name) == pytest.approx(alone.effect_probability(name))
 
 
 def test_what_was_not_fitted_is_as_far_off_as_what_was() -> None:
@@ -121,15 +132,6 @@ def test_what_was_not_fitted_is_as_far_off_as_what_was() -> None:
     assert without_mean_error(estimates, {a: 13.0, b: 10.0, d: 99.0}) == {
         c: pytest.approx(12.5 - 2.0)}
     assert without_mean_error(estimates, {d: 99.0}) == estimates
-
-
-def test_a_coarse_fit_that_stopped_short_lifts_no_linear_estimate() -> None:
-    a, b, c, d = (frozenset({name}) for name in 'abcd')
-    linear = {a: 10.0, b: 9.0, c: 5.0, d: 4.0}
-    # The coarse fit of b stopped 20 nats short; c was fitted neither way, d coarsely alone.
-    coarse, fitted = {a: 8.0, b: -13.0, d: 3.0}, {a: 8.0, b: 7.0}
-    found = estimated_scores(linear, coarse, fitted)
-    assert found == {c: pytest.approx(3.0), d: pytest.approx(13.0)}
 
 
 def test_nothing_is_not_stated_where_something_is_likelier() -> None:

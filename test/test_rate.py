@@ -80,12 +80,12 @@ def test_an_event_at_any_time_changes_what_the_sensitivity_says(duration_s: floa
 
 def test_an_event_is_started_at_all_times_within_half_a_period() -> None:
     start = np.array([-0.1, 6.0, 0.0])
-    around = Proposal(CHANGE, 1.0, (start, 2.0 * start), (), np.zeros(0), np.zeros(0)
+    around = Proposal(CHANGE, 1.0, 0.0, (start, 2.0 * start), (), np.zeros(0), np.zeros(0)
                       ).with_times_around(0.8)
     times = np.array(around.starts)
     assert len(times) == 22 and set(times[:, 0]) == {-0.1, -0.2}
     assert times[:11, 1] == pytest.approx(np.linspace(5.6, 6.4, 11))
-    early = Proposal(CHANGE, 1.0, (np.array([-0.1, 0.2, 0.0]),), (), np.zeros(0), np.zeros(0)
+    early = Proposal(CHANGE, 1.0, 0.0, (np.array([-0.1, 0.2, 0.0]),), (), np.zeros(0), np.zeros(0)
                      ).with_times_around(0.8)
     assert np.array(early.starts)[:, 1].min() == 0.0, 'no event is before the record'
 

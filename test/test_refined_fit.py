@@ -8,7 +8,11 @@ from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
 from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.causes.gauss_newton import fit_set, GaussNewton
 from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses, CauseSet
-from flex_plant_sim.diagnosis.causes.neighbours import candidates, NeighbourFitter
+from flex_plant_sim.diagnosis.causes.neighbours import (
+    candidates,
+    fit_neighbours,
+    NeighbourFitter,
+)
 from flex_plant_sim.diagnosis.causes.part_causes import fits_replacing_parts
 from flex_plant_sim.diagnosis.causes.posterior import SetKey
 from flex_plant_sim.diagnosis.causes.proposal_step import probe_catalogue, proposals_beside
@@ -143,6 +147,26 @@ def test_a_resonant_effect_is_fitted_from_each_probed_size() -> None:
     deserving = {p.hypothesis.label: state.deserves_fit(50, replace(p, linear_gain=100.0))
                  for p in proposals}
     assert deserving[resonant.label] and not deserving['clamp_compliance:link_1']
+
+
+def test_what_was_not_fitted_does_not_pay_for_what_linear_gains_promised_of_others() -> None:
+    data = Data.of([simulated((), 22.0)], SLOWEST, REFERENCE.sample_time)
+    asked, base = ('link_stiffness', 'viscous_friction', 'strain_gain'), BaseModel(REFERENCE)
+    state = SearchState(data, base, 1, [name for name in catalogue() if name not in asked],
+                        lambda *told: None)
+    nothing = state.refine(CandidateSet((), (np.zeros(0),)), base.discrepancy)
+    probe_catalogue(state, nothing)
+    around = fit_neighbours(state, nothing)
+    promised = [replace(p, linear_gain=60.0) for p in around.proposals]
+    scores = replace(around, proposals=tuple(promised)).unfitted_scores(state)
+    null = {p.hypothesis.label: state.score_at_null(p) for p in promised}
+    assert len(scores) > 5
+    # By algebra an effect of which the record shows nothing has its linear evidence at null.
+    for proposal in around.proposals:
+        assert proposal.linear_gain + proposal.occam == pytest.approx(0.0, abs=3.0)
+    for labels, score in scores.items():
+        label, = labels
+        assert score - state.score(nothing.fit) == pytest.approx(null[label], abs=2.0), label
 
 
 def test_a_gear_is_started_with_a_heavy_output_too() -> None:

@@ -113,16 +113,22 @@ def log_prior_odds_of_causes(fit: Fit, nominal: BaseModel) -> float:
 
 @dataclass(frozen=True)
 class _SetProbability:
-    """A set: its causes, its probability if they are genuine, whether something is unknown."""
+    """
+    A set: its causes, its probability if they are genuine, whether something is unknown.
+
+    `shown` are the causes that the record shows. One that it does not show is no fault more that
+    something unknown would have to imitate.
+    """
 
     labels: frozenset[str]
     probability: float
     unknown: bool
+    shown: frozenset[str]
 
     @property
     def genuine_probability(self) -> float:
         """Return the probability that a cause of the set is not imitated by something unknown."""
-        return 1.0 / (1.0 + imitation_odds(further_faults(self.labels, self.unknown)))
+        return 1.0 / (1.0 + imitation_odds(further_faults(self.shown, self.unknown)))
 
 
 @dataclass(frozen=True)
@@ -138,8 +144,8 @@ class Posterior:
     nominal : BaseModel
     unfitted : Mapping
         Labels of sets that were not fitted to their probabilities.
-    unfitted_unknown : bool
-        Whether something unknown belongs to those, too.
+    beside : Fit, optional
+        The set that those are beside, which have one cause more: as it was read.
 
     """
 
@@ -147,12 +153,12 @@ class Posterior:
     probability: Array
     nominal: BaseModel
     unfitted: Mapping[frozenset[str], float] = field(default_factory=dict)
-    unfitted_unknown: bool = False
+    beside: Fit | None = None
 
     @classmethod
     def of(cls, fits: Sequence[Fit], nominal: BaseModel,
            unfitted_scores: Mapping[frozenset[str], float] = MappingProxyType({}),
-           unfitted_unknown: bool = False) -> Posterior:
+           beside: Fit | None = None) -> Posterior:
         """
         Return the posterior over sets.
 
@@ -164,18 +170,18 @@ class Posterior:
             The model in question.
         unfitted_scores : Mapping
             Labels of sets that were not fitted to their estimated scores, nats.
-        unfitted_unknown : bool
-            Whether something unknown belongs to those, too.
+        beside : Fit, optional
+            The set that those are beside, as it was read.
 
         """
         fits = [reading for fit in fits for reading in interpretations(fit)]
         score = np.array([fit.log_evidence + log_prior(fit, nominal) for fit in fits])
-        return cls.from_scores(fits, score, nominal, unfitted_scores, unfitted_unknown)
+        return cls.from_scores(fits, score, nominal, unfitted_scores, beside)
 
     @classmethod
     def from_scores(cls, fits: Sequence[Fit], score: Array, nominal: BaseModel,
                     unfitted_scores: Mapping[frozenset[str], float] = MappingProxyType({}),
-                    unfitted_unknown: bool = False) -> Posterior:
+                    beside: Fit | None = None) -> Posterior:
         """Return the posterior over sets whose log posterior odds, nats, are the scores, (S,)."""
         order, known = np.argsort(-score), {SetKey.of(fit).labels for fit in fits}
         top = score[order[0]]
@@ -185,7 +191,7 @@ class Posterior:
         total = weight.sum() + sum(others.values())
         return cls(tuple(fits[k] for k in order), weight / total, nominal,
                    {labels: value / total for labels, value in others.items()},
-                   unfitted_unknown)
+                   beside)
 
     @property
     def best(self) -> Fit:
@@ -195,10 +201,13 @@ class Posterior:
     @property
     def _set_probabilities(self) -> list[_SetProbability]:
         """Return all sets, those fitted first."""
-        return [*(_SetProbability(SetKey.of(fit).labels, float(p), is_unknown(fit, self.nominal))
-                  for fit, p in zip(self.fits, self.probability)),
-                *(_SetProbability(labels, p, self.unfitted_unknown)
-                  for labels, p in self.unfitted.items())]
+        fitted = [_SetProbability(labels, float(p), is_unknown(fit, self.nominal), labels)
+                  for fit, p in zip(self.fits, self.probability)
+                  for labels in [SetKey.of(fit).labels]]
+        unknown = self.beside is not None and is_unknown(self.beside, self.nominal)
+        shown = SetKey.of(self.beside).labels if self.beside is not None else frozenset[str]()
+        return [*fitted, *(_SetProbability(labels, p, unknown, shown)
+                           for labels, p in self.unfitted.items())]
 
     @property
     def genuine_probability(self) -> float:

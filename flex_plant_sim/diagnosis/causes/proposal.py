@@ -34,6 +34,8 @@ class Proposal:
     hypothesis : Hypothesis
     linear_gain : float
         Log-evidence at the best shape, by linearisation, nats, without the prior odds.
+    occam : float
+        Log-evidence that its freedom costs there, nats: what it loses if its best size is null.
     starts : tuple of Array
         Values to start a fit from, the best first, (k,) each.
     probe_starts : tuple of Array
@@ -47,6 +49,7 @@ class Proposal:
 
     hypothesis: Hypothesis
     linear_gain: float
+    occam: float
     starts: tuple[Array, ...]
     probe_starts: tuple[Array, ...]
     probed_sizes: Array
@@ -67,9 +70,10 @@ class Proposal:
 
 @dataclass(frozen=True)
 class _StartPoint:
-    """Values to start from, their gain, the information on each size, and if they were probed."""
+    """Values to start from, gain, cost of freedom, information on sizes, if they were probed."""
 
     gain: float
+    occam: float
     values: Array
     information: Array
     probed: bool
@@ -112,7 +116,8 @@ class ProposalScorer:
             (max(group, key=lambda p: p.gain) for group in groups.values()), key=lambda p: -p.gain)
         first = int(np.argmax(hypothesis.is_size))
         return Proposal(
-            hypothesis, points[0].gain, tuple(p.values for p in apart[:MAX_STARTS]),
+            hypothesis, points[0].gain, points[0].occam,
+            tuple(p.values for p in apart[:MAX_STARTS]),
             tuple(p.values for p in _probed(groups.values())),
             np.array([abs(deviation[first]) for deviation in groups]),
             np.array([np.quantile([p.information[first] for p in group], 0.25)
@@ -150,10 +155,11 @@ class ProposalScorer:
             return -float(gradient @ change + 0.5 * change @ hessian @ change
                           + 0.5 * from_centre @ from_centre) - occam
 
-        found = [_StartPoint(gain(best), _with_sizes(shape, sizes, best), information, False)]
+        found = [_StartPoint(gain(best), occam, _with_sizes(shape, sizes, best), information,
+                             False)]
         if sizes.size == 1:
-            found.append(_StartPoint(gain(deviation), _with_sizes(shape, sizes, deviation),
-                                     information, True))
+            found.append(_StartPoint(gain(deviation), occam,
+                                     _with_sizes(shape, sizes, deviation), information, True))
         return found
 
 

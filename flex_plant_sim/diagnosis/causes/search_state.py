@@ -165,6 +165,10 @@ class SearchState:
         return proposal.linear_gain + log_prior_odds(
             proposal.hypothesis.effect, self.nominal.robot)
 
+    def score_at_null(self, proposal: Proposal) -> float:
+        """Return a proposal's prior odds without what its freedom costs, nats."""
+        return log_prior_odds(proposal.hypothesis.effect, self.nominal.robot) - proposal.occam
+
     def deserves_fit(self, rank: int, proposal: Proposal) -> bool:
         """
         Tell whether a proposal is to be fitted, by its rank among the proposals.
@@ -176,7 +180,7 @@ class SearchState:
             ranked and self.penalised_gain(proposal) > MIN_PROPOSAL_GAIN)
 
     def posterior(self, unfitted_scores: Mapping[frozenset[str], float] = MappingProxyType({}),
-                  unfitted_unknown: bool = False) -> Posterior:
+                  beside: Fit | None = None) -> Posterior:
         """Return the posterior over all fitted sets, and over some that were not fitted."""
         return Posterior.of(list(self.fits.values()), self.nominal, unfitted_scores,
-                            unfitted_unknown)
+                            beside)
