@@ -25,7 +25,7 @@ from scipy.stats import multivariate_normal
 from simulated_records import REFERENCE
 from truth.records import draw_case, make_record
 
-TIME = np.linspace(0.0, 4.0, 9)
+TIME, DURATION_WIDTHS = np.linspace(0.0, 4.0, 9), np.array([0.5, 1.5, 4.5])
 
 
 def some_grid(sudden: float = 0.5) -> EventGrid:
@@ -36,14 +36,14 @@ def some_grid(sudden: float = 0.5) -> EventGrid:
     columns = 0.2 * rng.standard_normal((2, 2, 40))
     said = -np.mean(responses[1:8], axis=0) - 0.4 * columns[0] + rng.standard_normal((2, 40))
     return EventGrid(TIME, responses, np.concatenate([said[None], columns]),
-                     np.array([0.5, 0.7]), (2.0, 1.5), 0.8, sudden, np.array([1.0, 0.25]))
+                     np.array([0.5, 0.7]), 2.0, DURATION_WIDTHS, 0.8, sudden, np.array([1.0, 0.25]))
 
 
 def log_likelihood(grid: EventGrid, response: Array) -> float:
     """Return ln p of the residual with a response to a unit size, all Gaussian, written out."""
     root = np.sqrt(grid.channel_weight)[:, None]
     said, *columns = ((row * root).ravel() for row in grid.background)
-    wide = np.column_stack([(response * root).ravel() * grid.event_widths[0],
+    wide = np.column_stack([(response * root).ravel() * grid.size_width,
                             *(grid.prior_widths[k] * row for k, row in enumerate(columns))])
     return float(multivariate_normal(cov=np.eye(said.size) + wide @ wide.T).logpdf(said))
 
@@ -75,7 +75,8 @@ def test_times_and_durations_are_integrated_over_as_the_prior_says() -> None:
         return float(np.exp(grid.log_likelihood_of(weights)))
 
     def gradual(duration: float, start: float) -> float:
-        density = np.sqrt(2.0 / np.pi) / 1.5 * np.exp(-0.5 * (duration / 1.5)**2)
+        density = sum(share * np.sqrt(2.0 / np.pi) / width * np.exp(-0.5 * (duration / width)**2)
+                      for share, width in zip((1 / 6, 2 / 3, 1 / 6), DURATION_WIDTHS))
         return float(density * likelihood(start, duration))
 
     at_once, _ = quad(lambda t: likelihood(t, 0.0), 0.0, 4.0, limit=200)
@@ -85,20 +86,20 @@ def test_times_and_durations_are_integrated_over_as_the_prior_says() -> None:
     assert some_grid(0.0).probability[0].sum() == 0.0
 
 
-@pytest.fixture(scope='module', params=[0.0, 3.7])
+@pytest.fixture(scope='module', params=[(13.2, 0.0), (13.2, 3.7), (6.0, 13.0)])
 def arm(request: pytest.FixtureRequest) -> tuple[Data, BaseModel, Array]:
     """Return the record of an arm of finite elements, the model, and its payload's change."""
     case = draw_case('payload_change', 1, duration_s=24.0)
     (name, _), = case.effects
-    change, start = 0.03, 13.2
+    change, (start, duration) = 0.03, request.param
     case = replace(case, effects=((name, {
-        'time': start, 'mass': case.payload_true + change, 'duration': request.param}),))
+        'time': start, 'mass': case.payload_true + change, 'duration': duration}),))
     made, robot = make_record(case), load_robot('reference')
     record = Record('made', made.time - made.time[0], made.command,
                     np.column_stack([made.joint, made.strain]), case.payload_told)
     base = nominal_base(robot, 'assumed_modes', 2)
     data = Data.of([record], slowest_frequency(base, case.payload_told), robot.sample_time)
-    return data, base, np.array([change, start, request.param])
+    return data, base, np.array([change, start, duration])
 
 
 def test_a_change_of_the_payload_is_told_as_slow_as_it_may_be(

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.likelihood.evidence import GaussianMarginal
+from flex_plant_sim.diagnosis.likelihood.evidence import GaussianMarginal, LOG_WEIGHTS
 from flex_plant_sim.interval import CREDIBLE_LEVEL, Z95
 import numpy as np
 
@@ -77,8 +77,10 @@ class EventGrid:
         centres of their priors, and parts), (1 + z, m, N).
     prior_widths : Array
         Prior standard deviations of all else, (z,).
-    event_widths : tuple of float
-        Prior standard deviations of the event's size and duration.
+    size_width : float
+        Prior standard deviation of the event's size.
+    duration_widths : Array
+        Those of its duration that stand for all, see `ParameterPrior`, (3,).
     size : float
         Of the responses' events, counted from null.
     sudden_probability : float
@@ -92,7 +94,8 @@ class EventGrid:
     responses: Array
     background: Array
     prior_widths: Array
-    event_widths: tuple[float, float]
+    size_width: float
+    duration_widths: Array
     size: float
     sudden_probability: float
     channel_weight: Array
@@ -164,14 +167,14 @@ class EventGrid:
     def size_posterior(self, weights: Array) -> tuple[Array, Array]:
         """Return mean and variance of the size given events' weights (…, T), (…) each."""
         precision = np.einsum('...k,...k', weights @ self.reduced_products[1:, 1:],
-                              weights) + self.event_widths[0]**-2
+                              weights) + self.size_width**-2
         return -(weights @ self.reduced_products[1:, 0]) / precision, 1.0 / precision
 
     def log_likelihood_of(self, weights: Array) -> Array:
         """Return ln p of the record given events' weights (…, T), up to a constant, nats, (…)."""
         mean, variance = self.size_posterior(weights)
         return np.asarray(0.5 * (mean**2 / variance
-                                 + np.log(variance / self.event_widths[0]**2)))
+                                 + np.log(variance / self.size_width**2)))
 
     @cached_property
     def log_likelihood(self) -> Array:
@@ -182,10 +185,11 @@ class EventGrid:
     @cached_property
     def gradual_log_density(self) -> Array:
         """Return ln of likelihood times prior density, s^-2, of gradual events, (T, T)."""
-        scaled = self.duration / self.event_widths[1]
-        density = 2.0 / (np.sqrt(2.0 * np.pi) * self.event_widths[1]) * (
-            1.0 - self.sudden_probability)
-        return self.log_likelihood - 0.5 * scaled**2 + np.log(density / np.ptp(self.time))
+        widths = self.duration_widths[:, None, None]
+        density = np.logaddexp.reduce(LOG_WEIGHTS[:, None, None] - np.log(widths)
+                                      - 0.5 * (self.duration / widths)**2, axis=0)
+        constant = np.sqrt(2.0 / np.pi) * (1.0 - self.sudden_probability) / np.ptp(self.time)
+        return np.asarray(self.log_likelihood + density + np.log(constant))
 
     @cached_property
     def sudden_log_density(self) -> Array:

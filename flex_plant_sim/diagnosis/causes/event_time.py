@@ -108,7 +108,7 @@ class EventTimeIntegral:
         grid = EventGrid(
             times, self._responses(times, without_event), background,
             np.r_[prior.width[self.others], self.solver.likelihood.tolerances],
-            (float(prior.width[indices.size]), float(prior.width[indices.duration])),
+            float(prior.width[indices.size]), prior.widths[:, indices.duration],
             float(point.values[indices.size] - prior.centre[indices.size]),
             0.5 if prior.spiked[indices.duration] else 0.0,
             1.0 / (TEMPER * self.solver.error_scale**2))

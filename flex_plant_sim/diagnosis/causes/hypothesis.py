@@ -117,8 +117,9 @@ class Hypothesis:
         high = np.where(fixed | is_time, np.inf, self.high - centre)
         # An optional parameter is at null with probability 1/2.
         spiked = ~fixed & np.array([p.optional for p in self.parameters])
-        # `EventGrid` integrates over events with the likeliest width alone.
-        known = fixed | is_time | (self.event_index is not None)
+        # `EventGrid` integrates over events of the likeliest width alone, and all durations.
+        lasts = np.array([p.name == self.effect.event_duration for p in self.parameters])
+        known = fixed | is_time | (~lasts & (self.event_index is not None))
         spread = np.where(known, 0.0, WIDTH_SPREAD)
         return ParameterPrior(centre, width, low, high, spiked, spread)
 

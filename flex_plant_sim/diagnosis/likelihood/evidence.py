@@ -168,14 +168,14 @@ class ParameterPrior:
         return log_mass(self.low / self.width, self.high / self.width)
 
     @property
-    def _widths(self) -> Array:
+    def widths(self) -> Array:
         """Return the widths that stand for all, (3, k)."""
         return np.asarray(self.width * np.exp(NODES[:, None] * self.width_spread))
 
     def _log_densities(self, offsets: Array) -> Array:
         """Return the log-density of values less the centres (k,) at each width, (3, k)."""
-        return (LOG_WEIGHTS[:, None] - np.log(self._widths)
-                - 0.5 * (offsets / self._widths)**2)
+        return (LOG_WEIGHTS[:, None] - np.log(self.widths)
+                - 0.5 * (offsets / self.widths)**2)
 
     def cost(self, offsets: Array) -> float:
         """Return minus the log-density at values less the centres, up to a constant, nats."""
@@ -185,7 +185,7 @@ class ParameterPrior:
         """Return the width of the Gaussian with the slab's slope at values less the centres."""
         each = self._log_densities(offsets)
         share = np.exp(each - np.logaddexp.reduce(each, axis=0))
-        return np.asarray(np.sum(share / self._widths**2, axis=0)**-0.5)
+        return np.asarray(np.sum(share / self.widths**2, axis=0)**-0.5)
 
     def log_correction(self, offsets: Array, mean: Array, variance: Array) -> float:
         """
@@ -201,7 +201,7 @@ class ParameterPrior:
             Of the posterior of value - centre under these, (k,).
 
         """
-        working, widths = self.working_width(offsets), self._widths
+        working, widths = self.working_width(offsets), self.widths
         # The posterior mean of exp(-difference x^2 / 2), and the posterior times that.
         difference = widths**-2 - working**-2
         narrower = 1.0 + variance * difference

@@ -12,13 +12,13 @@ import numpy as np
 START = 1.0
 
 
-def first_state(arm: ExtendedArm, run: FilterRun, output: Array, noise: Array, whitener: Array
-                ) -> Array:
+def first_state(arm: ExtendedArm, run: FilterRun, noise: Array, whitener: Array) -> Array:
     """
     Return the state at the first sample, (n,): at rest, or the likeliest of an arm in motion.
 
     Whether it moves is asked of the angles alone, because a wrong model, too, errs from the first
-    sample on. The likeliest state is that of a linear regression of the first errors.
+    sample on. The likeliest state is that of a linear regression of the first errors. Angles are
+    those that the arm's sensors mean by their readings.
 
     Parameters
     ----------
@@ -26,17 +26,16 @@ def first_state(arm: ExtendedArm, run: FilterRun, output: Array, noise: Array, w
         The arm that is filtered.
     run : FilterRun
         Its steady predictor through the record.
-    output : Array
-        The first outputs as they were read, (K, m).
     noise : Array
         Standard deviations of the outputs, (m,).
     whitener : Array
         L^-1 of the innovations' covariance L L' at the first samples, (K, m, m).
 
     """
-    count, rest = len(output), np.zeros(arm.states)
-    rest[:2] = output[0, :2]
-    rates, deviations = first_rates(output[:, :2], 1.0, noise[:2])
+    count, rest = len(whitener), np.zeros(arm.states)
+    angles = run.measured[:count, 0, :2]
+    rest[:2] = angles[0]
+    rates, deviations = first_rates(angles, 1.0, noise[:2])
     if not np.any(np.abs(rates) > MOVES * deviations):
         return rest
     states = np.vstack([rest, rest + START * np.eye(arm.states)])

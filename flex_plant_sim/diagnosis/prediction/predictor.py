@@ -262,7 +262,7 @@ class Predictor:
         run = FilterRun(self, arm, predictor_matrices(self, arm, self.gain, rows), rows, 1)
         count = first_rows(self.windows.warm_up)
         whitener = interpolated(self.weights[:count], self.steady.whitener)
-        first = first_state(arm, run, self.record.output[:count], self.noise, whitener)
+        first = first_state(arm, run, self.noise, whitener)
         return run.states(rows[:, None], first[None])[:, 0, 0]
 
     def weights_of(self, arm: ExtendedArm) -> Array:
