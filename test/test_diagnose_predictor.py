@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
+from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import COMPILED
 from flex_plant_sim.diagnosis.prediction import filter_run
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
@@ -67,6 +69,24 @@ def test_a_late_gauge_is_predicted_as_if_it_were_in_time() -> None:
                                          ('strain_delay:arm:delay_s=0.03',))))
     # Loads are judged by the record's own spread, which lacks its last three samples.
     assert np.all(np.std(found - own, axis=(0, 1)) < 0.001 * np.std(own, axis=(0, 1)))
+
+
+@pytest.mark.parametrize('hidden, reading', [
+    ('angle_offset:joint_2:offset_rad=0.2', lambda angle: angle + 0.2),
+    ('angle_gain:joint_2:factor=1.2', lambda angle: 1.2 * angle)])
+def test_an_arm_begins_where_its_sensors_mean_it(
+        hidden: str, reading: Callable[[Array], Array]) -> None:
+    record = simulated()
+    away = replace(record, output=record.output + [0.0, 0.4, 0.0, 0.0, 0.0, 0.0])
+    misread = away.output.copy()
+    misread[:, 1] = reading(away.output[:, 1])
+    p = predictor(record, locked=False)
+    own, found = (Predictor(replace(p.base, effects=effects(*e)), replace(p.windows, record=r),
+                            p.noise).states for e, r in (
+        ((), away), ((hidden,), replace(record, output=misread))))
+    assert found[0] == pytest.approx(own[0], abs=1e-9)
+    # Before the filter has seen anything, and while it forgets its start.
+    assert np.max(np.abs(found[:200, :2] - own[:200, :2])) < 1e-3
 
 
 @pytest.mark.parametrize('late', ['angle_delay:joint_1:delay_s={}', 'strain_delay:arm:delay_s={}',

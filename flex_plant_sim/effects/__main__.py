@@ -17,7 +17,7 @@ under `effects:` (a list of `name`, `site` and the parameters), and `plant_sim` 
 `identifier:site:parameter=number,…`. A null value means that the effect is absent. `smallest` is
 the deviation from null that matters in practice; where it is empty, the
 parameter only shapes the effect. `typical` is the standard deviation of the prior around null,
-known to a factor of two but for events; a
+known to a factor of two but for the sizes of events; a
 time may be anywhere in the record, `one of them` stands where nature has one of the starts, and
 `or null` where null is as probable as all else.
 
