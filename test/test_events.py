@@ -37,7 +37,7 @@ def some_grid(sudden: float = 0.5) -> EventGrid:
     said = -np.mean(responses[1:8], axis=0) - 0.4 * columns[0] + rng.standard_normal((2, 40))
     return EventGrid(TIME, responses, np.concatenate([said[None], columns]),
                      np.array([0.5, 0.7]), 2.0, DURATION_WIDTHS, 0.8, sudden,
-                     np.array([1.0, 0.25]))
+                     np.array([1.0, 0.25]), 0.1)
 
 
 def log_likelihood(grid: EventGrid, response: Array) -> float:
@@ -85,6 +85,49 @@ def test_times_and_durations_are_integrated_over_as_the_prior_says() -> None:
     assert grid.log_integral == pytest.approx(np.log(0.5 * (at_once + taking) / 4.0), abs=0.1)
     assert grid.probability[0].sum() == pytest.approx(at_once / (at_once + taking), abs=0.05)
     assert some_grid(0.0).probability[0].sum() == 0.0
+
+
+def test_no_time_is_added_between_those_that_change_the_same_samples() -> None:
+    grid = some_grid()
+    seen = np.arange(40) / 10.0
+    # A sharp event at a sample: bisecting would end at two equal times.
+    responses = 1e3 * np.ones((9, 2, 1)) * (seen >= TIME[:, None, None])
+    said = np.concatenate([-responses[4][None], grid.background[1:]])
+    for _ in range(60):
+        grid = replace(grid, responses=responses, background=said)
+        if not (more := grid.refinement_times).size:
+            break
+        times = np.sort(np.r_[grid.time, more])
+        responses = 1e3 * np.ones((times.size, 2, 1)) * (seen >= times[:, None, None])
+        grid = replace(grid, time=times)
+    assert np.diff(grid.time).min() > 0.04 and np.all(np.isfinite(grid.estimate()))
+    assert grid.estimate()[0] == pytest.approx(2.0, abs=0.1)
+
+
+def test_deviations_are_those_of_what_is_drawn_from_all_events() -> None:
+    grid, rng = some_grid(), np.random.default_rng(5)
+    values = grid.estimate()
+    sudden, gradual = grid.probability
+    weight = (gradual + np.diag(sudden)).ravel()
+    events = rng.choice(weight.size, 200000, p=weight / weight.sum())
+    start, end = np.divmod(events, TIME.size)
+    drawn = np.zeros((events.size, 5))
+    drawn[:, 0], drawn[:, 1] = TIME[start], TIME[end] - TIME[start]
+    root = np.sqrt(grid.channel_weight)[:, None]
+    said, *columns = ((row * root).ravel() for row in grid.background)
+    for event in np.unique(events):
+        of_event = events == event
+        k, n = divmod(int(event), TIME.size)
+        unit = (response_at(grid, TIME[k], TIME[n] - TIME[k]) * root).ravel()
+        wide = np.column_stack([unit, *columns])
+        covariance = np.linalg.inv(
+            wide.T @ wide + np.diag(np.r_[grid.size_width, grid.prior_widths]**-2.0))
+        drawn[of_event, 2:] = rng.multivariate_normal(
+            -covariance @ (wide.T @ said), covariance, int(of_event.sum()))
+    found = grid.mean_square_deviation(values)
+    square = np.mean((drawn - values)**2, axis=0)
+    assert np.diagonal(found)[2:] == pytest.approx(square[2:], rel=0.03)
+    assert np.all(np.diagonal(found)[:2] >= 0.97 * square[:2])
 
 
 @pytest.fixture(scope='module', params=[(13.2, 0.0), (13.2, 3.7), (6.0, 13.0)])

@@ -87,6 +87,8 @@ class EventGrid:
         A priori.
     channel_weight : Array
         One over the variance of each channel's errors, (m,).
+    sampling : float
+        Time within which sudden events change the same samples, s.
 
     """
 
@@ -99,6 +101,7 @@ class EventGrid:
     size: float
     sudden_probability: float
     channel_weight: Array
+    sampling: float
 
     @cached_property
     def _products(self) -> Array:
@@ -231,7 +234,8 @@ class EventGrid:
         power = np.diagonal(products)
         distance = 0.5 * size**2 * (power[1:] + power[:-1] - 2.0 * np.diagonal(products, 1))
         wanted = distance * (share[1:] + share[:-1]) > MAX_INTERPOLATION_ERROR
-        return 0.5 * (self.time[1:] + self.time[:-1])[wanted]
+        return 0.5 * (self.time[1:] + self.time[:-1])[
+            wanted & (np.diff(self.time) > self.sampling)]
 
     def _mixture(self, weight: Array) -> _Mixture:
         """Return the mixture of events with weights, (T, T)."""

@@ -111,7 +111,8 @@ class EventTimeIntegral:
             float(prior.width[indices.size]), prior.widths[:, indices.duration],
             float(point.values[indices.size] - prior.centre[indices.size]),
             0.5 if prior.spiked[indices.duration] else 0.0,
-            1.0 / (TEMPER * self.solver.error_scale**2))
+            1.0 / (TEMPER * self.solver.error_scale**2),
+            float(np.min(np.diff(np.unique(self.solver.likelihood.times)))))
         while grid.time.size < MAX_EVENT_TIMES and (more := grid.refinement_times).size:
             times = np.r_[grid.time, more]
             order = np.argsort(times)
