@@ -7,7 +7,7 @@ torques and parts that are not as their file says are tried on refined sets.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
@@ -37,7 +37,26 @@ def refine_leading(state: SearchState, centre: RefinedFit) -> None:
     if centre.fit is not state.refined[SetKey.of(centre.fit)].fit:
         fits = tuple(fit for fit in fits if SetKey.of(fit).without_remainder not in state.refined)
     if fits:
+        before = {SetKey.of(fit): state.score(fit) for fit in reversed(fits)
+                  if SetKey.of(fit).without_remainder not in state.refined}
         refine_contenders(state, fits[:MAX_REFINED_AT_ONCE], fits[0], centre)
+        _refine_followers(state, before)
+
+
+def _refine_followers(state: SearchState, before: Mapping[SetKey, float]) -> None:
+    """
+    Refine sets that may lead if they gain by it what those refined already gained on average.
+
+    Linearised around themselves, sets that were fitted around one centre gain alike.
+    """
+    gains = [state.score(state.refined[key].fit) - score for key, score in before.items()
+             if key in state.refined]
+    if gains:
+        least = state.score(state.best.fit) - MAX_DEFICIT - float(np.mean(gains))
+        state.refine_each([state.fits[key] for key in sorted(
+            (key for key, score in before.items() if key in state.fits and score > least
+             and key not in state.refined and key == key.without_remainder),
+            key=lambda key: -before[key])[:MAX_REFINED_AT_ONCE]])
 
 
 def refine_alternatives(state: SearchState, best: RefinedFit, centre: RefinedFit) -> None:
