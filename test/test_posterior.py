@@ -97,6 +97,18 @@ def test_errors_larger_than_every_model_s_are_not_those_of_a_cause_alone() -> No
     assert not Posterior.of([NOTHING, quiet], base).best.discrepancy.remainder
 
 
+def test_slow_errors_of_a_gauge_are_not_those_of_a_cause_alone() -> None:
+    base, h = BaseModel(REFERENCE), hypothesis('payload_mass:arm')
+    # One channel of all samples as stated; its means over a while three times too large.
+    cause = replace(NOTHING, hypotheses=(h,), log_evidence=50.0,
+                    statistics=replace(EMPTY, samples=3000.0))
+    slow = replace(cause, slow_gauge_scale=np.array([3.0]), slow_means=60)
+    assert not Posterior.of([NOTHING, cause], base).best.discrepancy.remainder
+    assert Posterior.of([NOTHING, slow], base).best.discrepancy.remainder
+    few = replace(slow, slow_gauge_scale=np.array([1.1]))
+    assert not Posterior.of([NOTHING, few], base).best.discrepancy.remainder
+
+
 def test_what_was_not_fitted_counts_with_its_estimated_evidence() -> None:
     cause = replace(NOTHING, hypotheses=(hypothesis('payload_mass:arm'),), log_evidence=6.0)
     unfitted = {frozenset({'payload_mass:arm'}): 99.0, frozenset({'air_drag:arm'}): -1.0}

@@ -50,6 +50,24 @@ def test_a_gauge_that_is_not_linear_is_not_nothing(per_strain: float, verdict: s
     assert sum(p['probability'] for p in found['sets']) == pytest.approx(1.0, abs=0.02)
 
 
+@pytest.mark.parametrize(('share', 'verdict'), [(0.05, 'nothing_wrong'),
+                                                (0.25, 'not_in_catalogue')])
+def test_a_gauge_that_hears_a_drive_is_not_nothing(share: float, verdict: str, tmp_path: Path
+                                                   ) -> None:
+    """Its error is slow: of all samples' power, most of which is noise, it is little."""
+    made, answer = make_record(TruthCase(98, duration_s=24.0)), tmp_path / 'answer.json'
+    heard = made.command[:, 0] - made.command[:, 0].mean()
+    made.strain[:, 0] += share * heard * made.strain[:, 0].std() / heard.std()
+    made.write_csv(tmp_path / 'log.csv')
+    others = [f'--exclude={name}' for name in catalogue() if name not in ASKED]
+    assert main([str(tmp_path / 'log.csv'), '--jobs', '1', '--json', str(answer), *others]) == 0
+    found = json.loads(answer.read_text())
+    assert found['verdict'] == verdict
+    assert (found['probabilities']['unknown'] > 0.8) == (verdict == 'not_in_catalogue')
+    assert ('strain 1a' in found['sentence'] and 'the command of joint 1' in found['sentence']) \
+        == (verdict == 'not_in_catalogue')
+
+
 @pytest.mark.parametrize(('shape', 'variable', 'of_no_effect'), [
     (lambda x: x, 'angle', False), (lambda x: np.sign(x) + 0.3 * x, 'speed', False),
     (np.square, 'load', True), (lambda x: x**3, 'speed', True),

@@ -49,6 +49,11 @@ class Fit:
         -inf where that was not computed.
     window_log_likelihoods : Array
         ln p of each window at the estimates, up to a constant of the window, nats, (W,).
+    slow_gauge_scale : Array
+        Factor of the gauges' errors, averaged over the correlation time of what every model misses
+        of a strain, over what the filter states; at least 1, (g,). Of all errors they are few.
+    slow_means : int
+        Number of such means.
 
     """
 
@@ -62,6 +67,13 @@ class Fit:
     log_evidence: float
     varying_gain: float = -math.inf
     window_log_likelihoods: Array = field(default_factory=lambda: np.zeros(0))
+    slow_gauge_scale: Array = field(default_factory=lambda: np.zeros(0))
+    slow_means: int = 0
+
+    @property
+    def has_large_errors(self) -> bool:
+        """Return whether a channel errs by more than every model may."""
+        return bool(np.any(self.error_scale > 1.0) or np.any(self.slow_gauge_scale > 1.0))
 
 
 def with_far_part(fit: Fit, name: str, index: int) -> Fit:

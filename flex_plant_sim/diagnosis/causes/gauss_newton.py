@@ -266,7 +266,19 @@ class GaussNewton:
                    deviations, error_scale, covariance, statistics,
                    statistics.log_evidence(error_scale),
                    self._varying_gain(point, statistics, error_scale),
-                   -0.5 * window_sums(minus_errors[None], weighted, self.window_count)[0])
+                   -0.5 * window_sums(minus_errors[None], weighted, self.window_count)[0],
+                   *self._slow_gauge_errors(minus_errors))
+
+    def _slow_gauge_errors(self, errors: Array) -> tuple[Array, int]:
+        """Return scales (g,) and number of means over the correlation time of gauges' errors."""
+        likelihood = self.likelihood
+        length = round(likelihood.base.discrepancy.gauge_periods
+                       * likelihood.predictors[0].windows.warm_up)
+        gauges = errors[2:].reshape(len(errors) - 2, self.window_count, -1)
+        count = gauges.shape[2] // length
+        means = gauges[..., :count * length].reshape(*gauges.shape[:2], count, length).sum(axis=3)
+        power = np.mean(means**2, axis=(1, 2)) / length
+        return np.sqrt(np.maximum(power, 1.0)), self.window_count * count
 
     @property
     def window_count(self) -> int:

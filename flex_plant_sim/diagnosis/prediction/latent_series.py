@@ -55,12 +55,15 @@ def gauge_series(found: Sequence[LatentForces], robot: Robot) -> tuple[LatentSer
     names, series = robot.gauge_names, []
     strain = np.vstack([f.strain for f in found])
     rate = np.vstack([np.gradient(f.strain, f.time, axis=0) for f in found])
+    # A drive's cable may reach a gauge's.
+    commands = {f'command_{j + 1}': (COMMAND_UNIT, _joined([f.command[:, j] for f in found]))
+                for j in range(2)}
     for g, name in enumerate(names):
         # Gauges on the same link read nearly the same and are no separate variables.
         others = {other: ('m/m', strain[:, k]) for k, other in enumerate(names)
                   if other[:LINK_PREFIX] != name[:LINK_PREFIX]}
         variables = {'strain': ('m/m', strain[:, g]), 'strain rate': ('m/m/s', rate[:, g]),
-                     **others, TIME: ('s', _joined([f.time for f in found]))}
+                     **others, **commands, TIME: ('s', _joined([f.time for f in found]))}
         series.append(LatentSeries(
             name, 'm/m', _joined([f.gauge[:, g] for f in found]),
             _joined([f.gauge_deviation[:, g] for f in found]), variables, _scored(found),

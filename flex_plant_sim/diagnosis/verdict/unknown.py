@@ -21,7 +21,8 @@ UNNAMED_VERDICTS: tuple[Verdict, ...] = ('not_in_catalogue', 'cause_and_remainde
 # Variables of laws in words.
 VARIABLE_TEXT = {'speed': 'its speed', 'angle': 'its angle', 'load': 'the load on its link',
                  'command': 'its command', 'time': 'time', 'strain': 'its own strain',
-                 'strain rate': 'the rate of its strain'}
+                 'strain rate': 'the rate of its strain', 'command_1': 'the command of joint 1',
+                 'command_2': 'the command of joint 2'}
 NOT_IN_CATALOGUE = 'The simulation is wrong in a way that nothing in the catalogue explains.'
 LOOK_AT_RESIDUALS = 'Look at the residual plots: channel, band and dependence say where to look.'
 # Least share of a force that a law is believed to leave, so that its odds stay finite.

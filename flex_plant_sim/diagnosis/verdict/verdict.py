@@ -314,7 +314,7 @@ def _genuine_text(posterior: Posterior) -> str:
 def _unnamed_remainder(found: SearchResult) -> str:
     """Return why something unnamed is assumed beside the causes or in place of one."""
     fit = found.best.fit
-    if fit.discrepancy.remainder and not np.any(fit.error_scale > 1.0):
+    if fit.discrepancy.remainder and not fit.has_large_errors:
         one = 'it' if len(fit.hypotheses) == 1 else 'one of these causes'
         return (f' But {one} is not equally large throughout the record: something unnamed that '
                 f'looks like it on average is more likely. {_genuine_text(found.posterior)}')
