@@ -51,7 +51,7 @@ class Fit:
         ln p of each window at the estimates, up to a constant of the window, nats, (W,).
     slow_gauge_scale : Array
         Factor of the gauges' errors, averaged over the correlation time of what every model misses
-        of a strain, over what the filter states; at least 1, (g,). Of all errors they are few.
+        of a strain, over what the filter states, (g,). Of all errors they are few.
     slow_means : int
         Number of such means.
 

@@ -277,8 +277,7 @@ class GaussNewton:
         gauges = errors[2:].reshape(len(errors) - 2, self.window_count, -1)
         count = gauges.shape[2] // length
         means = gauges[..., :count * length].reshape(*gauges.shape[:2], count, length).sum(axis=3)
-        power = np.mean(means**2, axis=(1, 2)) / length
-        return np.sqrt(np.maximum(power, 1.0)), self.window_count * count
+        return np.sqrt(np.mean(means**2, axis=(1, 2)) / length), self.window_count * count
 
     @property
     def window_count(self) -> int:

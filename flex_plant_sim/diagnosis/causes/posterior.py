@@ -26,6 +26,9 @@ from flex_plant_sim.diagnosis.record.windows import LOCKED_SHARE
 from flex_plant_sim.interval import CREDIBLE_LEVEL
 import numpy as np
 
+# Standard deviation, over arms, of the logarithm of the scale of a gauge's slow errors: none has
+# just the stated share of what every model misses of a strain (benchmarks/discrepancy.py).
+SLOW_ERROR_SPREAD = 0.39
 # Newton's steps to the likeliest noise: from none they rise to it, by half of ln s at the least.
 NEWTON_STEPS = 40
 
@@ -65,7 +68,8 @@ def interpretations(fit: Fit) -> tuple[Fit, ...]:
     evidence gains if a cause varies, see `Fit.varying_gain`.
     """
     costs = cost_of_white_errors(fit.error_scale, fit.statistics.samples)
-    slow = cost_of_white_errors(fit.slow_gauge_scale, fit.slow_means)
+    slow = cost_of_white_errors(fit.slow_gauge_scale, fit.slow_means,
+                                SLOW_ERROR_SPREAD**2 * fit.slow_means)
     costs[len(costs) - len(slow):] = np.maximum(costs[len(costs) - len(slow):], slow)
     cost = float(np.sum(costs))
     gain = max(fit.varying_gain, 0.0) if cost else fit.varying_gain
@@ -76,17 +80,18 @@ def interpretations(fit: Fit) -> tuple[Fit, ...]:
                     log_evidence=fit.log_evidence + gain))
 
 
-def cost_of_white_errors(scale: Array, samples: float) -> Array:
+def cost_of_white_errors(scale: Array, samples: float,
+                         variance: float = NOISE_ERROR**2 * (1.0 - LOCKED_SHARE)) -> Array:
     """
-    Return what errors of some scales, at least 1, cost where they are white noise, nats, (m,).
+    Return what errors of some scales, beyond 1, cost where they are white noise, nats, (m,).
 
     The log-ratio of white errors of the stated scale to those of the actual scale, at the
     likeliest noise: what is stated has an error of its own. All samples count, as the errors of
     clean arms are white (benchmarks/temper.py); the temper is for errors that go with the motion.
     """
     # ln of the noise over what is stated, u, has variance v / N; it is from locked samples, too.
-    larger = np.log(np.maximum(scale, 1.0))
-    u, v = np.zeros_like(larger), NOISE_ERROR**2 * (1.0 - LOCKED_SHARE)
+    larger, v = np.log(np.maximum(scale, 1.0)), variance
+    u = np.zeros_like(larger)
     for _ in range(NEWTON_STEPS):
         excess = np.expm1(2.0 * (larger - u))
         u += (v * excess - u) / (2.0 * v * (1.0 + excess) + 1.0)

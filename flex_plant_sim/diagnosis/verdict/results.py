@@ -144,6 +144,6 @@ class Diagnosis:
     effects: Mapping[str, float] = field(default_factory=dict)
 
     @property
-    def nothing_leads(self) -> bool:
-        """Return whether no set is likelier than nothing; all of them together may be."""
-        return self.verdict in ('nothing_wrong', 'cannot_tell') and not self.causes
+    def names_nothing(self) -> bool:
+        """Return whether nothing is wrong, or what is has no name."""
+        return self.verdict != 'data_cannot_answer' and not self.causes

@@ -41,13 +41,15 @@ def with_stated_law(diagnosis: Diagnosis, view: LatentView) -> Diagnosis:
     """
     Return a verdict without a cause as `not_in_catalogue` where a law is that of no effect.
 
+    What of the probability is left to nothing goes to something unknown at the law's odds.
+
     The evidence allows a gauge a share of its strain and a joint one of its torque that no model
     has; it does not ask whether these are one function of one variable. A law that leaves the
     share 1 - s of a force's power on stretches left out is (1 - s)^(-n / 2) times as likely as
     none, with the n stretches as independent samples.
     """
     laws = [f.law for f in view.findings if f.has_shape_of_no_effect]
-    if not (diagnosis.nothing_leads and laws):
+    if not (diagnosis.names_nothing and laws):
         return diagnosis
     left = min(max(1.0 - law.share, LEAST_LEFT) for law in laws)
     odds = unknown_odds() * left**(-0.5 * STRETCHES)
@@ -55,9 +57,14 @@ def with_stated_law(diagnosis: Diagnosis, view: LatentView) -> Diagnosis:
     added, total = nothing * odds, 1.0 + nothing * odds
     effects = {name: p / total for name, p in diagnosis.effects.items()}
     effects['unknown'] += added / total
-    sets = ((('unknown',), added / total), *((labels, p / total) for labels, p in diagnosis.sets))
+    shares: dict[tuple[str, ...], float] = {('unknown',): added / total}
+    for labels, p in diagnosis.sets:
+        shares[labels] = shares.get(labels, 0.0) + p / total
+    sets = tuple(sorted(shares.items(), key=lambda row: -row[1]))
+    said = diagnosis.verdict == 'not_in_catalogue'
     return replace(diagnosis, verdict='not_in_catalogue', effects=effects, sets=sets,
-                   cannot_tell=(), sentence=NOT_IN_CATALOGUE, advice=LOOK_AT_RESIDUALS)
+                   cannot_tell=(), advice=LOOK_AT_RESIDUALS,
+                   sentence=diagnosis.sentence if said else NOT_IN_CATALOGUE)
 
 
 def refuted(diagnosis: Diagnosis) -> Diagnosis:

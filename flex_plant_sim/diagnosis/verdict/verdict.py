@@ -115,7 +115,7 @@ def diagnose(records: Sequence[Record], nominal: BaseModel, jobs: int = 1,
     diagnosis = _diagnosis(found, data, nominal, jobs,
                            lambda share: progress('detection limits', share))
     extended = extended_base(found, nominal)
-    if diagnosis.nothing_leads:
+    if diagnosis.names_nothing:
         diagnosis = with_stated_law(diagnosis, latent_view(predictors(extended, data)))
     diagnosis = with_noise(with_command_timing(diagnosis, found.nothing, data, jobs), records,
                            nominal.robot)
@@ -258,7 +258,9 @@ def _verdict(found: SearchResult, causes: Sequence[Cause]
     if unknown:
         return ('cause_and_remainder',
                 f'{sentence}{_unnamed_remainder(found)}{_far_part(found)}', sets)
-    sentence += doubt(found.posterior)
+    doubted = doubt(found.posterior)
+    if doubted:
+        return 'cause_and_remainder', f'{sentence}{doubted}', sets
     if sets:
         alike = ' '.join(dict.fromkeys(
             f'This record cannot tell {apart_text(names)}.' for names in sets))
@@ -266,9 +268,7 @@ def _verdict(found: SearchResult, causes: Sequence[Cause]
     nothing = found.posterior.nothing_probability
     if nothing > MIN_RELATIVE_PROBABILITY:
         return 'cause', f'{sentence} That nothing is wrong has {percent_text(nothing)}.', ()
-    alone = '' if doubt(found.posterior) else (
-        ' Nothing else in the catalogue explains the record as well.')
-    return 'cause', f'{sentence}{alone}', ()
+    return ('cause', f'{sentence} Nothing else in the catalogue explains the record as well.', ())
 
 
 def nothing_verdict(posterior: Posterior, parts: Sequence[PartEstimate]
