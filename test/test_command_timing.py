@@ -10,7 +10,8 @@ from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
 from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
-from flex_plant_sim.diagnosis.verdict.command_timing import rows_late
+from flex_plant_sim.diagnosis.verdict.command_timing import rows_late, with_command_timing
+from flex_plant_sim.diagnosis.verdict.results import Diagnosis
 from flex_plant_sim.diagnosis.verdict.verdict import nominal_base, slowest_frequency
 from flex_plant_sim.effects import catalogue
 import numpy as np
@@ -37,11 +38,11 @@ def logged(rows: int, *effects: tuple[str, Parameters]) -> TrueRecord:
                       made.columns)
 
 
-def alone(made: TrueRecord) -> tuple[RefinedFit, Data]:
+def alone(made: TrueRecord, misread: bool = False) -> tuple[RefinedFit, Data]:
     """Return the set without causes, fitted to a log, and its data."""
     base = nominal_base(ROBOT, 'assumed_modes', 2)
     record = Record('log', made.time - made.time[0], made.command,
-                    np.hstack([made.joint, made.strain]), 0.1)
+                    np.hstack([made.joint, made.strain]), 0.1, misread=misread)
     data = Data.of([record], slowest_frequency(base, 0.1), ROBOT.sample_time)
     return RefinedFit.refine(CandidateSet((), (np.zeros(0),)), base, data), data
 
@@ -61,6 +62,12 @@ def test_late_commands_are_told_from_clean_ones_and_from_late_drives(
     assert late == found
     # More than the price of an input delay, exp(-4.0) in docs/evidence.md.
     assert gain > 4.0 if found else gain == 0.0
+
+
+@pytest.mark.parametrize('misread', [False, True])
+def test_commands_are_not_judged_by_channels_that_look_exchanged(misread: bool) -> None:
+    said = with_command_timing(Diagnosis('nothing_wrong', ''), *alone(logged(1), misread))
+    assert ('logged 10 ms late' in said.sentence) != misread
 
 
 @pytest.mark.parametrize('rows, words', [

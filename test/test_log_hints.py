@@ -63,6 +63,7 @@ def test_exchanged_joints_reach_every_answer(tmp_path: Path,
     out, err = capsys.readouterr()
     first = out.splitlines()[1]
     assert first.startswith(f'The log may not be what it was read as ({EXCHANGED}')
+    assert 'seem to be logged' not in out
     found = json.loads(answer.read_text(encoding='utf-8'))
     assert found['sentence'] == first
     assert {'file': str(path), 'text': EXCHANGED} in found['hints']

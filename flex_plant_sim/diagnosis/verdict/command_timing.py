@@ -28,7 +28,9 @@ def with_command_timing(diagnosis: Diagnosis, best: RefinedFit, data: Data, jobs
         if cause.name == InputDelay.identifier:
             early = 1e3 * cause.parameters[0].value
             sentence += f' Commands logged {early:.2g} ms too early would look the same.'
-    rows, gain = rows_late(best, data, jobs)
+    # Channels that are mixed up gain with any commands, and come first.
+    misread = any(windows.record.misread for windows in data.windows)
+    rows, gain = (0, 0.0) if misread else rows_late(best, data, jobs)
     if rows:
         late = 1e3 * rows * best.likelihood.base.robot.sample_time
         sentence = (f'The commands seem to be logged {late:.3g} ms late: moved up by as much, '
