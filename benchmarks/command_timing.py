@@ -1,10 +1,10 @@
 """
-Show that no cause looks like commands that are logged late.
+Show how hardly any cause looks like commands that are logged late.
 
 `python benchmarks/command_timing.py` hides each effect of the catalogue in an arm of finite
 elements or MuJoCo in turn, clear and 2.5 times as severe. It prints by how many nats the evidence
 of the arm without causes rises if commands act a row earlier: above the price of a cause, the
-tool would say that they are logged late.
+tool would say that they are logged late, if that also held beside the causes it finds.
 """
 
 from __future__ import annotations

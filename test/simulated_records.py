@@ -39,11 +39,13 @@ def commands(robot: Robot, duration: float, seed: int = 0) -> Array:
 
 
 def simulated(hidden: Sequence[Effect] = (), duration: float = 24.0, noise: float = 1.0,
-              robot: Robot = REFERENCE, seed: int = 0, substeps: int = 1) -> Record:
+              robot: Robot = REFERENCE, seed: int = 0, substeps: int = 1,
+              command: Array | None = None) -> Record:
     """Return the record of an arm with effects; its sensors' noise is scaled."""
     arm = BaseModel(robot, effects=tuple(hidden)).arm(robot.payload_mass).finer(substeps)
     simulator = Simulator(arm, noise=Noise(noise * 1e-4, noise * 5e-7), seed=seed)
-    command = commands(robot, duration, seed)
+    if command is None:
+        command = commands(robot, duration, seed)
     output, _ = simulate(simulator, command)
     time: Array = robot.sample_time * np.arange(len(command), dtype=float)
     return Record('simulated', time, command, output, robot.payload_mass)

@@ -26,6 +26,7 @@ from flex_plant_sim.diagnosis.verdict.results import (
     Alternative,
     Cause,
     Diagnosis,
+    Hint,
     ParameterValue,
     Verdict,
 )
@@ -115,6 +116,15 @@ def test_bare_report_without_causes_or_payload_renders() -> None:
     bare = Report(Diagnosis('nothing_wrong', 'Nothing is wrong.'), (CHANNEL,), (CHANNEL,), ())
     text = render(bare)
     assert 'Payload estimate' not in text and 'Causes' not in text
+
+
+def test_hints_on_the_log_stand_before_anything_is_explained() -> None:
+    found, hint = report(), Hint('a.csv', 'joint_1: in degrees & whose?')
+    page = render(replace(found, diagnosis=replace(found.diagnosis, hints=(hint,))))
+    assert 'Said of the log' not in render(found)
+    assert page.index('a.csv</span>: joint_1: in degrees &amp; whose?') < page.index('Causes')
+    said = answer(replace(found.diagnosis, hints=(hint,)), (), (), (), (), {})['hints']
+    assert said == [{'file': 'a.csv', 'text': hint.text}]
 
 
 def test_written_whole_into_a_new_folder(tmp_path: Path) -> None:

@@ -42,6 +42,7 @@ from flex_plant_sim.diagnosis.report.latent_pictures import latent_sections
 from flex_plant_sim.diagnosis.report.payload_gain import payload_gain, PayloadGain, Weigh
 from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual, describe
 from flex_plant_sim.diagnosis.verdict.experiments import with_experiment
+from flex_plant_sim.diagnosis.verdict.log_hints import with_hints
 from flex_plant_sim.diagnosis.verdict.results import Diagnosis
 from flex_plant_sim.diagnosis.verdict.unknown import UNNAMED_VERDICTS, with_unknown
 from flex_plant_sim.diagnosis.verdict.verdict import (
@@ -148,7 +149,7 @@ def run(logs: Sequence[Log], robot: Robot, arguments: argparse.Namespace,
         latent['after'] = latent_view(after)
         diagnosis = with_unknown(diagnosis, latent['after'])
     found = Findings(
-        diagnosis, extended, (before, after), gains, wrong, left,
+        with_hints(diagnosis, logs), extended, (before, after), gains, wrong, left,
         () if arguments.true_payload is None else payload_gain(
             logs, arguments.true_payload, nominal, extended, *default_estimator()), latent)
     progress('done', 1.0)

@@ -36,6 +36,9 @@ class Log:
         Notes for the user on how the log was made from the recording, one line each.
     doubts : tuple of str
         Those of the notes that make the log unfit as evidence of the arm: it is not diagnosed.
+    misread : tuple of str
+        Those of the notes by which channels look exchanged, inverted, not logged, or in another
+        unit; empty until that is asked, see `log_input`.
     origin : Origin, optional
         The simulation that made the log, if known.
     lost : Array, optional
@@ -51,6 +54,7 @@ class Log:
     gauge_names: tuple[str, ...]
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
+    misread: tuple[str, ...] = ()
     origin: Origin | None = None
     lost: Array | None = None
 

@@ -38,8 +38,8 @@ def read_log_aloud(path: str, robot: Robot, model: str, modes: int,
 
     This is what was done to read it, its origin if that is another model, joints faster than the
     models are checked for, links that bend further than they hold for, and channels whose unit or
-    sign looks wrong in comparison with a simulation from the same commands. `coriolis` is None if
-    it is open whether these forces act.
+    sign looks wrong in comparison with a simulation from the same commands; the log's notes hold
+    the same lines. `coriolis` is None if it is open whether these forces act.
 
     Raises
     ------
@@ -50,12 +50,13 @@ def read_log_aloud(path: str, robot: Robot, model: str, modes: int,
     log = read_log(path, robot)
     wrong = hints(log, robot)
     # What strain in a wrong unit says of bending would be nonsense.
-    said = (*log.notes, _other_origin(log, robot, model, modes, coriolis),
-            beyond_checked(log.time, log.joint), '' if wrong else far_bent(log.strain, robot),
-            *wrong)
-    for line in filter(None, said):
+    said = tuple(filter(None, (
+        *log.notes, _other_origin(log, robot, model, modes, coriolis),
+        beyond_checked(log.time, log.joint), '' if wrong else far_bent(log.strain, robot),
+        *wrong)))
+    for line in said:
         print(f'{log.source}: {line}', file=sys.stderr)
-    return log
+    return replace(log, notes=said, misread=wrong)
 
 
 def read_logs(paths: Sequence[str], robot: Robot, model: str, modes: int,

@@ -56,6 +56,8 @@ class Record:
         What the operator says the arm carries, kg.
     lost : Array, optional
         As in Log.
+    misread : bool
+        Whether channels look exchanged, inverted or in another unit.
 
     """
 
@@ -65,11 +67,13 @@ class Record:
     output: Array
     payload: float
     lost: Array | None = None
+    misread: bool = False
 
     @classmethod
     def of(cls, log: Log, payload: float) -> Record:
         """Return a log as a record: time from zero, with one payload, kg."""
-        return cls(log.source, log.time - log.time[0], log.command, log.output, payload, log.lost)
+        return cls(log.source, log.time - log.time[0], log.command, log.output, payload, log.lost,
+                   bool(log.misread))
 
     def thinned(self, every: int) -> Record:
         """Return one sample of every so many; commands are means until the next one kept."""

@@ -112,6 +112,7 @@ def answer(diagnosis: Diagnosis, gains: Sequence[Gain], before: Sequence[Channel
     rows = [row.results() for row in payload]
     found = {
         'verdict': diagnosis.verdict, 'sentence': diagnosis.sentence,
+        'hints': [{'file': hint.file, 'text': hint.text} for hint in diagnosis.hints],
         'causes': [_cause(cause) for cause in diagnosis.causes],
         'cannot_tell': [list(names) for names in diagnosis.cannot_tell],
         'detection_limits': {label: {'value': value, 'unit': unit}

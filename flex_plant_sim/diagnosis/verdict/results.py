@@ -100,6 +100,14 @@ class Cause:
 
 
 @dataclass(frozen=True)
+class Hint:
+    """What was said of a log when it was read: its `file`, and one line of `text`."""
+
+    file: str
+    text: str
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """
     The whole answer of one run.
@@ -127,6 +135,8 @@ class Diagnosis:
         Labels of the sets of causes (`unknown` is one), with their probabilities.
     effects : Mapping
         Posterior probability of every effect, by identifier, of `unknown` and of `nothing`.
+    hints : tuple of Hint
+        What was said of the logs.
 
     """
 
@@ -142,6 +152,7 @@ class Diagnosis:
     parts: tuple[PartEstimate, ...] = ()
     sets: tuple[tuple[tuple[str, ...], float], ...] = ()
     effects: Mapping[str, float] = field(default_factory=dict)
+    hints: tuple[Hint, ...] = ()
 
     @property
     def names_nothing(self) -> bool:

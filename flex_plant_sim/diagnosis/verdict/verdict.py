@@ -117,7 +117,7 @@ def diagnose(records: Sequence[Record], nominal: BaseModel, jobs: int = 1,
     extended = extended_base(found, nominal)
     if diagnosis.names_nothing:
         diagnosis = with_stated_law(diagnosis, latent_view(predictors(extended, data)))
-    diagnosis = with_noise(with_command_timing(diagnosis, found.nothing, data, jobs), records,
+    diagnosis = with_noise(with_command_timing(diagnosis, found.best, data, jobs), records,
                            nominal.robot)
     return diagnosis, data, extended
 
