@@ -304,7 +304,7 @@ class FilterStep:
             load > scale * told for load, told in zip(loads.strain.tolist(), self._told))
 
     def moments(self, f: Filter) -> compiled_step.Moments:
-        """Return payload, kg, and its variance, kg^2, averaged over biases and none."""
+        """Return payload, kg, and its variance, kg^2, averaged; see model_average.py."""
         return model_averaged(f.beta, f.beta_cov, self._averaged_std[f.mode.free_parts])
 
     def published(self, f: Filter, moments: compiled_step.Moments | None = None,
