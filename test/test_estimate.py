@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 import json
 import math
 from pathlib import Path
@@ -105,7 +106,7 @@ def test_the_log_s_sample_time_wins(tmp_path: Path) -> None:
 def test_changes_and_the_end_of_the_range_are_said(
         logs: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     found = estimate.Estimates('drop.csv', np.array([0.0, 1.0]), np.array([0.3, 0.1]),
-                               np.array([1e-4, 1e-4]), ('ok', 'ok'), False, 0.11,
+                               np.array([1e-4, 1e-4]), ('ok', 'ok'), (False, False), 0.11,
                                (Event(0.5, 0.6, 0.3, 0.1),))
     assert 'change, 0.50 s   0.3 -> 0.1 kg' in found.table()
     assert 'It reaches the largest payload that is looked for, 0.11 kg' in found.table()
@@ -113,6 +114,41 @@ def test_changes_and_the_end_of_the_range_are_said(
     # The payload is 0.15 kg.
     assert estimate.main([str(logs[0]), *SF1, '--payload-max', '0.12']) == 0
     assert 'the largest payload that is looked for, 0.12 kg' in capsys.readouterr().out
+
+
+def test_each_row_says_whether_it_holds_only_for_parts_as_told() -> None:
+    time = np.array([0.0, 1.0, 3.0, 3.5])
+    found = estimate.Estimates('log.csv', time, np.full(4, 0.1), np.full(4, 1e-6), ('ok',) * 4,
+                               (False, True, False, False), 0.7)
+    rows = found.table().splitlines()
+    assert [row.endswith(' *') for row in rows[1:4]] == [True, False, False]
+    assert rows[-1] == '  * if every part is as the robot file says'
+    assert not any('robot file' in row for row in rows[:-1])
+    assert found.results()['parts_as_told_at_s'] == {'1': True, '3': False}
+    assert found.results()['parts_as_told'] is False
+    assert '*' not in replace(found, parts_as_told=(False,) * 4).table()
+
+
+def test_a_row_keeps_the_mode_of_its_time() -> None:
+    """The lower link is 3 % stiffer than told, and `exact` is believed until that shows."""
+    stiffer = ROBOT.with_link(1, youngs_modulus=1.03 * ROBOT.links[1].youngs_modulus)
+    simulator = Simulator(ExtendedArm(stiffer, 'assumed_modes', 2, 0.1),
+                          noise=Noise(2e-4, 5e-7), seed=2)
+    estimator, command, rows = make_estimator('rpe', ROBOT, 'assumed_modes', 2), np.zeros(2), []
+    for k in range(201):
+        sample, command = simulator.measure(), np.full(2, 4.0 if k < 10 else 0.0)
+        rows.append((sample.time, command, sample.output))
+        simulator.step(command)
+    times, commands, outputs = (np.array(column) for column in zip(*rows))
+    log = Log('run', times, commands, outputs[:, :2], outputs[:, 2:], ROBOT.gauge_names)
+    found = estimate.estimate(log, estimator)
+    estimator.reset()
+    applied = np.vstack([np.zeros(2), commands[:-1]])
+    modes = []
+    for t, output, one in zip(times, outputs, applied):
+        estimator.update(t, output, one)
+        modes.append(not estimator.incumbent.mode.free_parts)  # type: ignore[attr-defined]
+    assert found.parts_as_told == tuple(modes) and len(set(modes)) == 2
 
 
 def test_the_defaults_run_on_a_shared_record(shared_data: Path, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from flex_payload_estimator.estimators.rpe.likelihood import (
+    gate_of,
     initial_statistics,
     update_statistics,
 )
@@ -24,7 +25,7 @@ def test_the_noise_is_read_right_whatever_the_filter_takes_for_it(
         variances = TOLD * (np.maximum(statistics[:4], least) + 0.05)
         update_statistics(statistics, innovation, before, variances,
                           innovation / np.sqrt(variances), float(np.log(variances).sum()), TOLD,
-                          least, 44.0, 0.01)
+                          least, gate_of(4), 0.01)
         before = innovation
         read.append(statistics[:4].copy())
     # The memory is 50 samples, of two channels each: a deviation of 0.1 to 0.2 at a time.

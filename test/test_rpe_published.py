@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from flex_payload_estimator.estimators.rpe.modes import EXACT
+from flex_payload_estimator.estimators.rpe.modes import EXACT, Mode, ROUGH
 from flex_payload_estimator.estimators.rpe.time_update import FIRST_BIAS, MASS
+from flex_payload_estimator.estimators.rpe.zero import zero_column
 from flex_plant_sim.interval import Z95
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.payload_profile import PayloadProfile
@@ -24,6 +25,21 @@ def test_no_payload_below_zero_is_published() -> None:
     mass, variance = estimator.stepper.moments(f)
     assert mass < -1e-3
     assert estimator.stepper.published(f) == (0.0, variance)
+
+
+@pytest.mark.parametrize('mode, column, is_averaged', [
+    (ROUGH, FIRST_BIAS, True), (ROUGH, zero_column(6), True), (ROUGH, zero_column(6) + 4, True),
+    (ROUGH, zero_column(6) + 5, False), (EXACT, FIRST_BIAS, True)])
+def test_the_payload_is_averaged_over_biases_zero_and_lasting_forces(
+        mode: Mode, column: int, is_averaged: bool) -> None:
+    # A bias, the zero, the last of the lasting forces, and the first part, half a deviation off.
+    estimator = estimator_of()
+    f = estimator.stepper.begin(mode, np.zeros(6), 0.1, 0.01)
+    std = f.beta_cov.diagonal()**0.5
+    f.beta[column] += 0.5 * std[column]
+    f.beta_cov[MASS, column] = f.beta_cov[column, MASS] = 0.5 * std[MASS] * std[column]
+    moved = 0.1 - estimator.stepper.moments(f)[0]
+    assert (abs(moved) > 1e-6) == is_averaged
 
 
 def test_zero_serves_an_empty_arm_better_than_the_mean_of_payloads_above_it() -> None:

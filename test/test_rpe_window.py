@@ -274,11 +274,16 @@ def test_the_odds_of_an_exact_model_are_those_of_its_likelihood() -> None:
     certain[prior.tolerated] = certain[:, prior.tolerated] = 0.0
     rows = random.standard_normal((40, size)) / np.sqrt(free.diagonal())
     rows[:, prior.tolerated] *= 2.0
-    y = rows @ random.multivariate_normal(np.zeros(size), certain) + random.standard_normal(40)
+    # The mean of the payload's inertia, which is no less than zero, is not the file's.
+    told = prior.mean.copy()
+    told[prior.tolerated] = 0.0
+    assert (prior.mean != told).sum() == 1
+    y = rows @ random.multivariate_normal(told, certain) + random.standard_normal(40)
     spread = [np.eye(40) + rows @ cov @ rows.T for cov in (certain, free)]
-    expected = multivariate_normal.logpdf(y, cov=spread[0]) \
-        - multivariate_normal.logpdf(y, cov=spread[1])
+    expected = multivariate_normal.logpdf(y, rows @ told, spread[0]) \
+        - multivariate_normal.logpdf(y, rows @ prior.mean, spread[1])
     gain = np.linalg.solve(spread[1], rows @ free).T
-    found = prior.log_odds_of_exact(prior.mean + gain @ y, free - gain @ rows @ free)
+    found = prior.log_odds_of_exact(
+        prior.mean + gain @ (y - rows @ prior.mean), free - gain @ rows @ free)
     assert found == pytest.approx(expected, rel=1e-3)
     assert found > 20.0

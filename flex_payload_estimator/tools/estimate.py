@@ -27,6 +27,7 @@ import numpy as np
 
 # Times after a log's start at which the estimate is shown, s; two per decade.
 TIMES = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
+IF_TOLD = 'if every part is as the robot file says'
 
 
 @dataclass(frozen=True)
@@ -44,8 +45,8 @@ class Estimates:
         Payload, kg, and its variance, kg^2, (N,).
     status : tuple of str
         The estimator's status, N.
-    parts_as_told : bool
-        Whether the last estimate holds only if all parts are as the robot file says.
+    parts_as_told : tuple of bool
+        Whether an estimate holds only if all parts are as the robot file says, N.
     largest : float
         Largest payload that was looked for, kg.
     changes : tuple of Event
@@ -58,7 +59,7 @@ class Estimates:
     mass: Array
     variance: Array
     status: tuple[str, ...]
-    parts_as_told: bool
+    parts_as_told: tuple[bool, ...]
     largest: float
     changes: tuple[Event, ...] = ()
 
@@ -84,17 +85,20 @@ class Estimates:
             'status': self.status[-1], 'status_samples': counts,
             'changes': [{'time_s': event.time, 'before_kg': event.before, 'after_kg': event.after}
                         for event in self.changes],
-            'parts_as_told': self.parts_as_told}
+            'parts_as_told': self.parts_as_told[-1],
+            'parts_as_told_at_s': {key: self.parts_as_told[k] for key, k in self.marks().items()}}
 
     def table(self) -> str:
-        """Return the figures as a table for the terminal."""
+        """Return the figures as a table for the terminal; a * marks what holds IF_TOLD."""
         last = len(self.time) - 1
         rows = [*((f'{key} s', k) for key, k in self.marks().items() if k < last),
                 (f'end, {self.time[-1]:g} s', last)]
         lines = [f'{self.source}: payload ± one standard deviation']
         for label, k in rows:
             mass, std = self.row(k)
-            lines.append(f'  {label:>14}   {with_uncertainty(mass, std)} kg   {self.status[k]}')
+            mark = ' *' if self.parts_as_told[k] else ''
+            lines.append(f'  {label:>14}   {with_uncertainty(mass, std)} kg   '
+                         f'{self.status[k]}{mark}')
         low, high = self.results()['interval95_kg']
         digits = decimals_of(std)
         changes = [f'  {f"change, {event.time:.2f} s":>14}   {event.before:.3g} -> '
@@ -102,8 +106,10 @@ class Estimates:
         reached = high > self.largest
         note = [f'  It reaches the largest payload that is looked for, {self.largest:.3g} kg: '
                 '--payload-max raises that.'] if reached else []
-        if_told = ', if every part is as the robot file says' if self.parts_as_told else ''
+        if_told = f', {IF_TOLD}' if self.parts_as_told[-1] else ''
         interval = f'{low:.{digits}f} … {high:.{digits}f} kg{if_told}'
+        if any(self.parts_as_told[k] for _, k in rows):
+            note.append(f'  * {IF_TOLD}')
         return '\n'.join([*lines, *changes, f'  {"95 % interval":>14}   {interval}', *note])
 
 
@@ -125,11 +131,14 @@ def estimate(log: Log, estimator: PayloadEstimator) -> Estimates:
     estimator.reset()
     time = log.time - log.time[0]
     applied = np.vstack([np.zeros(2), log.command[:-1]])
-    answers = [estimator.update(float(t), y, u) for t, y, u in zip(time, log.measured, applied)]
+    answers, as_told = [], []
+    for t, y, u in zip(time, log.measured, applied):
+        answers.append(estimator.update(float(t), y, u))
+        # Now: the next sample, and `events`, may bring another mode.
+        as_told.append(estimator.takes_parts_as_told)
     return Estimates(log.source, time, np.array([a.mass for a in answers]),
                      np.array([a.variance for a in answers]), tuple(a.status for a in answers),
-                     estimator.takes_parts_as_told, estimator.payload_max,
-                     tuple(estimator.events))
+                     tuple(as_told), estimator.payload_max, tuple(estimator.events))
 
 
 def estimate_file(path: str, robot: Robot, name: str, model: str, modes: int,

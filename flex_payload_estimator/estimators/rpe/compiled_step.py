@@ -22,15 +22,13 @@ import numpy as np
 # What a mode assumes: variance of a drive's model error over the square of its net command;
 # variance of the payload's walk in a sampling time, kg^2; variance of a gauge's model error over
 # the square of its strain; smallest noise variance over that of the robot file; number of gauge
-# gains among beta; largest payload, kg; sampling time, s. See modes.noise_model.
-NoiseModel = tuple[float, float, float, float, float, float, float]
+# gains among beta; largest payload, kg; sampling time, s; the gate, see likelihood.gate_of. See
+# modes.noise_model.
+NoiseModel = tuple[float, float, float, float, float, float, float, float]
 # Payload, kg, and its variance, kg^2; see model_average.py.
 Moments = tuple[float, float]
 # Rows of the table of sensors.Loads.
 MEAN, STRAIN, SWING, DRIVE = range(4)
-# Largest e' Sigma^-1 e of a sample; beyond it the sample's noise counts as larger. The squares of
-# six standard normal numbers sum to more once in 10^7 samples.
-GATE = 44.0
 
 
 @compiled
@@ -185,7 +183,7 @@ def correct_packed(packed: Array, reference: Array, fixed: bool, loads: Array, m
 
     """
     channels = measured.size
-    gauge_error, least_scale, gains, heaviest, step = noise_model[2:]
+    gauge_error, least_scale, gains, heaviest, step, gate = noise_model[2:]
     x, cov, sensitivity, beta, beta_cov, statistics, innovations = unpack_compiled(
         packed, output.shape[1], reference.size, channels)
     noise = _noise(told * np.maximum(statistics[:channels], least_scale), gauge_error,
@@ -193,18 +191,19 @@ def correct_packed(packed: Array, reference: Array, fixed: bool, loads: Array, m
     before = beta_cov[MASS, MASS]
     innovation, variances, scores, log_det, change = correct(
         x, cov, sensitivity, beta, beta_cov, reference, fixed, measured, offset, output, noise,
-        int(gains), GATE, heaviest)
+        int(gains), gate, heaviest)
     if np.isnan(log_det):
         return 0.0, 0.0, np.nan, 0.0
     log_density, stated, noise_drop_gain = update_statistics(
         statistics, innovation, innovations[0], variances, scores, log_det, told,
-        least_scale, GATE, step)
+        least_scale, gate, step)
     ends = applied(bend, x)
     update_score(statistics[SCORE], change, before, beta_cov[MASS, MASS],
                  0.5 * inner(ends, ends), step)
     put(innovations[0], innovation)
     put(innovations[1], np.sqrt(variances))
-    return log_density, stated, min(inner(scores, scores), GATE) / channels, noise_drop_gain
+    # FilterStep.is_beyond_gate divides alike: at the gate no rounding decides.
+    return log_density, stated, min(inner(scores, scores), gate) / channels, noise_drop_gain
 
 
 @compiled

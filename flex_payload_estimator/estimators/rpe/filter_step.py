@@ -11,7 +11,7 @@ from flex_payload_estimator.estimators.rpe import compiled_step
 from flex_payload_estimator.estimators.rpe.effects import EffectStep
 from flex_payload_estimator.estimators.rpe.far_part import far_part_averaged
 from flex_payload_estimator.estimators.rpe.filter import Filter, Sample
-from flex_payload_estimator.estimators.rpe.likelihood import initial_statistics, SCORE
+from flex_payload_estimator.estimators.rpe.likelihood import gate_of, initial_statistics, SCORE
 from flex_payload_estimator.estimators.rpe.linearised import Lineariser
 from flex_payload_estimator.estimators.rpe.misfit import misfits
 from flex_payload_estimator.estimators.rpe.model_average import model_averaged
@@ -105,7 +105,7 @@ class FilterStep:
         self.output = np.ascontiguousarray(effects.output_matrix())
         self._bend, self._moved_mass = effects.bend_rows(), effects.arm.robot.moved_mass
         self.lineariser, self.step_time = lineariser, effects.arm.step_time
-        self._error_samples = ERROR_STEP_S / self.step_time
+        self._error_samples, self._gate = ERROR_STEP_S / self.step_time, gate_of(noise_std.size)
         self._speed, self._offsets = speed_feedback(effects.arm), effects.arm.acts_on_output
         # Whether an effect acts between prediction and measurement, so that a step is two calls.
         self._two_calls = effects.moves or self._offsets
@@ -113,7 +113,7 @@ class FilterStep:
         # Called for each step: a mode alone is quicker to look up than with what is the same.
         self._noise_model = cache(partial(
             noise_model, error_samples=self._error_samples, gains=float(prior.gains),
-            heaviest=heaviest, step=self.step_time))
+            heaviest=heaviest, step=self.step_time, gate=self._gate))
 
     def prior_of(self, mode: Mode) -> Prior:
         """Return the prior of the parameters that a mode has."""
@@ -222,7 +222,7 @@ class FilterStep:
 
     def is_beyond_gate(self, mean_square: float) -> bool:
         """Tell whether a sample of that Filter.mean_square is more than noise does."""
-        return mean_square * self.told_variance.size >= compiled_step.GATE
+        return mean_square >= self._gate / self.told_variance.size
 
     def _offset(self, x: Array, time: float) -> Array:
         """Return what the sensors' effects add to C x, (m,)."""
@@ -304,7 +304,7 @@ class FilterStep:
             load > scale * told for load, told in zip(loads.strain.tolist(), self._told))
 
     def moments(self, f: Filter) -> compiled_step.Moments:
-        """Return payload, kg, and its variance, kg^2, averaged over biases and none."""
+        """Return payload, kg, and its variance, kg^2, averaged; see model_average.py."""
         return model_averaged(f.beta, f.beta_cov, self._averaged_std[f.mode.free_parts])
 
     def published(self, f: Filter, moments: compiled_step.Moments | None = None,

@@ -9,6 +9,7 @@ from flex_payload_estimator.kalman.in_place import Numbers, numbers
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import compiled
 import numpy as np
+from scipy.special import chdtrc, chdtri
 
 # Memory of the noise's scale and of the reduced chi-square, s, so that a burst of noise is over
 # soon after its end; and in samples, at least.
@@ -29,8 +30,21 @@ NOISE_PRIOR_STD = 2.0
 SCORE = slice(-9, -3)
 # Smallest scale and reduced chi-square, where innovations are zero and these have no logarithm.
 SMALLEST_SCALE, SMALLEST_CHI_SQUARE = 1e-6, 1e-4
+# Share of the samples of a model that fits that are beyond the gate: that of the squares of six
+# standard normal numbers, of two angles and four gauges, that sum to more than 44.
+BEYOND_GATE = float(chdtrc(6, 44.0))
 # Mean time in motion between two false alarms, at least, s.
 FALSE_ALARM_S = 3600.0
+
+
+def gate_of(channels: int) -> float:
+    """
+    Return the largest e' Sigma^-1 e of a sample; beyond it the sample's noise counts as larger.
+
+    It grows with the number of channels, m, as a sum of so many squares does: chi-squared with m
+    degrees of freedom is beyond it with the probability BEYOND_GATE.
+    """
+    return float(chdtri(channels, BEYOND_GATE))
 
 
 def initial_statistics(channels: int) -> Array:

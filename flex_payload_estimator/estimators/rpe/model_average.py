@@ -1,4 +1,4 @@
-"""The payload averaged over two models: with biases and constant disturbances, and without."""
+"""The payload averaged over two models: with biases, a zero and lasting forces, and without."""
 
 from __future__ import annotations
 
@@ -15,18 +15,21 @@ def model_averaged(beta: Array, beta_cov: Array, std: Array) -> tuple[float, flo
     """
     Return payload, kg, and its variance, kg^2, by Bayesian model averaging.
 
-    The gauges' biases, and with free parts the constant disturbances, have a spike-and-slab prior
-    (Mitchell and Beauchamp, J. Am. Stat. Assoc. 83, 1988): with probability 1/2 all are zero. The
-    posterior of that model is the filter's, given that they are zero, and its Bayes factor is the
-    ratio of posterior to prior density there (Savage and Dickey), exact as they act linearly.
+    The gauges' biases, and with free parts the zero of joint 2's angle and the constant
+    disturbances, have a spike-and-slab prior (Mitchell and Beauchamp, J. Am. Stat. Assoc. 83,
+    1988): with probability 1/2 all are zero. Their slabs are as wide as sensors drift and slip
+    whatever the robot file says, the spike is an arm that does as it says. The posterior of that
+    model is the filter's, given that they are zero, and its Bayes factor is the ratio of posterior
+    to prior density there (Savage and Dickey), exact as they act linearly.
 
     Parameters
     ----------
     beta, beta_cov : Array
         (B,) and V, (B, B).
     std : Array
-        Prior standard deviation of the biases, m/m, (G,), or of these and of the disturbances,
-        (G + 4,).
+        Prior standard deviation of the biases, m/m, and of the zero, rad, (G + 1,), or of these
+        and of the disturbances, (G + 5,). That of an exact model's zero is CERTAIN, which adds
+        nothing.
 
     """
     mass, variance = beta[MASS], beta_cov[MASS, MASS]

@@ -62,8 +62,8 @@ def freedom(mode: Mode) -> int:
     return FREEDOM[mode.name]
 
 
-def noise_model(mode: Mode, error_samples: float, gains: float, heaviest: float, step: float
-                ) -> NoiseModel:
+def noise_model(mode: Mode, error_samples: float, gains: float, heaviest: float, step: float,
+                gate: float) -> NoiseModel:
     """
     Return the numbers that the compiled step takes of a mode.
 
@@ -79,10 +79,12 @@ def noise_model(mode: Mode, error_samples: float, gains: float, heaviest: float,
         Largest payload, kg.
     step : float
         Sampling time, s.
+    gate : float
+        See likelihood.gate_of.
 
     """
     # A filter with a model error expects more than it sees, so it cannot tell that the noise is
     # less than the robot file says: its scale is at least 1.
     least_scale, gains = (1.0, gains) if mode.free_parts else (0.0, 0.0)
     return (mode.drive_error**2 * error_samples, mode.payload_walk**2 * step,
-            mode.gauge_error**2 * error_samples, least_scale, gains, heaviest, step)
+            mode.gauge_error**2 * error_samples, least_scale, gains, heaviest, step, gate)

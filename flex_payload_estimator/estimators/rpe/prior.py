@@ -136,9 +136,11 @@ class Prior:
         regular = REGULAR * np.eye(own.size)
         prior, now = (own[:, None] * cov[parts, parts] * own + regular
                       for cov in (self.covariance(1.0), beta_cov))
-        off = own * (beta - self.mean)[parts]
+        # Both are deviations: the file's values are at zero, the mean of an inertia is not.
+        off, off_before = own * beta[parts], own * self.mean[parts]
         lost = np.linalg.slogdet(prior)[1] - np.linalg.slogdet(now)[1]
-        return float(0.5 * (lost - off @ np.linalg.solve(now, off)))
+        return float(0.5 * (lost - off @ np.linalg.solve(now, off)
+                            + off_before @ np.linalg.solve(prior, off_before)))
 
     def consider_variance(self, beta_cov: Array) -> float:
         """
