@@ -171,5 +171,5 @@ def test_a_part_far_from_its_file_is_doubted() -> None:
 
 def test_a_payload_that_an_effect_changes_is_not_the_one_that_was_weighed() -> None:
     deviates = EffectSpec('payload_mass', 'arm', {'deviation_kg': -0.05})
-    with pytest.raises(InputError, match='expected no payload_mass'):
+    with pytest.raises(InputError, match='^reference.yaml: effects: expected no payload_mass'):
         calibrate([], replace(load_robot('reference'), effects=(deviates,)), 0.1)

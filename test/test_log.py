@@ -137,7 +137,8 @@ def test_a_clock_without_a_unit_is_no_clock(tmp_path: Path, every: str) -> None:
     with pytest.raises(InputError) as error:
         read_log(tmp_path / 'log.csv', ROBOT)
     assert str(error.value).endswith(
-        f'time: expected a sample about every 0.01 s as reference says, got one every {every}: '
+        f'time: expected a sample about every 0.01 s as reference.yaml says, got one every '
+        f'{every}: '
         'name its unit in the robot file, inputs: {time: {unit: ms}}, or of row numbers the '
         'interval, s: {time: {scale: 0.01}}')
 
@@ -223,8 +224,8 @@ FAULTS: list[tuple[str, Callable[[list[str]], list[str]], str]] = [
     (HEADER.replace('joint_2', 'joint_1'), lambda rows: rows, 'column joint_1: expected once, '
                                                               'got 2'),
     (HEADER.replace('strain_2b', 'spare'), lambda rows: rows,
-     'strain: expected 4 gauges (strain_1a, strain_1b, strain_2a, strain_2b) for reference, got '
-     '3 (strain_1a, strain_1b, strain_2a)'),
+     'strain: expected 4 gauges (strain_1a, strain_1b, strain_2a, strain_2b) for '
+     'reference.yaml, got 3 (strain_1a, strain_1b, strain_2a)'),
     (HEADER.replace('strain_2b', 'strain_2c'), lambda rows: rows, 'column strain_2b: missing'),
 ]
 
@@ -236,7 +237,7 @@ def test_gauges_that_the_robot_file_lacks_are_left_alone_once_its_own_are_named(
     with pytest.raises(InputError) as error:
         read_log(tmp_path / 'log.csv', one)
     assert str(error.value) == (
-        f'{tmp_path}/log.csv: strain: expected 1 gauge (strain_1) for reference, got 4 '
+        f'{tmp_path}/log.csv: strain: expected 1 gauge (strain_1) for reference.yaml, got 4 '
         f"({', '.join(ROBOT.gauge_names)}); to leave the others alone, name the arm's under "
         'inputs: in the robot file')
     named = replace(one, inputs=InputMapping(gauges={'strain_1': Source('strain_1b')}))

@@ -74,7 +74,7 @@ def calibrate(logs: Sequence[Log], robot: Robot, payload: float,
 
     """
     if any(spec.name == 'payload_mass' for spec in robot.effects):
-        raise InputError(f'{robot.name}: effects: expected no payload_mass, which would change '
+        raise InputError(f'{robot.source}: effects: expected no payload_mass, which would change '
                          'the payload that was weighed')
     known = replace(robot.tolerances, payload=0.0, payload_inertia_kg_m2=0.0)
     base = nominal_base(replace(robot, payload_mass=payload, tolerances=known,
