@@ -36,7 +36,8 @@ def some_grid(sudden: float = 0.5) -> EventGrid:
     columns = 0.2 * rng.standard_normal((2, 2, 40))
     said = -np.mean(responses[1:8], axis=0) - 0.4 * columns[0] + rng.standard_normal((2, 40))
     return EventGrid(TIME, responses, np.concatenate([said[None], columns]),
-                     np.array([0.5, 0.7]), 2.0, DURATION_WIDTHS, 0.8, sudden, np.array([1.0, 0.25]))
+                     np.array([0.5, 0.7]), 2.0, DURATION_WIDTHS, 0.8, sudden,
+                     np.array([1.0, 0.25]))
 
 
 def log_likelihood(grid: EventGrid, response: Array) -> float:
