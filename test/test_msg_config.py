@@ -195,6 +195,16 @@ def test_the_largest_payload_is_the_same_everywhere() -> None:
     assert {row.maximum for row in rows} == {LARGEST_MASS}
 
 
+@pytest.mark.parametrize('node', NODES)
+def test_the_sample_time_is_what_a_robot_file_may_say(node: str) -> None:
+    row = load_parameters()[node]['sample_time']
+    assert (row.minimum, row.maximum) == PLAUSIBLE['sample_time_s']
+    assert row.check(0.0) == 0.0
+    with pytest.raises(InputError, match='^sample_time: expected a number from 1e-05 to 1 s, or 0,'
+                                         ' got 9e-06$'):
+        row.check(9e-6)
+
+
 @pytest.mark.ros
 @pytest.mark.parametrize('name', NODES)
 def test_nodes_declare_the_whole_table(ros_context: Context, name: str) -> None:
