@@ -154,6 +154,7 @@ def test_an_int_becomes_a_double() -> None:
     ({'payload': math.nan}, f'plant_sim: payload: {MASS}, got nan'),
     ({'payload': -0.5}, f'plant_sim: payload: {MASS}, got -0.5'),
     ({'payload': True}, f'plant_sim: payload: {MASS}, got True'),
+    ({'seed': -1}, 'plant_sim: seed: expected an integer from 0 to 4294967295, got -1'),
     ({'modes': 2.0}, 'plant_sim: modes: expected an integer from 1 to 20, got 2.0'),
     ({'mode': 'fast'}, "plant_sim: mode: expected lockstep or realtime, got 'fast'"),
     ({'effects': 7}, 'plant_sim: effects: expected a list of texts, got 7'),
