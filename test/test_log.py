@@ -287,24 +287,6 @@ def test_a_fault_in_a_csv_is_named_in_one_line(
     assert '\n' not in str(error.value)
 
 
-def test_files_that_are_no_logs(tmp_path: Path) -> None:
-    (tmp_path / 'empty.csv').write_text('')
-    (tmp_path / 'log.txt').write_text('time')
-    (tmp_path / 'binary.csv').write_bytes(b'\xff\x00\x01')
-    (tmp_path / 'torn.mcap').write_bytes(b'\x89MCAP0\r\nand no more')
-    (tmp_path / 'folder').mkdir()
-    for name, message in [('empty.csv', 'expected a header row, the file is empty'),
-                          ('log.txt', 'expected .csv, .mcap, .db3 or a bag folder'),
-                          ('binary.csv', 'expected a readable text file'),
-                          ('torn.mcap', 'expected a rosbag2'),
-                          ('folder', 'expected a rosbag2, got a folder without metadata.yaml'),
-                          ('absent.csv', 'expected a log, the file does not exist')]:
-        with pytest.raises(InputError) as error:
-            read_log(tmp_path / name, ROBOT)
-        assert f'{name}: {message}' in str(error.value)
-        assert '\n' not in str(error.value)
-
-
 def test_parts_of_a_log() -> None:
     part = some_log().part(10, 20)
     assert len(part) == 10
