@@ -31,6 +31,31 @@ def test_files_that_are_no_logs(tmp_path: Path) -> None:
         assert '\n' not in str(error.value)
 
 
+HEADER = 'time,command_1,command_2,joint_1,joint_2,strain_1a,strain_1b,strain_2a,strain_2b'
+ROWS = [f'{0.01 * k:.2f},1,2,3,4,.005,.004,.003,.002' for k in range(4)]
+
+
+@pytest.mark.parametrize('lines, message', [
+    (['# recorder 3', f'"{HEADER}', *ROWS],
+     "line 2: expected quotes in pairs, got one left open at 'time,command_1,"),
+    ([HEADER.replace('joint_1', '"joint_1'), *ROWS],
+     "line 1: expected quotes in pairs, got one left open at 'joint_1,joint_2,"),
+    ([HEADER, *ROWS[:2], ROWS[2].replace(',3', ',"3'), ROWS[3]],
+     'line 4: expected 9 columns, got 4 (a quote is left open)')])
+def test_a_quote_without_a_partner_is_named(
+        tmp_path: Path, lines: list[str], message: str) -> None:
+    (tmp_path / 'log.csv').write_text('\n'.join([*lines, '']))
+    with pytest.raises(InputError) as error:
+        read_log(tmp_path / 'log.csv', ROBOT)
+    assert message in str(error.value)
+
+
+def test_a_quote_within_a_name_that_is_not_read_does_no_harm(tmp_path: Path) -> None:
+    lines = [f'{HEADER},5" pipe', *(f'{row},1' for row in ROWS), '']
+    (tmp_path / 'log.csv').write_text('\n'.join(lines))
+    assert len(read_log(tmp_path / 'log.csv', ROBOT)) == 4
+
+
 @pytest.mark.parametrize('name', ['log.csv', 'log.mcap', 'log.db3'])
 def test_a_pipe_is_no_log(tmp_path: Path, name: str) -> None:
     """Nobody writes to it: a reader would wait forever, so the choice of one refuses it."""
