@@ -115,6 +115,14 @@ def test_changes_and_the_end_of_the_range_are_said(
     assert 'the largest payload that is looked for, 0.12 kg' in capsys.readouterr().out
 
 
+def test_a_largest_payload_of_zero_is_the_estimator_s_as_in_the_node(
+        logs: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments in ((), ('--payload-max', '0')):
+        assert estimate.main([str(logs[0]), *arguments]) == 0
+    told, zero = capsys.readouterr().out.split('rpe: ')[1:]
+    assert told == zero
+
+
 def test_the_defaults_run_on_a_shared_record(shared_data: Path, tmp_path: Path) -> None:
     record = shared_data / 'bench' / 'case_8009d8b8.csv'
     assert estimate.main([str(record), '--json', str(tmp_path / 'out.json')]) == 0
