@@ -1,12 +1,11 @@
-"""Files that are no logs are refused in one line, before anything waits for them."""
+"""Files that are no logs are refused in one line."""
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 from flex_plant_sim.arm.robot_file import load_robot
-from flex_plant_sim.logs.read import _reader, read_log
+from flex_plant_sim.logs.read import read_log
 from msg_config.errors import InputError
 import pytest
 
@@ -54,11 +53,3 @@ def test_a_quote_within_a_name_that_is_not_read_does_no_harm(tmp_path: Path) -> 
     lines = [f'{HEADER},5" pipe', *(f'{row},1' for row in ROWS), '']
     (tmp_path / 'log.csv').write_text('\n'.join(lines))
     assert len(read_log(tmp_path / 'log.csv', ROBOT)) == 4
-
-
-@pytest.mark.parametrize('name', ['log.csv', 'log.mcap', 'log.db3'])
-def test_a_pipe_is_no_log(tmp_path: Path, name: str) -> None:
-    """Nobody writes to it: a reader would wait forever, so the choice of one refuses it."""
-    os.mkfifo(tmp_path / name)
-    with pytest.raises(InputError, match=f'{name}: expected a file or a bag folder, got a pipe'):
-        _reader(tmp_path / name)

@@ -51,9 +51,6 @@ def _reader(path: Path) -> LogReader:
             raise InputError(f'{path}: expected a rosbag2, got a folder without metadata.yaml '
                              '(`ros2 bag reindex` makes one)')
         return read_bag
-    if not path.is_file():
-        # To open a pipe would wait for its writer.
-        raise InputError(f'{path}: expected a file or a bag folder, got a pipe or a device')
     suffix = path.suffix.lower()
     if suffix in ('.mcap', '.db3'):
         return read_bag
