@@ -8,14 +8,19 @@ from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+# What the node hears, under the arm's own names.
+TOPICS = {
+    'joint_states': ('joint_states', "the arm's topic of joint states"),
+    'strain': ('strain', "the arm's topic of strain"),
+    'command': ('command', "the topic of your controller's commands"),
+}
 ARGUMENTS = {
     'robot': ('reference', "the arm's own robot file"),
     'namespace': ('', 'namespace of node and topics'),
     'params_file': ('', 'ROS parameter file; what it says goes before robot'),
     'use_sim_time': ('false', 'whether the node takes the time from /clock, as for a bag'),
     'record': ('false', 'whether a bag of every topic is recorded'),
-    'joint_states': ('joint_states', "the arm's topic of joint states"),
-    'strain': ('strain', "the arm's topic of strain"),
+    **TOPICS,
 }
 
 
@@ -27,7 +32,7 @@ def nodes(context: LaunchContext) -> list[Node]:
     files = [given['params_file']] if given['params_file'] else []
     return [Node(package='flex_payload', executable='payload_estimator', output='screen',
                  namespace=given['namespace'], parameters=[common, *files],
-                 remappings=[(name, given[name]) for name in ('joint_states', 'strain')])]
+                 remappings=[(name, given[name]) for name in TOPICS])]
 
 
 def generate_launch_description() -> LaunchDescription:

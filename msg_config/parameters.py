@@ -126,9 +126,9 @@ class Parameter:
             return ' or '.join(self.choices)
         words = _TYPES[self.type][2]
         if self.minimum is not None:
-            words += f' from {self.minimum:g} to {self.maximum:g}'
+            words += f' from {_shown(self.minimum)} to {_shown(self.maximum)}'
         words = f'{words} {self.unit}'.rstrip()
-        return words if self.special is None else f'{words}, or {self.special:g}'
+        return words if self.special is None else f'{words}, or {_shown(self.special)}'
 
     def _within(self, value: Any) -> bool:
         if self.choices:
@@ -203,7 +203,7 @@ def _file_lines(row: Parameter) -> list[str]:
     return [f'    # {row.meaning}{unit} ({row.applies})', f'    {absent}{pair}']
 
 
-def _shown(value: Value) -> str:
+def _shown(value: Value | None) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, float):
@@ -214,8 +214,8 @@ def _shown(value: Value) -> str:
 def _limits(row: Parameter) -> str:
     if row.choices:
         return ', '.join(f'`{choice}`' for choice in row.choices)
-    special = '' if row.special is None else f'{row.special:g}, or '
-    return '' if row.minimum is None else f'{special}{row.minimum:g} … {row.maximum:g}'
+    special = '' if row.special is None else f'{_shown(row.special)}, or '
+    return '' if row.minimum is None else f'{special}{_shown(row.minimum)} … {_shown(row.maximum)}'
 
 
 def _rows() -> list[tuple[str, Parameter]]:

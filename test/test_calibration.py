@@ -84,6 +84,16 @@ def test_the_parts_are_found_within_what_is_stated(output: tuple[str, Path]) -> 
     assert np.abs(scores).max() < 3.0, output[0]
 
 
+def test_what_changes_no_number_is_printed_as_it_was_found(output: tuple[str, Path]) -> None:
+    left = re.findall(r'^ +(\S+) +± .*?([+-]\S+) .*left as told$', output[0], re.M)
+    assert left, output[0]
+    assert [name for name, found in left if float(found)], output[0]
+    told, new = ((output[1] / name).read_text() for name in ('robot.yaml', 'new.yaml'))
+    lengths = [re.findall('length_m: .*', text) for text in (told, new)]
+    for k in (0, 1):
+        assert (lengths[0][k] == lengths[1][k]) == (f'length_{k + 1}' in dict(left))
+
+
 def test_the_file_keeps_comments_and_order(output: tuple[str, Path]) -> None:
     old, new = ((output[1] / name).read_text() for name in ('robot.yaml', 'new.yaml'))
     assert re.findall('#.*', new) == re.findall('#.*', old)
@@ -162,6 +172,14 @@ def test_a_shared_tolerance_is_that_of_the_least_known_part() -> None:
     assert found.payload == robot.tolerances.payload
 
 
+def test_a_part_near_its_file_is_left_as_told() -> None:
+    for mean, left in ((0.02, True), (-0.02, True), (0.04, False)):
+        part = PartEstimate('damping_1', '', 0.3, mean, 0.1)
+        row = calibration_text(Calibration(load_robot('reference'), (part,))).splitlines()[1]
+        assert row.endswith('left as told') == left
+        assert f'{100.0 * mean:+.2f} %' in row
+
+
 def test_a_part_far_from_its_file_is_doubted() -> None:
     parts = [PartEstimate('damping_1', '', 0.3, mean, 0.1) for mean in (0.8, -1.0)]
     for part, doubted in zip(parts, (False, True)):
@@ -171,5 +189,5 @@ def test_a_part_far_from_its_file_is_doubted() -> None:
 
 def test_a_payload_that_an_effect_changes_is_not_the_one_that_was_weighed() -> None:
     deviates = EffectSpec('payload_mass', 'arm', {'deviation_kg': -0.05})
-    with pytest.raises(InputError, match='expected no payload_mass'):
+    with pytest.raises(InputError, match='^reference.yaml: effects: expected no payload_mass'):
         calibrate([], replace(load_robot('reference'), effects=(deviates,)), 0.1)

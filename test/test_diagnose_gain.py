@@ -81,6 +81,13 @@ def test_intervals_of_correlated_errors_hold_the_truth_about_as_often_as_they_sa
     assert 0.85 <= held / rounds <= 0.99
 
 
+@pytest.mark.parametrize('count', [400, 407])
+def test_an_error_that_never_changes_has_no_spread(count: int) -> None:
+    """Blocks of 20 that overhang the record by 13 starts are scaled to its own number."""
+    gain, = _gains([('x', 'rad')], 1.0, [np.ones((2, count, 1))], [20], np.random.default_rng(4))
+    assert (gain.low, gain.after, gain.high) == pytest.approx((1.0, 1.0, 1.0), rel=1e-12)
+
+
 def test_blocks_matter_for_correlated_errors() -> None:
     """Without blocks the interval of a slow error would be far too narrow."""
     rng = np.random.default_rng(2)

@@ -154,6 +154,7 @@ def test_an_int_becomes_a_double() -> None:
     ({'payload': math.nan}, f'plant_sim: payload: {MASS}, got nan'),
     ({'payload': -0.5}, f'plant_sim: payload: {MASS}, got -0.5'),
     ({'payload': True}, f'plant_sim: payload: {MASS}, got True'),
+    ({'seed': -1}, 'plant_sim: seed: expected an integer from 0 to 4294967295, got -1'),
     ({'modes': 2.0}, 'plant_sim: modes: expected an integer from 1 to 20, got 2.0'),
     ({'mode': 'fast'}, "plant_sim: mode: expected lockstep or realtime, got 'fast'"),
     ({'effects': 7}, 'plant_sim: effects: expected a list of texts, got 7'),
@@ -193,6 +194,16 @@ def test_the_largest_payload_is_the_same_everywhere() -> None:
             if row.unit == 'kg']
     assert len(rows) == 5
     assert {row.maximum for row in rows} == {LARGEST_MASS}
+
+
+@pytest.mark.parametrize('node', NODES)
+def test_the_sample_time_is_what_a_robot_file_may_say(node: str) -> None:
+    row = load_parameters()[node]['sample_time']
+    assert (row.minimum, row.maximum) == PLAUSIBLE['sample_time_s']
+    assert row.check(0.0) == 0.0
+    with pytest.raises(InputError, match='^sample_time: expected a number from 1e-05 to 1 s, or 0,'
+                                         ' got 9e-06$'):
+        row.check(9e-6)
 
 
 @pytest.mark.ros

@@ -105,7 +105,7 @@ def test_real_time_holds_a_late_command_and_reports_it(loop: RosLoop) -> None:
     loop.until(lambda: len(joints) > 5)
     stamp = max(joints.stamps)
     command.publish(joint_state(stamp - 2 * STEP, JOINTS, effort=(0.3, 0.2)))
-    loop.until(lambda: node.held.total.total() > 3)
+    loop.until(lambda: node.counts.total['held'] > 3)
     assert node.simulator.measure().command.tolist() == [0.3, 0.2]
     loop.until(lambda: any('no command in time' in s.message or 'no command for' in s.message
                            for m in diagnostics for s in m.status))
@@ -142,6 +142,37 @@ def test_real_time_keeps_pace_with_the_wall_clock(loop: RosLoop) -> None:
     assert (max(joints.stamps) - first) * 1e-9 == pytest.approx(elapsed, abs=0.1)
     stamps = sorted(joints.stamps)
     assert np.all(np.diff(stamps) == STEP), 'no sample is left out'
+
+
+def test_real_time_says_the_steps_that_it_skips(loop: RosLoop) -> None:
+    """The stamps go on with the wall clock; what lies between two of them was not simulated."""
+    import time
+
+    joints, diagnostics = loop.record('joint_states'), loop.record('/diagnostics')
+    node = plant(loop, mode='realtime')
+    loop.until(lambda: len(joints.stamps) > 5)
+    time.sleep(1.5)  # a computer that is busy with something else for 150 steps
+    loop.until(lambda: node.counts.total['skipped'] > 100)
+    end = node.simulator.samples + 20
+    loop.until(lambda: node.simulator.samples > end)
+    stamps = sorted(joints.stamps)
+    missing = round(np.sum(np.diff(stamps) - STEP) / STEP)
+    assert missing == pytest.approx(node.counts.total['skipped'], abs=2)
+    loop.until(lambda: any(
+        s.level == b'\x01' and f'{node.counts.total["skipped"]} steps were skipped' in s.message
+        for m in diagnostics for s in m.status))
+
+
+def test_real_time_takes_no_step_after_the_arm_diverged(loop: RosLoop) -> None:
+    import time
+
+    node = plant(loop, mode='realtime')
+    loop.until(lambda: node.simulator.samples > 5)
+    node.simulator.state[:] = np.nan
+    before = node.simulator.samples
+    time.sleep(20 * STEP * 1e-9)
+    loop.until(lambda: node._diverged)
+    assert node.simulator.samples == before + 1
 
 
 @pytest.mark.parametrize(('values', 'text'), [

@@ -11,11 +11,15 @@ import re
 import runpy
 import subprocess
 import sys
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 import pytest
+
+if TYPE_CHECKING:
+    from ros_loop import RosLoop
 
 EXECUTABLES = {
     'plant_sim', 'payload_estimator', 'lqg_controller',
@@ -172,6 +176,19 @@ def test_a_launch_file_names_nodes_and_parameters_that_exist(
     table = load_parameters()[nodes[0]]
     for given in set(arguments) & set(table):
         assert str(table[given].default) == arguments[given]
+
+
+@pytest.mark.ros
+def test_the_estimator_is_launched_with_other_topics_for_all_that_it_hears(
+        repository: Path, loop: RosLoop) -> None:
+    from flex_payload_estimator.nodes.payload_estimator_node import PayloadEstimatorNode
+
+    launch = (repository / 'launch/estimator.launch.py').read_text(encoding='utf-8')
+    table, = re.findall(r'^TOPICS = \{\n(.*?)^\}', launch, re.MULTILINE | re.DOTALL)
+    heard = loop.start(PayloadEstimatorNode, model='paper_reduced', modes=2, estimator='sf1')
+    assert dict(re.findall(r"'(\w+)': \('(\w+)'", table)) == {
+        name: name for name in heard._subscribed}
+    assert 'for name in TOPICS' in launch
 
 
 @pytest.mark.parametrize('name', ['flex_payload', 'estimator'])

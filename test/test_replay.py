@@ -99,7 +99,7 @@ def test_tool_says_whether_coriolis_forces_act(
 
 @pytest.mark.parametrize('arguments, why', [
     (['--model', 'paper'], '--model paper has none'),
-    (['--robot', 'spinning.yaml'], 'names these forces, which stay')])
+    (['--robot', 'spinning.yaml'], 'the robot file spinning.yaml names these forces, which stay')])
 def test_forces_that_cannot_be_left_out_are_told(
         arguments: list[str], why: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
         capsys: pytest.CaptureFixture[str]) -> None:
@@ -193,7 +193,7 @@ def test_channel_at_rest_has_no_fit(tmp_path: Path) -> None:
 def test_other_rate_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_csv(tmp_path / 'log.csv', simulated_log(replace(ROBOT, sample_time=0.005)))
     assert tool.main([str(tmp_path / 'log.csv')]) == 0
-    assert 'sampled every 0.005 s, not 0.01 s as reference says; the log wins' \
+    assert 'sampled every 0.005 s, not 0.01 s as reference.yaml says; the log wins' \
         in capsys.readouterr().err
 
 
@@ -203,8 +203,8 @@ def test_an_unstable_arm_is_an_error_not_numbers() -> None:
     with pytest.raises(InputError) as error:
         replay(simulated_log(), robot)
     message = str(error.value)
-    assert message.startswith('reference: the model assumed_modes with 3 modes and 0.1 kg is '
-                              'unstable: ')
+    assert message.startswith('reference.yaml: the model assumed_modes with 3 modes and 0.1 kg '
+                              'is unstable: ')
     assert 'fastest growing pole +' in message
 
 

@@ -49,6 +49,11 @@ FAULTS = [
     ('links.upper.gauge_positions_m', [0.03, 0.9], 'robot.yaml: links.upper.gauge_positions_m: '
                                                    'expected at most 0.6, got 0.9'),
     ('links.upper.colour', 'red', 'robot.yaml: links.upper.colour: unknown key'),
+    ('name', 'my\x07arm', 'robot.yaml: name: expected a name of printable characters, got '
+                          "'my\\x07arm'"),
+    ('inputs', {'joints': {'joint_1': {'name': 'q\n1'}}},
+     'robot.yaml: inputs.joints.joint_1.name: expected a name of printable characters, got '
+     "'q\\n1'"),
     ('weight_kg', 3, 'robot.yaml: weight_kg: unknown key'),
     ('drives.elbow.kind', 'hydraulic', 'robot.yaml: drives.elbow.kind: expected velocity_loop or '
                                        "current or dc_motor, got 'hydraulic'"),

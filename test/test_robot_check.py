@@ -217,12 +217,12 @@ def test_what_a_cut_file_lost_is_listed_with_what_stands_in(
     assert 'tolerances.strain_gain: expected 0, or 1e-09 to 3, got 10' in capsys.readouterr().err
 
 
-def test_an_effect_that_is_none_is_named_with_its_robot(
+def test_an_effect_that_is_none_is_named_with_its_file(
         tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arm, text = tmp_path / 'a.yaml', robot_text('quanser_2dsfl')
     arm.write_text(f'{text}effects: [{{name: rust, site: joint_1}}]\n')
     assert main(['check', str(arm)]) == 2
-    assert capsys.readouterr().err.startswith('error: quanser_2dsfl: effects: expected one of ')
+    assert capsys.readouterr().err.startswith(f'error: {arm}: effects: expected one of ')
 
 
 def test_a_slow_arm_moves_as_long_as_its_diagnosis_needs(

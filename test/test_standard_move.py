@@ -60,7 +60,7 @@ def test_a_move_without_room_is_refused_in_one_line(
     arm = limited(tmp_path, 'reference', '[-1.5, 1.5]', '[0.1, 0.65]')
     assert main(['move', str(arm), *options]) == 2
     assert capsys.readouterr().err == (
-        'error: reference: drives.elbow.angle_limits_rad: expected at least 0.6 rad between them, '
+        f'error: {arm}: drives.elbow.angle_limits_rad: expected at least 0.6 rad between them, '
         'a swing of 0.3 rad and as much for safety, got 0.55\n')
     # It is checked how well such an arm would tell its payload.
     assert main(['check', str(arm), '--modes', '1']) == 0
@@ -75,5 +75,5 @@ def test_a_move_that_takes_the_simulated_arm_too_far_is_refused(
         'effects:\n- {name: actuator_gain, site: joint_1, factor: 2.5}\n'))
     options = '--strokes', '2', '--output', str(tmp_path / 'log.csv')
     assert main(['move', str(arm), *options]) == 2
-    assert 'drives.shoulder.angle_limits_rad: expected a simulated move within -0.5 to 0.5 rad, ' \
-           'got ' in capsys.readouterr().err
+    assert f'error: {arm}: drives.shoulder.angle_limits_rad: expected a simulated move within ' \
+           '-0.5 to 0.5 rad, got ' in capsys.readouterr().err

@@ -99,7 +99,7 @@ def check_square(values: Mapping[str, Any], robot: Robot) -> None:
     reach = min(min(-low, high) for low, high in robot.angle_limits)
     if amplitude > reach:
         raise InputError(f'reference_amplitude: expected at most {reach:g} rad, as the angle '
-                         f'limits of {robot.name} allow, got {amplitude:g}')
+                         f'limits of {robot.source} allow, got {amplitude:g}')
 
 
 def set_points_of(values: Mapping[str, Any]) -> SetPoints:

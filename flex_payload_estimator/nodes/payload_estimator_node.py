@@ -1,8 +1,8 @@
 """
 The node that estimates the payload.
 
-In: joint_states, strain, and command, by which it predicts ahead. Out: payload, payload/inertia,
-innovation, arm_markers and diagnostics with the model's health.
+In: joint_states, strain, and command, by which it predicts ahead. Out: payload,
+payload_stamped, payload/inertia, innovation, arm_markers and diagnostics with the model's health.
 """
 
 from __future__ import annotations
@@ -53,7 +53,9 @@ NO_INNOVATION = ('input_rejected', 'restarted')
 
 class PayloadEstimatorNode(SampleNode):
     """
-    Answers every sample with payload, payload/inertia and innovation of the same stamp.
+    Answers every sample with payload, payload_stamped, payload/inertia and innovation.
+
+    All are of the sample's stamp.
 
     Diagnostics come once a second of wall time and at every change of status.
     """

@@ -101,8 +101,8 @@ class SampleNode(ContractNode):
                  != self.resolve_topic_name(topic)}
         if other:
             self.get_logger().warning(
-                f'{robot.name}: inputs: topics: holds for bags alone; this node needs --ros-args '
-                + ' '.join(f'-r {topic}:={name}' for topic, name in other.items()))
+                f'{robot.source}: inputs: topics: holds for bags alone; this node needs '
+                '--ros-args ' + ' '.join(f'-r {topic}:={name}' for topic, name in other.items()))
 
     def listen(self) -> None:
         """Subscribe to the samples and offer ~/reset; call it when all else is ready."""

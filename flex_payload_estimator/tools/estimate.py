@@ -169,9 +169,9 @@ def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
     row = load_parameters()['payload_estimator']['estimator']
     options.add_argument('--estimator', default=row.default, choices=row.choices,
                          help='payload estimator')
-    options.add_argument('--payload-max', type=command_line.mass, metavar='KG',
-                         help='largest payload that is looked for, kg; without it that of the '
-                              'node: four lower links and twice the payload of the robot file')
+    options.add_argument('--payload-max', default=0.0, type=command_line.mass, metavar='KG',
+                         help='largest payload that is looked for, kg; 0 is that of the node: '
+                              'four lower links and twice the payload of the robot file')
     command_line.add_json_argument(options)
     return options.parse_args(arguments)
 
@@ -192,7 +192,7 @@ def _write(options: argparse.Namespace, robot: Robot, write: Callable[..., Any])
     found: list[Estimates] = []
     for path in options.log:
         one = write(estimate_file, path, robot, options.estimator, options.model, options.modes,
-                    options.payload_max)
+                    options.payload_max or None)
         if one is not None:
             found.append(one)
             write(print, one.table())

@@ -9,6 +9,7 @@ from __future__ import annotations
 from difflib import get_close_matches
 import math
 from typing import Any
+from unicodedata import category
 
 from msg_config.errors import InputError
 
@@ -102,11 +103,15 @@ class Section:
         return Section(self.source, path, self.take(key, default), self.left_out)
 
     def text(self, key: str, default: str | None = None) -> str:
-        """Return the text of a key: not empty, at most 200 characters."""
+        """Return the text of a key: not empty, at most 200 characters, no control characters."""
         value = self.take(key, default)
         if isinstance(value, (dict, list)) or value is None or not str(value).strip() \
                 or len(str(value)) > 200:
             raise InputError(f'{self.name(key)}: expected a name, got {shown(value)}')
+        # A column may bear the spaces of any script; XML and terminals can hold no controls.
+        if not all(c.isprintable() or category(c) == 'Zs' for c in str(value)):
+            raise InputError(f'{self.name(key)}: expected a name of printable characters, got '
+                             f'{shown(value)}')
         return str(value)
 
     def number(self, key: str, low: float = 0.0, default: float | None = None) -> float:

@@ -126,6 +126,8 @@ class Robot:
     Attributes
     ----------
     name : str
+    source : str
+        Its file, which errors name; ignored when robots are compared.
     links : tuple of Link
         Upper, lower.
     drives : tuple of Drive
@@ -153,6 +155,7 @@ class Robot:
     """
 
     name: str
+    source: str = field(compare=False)
     links: tuple[Link, Link]
     drives: tuple[Drive, Drive]
     elbow_mass: float

@@ -153,7 +153,7 @@ def parse_robot(text: str, source: str) -> Robot:
     joints = drives.section('shoulder'), drives.section('elbow')
     limits = _read_angle_limits(joints[0]), _read_angle_limits(joints[1])
     robot = Robot(
-        name=top.text('name'), links=(upper, lower),
+        name=top.text('name'), source=source, links=(upper, lower),
         drives=(_read_drive(joints[0]), _read_drive(joints[1])),
         elbow_mass=elbow.number('mass_kg'),
         elbow_inertia=elbow.number('inertia_kg_m2'),

@@ -16,9 +16,6 @@ from flex_plant_sim.arm.robot import Link
 from flex_plant_sim.arm.second_order import Array, modal_damping
 import numpy as np
 
-# Gravitational acceleration, m/s^2; within 0.3 % anywhere on earth.
-GRAVITY = 9.81
-
 
 @dataclass(frozen=True)
 class ExternalLoads:

@@ -1,4 +1,4 @@
-"""The units in which people read quantities, by SI unit."""
+"""The units in which people read quantities, by SI unit, and gravity."""
 
 from __future__ import annotations
 
@@ -8,3 +8,5 @@ import math
 SHOWN = {'m/m': (1e6, 'µm/m'), 'm/m/s': (1e6, 'µm/m/s')}
 # The same for a measured channel: its angles in degrees, those of robot files stay in rad.
 CHANNEL_SHOWN = {**SHOWN, 'rad': (180.0 / math.pi, '°')}
+# Gravitational acceleration, m/s^2; within 0.3 % anywhere on earth.
+GRAVITY = 9.81

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from flex_plant_sim.arm.robot import Robot
-from flex_plant_sim.commissioning.calibration import Calibration
+from flex_plant_sim.commissioning.calibration import Calibration, notable
 
 # Tolerance in the robot file of a part with another name.
 TOLERANCE_OF = {'position': 'gauge_position_m', 'angle_offset': 'angle_zero_rad'}
@@ -44,7 +44,8 @@ def calibration_text(found: Calibration) -> str:
     for part in found.parts:
         told = f'± {_size(part.prior, part.unit)}'
         lines.append(f'  {part.name:<22}{told:>14}{_size(part.mean, part.unit, "+"):>15} '
-                     f'± {_size(part.deviation, part.unit)}')
+                     f'± {_size(part.deviation, part.unit)}'
+                     f'{"" if notable(part) else "   left as told"}')
     far = [part.name for part in found.parts if abs(part.mean) > DOUBTED * part.prior]
     if far:
         lines.append(f'more than {DOUBTED:g} tolerances off: {", ".join(far)}; a tolerance is too '

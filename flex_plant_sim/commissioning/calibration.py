@@ -43,6 +43,7 @@ class Calibration:
         Robot with the calibrated parts; gauge scales and zeros, joint 2's zero and the Coriolis
         forces are among its effects.
     parts : tuple of PartEstimate
+        What the logs tell of each part; `robot` has those that are `notable`.
 
     """
 
@@ -74,7 +75,7 @@ def calibrate(logs: Sequence[Log], robot: Robot, payload: float,
 
     """
     if any(spec.name == 'payload_mass' for spec in robot.effects):
-        raise InputError(f'{robot.name}: effects: expected no payload_mass, which would change '
+        raise InputError(f'{robot.source}: effects: expected no payload_mass, which would change '
                          'the payload that was weighed')
     known = replace(robot.tolerances, payload=0.0, payload_inertia_kg_m2=0.0)
     base = nominal_base(replace(robot, payload_mass=payload, tolerances=known,
@@ -88,15 +89,21 @@ def calibrate(logs: Sequence[Log], robot: Robot, payload: float,
     begin()
     fit = RefinedFit.refine(CandidateSet((), (np.zeros(0),)), base, data).fit
     parts = part_priors(base.robot, payload)
-    tolerances = np.array([part.tolerance for part in parts])
-    values = np.where(np.abs(fit.deviations) < NOTABLE * tolerances, 0.0, fit.deviations)
+    estimates = tuple(
+        PartEstimate(part.name, part.unit, part.tolerance, float(value), float(deviation))
+        for part, value, deviation in zip(
+            parts, fit.deviations, np.sqrt(np.diagonal(fit.covariance))))
+    values = np.array([part.mean if notable(part) else 0.0 for part in estimates])
     found, sensors = with_deviations(base.robot, parts, values)
     found = replace(within_file_limits(found), payload_mass=robot.payload_mass,
                     tolerances=robot.tolerances, sample_time=robot.sample_time,
                     effects=specs(merged_readings((*base.effects, *sensors))))
-    return Calibration(found, tuple(
-        PartEstimate(part.name, part.unit, part.tolerance, float(value), float(deviation))
-        for part, value, deviation in zip(parts, values, np.sqrt(np.diagonal(fit.covariance)))))
+    return Calibration(found, estimates)
+
+
+def notable(part: PartEstimate) -> bool:
+    """Return whether a part is far enough from the robot file's number to replace it."""
+    return abs(part.mean) >= NOTABLE * part.prior
 
 
 def _whole(records: Sequence[Record], base: BaseModel) -> Data:

@@ -104,8 +104,8 @@ def _output(robot: Robot, sensors: tuple[Effect, ...], modes: int, move: Move) -
         simulator.begin_at(move.centre)
         output = simulate(simulator, move.commands)[0]
     if not np.abs(output).max() < DIVERGED:
-        raise InputError(f'{robot.name}: payload: mass_kg: expected one that the model moves, got '
-                         f'{robot.payload_mass:.4g} kg: with {modes} modes it is unstable')
+        raise InputError(f'{robot.source}: payload: mass_kg: expected one that the model moves, '
+                         f'got {robot.payload_mass:.4g} kg: with {modes} modes it is unstable')
     return output
 
 

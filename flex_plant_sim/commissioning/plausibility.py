@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import math
 
 from flex_plant_sim.arm.robot import Robot
-from flex_plant_sim.arm.single_link import GRAVITY
+from flex_plant_sim.arm.units import GRAVITY
 
 # Least ratio of length to thickness. At this ratio shear and rotary inertia, which the
 # Euler-Bernoulli beam neglects, lower the first three frequencies of a clamped link by 0.4, 2.4

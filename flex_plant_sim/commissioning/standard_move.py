@@ -133,7 +133,7 @@ def simulated_move(robot: Robot, move: Move, modes: int, seed: int) -> Log:
     for name, (low, high) in zip(DRIVES, robot.angle_limits):
         # As limits are written: 0.1 and 0.7 are 0.6 apart.
         if round(high - low, 9) < ROOM * LEAST_SWING:
-            raise InputError(f'{robot.name}: {name}.angle_limits_rad: expected at least '
+            raise InputError(f'{robot.source}: {name}.angle_limits_rad: expected at least '
                              f'{ROOM * LEAST_SWING:g} rad between them, a swing of '
                              f'{LEAST_SWING:g} rad and as much for safety, got {high - low:.4g}')
     arm = ExtendedArm(robot, 'assumed_modes', modes, effects=nominal_effects(robot))
@@ -143,7 +143,7 @@ def simulated_move(robot: Robot, move: Move, modes: int, seed: int) -> Log:
     output, _ = simulate(simulator, move.commands)
     for name, angle, (low, high) in zip(DRIVES, output.T, robot.angle_limits):
         if not (low <= angle.min() and angle.max() <= high):
-            raise InputError(f'{robot.name}: {name}.angle_limits_rad: expected a simulated '
+            raise InputError(f'{robot.source}: {name}.angle_limits_rad: expected a simulated '
                              f'move within {low:g} to {high:g} rad, got {angle.min():.4g} to '
                              f'{angle.max():.4g}')
     time = np.asarray(robot.sample_time * np.arange(len(output)), dtype=float)

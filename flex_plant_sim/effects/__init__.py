@@ -133,13 +133,13 @@ def effects_of(robot: Robot) -> tuple[Effect, ...]:
     Raises
     ------
     InputError
-        See `build`; the message names the robot.
+        See `build`; the message names the robot's file.
 
     """
     try:
         return tuple(build(spec, robot) for spec in robot.effects)
     except InputError as error:
-        raise InputError(f'{robot.name}: {error}') from None
+        raise InputError(f'{robot.source}: {error}') from None
 
 
 def explanation_at(effect: type[Effect], site: str) -> str:

@@ -74,7 +74,7 @@ def _in_seconds(rows: Rows, robot: Robot) -> Rows:
     unit = time_unit(interval, robot.sample_time)
     if unit is None:
         raise InputError(f'{rows.source}: {name}: expected a sample about every '
-                         f'{robot.sample_time:g} s as {robot.name} says, got one every '
+                         f'{robot.sample_time:g} s as {robot.source} says, got one every '
                          f'{interval:g}: name its unit in the robot file, inputs: {{time: {{unit: '
                          'ms}}, or of row numbers the interval, s: {time: {scale: '
                          f'{robot.sample_time:g}}}}}')
@@ -127,7 +127,7 @@ def _check_columns(table: Table, robot: Robot, wanted: list[str]) -> None:
         more = "; to leave the others alone, name the arm's under inputs: in the robot file" \
             if len(gauges) > count > 0 else ''
         raise InputError(f'{path}: strain: expected {count} gauge{"" if count == 1 else "s"} '
-                         f'({", ".join(robot.gauge_names) or "none"}) for {robot.name}, got '
+                         f'({", ".join(robot.gauge_names) or "none"}) for {robot.source}, got '
                          f'{len(gauges)} ({", ".join(gauges) or "none"}){more}')
     _check_present(table, wanted)
 

@@ -120,6 +120,7 @@ class Table:
             if len(row) != len(self.header):
                 why = ' (decimal commas? separate by semicolons)' \
                     if self.separator == ',' and len(row) > 1.5 * len(self.header) else ''
+                why = ' (a quote is left open)' if _left_open(written) else why
                 return (f'line {number}: expected {len(self.header)} columns, got {len(row)}'
                         f'{why}')
             for k in columns:
@@ -161,7 +162,7 @@ def read_table(path: Path) -> Table:
         raise InputError(f'{path}: line {longest[0]}: expected at most {MAX_LINE} characters, '
                          f'got {len(longest[1])}')
     separator = max(SEPARATORS, key=lines[0][1].count)
-    header = _header(path, lines[0][1], separator)
+    header = _header(path, *lines[0], separator)
     data, notes = lines[1:], []
     if len(data) > 2 and not text.endswith(('\n', '\r')):
         notes.append(f'line {data[-1][0]}: left out: its end is missing, and its last number may '
@@ -173,6 +174,11 @@ def read_table(path: Path) -> Table:
                  tuple([*notes, 'decimal commas read as points'] if comma else notes))
 
 
+def _left_open(line: str) -> bool:
+    """Return whether a quote has no partner: it takes the rest of the line for one cell."""
+    return line.count('"') % 2 == 1
+
+
 def _has_decimal_commas(lines: Sequence[str], separator: str) -> bool:
     """Return whether commas are decimal: where they separate columns, only beside no point."""
     if separator != ',':
@@ -181,11 +187,14 @@ def _has_decimal_commas(lines: Sequence[str], separator: str) -> bool:
             and not any(map(DECIMAL_POINT.search, lines)))
 
 
-def _header(path: Path, line: str, separator: str) -> list[str]:
+def _header(path: Path, number: int, line: str, separator: str) -> list[str]:
     try:
         header = [name.strip() for name in next(csv.reader([line], delimiter=separator), [])]
     except csv.Error as error:
-        raise InputError(f'{path}: line 1: expected a header row, got: {error}') from None
+        raise InputError(f'{path}: line {number}: expected a header row, got: {error}') from None
+    if _left_open(line) and separator in header[-1]:
+        raise InputError(f'{path}: line {number}: expected quotes in pairs, got one left open at '
+                         f'{header[-1][:60]!r}')
     if all(re.fullmatch(r'[-+\d.eE]*', name) for name in header):
         raise InputError(f'{path}: expected a header row that names the columns and is no '
                          f'comment (#), got {line[:60]!r}')

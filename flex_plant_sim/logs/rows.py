@@ -262,5 +262,5 @@ def _with_sampling_note(log: Log, robot: Robot) -> Log:
                          f'got every {log.time[1] - log.time[0]:.3g} s')
     if abs(own - said) <= SAMPLING_AGREES * said:
         return log
-    note = f'sampled every {own:g} s, not {said:g} s as {robot.name} says; the log wins'
+    note = f'sampled every {own:g} s, not {said:g} s as {robot.source} says; the log wins'
     return replace(log, notes=(*log.notes, note))

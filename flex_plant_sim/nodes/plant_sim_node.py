@@ -49,7 +49,7 @@ class PlantSim(ContractNode):
     In lock-step, a sample is published, and the command with the same stamp triggers the next
     step. If no command comes, the sample is sent again, so that a lost message or a late node does
     not stop the loop. In real time, the wall clock triggers the samples; if a command is late, the
-    one before is held, which is reported.
+    one before is held; a slow computer skips steps. Both are reported.
     """
 
     def __init__(self, **options: Any):
@@ -112,7 +112,8 @@ class PlantSim(ContractNode):
         self._answered = self._diverged = False
         self._quiet = True
         self._origin, self._resend_at, self._late, self._worst = self.wall_time(), 0.0, 0, 0.0
-        self.held: RecentCounts[str] = RecentCounts()
+        # Real time: samples that kept the command before, and steps that were left out.
+        self.counts: RecentCounts[str] = RecentCounts()
         self._next_marker = 0.0
 
     def _sample(self) -> None:
@@ -196,15 +197,18 @@ class PlantSim(ContractNode):
             return
         interval = self.simulator.arm.robot.sample_time
         due = int((self.wall_time() - self._origin) / interval)
-        if due - self.simulator.samples > MAX_STEPS_BEHIND:
+        behind = due - self.simulator.samples
+        if behind > MAX_STEPS_BEHIND:
+            self.counts.add('skipped', self.wall_time(), behind)
             self._follow_wall_clock()
             due = self.simulator.samples + 1
-        while self.simulator.samples < due:
+        # An arm that diverges pauses inside.
+        while self.simulator.samples < due and not self._paused:
             self._advance(self._held_command())
 
     def _held_command(self) -> np.ndarray:
         if not self._answered and self._latest_stamp >= 0:
-            self.held.add('held', self.wall_time())
+            self.counts.add('held', self.wall_time())
         quiet = seconds(self._stamp - self._latest_stamp) > COMMAND_TIMEOUT
         if quiet != self._quiet:
             # Reported at once, not only when the next diagnostics are due.
@@ -276,18 +280,24 @@ class PlantSim(ContractNode):
         quiet = self._latest_stamp < 0 or (
             seconds(self._stamp - self._latest_stamp) > COMMAND_TIMEOUT)
         waiting = self.wall_time() - self._resend_at > DIAGNOSTICS_INTERVAL
-        held = self.held.recent(self.wall_time()).total()
+        recent, words = self.counts.recent(self.wall_time()), []
+        if not self._paused and (waiting if self._lockstep else quiet):
+            words.append(f'no command for the sample at {self._now}')
+        elif recent['held']:
+            words.append(f'{recent["held"]} samples had no command in time and kept the one '
+                         'before')
+        if recent['skipped']:
+            words.append(f'{recent["skipped"]} steps were skipped, as this computer is slower '
+                         'than the wall clock')
         level, text = 'ok', 'paused' if self._paused else 'ok'
         if not self.active:
             text = 'the node is inactive'
         elif self._diverged:
             level, text = 'error', f'the arm diverged at {self._now}'
-        elif not self._paused and (waiting if self._lockstep else quiet):
-            level, text = 'warn', f'no command for the sample at {self._now}'
-        elif held:
-            level = 'warn'
-            text = f'{held} samples had no command in time and kept the one before'
+        elif words:
+            level, text = 'warn', '; '.join(words)
         status = self.status('command', level, text, {
-            'time s': self.simulator.time, 'held': self.held.total.total(), 'late': self._late,
+            'time s': self.simulator.time, 'held': self.counts.total['held'],
+            'skipped': self.counts.total['skipped'], 'late': self._late,
             'latest by s': self._worst})
         self.publish_diagnostics([status])

@@ -157,7 +157,7 @@ def _check_bounded(log: Log, arm: ExtendedArm, simulated: Array) -> None:
         k, channel = (int(index) for index in np.argwhere(fault)[0])
         pole = float(np.linalg.eigvals(arm.plant.a).real.max())
         raise InputError(
-            f'{arm.robot.name}: the model {arm.model_name} with {arm.modes} modes and '
+            f'{arm.robot.source}: the model {arm.model_name} with {arm.modes} modes and '
             f'{arm.payload:g} kg is unstable: {log.output_names[channel]} passes '
             f'{limits[channel]:g} after {log.time[k] - log.time[0]:g} s (fastest growing pole '
             f'{pole:+.3g} 1/s)')

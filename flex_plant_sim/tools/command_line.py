@@ -108,7 +108,7 @@ def check_coriolis(arguments: argparse.Namespace, robot: Robot) -> None:
     with_forces, without = (nominal_robot(robot, arguments.model, coriolis)
                             for coriolis in (True, False))
     if arguments.no_coriolis and with_forces == without:
-        why = f'the robot file {robot.name} names these forces, which stay' \
+        why = f'the robot file {robot.source} names these forces, which stay' \
             if arguments.model in WITH_CORIOLIS else f'--model {arguments.model} has none'
         raise InputError(f'--no-coriolis: expected a model with forces to leave out: {why}')
 

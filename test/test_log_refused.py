@@ -1,0 +1,55 @@
+"""Files that are no logs are refused in one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from flex_plant_sim.arm.robot_file import load_robot
+from flex_plant_sim.logs.read import read_log
+from msg_config.errors import InputError
+import pytest
+
+ROBOT = load_robot('reference')
+
+
+def test_files_that_are_no_logs(tmp_path: Path) -> None:
+    (tmp_path / 'empty.csv').write_text('')
+    (tmp_path / 'log.txt').write_text('time')
+    (tmp_path / 'binary.csv').write_bytes(b'\xff\x00\x01')
+    (tmp_path / 'torn.mcap').write_bytes(b'\x89MCAP0\r\nand no more')
+    (tmp_path / 'folder').mkdir()
+    for name, message in [('empty.csv', 'expected a header row, the file is empty'),
+                          ('log.txt', 'expected .csv, .mcap, .db3 or a bag folder'),
+                          ('binary.csv', 'expected a readable text file'),
+                          ('torn.mcap', 'expected a rosbag2'),
+                          ('folder', 'expected a rosbag2, got a folder without metadata.yaml'),
+                          ('absent.csv', 'expected a log, the file does not exist')]:
+        with pytest.raises(InputError) as error:
+            read_log(tmp_path / name, ROBOT)
+        assert f'{name}: {message}' in str(error.value)
+        assert '\n' not in str(error.value)
+
+
+HEADER = 'time,command_1,command_2,joint_1,joint_2,strain_1a,strain_1b,strain_2a,strain_2b'
+ROWS = [f'{0.01 * k:.2f},1,2,3,4,.005,.004,.003,.002' for k in range(4)]
+
+
+@pytest.mark.parametrize('lines, message', [
+    (['# recorder 3', f'"{HEADER}', *ROWS],
+     "line 2: expected quotes in pairs, got one left open at 'time,command_1,"),
+    ([HEADER.replace('joint_1', '"joint_1'), *ROWS],
+     "line 1: expected quotes in pairs, got one left open at 'joint_1,joint_2,"),
+    ([HEADER, *ROWS[:2], ROWS[2].replace(',3', ',"3'), ROWS[3]],
+     'line 4: expected 9 columns, got 4 (a quote is left open)')])
+def test_a_quote_without_a_partner_is_named(
+        tmp_path: Path, lines: list[str], message: str) -> None:
+    (tmp_path / 'log.csv').write_text('\n'.join([*lines, '']))
+    with pytest.raises(InputError) as error:
+        read_log(tmp_path / 'log.csv', ROBOT)
+    assert message in str(error.value)
+
+
+def test_a_quote_within_a_name_that_is_not_read_does_no_harm(tmp_path: Path) -> None:
+    lines = [f'{HEADER},5" pipe', *(f'{row},1' for row in ROWS), '']
+    (tmp_path / 'log.csv').write_text('\n'.join(lines))
+    assert len(read_log(tmp_path / 'log.csv', ROBOT)) == 4
