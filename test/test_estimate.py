@@ -116,7 +116,6 @@ def test_changes_and_the_end_of_the_range_are_said(
     assert 'the largest payload that is looked for, 0.12 kg' in capsys.readouterr().out
 
 
-<<<<<<< HEAD
 def test_each_row_says_whether_it_holds_only_for_parts_as_told() -> None:
     time = np.array([0.0, 1.0, 3.0, 3.5])
     found = estimate.Estimates('log.csv', time, np.full(4, 0.1), np.full(4, 1e-6), ('ok',) * 4,
@@ -150,14 +149,14 @@ def test_a_row_keeps_the_mode_of_its_time() -> None:
         estimator.update(t, output, one)
         modes.append(not estimator.incumbent.mode.free_parts)  # type: ignore[attr-defined]
     assert found.parts_as_told == tuple(modes) and len(set(modes)) == 2
-=======
+
+
 def test_a_largest_payload_of_zero_is_the_estimator_s_as_in_the_node(
         logs: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
     for arguments in ((), ('--payload-max', '0')):
         assert estimate.main([str(logs[0]), *arguments]) == 0
     told, zero = capsys.readouterr().out.split('rpe: ')[1:]
     assert told == zero
->>>>>>> 8c5dfe7d5309a5067f05a10d388a152b06ee08d9
 
 
 def test_the_defaults_run_on_a_shared_record(shared_data: Path, tmp_path: Path) -> None:
