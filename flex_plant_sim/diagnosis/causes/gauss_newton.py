@@ -274,10 +274,11 @@ class GaussNewton:
         likelihood = self.likelihood
         length = round(likelihood.base.discrepancy.gauge_periods
                        * likelihood.predictors[0].windows.warm_up)
-        gauges = errors[2:].reshape(len(errors) - 2, self.window_count, -1)
-        count = gauges.shape[2] // length
-        means = gauges[..., :count * length].reshape(*gauges.shape[:2], count, length).sum(axis=3)
-        return np.sqrt(np.mean(means**2, axis=(1, 2)) / length), self.window_count * count
+        windows, gauges = self.window_count, len(errors) - 2
+        by_window = errors[2:].reshape(gauges, windows, errors.shape[1] // windows)
+        count = by_window.shape[2] // length
+        means = by_window[..., :count * length].reshape(gauges, windows, count, length).sum(axis=3)
+        return np.sqrt(np.mean(means**2, axis=(1, 2)) / length), windows * count
 
     @property
     def window_count(self) -> int:
