@@ -155,7 +155,8 @@ def correct(x: Array, cov: Array, sensitivity: Array, beta: Array, beta_cov: Arr
         Variance of each channel's noise, (m,); number of gauge gains, the last columns of beta.
     gate, heaviest : float
         Largest e' Sigma^-1 e. Beyond it the noise of the sample counts as so large that it is the
-        gate: one absurd sample moves nothing, many in a row are believed (Huber's influence).
+        gate, or less where innovations are correlated: one absurd sample moves nothing, many in a
+        row are believed (Huber's influence).
         Largest payload, kg.
 
     Returns
