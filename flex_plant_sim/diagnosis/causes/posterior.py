@@ -63,15 +63,15 @@ def interpretations(fit: Fit) -> tuple[Fit, ...]:
     Return a fit read as complete, and as one with an unknown remainder.
 
     A complete set leaves errors no larger than any model's, as on clean arms of other simulators.
-    Larger errors cost it what `cost_of_white_errors` says; a gauge's, if that is more, what its
-    slow ones do, which are a few of all. With a remainder, the errors cost nothing, and the
-    evidence gains if a cause varies, see `Fit.varying_gain`.
+    Larger errors cost it what `cost_of_white_errors` says or, if that is more, what the slow
+    errors of the worst gauge do, which are a few of all: what an arm's model misses, all gauges
+    see. With a remainder, the errors cost nothing, and the evidence gains if a cause varies, see
+    `Fit.varying_gain`.
     """
-    costs = cost_of_white_errors(fit.error_scale, fit.statistics.samples)
+    white = cost_of_white_errors(fit.error_scale, fit.statistics.samples)
     slow = cost_of_white_errors(fit.slow_gauge_scale, fit.slow_means,
                                 SLOW_ERROR_SPREAD**2 * fit.slow_means)
-    costs[len(costs) - len(slow):] = np.maximum(costs[len(costs) - len(slow):], slow)
-    cost = float(np.sum(costs))
+    cost = float(max(np.sum(white), np.max(slow, initial=0.0)))
     gain = max(fit.varying_gain, 0.0) if cost else fit.varying_gain
     if gain == -math.inf:
         return (fit,)

@@ -26,6 +26,8 @@ TORQUE_MODEL_ERROR, GAUGE_MODEL_ERROR = 0.01, DiscrepancyModel.gauge_share
 LINK_PREFIX = len('strain_1')
 # Unit of a command: rad/s, A or V, as its drive takes it.
 COMMAND_UNIT = "drive's own unit"
+# Names of the commands as variables of a gauge's error.
+COMMANDS = ('command_1', 'command_2')
 # Share of the record in which a joint has to move for a law to be fitted.
 MIN_MOVING_SHARE = 0.1
 
@@ -56,8 +58,8 @@ def gauge_series(found: Sequence[LatentForces], robot: Robot) -> tuple[LatentSer
     strain = np.vstack([f.strain for f in found])
     rate = np.vstack([np.gradient(f.strain, f.time, axis=0) for f in found])
     # A drive's cable may reach a gauge's.
-    commands = {f'command_{j + 1}': (COMMAND_UNIT, _joined([f.command[:, j] for f in found]))
-                for j in range(2)}
+    commands = {name: (COMMAND_UNIT, _joined([f.command[:, j] for f in found]))
+                for j, name in enumerate(COMMANDS)}
     for g, name in enumerate(names):
         # Gauges on the same link read nearly the same and are no separate variables.
         others = {other: ('m/m', strain[:, k]) for k, other in enumerate(names)

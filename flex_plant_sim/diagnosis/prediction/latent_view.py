@@ -13,7 +13,7 @@ from typing import Any
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.prediction.latent_forces import latent_forces, LatentForces
 from flex_plant_sim.diagnosis.prediction.latent_line import line_of, SpectralLine
-from flex_plant_sim.diagnosis.prediction.latent_series import gauge_series, torque_series
+from flex_plant_sim.diagnosis.prediction.latent_series import COMMANDS, gauge_series, torque_series
 from flex_plant_sim.diagnosis.prediction.law import (
     CONSTANT,
     cross_validate,
@@ -76,14 +76,14 @@ class Finding:
 
         Lines with a step are gains, dampings, springs, dry friction; a wave over a joint's angle
         is a ripple. The evidence judges them by name. A line over time, a drift, it tempers as if
-        that went with the motion.
+        that went with the motion; and no effect lets a gauge read a command.
         """
         law, scored = self.law, self.series.scored
         if not law.stated or law.variable == CONSTANT:
             return False
         x = self.series.variables[law.variable][1][scored]
         curve, straight = law.at(x), np.column_stack([np.ones_like(x), x, np.sign(x)])
-        if law.variable == TIME:
+        if law.variable == TIME or law.variable in COMMANDS:
             straight = straight[:, :1]
         waves = [np.column_stack([straight, np.sin(k * x), np.cos(k * x)])
                  for k in PERIODS if law.variable == 'angle']
