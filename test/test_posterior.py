@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses, Hypothesis
 from flex_plant_sim.diagnosis.causes.neighbourhood import without_mean_error
 from flex_plant_sim.diagnosis.causes.posterior import interpretations, log_prior, Posterior, SetKey
+from flex_plant_sim.diagnosis.causes.refinement import _refine_followers, MAX_DEFICIT
+from flex_plant_sim.diagnosis.causes.search_state import SearchState
 from flex_plant_sim.diagnosis.likelihood.evidence import ParameterPrior
 from flex_plant_sim.diagnosis.likelihood.prior import (
     imitation_odds,
@@ -95,6 +99,26 @@ def test_errors_larger_than_every_model_s_are_not_those_of_a_cause_alone() -> No
     assert found.best.discrepancy.remainder and found.best.hypotheses == (h,)
     quiet = replace(loud, statistics=replace(EMPTY, samples=3.0))
     assert not Posterior.of([NOTHING, quiet], base).best.discrepancy.remainder
+
+
+@pytest.mark.parametrize(('gained', 'asked'), [(14.0, True), (2.0, False)])
+def test_what_may_lead_with_what_refinement_gained_others_is_refined_too(
+        gained: float, asked: bool) -> None:
+    base = BaseModel(REFERENCE)
+    clamp, gear = (replace(NOTHING, hypotheses=(hypothesis(label),), log_evidence=found)
+                   for label, found in (('clamp_compliance:link_2', 9.0),
+                                        ('gear_compliance:joint_2', 8.0)))
+    before = {SetKey.of(fit): fit.log_evidence for fit in (clamp, gear)}
+    best = SimpleNamespace(fit=replace(clamp, log_evidence=clamp.log_evidence + gained))
+    # Of refined sets the best one is 10 nats above what the gear was fitted to.
+    other = SimpleNamespace(fit=replace(NOTHING, log_evidence=18.0 + MAX_DEFICIT))
+    taken: list[Fit] = []
+    state = SimpleNamespace(score=lambda fit: fit.log_evidence, best=max(
+        (best, other), key=lambda found: found.fit.log_evidence), refine_each=taken.extend,
+        refined={SetKey.of(clamp): best}, fits={SetKey.of(fit): fit for fit in (clamp, gear)},
+        nominal=base)
+    _refine_followers(cast(SearchState, state), before)
+    assert (taken == [gear]) == asked
 
 
 def test_slow_errors_of_a_gauge_are_not_those_of_a_cause_alone() -> None:
