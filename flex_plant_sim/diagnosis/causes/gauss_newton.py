@@ -272,8 +272,8 @@ class GaussNewton:
     def _slow_gauge_errors(self, errors: Array) -> tuple[Array, int]:
         """Return scales (g,) and number of means over the correlation time of gauges' errors."""
         likelihood = self.likelihood
-        length = round(likelihood.base.discrepancy.gauge_periods
-                       * likelihood.predictors[0].windows.warm_up)
+        length = max(1, round(likelihood.base.discrepancy.gauge_periods
+                              * likelihood.predictors[0].windows.warm_up))
         windows, gauges = self.window_count, len(errors) - 2
         by_window = errors[2:].reshape(gauges, windows, errors.shape[1] // windows)
         count = by_window.shape[2] // length
