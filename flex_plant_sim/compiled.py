@@ -7,6 +7,7 @@ from functools import lru_cache
 import hashlib
 import os
 from pathlib import Path
+import re
 import sys
 from typing import Any, cast, TypeVar
 
@@ -17,6 +18,8 @@ except ImportError:
     COMPILED = False
 
 COMPILING = 'compiling the inner loops (once for each installation, one to three minutes) …'
+# A source whose functions are compiled, or become part of what is.
+HAS_LOOPS = re.compile(rb'^from flex_plant_sim\.compiled import (COMPILED, )?compiled$', re.M)
 Function = TypeVar('Function', bound=Callable[..., Any])
 
 
@@ -39,7 +42,7 @@ def loops_digest(package: str) -> str:
     for folder in sorted({here, here.parent / package}):
         for path in sorted(folder.rglob('*.py')):
             source = path.read_bytes()
-            if b'@compiled' in source:
+            if HAS_LOOPS.search(source):
                 found.update(source)
     return found.hexdigest()
 

@@ -37,13 +37,13 @@ def locked_arm(robot: Robot, theta_2: float, payload: float) -> tuple[Array, Arr
     place_lower[1] = slope
     place_lower[2:, own:] = np.eye(lower.size - 2)
     tip, tip_slope = np.eye(total)[-2], np.eye(total)[-1]
-    along = np.sin(theta_2) * elbow
+    along, held = np.sin(theta_2) * elbow, tip + robot.payload_offset * tip_slope
     mass = (place_upper.T @ upper.mass() @ place_upper
             + place_lower.T @ lower.mass() @ place_lower
             + robot.elbow_mass * np.outer(elbow, elbow)
             + robot.elbow_inertia * np.outer(slope, slope)
             + (robot.links[1].mass + payload) * np.outer(along, along)
-            + payload * np.outer(tip, tip)
+            + payload * np.outer(held, held)
             + robot.payload_inertia * np.outer(tip_slope, tip_slope))
     stiffness = (place_upper.T @ upper.stiffness() @ place_upper
                  + place_lower.T @ lower.stiffness() @ place_lower)

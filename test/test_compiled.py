@@ -13,7 +13,7 @@ from unittest.mock import Mock
 from flex_payload_estimator.estimators.rpe import filter_step
 from flex_payload_estimator.nodes import node_setup
 from flex_payload_estimator.tools import compile as flex_compile
-from flex_plant_sim.compiled import cold, COMPILED, COMPILING
+from flex_plant_sim.compiled import cold, COMPILED, COMPILING, HAS_LOOPS
 from flex_plant_sim.diagnosis.prediction import recursion
 from flex_plant_sim.diagnosis.prediction.scheduled_matrices import ScheduledMatrices
 from msg_config.parameters import check_parameters
@@ -112,6 +112,13 @@ def test_flex_compile_leaves_nothing_to_compile(repository: Path) -> None:
     assert {name for name, function in found.items() if cold(function)} == set()
 
 
+def test_no_loop_is_of_a_source_whose_changes_go_unnoticed(repository: Path) -> None:
+    # What is compiled into another source's loop stays there until the digest changes.
+    for name, function in loops(repository).items():
+        source = Path(function.py_func.__code__.co_filename)
+        assert HAS_LOOPS.search(source.read_bytes()), (name, source.name)
+
+
 def test_flex_compile_runs_what_free_parts_tell_after_a_pass(monkeypatch: pytest.MonkeyPatch
                                                              ) -> None:
     # It is called seconds after a motion begins, when nobody waits for a compiler.
@@ -133,7 +140,7 @@ def loops(repository: Path) -> dict[str, Any]:
     found = {}
     for package in ('flex_plant_sim', 'flex_payload_estimator'):
         for path in (repository / package).rglob('*.py'):
-            if '\n@compiled\n' in path.read_text(encoding='utf-8'):
+            if HAS_LOOPS.search(path.read_bytes()):
                 name = '.'.join(path.relative_to(repository).with_suffix('').parts)
                 found.update({f'{name}.{key}': value
                               for key, value in vars(import_module(name)).items()

@@ -162,6 +162,14 @@ def test_payload_change_is_the_simulator_s_profile(duration: float) -> None:
     np.testing.assert_allclose(outputs(arm(text)), expected, rtol=0.0, atol=1e-12)
 
 
+def test_an_effect_moves_the_payload_from_where_the_file_has_it() -> None:
+    robot = replace(ROBOT, payload_offset=0.02)
+    found = arm('payload_offset:arm:offset_m=0.05', robot=robot).form
+    expected = arm(robot=replace(ROBOT, payload_offset=0.07)).form
+    np.testing.assert_allclose(found.payload_mass, expected.payload_mass, rtol=1e-12)
+    assert not np.allclose(found.payload_mass, arm(robot=robot).form.payload_mass, rtol=1e-3)
+
+
 @pytest.mark.parametrize('model', ['assumed_modes', 'paper'])
 def test_loose_payload_swings_on_its_grip(model: str) -> None:
     text = 'loose_payload:arm:compliance_m_per_n=0.02,damping_ratio=0.05'

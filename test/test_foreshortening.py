@@ -18,7 +18,7 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.arm.state_space import zero_order_hold
 from flex_plant_sim.effects import catalogue, kinds
 from flex_plant_sim.effects.base import Motion
-from flex_plant_sim.effects.mechanics.bending import field_factors, momentum_factors
+from flex_plant_sim.effects.mechanics.bending_factors import field_factors, momentum_factors
 from flex_plant_sim.effects.mechanics.bending_slopes import (
     field_derivatives,
     momentum_derivatives,
@@ -40,7 +40,8 @@ def points(robot: Robot, modes: int, p: Array) -> tuple[Array, Array]:
     """
     Return masses (K,) and places (K, 2) of a drawn arm whose links keep their length.
 
-    A coordinate behind the deflections is the payload's displacement across the tip.
+    A coordinate behind the deflections is the payload's displacement across the tip, beyond which
+    the payload may be held rigidly.
     """
     x, w = np.polynomial.legendre.leggauss(30)
     masses, places, root, turn = [], [], np.zeros(2), 0.0
@@ -54,7 +55,8 @@ def points(robot: Robot, modes: int, p: Array) -> tuple[Array, Array]:
         masses.append(np.append(0.5 * link.mass * w, end))
         places.append(root + drawn @ axes)
         root, turn = places[-1][-1], turn + float(shape.shape(link.length, 1) @ q)
-    places[-1][-1] += p[2 + 2 * modes:].sum() * np.array([-np.sin(turn), np.cos(turn)])
+    places[-1][-1] += (p[2 + 2 * modes:].sum() * np.array([-np.sin(turn), np.cos(turn)])
+                       + robot.payload_offset * np.array([np.cos(turn), np.sin(turn)]))
     return np.concatenate(masses), np.concatenate(places)
 
 
@@ -87,13 +89,13 @@ def lagrange_force(robot: Robot, modes: int, p: Array, v: Array, rate: Array) ->
     return np.asarray((momentum(h) - momentum(-h)) / (2.0 * h) - slope)
 
 
-@pytest.mark.parametrize('effects', [(), (LOOSE,)])
+@pytest.mark.parametrize('effects, offset', [((), 0.0), ((LOOSE,), 0.0), ((), 0.1), ((), -0.08)])
 @pytest.mark.parametrize('bent', [True, False])
 def test_the_estimator_s_forces_of_motion_are_lagrange_s_to_first_order(
-        bent: bool, effects: tuple[str, ...]) -> None:
+        bent: bool, effects: tuple[str, ...], offset: float) -> None:
     """At speeds of the standard moves; rigid links' alone are off by what grows with the bend."""
-    modes, step = 2, 1e-5
-    extended = arm(*effects, modes=modes, step=step)
+    modes, step, robot = 2, 1e-5, replace(ROBOT, payload_offset=offset)
+    extended = arm(*effects, robot=robot, modes=modes, step=step)
     form, n = extended.form, extended.form.order
     misses = []
     for bend in (0.01, 0.005):
@@ -101,7 +103,7 @@ def test_the_estimator_s_forces_of_motion_are_lagrange_s_to_first_order(
         v = np.r_[1.2, -1.5, 5.0 * p[2:]]
         rate = np.r_[3.0, -4.0, -60.0 * p[2:]]
         eta = float(form.elbow_angle @ p)
-        true = form.mass_at(np.cos(eta), PAYLOAD) @ rate - lagrange_force(ROBOT, modes, p, v, rate)
+        true = form.mass_at(np.cos(eta), PAYLOAD) @ rate - lagrange_force(robot, modes, p, v, rate)
         half = 0.5 * step * np.r_[v, rate]
         found = forces_of_motion(motion_rows(extended, bent), PAYLOAD, np.r_[p, v] - half,
                                  np.r_[p, v] + half, np.zeros((2 * n, n)))[0]

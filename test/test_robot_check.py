@@ -126,7 +126,7 @@ def test_a_payload_that_the_model_cannot_carry_is_one_line() -> None:
     (lambda r: replace(r, elbow_mass=1.578, elbow_inertia=0.1704),
      '0.1704 is 1.578 kg at 0.33 m from the elbow axis: is it about another axis?'),
     (lambda r: replace(r, angle_limits=((-90.0, 90.0), (-1.5, 1.5))), 'is it in degrees'),
-    (lambda r: replace(r, payload_mass=0.1, payload_inertia=0.025), 'at 0.5 m from the tip'),
+    (lambda r: replace(r, payload_mass=0.1, payload_inertia=0.025), 'at 0.5 m from its centre'),
     (lambda r: replace(r, angle_noise=0.1), 'in degrees'),
     (lambda r: replace(r, strain_noise=5e-3), '1 um/m is 1e-6'),
     (lambda r: replace(r, tolerances=replace(r.tolerances, stiffness=3.0)), 'is 300 %'),

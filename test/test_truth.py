@@ -74,6 +74,22 @@ def test_component_modes_against_full_elements(payload: float, theta_2: float) -
     assert reduced[:6] == pytest.approx(full[:6], rel=1e-3)
 
 
+@pytest.mark.parametrize('beyond', [-0.1, 0.1])
+def test_a_payload_away_from_the_tip(beyond: float) -> None:
+    """Component modes, all elements and segments in MuJoCo are the same arm."""
+    arm = reference_arm(0.1)
+    arm = replace(arm, payload=replace(arm.payload, beyond_tip=beyond))
+    assert locked_frequencies(arm, 0.7)[:4] == pytest.approx(
+        full_frequencies(arm, 0.7, 40)[:4], rel=1e-3)
+    if not HAVE_MUJOCO:
+        pytest.skip(NO_MUJOCO)
+    case = TruthCase(3, (('payload_offset', {'beyond': beyond}),), duration_s=6.0,
+                     tolerances=False, noise=0.0)
+    elements, chain = (make_record(replace(case, simulator=simulator)).table[:, 1:]
+                       for simulator in ('finite_elements', MUJOCO))
+    assert np.all(np.std(chain - elements, axis=0) < 0.006 * np.std(elements, axis=0))
+
+
 def test_compiled_equals_numpy() -> None:
     """The loops for Numba and the numpy form are the same equations."""
     arm = replace(reference_arm(0.1), structure=replace(

@@ -48,7 +48,7 @@ def energy_form(robot: Robot, shapes: tuple[Shapes, Shapes], modes: int) -> Seco
     Return the form with the mass matrix of the kinetic energy (symmetric, positive definite).
 
     With the rows e of the elbow's velocity across the upper link, s of the lower link's static
-    moment and t of the tip's velocity across the lower link,
+    moment and t of the velocity of the payload's centre across the lower link,
 
         T = T_1 + (m_h + m_l2) (e p')^2 / 2 + c (e p') (s p') + T_2
             + m_p ((e p')^2 + 2 c (e p') (t p') + (t p')^2) / 2 + rotors,
@@ -64,8 +64,8 @@ def energy_form(robot: Robot, shapes: tuple[Shapes, Shapes], modes: int) -> Seco
                + robot.payload_inertia * _square(rows.tip_slope))
     mass[0, [0, 1], [0, 1]] += [drive.inertia for drive in robot.drives]
     mass[1] = _symmetric(rows.elbow, rows.static_moment_2)
-    payload[0] = _square(rows.elbow) + _square(rows.tip)
-    payload[1] = _symmetric(rows.elbow, rows.tip)
+    payload[0] = _square(rows.elbow) + _square(rows.payload)
+    payload[1] = _symmetric(rows.elbow, rows.payload)
     damping, stiffness = elastic_and_drive_terms(robot, shapes, modes)
     inputs = np.zeros((order, 2))
     inputs[[0, 1], [0, 1]] = [drive.torque_gain for drive in robot.drives]
@@ -73,7 +73,8 @@ def energy_form(robot: Robot, shapes: tuple[Shapes, Shapes], modes: int) -> Seco
         mass, payload, damping, stiffness, inputs, np.eye(order, 2), angle_rows(modes),
         strain_rows(robot, shapes, modes), coordinate_names(modes),
         elbow_angle=rows.root_2 - rows.base_1,
-        field=np.array([[rows.static_moment_1, rows.elbow], [rows.static_moment_2, rows.tip]]))
+        field=np.array([[rows.static_moment_1, rows.elbow],
+                        [rows.static_moment_2, rows.payload]]))
 
 
 def elastic_and_drive_terms(robot: Robot, shapes: tuple[Shapes, Shapes],
@@ -102,6 +103,8 @@ class KinematicRows:
         Velocity of the elbow across the upper link, rotation rate of the elbow's hub.
     tip, tip_slope : Array
         Velocity across the lower link relative to the elbow, and rotation rate, of the tip.
+    payload : Array
+        Velocity of the payload's centre across the lower link relative to the elbow.
     static_moment_1, static_moment_2 : Array
         int v dm, kg m: over the upper link and all that it carries except the payload, and over
         the lower link alone.
@@ -114,6 +117,7 @@ class KinematicRows:
     elbow_slope: Array
     tip: Array
     tip_slope: Array
+    payload: Array
     static_moment_1: Array
     static_moment_2: Array
 
@@ -138,7 +142,8 @@ class KinematicRows:
             row[q] -= shape.modal_mass * shape.beta
             moments.append(row)
         moments[0] = moments[0] + (robot.elbow_mass + lower.mass) * elbow
-        return cls(base_1, root_2, elbow, elbow_slope, tip, tip_slope, moments[0], moments[1])
+        payload = tip + robot.payload_offset * tip_slope
+        return cls(base_1, root_2, elbow, elbow_slope, tip, tip_slope, payload, *moments)
 
 
 def _square(row: Array) -> Array:

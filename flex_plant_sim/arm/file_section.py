@@ -26,6 +26,7 @@ PLAUSIBLE = {
     'resistance_ohm': (1e-4, 1e5), 'gear_ratio': (1e-2, 1e5), 'rotor_inertia_kg_m2': (1e-12, 1e3),
     'friction_n_m_s': (1e-12, 1e3), 'amplifier_gain': (1e-4, 1e6), 'tacho_gain_v_s': (1e-7, 1e3),
     'angle_noise_rad': (1e-12, 0.2), 'strain_noise': (1e-14, 1e-2),
+    'offset_m': (1e-5, 5.0),
     'tolerances.gauge_position_m': (1e-9, 1.0), 'tolerances.strain_bias': (1e-14, 1e-2),
     'tolerances.payload_inertia_kg_m2': (1e-12, 1e3), 'tolerances.angle_zero_rad': (1e-9, 1.0),
     # Relative standard deviations. Above 3 the nominal value would say nothing about the true
@@ -36,7 +37,8 @@ PLAUSIBLE = {
 # Keys, and sections of keys, that may also be zero: what an arm may not have, or is exactly known.
 MAY_BE_ZERO = frozenset({
     'damping_ratio', 'hub_radius_m', 'damping_n_m_s', 'friction_n_m_s', 'tacho_gain_v_s',
-    'mass_kg', 'elbow.inertia_kg_m2', 'payload.inertia_kg_m2', 'tolerances'})
+    'mass_kg', 'elbow.inertia_kg_m2', 'payload.inertia_kg_m2', 'offset_m',
+    'tolerances'})
 # SI prefixes that the hint on an implausible value suggests, by factor.
 SI_PREFIXES = {1e-3: 'milli', 1e-6: 'micro', 1e3: 'kilo', 1e6: 'mega', 1e9: 'giga'}
 

@@ -69,7 +69,8 @@ def paper_model(robot: Robot, modes: int, sign: Sign = 'corrected') -> SecondOrd
         mass, payload, damping, stiffness, inputs, np.eye(order, 2), angle_rows(modes),
         strain_rows(robot, blocks.beams, modes), coordinate_names(modes),
         elbow_angle=rows.root_2 - rows.base_1,
-        field=np.array([[rows.static_moment_1, rows.elbow], [rows.static_moment_2, rows.tip]]))
+        field=np.array([[rows.static_moment_1, rows.elbow],
+                        [rows.static_moment_2, rows.payload]]))
 
 
 class PaperBlocks:
@@ -91,6 +92,7 @@ class PaperBlocks:
         shear = lower.bending_stiffness * self.beams[1].shape(0.0, 3)
         tip_1, slope_1 = self.beams[0].shape(upper.length), self.beams[0].shape(upper.length, 1)
         tip_2, slope_2 = self.beams[1].shape(lower.length), self.beams[1].shape(lower.length, 1)
+        payload_2 = tip_2 + robot.payload_offset * slope_2
         self.upper_mass = (
             _link_inertia(self.beams[0], upper.hub_radius, rows.base_1, q_1)
             + robot.elbow_mass * np.outer(tip_1, rows.elbow)
@@ -102,10 +104,10 @@ class PaperBlocks:
         self.lower_mass = (
             _link_inertia(self.beams[1], lower.hub_radius, rows.root_2, q_2)
             + robot.payload_inertia * np.outer(slope_2, rows.tip_slope),
-            np.outer(tip_2, rows.tip))
+            np.outer(payload_2, rows.payload))
         self.lower_across = (
             -self.beams[1].modal_mass * np.outer(self.beams[1].beta, rows.elbow),
-            np.outer(tip_2, rows.elbow))
+            np.outer(payload_2, rows.elbow))
 
 
 def _link_inertia(beam: Beam, radius: float, root: Array, q: slice) -> Array:

@@ -134,8 +134,9 @@ class Robot:
         Shoulder, elbow.
     elbow_mass, elbow_inertia : float
         m_h, kg, and J_h, kg m^2, of the elbow at the upper link's end.
-    payload_mass, payload_inertia : float
-        m_p, kg, and its moment of inertia about the tip, kg m^2.
+    payload_mass, payload_inertia, payload_offset : float
+        m_p, kg, its moment of inertia about its centre, kg m^2, and how far that is beyond the tip
+        along the lower link, m.
     sample_time : float
         T, s.
     gauge_amplifier : float
@@ -162,6 +163,7 @@ class Robot:
     elbow_inertia: float
     payload_mass: float
     payload_inertia: float
+    payload_offset: float
     sample_time: float
     gauge_amplifier: float
     angle_noise: float

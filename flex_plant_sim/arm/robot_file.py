@@ -159,6 +159,7 @@ def parse_robot(text: str, source: str) -> Robot:
         elbow_inertia=elbow.number('inertia_kg_m2'),
         payload_mass=payload.number('mass_kg'),
         payload_inertia=payload.number('inertia_kg_m2', default=0.0),
+        payload_offset=payload.number('offset_m', low=-math.inf, default=0.0),
         sample_time=measurement.number('sample_time_s'),
         gauge_amplifier=measurement.number('gauge_amplifier_v_per_strain', default=1.0),
         angle_noise=measurement.number('angle_noise_rad'),

@@ -71,8 +71,11 @@ LINK = (
         'the deflection.', ('70.0e9', '70.0e9')),
     Key('density_kg_per_m3', 'kg/m^3', 'Density of the material, cables and gauges included.',
         'Weigh the bare link, divide by length, thickness and height.', ('2700', '2700')),
-    Key('damping_ratio', '', 'Damping ratio of the first mode of the link, clamped.',
-        'Clamp it, pluck it; ln(ratio of two peaks in a row) / 6.28.', ('0.01', '0.01')),
+    Key('damping_ratio', '', 'Damping ratio of the first mode of the bare link, clamped. The '
+        "model's ratio grows with frequency, so that on the arm, where it swings slower, the link "
+        'has less.', 'Clamp it, pluck it; ln(ratio of two peaks in a row) / 6.28. For a link that '
+        'keeps its ratio on the arm, times the bare frequency over that on the arm.',
+        ('0.01', '0.01')),
     Key('gauge_positions_m', 'm', 'Distance of each strain gauge from the clamp; [] if none.',
         'Ruler. Best near the clamp; their names are strain_1a, strain_1b, …, link by link.',
         ('[0.03]', '[0.03]')),
@@ -154,8 +157,10 @@ KEY_GROUPS = (
                     ('5.0e-4',)))),
     KeyGroup('Payload', 'What the arm carries when no tool says otherwise.', ('payload',), (
         Key('mass_kg', 'kg', 'Mass at the tip.', 'Scale.', ('0.1',)),
-        Key('inertia_kg_m2', 'kg m^2', 'Its moment of inertia about the tip.',
-            'Small for a compact body.', ('0.0',), default='0'))),
+        Key('inertia_kg_m2', 'kg m^2', 'Its moment of inertia about its centre.',
+            'Small for a compact body.', ('0.0',), default='0'),
+        Key('offset_m', 'm', 'How far its centre is beyond the tip, along the lower link; below 0 '
+            'inboard.', 'Ruler: half of a gripper and what it holds.', ('0.0',), default='0'))),
     KeyGroup('Measurement', 'How the sensors are read.', ('measurement',), (
         Key('sample_time_s', 's', 'Time between samples.', 'Setting of the controller.',
             ('0.01',)),
@@ -192,7 +197,7 @@ TOLERANCES: dict[str, tuple[float, str]] = {
     'strain_bias': (2e-5, 'Zero of each gauge, m/m.'),
     # A degree, as by eye along two links; the default of a file, 0.005, is 2 mm at 0.35 m.
     'angle_zero_rad': (0.02, "Zero of joint 2's angle: it reads 0 with both links in line, rad."),
-    'payload_inertia_kg_m2': (2e-4, 'Inertia of the payload about the tip, kg m^2.'),
+    'payload_inertia_kg_m2': (2e-4, 'Inertia of the payload about its centre, kg m^2.'),
 }
 
 EFFECTS_ABOUT = (

@@ -135,7 +135,8 @@ def document(robot: Robot) -> dict[str, Any]:
         'links': {'upper': _link(robot.links[0]), 'lower': _link(robot.links[1])},
         'drives': {'shoulder': _drive(robot, 0), 'elbow': _drive(robot, 1)},
         'elbow': {'mass_kg': robot.elbow_mass, 'inertia_kg_m2': robot.elbow_inertia},
-        'payload': {'mass_kg': robot.payload_mass, 'inertia_kg_m2': robot.payload_inertia},
+        'payload': {'mass_kg': robot.payload_mass, 'inertia_kg_m2': robot.payload_inertia,
+                    'offset_m': robot.payload_offset},
         'measurement': {
             'sample_time_s': robot.sample_time,
             'gauge_amplifier_v_per_strain': robot.gauge_amplifier,

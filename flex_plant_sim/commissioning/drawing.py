@@ -78,13 +78,15 @@ def _draw_arm(axis: Any, robot: Robot) -> None:
         axis.text(clamp + link.length / 2, 2.2 * size, _link_words(j, robot), ha='center',
                   fontsize='small', color=COLOURS[j])
     _draw_gauges(axis, robot, size)
-    axis.add_patch(Circle((reach, 0.0), 0.8 * size, color='tab:red', zorder=3))
-    axis.text(reach, -2.5 * size, f'payload\n{robot.payload_mass:g} kg', ha='center', va='top',
+    held = reach + robot.payload_offset
+    axis.plot([reach, held], [0.0, 0.0], color='0.6')
+    axis.add_patch(Circle((held, 0.0), 0.8 * size, color='tab:red', zorder=3))
+    axis.text(held, -2.5 * size, f'payload\n{robot.payload_mass:g} kg', ha='center', va='top',
               fontsize='small', color='tab:red')
     for root, name, below in zip(_joint_positions(robot), ('shoulder', 'elbow'),
                                  ('', f'\n{robot.elbow_mass:g} kg')):
         axis.text(root, -2.5 * size, name + below, ha='center', va='top', fontsize='small')
-    axis.set_xlim(-0.06 * reach, 1.08 * reach)
+    axis.set_xlim(-0.06 * reach, 1.08 * max(reach, held))
     axis.set_ylim(-6.5 * size, 6.5 * size)
     axis.set_aspect('equal')
     axis.set_ylabel('m')

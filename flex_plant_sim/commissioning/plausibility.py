@@ -57,11 +57,11 @@ def hints(robot: Robot, frequencies: tuple[float, ...], deflection: float,
 def _inertias(robot: Robot) -> Iterator[str]:
     """Yield hints on moments of inertia that are about another axis."""
     for name, axis, mass, inertia, link in (
-            ('elbow', 'elbow axis', robot.elbow_mass, robot.elbow_inertia, robot.links[0]),
-            ('payload', 'tip', robot.payload_mass, robot.payload_inertia, robot.links[1])):
+            ('elbow', 'the elbow axis', robot.elbow_mass, robot.elbow_inertia, robot.links[0]),
+            ('payload', 'its centre', robot.payload_mass, robot.payload_inertia, robot.links[1])):
         radius = math.sqrt(inertia / mass) if mass > 0.0 else 0.0
         if radius > WIDE * (link.hub_radius + link.length):
-            yield (f'{name}.inertia_kg_m2: {inertia:g} is {mass:g} kg at {radius:.2g} m from the '
+            yield (f'{name}.inertia_kg_m2: {inertia:g} is {mass:g} kg at {radius:.2g} m from '
                    f'{axis}: is it about another axis?')
 
 

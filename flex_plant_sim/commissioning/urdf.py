@@ -86,7 +86,7 @@ def _link(root: ElementTree.Element, robot: Robot, j: int, name: str) -> None:
 
 def _tip(root: ElementTree.Element, robot: Robot, name: str) -> None:
     element = _add(root, 'link', name=name)
-    _inertial(element, [(robot.payload_mass, 0.0, robot.payload_inertia)])
+    _inertial(element, [(robot.payload_mass, robot.payload_offset, robot.payload_inertia)])
 
 
 def _inertial(link: ElementTree.Element, bodies: list[tuple[float, float, float]]) -> None:

@@ -88,6 +88,14 @@ def tip_body(terms: LinkTerms, mass: float, inertia: float, tip: Array | None = 
         point_stiffness=np.zeros_like(terms.point_stiffness))
 
 
+def reaching(terms: LinkTerms, beyond: float) -> LinkTerms:
+    """Return the terms with a rigid end that reaches `beyond` m past the tip."""
+    slope = terms.tip_slope
+    return terms._replace(
+        tip=terms.tip + beyond * slope, tip_arm=terms.tip_arm + beyond,
+        tip_shortening=terms.tip_shortening + beyond * np.outer(slope, slope))
+
+
 def add_terms(first: LinkTerms, second: LinkTerms, share: float = 1.0) -> LinkTerms:
     """Return `first + share second` for all extensive terms; the geometry is that of `first`."""
     total: dict[str, Any] = {
@@ -100,14 +108,17 @@ def lower_terms(arm: Arm, modes: ComponentModes) -> tuple[LinkTerms, LinkTerms]:
     payload = arm.payload
     loose = payload.loose_frequency > 0.0
     terms = bare_terms(modes, arm.links[1], int(loose))
-    tip = terms.tip.copy()
+    slope = terms.tip_slope
+    tip = terms.tip + payload.beyond_tip * slope
+    terms.point_rows[-1] = tip
+    terms.point_shortening[-1] += payload.beyond_tip * np.outer(slope, slope)
     if loose:
         tip[-1] = terms.point_rows[-1, -1] = 1.0
         terms.stiffness[-1, -1] = payload.mass * payload.loose_frequency**2
         terms.damping[-1, -1] = (2.0 * payload.loose_damping_ratio * payload.mass
                                  * payload.loose_frequency)
     gyration = payload.inertia / payload.mass if payload.mass > 0.0 else 0.0
-    return terms, tip_body(terms, 1.0, gyration, tip)
+    return terms, tip_body(reaching(terms, payload.beyond_tip), 1.0, gyration, tip)
 
 
 def gear_table(arm: Arm, coordinates: list[int]) -> Array:
@@ -143,8 +154,8 @@ def assemble(arm: Arm) -> System:
     modes = [
         link_modes(links[0], arm.shapes[0], structure.elbow_mass + beam_2 + arm.payload.mass,
                    structure.elbow_inertia, twists(arm.joints[0])),
-        link_modes(links[1], arm.shapes[1], max(arm.payload.mass, 0.02), 0.0,
-                   twists(arm.joints[1]))]
+        link_modes(links[1], arm.shapes[1], max(arm.payload.mass, 0.02),
+                   arm.payload.mass * arm.payload.beyond_tip**2, twists(arm.joints[1]))]
     upper = bare_terms(modes[0], links[0])
     upper = add_terms(upper, tip_body(upper, structure.elbow_mass, structure.elbow_inertia))
     lower, unit = lower_terms(arm, modes[1])

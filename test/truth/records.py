@@ -180,7 +180,8 @@ def draw_case(identifier: str | tuple[str, ...] | None, seed: int, robot: str = 
     for name in names:
         case = add_effect(case, name, rng, severity)
     named = case.effects
-    others = [name for name in CATALOGUE if name not in names]
+    # Finite elements have no base that slides.
+    others = [name for name in CATALOGUE if name not in (*names, 'base_sliding')]
     for name in rng.choice(others, distractors, replace=False):
         case = add_effect(case, str(name), rng, DISTRACTOR_SEVERITY)
     return replace(case, effects=named, distractors=case.effects[len(named):])

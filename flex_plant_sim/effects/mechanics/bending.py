@@ -31,6 +31,11 @@ from typing import Any, NamedTuple
 
 from flex_plant_sim.arm.robot import Link, Robot
 from flex_plant_sim.arm.second_order import Array, SecondOrderForm
+from flex_plant_sim.effects.mechanics.bending_factors import (
+    field_factors,
+    momentum_factors,
+    remaining,
+)
 from flex_plant_sim.effects.mechanics.kinematics import link_columns, link_shapes, root_row
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +45,7 @@ from numpy.typing import NDArray
 # length shortens the link by 0.08 of it (0.6 w^2 / L, Euler and Bernoulli's beam under a tip
 # load). From about there on, an energy of second order makes the mass matrix of heavily loaded
 # links indefinite.
-FADE_SHORTENING, FADE_EXPONENT = 0.08, 8
+FADE_SHORTENING = 0.08
 # Of a row that is the difference of two equal ones.
 ROUNDING = 1e-9
 
@@ -89,11 +94,11 @@ class LinkTerms(NamedTuple):
     shortening, own : Array
         int S dm with S(x) = int_0^x phi' phi'' dx, and int (phi phi' - x S) dm, (n, n).
     tip, tip_slope : Array
-        phi and phi' at the tip, (n,).
+        phi and phi' at the end of the link, (n,).
     tip_shortening : Array
-        S at the tip, 1/m, (n, n).
+        S there, 1/m, (n, n).
     reach : float
-        Distance from the joint axis to the tip, m.
+        Distance from the joint axis to it, m.
 
     """
 
@@ -112,33 +117,36 @@ class LinkTerms(NamedTuple):
 
 
 @lru_cache(maxsize=16)
-def link_terms(link: Link, modes: int) -> LinkTerms:
-    """Return the integrals of a link that bends in Ritz shapes."""
+def link_terms(link: Link, modes: int, beyond_tip: float = 0.0) -> LinkTerms:
+    """Return the integrals of a link in Ritz shapes that ends rigidly, m beyond its tip."""
     shapes = link_shapes(link, modes, True)
     points, weights = np.polynomial.legendre.leggauss(40 + 4 * modes)
     length, radius = link.length, link.hub_radius
     x, w = 0.5 * length * (points + 1.0), 0.5 * length * weights
     slope, density, rest = shapes.shape(x, 1), link.mass / length, length - x
     # A slope at x shortens the link for all mass beyond x.
-    beyond = density * rest
+    carried = density * rest
     moments = density * (radius * rest + 0.5 * (length**2 - x**2))
     tip, tip_slope = (np.asarray(shapes.shape(length, k), dtype=float) for k in (0, 1))
     return LinkTerms(
-        -shapes.modal_mass * shapes.beta, (slope.T * (w * beyond)) @ slope,
+        -shapes.modal_mass * shapes.beta, (slope.T * (w * carried)) @ slope,
         shapes.modal_mass * np.eye(modes) - (slope.T * (w * moments)) @ slope,
-        tip, tip_slope, (slope.T * w) @ slope, radius + length)
+        tip + beyond_tip * tip_slope, tip_slope,
+        (slope.T * w) @ slope + beyond_tip * np.outer(tip_slope, tip_slope),
+        radius + length + beyond_tip)
 
 
 def bending_terms(form: SecondOrderForm, robot: Robot, payload: float) -> BendingTerms:
-    """Return the terms of an energy form with a payload, kg, at its tip."""
-    return _terms(form, robot.links, robot.elbow_mass, payload)
+    """Return the terms of an energy form with a payload, kg."""
+    return _terms(form, robot.links, robot.elbow_mass, robot.payload_offset, payload)
 
 
 @lru_cache(maxsize=64)
-def _terms(form: SecondOrderForm, links: tuple[Link, Link], elbow_mass: float, payload: float
-           ) -> BendingTerms:
+def _terms(form: SecondOrderForm, links: tuple[Link, Link], elbow_mass: float, offset: float,
+           payload: float) -> BendingTerms:
     q_1, q_2 = (link_columns(form, index) for index in (0, 1))
-    upper, lower = (link_terms(link, int(q.sum())) for link, q in zip(links, (q_1, q_2)))
+    upper, lower = (link_terms(link, int(q.sum()), beyond)
+                    for link, q, beyond in zip(links, (q_1, q_2), (0.0, offset)))
     bent, n = np.zeros((3, form.order)), form.order
     swing = _payload_swing(form, lower, q_2)
     slope, tip = np.zeros((2, n))
@@ -167,58 +175,6 @@ def _payload_swing(form: SecondOrderForm, lower: LinkTerms, q_2: NDArray[np.bool
     """Return the row of the payload's motion across the tip where it is held loosely, (N,)."""
     across = form.field[1, 1] - lower.reach * root_row(form, 1)
     return np.where(q_2 | (np.abs(across) < ROUNDING * lower.reach), 0.0, across)
-
-
-def remaining(short: Any, most: tuple[float, float]) -> Any:
-    """Return the factor, from 1 to 0, by which the forces fade at large deflections."""
-    return 1.0 / (1.0 + (short[0] / most[0])**FADE_EXPONENT + (short[3] / most[1])**FADE_EXPONENT)
-
-
-def momentum_factors(rate: Any, bent: Any, short: Any, carried: float) -> tuple[Any, ...]:
-    """
-    Return the momenta conjugate to w_1, w_2, epsilon, sigma, P' and beta'.
-
-    Parameters
-    ----------
-    rate : tuple
-        w_1, w_2, epsilon, sigma.
-    bent : tuple
-        tau, alpha, sin and cos of eta.
-    short : tuple
-        P, P', C_1, beta, beta', C_2.
-    carried : float
-        M_2, kg.
-
-    """
-    w_1, w_2, epsilon, sigma = rate
-    tau, alpha, s, c = bent
-    p, dp, c_1, beta, dbeta, c_2 = short
-    return (carried * (w_1 * tau * tau - epsilon * p) + w_1 * c_1
-            + c * (w_2 * tau * alpha - p * sigma) + s * tau * sigma,
-            w_2 * c_2 - s * epsilon * alpha + c * (w_1 * tau * alpha - epsilon * beta),
-            -carried * w_1 * p - s * (w_2 * alpha + dbeta) - c * w_2 * beta,
-            s * (w_1 * tau + dp) - c * w_1 * p,
-            s * sigma, -s * epsilon)
-
-
-def field_factors(rate: Any, bent: Any, short: Any, carried: float) -> tuple[Any, ...]:
-    """
-    Return the energy's derivatives with respect to tau, alpha, eta, P and beta.
-
-    They are followed by the forces of M(eta) that CoriolisCentripetal does not have, along
-    epsilon and sigma; their part along eta is in the third value. The parameters are those of
-    momentum_factors.
-    """
-    w_1, w_2, epsilon, sigma = rate
-    tau, alpha, s, c = bent
-    p, dp, _, beta, dbeta, _ = short
-    return (carried * w_1 * w_1 * tau + s * w_1 * sigma + c * w_1 * w_2 * alpha,
-            -s * epsilon * w_2 + c * w_1 * w_2 * tau,
-            c * ((w_1 * tau + dp) * sigma - epsilon * (w_2 * alpha + dbeta))
-            - s * (w_1 * w_2 * tau * alpha - w_1 * p * sigma - epsilon * w_2 * beta
-                   + epsilon * sigma),
-            -carried * epsilon * w_1 - c * w_1 * sigma, -c * epsilon * w_2,
-            -s * w_1 * sigma, s * w_2 * epsilon)
 
 
 def bending_force(terms: BendingTerms, position: Array, velocity: Array, change: Array,

@@ -6,11 +6,11 @@ from typing import Any
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import compiled
-from flex_plant_sim.effects.mechanics.bending import (
-    BendingTerms,
-    field_factors,
-    momentum_factors,
-    remaining,
+from flex_plant_sim.effects.mechanics.bending import BendingTerms
+from flex_plant_sim.effects.mechanics.bending_factors import (
+    compiled_field_factors,
+    compiled_momentum_factors,
+    compiled_remaining,
 )
 from flex_plant_sim.effects.mechanics.bending_slopes import (
     field_derivatives,
@@ -18,9 +18,6 @@ from flex_plant_sim.effects.mechanics.bending_slopes import (
     SCALARS,
 )
 import numpy as np
-
-_momentum_factors, _field_factors = compiled(momentum_factors), compiled(field_factors)
-_remaining = compiled(remaining)
 
 
 @compiled
@@ -50,7 +47,8 @@ def momentum(terms: BendingTerms, state: Array) -> Array:
     """Return dL/dp' of the energy of second order at a state, (N,)."""
     n, rows = len(terms.upper), terms.over_velocity
     rate, bent, short, over_p, _ = scalars(terms, state)
-    f, left = _momentum_factors(rate, bent, short, terms.carried), _remaining(short, terms.most)
+    f = compiled_momentum_factors(rate, bent, short, terms.carried)
+    left = compiled_remaining(short, terms.most)
     found = np.empty(n)
     for i in range(n):
         by = f[4] if terms.upper[i] > 0.0 else f[5]
@@ -64,7 +62,8 @@ def slopes(terms: BendingTerms, state: Array) -> Array:
     """Return dL/dp, with the forces of M(eta) that CoriolisCentripetal does not have, (N,)."""
     n, rows, turning = len(terms.upper), terms.over_position, terms.over_velocity
     rate, bent, short, over_p, over_v = scalars(terms, state)
-    f, left = _field_factors(rate, bent, short, terms.carried), _remaining(short, terms.most)
+    f = compiled_field_factors(rate, bent, short, terms.carried)
+    left = compiled_remaining(short, terms.most)
     found = np.empty(n)
     for i in range(n):
         found[i] = (f[0] * rows[0, i] + f[1] * rows[1, i] + f[2] * rows[2, i]
@@ -112,7 +111,7 @@ def _over_state(terms: BendingTerms, state: Array) -> tuple[Array, Array, float,
         k = 7 if terms.upper[i] > 0.0 else 10
         slope[k, i], slope[k + 1, n + i] = over_p[3 + i], over_p[3 + i]
         slope[k + 1, i], slope[k + 2, i] = over_v[4 + i], 2.0 * over_p[3 + n + i]
-    return z, slope, _remaining(short, terms.most), over_p, over_v
+    return z, slope, compiled_remaining(short, terms.most), over_p, over_v
 
 
 @compiled
@@ -125,7 +124,7 @@ def momentum_slope(terms: BendingTerms, state: Array, first: int) -> Array:
     n, link = len(terms.upper), terms.over_position[3:]
     z, slope, left, over_p, _ = _over_state(terms, state)
     rate, bent, short = _grouped(z)
-    f = _momentum_factors(rate, bent, short, terms.carried)
+    f = compiled_momentum_factors(rate, bent, short, terms.carried)
     by = np.dot(momentum_derivatives(z, terms.carried), slope[:, first:].copy())
     found = np.dot(terms.over_velocity[:4].T, by[:4])
     for i in range(n):
@@ -141,7 +140,7 @@ def field_slope(terms: BendingTerms, state: Array) -> Array:
     n, rows = len(terms.upper), terms.over_position
     z, slope, left, over_p, over_v = _over_state(terms, state)
     rate, bent, short = _grouped(z)
-    f = _field_factors(rate, bent, short, terms.carried)
+    f = compiled_field_factors(rate, bent, short, terms.carried)
     by = np.dot(field_derivatives(z, terms.carried), slope)
     found = np.dot(rows[:3].T, by[:3]) + np.dot(terms.over_velocity[2:4].T, by[5:7])
     for i in range(n):

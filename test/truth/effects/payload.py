@@ -68,9 +68,21 @@ def apply_loose(arm: Arm, size: Parameters) -> Arm:
                                         loose_damping_ratio=size['damping_ratio']))
 
 
+def draw_offset(rng: np.random.Generator, arm: Arm, severity: float) -> Parameters:
+    """Draw a centre 3-10 cm beyond the tip, or as far inboard."""
+    return {'beyond': severity * rng.uniform(0.03, 0.1) * rng.choice([-1.0, 1.0])}
+
+
+def apply_offset(arm: Arm, size: Parameters) -> Arm:
+    """Hold the payload away from the tip."""
+    return replace(arm, payload=replace(
+        arm.payload, beyond_tip=arm.payload.beyond_tip + size['beyond']))
+
+
 EFFECTS = (
     HiddenEffect('payload_mass', draw_mass, apply_mass),
     HiddenEffect('payload_inertia', draw_inertia, apply_inertia),
     HiddenEffect('payload_change', draw_change, apply_change),
     HiddenEffect('loose_payload', draw_loose, apply_loose),
+    HiddenEffect('payload_offset', draw_offset, apply_offset),
 )

@@ -77,7 +77,7 @@ def mjcf(arm: Arm, timestep: float, cells: int) -> str:
     if arm.structure.hose_stiffness > 0.0:
         _hose(root, arm, tip, fore, end)
     tip = _link(fore, arm, 1, timestep, cells)
-    _payload(tip, arm, 0.5 * arm.links[1].length / cells)
+    _payload(tip, arm, 0.5 * arm.links[1].length / cells + arm.payload.beyond_tip)
     for j in (0, 1):
         if twists(arm, j):
             _gear_output(root, arm, j)
