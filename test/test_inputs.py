@@ -6,8 +6,15 @@ from dataclasses import replace
 import math
 
 from flex_plant_sim.arm.robot_file import load_robot, parse_robot, robot_text
+from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.inputs.gate import angle_ranges, Gate, judge_record, Limits
-from flex_plant_sim.inputs.resample import even_grid, fill_by_line, fill_by_spline
+from flex_plant_sim.inputs.jitter import deviations, stamp_share
+from flex_plant_sim.inputs.resample import (
+    even_grid,
+    fill_by_hold,
+    fill_by_line,
+    fill_by_spline,
+)
 from flex_plant_sim.inputs.stamps import Order, StampOrder
 from flex_plant_sim.inputs.synchroniser import slop_of, Synchroniser
 from msg_config.errors import InputError
@@ -147,6 +154,54 @@ def test_what_came_stays_and_what_was_lost_is_interpolated() -> None:
     np.testing.assert_allclose(fill_by_spline(grid, rows), wave, atol=1e-4)
     lost = np.setdiff1d(np.arange(1000), keep)
     np.testing.assert_allclose(fill_by_line(grid, rows)[lost], wave[lost], atol=0.02)
+
+
+@pytest.mark.parametrize('share', [0.0, 0.6, 1.0])
+def test_angles_tell_whether_samples_were_taken_when_their_stamps_say(share: float) -> None:
+    """Swept sines of an arm, read with the noise of an encoder, some samples lost."""
+    rng = np.random.default_rng(5)
+    keep = np.setdiff1d(np.arange(3000), rng.integers(1, 2999, 40))
+    late = rng.normal(0.0, 6e-4, len(keep))
+
+    def angles(time: Array) -> Array:
+        return np.stack([0.5 * np.sin(3.0 * time + 0.1 * time**2), 0.3 * np.cos(5.0 * time)],
+                        axis=1)
+
+    read = angles(0.01 * keep + share * late) + rng.normal(0.0, 2e-5, (len(keep), 2))
+    time = 100.0 + 0.01 * keep + late
+    grid = even_grid(time, 'log')
+    found = stamp_share(grid, time, read)
+    assert abs(found.value - share) < 4.0 * found.error < 0.1
+    assert found.is_sure == (share > 0.0)
+    if found.is_sure:
+        taken = grid.place + found.value * deviations(grid, time)
+        even, kept = angles(grid.start - 100.0 + grid.time), fill_by_spline(grid, read)
+        error = np.std(fill_by_spline(grid, read, taken) - even)
+        assert error < 4e-5 < 0.2 * np.std(kept - even)
+
+
+def test_an_arm_that_rests_does_not_tell() -> None:
+    rng = np.random.default_rng(6)
+    time = 0.01 * np.arange(1000) + rng.normal(0.0, 6e-4, 1000)
+    grid = even_grid(time, 'log')
+    for rest in (np.zeros((1000, 2)), rng.normal(0.0, 2e-5, (1000, 2))):
+        assert not stamp_share(grid, time, rest).is_sure
+
+
+def test_commands_that_are_sent_late_act_late() -> None:
+    """Against the mean of a finely drawn staircase; a lost row lies between its neighbours."""
+    rng = np.random.default_rng(7)
+    late = np.r_[0.004, rng.uniform(-0.3, 0.3, 30)]
+    late[12] = 0.0
+    values = rng.normal(size=(31, 2))
+    values[12] = 0.5 * (values[11] + values[13])
+    fine = (np.arange(31 * 1000) + 0.5) / 1000.0
+    row = np.maximum(np.searchsorted(np.arange(31) + late, fine, side='right') - 1, 0)
+    expected = values[row].reshape(31, 1000, 2).mean(axis=1)
+    kept = np.delete(np.arange(31), 12)
+    grid = even_grid(0.01 * kept.astype(float), 'log')
+    found = fill_by_hold(grid, values[kept], kept + late[kept])
+    np.testing.assert_allclose(found, expected, atol=5e-3)
 
 
 def test_a_long_gap_leaves_the_longest_stretch() -> None:

@@ -145,13 +145,15 @@ def _fit_line(place: Rows, time: Array) -> tuple[float, float]:
     return float(slope), float(start + time[0])
 
 
-def fill_by_spline(grid: Grid, values: Array) -> Array:
+def fill_by_spline(grid: Grid, values: Array, taken: Array | None = None) -> Array:
     """
     Return measurements at every place of the grid, (samples, n), from the kept rows, (N, n).
 
     Received rows are moved to their places unchanged; lost ones are interpolated by a cubic
-    spline.
+    spline. If they were `taken` elsewhere, in sampling intervals from place 0, (N,), all are.
     """
+    if taken is not None:
+        return _spline(taken, values, np.arange(grid.samples))
     found = np.empty((grid.samples, values.shape[1]))
     found[grid.place] = values
     missing = np.setdiff1d(np.arange(grid.samples), grid.place)
@@ -160,7 +162,7 @@ def fill_by_spline(grid: Grid, values: Array) -> Array:
     return found
 
 
-def _spline(x: Rows, y: Array, at: Rows) -> Array:
+def _spline(x: Rows | Array, y: Array, at: Rows) -> Array:
     """
     Return the values at other places of the cubic spline through y (N, n) at x, N >= 4.
 
@@ -178,7 +180,7 @@ def _spline(x: Rows, y: Array, at: Rows) -> Array:
     inner = solve_banded((1, 1), bands, 6.0 * np.diff(slope, axis=0))
     bend = np.vstack([inner[0] + first * (inner[0] - inner[1]), inner,
                       inner[-1] + last * (inner[-1] - inner[-2])])
-    k = np.searchsorted(x, at) - 1
+    k = np.clip(np.searchsorted(x, at) - 1, 0, len(h) - 1)
     t, width = (at - x[k])[:, None], h[k][:, None]
     tangent = slope[k] - width * (2.0 * bend[k] + bend[k + 1]) / 6.0
     return y[k] + t * (tangent + t * (0.5 * bend[k] + t * (bend[k + 1] - bend[k]) / (6.0 * width)))
@@ -188,3 +190,27 @@ def fill_by_line(grid: Grid, values: Array) -> Array:
     """Return commands at every place, (samples, n), with lost ones interpolated linearly."""
     places = np.arange(grid.samples)
     return np.stack([np.interp(places, grid.place, column) for column in values.T], axis=1)
+
+
+def fill_by_hold(grid: Grid, values: Array, taken: Array) -> Array:
+    """
+    Return means, from place to place, of commands held from where they were `taken` on.
+
+    Parameters
+    ----------
+    grid : Grid
+        The even grid of the kept rows.
+    values : Array
+        Commands of the kept rows, (N, n); lost ones are interpolated linearly.
+    taken : Array
+        Sampling intervals from place 0, (N,).
+
+    """
+    since = np.arange(float(grid.samples + 1))
+    since[grid.place] = taken
+    since[0], since[-1] = min(since[0], 0.0), max(since[-1], since[-2])
+    total = np.cumsum(np.diff(since)[:, None] * fill_by_line(grid, values), axis=0)
+    sums = np.vstack([np.zeros(values.shape[1]), total])
+    places = np.arange(grid.samples + 1)
+    return np.diff(np.stack([np.interp(places, since, column) for column in sums.T], axis=1),
+                   axis=0)

@@ -13,9 +13,11 @@ from operator import attrgetter
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.inputs.gate import counted, Gate, judge_record, Refusal
+from flex_plant_sim.inputs.jitter import deviations, stamp_share
 from flex_plant_sim.inputs.plausible import SAMPLING_AGREES, unit_hint
 from flex_plant_sim.inputs.resample import (
     even_grid,
+    fill_by_hold,
     fill_by_line,
     fill_by_spline,
     Grid,
@@ -112,14 +114,20 @@ def to_log(rows: Rows, robot: Robot, commands: Callable[[Grid], Array] | None = 
     start = float(rows.time[0])
     rows = _pass_gate(rows, robot)
     grid = even_grid(rows.time, rows.source, rows.row)
-    rows = _with_grid_notes(rows, grid).kept(slice(grid.first, grid.last))
+    rows = _with_gap_notes(rows, grid).kept(slice(grid.first, grid.last))
     if grid.samples < 2:
         raise InputError(f'{rows.source}: expected at least 2 samples in a row, got 1')
     rows = _with_held_note(_with_stuck_note(rows, robot), robot, grid)
+    rows, taken = _with_jitter_note(rows, grid)
     shifted = replace(grid, start=grid.start - start)
+    if commands is None:
+        command = (fill_by_line(grid, rows.command) if taken is None
+                   else fill_by_hold(grid, rows.command, taken))
+    else:
+        command = commands(shifted)
     log = Log(rows.source, rows.time[0] + grid.time,
-              fill_by_line(grid, rows.command) if commands is None else commands(shifted),
-              fill_by_spline(grid, rows.joint), fill_by_spline(grid, rows.strain),
+              command, fill_by_spline(grid, rows.joint, taken),
+              fill_by_spline(grid, rows.strain, taken),
               robot.gauge_names,
               rows.notes, rows.doubts, lost=grid.missing if grid.lost else None)
     return _with_sampling_note(_with_error_note(log, rows, grid), robot)
@@ -159,7 +167,7 @@ def _pass_gate(rows: Rows, robot: Robot) -> Rows:
                       f'({counted(gate.refused)}), the first at {where}')
 
 
-def _with_grid_notes(rows: Rows, grid: Grid) -> Rows:
+def _with_gap_notes(rows: Rows, grid: Grid) -> Rows:
     if grid.dropped:
         kept, count = grid.last - grid.first, len(rows.time)
         rows = rows.noted(f'a gap in time: used the {kept} of {count} samples from '
@@ -168,10 +176,21 @@ def _with_grid_notes(rows: Rows, grid: Grid) -> Rows:
     if grid.lost:
         rows = rows.noted(f'{grid.lost} of {grid.samples} samples lost: interpolated by a cubic, '
                           'commands by a line')
-    if grid.jitter > NOTED_JITTER * grid.interval:
-        rows = rows.noted(f'stamps jitter by up to {1e3 * grid.jitter:.3g} ms: taken as even, '
-                          f'every {1e3 * grid.interval:.6g} ms')
     return rows
+
+
+def _with_jitter_note(rows: Rows, grid: Grid) -> tuple[Rows, Array | None]:
+    """Return the rows, with a note if stamps jitter; and where samples were taken, if not even."""
+    if grid.jitter <= NOTED_JITTER * grid.interval:
+        return rows, None
+    every, share = f'every {1e3 * grid.interval:.6g} ms', stamp_share(grid, rows.time, rows.joint)
+    jitter = f'stamps jitter by up to {1e3 * grid.jitter:.3g} ms'
+    if not share.is_sure:
+        return rows.noted(f'{jitter}: taken as even, {every}'), None
+    part = min(share.value, 1.0)
+    taken = grid.place + part * deviations(grid, rows.time)
+    return rows.noted(f'{jitter}, and samples by {100.0 * part:.0f} % of that: interpolated to '
+                      f'{every}'), taken
 
 
 def _with_stuck_note(rows: Rows, robot: Robot) -> Rows:
