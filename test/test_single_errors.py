@@ -100,6 +100,22 @@ def test_what_the_arm_answers_to_is_no_error(kind: str, name: str, noise: float)
     assert not single_errors(command, output)
 
 
+def test_speeds_that_reverse_under_feedback_are_no_slip() -> None:
+    """Feedback makes commands a line of the angles, from which reversed speeds are off at once."""
+    robot = replace(load_robot('reference'), sample_time=0.004)
+    simulator, noise = Simulator(ExtendedArm(robot, 'assumed_modes', 3, 0.2)), np.repeat(
+        [robot.angle_noise, robot.strain_noise], [2, 4])
+    rng, desired = np.random.default_rng(0), np.zeros(2)
+    commands, outputs = np.zeros((1500, 2)), np.zeros((1500, 6))
+    for k in range(1500):
+        speed = 0.5 * np.sign(np.sin(2.0 * np.pi * 0.004 * k / 2.3 + np.r_[0.0, np.pi]))
+        desired = desired + 0.004 * speed
+        outputs[k] = simulator.measure().output + noise * rng.standard_normal(6)
+        commands[k] = speed + 2.0 * (desired - outputs[k, :2])
+        simulator.step(commands[k])
+    assert single_errors(commands, outputs) == []
+
+
 def test_records_of_other_arms_have_none(shared_data: Path) -> None:
     files = [*sorted((shared_data / 'bench').glob('*.csv')),
              shared_data / 'quanser_2dsfl' / 'square_10s.csv']

@@ -33,8 +33,9 @@ ANGLES = (2, 3)
 # Leverage above which a row tells more of its own prediction than all others together. What
 # happens there, as after a command that is a single pulse, is an error or the arm's answer.
 UNPREDICTED = 0.5
-# Share of the squared residuals around an error that the error must explain.
-EXPLAINED = 0.9
+# Share of the squared residuals around an error that the error must explain, and of an error that
+# its own column must show: what is left may be the arm's.
+EXPLAINED, SHOWN = 0.9, 0.5
 
 
 class SingleError(NamedTuple):
@@ -89,8 +90,8 @@ def single_errors(command: Array, output: Array) -> list[SingleError]:
             score, error = _scores(fit, np.cumsum(pattern, axis=0) if lasting else pattern)
             bad = np.abs(score) > MIN_SCORE
             bad &= (np.abs(error) > MIN_SIZE) & (score**2 > EXPLAINED * fit.power)
-            bad &= predicted if of_output[place] else _outside_neighbours(
-                scaled[:, place])[ORDER:]
+            bad &= predicted & _shows(scaled[:, place], error, lasting) if of_output[place] \
+                else _outside_neighbours(scaled[:, place])[ORDER:]
             found += [(-abs(float(score[k])), SingleError(
                 int(k) + ORDER, int(column), float(error[k] * span[column]), lasting))
                 for k in np.flatnonzero(bad)]
@@ -166,6 +167,21 @@ def _inverse(products: Array) -> Array:
 
 def _leverage(before: Array, inverse: Array) -> Array:
     return np.asarray(np.sum((before @ inverse) * before, axis=1))
+
+
+def _shows(values: Array, error: Array, lasting: bool) -> NDArray[np.bool_]:
+    """
+    Return where a column (N,) is off its own course by an error (N - ORDER,) rather than bent.
+
+    A command that steps leaves the same residuals where the fit is of smoother motion.
+    """
+    change = np.diff(values, prepend=values[:1])
+    before, after = np.roll(change, 1), np.append(change[1:], 0.0)
+    # A step is beside the rates around it; a single error makes those to and from it opposite.
+    off = change - 0.5 * (before + after) if lasting else 0.5 * (change - after)
+    off[-1] = change[-1] - before[-1]
+    off = off[ORDER:]
+    return np.asarray(off * np.sign(error) > SHOWN * np.abs(error))
 
 
 def _outside_neighbours(values: Array) -> NDArray[np.bool_]:
