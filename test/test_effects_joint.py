@@ -159,6 +159,13 @@ def test_delay_of_a_fraction_is_the_mean_command_of_each_step() -> None:
     np.testing.assert_allclose(late, simulate(Simulator(arm()), mixed)[0], rtol=0.0, atol=1e-12)
 
 
+def test_delay_of_one_drive_leaves_the_other_s_commands() -> None:
+    late = outputs(arm('input_delay:joint_2:delay_s=0.023'))
+    padded = np.vstack([np.zeros((3, 2)), COMMANDS])
+    mixed = np.where([False, True], 0.7 * padded[1:-2] + 0.3 * padded[:-3], COMMANDS)
+    np.testing.assert_allclose(late, simulate(Simulator(arm()), mixed)[0], rtol=0.0, atol=1e-12)
+
+
 def test_delay_acts_on_commands_as_the_gain_leaves_them() -> None:
     texts = 'actuator_gain:joint_1:factor=1.3', 'input_delay:arm:delay_s=0.02'
     np.testing.assert_allclose(outputs(arm(*texts)), outputs(arm(*texts[::-1])), atol=1e-14)

@@ -21,7 +21,8 @@ from msg_config.errors import InputError
 SITES: Mapping[str, tuple[str, ...]] = MappingProxyType({
     'joint': ('joint_1', 'joint_2'), 'link': ('link_1', 'link_2'), 'arm': ('arm',),
     'hub': ('joint_1', 'joint_2', 'elbow'), 'velocity_loop': ('joint_1', 'joint_2'),
-    'gauge': (), 'amplifier': ('arm', 'link_1', 'link_2')})
+    'drive': ('arm', 'joint_1', 'joint_2'), 'gauge': (),
+    'amplifier': ('arm', 'link_1', 'link_2')})
 GAUGE_SITES = ('gauge', 'amplifier')
 
 

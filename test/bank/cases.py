@@ -61,6 +61,7 @@ FORMS_OF: dict[str, tuple[Realisation, ...]] = {
     'gear_compliance': (*PLAIN, Realisation(FINITE_ELEMENTS, 'heavy_output'),
                         Realisation(MUJOCO, 'sensor_on_motor')),
     'motor_lag': (*PLAIN, Realisation(MUJOCO, 'inside_loop')),
+    'input_delay': (*PLAIN, Realisation(MUJOCO, 'one_drive')),
     # Maxwell-slip (elements) or LuGre (chain): with bristles as short as `SHORT_TRAVEL` it is dry.
     'presliding_friction': PLAIN,
     'base_compliance': (*PLAIN, Realisation(FINITE_ELEMENTS, 'rubber'),
@@ -77,7 +78,7 @@ FORMS_OF: dict[str, tuple[Realisation, ...]] = {
 }
 # Effects added after rounds had been scored: they come last in a round and serve in no other kind
 # of case, so that the earlier cases keep their records.
-LATER = ('joint_spring', 'angle_delay')
+LATER = ('joint_spring', 'angle_delay', 'payload_offset')
 # A second right name of an effect in a certain form.
 ALSO_RIGHT: dict[tuple[str, str], str] = {
     ('coulomb_friction', 'bristles'): 'presliding_friction',

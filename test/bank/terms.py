@@ -77,6 +77,11 @@ def _for_arm(ours: str, theirs: str) -> Said:
     return lambda case, p: ('arm', {theirs: p[ours]}, abs(p[ours]))
 
 
+def _late_commands(case: TruthCase, p: Parameters) -> tuple[str, dict[str, float], float]:
+    site = 'joint_2' if 'one_drive' in case.forms else 'arm'
+    return site, {'delay_s': p['delay']}, p['delay']
+
+
 def _late_site(case: TruthCase) -> str:
     """Return the site of a filter or delay: the gauges that it acts on."""
     if 'one_gauge' in case.forms:
@@ -210,7 +215,7 @@ _SAID: dict[str, Said] = {
     'actuator_saturation': _saturation,
     'motor_lag': _lag,
     'drive_bandwidth': _at_joint('factor', 'time_constant_factor', 1.0),
-    'input_delay': _for_arm('delay', 'delay_s'),
+    'input_delay': _late_commands,
     'angle_delay': _at_joint('delay', 'delay_s'),
     'angle_gain': _at_joint('factor', 'factor', 1.0),
     'angle_offset': _at_joint('offset', 'offset_rad'),
@@ -232,6 +237,7 @@ _SAID: dict[str, Said] = {
     'hub_inertia': lambda case, p: ('elbow', {'inertia_kg_m2': p['inertia']}, p['inertia']),
     'payload_mass': _payload_mass,
     'payload_inertia': _for_arm('inertia', 'inertia_kg_m2'),
+    'payload_offset': _for_arm('beyond', 'offset_m'),
     'payload_change': _payload_change,
     'loose_payload': _loose,
 }

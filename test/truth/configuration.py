@@ -99,7 +99,9 @@ class Joint:
 @dataclass(frozen=True)
 class Payload:
     """
-    The payload at the tip: mass kg, rotary inertia kg m^2, an event, a loose mounting.
+    The payload: mass kg, rotary inertia kg m^2, an event, a loose mounting.
+
+    Its centre is `beyond_tip` m farther out than the lower link ends.
 
     From `event_time` s on (over `event_duration` s, 0 for a step) the mass becomes `event_mass`.
     With a `leak` s what is left to change falls by the factor e in that time instead.
@@ -116,6 +118,7 @@ class Payload:
     loose_damping_ratio: float = 0.0
     loose_share: float = 1.0
     leak: float = 0.0
+    beyond_tip: float = 0.0
 
     def mass_at(self, time: float) -> float:
         """Return the mass at `time` s, kg."""
@@ -221,6 +224,7 @@ class Arm:
     command_limit: tuple[float, float]
     excitation: Excitation
     input_delay: float = 0.0
+    late_drives: tuple[int, ...] = (0, 1)
 
 
 def clean_sensors(gauges: int, angle_step: tuple[float, ...], strain_step: float,

@@ -76,6 +76,7 @@ FORMS: dict[str, Callable[[Arm], Arm]] = {
     'light_output': _joints(output_share=0.01),
     'heavy_output': _joints(output_share=0.3),
     'inside_loop': _joints(lag_inside=True),
+    'one_drive': lambda arm: replace(arm, late_drives=(1,)),
     'first_order': _sensors(filter_first_order=True),
     'lower_gauges': _lower_gauges,
     'one_gauge': _sensors(late=(0,)),

@@ -46,8 +46,9 @@ class Loop:
 
     def at(self, time: float) -> Array:
         """Return the command that reaches the drives at a time, s."""
-        k = math.floor((time - self.arm.input_delay) / self.arm.sample_time + 1e-6)
-        return self.sent[k] if k >= 0 else np.zeros(2)
+        late = np.isin((0, 1), self.arm.late_drives) * self.arm.input_delay
+        rows = np.floor((time - late) / self.arm.sample_time + 1e-6).astype(int)
+        return np.array([self.sent[k][j] if k >= 0 else 0.0 for j, k in enumerate(rows)])
 
 
 def simulate(arm: Arm, reference: Array | None = None, command: Array | None = None,
