@@ -22,7 +22,8 @@ from flex_plant_sim.diagnosis.likelihood.prior import (
 from flex_plant_sim.diagnosis.likelihood.sufficient_statistics import SufficientStatistics
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
-from flex_plant_sim.diagnosis.verdict.verdict import doubt, nothing_verdict
+from flex_plant_sim.diagnosis.verdict.doubt import doubt
+from flex_plant_sim.diagnosis.verdict.verdict import nothing_verdict
 import numpy as np
 import pytest
 from scipy.stats import norm

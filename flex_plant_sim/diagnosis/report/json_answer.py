@@ -78,8 +78,8 @@ def with_gauges_beyond(diagnosis: Diagnosis, after: Sequence[ChannelResidual]) -
     if not beyond:
         return diagnosis
     return replace(diagnosis, sentence=f'{diagnosis.sentence} But over {SWING:g} s, '
-                   f'simulated by commands alone, {", ".join(beyond)} of what it reads: more than '
-                   'that.', advice=LOOK_AT_RESIDUALS)
+                   f'simulated by commands alone, {", ".join(beyond)} of what it reads: something '
+                   'slow that no step shows may be missing.', advice=LOOK_AT_RESIDUALS)
 
 
 def _mean_log_ratio(gains: Sequence[Gain]) -> float:

@@ -27,7 +27,8 @@ def with_command_timing(diagnosis: Diagnosis, best: RefinedFit, data: Data, jobs
     for cause in diagnosis.causes:
         if cause.name == InputDelay.identifier:
             early = 1e3 * cause.parameters[0].value
-            sentence += f' Commands logged {early:.2g} ms too early would look the same.'
+            of = '' if cause.site == 'arm' else f' of {cause.site.replace("_", " ")}'
+            sentence += f' Commands{of} logged {early:.2g} ms too early would look the same.'
     # Channels that are mixed up gain with any commands, and come first.
     misread = any(windows.record.misread for windows in data.windows)
     rows, gain = (0, 0.0) if misread else rows_late(best, data, jobs)

@@ -30,7 +30,9 @@ from flex_plant_sim.diagnosis.record.data import Data, MOVE_MORE, unmoved
 from flex_plant_sim.diagnosis.record.rate import at_needed_rate
 from flex_plant_sim.diagnosis.record.windows import least_duration, Record
 from flex_plant_sim.diagnosis.verdict.command_timing import with_command_timing
+from flex_plant_sim.diagnosis.verdict.damping_law import with_damping_law
 from flex_plant_sim.diagnosis.verdict.detection import detection_limits
+from flex_plant_sim.diagnosis.verdict.doubt import doubt, unnamed_remainder
 from flex_plant_sim.diagnosis.verdict.late_event import locked_part_differs, searched_again
 from flex_plant_sim.diagnosis.verdict.noise import with_noise
 from flex_plant_sim.diagnosis.verdict.results import (
@@ -253,14 +255,15 @@ def _verdict(found: SearchResult, causes: Sequence[Cause]
         return nothing_verdict(found.posterior, part_estimates(found))
     if not causes:
         return 'not_in_catalogue', f'{NOT_IN_CATALOGUE}{_far_part(found)}', ()
-    sentence = ' '.join(cause.sentence for cause in causes)
+    sentence = ' '.join(with_damping_law(cause, found.posterior.nominal.robot)
+                        for cause in causes)
     sets = tuple((c.name, *c.look_alikes) for c in causes if c.look_alikes)
     if unknown:
-        return ('cause_and_remainder',
-                f'{sentence}{_unnamed_remainder(found)}{_far_part(found)}', sets)
+        return ('cause_and_remainder', f'{doubt(found.posterior)}{sentence}'
+                f'{unnamed_remainder(found)}{_far_part(found)}', sets)
     doubted = doubt(found.posterior)
     if doubted:
-        return 'cause_and_remainder', f'{sentence}{doubted}', sets
+        return 'cause_and_remainder', f'{doubted}{sentence}', sets
     if sets:
         alike = ' '.join(dict.fromkeys(
             f'This record cannot tell {apart_text(names)}.' for names in sets))
@@ -278,8 +281,8 @@ def nothing_verdict(posterior: Posterior, parts: Sequence[PartEstimate]
     if nothing >= 0.5:
         allowed = DiscrepancyModel()
         return ('nothing_wrong',
-                'Nothing in the catalogue is shown to be wrong with the simulation: its errors '
-                'stay within noise, part tolerances and what every model may miss '
+                'Nothing in the catalogue is shown to be wrong with the simulation: its errors, '
+                'one step ahead, stay within noise, part tolerances and what every model may miss '
                 f'({100.0 * allowed.torque_share[0]:.0f} % of the commanded torque, '
                 f'{100.0 * allowed.gauge_share:.0f} % of the strain).{far}', ())
     rows = sorted(_effect_rows(posterior).items(), key=lambda row: -row[1])
@@ -291,34 +294,6 @@ def nothing_verdict(posterior: Posterior, parts: Sequence[PartEstimate]
     return ('cannot_tell', 'Whether anything is wrong with the simulation, this record cannot '
             f'tell: {listed}{others}.{far}',
             (('nothing', *(name for name in few if name in catalogue())),))
-
-
-def doubt(posterior: Posterior) -> str:
-    """Return a warning where one unknown thing is more probable than the causes; else nothing."""
-    real = posterior.genuine_probability
-    if real >= 0.5:
-        return ''
-    lead = ('More likely one thing that the catalogue lacks is behind it all.'
-            if len(posterior.best.hypotheses) == 1 else
-            'So much at once is rare: one thing that the catalogue lacks may be behind it all.')
-    return f' {lead} {_genuine_text(posterior)}'
-
-
-def _genuine_text(posterior: Posterior) -> str:
-    which = 'this cause is' if len(posterior.best.hypotheses) == 1 else 'each of these causes is'
-    most = max(posterior.effect_probability(h.effect.identifier)
-               for h in posterior.best.hypotheses)
-    return f'The probability that {which} real is at most {100.0 * most:.0f} %.'
-
-
-def _unnamed_remainder(found: SearchResult) -> str:
-    """Return why something unnamed is assumed beside the causes or in place of one."""
-    fit = found.best.fit
-    if fit.discrepancy.remainder and not fit.has_large_errors:
-        one = 'it' if len(fit.hypotheses) == 1 else 'one of these causes'
-        return (f' But {one} is not equally large throughout the record: something unnamed that '
-                f'looks like it on average is more likely. {_genuine_text(found.posterior)}')
-    return f'{doubt(found.posterior)} Something unnamed remains.'
 
 
 def _far_part(found: SearchResult) -> str:
