@@ -6,7 +6,10 @@ from dataclasses import replace
 from functools import lru_cache
 
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
+from flex_payload_estimator.estimators.rpe.likelihood import SCORE
+from flex_payload_estimator.estimators.rpe.misfit import payload_score
 from flex_payload_estimator.estimators.rpe.modes import Mode, MODES
+from flex_payload_estimator.estimators.rpe.score import bending_error
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
@@ -109,3 +112,15 @@ def test_a_first_pass_waits_for_samples_of_after_the_state_was_lost(name: str, s
     found = [estimator.update(*row) for row in rows if not 0.9 <= row[0] < 2.0]
     assert all(abs(one.mass - case.payload_true) < 3.0 * one.variance**0.5
                for one in found if one.time > 0.9 and one.status == 'ok')
+
+
+def test_what_a_lost_state_did_to_the_payload_is_no_score_of_the_model() -> None:
+    estimator, rows = moving()
+    estimator.reset()
+    for k, (output, command) in enumerate(rows[:300]):
+        estimator.update(STEP * k, output, command)
+        estimator.conclude()
+    f = estimator.incumbent.copy()
+    f.statistics[SCORE] = [1e3, 2e3, 1e6, 2e3, 10.0, 200.0]
+    estimator.stepper.relocate(f, rows[300][0])
+    assert bending_error(f.statistics[SCORE]) == 0.0 and payload_score(f) == 1.0

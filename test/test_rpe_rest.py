@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
 from flex_payload_estimator.estimators.rpe.filter import Filter
+from flex_payload_estimator.estimators.rpe.likelihood import SCORE
 from flex_payload_estimator.estimators.rpe.restarts import hand_over_rest
 from flex_payload_estimator.estimators.rpe.time_update import FIRST_BIAS
 from flex_plant_sim.arm.second_order import Array
@@ -75,3 +76,13 @@ def test_the_estimate_before_any_motion_is_the_prior() -> None:
     first = estimator._start.prior_moments
     last = estimator.update(0.06, np.concatenate([[0.1, -0.2], BIAS]), np.zeros(2))
     assert (last.mass, last.variance, last.status) == (*first, 'not_excited')
+
+
+def test_how_well_a_payload_fitted_at_rest_is_not_handed_over() -> None:
+    """It is another payload than the one that is learnt when the arm moves."""
+    estimator, before = rested(50)
+    before.statistics[SCORE] = [1e3, 2e3, 1e6, 2e3, 10.0, 20.0]
+    f = estimator._start.bank(np.zeros(6))[0]
+    hand_over_rest(before, f)
+    assert not f.statistics[SCORE].any()
+    np.testing.assert_array_equal(f.noise_scale, before.noise_scale)

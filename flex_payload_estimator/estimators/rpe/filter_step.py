@@ -231,8 +231,8 @@ class FilterStep:
         return np.asarray(self.effects.arm.output(x, time) - self.output @ x)
 
     def relocate(self, f: Filter, measured: Array | None) -> None:
-        """Begin the state again at the measured angles, and keep payload and parts."""
-        f.x[:], f.cov[:], f.sensitivity[:] = 0.0, self.start_cov, 0.0
+        """Begin the state again at the measured angles; keep payload and parts, not the score."""
+        f.x[:], f.cov[:], f.sensitivity[:], f.statistics[SCORE] = 0.0, self.start_cov, 0.0, 0.0
         if measured is not None:
             f.x[:2] = measured[:2]
             f.x[1] -= f.reference[zero_column(measured.size)]

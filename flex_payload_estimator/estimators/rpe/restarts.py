@@ -7,7 +7,11 @@ import math
 
 from flex_payload_estimator.estimators.rpe.filter import Filter, Sample
 from flex_payload_estimator.estimators.rpe.filter_step import FilterStep
-from flex_payload_estimator.estimators.rpe.likelihood import initial_statistics, NOISE_RATIO
+from flex_payload_estimator.estimators.rpe.likelihood import (
+    initial_statistics,
+    NOISE_RATIO,
+    SCORE,
+)
 from flex_payload_estimator.estimators.rpe.linearised import at_payload, LinearisedModel
 from flex_payload_estimator.estimators.rpe.modes import freedom, Mode, ROUGH, ROUGH_ON_TRIAL
 from flex_payload_estimator.estimators.rpe.packing import pack
@@ -56,6 +60,8 @@ def hand_over_rest(rested: Filter, f: Filter) -> None:
     f.sensitivity[1, zero] = -1.0
     f.beta[gauges], f.beta_cov[gauges, gauges] = rested.beta[gauges], bias_cov
     f.statistics[:], f.innovations[:] = rested.statistics, rested.innovations
+    # What noise did to the payload at rest is not handed over, as that payload is not.
+    f.statistics[SCORE] = 0.0
     f.x -= f.sensitivity @ (f.beta - f.reference)
 
 
