@@ -20,7 +20,7 @@ from simulated_records import effects, REFERENCE, simulated, SLOWEST
 LONGER, HEAVIER = 3.0, 20.0
 # Powers of length and mass in each unit; the other units have neither.
 POWERS = {'kg': (0, 1), 'kg m^2': (2, 1), 'N m': (2, 1), 'N m/rad': (2, 1), 'N m s/rad': (2, 1),
-          'rad/(N m)': (-2, -1), 'm/N': (0, -1)}
+          'rad/(N m)': (-2, -1), 'm/N': (0, -1), 'm': (1, 0)}
 CURRENT = load_robot('quanser_2dsfl')
 
 

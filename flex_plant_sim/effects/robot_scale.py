@@ -20,9 +20,12 @@ def _mass(robot: Robot, site: str) -> float:
     return sum(link.mass for link in robot.links) + robot.elbow_mass
 
 
+def _reach(robot: Robot, site: str) -> float:
+    return sum(link.length + link.hub_radius for link in robot.links)
+
+
 def _inertia(robot: Robot, site: str) -> float:
-    reach = sum(link.length + link.hub_radius for link in robot.links)
-    return _mass(robot, site) * reach**2
+    return _mass(robot, site) * _reach(robot, site)**2
 
 
 def _damping(robot: Robot, site: str) -> float:
@@ -38,7 +41,7 @@ def _command(robot: Robot, site: str) -> float:
 
 # Size of a quantity in each unit on a robot, at a site, for motion with a time scale of 1 s.
 UNIT_SIZES: dict[str, Callable[[Robot, str], float]] = {
-    'kg': _mass, 'kg m^2': _inertia, 'N m': _inertia, 'N m/rad': _inertia,
+    'm': _reach, 'kg': _mass, 'kg m^2': _inertia, 'N m': _inertia, 'N m/rad': _inertia,
     'N m s/rad': _damping, 'command unit': _command,
     '1/command unit': lambda robot, site: 1.0 / _command(robot, site),
     'rad/(N m)': lambda robot, site: 1.0 / _inertia(robot, site),

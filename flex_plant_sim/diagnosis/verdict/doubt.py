@@ -14,10 +14,10 @@ def doubt(posterior: Posterior) -> str:
         lead = 'More likely one thing that the catalogue lacks is behind it all.'
     else:
         lead = 'So much at once is rare: one thing that the catalogue lacks may be behind it all.'
-    return f'{lead} {genuine_text(posterior)}: '
+    return f'{lead} {_genuine_text(posterior)}: '
 
 
-def genuine_text(posterior: Posterior) -> str:
+def _genuine_text(posterior: Posterior) -> str:
     which = 'this cause is' if len(posterior.best.hypotheses) == 1 else 'each of these causes is'
     most = max(posterior.effect_probability(h.effect.identifier)
                for h in posterior.best.hypotheses)
@@ -31,5 +31,5 @@ def unnamed_remainder(found: SearchResult) -> str:
         one = 'it' if len(fit.hypotheses) == 1 else 'one of these causes'
         text = (f' But {one} is not equally large throughout the record: something unnamed that '
                 'looks like it on average is more likely.')
-        return text if doubt(found.posterior) else f'{text} {genuine_text(found.posterior)}.'
+        return text if doubt(found.posterior) else f'{text} {_genuine_text(found.posterior)}.'
     return ' Something unnamed remains.'
