@@ -15,7 +15,7 @@ def test_coarse_finds_its_way_back_from_where_a_wrong_model_has_led() -> None:
                      forms=('sensor_on_motor',))
     record = make_record(case)
     estimator, command = RecursivePredictionError(load_robot('reference')), np.zeros(2)
-    for time, joint, strain, after in zip(record.time[:302], record.joint, record.strain,
+    for time, joint, strain, after in zip(record.time[:502], record.joint, record.strain,
                                           record.command):
         found = estimator.update(float(time), np.r_[joint, strain], command)
         command = after

@@ -101,17 +101,18 @@ def test_a_lost_sample_says_nothing_of_which_filter_is_right() -> None:
     assert all(f.log_likelihood == before[id(f)] for f in after)
 
 
-@pytest.mark.parametrize(('name', 'seed'), [('backlash', 851013), ('presliding_friction', 851015)])
+@pytest.mark.parametrize(('name', 'seed'), [
+    ('backlash', 851013), ('presliding_friction', 887003), ('presliding_friction', 887004)])
 def test_a_first_pass_waits_for_samples_of_after_the_state_was_lost(name: str, seed: int) -> None:
-    """Of 0.13 s it told a thirtieth and a third of the payload for a second or more, `ok`."""
-    case = draw_case(name, seed, 'quanser_2dsfl', duration_s=3.55)
+    """A pass over 0.13 s was 14 to 123 deviations off, `ok`."""
+    case = draw_case(name, seed, 'quanser_2dsfl', duration_s=3.25)
     record = make_record(case)
     estimator = RecursivePredictionError(load_robot('quanser_2dsfl'), 'assumed_modes', 3)
     before = np.vstack([np.zeros(2), record.command[:-1]])
     rows = zip(record.time.tolist(), np.hstack([record.joint, record.strain]), before)
-    found = [estimator.update(*row) for row in rows if not 0.9 <= row[0] < 2.0]
+    found = [estimator.update(*row) for row in rows if not 0.6 <= row[0] < 1.7]
     assert all(abs(one.mass - case.payload_true) < 3.0 * one.variance**0.5
-               for one in found if one.time > 0.9 and one.status == 'ok')
+               for one in found if one.time > 0.6 and one.status == 'ok')
 
 
 def test_what_a_lost_state_did_to_the_payload_is_no_score_of_the_model() -> None:

@@ -8,6 +8,8 @@ from flex_payload_estimator.estimators.rpe.likelihood import SCORE
 from flex_payload_estimator.estimators.rpe.restarts import hand_over_rest
 from flex_payload_estimator.estimators.rpe.time_update import FIRST_BIAS
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.simulation.extended_arm import ExtendedArm
+from flex_plant_sim.simulation.simulator import Simulator
 import numpy as np
 from rpe_runs import estimator_of, robot_with
 
@@ -86,3 +88,35 @@ def test_how_well_a_payload_fitted_at_rest_is_not_handed_over() -> None:
     hand_over_rest(before, f)
     assert not f.statistics[SCORE].any()
     np.testing.assert_array_equal(f.noise_scale, before.noise_scale)
+
+
+def begun(held: bool) -> tuple[RecursivePredictionError, float]:
+    """Return an estimator 0.6 s after a rest of 0.5 s, and when a command began to rise slowly."""
+    robot, rest = robot_with(SIGMA), 0.5
+    estimator, random = estimator_of(robot), np.random.default_rng(6)
+    arm = ExtendedArm(robot, 'assumed_modes', 2, 0.1)
+    simulator, command = Simulator(arm), np.zeros(2)
+    noise = np.sqrt(estimator.stepper.told_variance)
+    for k in range(110):
+        output = simulator.measure().output + noise * random.standard_normal(6)
+        if held and k < 80:
+            output = noise * random.standard_normal(6)
+        estimator.update(0.01 * k, output, command)
+        command = np.full(2, 0.2 * max(0.01 * k - rest, 0.0))
+        if not held or k >= 80:
+            simulator.step(command)
+    estimator.conclude()
+    return estimator, rest
+
+
+def test_a_window_begins_before_the_motion_did() -> None:
+    estimator, rest = begun(held=False)
+    window = estimator._competition.window
+    assert window.rested is not None
+    assert rest - 0.4 < window[window.first].sample.time <= rest
+
+
+def test_a_window_forgets_the_rest_of_an_arm_that_was_held_while_its_command_rose() -> None:
+    estimator, rest = begun(held=True)
+    window = estimator._competition.window
+    assert window.rested is None and window[window.first].sample.time > rest

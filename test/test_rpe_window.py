@@ -198,7 +198,7 @@ def test_an_exact_model_of_another_arm_does_not_come_back_in_a_gentle_motion() -
     simulator = Simulator(nature.at_payload(mass), None,
                           Noise(ROBOT.angle_noise, ROBOT.strain_noise), 1021)
     estimator, command = estimator_of(ROBOT, modes=3), np.zeros(2)
-    for _ in range(round(3.0 / ROBOT.sample_time)):
+    for _ in range(round(4.0 / ROBOT.sample_time)):
         sample = simulator.measure()
         found = estimator.update(sample.time, sample.output, command)
         turn = np.pi * max(sample.time - wait, 0.0) / period

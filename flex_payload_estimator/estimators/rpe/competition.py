@@ -97,10 +97,6 @@ class ModeCompetition:
                                      min(self._time_in_motion, WINDOW_S))
         return max(self._misfit, factor)
 
-    def leave_rest(self, rested: Filter) -> None:
-        """Keep what a filter knew at rest, after the last sample of the window."""
-        self.window.rested = rested
-
     def predict(self, sample: Sample, loads: Loads, excited: bool) -> None:
         """Bring the trials across a sample without a measurement."""
         self.remember(sample, loads, excited)

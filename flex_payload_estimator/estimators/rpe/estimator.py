@@ -12,7 +12,6 @@ from flex_payload_estimator.estimators.rpe.events import EventLog
 from flex_payload_estimator.estimators.rpe.excitation import Excitation
 from flex_payload_estimator.estimators.rpe.filter import Filter, Sample
 from flex_payload_estimator.estimators.rpe.first_sample import FirstSample
-from flex_payload_estimator.estimators.rpe.likelihood import POOR_FIT, reduced_chi_square
 from flex_payload_estimator.estimators.rpe.outliers import OutlierTests
 from flex_payload_estimator.estimators.rpe.sensors import Loads
 from flex_payload_estimator.estimators.rpe.settings import RpeSettings, stepper_of
@@ -207,11 +206,15 @@ class RecursivePredictionError:
         if sample is None:
             return
         if self._incumbent is None:
-            if not self._excitation.has_moved:
+            window, start = self._competition.window, self._start
+            # An arm that is held while its command rises tells wrongly of what follows.
+            if not (start.at_rest or self._excitation.has_moved or start.fits):
                 self._competition.clear()
             self._competition.remember(sample, self._loads, self._excitation.excited)
-            self._start.restart_if_noisier(self._competition.window, sample, self._loads)
-            left = self._start.select(self._excitation.excited)
+            if start.at_rest:
+                window.rest(start.best())
+            start.restart_if_noisier(window, sample, self._loads)
+            left = start.select(self._excitation.excited)
             for f in left[1:]:
                 self._competition.keep(f, sample.time)
             self._incumbent = left[0] if left else None
@@ -247,10 +250,8 @@ class RecursivePredictionError:
         expected = self._time + steps * step
         self._time = expected + STAMP_SHARE * (time - expected)
         self._loads, filters = self._excitation.loads, self._filters()
-        if predicted:
-            sample = predicted._replace(measured=output)
-        else:
-            sample = self._sample(self._time, output, self._command)
+        sample = predicted._replace(measured=output) if predicted \
+            else self._sample(self._time, output, self._command)
         advance = self._advancing(output, predicted is not None)
         for f in filters:
             advance(f, sample, self._loads)
@@ -262,11 +263,9 @@ class RecursivePredictionError:
         # Loads count from the next sample on, so that a prediction made in advance has them too.
         self._excitation.update(output, self.incumbent, sample)
         # Where the filter at rest does not fit, what it takes for noise may be a motion.
-        if self._start.at_rest and (self._excitation.excited
-                                    or reduced_chi_square(self.incumbent.statistics) > POOR_FIT):
-            rested = filters[0].before_prediction()
-            self._start.leave_rest(rested, sample, self._loads)
-            self._competition.leave_rest(rested)
+        if self._start.at_rest and (self._excitation.excited or not self._start.fits):
+            last, window = filters[0].before_prediction(), self._competition.window
+            self._start.leave_rest(last, window, sample, self._loads)
             self._excitation.moments = None
         if not self._excitation.excited:
             self._drift()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
+from collections import deque
 from dataclasses import dataclass
 from math import comb
 
@@ -15,6 +16,9 @@ import numpy as np
 # Orders of the differences from which the noise is bounded: noise passes all of them, and a
 # motion hardly passes one of them.
 DIFFERENCE_ORDERS = (1, 2, 3)
+# A motion may show so many samples late. What is known at rest is kept so often, in samples, that
+# little more has to be learnt again.
+REST_SAMPLES, REST_SPACING = int(MEMORY_SAMPLES), 10
 
 
 @dataclass(slots=True)
@@ -71,6 +75,7 @@ class SampleWindow:
         self.rested: Filter | None = None
         self._samples: list[StoredSample] = []
         self._dropped: list[StoredSample] = []
+        self._rests: deque[tuple[int, Filter]] = deque()
 
     @property
     def end(self) -> int:
@@ -120,11 +125,29 @@ class SampleWindow:
             self._dropped = self._samples[:self.size]
             del self._samples[:self.size]
 
+    def rest(self, f: Filter) -> None:
+        """Take the filter at rest after the newest sample; begin where it was REST_SAMPLES ago."""
+        rests, newest = self._rests, self.end - 1
+        if not rests or newest - rests[-1][0] >= REST_SPACING:
+            rests.append((newest, f.copy()))
+        while len(rests) > 1 and newest - rests[1][0] >= REST_SAMPLES:
+            rests.popleft()
+        number, rested = rests[0]
+        if number > self.first:
+            self._drop(number - self.first)
+        self.rested = rested
+
+    def since_rest(self) -> list[StoredSample]:
+        """Return the samples after that to which `rested` belongs."""
+        return self._samples[1:]
+
     def drop_before(self, time: float) -> None:
         """Drop the samples before a time, s."""
         count = bisect_left(self._samples, time, key=lambda stored: stored.sample.time)
-        if count == 0:
-            return
+        if count:
+            self._drop(count)
+
+    def _drop(self, count: int) -> None:
         self._dropped = self._samples[:count]
         del self._samples[:count]
         self.first, self.rested, self.is_complete = self.first + count, None, True
@@ -133,5 +156,6 @@ class SampleWindow:
     def clear(self) -> None:
         """Drop all samples."""
         self.first, self.time_in_motion, self.rested = self.end, 0.0, None
+        self._rests.clear()
         self.is_complete = True
         self._samples = []

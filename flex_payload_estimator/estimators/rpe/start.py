@@ -95,23 +95,32 @@ class StartBank:
                     bank.append(f)
         return bank
 
-    def leave_rest(self, rested: Filter, sample: Sample, loads: Loads) -> None:
+    def leave_rest(self, last: Filter, window: SampleWindow, sample: Sample, loads: Loads) -> None:
         """
         Go on with the whole bank, which takes over what was learnt at rest.
 
+        What a filter at rest makes of a motion holds for its payload alone, and for parts as
+        told: the bank learns again what came before the motion showed.
+
         Parameters
         ----------
-        rested : Filter
-            As it was before the sample: what it makes of a motion holds for its payload alone.
+        last : Filter
+            As it was before the sample.
+        window : SampleWindow
+            Its begin is what was known at rest, if it begins at rest.
         sample, loads : Sample, Loads
             The first sample that shows a motion, and the loads before it.
 
         """
-        self.at_rest = False
+        rested, self.at_rest = window.rested or last, False
+        since = window.since_rest()
         self._assumed_noise = rested.noise_scale.copy()
         self.filters = self.bank(rested.innovations[0])
         for f in self.filters:
             hand_over_rest(rested, f)
+            for stored in since:
+                self.stepper.step(f, stored.sample, stored.loads)
+                self._add_log_density(f)
             self.stepper.step(f, sample, loads)
 
     def restart_if_noisier(self, window: SampleWindow, sample: Sample, loads: Loads) -> None:
@@ -143,6 +152,11 @@ class StartBank:
             f.noise_scale[:] = self._assumed_noise
             begin_at(f, sample, loads, None, self.stepper)
 
+    @property
+    def fits(self) -> bool:
+        """Return whether the likeliest filter fits."""
+        return self._fits(self.best())
+
     def best(self) -> Filter:
         """Return the likeliest filter."""
         return max(self.filters, key=lambda f: f.log_likelihood)
@@ -161,8 +175,7 @@ class StartBank:
             return []
         for f in self.filters:
             f.age += self.stepper.step_time if excited else 0.0
-            f.log_likelihood += f.log_density
-            f.recent_log_likelihood += f.log_density - self._share * f.recent_log_likelihood
+            self._add_log_density(f)
         kept: list[Filter] = []
         top = self.best().log_likelihood
         for f in sorted(self.filters, key=lambda f: -f.log_likelihood):
@@ -182,6 +195,10 @@ class StartBank:
         kept.sort(key=lambda f: (not f.mode.free_parts and not self._fits(f),
                                  -f.recent_log_likelihood))
         return [self._checked(f, kept[0], top) for f in kept]
+
+    def _add_log_density(self, f: Filter) -> None:
+        f.log_likelihood += f.log_density
+        f.recent_log_likelihood += f.log_density - self._share * f.recent_log_likelihood
 
     def _checked(self, f: Filter, first: Filter, top: float) -> Filter:
         """Return a filter, or a restarted one where it cannot have learnt well."""
