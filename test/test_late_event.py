@@ -73,9 +73,13 @@ def test_a_payload_that_changes_in_the_locked_part_is_named() -> None:
     assert [e.identifier for e in extended.effects].count('payload_change') == 1
 
 
-def test_an_event_between_the_windows_of_a_coarse_fit_is_looked_for_there() -> None:
+@pytest.mark.parametrize('jitter', [0.0, 0.3])
+def test_an_event_between_the_windows_of_a_coarse_fit_is_looked_for_there(jitter: float) -> None:
     """To a fit that sees eight windows, the end of one is as good as all that no window saw."""
-    data = Data.of([made(12.0, left=0.16)], slowest_frequency(BASE, 0.1), REFERENCE.sample_time)
+    record, random = made(12.0, left=0.16), np.random.default_rng(3)
+    late = jitter * REFERENCE.sample_time * random.uniform(-1.0, 1.0, len(record.time))
+    data = Data.of([replace(record, time=record.time + late)], slowest_frequency(BASE, 0.1),
+                   REFERENCE.sample_time)
     centre = RefinedFit.refine(CandidateSet((), (np.zeros(0),)), BASE, data)
     seen = np.unique(centre.coarse.likelihood.times)
     before, after = np.max(seen[seen < 12.0]), np.min(seen[seen > 12.0])
