@@ -79,12 +79,32 @@ def test_another_trajectory_keeps_the_jacobian_and_has_its_own_residual() -> Non
     np.testing.assert_allclose(moved.centre_shift, np.tensordot(deviations, jacobian, 1))
 
 
+def test_parts_are_differentiated_as_they_are_compared() -> None:
+    """With the centre's gain, derivatives were 8 and 9 % off: fits ended 50 nats below others."""
+    data = Data.of([elements(16.0)], SLOWEST, REFERENCE.sample_time)
+    likelihood = Likelihood(BaseModel(REFERENCE), data.windows, data.noise)
+    for k, part in enumerate(likelihood.parts):
+        if part.name == 'payload_inertia':
+            # Not below zero, which is that of the file.
+            continue
+        step = np.zeros(len(likelihood.parts))
+        step[k] = 0.05 * part.tolerance
+        slope = (likelihood.whitened_residual((), step)[0]
+                 - likelihood.whitened_residual((), -step)[0]) / (2.0 * step[k])
+        error = likelihood.part_jacobian[k] - slope
+        assert np.linalg.norm(error) < 0.05 * np.linalg.norm(slope), part.name
+
+
+def elements(seconds: float) -> Record:
+    """Return a record of finite elements whose parts are as far off as told."""
+    truth = make_record(TruthCase(7304, duration_s=seconds, spread=TOLD))
+    return Record('elements', truth.time, truth.command,
+                  np.column_stack([truth.joint, truth.strain]), 0.1)
+
+
 def test_what_fits_elements_with_parts_as_far_off_as_told_gains_nothing_by_another_fit() -> None:
     # Of another form, so that the parts' columns, and Occam's factor, change where they are found.
-    truth = make_record(TruthCase(7304, duration_s=22.0, spread=TOLD))
-    record = Record('elements', truth.time, truth.command,
-                    np.column_stack([truth.joint, truth.strain]), 0.1)
-    data, base = Data.of([record], SLOWEST, REFERENCE.sample_time), BaseModel(REFERENCE)
+    data, base = Data.of([elements(22.0)], SLOWEST, REFERENCE.sample_time), BaseModel(REFERENCE)
     first = RefinedFit.refine(CandidateSet((), (np.zeros(0),)), base, data).fit
     again = RefinedFit.refine(CandidateSet.of(first), base, data).fit
     assert again.log_evidence - first.log_evidence < 0.5

@@ -104,11 +104,9 @@ class Likelihood:
         robot, sensors = with_deviations(self.base.robot, self.parts, deviations)
         return self._whitened_residual((*effects, *sensors), robot)
 
-    def _whitened_residual(self, effects: Sequence[Effect], robot: Robot,
-                           reuse_gain: bool = False) -> Array:
-        """Return e of a robot, its sensors' effects included; see `Predictor` on the gain."""
-        found = [_by_channel(p.whitened_residual(effects, robot, reuse_gain,
-                                                 self.shared_covariance))
+    def _whitened_residual(self, effects: Sequence[Effect], robot: Robot) -> Array:
+        """Return e of a robot, its sensors' effects included."""
+        found = [_by_channel(p.whitened_residual(effects, robot, self.shared_covariance))
                  for p in self.predictors]
         return np.sqrt(self.weight) * np.concatenate(found, axis=-1)
 
@@ -142,8 +140,7 @@ class Likelihood:
                 deviations = self.centre_deviations.copy()
                 deviations[k] += step
                 seen = sensors_with_deviations(self.parts, deviations)
-            there = self._whitened_residual(
-                (*self.centre_effects, *seen), moved, reuse_gain=True)[0]
+            there = self._whitened_residual((*self.centre_effects, *seen), moved)[0]
             return np.asarray((there - here) / step)
 
         return np.array(all_of(derivative, range(len(self.parts)), self.jobs))

@@ -141,7 +141,7 @@ class Predictor:
         return np.ascontiguousarray(errors[self.windows.warm_up:].transpose(2, 1, 0, 3))
 
     def _one_step_errors(self, arm: ExtendedArm, effects: Sequence[Effect], robot: Robot | None,
-                         steady: SteadyFilter | None) -> tuple[Array, ScheduledMatrices]:
+                         steady: SteadyFilter | None = None) -> tuple[Array, ScheduledMatrices]:
         """Return errors before the sensors' effects, warm-up first, (S, W, B, m), and matrices."""
         if (steady is None or steady is self.steady) and self._same_plant(effects, robot):
             matrices = self.matrices
@@ -164,7 +164,7 @@ class Predictor:
         return np.searchsorted(self.used_samples, self.windows.indices.T)
 
     def whitened_residual(self, effects: Sequence[Effect] = (), robot: Robot | None = None,
-                          reuse_gain: bool = False, shared_covariance: bool = True) -> Array:
+                          shared_covariance: bool = True) -> Array:
         """
         Return L^-1 (y - y_h), (B, W, length, m), with y_h the mean of the record under h.
 
@@ -172,8 +172,6 @@ class Predictor:
         ----------
         effects, robot
             The hypothesis h, as in `innovations`.
-        reuse_gain : bool
-            Whether the trajectory's gain serves an arm with as many states: for small changes.
         shared_covariance : bool
             Whether L L' is the covariance that the base alone states, the same for all hypotheses,
             see `whitening`. Otherwise the errors are those of each arm's own filter. These must
@@ -184,9 +182,7 @@ class Predictor:
             return self._with_own_shapes(effects, robot).whitened_residual(
                 effects, robot, shared_covariance=shared_covariance)
         arm = self.arm_with(effects, robot)
-        reused = reuse_gain and self.gain.shape[1] == arm.states
-        errors, matrices = self._one_step_errors(
-            arm, effects, robot, self.steady if reused else None)
+        errors, matrices = self._one_step_errors(arm, effects, robot)
         errors, rows = errors[self.windows.warm_up:], self.window_rows[self.windows.warm_up:]
         whitening = self._whitening_filter(arm, effects, robot) if shared_covariance else None
         sensors, time = self._sensors_of(arm), self.record.time[self.used_samples[rows]][..., None]
