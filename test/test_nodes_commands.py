@@ -68,7 +68,7 @@ def test_a_driver_that_fills_efforts_with_zeros_is_weighed_by_the_topic_command(
         command.publish(joint_state(k * STEP, JOINTS, effort=sent))
         loop.until(lambda sent=sent: bench.node.acting.sent is not None  # type: ignore[misc]
                    and (bench.node.acting.sent == sent).all())
-    assert payload[-1].position[0] == pytest.approx(0.1, abs=0.01)
+    assert payload[-1].position[0] == pytest.approx(0.1, abs=0.003)
     loop.until(lambda: any(value.value == ZERO_TOLD for value in bench.status('samples').values))
 
 
