@@ -214,6 +214,22 @@ class InputMapping:
         plain = _channels(JOINTS, self.commands, {})
         return Channels(JOINTS, tuple(names[own] for own in JOINTS), plain.factor, plain.offset)
 
+    def columns(self, gauges: Sequence[str]) -> dict[str, str]:
+        """
+        Return the CSV columns of time, commands, joints and gauges, in this order, by their key.
+
+        A command that has its joint's name, as in messages, stands in command_1 or command_2.
+        """
+        joints = self.joint_channels()
+        named = {own: self.commands[own].name for own in self.commands}
+        commands = {
+            f'commands.{own}': f'command_{k}' if named.get(own, names[0]) in names else named[own]
+            for k, (own, names) in enumerate(zip(JOINTS, joints.sources), start=1)}
+        return {'time': self.time.name, **commands,
+                **{f'joints.{own}': name for own, name in zip(JOINTS, joints.names)},
+                **{f'gauges.{own}': name
+                   for own, name in zip(gauges, self.gauge_channels(gauges).names)}}
+
     def gauge_channels(self, gauges: Sequence[str]) -> Channels:
         """Return the gauges, m/m."""
         return _channels(tuple(gauges), self.gauges, {})

@@ -131,6 +131,27 @@ def test_a_log_in_which_nothing_moves_is_refused(tmp_path: Path,
     assert not (tmp_path / 'none.yaml').exists()
 
 
+@pytest.mark.parametrize('spoilt, said', [
+    ('command_', 'its command never changes: is it logged?'), ('strain_', 'exchanged')])
+def test_a_log_that_is_misread_is_refused(
+        output: tuple[str, Path], spoilt: str, said: str, capsys: pytest.CaptureFixture[str],
+        tmp_path: Path) -> None:
+    comments = re.findall('^#.*\n', (output[1] / 'log.csv').read_text(), re.M)
+    header, *rows = (output[1] / 'log.csv').read_text().splitlines()[len(comments):]
+    names, table = header.split(','), np.array([row.split(',') for row in rows])
+    own = [k for k, name in enumerate(names) if name.startswith(spoilt)]
+    table[:, own] = '0' if spoilt == 'command_' else table[:, own[::-1]]
+    lines = [header, *(','.join(row) for row in table)]
+    (tmp_path / 'bad.csv').write_text('\n'.join([*lines, '']))
+    assert main(['calibrate', str(tmp_path / 'bad.csv'), '--robot', str(
+        output[1] / 'robot.yaml'), '--payload', '0.1', '--output',
+        str(tmp_path / 'none.yaml')]) == 2
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert 'bad.csv: not calibrated, as it may not be what it was read as (' in error
+    assert said in error
+    assert not (tmp_path / 'none.yaml').exists()
+
+
 def test_a_motor_is_written_as_the_loop_that_it_is() -> None:
     text = robot_text('reference').replace(
         'elbow: {kind: velocity_loop, inertia_kg_m2: 0.05, time_constant_s: 0.01, '

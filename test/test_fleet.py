@@ -19,6 +19,7 @@ from flex_payload_estimator.fleet.table import since, write_csv
 from flex_payload_estimator.tools.fleet import main as fleet
 from flex_payload_estimator.tools.fleet import options as fleet_options
 from flex_payload_estimator.tools.fleet import run, tasks_of
+from held_file import held
 from msg_config.errors import InputError
 import numpy as np
 import psutil
@@ -87,11 +88,19 @@ def test_a_bad_file_and_a_killed_worker_lose_nothing_else(tmp_path: Path) -> Non
 
 def test_a_log_without_end_is_given_up(tmp_path: Path) -> None:
     log = tmp_path / 'endless.csv'
-    os.mkfifo(log)  # opening it waits for ever
     task = LogTask('a', str(log), 'reference', str(tmp_path / 'page'), timeout=1.0)
-    row = diagnose_and_weigh(task)
+    with held(log):
+        row = diagnose_and_weigh(task)
     assert row.error == 'diagnose: given up after 1 s' and not row.verdict
     assert row.seconds < 2.0, 'both tools share the time'
+
+
+def test_a_log_that_is_a_pipe_is_one_row(tmp_path: Path) -> None:
+    (tmp_path / 'night').mkdir()
+    os.mkfifo(tmp_path / 'night' / 'pipe.csv')
+    (_, log), = logs_below([str(tmp_path / 'night')], tmp_path / 'out')
+    row = diagnose_and_weigh(LogTask('a', str(log), 'reference', str(tmp_path / 'page')))
+    assert row.error == 'diagnose: expected a file or a bag folder, got a FIFO'
 
 
 WORKER = """
@@ -107,13 +116,12 @@ print(row.killed, row.error)
 def test_a_tool_ends_with_its_worker_and_a_killed_tool_is_the_last(
         killed: str, number: signal.Signals, tmp_path: Path) -> None:
     log = tmp_path / 'endless.csv'
-    os.mkfifo(log)
     (tmp_path / 'tmp').mkdir()
-    worker = subprocess.Popen(
-        [sys.executable, '-c', WORKER, str(log), str(tmp_path / 'page')], text=True,
-        stdout=subprocess.PIPE, env={**os.environ, 'TMPDIR': str(tmp_path / 'tmp')})
-    # Opening for writing waits until the tool opens for reading.
-    with log.open('w'):
+    with held(log) as wait:
+        worker = subprocess.Popen(
+            [sys.executable, '-c', WORKER, str(log), str(tmp_path / 'page')], text=True,
+            stdout=subprocess.PIPE, env={**os.environ, 'TMPDIR': str(tmp_path / 'tmp')})
+        wait()
         tool, = psutil.Process(worker.pid).children()
         os.kill(worker.pid if killed == 'worker' else tool.pid, number)
         said, _ = worker.communicate(timeout=20)

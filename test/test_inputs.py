@@ -54,6 +54,12 @@ def test_values_are_taken_by_name_and_become_si() -> None:
     assert joints.rate(np.array([90.0, 1.0])) == pytest.approx([-math.pi / 2.0, 1.0])
 
 
+def test_a_command_that_is_only_scaled_keeps_its_column() -> None:
+    """In messages its name is that of the joint, whose angle has that column."""
+    columns = mapped('inputs: {commands: {joint_1: {scale: 2}, joint_2: u_2}}').columns(('g',))
+    assert [*columns.values()] == ['time', 'command_1', 'u_2', 'joint_1', 'joint_2', 'g']
+
+
 def test_joints_may_bear_the_names_of_their_drives() -> None:
     joints = InputMapping().joint_channels()
     assert joints.pick(['elbow', 'shoulder'], [1.0, 2.0], '') == pytest.approx([2.0, 1.0])
@@ -75,7 +81,14 @@ def test_names_that_do_not_say_which_are_refused(given: list[str], values: list[
 
 @pytest.mark.parametrize('section, message', [
     ('inputs: {joints: {joint_3: x}}', 'inputs.joints.joint_3: unknown key'),
-    ('inputs: {joints: {joint_1: joint_2}}', "expected each name once, got 'joint_2' twice"),
+    ('inputs: {joints: {joint_1: joint_2}}', "expected each name once, got 'joint_2' "
+     'for joints.joint_1 and joints.joint_2'),
+    ('inputs: {time: {name: joint_1}}', "arm.yaml: inputs: expected each name once, got 'joint_1' "
+     'for time and joints.joint_1'),
+    ('inputs: {joints: {joint_1: strain_1a}}', "got 'strain_1a' for joints.joint_1 and "
+     'gauges.strain_1a'),
+    ('inputs: {commands: {joint_2: joint_1}}', "got 'joint_1' for commands.joint_2 and "
+     'joints.joint_1'),
     ('inputs: {joints: {joint_1: {unit: degrees}}}', 'expected rad, deg, got'),
     ('inputs: {gauges: {strain_1a: {sign: 2}}}', 'inputs.gauges.strain_1a.sign: expected 1, -1'),
     ('inputs: {time: {unit: min}}', 'inputs.time.unit: expected s, ms, us, ns'),

@@ -206,6 +206,15 @@ def test_effort_as_applied_is_preferred_and_said(tmp_path: Path) -> None:
                             'topic command says otherwise')
 
 
+@pytest.mark.parametrize('filled', [0.0, math.nan])
+def test_effort_that_a_driver_fills_in_is_none(tmp_path: Path, filled: float) -> None:
+    told = states(6)
+    for _, _, message in told:
+        message.effort = np.full(2, filled)
+    log = read_log(record(tmp_path / 'bag', [*told, *strains(6), *commands(6)]), ROBOT)
+    np.testing.assert_array_equal(log.command[:5, 0], [0, 10, 20, 30, 40])
+
+
 def test_names_are_read_in_every_message(tmp_path: Path) -> None:
     turned = [(topic, at, joint_state(START + 10**7 * k, JOINTS[::-1] if k % 2 else JOINTS,
                                       list(m.position[::-1] if k % 2 else m.position),

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
+import socket
 
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.logs.read import read_log
@@ -28,6 +30,27 @@ def test_files_that_are_no_logs(tmp_path: Path) -> None:
             read_log(tmp_path / name, ROBOT)
         assert f'{name}: {message}' in str(error.value)
         assert '\n' not in str(error.value)
+
+
+def test_what_waits_for_ever_when_opened_is_refused(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / 'pipe.csv')
+    (tmp_path / 'device.csv').symlink_to('/dev/zero')
+    (tmp_path / 'bag').mkdir()
+    (tmp_path / 'bag' / 'metadata.yaml').touch()
+    os.mkfifo(tmp_path / 'bag' / 'bag_0.mcap')
+    with socket.socket(socket.AF_UNIX) as own, pytest.MonkeyPatch.context() as patch:
+        patch.chdir(tmp_path)  # names of sockets are short
+        own.bind('socket.mcap')
+        for name, message in [
+                ('pipe.csv', 'pipe.csv: expected a file or a bag folder, got a FIFO'),
+                ('device.csv', 'device.csv: expected a file or a bag folder, got a device'),
+                ('socket.mcap', 'socket.mcap: expected a file or a bag folder, got a socket'),
+                ('bag', 'bag/bag_0.mcap: expected a file, got a FIFO')]:
+            with pytest.raises(InputError) as error:
+                read_log(name, ROBOT)
+            assert str(error.value) == message
+    with pytest.raises(InputError, match="or a YAML file, got .*pipe.csv', a FIFO"):
+        load_robot(tmp_path / 'pipe.csv')
 
 
 HEADER = 'time,command_1,command_2,joint_1,joint_2,strain_1a,strain_1b,strain_2a,strain_2b'

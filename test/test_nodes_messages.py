@@ -81,7 +81,9 @@ def test_what_is_not_finite_is_rejected_and_the_sample_still_answered(
         assert np.all(np.isfinite(values))
 
 
-def test_a_robot_without_effort_needs_a_command_topic(loop: RosLoop) -> None:
+@pytest.mark.parametrize('none', [(), (np.nan, np.nan)])
+def test_a_robot_without_effort_needs_a_command_topic(
+        loop: RosLoop, none: tuple[float, ...]) -> None:
     from msg_config.messages import joint_state
 
     innovation = loop.record('innovation')
@@ -91,14 +93,14 @@ def test_a_robot_without_effort_needs_a_command_topic(loop: RosLoop) -> None:
     loop.until(lambda: STEP in innovation.stamps)
     assert loop.call('payload_estimator', 'reset').success
     bench.answered(0)
-    bench.sample(1, effort=())
+    bench.sample(1, effort=none)
     loop.until(lambda: bench.node.rejected['joint_states'] == 1)
-    assert bench.node.last_rejection == ('joint_states: effort: expected 2 values, got 0, and no '
-                                         'command came on topic command yet')
+    assert bench.node.last_rejection == ('joint_states: effort: expected 2 numbers, got none, and '
+                                         'no command came on topic command yet')
     command = loop.publisher('command')
     command.publish(joint_state(0, JOINTS[::-1], effort=(-0.5, 0.5)))
-    loop.until(lambda: bench.node.commanded is not None)
-    bench.sample(1, effort=())
+    loop.until(lambda: bench.node.acting.sent is not None)
+    bench.sample(1, effort=none)
     loop.until(lambda: len([m for m in innovation if m.header.stamp.nanosec == STEP]) == 2)
     one, other = [m for m in innovation if m.header.stamp.nanosec == STEP]
     assert one == other

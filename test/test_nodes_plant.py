@@ -210,14 +210,24 @@ def test_two_arms_share_one_clock_and_none_in_real_time(ros_context: Context) ->
     from ros_loop import overrides, RosLoop
 
     loop = RosLoop(ros_context)
-    for namespace in ('left', 'right'):
-        loop.add(PlantSim, namespace=namespace, parameter_overrides=overrides(PAPER))
+    arms = [loop.add(PlantSim, namespace=namespace, parameter_overrides=overrides(PAPER))
+            for namespace in ('left', 'right')]
     loop.until(lambda: loop.observer.count_publishers('/clock') == 2)
     loop.until(lambda: loop.observer.count_publishers('/clock') == 1)
     diagnostics = loop.record('/diagnostics')
     names = {'left/plant_sim: command', 'right/plant_sim: command'}
     loop.until(lambda: names <= {s.name for m in diagnostics for s in m.status})
     assert {s.hardware_id for m in diagnostics for s in m.status} == {'reference'}
+
+    # When the arm that has the clock ends, the other one takes it over.
+    def owners() -> set[str]:
+        return {one.node_namespace for one in loop.observer.get_publishers_info_by_topic('/clock')}
+
+    (first,), clock = owners(), loop.record('/clock')
+    loop.stop(next(arm for arm in arms if arm.get_namespace() == first))
+    loop.until(lambda: owners() == {'/left', '/right'} - {first})
+    count = len(clock)
+    loop.until(lambda: len(clock) > count)
     loop.close()
 
 

@@ -7,7 +7,6 @@ from contextlib import contextmanager
 from dataclasses import replace
 from importlib import resources
 import json
-import os
 from pathlib import Path
 import signal
 import subprocess
@@ -29,6 +28,7 @@ from flex_plant_sim.simulation.replay import replay, start_rates
 from flex_plant_sim.simulation.simulator import Noise, simulate, Simulator
 from flex_plant_sim.tools import command_line
 from flex_plant_sim.tools import replay as tool
+from held_file import held
 from msg_config.errors import InputError
 import numpy as np
 import pytest
@@ -268,14 +268,12 @@ def started(*arguments: str) -> Iterator[subprocess.Popen[str]]:
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_leaves_nothing_behind(tmp_path: Path, number: signal.Signals) -> None:
-    """The log is a pipe that nobody fills, so the tool is surely running when it comes."""
-    os.mkfifo(tmp_path / 'log.csv')
-    with started(str(tmp_path / 'log.csv'), '--json', str(tmp_path / 'out.json')) as process:
-        # Opening for writing waits until the tool opens for reading.
-        with open(tmp_path / 'log.csv', 'w'):
-            time.sleep(0.1)
-            process.send_signal(number)
-            _, error = process.communicate(timeout=60)
+    """The log cannot be opened, so the tool is surely running when it comes."""
+    log = tmp_path / 'log.csv'
+    with held(log) as wait, started(str(log), '--json', str(tmp_path / 'out.json')) as process:
+        wait()
+        process.send_signal(number)
+        _, error = process.communicate(timeout=60)
     assert (process.returncode, error) == (130, 'interrupted\n')
     assert [path.name for path in tmp_path.iterdir()] == ['log.csv']
 

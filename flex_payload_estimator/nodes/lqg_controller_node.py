@@ -83,7 +83,7 @@ class LQGControllerNode(SampleNode):
         self._early_reference: tuple[JointTrajectory, SetPoints] | None = None
         super().__init__('lqg_controller', **options)
         # What was sent is applied, from the start on, where no effort says otherwise.
-        self.commanded = self.limiter.sent
+        self.acting.forget(self.limiter.sent)
         self._command = self.publisher('command')
         self._writer = MessageWriter(
             joint_state(0, self._efforts.names, effort=self.limiter.sent), 'header', 'effort')
@@ -148,10 +148,10 @@ class LQGControllerNode(SampleNode):
         if self._referenced and self._asked is not None:
             # A trajectory has its times; where time has leapt it would be driven once more.
             self.set_points = constant(*self._asked)
-        self.commanded = self.limiter.sent = np.zeros(2)
+        self.acting.forget(np.zeros(2))
         self._unusable, self._waiting, self._late, self._last_mass = 0, None, False, math.nan
         self._masses.clear()
-        self._wild = ''
+        self._wild, self.limiter.sent = '', np.zeros(2)
         self.watch.restart()
 
     def start_over(self) -> None:
@@ -263,7 +263,7 @@ class LQGControllerNode(SampleNode):
 
     def _send(self, command: Array, stamp: int, time: float) -> bytes:
         """Publish a command inside the limits; `time`, s, has passed since the last one."""
-        self.commanded = sent = self.limiter(command, time)
+        self.acting.send(stamp, sent := self.limiter(command, time))
         message = self._writer(*divmod(stamp, NANOSECONDS), *self._efforts.outside(sent).tolist())
         self.answer(message)
         return message

@@ -19,19 +19,13 @@ from flex_payload_estimator.nodes.measured_shape import MeasuredShape
 from flex_payload_estimator.nodes.model_health import HealthReport, ModelHealth
 from flex_payload_estimator.nodes.node_setup import announced_estimator
 from flex_payload_estimator.nodes.sample_node import Sample, SampleNode
+from flex_plant_sim.inputs.gate import refuse_command
 from flex_plant_sim.nodes.arm_markers import arm_markers
 from flex_plant_sim.simulation.nominal import model_words
 from flex_plant_sim.simulation.plant_setup import robot_of
 from msg_config.contract_node import DIAGNOSTICS_INTERVAL, MARKER_INTERVAL
 from msg_config.errors import InputError
-from msg_config.input_mapping import JOINTS
-from msg_config.messages import (
-    check_finite,
-    checked_stamp,
-    joint_state,
-    nanoseconds,
-    seconds,
-)
+from msg_config.messages import checked_stamp, joint_state, nanoseconds, seconds
 from msg_config.ros import Audience, PayloadPublisher
 from msg_config.time_stamp import NANOSECONDS
 from msg_config.wire import MessageWriter
@@ -95,7 +89,8 @@ class PayloadEstimatorNode(SampleNode):
         """Go back to the start: forget estimate and health."""
         self.estimator.reset()
         self.health.reset()
-        self.commanded = self._prepared = None
+        self._prepared = None
+        self.acting.forget()
         self._estimate, self._events = None, 0
 
     def take(self, sample: Sample) -> Any:
@@ -150,8 +145,10 @@ class PayloadEstimatorNode(SampleNode):
         """Predict before the next sample comes, with the command that is applied until then."""
         stamp = checked_stamp(message, 'command')
         command = self._efforts.pick(message.name, message.effort, 'command: effort')
-        check_finite(command, JOINTS, 'command: effort')
-        self.commanded = command
+        if not self.gate.takes(command):
+            refusal = refuse_command(command, self.gate.limits.command)
+            raise InputError(f'command: effort: {refusal.text}')
+        self.acting.send(stamp, command)
         if self._prepared != stamp == self.order.last:
             self._prepared = stamp
             self._computed(seconds(stamp), partial(self.estimator.prepare, command))

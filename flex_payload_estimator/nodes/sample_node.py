@@ -22,10 +22,9 @@ from flex_plant_sim.inputs.gate import Gate, refuse_command
 from flex_plant_sim.inputs.plausible import unit_hint
 from flex_plant_sim.inputs.stamps import LEAP, LOST, Order, StampOrder
 from flex_plant_sim.inputs.synchroniser import slop_of, Synchroniser
+from msg_config.acting_command import ActingCommand, NO_EFFORT, ZERO_TOLD
 from msg_config.contract import load_topics
 from msg_config.contract_node import ContractNode
-from msg_config.errors import InputError
-from msg_config.input_mapping import JOINTS
 from msg_config.messages import checked_stamp, nanoseconds, seconds
 from msg_config.ros import silent_topic
 import numpy as np
@@ -56,9 +55,8 @@ class SampleNode(ContractNode):
         Share of the queue that may stay filled before samples are passed over.
     unknown_commands : bool
         Whether samples come so seldom that joint_states lacks commands between them.
-    commanded : Array or None
-        The last command that this node sent or received, (2,). It is taken as the applied one
-        where joint_states has no effort, as on many robots.
+    acting : ActingCommand
+        Which command acted: the effort, or the last that this node sent or received.
 
     """
 
@@ -67,10 +65,9 @@ class SampleNode(ContractNode):
 
     def __init__(self, name: str, **options: Any):
         # With a provisional interval, until the robot is known.
-        self.order = StampOrder(LEAP)
+        self.order, self.acting = StampOrder(LEAP), ActingCommand()
         super().__init__(name, **options)
         self._answer: Any = None
-        self.commanded: Array | None = None
         self._last_applied = np.zeros(2)
         self._sample_at, self._paired_at = self.wall_time(), -math.inf
         self._output = self._doubted = np.empty(0)
@@ -143,7 +140,8 @@ class SampleNode(ContractNode):
         stamp = checked_stamp(message, 'joint_states')
         angle = self._joints.pick(message.name, message.position, 'joint_states: position')
         self._pair_up('joint_states', stamp,
-                      (angle, self._applied(message), self._velocity(message)))
+                      (angle, self.acting.until(stamp, self._effort(message)),
+                       self._velocity(message)))
 
     def _velocity(self, message: JointState) -> Array:
         """Return the joints' velocities, rad/s, (2,); NaN without one for each name."""
@@ -151,13 +149,10 @@ class SampleNode(ContractNode):
             return NO_VELOCITY
         return self._joints.pick_rate(message.name, message.velocity, 'joint_states: velocity')
 
-    def _applied(self, message: JointState) -> Array:
-        """Return the command applied up to this sample, (2,): the effort, or the last command."""
+    def _effort(self, message: JointState) -> Array:
+        """Return the effort in the drives' own unit, (2,); NaN where there is none."""
         if not len(message.effort):
-            if self.commanded is None:
-                raise InputError(f'joint_states: effort: expected {len(JOINTS)} values, got 0, '
-                                 'and no command came on topic command yet')
-            return self.commanded
+            return NO_EFFORT
         return self._efforts.pick(message.name, message.effort, 'joint_states: effort')
 
     def _on_strain(self, message: JointState) -> None:
@@ -248,7 +243,7 @@ class SampleNode(ContractNode):
         refusal = refuse_command(command, self.gate.limits.command)
         self.reject('joint_states', f'joint_states: effort: {refusal.text}',
                     'effort out of range')
-        return self._last_applied if self.commanded is None else self.commanded
+        return self._last_applied if self.acting.sent is None else self.acting.sent
 
     def _begin_afresh(self, last: int, sample: Sample) -> None:
         """Start again after a leap in time, from the stamp `last`, ns, to a sample."""
@@ -326,7 +321,9 @@ class SampleNode(ContractNode):
 
     def sample_status(self) -> DiagnosticStatus:
         """Return the status of the samples: lost, uneven, passed over, or why none comes."""
-        values = self._counts.values()
+        values = {**self._counts.values(), 'commands from': self.acting.source}
+        if self.acting.source == ZERO_TOLD:
+            self.warn_seldom('effort', f'commands are taken from {ZERO_TOLD}', math.inf)
         silence = self.silence()
         if silence:
             self.warn_seldom('silence', f'no sample: {silence}', SILENCE_INTERVAL)

@@ -42,19 +42,24 @@ def inputs_of(section: Section, gauges: Sequence[str]) -> InputMapping:
         _read_sources(section, 'gauges', gauges, STRAIN_UNITS), _read_topics(section),
         _read_time(section))
     section.close()
+    _check_columns(section, mapping.columns(gauges))
     return mapping
+
+
+def _check_columns(section: Section, columns: Mapping[str, str]) -> None:
+    """Raise InputError where two keys have one name; `columns` holds their names in CSV."""
+    keys: dict[str, str] = {}
+    for key, name in columns.items():
+        if name in keys:
+            raise InputError(f'{section.source}: {section.path}: expected each name once, got '
+                             f'{name!r} for {keys[name]} and {key}')
+        keys[name] = key
 
 
 def _read_sources(section: Section, kind: str, channels: Sequence[str],
                   units: Mapping[str, float]) -> dict[str, Source]:
     group = section.section(kind, {})
     found = {name: _read_source(group, name, units) for name in channels if name in group.data}
-    names = [source.name for source in found.values()]
-    for name in channels:
-        names += [] if name in found else [name]
-    for name in names:
-        if names.count(name) > 1:
-            raise InputError(f'{group.name(kind)}: expected each name once, got {name!r} twice')
     for name in channels:
         group.take(name, {})
     group.close()

@@ -20,6 +20,7 @@ from flex_plant_sim.arm.file_section import Section, shown
 from flex_plant_sim.arm.inputs_section import inputs_of
 from flex_plant_sim.arm.robot import EffectSpec, Link, Robot, Tolerances, UNLIMITED
 from flex_plant_sim.arm.safe_yaml import MAX_TEXT, read_yaml
+from flex_plant_sim.file_kind import FILE, file_kind, NOTHING
 from msg_config.errors import InputError
 
 # Limits of a robot file. The catalogue has fewer effects, counted at every site.
@@ -193,8 +194,9 @@ def robot_text(name_or_file: str | Path) -> str:
     name = str(name_or_file)
     if name in built_in_robots():
         return (resources.files('flex_plant_sim') / 'robots' / f'{name}.yaml').read_text()
-    if not os.path.isfile(name):  # Path.is_file raises if a name is too long
-        what = 'a folder' if os.path.isdir(name) else 'which is no file here'
+    kind = file_kind(name)
+    if kind != FILE:
+        what = 'which is no file here' if kind == NOTHING else kind
         raise InputError(f'robot: expected one of {", ".join(built_in_robots())} or a YAML '
                          f'file, got {name[:200]!r}, {what}')
     try:

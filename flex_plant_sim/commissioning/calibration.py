@@ -70,8 +70,9 @@ def calibrate(logs: Sequence[Log], robot: Robot, payload: float,
     Raises
     ------
     InputError
-        A log is too short, hardly anything moves in the logs, or an effect of the robot file says
-        that the payload is another one.
+        A log is too short, hardly anything moves in the logs, channels look exchanged, inverted,
+        not logged or in another unit, or an effect of the robot file says that the payload is
+        another one.
 
     """
     if any(spec.name == 'payload_mass' for spec in robot.effects):
@@ -86,6 +87,11 @@ def calibrate(logs: Sequence[Log], robot: Robot, payload: float,
     if still:
         raise InputError(f'{", ".join(log.source for log in logs)}: not calibrated: '
                          f'{" and ".join(still)} hardly moved. {MOVE_MORE}')
+    for log in logs:
+        if log.misread:
+            raise InputError(f'{log.source}: not calibrated, as it may not be what it was read as '
+                             f'({"; ".join(log.misread)}): mend `inputs:` of the robot file, or '
+                             'the log')
     begin()
     fit = RefinedFit.refine(CandidateSet((), (np.zeros(0),)), base, data).fit
     parts = part_priors(base.robot, payload)

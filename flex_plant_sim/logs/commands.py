@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.inputs.resample import Grid
 from flex_plant_sim.logs.bag_messages import Stamps, Stream
+from msg_config.acting_command import effort_acted
 from msg_config.input_mapping import InputMapping
 from msg_config.time_stamp import NANOSECONDS
 import numpy as np
@@ -62,7 +63,7 @@ class Commands:
         if joints.has('effort'):
             until, applied = joints.stamps, joints.values(channels, 'effort')
         found = cls(until, applied, command.stamps, sent)
-        if len(until) and not (np.isfinite(applied).all() and (applied.any() or not sent.any())):
+        if not effort_acted(applied, sent):
             found = cls(*none, command.stamps, sent)
         return found._with_note()
 

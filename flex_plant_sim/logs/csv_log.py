@@ -6,7 +6,6 @@ Reads and writes logs as CSV: one header row, then one row for each sample.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 import re
@@ -19,7 +18,7 @@ from flex_plant_sim.logs.log import Log
 from flex_plant_sim.logs.origin import csv_origin, write_origin
 from flex_plant_sim.logs.rows import Rows, to_log
 from msg_config.errors import InputError
-from msg_config.input_mapping import CONTRACT, InputMapping, JOINTS, TIME_UNITS
+from msg_config.input_mapping import CONTRACT, InputMapping, TIME_UNITS
 import numpy as np
 
 # What a column of strain is named.
@@ -42,7 +41,7 @@ def read_csv(path: Path, robot: Robot) -> Log:
 
     """
     table = read_table(path)
-    mapping, columns = robot.inputs, _columns(robot.inputs, robot.gauge_names)
+    mapping, columns = robot.inputs, list(robot.inputs.columns(robot.gauge_names).values())
     _check_columns(table, robot, columns)
     values = table.numbers(columns)
     joints, commands = mapping.joint_channels(), mapping.command_channels()
@@ -52,14 +51,6 @@ def read_csv(path: Path, robot: Robot) -> Log:
                 table.notes)
     log = to_log(_in_seconds(rows, robot), robot)
     return replace(log, origin=csv_origin(path))
-
-
-def _columns(mapping: InputMapping, gauges: Sequence[str]) -> list[str]:
-    """Return the column names of time, commands, joints and gauges, in this order."""
-    commands = [mapping.commands[own].name if own in mapping.commands else f'command_{k}'
-                for k, own in enumerate(JOINTS, start=1)]
-    return [mapping.time.name, *commands, *mapping.joint_channels().names,
-            *mapping.gauge_channels(gauges).names]
 
 
 def _in_seconds(rows: Rows, robot: Robot) -> Rows:
@@ -109,7 +100,7 @@ def write_csv(path: str | Path, log: Log, inputs: InputMapping = CONTRACT) -> No
                gauges.outside(log.strain)]
     with whole_file(path) as temporary:
         np.savetxt(temporary, np.hstack(columns), fmt='%.9g', delimiter=',',
-                   header=','.join(_columns(inputs, log.gauge_names)), comments='')
+                   header=','.join(inputs.columns(log.gauge_names).values()), comments='')
     if log.origin is not None:
         write_origin(Path(path), log.origin)
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Protocol
 
 from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.file_kind import FILE, file_kind, FOLDER, NOTHING
 from flex_plant_sim.logs.bag_log import read_bag
 from flex_plant_sim.logs.csv_log import read_csv
 from flex_plant_sim.logs.log import Log
@@ -46,10 +47,16 @@ def read_log(path: str | Path, robot: Robot) -> Log:
 
 
 def _reader(path: Path) -> LogReader:
-    if path.is_dir():
+    kind = file_kind(path)
+    if kind not in (FILE, FOLDER):
+        raise InputError(f'{path}: expected a file or a bag folder, got {kind}')
+    if kind == FOLDER:
         if not (path / 'metadata.yaml').is_file():
             raise InputError(f'{path}: expected a rosbag2, got a folder without metadata.yaml '
                              '(`ros2 bag reindex` makes one)')
+        for item in sorted(path.iterdir()):
+            if file_kind(item) not in (FILE, FOLDER, NOTHING):
+                raise InputError(f'{item}: expected a file, got {file_kind(item)}')
         return read_bag
     suffix = path.suffix.lower()
     if suffix in ('.mcap', '.db3'):

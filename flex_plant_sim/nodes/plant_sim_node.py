@@ -60,8 +60,8 @@ class PlantSim(ContractNode):
         self._strain = self.publisher('strain')
         self._markers = self.publisher('arm_markers')
         self._seen = Audience(self._markers)
-        self._clock_out = self.publisher('/clock') if (
-            self._lockstep and self.values['publish_clock']) else None
+        self._tells_time = self._lockstep and self.values['publish_clock']
+        self._clock_out = self.publisher('/clock') if self._tells_time else None
         inputs = self.simulator.arm.robot.inputs
         self._joints, self._gauges = inputs.joint_channels(), inputs.gauge_channels(gauges)
         self._efforts = inputs.command_channels()
@@ -267,16 +267,23 @@ class PlantSim(ContractNode):
                    self.get_name(), self.get_namespace())]
         return bool(own) and any(bytes(info.endpoint_gid) < min(own) for info in infos)
 
+    def _share_clock(self) -> None:
+        """Leave /clock to one arm, and publish it again when nobody else does any more."""
+        if self._clock_out is not None and self._another_clock():
+            self.destroy_publisher(self._clock_out)
+            self._clock_out = None
+            self.get_logger().warning('/clock: another arm publishes it; this one no longer does')
+        elif self._tells_time and self._clock_out is None and not self.count_publishers('/clock'):
+            self._clock_out = self.publisher('/clock')
+            self.get_logger().warning('/clock: nobody publishes it; this arm does again')
+
     @property
     def _now(self) -> str:
         return f'{self.simulator.time:.6g} s'
 
     def _report(self) -> None:
-        """Publish the diagnostics of the commands, and leave /clock to one arm."""
-        if self._clock_out is not None and self._another_clock():
-            self.destroy_publisher(self._clock_out)
-            self._clock_out = None
-            self.get_logger().warning('/clock: another arm publishes it; this one no longer does')
+        """Publish the diagnostics of the commands, once /clock is shared."""
+        self._share_clock()
         quiet = self._latest_stamp < 0 or (
             seconds(self._stamp - self._latest_stamp) > COMMAND_TIMEOUT)
         waiting = self.wall_time() - self._resend_at > DIAGNOSTICS_INTERVAL
