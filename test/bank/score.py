@@ -14,18 +14,15 @@ from truth.effects import CATALOGUE
 Z = 1.959964
 # Names in a stated set that still counts as an answer.
 LARGEST_SET = 3
-# Probability from which a cause is stated surely.
-SURE = 0.9
-# The same of the firmest statements, as no name is stated at more than 0.88.
-FIRM = 0.8
+# Probability from which a cause is stated surely: none is stated at more than 0.88.
+SURE = 0.8
 # Bins of the calibration error, and random draws for what it would be by chance.
 BINS = 5
 DRAWS = 2000
 # Share of a number of detection limits from which a size counts as that number.
 NEARLY = 0.9
-# Probability that the log-score gives to a name that an answer does not mention: a hundredth of
-# the doubt that a sure answer leaves (1 - SURE).
-UNMENTIONED = 0.01 * (1.0 - SURE)
+# Probability that the log-score gives to a name that an answer does not mention.
+UNMENTIONED = 0.001
 
 Line = dict[str, Any]
 
@@ -141,16 +138,8 @@ def doubtful(line: Line) -> bool:
 
 
 def surely_wrong(line: Line) -> bool:
-    """Return whether an effect is stated surely that is neither hidden nor a distractor."""
-    return not doubtful(line) and any(
-        cause['probability'] >= SURE and not is_hidden(line, cause['name'])
-        and cause['name'] not in line.get('distractors', [])
-        for cause in line.get('causes', []))
-
-
-def firmly_wrong(line: Line) -> bool:
-    """Return whether a name is stated firmly that is neither hidden nor a distractor."""
-    return any(cause['probability'] >= FIRM and not is_hidden(line, cause['name'])
+    """Return whether a name is stated surely that is neither hidden nor a distractor."""
+    return any(cause['probability'] >= SURE and not is_hidden(line, cause['name'])
                and cause['name'] not in line.get('distractors', [])
                for cause in line.get('causes', []))
 
