@@ -14,7 +14,7 @@ from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
-from flex_plant_sim.diagnosis.verdict.detection import detection_limits, visible_size
+from flex_plant_sim.diagnosis.verdict.detection import CLOSE, detection_limits, visible_size
 from flex_plant_sim.diagnosis.verdict.verdict import nominal_base, slowest_frequency
 from flex_plant_sim.effects import catalogue
 import numpy as np
@@ -26,8 +26,8 @@ from truth.records import HAVE_MUJOCO, make_record, MUJOCO, NO_MUJOCO, TruthCase
 # Friction and what imitates it while the gauge is wrong, too; what parts may undo; an event.
 ASKED = ('viscous_friction', 'actuator_gain', 'strain_gain', 'link_stiffness', 'payload_change')
 HIDDEN = ('viscous_friction:joint_2:damping_n_m_s=3', 'strain_gain:strain_2a:factor=0.8')
-# Of these five effects: 372, of them 33 each time that the parts' Jacobian is taken.
-MOST_PASSES = 400
+# Of these five effects: 401, of them 33 each time that the parts' Jacobian is taken.
+MOST_PASSES = 430
 
 # All but what something unknown leaves of a probability.
 SURE = 0.99 / (1.0 + imitation_odds())
@@ -213,7 +213,7 @@ def test_a_limit_of_commands_shows_only_where_commands_reach_it(
         limits = detection_limits(found.proposals, REFERENCE, data.duration, found.information)
     for joint, reached in enumerate(np.abs(data.windows[0].record.command).max(axis=0)):
         inverse = limits[f'actuator_saturation:joint_{joint + 1}'][0]
-        assert 0.3 * reached < 1.0 / inverse < reached
+        assert 0.3 * reached < 1.0 / inverse < (1.0 + CLOSE) * reached
 
 
 @pytest.mark.parametrize('guess', [0.01, 0.5, 1.2, 30.0])
