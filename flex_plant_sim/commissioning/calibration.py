@@ -87,11 +87,7 @@ def calibrate(logs: Sequence[Log], robot: Robot, payload: float,
     if still:
         raise InputError(f'{", ".join(log.source for log in logs)}: not calibrated: '
                          f'{" and ".join(still)} hardly moved. {MOVE_MORE}')
-    for log in logs:
-        if log.misread:
-            raise InputError(f'{log.source}: not calibrated, as it may not be what it was read as '
-                             f'({"; ".join(log.misread)}): mend `inputs:` of the robot file, or '
-                             'the log')
+    _refuse_misread(logs)
     begin()
     fit = RefinedFit.refine(CandidateSet((), (np.zeros(0),)), base, data).fit
     parts = part_priors(base.robot, payload)
@@ -105,6 +101,14 @@ def calibrate(logs: Sequence[Log], robot: Robot, payload: float,
                     tolerances=robot.tolerances, sample_time=robot.sample_time,
                     effects=specs(merged_readings((*base.effects, *sensors))))
     return Calibration(found, estimates)
+
+
+def _refuse_misread(logs: Sequence[Log]) -> None:
+    for log in logs:
+        if log.misread:
+            raise InputError(f'{log.source}: not calibrated, as it may not be what it was read as '
+                             f'({"; ".join(log.misread)}): mend `inputs:` of the robot file, or '
+                             'the log')
 
 
 def notable(part: PartEstimate) -> bool:
