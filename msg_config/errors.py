@@ -1,5 +1,7 @@
-"""The error that bad input raises everywhere, and text that is safe for any terminal."""
+"""The error that bad input raises everywhere, exit codes, and text safe for any terminal."""
 
+# Exit codes: 1 as Python itself uses, 2 as argparse, and EX_TEMPFAIL of sysexits.h.
+UNFORESEEN, BAD_INPUT, MACHINE = 1, 2, 75
 # Largest number of characters of an error: four lines of a terminal.
 LONGEST = 300
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from importlib.metadata import version
 import json
 import os
 from pathlib import Path
@@ -91,7 +92,7 @@ def test_a_log_without_end_is_given_up(tmp_path: Path) -> None:
     task = LogTask('a', str(log), 'reference', str(tmp_path / 'page'), timeout=1.0)
     with held(log):
         row = diagnose_and_weigh(task)
-    assert row.error == 'diagnose: given up after 1 s' and not row.verdict
+    assert row.error == 'estimate: given up after 1 s' and not row.verdict and row.again
     assert row.seconds < 2.0, 'both tools share the time'
 
 
@@ -100,14 +101,14 @@ def test_a_log_that_is_a_pipe_is_one_row(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / 'night' / 'pipe.csv')
     (_, log), = logs_below([str(tmp_path / 'night')], tmp_path / 'out')
     row = diagnose_and_weigh(LogTask('a', str(log), 'reference', str(tmp_path / 'page')))
-    assert row.error == 'diagnose: expected a file or a bag folder, got a FIFO'
+    assert row.error == 'diagnose: expected a file or a bag folder, got a FIFO' and not row.again
 
 
 WORKER = """
 import sys
 from flex_payload_estimator.fleet.log_task import diagnose_and_weigh, LogTask
 row = diagnose_and_weigh(LogTask('a', sys.argv[1], 'reference', sys.argv[2]))
-print(row.killed, row.error)
+print(row.again, row.error)
 """
 
 
@@ -184,13 +185,41 @@ def test_a_log_keeps_its_page_when_others_join(tmp_path: Path) -> None:
     assert before.items() <= after.items() and len(set(after.values())) == 3
 
 
-def test_a_log_that_was_given_up_is_new_with_more_time(tmp_path: Path) -> None:
+def test_what_was_given_up_is_done_again_and_what_was_not_needs_no_more_time(
+        tmp_path: Path) -> None:
     short, long = (LogTask('arm', str(tmp_path / 'log.csv'), 'reference', str(tmp_path / 'page'),
                            timeout=timeout) for timeout in (1.0, 600.0))
     journal = Journal(tmp_path / 'out')
-    journal.add(short, Row('arm', short.log, error='given up'))
-    assert run([short], journal, None, 1)[0].error == 'given up'
+    journal.add(short, Row('arm', short.log, error='given up', again=True))
     assert 'does not exist' in run([long], journal, None, 1)[0].error
+    assert 'does not exist' in run([short], journal, None, 1)[0].error
+    assert len(journal.file.read_text().splitlines()) == 2
+
+
+def test_only_what_log_and_program_decide_is_remembered(
+        tmp_path: Path, repository: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / '1.mcap').write_bytes(b'no bag')
+    (tmp_path / 'bare').mkdir()
+    (tmp_path / 'bare' / 'rosbags.py').write_text('raise ImportError')
+    task = LogTask('a', str(tmp_path / '1.mcap'), 'reference', str(tmp_path / 'page'))
+    journal = Journal(tmp_path / 'out')
+    for path, error, count in ((tmp_path / 'bare', 'needs the package rosbags', 0),
+                               (repository, 'expected a rosbag2', 1)):
+        monkeypatch.setenv('PYTHONPATH', f'{path}{os.pathsep}{repository}')
+        row = diagnose_and_weigh(task)
+        journal.add(task, row)
+        assert error in row.error and len(journal.rows()) == count
+    older = journal.file.read_text().replace(f'["{version("flex_payload")}"', '["0.0.9"')
+    journal.file.write_text(older)
+    assert not journal.rows(), 'another version may answer otherwise'
+
+
+def test_a_tool_without_memory_is_run_again(tmp_path: Path) -> None:
+    _log_at_rest(tmp_path / '1.csv', 1)
+    said = subprocess.run(
+        ['bash', '-c', 'ulimit -v 500000; exec "$@"', '', sys.executable, '-c', WORKER,
+         str(tmp_path / '1.csv'), str(tmp_path / 'page')], text=True, capture_output=True)
+    assert said.stdout == 'True estimate: ulimit -v: expected at least 600000, got 500000\n', said
 
 
 def test_names_of_any_bytes_cost_no_table(tmp_path: Path) -> None:
@@ -224,7 +253,7 @@ def test_a_line_cut_short_by_a_kill_loses_only_itself(tmp_path: Path) -> None:
     tasks = [LogTask('a', f'{k}.csv', 'reference', 'page') for k in range(3)]
     journal.add(tasks[0], Row('a', '0.csv', 'cause', causes=('backlash:joint_1',)))
     with journal.file.open('a') as file:
-        file.write(json.dumps([tasks[1].key, {'arm': 'a'}])[:-9])
+        file.write(json.dumps(['0.1.0', tasks[1].key, {'arm': 'a'}])[:-9])
     journal.add(tasks[2], Row('a', '2.csv'))
     rows = Journal(tmp_path / 'out').rows()
     assert set(rows) == {tasks[0].key, tasks[2].key}
@@ -270,8 +299,8 @@ def test_each_setting_has_its_page_and_each_arm_its_name(tmp_path: Path) -> None
 
 def test_what_was_killed_is_done_again_and_a_damaged_line_is_passed_over(tmp_path: Path) -> None:
     journal = Journal(tmp_path / 'out')
-    for name, killed in (('a', True), ('b', False)):
-        journal.add(LogTask(name, name, 'reference', ''), Row(name, name, killed=killed))
+    for name, again in (('a', True), ('b', False)):
+        journal.add(LogTask(name, name, 'reference', ''), Row(name, name, again=again))
     with journal.file.open('ab') as file:
         file.write(b'\xff\xfe\n')
     assert [row.log for row in journal.rows().values()] == ['b']

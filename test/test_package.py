@@ -241,5 +241,5 @@ def test_too_little_memory_to_load_anything_is_one_line(repository: Path) -> Non
     result = subprocess.run(
         ['bash', '-c', f'ulimit -v 300000; exec {sys.executable} -m flex_plant_sim.tools.robot'],
         cwd=repository, text=True, capture_output=True)
-    assert (result.returncode, result.stdout) == (2, '')
+    assert (result.returncode, result.stdout) == (75, '')
     assert result.stderr == 'error: ulimit -v: expected at least 600000, got 300000\n'

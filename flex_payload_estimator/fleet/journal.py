@@ -8,6 +8,7 @@ import os
 from pathlib import Path
 
 from flex_payload_estimator.fleet.log_task import LogTask, Row
+from flex_plant_sim.tools.command_line import package_version
 from msg_config.errors import InputError
 
 FILE = 'fleet.jsonl'
@@ -43,15 +44,16 @@ class Journal:
             raise InputError(f'{folder}: expected a writable folder, got: {error}') from None
 
     def rows(self) -> dict[str, Row]:
-        """Return the rows by their task's key, without what a kill cut short or ended."""
+        """Return this version's rows by their task's key, without what is to be done again."""
         found = {}
         for line in self.file.read_text(encoding='utf-8', errors='replace').splitlines():
             try:
-                key, row = json.loads(line)
-                found[key] = Row(**{**row, 'causes': tuple(row['causes'])})
+                number, key, row = json.loads(line)
+                found[number, key] = Row(**{**row, 'causes': tuple(row['causes'])})
             except (ValueError, TypeError, KeyError):
                 continue
-        return {key: row for key, row in found.items() if not row.killed}
+        return {key: row for (number, key), row in found.items()
+                if number == package_version() and not row.again}
 
     def add(self, task: LogTask, row: Row) -> None:
         """
@@ -67,7 +69,7 @@ class Journal:
             with self.file.open('a', encoding='utf-8') as file:
                 # A line that a kill cut short must not swallow this one.
                 file.write('\n' if file.tell() and not self._ends_with_newline() else '')
-                file.write(json.dumps([task.key, asdict(row)]) + '\n')
+                file.write(json.dumps([package_version(), task.key, asdict(row)]) + '\n')
                 file.flush()
                 os.fsync(file.fileno())
         except OSError as error:

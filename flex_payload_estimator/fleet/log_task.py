@@ -13,15 +13,12 @@ import sys
 import time
 from typing import Any
 
-from flex_plant_sim.quiet_signals import INTERRUPTED
-from msg_config.errors import LONGEST
+from msg_config.errors import BAD_INPUT, LONGEST
 
 # Runs a tool so that it ends with the worker that waits for it.
 BOUND = 'flex_payload_estimator.tools.bound'
 DIAGNOSE = 'flex_payload_estimator.tools.diagnose'
 ESTIMATE = 'flex_payload_estimator.tools.estimate'
-# What is said of a tool that a signal ended.
-KILLED = 'killed by signal'
 
 
 @dataclass(frozen=True)
@@ -65,7 +62,7 @@ class LogTask:
     @property
     def settings(self) -> str:
         """Return the log and what it is diagnosed with."""
-        return json.dumps([self.log, self.robot, self.payload, self.timeout])
+        return json.dumps([self.log, self.robot, self.payload])
 
 
 @dataclass(frozen=True)
@@ -92,8 +89,9 @@ class Row:
         Time that the log took, s.
     error : str
         One line, where anything failed.
-    killed : bool
-        Whether a signal ended a tool, or the worker: the log is done again at the next start.
+    again : bool
+        Whether log, robot and settings may not be to blame, as after a signal or `timeout`, or
+        without memory: the log is done again at the next start.
 
     """
 
@@ -109,25 +107,25 @@ class Row:
     report: str = ''
     seconds: float = 0.0
     error: str = ''
-    killed: bool = False
+    again: bool = False
 
 
 def diagnose_and_weigh(task: LogTask) -> Row:
     """
     Return the row of a log; a failure of log or tool is told in the row, not raised.
 
-    A signal to a tool ends the work on the log.
+    What is to be done again ends the work on the log.
     """
     started = time.monotonic()
     told = [] if task.payload is None else ['--payload', str(task.payload)]
     page = Path(task.report)
     page.mkdir(parents=True, exist_ok=True)
     # A log that cannot be diagnosed may still be weighed.
-    weight, error, killed = _run_tool(task, ESTIMATE, [], started)
+    weight, error, again = _run_tool(task, ESTIMATE, [], started)
     diagnosis: dict[str, Any] = {}
     wrong = ''
-    if not killed:
-        diagnosis, wrong, killed = _run_tool(
+    if not again:
+        diagnosis, wrong, again = _run_tool(
             task, DIAGNOSE, [*told, '--jobs', '1', '--report', str(page)], started)
     if task.present_key() != task.key:
         # Whatever the tools say of one that is still being copied.
@@ -139,13 +137,13 @@ def diagnose_and_weigh(task: LogTask) -> Row:
         causes[0]['probability'] if causes else None, weight.get('mass_kg'),
         weight.get('std_kg'), weight.get('status', ''),
         str(page / 'report.html') if diagnosis else '',
-        time.monotonic() - started, wrong or error, killed)
+        time.monotonic() - started, wrong or error, again)
 
 
 def _run_tool(task: LogTask, module: str, options: Sequence[str], started: float
               ) -> tuple[dict[str, Any], str, bool]:
     """
-    Return a tool's JSON on the log, or an empty one and its error, and whether a signal ended it.
+    Return a tool's JSON on the log, or an empty one, its error, and whether to do it again.
 
     The error is one line. Both tools share the task's time, from `started` on, s of the monotonic
     clock.
@@ -160,7 +158,7 @@ def _run_tool(task: LogTask, module: str, options: Sequence[str], started: float
                               text=True, errors='replace',
                               timeout=max(task.timeout - (time.monotonic() - started), 0.0))
     except subprocess.TimeoutExpired:
-        return {}, f'{tool}: given up after {task.timeout:g} s', False
+        return {}, f'{tool}: given up after {task.timeout:g} s', True
     if done.returncode == 0 and file.is_file():
         answer: dict[str, Any] = json.loads(file.read_text(encoding='utf-8'))
         file.unlink()
@@ -168,10 +166,9 @@ def _run_tool(task: LogTask, module: str, options: Sequence[str], started: float
     lines = [line for line in done.stderr.splitlines() if line.strip()]
     last = lines[-1] if lines else f'exit code {done.returncode}'
     if done.returncode < 0:
-        last = f'{KILLED} {-done.returncode}'
+        last = f'killed by signal {-done.returncode}'
     last = last.removeprefix('error: ').removeprefix(f'{task.log}: ')
-    killed = done.returncode < 0 or done.returncode == INTERRUPTED
-    return {}, f'{tool}: {last}'[:LONGEST], killed
+    return {}, f'{tool}: {last}'[:LONGEST], done.returncode != BAD_INPUT
 
 
 def _stamp(path: Path) -> list[float]:

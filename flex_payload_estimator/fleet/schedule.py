@@ -80,5 +80,5 @@ def completed_rows(client: Any, tasks: Sequence[LogTask]) -> Iterator[tuple[LogT
         error = future.exception()
         yield task, future.result() if error is None else Row(
             task.arm, task.log, error=f'worker: {" ".join(str(error).split())}'[:300],
-            killed=True)
+            again=True)
         hand_out(1)

@@ -11,7 +11,6 @@ import argparse
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from importlib.metadata import PackageNotFoundError, version
 import os
 from pathlib import Path
 from shutil import get_terminal_size
@@ -192,10 +191,6 @@ def progress_bar() -> Iterator[Progress]:
 def settings_of(arguments: argparse.Namespace, robot: Robot, logs: Sequence[Log],
                 every: int) -> dict[str, Any]:
     """Return the settings of the run, for report and JSON; one sample of `every` was used."""
-    try:
-        number = version('flex_payload')
-    except PackageNotFoundError:
-        number = 'not installed'
     told = robot.payload_mass if arguments.payload is None else arguments.payload
     described = [f'{log.source}: {len(log)} samples, '
                  f'{log.time[-1] - log.time[0] + log.sample_time:.4g} s at '
@@ -204,7 +199,7 @@ def settings_of(arguments: argparse.Namespace, robot: Robot, logs: Sequence[Log]
         'logs': described, 'robot': f'{robot.name} ({arguments.robot})',
         'model': arguments.model, 'modes': arguments.modes, 'payload_told_kg': told,
         'coriolis': _coriolis(arguments, robot), 'excluded': list(arguments.exclude),
-        'jobs': arguments.jobs, 'seed': arguments.seed, 'version': number}
+        'jobs': arguments.jobs, 'seed': arguments.seed, 'version': command_line.package_version()}
 
 
 def _used(every: int) -> str:

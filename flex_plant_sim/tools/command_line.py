@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Mapping
+import errno
+from functools import cache
 import gc
 import io
 import json
@@ -22,10 +24,11 @@ from flex_plant_sim.atomic_file import AUTHOR, whole_file
 from flex_plant_sim.quiet_signals import INTERRUPTED, interruptible
 from flex_plant_sim.simulation.nominal import nominal_robot, WITH_CORIOLIS
 from flex_plant_sim.tools.outputs import forget_standard_output
-from msg_config.errors import InputError
+from msg_config.errors import BAD_INPUT, InputError, MACHINE, UNFORESEEN
 
-# Exit codes: 1 as Python itself uses, and 2 as argparse.
-UNFORESEEN, BAD_INPUT = 1, 2
+# Errors of a machine that may do the same later. A damaged file raises further ones.
+MACHINE_ERRORS = (errno.EACCES, errno.EAGAIN, errno.EDQUOT, errno.EIO, errno.EMFILE, errno.ENFILE,
+                  errno.ENOMEM, errno.ENOSPC, errno.EROFS, errno.ESTALE, errno.ETIMEDOUT)
 TRACEBACK = 'FLEX_TRACEBACK'
 # Largest payload, kg, as in a robot file.
 LARGEST_MASS = PLAUSIBLE['mass_kg'][1]
@@ -169,6 +172,17 @@ def mass(text: str) -> float:
     return value
 
 
+@cache
+def package_version() -> str:
+    """Return the version of the package, which need not be installed."""
+    # Takes as long to import as all else here.
+    from importlib.metadata import PackageNotFoundError, version
+    try:
+        return version(AUTHOR)
+    except PackageNotFoundError:
+        return 'not installed'
+
+
 def write_json(path: str | Path, results: Mapping[str, Any]) -> None:
     """
     Write results as JSON, whole or not at all; a number that is not finite becomes null.
@@ -196,7 +210,8 @@ def run(main: Callable[[], int | None]) -> int:
     """
     Run a tool and return its exit code: its own or 0, 2 after bad input, 130 after a signal.
 
-    Any error is reported in one line on stderr. The signals are Ctrl-C, SIGTERM and SIGHUP. An
+    It is 75 where the machine failed: memory, room, rights or a package are missing. Any error is
+    reported in one line on stderr. The signals are Ctrl-C, SIGTERM and SIGHUP. An
     unforeseen error gives 1; its traceback is shown if the environment variable FLEX_TRACEBACK is
     set.
     """
@@ -210,23 +225,33 @@ def run(main: Callable[[], int | None]) -> int:
             sys.stdout.flush()
             return code
     except InputError as error:
-        return _print_error(str(error), BAD_INPUT)
+        return _print_error(str(error), _code_of(error))
     except KeyboardInterrupt:
         return _print_error('interrupted', INTERRUPTED, '')
     except MemoryError:
-        return _print_error('out of memory', BAD_INPUT)
+        return _print_error('out of memory', MACHINE)
     except BrokenPipeError:
         forget_standard_output()
         return _print_error('standard output: nobody reads it any more', BAD_INPUT)
     except OSError as error:
         forget_standard_output()
         return _print_error(f'{error.filename or "standard output"}: {error.strerror or error}',
-                            BAD_INPUT)
+                            _code_of(error))
     except Exception as error:  # noqa: B902  a tool ends with a result or one line
         if os.environ.get(TRACEBACK):
             raise
         return _print_error(f'unforeseen {type(error).__name__}: {error} '
                             f'(set {TRACEBACK}=1 to see where)', UNFORESEEN)
+
+
+def _code_of(error: BaseException | None) -> int:
+    """Return the exit code of a bad input or of the machine's error that it was made of."""
+    while error is not None:
+        # Of a MemoryError, an InputError is made where a log needs more than any may.
+        if isinstance(error, ImportError) or getattr(error, 'errno', None) in MACHINE_ERRORS:
+            return MACHINE
+        error = error.__cause__ or error.__context__
+    return BAD_INPUT
 
 
 def _replace_unencodable() -> None:

@@ -151,7 +151,7 @@ def results() -> Iterator[Callable[..., Any]]:
         At the end of the block: the first that was unforeseen, which costs no other output either.
 
     """
-    failed: list[str] = []
+    failed: dict[str, Exception] = {}
     unforeseen: list[Exception] = []
 
     def write(writer: Callable[..., Any], *arguments: Any) -> Any:
@@ -161,10 +161,11 @@ def results() -> Iterator[Callable[..., Any]]:
                 sys.stdout.flush()
             return found
         except InputError as error:
-            failed.append(str(error))
+            failed[str(error)] = error
         except OSError as error:
             where = 'standard output' if writer is print else arguments[0]
-            failed.append(f'{where}: expected a writable place, got: {error.strerror or error}')
+            reason = error.strerror or error
+            failed[f'{where}: expected a writable place, got: {reason}'] = error
             if writer is print:
                 forget_standard_output()
         except Exception as error:  # noqa: B902  the others are written first
@@ -175,7 +176,7 @@ def results() -> Iterator[Callable[..., Any]]:
     if unforeseen:
         raise unforeseen[0]
     if failed:
-        raise InputError('; '.join(dict.fromkeys(failed)))
+        raise InputError('; '.join(failed)) from next(iter(failed.values()))
 
 
 def forget_standard_output() -> None:

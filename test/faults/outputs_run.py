@@ -147,7 +147,7 @@ def strike(name: str, target: str, place: Path) -> Counter[str]:
     new = sorted(set(after) - set(before))
     fills = '/fills/' in target
     half = len([path for path in new if '/.' in path]) if fills else len(new)
-    line = code == 2 and error.splitlines()[-1:] and error.splitlines()[-1].startswith('error: ')
+    line = code in (2, 75) and error.rstrip().rpartition('\n')[2].startswith('error: ')
     bad = Counter(lost=lost, half=half, traceback=int('Traceback' in error),
                   other=int(not line and not (fills and code == 0)))
     if bad.total():
