@@ -225,6 +225,20 @@ def test_a_long_gap_leaves_the_longest_stretch() -> None:
         even_grid(np.array([0.0, 0.01, 0.02, 0.0205, 0.03, 0.04]), 'log')
 
 
+@pytest.mark.parametrize('time, words', [
+    # Stamps that jitter by 0.3 T to either side.
+    (0.01 * (np.arange(300) + np.random.default_rng(1).uniform(-0.3, 0.3, 300)),
+     r'row \d+: time: expected 0\.0\d+ s after the row before, at least half of it, got 0\.004'),
+    (0.01 * np.arange(300) + 0.005 * (np.arange(300) == 100),
+     r'row 100: time: expected .* every 0\.00999\d+ s, at most 0\.4 of it off, got one 0\.00498'),
+    (0.01 * np.cumsum(1.0 + (np.arange(300) % 5 == 0)),
+     r'row 5: time: expected 0.01 s .* 59 of 359 samples are lost, at most 10% may be')])
+def test_times_that_are_too_uneven_are_told_with_the_limit(time: Array, words: str) -> None:
+    with pytest.raises(InputError, match=words) as refused:
+        even_grid(time, 'log.csv')
+    assert 'lost' in words or 'stamp samples when they are taken' in str(refused.value)
+
+
 def test_limits_follow_from_the_robot_file() -> None:
     limits = Limits.of(QUANSER)
     # Half a turn with 8.925 x 0.94 N m on rotor and link; a quarter turn of the tip: pi b / (2 L),

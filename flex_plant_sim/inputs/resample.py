@@ -24,6 +24,8 @@ JITTER = 0.4
 BRIDGED = 3
 # Largest share of all samples that may be lost; more is not an accident.
 LOST = 0.1
+# What to do about stamps from which no order of the samples follows.
+UNEVEN = 'stamp samples when they are taken, and keep the rows of one publisher'
 # Least share of the samples that a record must keep for findings to apply to the whole record.
 KEPT = 0.9
 
@@ -104,25 +106,25 @@ def even_grid(time: Array, source: str, row: Callable[[int], str] = 'row {}'.for
     # The lower median, because lost samples only lengthen intervals.
     usual = float(np.sort(interval)[(len(interval) - 1) // 2])
     steps = np.rint(interval / usual)
-    # Intervals that are no multiple of the first guess of T would move samples off their places.
-    off = (np.abs(interval - steps * usual) > 2.0 * JITTER * usual) & (steps <= BRIDGED + 1)
-    if steps.min() < 1 or off.any():
-        k = int(np.argmax((steps < 1) | off))
+    if steps.min() < 1:
+        k = int(np.argmax(steps < 1))
         raise InputError(f'{source}: {row(k + 1)}: time: expected {usual:.6g} s after the row '
-                         f'before, got {interval[k]:.6g} s')
+                         f'before, at least half of it, got {interval[k]:.6g} s; {UNEVEN}')
     first, last = _longest_stretch(steps)
     place = np.concatenate([[0], np.cumsum(steps[first:last - 1])]).astype(np.int64)
     slope, start = _fit_line(place, time[first:last])
-    jitter = float(np.max(np.abs(time[first:last] - start - slope * place)))
+    apart = np.abs(time[first:last] - start - slope * place)
+    k = first + int(np.argmax(apart))
+    jitter = float(apart.max())
     if jitter > JITTER * slope:
-        raise InputError(f'{source}: time: expected a sample every {slope:.6g} s, got some '
-                         f'{jitter:.3g} s from their place')
+        raise InputError(f'{source}: {row(k)}: time: expected a sample every {slope:.6g} s, at '
+                         f'most {JITTER:g} of it off, got one {jitter:.3g} s off; {UNEVEN}')
     grid = Grid(slope, place, start, first, last, jitter, len(time) - (last - first))
     if grid.lost > LOST * grid.samples:
         k = first + int(np.argmax(np.diff(place) > 1))
         raise InputError(f'{source}: {row(k + 1)}: time: expected {usual:.6g} s after the row '
                          f'before, got {interval[k]:.6g} s; {grid.lost} of {grid.samples} '
-                         'samples are lost')
+                         f'samples are lost, at most {LOST:.0%} may be')
     return grid
 
 
