@@ -184,6 +184,16 @@ def read_angles(folder: Path, angle: np.ndarray) -> Log:
     return read_log(folder / 'a.csv', replace(ROBOT, angle_limits=((-0.5, 0.5), (-1.0, 1.0))))
 
 
+def test_two_sources_in_turn_are_no_angles_in_degrees(tmp_path: Path) -> None:
+    apart = np.linspace(0.0, 3.0, 400) * (np.arange(400) % 2)
+    rows = np.zeros((400, 9))
+    rows[:, 0], rows[:, 4] = 0.005 * np.arange(400), np.sin(0.01 * np.arange(400)) + apart
+    np.savetxt(tmp_path / 'a.csv', rows, delimiter=',', header=HEADER, comments='')
+    with pytest.raises(InputError, match=r'joint_2: expected at most .* rad/s, got a step .* '
+                                         r'\(do two publishers alternate\? keep the rows of one'):
+        read_log(tmp_path / 'a.csv', ROBOT)
+
+
 def test_only_what_is_far_beyond_its_limits_is_taken_for_another_unit(tmp_path: Path) -> None:
     swing = np.sin(0.02 * np.arange(400.0))
     with pytest.raises(InputError, match=r'joint_1: expected .* rad, got 0\.5\d+; '):

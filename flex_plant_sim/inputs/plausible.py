@@ -28,6 +28,9 @@ UNITS = {'rad': DEGREES, 'rad/s': DEGREES,
 # How far beyond its bounds, over their distance, a number may be in the right unit: an undamped
 # joint that is sent from one to the other overshoots by as much.
 OVERSHOOT = 1.0
+# Largest ratio of what a channel changes over two rows to what it does over one, where two sources
+# alternate: noise has 1, and what moves up to 2.
+ALTERNATE = 0.5
 # Factor within which a model with a wrong payload and friction still gets the size of a signal:
 # strain that follows the model's is within 2.7 beside any effect that is 2.5 times a clear one.
 SIZE_TOLERANCE = 4.0
@@ -68,6 +71,12 @@ def time_unit(interval: float, expected: float) -> str | None:
         if abs(interval * factor - expected) <= SAMPLING_AGREES * expected:
             return unit
     return 's' if 1.0 / SAME_TIME_UNIT <= interval / expected <= SAME_TIME_UNIT else None
+
+
+def alternates(channel: Array) -> bool:
+    """Return whether the rows of a channel, (N,), look like those of two sources in turn."""
+    over_one, over_two = (np.nansum(np.abs(channel[n:] - channel[:-n])) for n in (1, 2))
+    return bool(over_two < ALTERNATE * over_one)
 
 
 def unit_hint(refusal: Refusal) -> str:

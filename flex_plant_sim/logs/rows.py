@@ -14,7 +14,7 @@ from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.inputs.gate import counted, Gate, judge_record, Refusal
 from flex_plant_sim.inputs.jitter import deviations, stamp_share
-from flex_plant_sim.inputs.plausible import SAMPLING_AGREES, unit_hint
+from flex_plant_sim.inputs.plausible import alternates, SAMPLING_AGREES, unit_hint
 from flex_plant_sim.inputs.resample import (
     even_grid,
     fill_by_hold,
@@ -41,6 +41,8 @@ MOVED = 10.0
 # By what factor it is longer the same than usual, where all readings are held for some samples;
 # readings that may be equal by chance at the turn of a swing: three were, on a healthy arm.
 HELD, SHORTEST = 2.0, 4
+# The hint on rows of one channel that are those of two sources in turn.
+TWO_SOURCES = ' (do two publishers alternate? keep the rows of one)'
 COMMANDS = ('command_1', 'command_2')
 # Digits of a stamp: seconds since 1970 have ten before the point.
 STAMP_DIGITS = 15
@@ -149,7 +151,8 @@ def _check_time(rows: Rows) -> None:
 def _pass_gate(rows: Rows, robot: Robot) -> Rows:
     """Return the rows without those that the arm cannot have produced."""
     gate = Gate(robot)
-    refusals = judge_record(gate, rows.time, np.hstack([rows.joint, rows.strain]), rows.command)
+    output = np.hstack([rows.joint, rows.strain])
+    refusals = judge_record(gate, rows.time, output, rows.command)
     refused = [k for k, refusal in enumerate(refusals) if refusal is not None]
     if not refused:
         return rows
@@ -161,7 +164,11 @@ def _pass_gate(rows: Rows, robot: Robot) -> Rows:
         # An angle in degrees that starts slowly passes its limit by little at first.
         worst = max((item for item in wrong if item.channel == first.channel),
                     key=attrgetter('excess'))
-        raise InputError(f'{rows.source}: {where}{unit_hint(worst)}{more}')
+        # A step between two sources is as fast as one in degrees.
+        mixed = any(alternates(values) for name, values in zip(robot.output_names, output.T)
+                    if name == first.channel)
+        hint = TWO_SOURCES if mixed else unit_hint(worst)
+        raise InputError(f'{rows.source}: {where}{hint}{more}')
     kept = rows.kept(np.setdiff1d(np.arange(len(rows.time)), refused))
     return kept.noted(f'{len(refused)} of {len(rows.time)} samples refused '
                       f'({counted(gate.refused)}), the first at {where}')
