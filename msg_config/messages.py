@@ -103,9 +103,9 @@ def check_finite(values: Array, names: Sequence[str], where: str) -> None:
             raise InputError(f'{where} of {name}: expected a finite number, got {value}')
 
 
-def inertia_message(stamp: int, mass: float) -> InertiaStamped:
-    """Return the payload as a point mass at the tip, in the tip frame."""
-    message = InertiaStamped(header=Header(stamp=time_message(stamp), frame_id='tip'))
+def inertia_message(stamp: int, mass: float, prefix: str = '') -> InertiaStamped:
+    """Return the payload as a point mass at the tip, in the tip frame, named with a prefix."""
+    message = InertiaStamped(header=Header(stamp=time_message(stamp), frame_id=f'{prefix}tip'))
     message.inertia.m = mass
     return message
 

@@ -178,15 +178,17 @@ class PayloadPublisher:
     Parameters
     ----------
     node : Node
+    prefix : str
+        Before the name of the tip's frame.
 
     """
 
-    def __init__(self, node: Node):
+    def __init__(self, node: Node, prefix: str = ''):
         self._publishers = [create_publisher(node, name)
                             for name in ('payload', 'payload/inertia', 'payload_stamped')]
         self._audience = Audience(self._publishers[2])
         self._payload = MessageWriter(payload_message(0.0, 0.0, 0.0), 'data')
-        self._inertia = MessageWriter(inertia_message(0, 0.0), 'header', 'inertia.m')
+        self._inertia = MessageWriter(inertia_message(0, 0.0, prefix), 'header', 'inertia.m')
         self._stamped = MessageWriter(joint_state(0, ('payload',), (0.0,), effort=(0.0,)),
                                       'header', 'position', 'effort')
 

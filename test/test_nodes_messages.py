@@ -251,3 +251,13 @@ def test_an_estimate_that_is_not_finite_is_not_published(loop: RosLoop) -> None:
     bench.node.estimator.update = update
     bench.answered(7)
     assert np.isfinite(bench.answers[-1].inertia.m)
+
+
+def test_frames_bear_the_prefix_of_their_arm(loop: RosLoop) -> None:
+    markers = loop.record('arm_markers')
+    bench = Bench(loop, 'estimator', frame_prefix='left_')
+    loop.until(lambda: bool(bench.node._seen))
+    bench.answered(1)
+    loop.until(lambda: len(markers) > 0)
+    assert bench.answers[-1].header.frame_id == 'left_tip'
+    assert {marker.header.frame_id for marker in markers[-1].markers} == {'left_base'}

@@ -82,7 +82,7 @@ def test_markers_show_both_links_and_the_payload(loop: RosLoop) -> None:
     from visualization_msgs.msg import Marker
 
     markers = loop.record('arm_markers')
-    node = plant(loop, payload=0.2)
+    node = plant(loop, payload=0.2, frame_prefix='left_')
     loop.until(lambda: node._markers.get_subscription_count() > 0)
     assert loop.call('plant_sim', 'reset').success
     loop.until(lambda: len(markers) > 0)
@@ -91,6 +91,7 @@ def test_markers_show_both_links_and_the_payload(loop: RosLoop) -> None:
         Marker.LINE_STRIP, Marker.LINE_STRIP, Marker.SPHERE)
     assert (upper.points[0].x, upper.points[0].y) == (0.0, 0.0)
     assert upper.points[-1] == lower.points[0]
+    assert {marker.header.frame_id for marker in markers[-1].markers} == {'left_base'}
     # At rest and straight: 0.6 m + 0.5 m along x.
     assert (lower.points[-1].x, lower.points[-1].y) == (pytest.approx(1.1), 0.0)
     assert ball.pose.position.x == pytest.approx(1.1)

@@ -56,7 +56,7 @@ class PayloadEstimatorNode(SampleNode):
 
     def __init__(self, **options: Any):
         super().__init__('payload_estimator', **options)
-        self._payload = PayloadPublisher(self)
+        self._payload = PayloadPublisher(self, self.values['frame_prefix'])
         self._innovation = self.publisher('innovation')
         self._markers, self._next_marker = self.publisher('arm_markers'), 0
         self._heard_innovation, self._seen = Audience(self._innovation), Audience(self._markers)
@@ -116,7 +116,8 @@ class PayloadEstimatorNode(SampleNode):
             return
         self._next_marker = sample.stamp + nanoseconds(MARKER_INTERVAL)
         self._markers.publish(arm_markers(
-            sample.stamp, self.shape.lines(sample.output), estimate.mass, 'measured'))
+            sample.stamp, self.shape.lines(sample.output), estimate.mass, 'measured',
+            self.values['frame_prefix']))
 
     def _estimate_of(self, sample: Sample) -> Estimate | None:
         """Return the estimate, or the last good one where the new one is not finite."""

@@ -17,7 +17,8 @@ COLOURS, PAYLOAD_COLOUR = ((0.20, 0.40, 0.75), (0.20, 0.65, 0.45)), (0.85, 0.35,
 PAYLOAD_DENSITY, SMALLEST_RADIUS = 1000.0, 0.008
 
 
-def arm_markers(stamp: int, lines: Array, mass: float, space: str = 'arm') -> MarkerArray:
+def arm_markers(stamp: int, lines: Array, mass: float, space: str = 'arm', prefix: str = ''
+                ) -> MarkerArray:
     """
     Return one line strip for each link and a sphere for the payload.
 
@@ -31,18 +32,20 @@ def arm_markers(stamp: int, lines: Array, mass: float, space: str = 'arm') -> Ma
         Payload, kg.
     space : str
         Namespace of the markers, which tells the true arm from the measured one.
+    prefix : str
+        Before the name of their frame, as that of the URDF.
 
     """
     markers = [*(_link(stamp, index, line) for index, line in enumerate(lines)),
                _payload(stamp, lines[1, -1], mass)]
     for marker in markers:
-        marker.ns = space
+        marker.ns, marker.header.frame_id = space, prefix + FRAME
     return MarkerArray(markers=markers)
 
 
 def _marker(stamp: int, number: int, kind: int, colour: tuple[float, float, float]) -> Marker:
     marker = Marker(id=number, type=kind, action=Marker.ADD)
-    marker.header.frame_id, marker.header.stamp = FRAME, time_message(stamp)
+    marker.header.stamp = time_message(stamp)
     marker.pose.orientation.w = 1.0
     marker.color = ColorRGBA(r=colour[0], g=colour[1], b=colour[2], a=1.0)
     return marker

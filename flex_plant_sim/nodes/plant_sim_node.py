@@ -152,7 +152,8 @@ class PlantSim(ContractNode):
             return
         self._next_marker = now + MARKER_INTERVAL
         lines = self.shape.lines(self.simulator.state)
-        self._markers.publish(arm_markers(self._stamp, lines, self.simulator.mass(now)))
+        self._markers.publish(arm_markers(self._stamp, lines, self.simulator.mass(now),
+                                          prefix=self.values['frame_prefix']))
 
     def _on_command(self, message: JointState) -> None:
         stamp = checked_stamp(message, 'command')
