@@ -14,7 +14,7 @@ import numpy as np
 NO_EFFORT = np.full(2, np.nan)
 # What a command is taken from.
 APPLIED = 'effort of joint_states'
-NONE_TOLD = 'topic command, as joint_states has no effort'
+NONE_TOLD = 'topic command, as effort of joint_states is missing or NaN'
 ZERO_TOLD = 'topic command, as effort of joint_states is zero so far'
 
 

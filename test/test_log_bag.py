@@ -206,13 +206,20 @@ def test_effort_as_applied_is_preferred_and_said(tmp_path: Path) -> None:
                             'topic command says otherwise')
 
 
-@pytest.mark.parametrize('filled', [0.0, math.nan])
-def test_effort_that_a_driver_fills_in_is_none(tmp_path: Path, filled: float) -> None:
+@pytest.mark.parametrize('filled, words', [
+    ([0.0, 0.0], 'zero throughout'), ([math.nan] * 2, 'not always finite'), ([], 'missing')])
+def test_effort_that_a_driver_fills_in_is_none(
+        tmp_path: Path, filled: list[float], words: str) -> None:
     told = states(6)
     for _, _, message in told:
-        message.effort = np.full(2, filled)
+        message.effort = np.array(filled)
     log = read_log(record(tmp_path / 'bag', [*told, *strains(6), *commands(6)]), ROBOT)
     np.testing.assert_array_equal(log.command[:5, 0], [0, 10, 20, 30, 40])
+    assert log.notes[0] == ('commands: as sent on the topic command; effort of joint_states is '
+                            + words)
+    if words != 'zero throughout':  # which may be so where nothing was sent
+        with pytest.raises(InputError, match=f'topic command: missing, and effort of .* {words}'):
+            read_log(record(tmp_path / 'alone', [*told, *strains(6)]), ROBOT)
 
 
 def test_names_are_read_in_every_message(tmp_path: Path) -> None:

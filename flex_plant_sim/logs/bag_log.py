@@ -73,7 +73,8 @@ def read_bag(path: Path, robot: Robot) -> Log:
     log = to_log(rows, robot, lambda grid: commands.on(grid, int(start)))
     known = np.flatnonzero(np.isfinite(log.command).all(axis=1))
     if known.size < 2:
-        raise InputError(f'{path}: topic command: missing, and joint_states has no effort')
+        why = commands.unused or 'effort of joint_states covers less than two samples'
+        raise InputError(f'{path}: topic command: missing, and {why}')
     log = log.part(int(known[0]), int(known[-1]) + 1)
     return replace(log, time=log.time - log.time[0], origin=bag_origin(path))
 

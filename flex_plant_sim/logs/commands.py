@@ -7,7 +7,7 @@ It is the command that was applied (effort of joint_states) if that is known, el
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.inputs.resample import Grid
@@ -33,6 +33,8 @@ class Commands:
         Stamps, ns, and the command that acted up to each, (N,), (N, 2); empty if unknown.
     since, sent : array
         Stamps, ns, and the command sent at each, (M,), (M, 2).
+    unused : str
+        What keeps the effort of joint_states from being the applied command, or ''.
     notes : tuple of str
         Notes on which of the two is used.
 
@@ -42,6 +44,7 @@ class Commands:
     applied: Array
     since: Stamps
     sent: Array
+    unused: str = ''
     notes: tuple[str, ...] = ()
 
     @classmethod
@@ -58,21 +61,22 @@ class Commands:
         joints, command = streams['joint_states'], streams['command']
         channels = mapping.command_channels()
         sent = command.values(channels, 'effort')
-        none: tuple[Stamps, Array] = (np.zeros(0, dtype=np.int64), np.zeros((0, 2)))
-        until, applied = none
+        unused, applied = 'missing', np.zeros((0, 2))
         if joints.has('effort'):
-            until, applied = joints.stamps, joints.values(channels, 'effort')
-        found = cls(until, applied, command.stamps, sent)
-        if not effort_acted(applied, sent):
-            found = cls(*none, command.stamps, sent)
-        return found._with_note()
+            applied = joints.values(channels, 'effort')
+            unused = ('' if effort_acted(applied, sent) else 'zero throughout'
+                      if np.isfinite(applied).all() else 'not always finite')
+        if unused:
+            unused = f'effort of joint_states is {unused}'
+            return cls(joints.stamps[:0], applied[:0], command.stamps, sent, unused)._with_note()
+        return cls(joints.stamps, applied, command.stamps, sent)._with_note()
 
     def _with_note(self) -> Commands:
         if not len(self.since):
             return self
         if not len(self.until):
-            note = 'commands: as sent on the topic command; joint_states has no effort'
-            return Commands(self.until, self.applied, self.since, self.sent, (note,))
+            return replace(self, notes=(
+                f'commands: as sent on the topic command; {self.unused}',))
         last = np.searchsorted(self.since, self.until, side='left') - 1
         both = last >= 0
         differ = np.abs(self.applied[both] - self.sent[last[both]]).max(axis=1, initial=0.0) \
@@ -81,7 +85,7 @@ class Commands:
             return self
         note = (f'commands: as applied (effort of joint_states); in {int(differ.sum())} of '
                 f'{int(both.sum())} samples the topic command says otherwise')
-        return Commands(self.until, self.applied, self.since, self.sent, (note,))
+        return replace(self, notes=(note,))
 
     def around(self, stamps: Stamps) -> Array:
         """Return the command that acted around each stamp, for the gate, (N, 2); 0 if unknown."""
