@@ -41,6 +41,9 @@ def test_base_on_its_spring_under_a_rigid_arm() -> None:
         lowest = np.sqrt(np.min(np.abs(np.linalg.eigvals(np.linalg.solve(m, k)))))
         assert form.names[-1] == 'psi_base'
         assert lowest == pytest.approx((100.0 / inertia)**0.5, rel=close)
+        # The rotor is turned by the joint's own angle, and not by the base.
+        rotor = form.mass[0, 0, 0] - form.mass[0, 0, -1]
+        assert rotor == pytest.approx(robot.drives[0].inertia)
         # What the mounting loses is told as that of the bare base, of 0.3 kg m^2.
         assert form.damping[-1, -1] / (2.0 * lowest * inertia) == pytest.approx(
             0.2 * (0.3 / inertia)**0.5, rel=close)

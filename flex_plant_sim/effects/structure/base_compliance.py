@@ -28,7 +28,8 @@ class BaseCompliance(Effect):
 
     identifier = 'base_compliance'
     family = 'links and structure'
-    explanation = 'The base turns on its mounting when the arm pushes against it.'
+    explanation = ('The base turns on its mounting when the arm pushes against it; angle and '
+                   'rotor of joint_1 count from the turned base.')
     parameters = (
         Parameter('compliance_rad_per_n_m', 'rad/(N m)', 0.0, 0.0, 1.0,
                   (0.001, 0.003, 0.01), 3e-4, 0.005),
