@@ -61,7 +61,8 @@ def test_record_at_rest_is_refused_with_advice_and_its_files(
     assert found['settings']['payload_told_kg'] == 0.1
     robot = load_robot(places['robot.yaml'])
     assert replace(robot, effects=()) == REFERENCE
-    assert [effect.identifier for effect in effects_of(robot)] == ['coriolis_centripetal']
+    assert [effect.identifier for effect in effects_of(robot)] == [
+        'foreshortening', 'coriolis_centripetal']
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(places)
 
 

@@ -13,11 +13,16 @@ from flex_payload_estimator.estimators.rpe.modes import EXACT_BENDING
 from flex_payload_estimator.estimators.rpe.sensors import Loads
 from flex_payload_estimator.estimators.rpe.time_update import FIRST_BIAS, MASS
 from flex_plant_sim.arm.ritz import RitzShapes
-from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.robot import EffectSpec, Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.arm.state_space import zero_order_hold
+from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
+from flex_plant_sim.diagnosis.record.data import Data
+from flex_plant_sim.diagnosis.record.windows import Record
+from flex_plant_sim.diagnosis.verdict.verdict import nominal_base, slowest_frequency
 from flex_plant_sim.effects import catalogue, kinds
 from flex_plant_sim.effects.base import Motion
+from flex_plant_sim.effects.mechanics.bending import bending_force, bending_mass, bending_terms
 from flex_plant_sim.effects.mechanics.bending_factors import field_factors, momentum_factors
 from flex_plant_sim.effects.mechanics.bending_slopes import (
     field_derivatives,
@@ -30,6 +35,7 @@ import pytest
 from scipy.linalg import eigh
 from truth import simulation as truth
 from truth.configuration import reference_arm
+from truth.records import make_record, TruthCase
 
 BOTH = ('coriolis_centripetal:arm:share=1', 'foreshortening:arm:share=1')
 LOOSE = 'loose_payload:arm:compliance_m_per_n=0.02,share=1,damping_ratio=0'
@@ -244,6 +250,38 @@ def test_one_instant_or_many_at_once_are_the_same() -> None:
     one_by_one = [extended.smooth_force(extended.motion_between(a, b, np.zeros(2), 0.0))
                   for a, b in zip(before, after)]
     np.testing.assert_allclose(extended.smooth_force(together), one_by_one, rtol=1e-11)
+
+
+def test_compiled_forces_are_those_of_arrays() -> None:
+    extended, random = arm(*BOTH), np.random.default_rng(3)
+    n, bent = extended.form.order, effect(BOTH[1])
+    before, after = 0.1 * random.standard_normal((2, 6, 1, extended.states))
+    motion = extended.motion_between(before, after, np.zeros((6, 1, 2)), 0.0)
+    terms = bending_terms(extended.form, extended.robot, PAYLOAD)
+    np.testing.assert_allclose(bent.force(motion), bending_force(
+        terms, motion.position, motion.velocity, after[..., :2 * n] - before[..., :2 * n],
+        extended.step_time), rtol=1e-11)
+    np.testing.assert_allclose(bent.inertia(motion), bending_mass(terms, after[..., :n]),
+                               rtol=1e-9, atol=1e-12)
+
+
+def test_a_diagnosis_begins_with_all_of_them() -> None:
+    """Without them a fast arm of finite elements, known in every part, is 300 nats off."""
+    case = TruthCase(5, (('coriolis_centripetal', {'factor': 2.0}),), duration_s=20.0,
+                     payload_true=PAYLOAD, payload_told=PAYLOAD, tolerances=False)
+    log = make_record(case)
+    record = Record('made', log.time, log.command, np.hstack([log.joint, log.strain]), PAYLOAD)
+    base = nominal_base(ROBOT, 'assumed_modes', 3)
+    kept = tuple(e for e in base.effects if e.identifier != 'foreshortening')
+    data = Data.of([record], slowest_frequency(base, PAYLOAD), ROBOT.sample_time)
+    errors = []
+    for model in (base, replace(base, effects=kept)):
+        likelihood = Likelihood(model, data.windows, data.noise)
+        errors.append(np.sum(likelihood.whitened_residual((), np.zeros(len(likelihood.parts)))**2))
+    assert 0.5 * (errors[1] - errors[0]) > 300.0
+    told = replace(ROBOT, effects=(EffectSpec('foreshortening', 'arm', {'share': 0.0}),))
+    assert [e['share'] for e in nominal_base(told, 'assumed_modes', 3).effects] == [0.0, 1.0]
+    assert nominal_base(ROBOT, 'paper', 2).effects == ()
 
 
 def test_it_brings_the_arm_to_the_finite_elements() -> None:

@@ -19,11 +19,10 @@ from flex_payload_estimator.nodes.node_setup import controller_of, estimator_of,
 from flex_plant_sim.arm.models import DEFAULT_MODEL, DEFAULT_MODES
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.compiled import COMPILED
-from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.latent_forces import latent_forces
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.record.windows import Record, Windows
-from flex_plant_sim.simulation.nominal import nominal_effects
+from flex_plant_sim.diagnosis.verdict.verdict import nominal_base
 from flex_plant_sim.simulation.plant_setup import simulator_of
 from flex_plant_sim.tools import command_line
 from msg_config.errors import InputError
@@ -69,7 +68,7 @@ def smoothing() -> None:
     record = Record('compiling', time, rng.normal(size=(SAMPLES, 2)),
                     1e-3 * rng.normal(size=(SAMPLES, 6)), robot.payload_mass)
     windows = Windows.cut(record, 10.0, robot.sample_time)[0]
-    base = BaseModel(robot, effects=nominal_effects(robot))
+    base = nominal_base(robot, DEFAULT_MODEL, DEFAULT_MODES)
     predictor = Predictor(base, windows, np.full(6, 1e-4), for_comparison=True)
     latent_forces(Predictor(base, windows, np.full(6, 1e-4)))
     # Any other robot than the base's, so that its residual is whitened anew.

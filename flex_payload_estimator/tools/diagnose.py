@@ -53,7 +53,12 @@ from flex_plant_sim.diagnosis.verdict.verdict import (
 from flex_plant_sim.effects import catalogue
 from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.logs.log import Log
-from flex_plant_sim.simulation.nominal import has_coriolis, model_words, nominal_effects
+from flex_plant_sim.simulation.nominal import (
+    has_coriolis,
+    model_words,
+    nominal_effects,
+    WITH_CORIOLIS,
+)
 from flex_plant_sim.tools import command_line
 from flex_plant_sim.tools.log_input import read_logs
 from flex_plant_sim.tools.outputs import check_apart, check_folder, check_outputs, results
@@ -242,7 +247,8 @@ def _main(arguments: argparse.Namespace) -> None:
         report = None if arguments.report is None else report_of(found, settings, arguments.jobs)
     with results() as write:
         write(print, 'nominal model: ' + model_words(
-            robot.name, arguments.model, arguments.modes, _coriolis(arguments, robot)))
+            robot.name, arguments.model, arguments.modes, _coriolis(arguments, robot))
+              + ', links that bend as they turn' * (arguments.model in WITH_CORIOLIS))
         if every > 1:
             write(print, f'{len(logs[0])} samples{_used(every)}: more tell noise alone')
         write(print, answer_text(found.diagnosis, found.gains, found.payload))

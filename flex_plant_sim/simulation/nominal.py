@@ -18,6 +18,7 @@ from flex_plant_sim.effects.structure.coriolis_centripetal import (
     coriolis_words,
     CoriolisCentripetal,
 )
+from flex_plant_sim.effects.structure.foreshortening import Foreshortening
 import numpy as np
 
 # Models with Coriolis and centripetal forces by default. The paper's equations do not have them,
@@ -47,16 +48,27 @@ def nominal_robot(robot: Robot, model: str = DEFAULT_MODEL, coriolis: bool = Tru
         Whether to add the forces.
 
     """
-    name = CoriolisCentripetal.identifier
-    if not coriolis or model not in WITH_CORIOLIS or any(e.name == name for e in robot.effects):
+    if not coriolis or model not in WITH_CORIOLIS:
         return robot
-    return replace(robot, effects=(*robot.effects, EffectSpec(name, 'arm', {'share': 1.0})))
+    return _with_all_of(robot, CoriolisCentripetal.identifier)
 
 
 def nominal_effects(robot: Robot, model: str = DEFAULT_MODEL, coriolis: bool = True
                     ) -> tuple[Effect, ...]:
     """Return the effects of nominal_robot, ready for an ExtendedArm."""
     return effects_of(nominal_robot(robot, model, coriolis))
+
+
+def with_bent_links(robot: Robot, model: str = DEFAULT_MODEL) -> Robot:
+    """Return the robot with the forces of bent links, if its model can have them."""
+    return _with_all_of(robot, Foreshortening.identifier) if model in WITH_CORIOLIS else robot
+
+
+def _with_all_of(robot: Robot, name: str) -> Robot:
+    """Return the robot with all of a force of motion, unless it says itself how much of it."""
+    if any(effect.name == name for effect in robot.effects):
+        return robot
+    return replace(robot, effects=(*robot.effects, EffectSpec(name, 'arm', {'share': 1.0})))
 
 
 def has_coriolis(effects: Sequence[Effect]) -> bool:
@@ -90,5 +102,4 @@ def beyond_checked(time: Array, joint: Array) -> str:
     if not speed[row, k] > CHECKED_SPEED:
         return ''
     return (f'joint_{k + 1} turns at up to {speed[row, k]:.3g} rad/s, at {time[row]:.6g} s: the '
-            f'models are checked up to {CHECKED_SPEED:g} rad/s, and leave out forces that bend '
-            'with the links')
+            f'models are checked up to {CHECKED_SPEED:g} rad/s')

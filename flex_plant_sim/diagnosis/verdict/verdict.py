@@ -57,7 +57,7 @@ from flex_plant_sim.diagnosis.verdict.wording import (
 )
 from flex_plant_sim.effects import catalogue, explanation_at
 from flex_plant_sim.interval import Z95
-from flex_plant_sim.simulation.nominal import nominal_effects
+from flex_plant_sim.simulation.nominal import nominal_effects, with_bent_links
 from flex_plant_sim.simulation.slowest_mode import frequency_of
 import numpy as np
 
@@ -68,8 +68,14 @@ MAX_LISTED_SETS, MAX_LISTED_NAMES = 12, 6
 
 
 def nominal_base(robot: Robot, model: str, modes: int, coriolis: bool = True) -> BaseModel:
-    """Return the model that a user's simulation stands for, see `nominal_effects`."""
-    return BaseModel(robot, model, modes, nominal_effects(robot, model, coriolis))
+    """
+    Return the model that a diagnosis begins with: `nominal_effects` and the forces of bent links.
+
+    Without these, which tell by tens of nats on ordinary records, parts and causes take their
+    place.
+    """
+    return BaseModel(robot, model, modes,
+                     nominal_effects(with_bent_links(robot, model), model, coriolis))
 
 
 def prepared(records: Sequence[Record], nominal: BaseModel) -> tuple[list[Record], BaseModel]:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.compiled import COMPILED
 from flex_plant_sim.effects.base import Effect, Motion, Parameter
 from flex_plant_sim.effects.mechanics.bending import (
     bending_force,
     bending_mass,
     bending_terms,
 )
-from flex_plant_sim.effects.mechanics.bending_step import step_force
+from flex_plant_sim.effects.mechanics.bending_step import step_force, step_mass
 from flex_plant_sim.effects.mechanics.kinematics import is_energy_form
 import numpy as np
 
@@ -37,7 +38,7 @@ class Foreshortening(Effect):
         if not is_energy_form(motion.form):
             return 0.0
         terms = bending_terms(motion.form, motion.robot, motion.payload)
-        force = step_force if motion.position.ndim == 1 else bending_force
+        force = step_force if COMPILED else bending_force
         change = np.broadcast_to(motion.change, motion.position.shape[:-1] + (
             2 * motion.form.order,))
         return np.asarray(self['share'] * force(terms, motion.position, motion.velocity, change,
@@ -50,4 +51,5 @@ class Foreshortening(Effect):
         n = motion.form.order
         terms = bending_terms(motion.form, motion.robot, motion.payload)
         end = motion.position + 0.5 * motion.change[..., :n]
-        return np.asarray(self['share'] * bending_mass(terms, end))
+        mass = step_mass if COMPILED else bending_mass
+        return np.asarray(self['share'] * mass(terms, end))
