@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
 from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.causes.gauss_newton import fit_set, GaussNewton
@@ -24,6 +25,7 @@ from flex_plant_sim.diagnosis.likelihood.prior import part_priors, with_deviatio
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
+from flex_plant_sim.diagnosis.verdict.verdict import nominal_base, prepared, slowest_frequency
 from flex_plant_sim.effects import catalogue
 import numpy as np
 import pytest
@@ -46,6 +48,29 @@ def test_a_look_alike_is_fitted_along_its_own_trajectory() -> None:
     refined = RefinedFit.refine(CandidateSet.of(found), BaseModel(REFERENCE), data).fit
     # The rest needs the parts' Jacobian around itself.
     assert found.log_evidence - plain > 0.4 * (refined.log_evidence - plain) > 5.0
+
+
+def test_another_robot_is_fitted_along_its_own_trajectory_too() -> None:
+    """Along that of a weaker link, a payload held beyond the tip is further behind it."""
+    case = TruthCase(14971, (('payload_offset', {'beyond': 0.156}),), 'quanser_2dsfl', 20.0,
+                     0.19, 0.19)
+    log = make_record(case)
+    made = Record('made', log.time, log.command, np.hstack([log.joint, log.strain]), 0.19)
+    records, base = prepared([made], nominal_base(
+        load_robot('quanser_2dsfl'), 'assumed_modes', 3))
+    data = Data.of(records, slowest_frequency(base, 0.19), base.robot.sample_time)
+    known = {h.label: h for h in all_hypotheses(base.robot)}
+    beyond = CandidateSet((known['payload_offset:arm'],), (np.array([0.05]),))
+    gained = []
+    for label, value in (('link_stiffness:link_2', 0.5), ('payload_mass:arm', 0.1)):
+        centre = RefinedFit.refine(
+            CandidateSet((known[label],), (np.array([value]),)), base, data)
+        plain = fit_set(centre.likelihood, CauseSet(beyond.hypotheses, data.duration),
+                        beyond.starts, centre.fit.error_scale)
+        found = NeighbourFitter(centre.likelihood, centre.fit.error_scale, data.duration)(beyond)
+        gained.append(found.log_evidence - plain.log_evidence)
+    assert gained[0] > 20.0, 'its own trajectory shows what it explains'
+    assert gained[1] == 0.0, 'or does not, as the parts are still those of the other set'
 
 
 def test_evidence_is_the_same_wherever_it_is_linearised_first() -> None:

@@ -47,7 +47,8 @@ class NeighbourFitter:
     Fits sets around the linearisation of one near them.
 
     Where a set has coordinates that the trajectory there lacks, it is fitted once more along its
-    own trajectory, with the same Jacobian in the parts; coarsely, from its best start alone.
+    own trajectory, with the same Jacobian in the parts; coarsely, from its best start alone. Where
+    it changes the robot itself, the better of both fits counts: the Jacobian may suit neither.
 
     Attributes
     ----------
@@ -73,13 +74,15 @@ class NeighbourFitter:
         return fit if self.coarse else self.along_own_trajectory(fit)
 
     def along_own_trajectory(self, fit: Fit) -> Fit:
-        """Return a fit made once more along its trajectory, if that has coordinates of its own."""
+        """Return a fit made once more along its trajectory, if it is another arm's."""
         causes = CauseSet(fit.hypotheses, self.duration)
         effects = causes.effects(fit.values)
-        if not self.likelihood.has_new_coordinates(effects):
+        new_coordinates = self.likelihood.has_new_coordinates(effects)
+        if not new_coordinates and all(type(e).on_robot is Effect.on_robot for e in effects):
             return fit
-        own = self.likelihood.along_trajectory_of(effects)
-        return fit_set(own, causes, (fit.values,), self.error_scale, self.coarse)
+        own = fit_set(self.likelihood.along_trajectory_of(effects), causes, (fit.values,),
+                      self.error_scale, self.coarse)
+        return own if new_coordinates else max(fit, own, key=lambda found: found.log_evidence)
 
 
 def fit_neighbours(state: SearchState, centre: RefinedFit) -> Neighbourhood:

@@ -89,7 +89,7 @@ def _run(arm: Arm, chain: Chain, loop: Loop, samples: int, steps: int) -> Array:
             strain[i] = chain.strain_map @ data.qpos[chain.hinges]
             try:
                 surroundings.act(data, loop.at(i * step), i * step, step)
-            except OverflowError as error:
+            except (OverflowError, ValueError) as error:
                 raise FloatingPointError(f'unstable at {i * step:.2f} s') from error
             mujoco.mj_step(chain.model, data)
         if not np.abs(strain[k * steps]).max() < BROKEN_STRAIN:
