@@ -252,15 +252,19 @@ def test_one_instant_or_many_at_once_are_the_same() -> None:
     np.testing.assert_allclose(extended.smooth_force(together), one_by_one, rtol=1e-11)
 
 
-def test_compiled_forces_are_those_of_arrays() -> None:
+@pytest.mark.parametrize('follow', [False, True])
+def test_compiled_forces_are_those_of_arrays(follow: bool) -> None:
+    """Of steps by themselves and of steps that follow one another, with a gap between two."""
     extended, random = arm(*BOTH), np.random.default_rng(3)
     n, bent = extended.form.order, effect(BOTH[1])
     before, after = 0.1 * random.standard_normal((2, 6, 1, extended.states))
+    if follow:
+        before[1:3], before[4:] = after[:2], after[3:5]
     motion = extended.motion_between(before, after, np.zeros((6, 1, 2)), 0.0)
     terms = bending_terms(extended.form, extended.robot, PAYLOAD)
     np.testing.assert_allclose(bent.force(motion), bending_force(
-        terms, motion.position, motion.velocity, after[..., :2 * n] - before[..., :2 * n],
-        extended.step_time), rtol=1e-11)
+        terms, motion.position, motion.velocity, (after - before)[..., :2 * n],
+        extended.step_time), rtol=1e-9)
     np.testing.assert_allclose(bent.inertia(motion), bending_mass(terms, after[..., :n]),
                                rtol=1e-9, atol=1e-12)
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import compiled
-from flex_plant_sim.effects.mechanics.bending import BendingTerms
+from flex_plant_sim.effects.mechanics.bending import BendingTerms, ROUNDING
 from flex_plant_sim.effects.mechanics.bending_factors import (
     compiled_field_factors,
     compiled_momentum_factors,
@@ -129,19 +129,29 @@ def _forces(terms: BendingTerms, states: Array, changes: Array, step: float) -> 
     of_p, of_v = terms.over_position, terms.over_velocity
     span_p, span_v = _spans(of_p), _spans(of_v)
     over_p, over_v = np.empty(3 + 2 * n), np.empty(4 + n)
-    found, state = np.empty((len(states), n)), np.empty(2 * n)
-    before, after = np.empty(n), np.empty(n)
+    found, before, after = np.empty((len(states), n)), np.empty(n), np.empty(n)
+    start, state = np.empty(2 * n), np.zeros(2 * n)
     for k in range(len(states)):
-        for sign, momenta in ((-0.5, before), (0.5, after)):
-            for i in range(2 * n):
-                state[i] = states[k, i] + sign * changes[k, i]
-            _put_products(of_p, span_p, state, 0, over_p)
-            _put_products(of_v, span_v, state, n, over_v)
-            _put_momentum(terms, state, over_p, over_v, momenta)
+        apart = k == 0
+        for i in range(2 * n):
+            start[i] = states[k, i] - 0.5 * changes[k, i]
+            apart |= abs(start[i] - state[i]) > ROUNDING * abs(state[i])
+        if apart:
+            _put_products(of_p, span_p, start, 0, over_p)
+            _put_products(of_v, span_v, start, n, over_v)
+            _put_momentum(terms, start, over_p, over_v, before)
+        else:
+            before[:] = after
         state[:] = states[k]
         _put_products(of_p, span_p, state, 0, over_p)
         _put_products(of_v, span_v, state, n, over_v)
         _put_slopes(terms, state, over_p, over_v, found[k])
+        # Where a record's steps follow one another, the next one begins here.
+        for i in range(2 * n):
+            state[i] += 0.5 * changes[k, i]
+        _put_products(of_p, span_p, state, 0, over_p)
+        _put_products(of_v, span_v, state, n, over_v)
+        _put_momentum(terms, state, over_p, over_v, after)
         for i in range(n):
             found[k, i] -= (after[i] - before[i]) / step
     return found
