@@ -13,8 +13,9 @@ from dataclasses import dataclass, replace
 import multiprocessing
 from multiprocessing.pool import Pool
 
+import _truths  # noqa: F401
+from cramer_rao import linearise, payload_bound
 from flex_payload_estimator.estimators.rpe.sensors import start_spread
-from flex_payload_estimator.kalman.cramer_rao import linearise, payload_bound
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array

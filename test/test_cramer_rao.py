@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from flex_payload_estimator.kalman.cramer_rao import linearise, Linearised, payload_bound
+from cramer_rao import linearise, Linearised, payload_bound
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.effects import catalogue
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.simulator import Noise, Simulator
-from msg_config.errors import InputError
 import numpy as np
 import pytest
 
@@ -102,10 +100,3 @@ def test_more_noise_an_unknown_start_and_no_prior_never_help() -> None:
     assert (payload_bound(model, NOISE, known, (0.1, 0.1), prior=0.1)[10:] > base).all()
     assert (payload_bound(model, NOISE, known)[10:] >= base).all()
     assert (np.diff(base) <= 0.0).all()
-
-
-def test_an_arm_with_effects_is_refused() -> None:
-    effect = catalogue()['viscous_friction']('joint_1', (1.0,))
-    arm = ExtendedArm(ROBOT, 'assumed_modes', 2, effects=[effect])
-    with pytest.raises(InputError, match='viscous_friction'):
-        linearise(arm, np.zeros((1, 12)), np.zeros((1, 2)))

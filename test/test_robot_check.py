@@ -9,8 +9,8 @@ import math
 from pathlib import Path
 import re
 
+from cramer_rao import linearise, payload_bound
 from finite_elements import natural_frequencies
-from flex_payload_estimator.kalman.cramer_rao import linearise, payload_bound
 from flex_plant_sim.arm.robot import EffectSpec, Robot, Tolerances
 from flex_plant_sim.arm.robot_file import load_robot, robot_text
 from flex_plant_sim.arm.robot_keys import TOLERANCES

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from cramer_rao import linearise, payload_bound
 from flex_payload_estimator.estimators.factory import make_estimator
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
 from flex_payload_estimator.estimators.rpe.filter import Filter, Sample
 from flex_payload_estimator.estimators.rpe.modes import ROUGH
 from flex_payload_estimator.estimators.rpe.prior import tabulated
 from flex_payload_estimator.estimators.rpe.sensors import Loads, start_spread
-from flex_payload_estimator.kalman.cramer_rao import linearise, payload_bound
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.arm.state_space import zero_order_hold
 from flex_plant_sim.simulation.extended_arm import ExtendedArm

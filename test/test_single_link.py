@@ -8,13 +8,13 @@ from finite_elements import mesh
 from flex_plant_sim.arm.drive import Drive
 from flex_plant_sim.arm.paper_model import paper_model, Sign
 from flex_plant_sim.arm.robot_file import load_robot
-from flex_plant_sim.arm.single_link import ExternalLoads, NO_LOADS, SingleLink
 import numpy as np
 from numpy.typing import NDArray
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh, expm
 from scipy.optimize import brentq
+from single_link import ExternalLoads, NO_LOADS, SingleLink
 
 Array = NDArray[np.float64]
 

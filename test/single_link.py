@@ -1,8 +1,4 @@
-"""
-One flexible link with payload and gravity, on a moving base (Appendices C and D).
-
-The two-link arm does not use it; the tests check the paper's equations with it.
-"""
+"""One flexible link with payload and gravity, on a moving base (Appendices C and D)."""
 
 from __future__ import annotations
 
@@ -19,23 +15,11 @@ import numpy as np
 
 @dataclass(frozen=True)
 class ExternalLoads:
-    """
-    Base motion and tip loads that act on the link.
+    """The joint's acceleration across the link; F_e, which the link exerts; M_e, on the link."""
 
-    Attributes
-    ----------
-    base_acceleration : float
-        Acceleration of the joint, perpendicular to the link, m/s^2.
-    tip_force : float
-        F_e: shear force that the link exerts at its tip, N; the opposite acts on the link.
-    tip_torque : float
-        M_e: torque on the link's tip, N m.
-
-    """
-
-    base_acceleration: float = 0.0
-    tip_force: float = 0.0
-    tip_torque: float = 0.0
+    base_acceleration: float = 0.0  # m/s^2
+    tip_force: float = 0.0  # N
+    tip_torque: float = 0.0  # N m
 
 
 NO_LOADS = ExternalLoads()
@@ -47,30 +31,15 @@ class SingleLink:
     A link with a point payload, moved by a drive: (43), (47)-(50), corrected.
 
     Coordinates p = (theta_b, q_1…q_n), state (p, p'); theta_b is 0 where the link hangs down.
-
-    Attributes
-    ----------
-    link : Link
-        Its hub radius r lengthens the lever arms: x becomes r + x.
-    drive : Drive
-        The drive of (49).
-    modes : int
-        n.
-    payload : float
-        m_p, kg.
-    gravity : float
-        g, m/s^2; 0 for a link that moves in the horizontal plane.
-    sign : str
-        'as_printed' keeps three misprints: the sign of M_e in (43), alpha* without its L in (48),
-        and the base acceleration without the payload in (50).
-
+    The hub radius r lengthens the lever arms: x becomes r + x. 'as_printed' keeps the sign of M_e
+    in (43), alpha* without its L in (48), and the base acceleration without the payload in (50).
     """
 
     link: Link
     drive: Drive
     modes: int
-    payload: float = 0.0
-    gravity: float = 0.0
+    payload: float = 0.0  # kg
+    gravity: float = 0.0  # m/s^2
     sign: Sign = 'corrected'
 
     @cached_property
@@ -119,11 +88,7 @@ class SingleLink:
 
     def acceleration(self, state: Array, command: float = 0.0,
                      loads: ExternalLoads = NO_LOADS) -> Array:
-        """
-        Return p'', (1 + n,), for a state (2 + 2n,), a command and external loads.
-
-        theta_b'' by (49); then (I - kappa*) q'' = alpha* theta_b'' + … of (50).
-        """
+        """Return p'', (1 + n,): theta_b'' by (49); (I - kappa*) q'' = alpha* theta_b'' + …."""
         n, drive = self.modes, self.drive
         angle, q, rate, q_rate = state[0], state[1:n + 1], state[n + 1], state[n + 2:]
         turning = (drive.k_1 * command + drive.k_2 * float(self.root_moment @ q)
@@ -146,11 +111,7 @@ class SingleLink:
         return np.concatenate([state[self.modes + 1:], self.acceleration(state, 0.0, NO_LOADS)])
 
     def energy(self, state: Array) -> float:
-        """
-        Return kinetic plus elastic plus gravitational energy, J; 0 for the arm hanging at rest.
-
-        Of second order in the deflection, with the drive's inertia.
-        """
+        """Return the energy with the drive's, J, to second order in q; 0 hanging at rest."""
         n, mu = self.modes, self.beam.modal_mass
         angle, q, rate, q_rate = state[0], state[1:n + 1], state[n + 1], state[n + 2:]
         kinetic = 0.5 * mu * float(q_rate @ (np.eye(n) - self.kappa) @ q_rate)

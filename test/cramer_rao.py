@@ -1,10 +1,10 @@
 """
 The Cramer-Rao bound of the payload: the accuracy that no unbiased estimator can beat.
 
-Tests and benchmarks compare the estimators with it. The arm is linearised along the true
-trajectory over state and payload, by central differences of the sampled arm. With process noise
-the bound is the posterior one (Tichavsky, Muravchik and Nehorai, IEEE Trans. Signal Process. 46,
-1998), which for a linearised model is the Riccati recursion of the augmented state (x, m).
+The arm is linearised along the true trajectory over state and payload, by central differences of
+the sampled arm. With process noise the bound is the posterior one (Tichavsky, Muravchik and
+Nehorai, IEEE Trans. Signal Process. 46, 1998), which for a linearised model is the Riccati
+recursion of the augmented state (x, m).
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
-from msg_config.errors import InputError
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -59,17 +58,10 @@ def linearise(arm: ExtendedArm, states: Array, commands: Array) -> Linearised:
     commands : Array
         Commands held over each step, (N, 2).
 
-    Raises
-    ------
-    InputError
-        The arm has effects.
-
     """
-    if arm.effects:
-        raise InputError('arm: expected one without effects, got '
-                         f'{", ".join(effect.identifier for effect in arm.effects)}')
+    assert not arm.effects
     cosine, sine = np.cos(states[:, 1]), np.sin(states[:, 1])
-    f, g, e = arm.schedule.at(cosine)
+    f, _, e = arm.schedule.at(cosine)
     # Beyond |cos theta_2| = 1 the schedule would have to extrapolate.
     low = np.maximum(cosine - COSINE_STEP, -1.0)
     high = np.minimum(cosine + COSINE_STEP, 1.0)
