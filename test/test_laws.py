@@ -114,7 +114,7 @@ def test_a_set_without_a_law_may_miss_no_more_than_every_model() -> None:
 def test_a_knot_pays_the_occam_factor_of_laplace_s_method() -> None:
     """The integral of a Gaussian likelihood over a Gaussian prior, by quadrature."""
     size, deviation = 1.5, 0.04
-    law = Law('joint_1', 'N m', 'speed', 'rad/s', np.zeros(1), np.ones(1), np.array([deviation]),
+    law = Law('joint_1', 'speed', 'rad/s', np.zeros(1), np.ones(1), np.array([deviation]),
               0.9, 0.01, size, True, True)
     value = np.linspace(-8.0, 8.0, 400001) * size
     prior = np.exp(-0.5 * (value / size)**2) / (size * np.sqrt(2.0 * np.pi))

@@ -51,7 +51,7 @@ def test_a_right_model_is_healthy_for_six_minutes_of_data() -> None:
             assert not any(channel.suspect for channel in health.channels())
     report = health.report()
     assert not report.diagnose
-    assert report.nis == pytest.approx(1.0, abs=0.2)
+    assert [c.nis for c in report.channels] == pytest.approx([1.0] * len(NAMES), abs=0.2)
     assert report.text == 'the model explains the measurements'
 
 

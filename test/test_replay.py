@@ -72,7 +72,7 @@ def test_fit_and_rmse_by_hand() -> None:
 def test_replay_of_its_own_simulation_is_exact() -> None:
     result = replay(simulated_log(), ROBOT)
     np.testing.assert_allclose(result.fit_percent, 100.0, atol=1e-9)
-    np.testing.assert_allclose(result.residual, 0.0, atol=1e-13)
+    np.testing.assert_allclose(result.simulated, result.log.output, rtol=0.0, atol=1e-13)
 
 
 def test_replay_applies_the_effects_of_the_robot_file() -> None:

@@ -93,7 +93,7 @@ def test_a_law_of_no_effect_has_the_odds_of_what_nothing_imitates() -> None:
     series = LatentSeries('joint_1', 'N m', x**2 + 0.3 * rng.normal(size=count),
                           np.full(count, 0.01), {'load': ('', x)}, np.ones(count, dtype=bool), 0.1)
     law = law_of(series)
-    view = LatentView((), (Finding(series, tuple(cross_validate(series)), law, None),), ())
+    view = LatentView((Finding(series, tuple(cross_validate(series)), law, None),), ())
     before = Diagnosis('nothing_wrong', 'Nothing.', effects={'nothing': 0.9, 'unknown': 0.1},
                        sets=(((), 0.9), (('unknown',), 0.1)))
     after = with_stated_law(before, view)
@@ -101,7 +101,7 @@ def test_a_law_of_no_effect_has_the_odds_of_what_nothing_imitates() -> None:
     assert 0.3 < law.share < 0.7 and after.verdict == 'not_in_catalogue'
     assert after.effects['nothing'] == pytest.approx(0.9 / (1.0 + odds))
     assert sum(after.effects.values()) == pytest.approx(1.0)
-    assert with_stated_law(before, LatentView((), (), ())) is before
+    assert with_stated_law(before, LatentView((), ())) is before
 
 
 @pytest.mark.parametrize(('factor', 'said'), [(1.0, False), (2.0, False), (5.0, True)])

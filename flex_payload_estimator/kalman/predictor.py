@@ -28,7 +28,7 @@ class KalmanPredictor:
 
     def __init__(self, output: Array, r_1: Array, r_2: Array, step: float):
         self.output, self.step = output, step
-        self.r_1, self.r_2 = r_1, r_2
+        self.r_2 = r_2
         self._columns = np.ascontiguousarray(output.T)
         self._process, self._measurement = r_1 / step, r_2 * step
         self._nothing, self._noise = np.zeros(len(output)), np.diag(r_2).copy()
@@ -41,7 +41,7 @@ class KalmanPredictor:
 
     def disturb(self, r_1: Array) -> None:
         """Let process noise of covariance R_1, (n, n), act from the next sample on."""
-        self.r_1, self._process = r_1, r_1 / self.step
+        self._process = r_1 / self.step
 
     def advance(self, state: Array, a_bar: Array, b_bar: Array, command: Array,
                 measured: Array | None) -> Array:

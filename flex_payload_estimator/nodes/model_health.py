@@ -48,8 +48,6 @@ class ChannelHealth:
         Mean of (innovation / its standard deviation)^2; 1 if the model and R are right.
     whiteness : float
         Ljung-Box Q over LAGS, divided by LAGS, its mean for white noise; 1 if white.
-    offset : float
-        Mean of innovation / standard deviation.
     shape : str
         What the residual looks like: 'white', an offset, spikes, noise, an oscillation at a
         frequency, a slow or a fast error. It hints at a cause but names none.
@@ -61,7 +59,6 @@ class ChannelHealth:
     name: str
     nis: float
     whiteness: float
-    offset: float
     shape: str
     suspect: bool
 
@@ -77,8 +74,6 @@ class HealthReport:
         Empty until the window is full.
     samples : int
         Samples in the window.
-    nis : float
-        Mean of the channels' nis.
     diagnose : bool
         Whether a full diagnosis is worth running.
     text : str
@@ -88,7 +83,6 @@ class HealthReport:
 
     channels: tuple[ChannelHealth, ...]
     samples: int
-    nis: float
     diagnose: bool
     text: str
 
@@ -167,8 +161,7 @@ class ModelHealth:
         channels = self.channels()
         samples = min(self._count, self.window)
         diagnose = self._bad >= WINDOWS_TO_ADVISE
-        nis = float(np.mean([c.nis for c in channels])) if channels else float('nan')
-        return HealthReport(channels, samples, nis, diagnose, self._text(channels, diagnose))
+        return HealthReport(channels, samples, diagnose, self._text(channels, diagnose))
 
     def _text(self, channels: tuple[ChannelHealth, ...], diagnose: bool) -> str:
         if not channels:
@@ -188,7 +181,7 @@ class ModelHealth:
         coloured = whiteness > self.whiteness_limit and nis > 1.0
         suspect = large or coloured
         shape = self._shape(scaled, offset, whiteness) if suspect else 'white'
-        return ChannelHealth(name, nis, whiteness, offset, shape, suspect)
+        return ChannelHealth(name, nis, whiteness, shape, suspect)
 
     def _shape(self, scaled: Array, offset: float, whiteness: float) -> str:
         """Return in words what a suspect residual looks like."""

@@ -50,11 +50,6 @@ class Replay:
         return self.arm.robot.output_units
 
     @property
-    def residual(self) -> Array:
-        """Return measured minus simulated, (N, m)."""
-        return self.log.output - self.simulated
-
-    @property
     def fit_percent(self) -> Array:
         """Return the fit of every channel, %, (m,)."""
         return fit_percent(self.log.output, self.simulated)

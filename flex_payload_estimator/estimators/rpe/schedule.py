@@ -60,8 +60,6 @@ class PayloadSlice:
 
     Attributes
     ----------
-    index : int
-        Which slice.
     payload : float
         kg.
     series : Array
@@ -70,7 +68,6 @@ class PayloadSlice:
 
     """
 
-    index: int
     payload: float
     series: Array
 
@@ -115,8 +112,8 @@ class PayloadSchedule:
         Derivatives of T [A B] over part parameters, (L', K' p n (n + 2)).
     slope : Array
         Differentiation matrix of the payload axis, (L, L).
-    states, parameters : int
-        n and p.
+    parameters : int
+        p.
     soft_mass, span : float
         kg, and the largest xi = m / (m + soft mass).
 
@@ -127,7 +124,6 @@ class PayloadSchedule:
     table: Array
     parts: Array
     slope: Array
-    states: int
     parameters: int
     soft_mass: float
     span: float
@@ -165,7 +161,7 @@ class PayloadSchedule:
                         for variant, share in mixture)
             parts[:, :, k] = np.reshape(found, (COARSE_NODES, COARSE_TERMS, width))
         return cls(axis, coarse, whole, parts.reshape(COARSE_NODES, -1),
-                   differentiation_matrix(axis), arm.states, len(variants), soft, span)
+                   differentiation_matrix(axis), len(variants), soft, span)
 
     def index(self, payload: float, step: float = SLICE_STEP) -> int:
         """Return the index of the slice nearest to a payload, kg."""
@@ -187,7 +183,7 @@ class PayloadSchedule:
         second = slope**2 * first @ self.slope - 2.0 * slope / total * first
         cuts = (np.stack([weights, slope * first, second]) @ self.table).reshape(
             3, ANGLE_TERMS, -1)
-        return PayloadSlice(index, payload, np.concatenate(cuts, axis=1))
+        return PayloadSlice(payload, np.concatenate(cuts, axis=1))
 
     def parts_at(self, payload: float, angle: float) -> Array:
         """Return the derivatives over the parts near a payload, kg, and an angle, rad, (p, W')."""

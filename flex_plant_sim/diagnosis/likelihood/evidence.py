@@ -46,12 +46,6 @@ class GaussianMarginal:
         self.scaled_gradient = prior_widths * products[1:, 0]
         self.scaled_gram = prior_widths[:, None] * products[1:, 1:] * prior_widths
 
-    @classmethod
-    def of(cls, residual: Array, columns: Array, prior_widths: Array) -> GaussianMarginal:
-        """Return the marginal of residuals (M,) with J (M, p)."""
-        both = np.column_stack([residual, columns])
-        return cls(both.T @ both, prior_widths)
-
     @cached_property
     def inverse_factor(self) -> Array:
         """
@@ -78,11 +72,6 @@ class GaussianMarginal:
         if not (np.isfinite(self.residual_power) and np.all(np.isfinite(self.scaled_gradient))):
             return float('inf')
         return self.residual_power - float(np.sum((self.inverse_factor @ self.scaled_gradient)**2))
-
-    @property
-    def log_evidence(self) -> float:
-        """Return ln p(r) + M ln(2 pi) / 2, nats; -inf where r is not finite."""
-        return -0.5 * self.quadratic - self.half_log_determinant
 
     @property
     def mean(self) -> Array:

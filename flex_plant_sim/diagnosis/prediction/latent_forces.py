@@ -83,8 +83,6 @@ class LatentForces:
         Commanded torque of the joints, see `rms_loads`, N m, (2,).
     first, stop : int
         Samples to fit laws to, without the initial transient and the locked part.
-    log_likelihood : float
-        nats.
 
     """
 
@@ -101,7 +99,6 @@ class LatentForces:
     drive: Array
     first: int
     stop: int
-    log_likelihood: float
 
 
 def latent_forces(predictor: Predictor, prior: LatentPrior = LatentPrior(),
@@ -235,5 +232,4 @@ def _latent_forces_of(predictor: Predictor, smoothed: Smoothed, scored: slice
         gauge=latent[:, 2:], gauge_deviation=smoothed.deviation[:, 2:],
         speed=state[:, order:order + 2], angle=state[:, :2], command=record.command,
         strain=(state @ arm.output_matrix.T)[:, 2:], load=state[:, :order] @ np.array(loads).T,
-        drive=drive_torque(predictor), first=scored.start, stop=scored.stop,
-        log_likelihood=smoothed.log_likelihood)
+        drive=drive_torque(predictor), first=scored.start, stop=scored.stop)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.prediction.latent_forces import latent_forces, LatentForces
+from flex_plant_sim.diagnosis.prediction.latent_forces import latent_forces
 from flex_plant_sim.diagnosis.prediction.latent_line import line_of, SpectralLine
 from flex_plant_sim.diagnosis.prediction.latent_series import COMMANDS, gauge_series, torque_series
 from flex_plant_sim.diagnosis.prediction.law import (
@@ -123,7 +123,6 @@ class Finding:
 class LatentView:
     """The latent forces of records under one base model, and what each of them shows."""
 
-    forces: tuple[LatentForces, ...]
     torques: tuple[Finding, ...]
     gauges: tuple[Finding, ...]
 
@@ -160,7 +159,7 @@ def latent_view(predictors: Sequence[Predictor]) -> LatentView:
     forces = tuple(latent_forces(p, scored=p.windows.others) for p in predictors)
     robot, step = predictors[0].base.robot, predictors[0].arm.step_time
     torques, gauges = torque_series(forces, robot), gauge_series(forces, robot)
-    return LatentView(forces, tuple(_finding(s, step) for s in torques),
+    return LatentView(tuple(_finding(s, step) for s in torques),
                       tuple(_finding(s, step) for s in gauges))
 
 

@@ -93,7 +93,7 @@ class Law:
 
     Attributes
     ----------
-    site, unit, variable, variable_unit : str
+    site, variable, variable_unit : str
     knots, values, deviations : Array
         Knots, forces there and their standard deviations, (K,); a repeated knot is a step.
     share, share_error : float
@@ -108,7 +108,6 @@ class Law:
     """
 
     site: str
-    unit: str
     variable: str
     variable_unit: str
     knots: Array
@@ -294,7 +293,7 @@ def _law_over(series: LatentSeries, best: CrossValidation, clear: bool) -> Law:
     unit, x = series.variables.get(best.variable, ('', np.zeros(len(series.value))))
     design, value = hat_functions(x[series.scored], best.knots), series.value[series.scored]
     values, inverse = _ridge_fit(design, value)
-    return Law(series.site, series.unit, best.variable, unit, best.knots, values,
+    return Law(series.site, best.variable, unit, best.knots, values,
                _clustered_deviations(design, value - design @ values, inverse,
                                      stretches_of(len(series.value))[series.scored]),
                best.share, best.error, series.rms,

@@ -90,15 +90,12 @@ class Smoothed:
         Posterior standard deviation of torques and gauge errors, (N, m).
     increment_power : Array
         Posterior mean square of dtau and dgamma, (N, m).
-    log_likelihood : float
-        Of the record, nats.
 
     """
 
     mean: Array
     deviation: Array
     increment_power: Array
-    log_likelihood: float
 
 
 def smooth(system: LatentSystem, block_bytes: float = BLOCK_BYTES) -> Smoothed:
@@ -111,12 +108,12 @@ def smooth(system: LatentSystem, block_bytes: float = BLOCK_BYTES) -> Smoothed:
     """
     count, m, d = *system.measured.shape, system.states + len(system.output)
     block = min(count, int(block_bytes / (8 * d * (d + m))))
-    store, likelihood, block_starts = _FilterStore.of(block, d, m), 0.0, []
+    store, block_starts = _FilterStore.of(block, d, m), []
     z = np.concatenate([system.initial_mean, np.zeros(m)])
     p = np.diag(system.initial_deviation**2)
     for first in range(0, count, block):
         block_starts.append((first, z.copy(), p.copy()))
-        likelihood += _run_forward(system, first, z, p, store)
+        _run_forward(system, first, z, p, store)
     mean, deviation = np.empty((count, d)), np.empty((count, m))
     increment_power = np.empty((count, m))
     adjoint, information = np.zeros(d), np.zeros((d, d))
@@ -126,7 +123,7 @@ def smooth(system: LatentSystem, block_bytes: float = BLOCK_BYTES) -> Smoothed:
         _backward(first, min(first + block, count), adjoint, information, store.transition,
                   system.rows, system.decay, system.walk_variance, store.mean, store.covariance,
                   store.gain, store.error, store.variance, mean, deviation, increment_power)
-    return Smoothed(mean, np.sqrt(np.maximum(deviation, 0.0)), increment_power, likelihood)
+    return Smoothed(mean, np.sqrt(np.maximum(deviation, 0.0)), increment_power)
 
 
 @dataclass(frozen=True)
@@ -148,16 +145,15 @@ class _FilterStore:
 
 
 def _run_forward(system: LatentSystem, first: int, z: Array, p: Array, store: _FilterStore
-                 ) -> float:
+                 ) -> None:
     """Filter one block; z and p become the prediction for the next block."""
     stop = min(first + len(store.mean), len(system.measured))
     flat = system.table.reshape(len(system.table), -1)
     np.matmul(system.weights[first:stop], flat,
               out=store.transition.reshape(len(store.mean), -1)[:stop - first])
-    return float(_forward(
-        first, stop, z, p, store.transition, system.known_step, system.rows, system.measured,
-        system.noise, system.decay, system.process_covariance, system.walk_variance, store.mean,
-        store.covariance, store.gain, store.error, store.variance))
+    _forward(first, stop, z, p, store.transition, system.known_step, system.rows, system.measured,
+             system.noise, system.decay, system.process_covariance, system.walk_variance,
+             store.mean, store.covariance, store.gain, store.error, store.variance)
 
 
 @compiled
@@ -174,10 +170,10 @@ def _latent_transition(n: int, d: int, decay: float) -> Array:
 def _forward(first: int, stop: int, z: Array, p: Array, transition: Array, known: Array,
              rows: Array, measured: Array, noise: Array, decay: float, process_covariance: Array,
              walk_variance: Array, means: Array, covariances: Array, gains: Array, errors: Array,
-             variances: Array) -> float:
+             variances: Array) -> None:
     """Filter samples from first up to stop; z and p become the prediction for stop."""
     n, d, m = transition.shape[1], len(z), len(noise)
-    a, likelihood = _latent_transition(n, d, decay), 0.0
+    a = _latent_transition(n, d, decay)
     for k in range(first, stop):
         at = k - first
         means[at], covariances[at] = z, p
@@ -191,7 +187,6 @@ def _forward(first: int, stop: int, z: Array, p: Array, transition: Array, known
                 for j in range(d):
                     p[i, j] -= gain[i] * shared[j]
             gains[at, o], errors[at, o], variances[at, o] = gain, error, variance
-            likelihood -= 0.5 * (error * error / variance + np.log(2.0 * np.pi * variance))
         a[:n, :n + 2] = transition[at]
         z[:] = np.dot(a, z)
         p[:] = np.dot(np.dot(a, p), a.T)
@@ -200,7 +195,6 @@ def _forward(first: int, stop: int, z: Array, p: Array, transition: Array, known
         p[:n, :n] += process_covariance
         for j in range(m):
             p[n + j, n + j] += walk_variance[k, j]
-    return likelihood
 
 
 @compiled
