@@ -22,12 +22,7 @@ from flex_payload_estimator.estimators.rpe.excitation import Excitation
 from flex_payload_estimator.estimators.rpe.filter import Filter, Sample
 from flex_payload_estimator.estimators.rpe.filter_step import FilterStep
 from flex_payload_estimator.estimators.rpe.modes import Mode
-from flex_payload_estimator.estimators.rpe.restarts import (
-    PASSES,
-    relinearised,
-    restarted_at,
-    WIDE_PAYLOAD,
-)
+from flex_payload_estimator.estimators.rpe.restarts import PASSES, relinearised, restarted_at
 from flex_payload_estimator.estimators.rpe.sensors import Loads
 from flex_payload_estimator.estimators.rpe.start import StartBank
 from flex_payload_estimator.estimators.rpe.time_update import CORIOLIS
@@ -92,7 +87,7 @@ class FixedMode:
         (first, loads, _), *rest = self.past
         base = best.copy()
         base.mode = self.mode
-        new = restarted_at(base, WIDE_PAYLOAD, first, loads, None, self.stepper)
+        new = restarted_at(base, first, loads, None, self.stepper)
         for moment in rest:
             self._learn(new, *moment)
         return new

@@ -57,7 +57,7 @@ def test_the_iterated_gain_settles_at_the_optimal_one() -> None:
     for k in range(400):
         controller.command(0.01 * k, np.zeros(6), np.zeros(2), 0.1, np.zeros(2))
     model = controller.model
-    a_bar, b_bar = controller._delta(1.0, 0.1)
+    a_bar, b_bar = controller._stretched()
     f, g = np.eye(10) + 0.01 * a_bar, 0.01 * b_bar
     angles = np.eye(2, 10)
     q_1 = angles.T @ angles + np.outer(model.end_point, model.end_point)

@@ -130,14 +130,14 @@ class LQGController:
 
     def _settled_design(self) -> Array:
         """Return the S at which the iterations start: the solution at mass_0, theta_2 = 0."""
-        a_bar, b_bar = self._delta(1.0, self.settings.mass_0)
+        a_bar, b_bar = self._stretched()
         return settled(a_bar, b_bar, self.q_1, self.q_2, self.step)[1]
 
     @property
     def transition(self) -> tuple[Array, Array, float]:
         """Return A-bar (n, n) and B-bar (n, 2) from the last sample on, and cos(theta_2)."""
         if self._model is None:
-            return *self._delta(1.0, self.settings.mass_0), 1.0
+            return *self._stretched(), 1.0
         n = self.model.states
         a_bar, b_bar = self._model[0][:n, :n], self._model[1][:n]
         return np.ascontiguousarray(a_bar), b_bar, math.cos(self._angle)
@@ -229,8 +229,9 @@ class LQGController:
         self.state[:2], self.doubted = scaled[:2], 0
         return False
 
-    def _delta(self, cosine: float, mass: float) -> tuple[Array, Array]:
-        a, b = self.model.matrices(cosine, mass)
+    def _stretched(self) -> tuple[Array, Array]:
+        """Return A-bar and B-bar at mass_0, theta_2 = 0."""
+        a, b = self.model.matrices(1.0, self.settings.mass_0)
         big = self._omega(a)
         return big.dot(a), big.dot(b)
 

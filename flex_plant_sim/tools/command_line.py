@@ -85,12 +85,13 @@ def add_log_argument(options: argparse.ArgumentParser, nargs: str | None = None)
                          help='CSV file, or rosbag2 (sqlite3, MCAP) folder or file')
 
 
-def add_arm_arguments(options: argparse.ArgumentParser, model: str = DEFAULT_MODEL,
-                      modes: int = DEFAULT_MODES, payload: bool = True) -> None:
+def add_arm_arguments(options: argparse.ArgumentParser, modes: int = DEFAULT_MODES,
+                      payload: bool = True) -> None:
     """Add --robot, --model, --modes and, if `payload`, --payload."""
     options.add_argument('--robot', default='reference', metavar='NAME|FILE',
                          help=f'{", ".join(built_in_robots())} or a YAML file')
-    options.add_argument('--model', default=model, choices=sorted(MODELS), help='arm model')
+    options.add_argument('--model', default=DEFAULT_MODEL, choices=sorted(MODELS),
+                         help='arm model')
     options.add_argument('--modes', default=modes, type=modes_number, metavar='N',
                          help='flexible modes a link, 1 to 20')
     if not payload:

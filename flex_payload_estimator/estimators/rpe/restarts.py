@@ -145,9 +145,8 @@ def about_cells(f: Filter, mode: Mode, stepper: FilterStep) -> list[LinearisedMo
     return models
 
 
-def restarted_at(f: Filter, payload_std: float, first: Sample, loads: Loads,
-                 rested: Filter | None, stepper: FilterStep,
-                 model: LinearisedModel | None = None) -> Filter:
+def restarted_at(f: Filter, first: Sample, loads: Loads, rested: Filter | None,
+                 stepper: FilterStep, model: LinearisedModel | None = None) -> Filter:
     """
     Return a filter that begins from its prior at an earlier sample, linearised about f's estimate.
 
@@ -155,8 +154,6 @@ def restarted_at(f: Filter, payload_std: float, first: Sample, loads: Loads,
     ----------
     f : Filter
         Gives mode and linearisation point: payload, share of the forces of motion, and parts.
-    payload_std : float
-        Standard deviation of the payload, as a share of (m + soft mass).
     first, loads : Sample, Loads
         Where it begins.
     rested : Filter or None
@@ -172,7 +169,7 @@ def restarted_at(f: Filter, payload_std: float, first: Sample, loads: Loads,
     beta[MASS] = new.reference[MASS]
     if not f.mode.free_parts:
         beta[CORIOLIS] = new.reference[CORIOLIS]
-    beta_cov = prior.covariance(payload_std * (beta[MASS] + stepper.schedule.soft_mass))
+    beta_cov = prior.covariance(WIDE_PAYLOAD * (beta[MASS] + stepper.schedule.soft_mass))
     new = _restarted(new, f, new.x, beta, beta_cov, 0.0, stepper)
     new.passes, new.log_likelihood = f.passes + 1, 0.0
     begin_at(new, first, loads, rested, stepper)

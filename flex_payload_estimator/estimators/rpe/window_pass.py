@@ -34,7 +34,6 @@ from flex_payload_estimator.estimators.rpe.restarts import (
     NARROW_PAYLOAD,
     restarted,
     restarted_at,
-    WIDE_PAYLOAD,
 )
 from flex_payload_estimator.estimators.rpe.sample_window import SampleWindow, StoredSample
 from flex_payload_estimator.estimators.rpe.time_update import CORIOLIS
@@ -254,5 +253,5 @@ def _from_prior(f: Filter, mode: Mode, share: float, window: SampleWindow, stepp
     base.mode, base.beta[CORIOLIS] = mode, share
     # The noise may have been larger then than it is now.
     base.noise_scale[:] = np.maximum(base.noise_scale, stored.noise_scale)
-    return PassFilter(restarted_at(base, WIDE_PAYLOAD, stored.sample, stored.loads, window.rested,
-                                   stepper, model))
+    return PassFilter(
+        restarted_at(base, stored.sample, stored.loads, window.rested, stepper, model))
