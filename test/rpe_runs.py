@@ -32,9 +32,10 @@ class Run:
 
     def __init__(self, estimator: RecursivePredictionError, profile: PayloadProfile,
                  seconds: float, seed: int = 0, arm: ExtendedArm | None = None,
-                 moving: float = np.inf):
+                 moving: float = np.inf, noise: Noise | None = None):
         robot = estimator.arm.robot
-        noise = Noise(robot.angle_noise, robot.strain_noise, estimator.settings.torque_noise[0])
+        noise = noise or Noise(robot.angle_noise, robot.strain_noise,
+                               estimator.settings.torque_noise[0])
         simulator = Simulator(arm or ExtendedArm(robot, 'assumed_modes', 2, profile.at(0.0)),
                               profile, noise, seed)
         estimator.reset()
