@@ -48,7 +48,8 @@ class NeighbourFitter:
 
     Where a set has coordinates that the trajectory there lacks, it is fitted once more along its
     own trajectory, with the same Jacobian in the parts; coarsely, from its best start alone. Where
-    it changes the robot itself, the better of both fits counts: the Jacobian may suit neither.
+    it lacks one of their causes and changes the robot itself, the better of both fits counts: the
+    Jacobian may suit neither.
 
     Attributes
     ----------
@@ -78,11 +79,18 @@ class NeighbourFitter:
         causes = CauseSet(fit.hypotheses, self.duration)
         effects = causes.effects(fit.values)
         new_coordinates = self.likelihood.has_new_coordinates(effects)
-        if not new_coordinates and all(type(e).on_robot is Effect.on_robot for e in effects):
+        if not new_coordinates and not self._replaces_the_robot(fit, effects):
             return fit
         own = fit_set(self.likelihood.along_trajectory_of(effects), causes, (fit.values,),
                       self.error_scale, self.coarse)
         return own if new_coordinates else max(fit, own, key=lambda found: found.log_evidence)
+
+    def _replaces_the_robot(self, fit: Fit, effects: Sequence[Effect]) -> bool:
+        """Tell whether a fit lacks a cause of the centre and changes the robot itself."""
+        labels = {h.label for h in fit.hypotheses}
+        return (any(type(effect).on_robot is not Effect.on_robot for effect in effects)
+                and any(f'{effect.identifier}:{effect.site}' not in labels
+                        for effect in self.likelihood.centre_effects))
 
 
 def fit_neighbours(state: SearchState, centre: RefinedFit) -> Neighbourhood:
