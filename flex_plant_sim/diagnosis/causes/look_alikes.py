@@ -1,12 +1,12 @@
 """
-The search step that asks whether the fault of a part is another one, beside laws.
+The search step that asks whether the fault of a part is another one, or another size, beside laws.
 
 Where a part seems to have one fault, it may have another instead: a late gauge may be a slow one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import replace
 
 from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
@@ -20,21 +20,21 @@ from flex_plant_sim.diagnosis.causes.refinement import MAX_REFINED_AT_ONCE
 from flex_plant_sim.diagnosis.causes.search_state import SearchState
 import numpy as np
 
+Part = tuple[str, str]
 
-def refined_look_alikes(state: SearchState, with_laws: RefinedFit) -> list[RefinedFit]:
+
+def refined_look_alikes(state: SearchState, with_laws: RefinedFit, asked: Container[Part]
+                        ) -> list[RefinedFit]:
     """
     Return refined sets with laws in which a cause is replaced by one of its family at its site.
 
+    That may be the cause itself from another start. Parts of which this was asked are left out.
     One step ahead neither a set nor its values are judged well beside laws, see
     `free_run_ranking`: of the optima found from each probed start, those with the best free runs
     are refined. (A slow gauge of the measured arm has optima at 16 ms, which evidence likes, and
     at 107 ms, whose free runs are 12 nats likelier.)
     """
-    now = CandidateSet.of(with_laws.fit)
-    sets = [candidate for index, cause in enumerate(now.hypotheses)
-            for proposal in proposals_beside(state, with_laws, index)
-            if is_look_alike(proposal.hypothesis, cause)
-            for candidate in now.without(index).with_each_probe(proposal)]
+    sets = look_alikes(state, with_laws, asked)
     fits = coarse_fits_of_each(state, with_laws, sets, 'look-alikes beside laws')
     runs = free_run_log_likelihoods(
         [replace(with_laws, fit=fit) for fit in fits], state.data, state.nominal, state.jobs,
@@ -43,10 +43,20 @@ def refined_look_alikes(state: SearchState, with_laws: RefinedFit) -> list[Refin
     return state.refined_each(different_optima(best_first)[:MAX_REFINED_AT_ONCE])
 
 
-def is_look_alike(hypothesis: Hypothesis, cause: Hypothesis) -> bool:
-    """Tell whether a hypothesis is another fault of the part in which a cause is."""
-    return (hypothesis.effect is not cause.effect and hypothesis.site == cause.site
-            and hypothesis.effect.family == cause.effect.family)
+def look_alikes(state: SearchState, centre: RefinedFit, asked: Container[Part]
+                ) -> list[CandidateSet]:
+    """Return the sets in which a cause is replaced by a fault of its part, from each start."""
+    now = CandidateSet.of(centre.fit)
+    return [candidate for index, cause in enumerate(now.hypotheses)
+            if part_of(cause) not in asked
+            for proposal in proposals_beside(state, centre, index)
+            if part_of(proposal.hypothesis) == part_of(cause)
+            for candidate in now.without(index).with_each_probe(proposal)]
+
+
+def part_of(cause: Hypothesis) -> Part:
+    """Return in which part a cause is a fault: its site and the family of its effect."""
+    return cause.site, cause.effect.family
 
 
 def different_optima(fits: Sequence[Fit]) -> list[Fit]:

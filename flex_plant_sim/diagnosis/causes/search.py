@@ -20,7 +20,7 @@ from flex_plant_sim.diagnosis.causes.free_run_ranking import (
     ranked_by_free_runs,
 )
 from flex_plant_sim.diagnosis.causes.information import InformationProbe
-from flex_plant_sim.diagnosis.causes.look_alikes import refined_look_alikes
+from flex_plant_sim.diagnosis.causes.look_alikes import Part, part_of, refined_look_alikes
 from flex_plant_sim.diagnosis.causes.neighbourhood import Neighbourhood
 from flex_plant_sim.diagnosis.causes.neighbours import fit_in_place_of_law, fit_neighbours
 from flex_plant_sim.diagnosis.causes.posterior import Posterior, SetKey
@@ -33,7 +33,11 @@ from flex_plant_sim.diagnosis.causes.refinement import (
     try_far_parts,
     try_laws,
 )
-from flex_plant_sim.diagnosis.causes.search_state import Progress, SearchState
+from flex_plant_sim.diagnosis.causes.search_state import (
+    MIN_RELATIVE_PROBABILITY,
+    Progress,
+    SearchState,
+)
 from flex_plant_sim.diagnosis.likelihood.prior import ORDINARY_FAULTS
 from flex_plant_sim.diagnosis.pool import attempt
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
@@ -189,7 +193,7 @@ def ranked_with_laws(state: SearchState, nothing: RefinedFit) -> SearchResult:
 
     """
     found: dict[SetKey, tuple[RefinedFit, float]] = {}
-    asked: set[SetKey] = set()
+    asked: set[Part] = set()
     fresh = state.refined_with_laws
     while True:
         runs = free_run_log_likelihoods(
@@ -202,10 +206,14 @@ def ranked_with_laws(state: SearchState, nothing: RefinedFit) -> SearchResult:
         sets = [chosen for chosen, _ in found.values()]
         best, posterior = ranked_by_free_runs(
             sets, np.array([run for _, run in found.values()]), state.nominal)
-        named = next((key for fit in posterior.fits if (key := SetKey.of(fit)).labels), None)
-        if named is None or named in asked:
+        stated = [fit for fit, p in zip(posterior.fits, posterior.probability)
+                  if p > MIN_RELATIVE_PROBABILITY]
+        named = next((fit for fit in stated if not asked.issuperset(
+            map(part_of, fit.hypotheses))), None)
+        if named is None:
             break
-        asked.add(named)
-        fresh = attempt(partial(refined_look_alikes, state), found[named][0]) or []
+        fresh = attempt(partial(refined_look_alikes, state, asked=frozenset(asked)),
+                        found[SetKey.of(named)][0]) or []
+        asked.update(map(part_of, named.hypotheses))
     return SearchResult(best, tuple(proposals_beside(state, best)),
                         InformationProbe.beside(best), posterior, nothing)
