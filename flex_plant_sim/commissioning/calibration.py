@@ -13,8 +13,9 @@ from dataclasses import dataclass, replace
 from flex_plant_sim.arm.parts import within_file_limits
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
+from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit
-from flex_plant_sim.diagnosis.likelihood.prior import part_priors, with_deviations
+from flex_plant_sim.diagnosis.likelihood.prior import part_priors, PartPrior, with_deviations
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.record.data import Data, MOVE_MORE, unmoved
 from flex_plant_sim.diagnosis.record.windows import Record
@@ -49,6 +50,13 @@ class Calibration:
 
     robot: Robot
     parts: tuple[PartEstimate, ...]
+
+
+def _estimates(parts: Sequence[PartPrior], fit: Fit) -> tuple[PartEstimate, ...]:
+    return tuple(
+        PartEstimate(part.name, part.unit, part.tolerance, float(value), float(deviation))
+        for part, value, deviation in zip(
+            parts, fit.deviations, np.sqrt(np.diagonal(fit.covariance))))
 
 
 def calibrate(logs: Sequence[Log], robot: Robot, payload: float,
@@ -91,10 +99,7 @@ def calibrate(logs: Sequence[Log], robot: Robot, payload: float,
     begin()
     fit = RefinedFit.refine(CandidateSet((), (np.zeros(0),)), base, data).fit
     parts = part_priors(base.robot, payload)
-    estimates = tuple(
-        PartEstimate(part.name, part.unit, part.tolerance, float(value), float(deviation))
-        for part, value, deviation in zip(
-            parts, fit.deviations, np.sqrt(np.diagonal(fit.covariance))))
+    estimates = _estimates(parts, fit)
     values = np.array([part.mean if notable(part) else 0.0 for part in estimates])
     found, sensors = with_deviations(base.robot, parts, values)
     found = replace(within_file_limits(found), payload_mass=robot.payload_mass,

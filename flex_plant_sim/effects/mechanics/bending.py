@@ -46,7 +46,7 @@ from numpy.typing import NDArray
 # load). From about there on, an energy of second order makes the mass matrix of heavily loaded
 # links indefinite.
 FADE_SHORTENING = 0.08
-# Of a row that is the difference of two equal ones.
+# Relative difference of numbers that are equal but for rounding.
 ROUNDING = 1e-9
 
 
