@@ -38,7 +38,8 @@ class Parameter:
     low, high : float
         Bounds.
     starts : tuple of float
-        Values from which a fit starts.
+        Values from which a fit starts. The fit of a far size may end at a near one, so that they
+        reach as far as what an experiment would just leave unseen, four times over.
     smallest : float
         Smallest deviation from null that matters in practice; inf if the parameter only shapes
         an effect whose size another parameter gives.

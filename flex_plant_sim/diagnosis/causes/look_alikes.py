@@ -35,12 +35,13 @@ def refined_look_alikes(state: SearchState, with_laws: RefinedFit, asked: Contai
     at 107 ms, whose free runs are 12 nats likelier.)
     """
     sets = look_alikes(state, with_laws, asked)
-    fits = coarse_fits_of_each(state, with_laws, sets, 'look-alikes beside laws')
+    found = coarse_fits_of_each(state, with_laws, sets, 'look-alikes beside laws')
+    fits = different_optima(sorted(found, key=state.score, reverse=True))
     runs = free_run_log_likelihoods(
         [replace(with_laws, fit=fit) for fit in fits], state.data, state.nominal, state.jobs,
         lambda share: state.progress('free runs of look-alikes', 0.9 + 0.05 * share))
     best_first = [fits[index] for index in np.argsort(-runs) if np.isfinite(runs[index])]
-    return state.refined_each(different_optima(best_first)[:MAX_REFINED_AT_ONCE])
+    return state.refined_each(best_first[:MAX_REFINED_AT_ONCE])
 
 
 def look_alikes(state: SearchState, centre: RefinedFit, asked: Container[Part]

@@ -14,7 +14,8 @@ class ActuatorGain(Effect):
     identifier = 'actuator_gain'
     family = 'drive and timing'
     explanation = 'The drive of {site} makes more or less of a command than its data sheet says.'
-    parameters = (Parameter('factor', '', 1.0, 0.2, 3.0, (0.75, 0.9, 1.1, 1.3), 0.03, 0.15),)
+    parameters = (
+        Parameter('factor', '', 1.0, 0.2, 3.0, (0.5, 0.75, 0.9, 1.1, 1.3, 1.8), 0.03, 0.15),)
     sites = 'joint'
 
     def on_command(self, command: Array, history: Array, time: Any,

@@ -16,7 +16,8 @@ class PayloadOffset(Effect):
     explanation = 'The payload is not held at the tip, but farther out or farther in.'
     parameters = (
         # A gripper holds what it holds some centimetres beyond its flange.
-        Parameter('offset_m', 'm', 0.0, -1.0, 1.0, (-0.1, -0.03, 0.03, 0.1), 0.005, 0.05),)
+        Parameter('offset_m', 'm', 0.0, -1.0, 1.0, (-0.3, -0.1, -0.03, 0.03, 0.1, 0.3),
+                  0.005, 0.05),)
     sites = 'arm'
     structural = True
 

@@ -16,7 +16,7 @@ class AngleOffset(Effect):
     family = 'sensors'
     explanation = 'The zero of the angle sensor of {site} is off.'
     parameters = (
-        Parameter('offset_rad', 'rad', 0.0, -1.0, 1.0, (-0.15, 0.15), 0.02, 0.15),)
+        Parameter('offset_rad', 'rad', 0.0, -1.0, 1.0, (-0.5, -0.15, 0.15, 0.5), 0.02, 0.15),)
     sites = 'joint'
     structural = True
 

@@ -18,7 +18,7 @@ class StrainGain(Effect):
     family = 'sensors'
     explanation = 'The gauge {site} is scaled wrongly.'
     parameters = (
-        Parameter('factor', '', 1.0, 0.05, 5.0, (0.85, 1.15), 0.03, 0.15),
+        Parameter('factor', '', 1.0, 0.05, 5.0, (0.5, 0.85, 1.15, 2.1), 0.03, 0.15),
         # As much over a record of 40 s as a wrong scale may be from its start.
         Parameter('creep_per_s', '1/s', 0.0, -0.1, 0.1, (-0.004, 0.004), 0.0008, 0.004,
                   optional=True))

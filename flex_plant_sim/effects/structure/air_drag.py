@@ -34,7 +34,7 @@ class AirDrag(Effect):
     parameters = (
         # Bare links in air: about 1.2 kg/m^3 times 2.
         Parameter('density_times_drag_kg_per_m3', 'kg/m^3', 0.0, 0.0, 200.0,
-                  (3.0, 12.0, 40.0), 2.0, 20.0),)
+                  (3.0, 12.0, 40.0, 150.0), 2.0, 20.0),)
     sites = 'arm'
 
     def force(self, motion: Motion) -> Array:

@@ -21,8 +21,8 @@ class BaseTilt(Effect):
     family = 'links and structure'
     explanation = 'The base is not level: gravity pulls the arm to one side.'
     parameters = (
-        Parameter('tilt_x_rad', 'rad', 0.0, -0.5, 0.5, (-0.03, 0.03), 0.003, 0.04),
-        Parameter('tilt_y_rad', 'rad', 0.0, -0.5, 0.5, (-0.03, 0.03), 0.003, 0.04))
+        Parameter('tilt_x_rad', 'rad', 0.0, -0.5, 0.5, (-0.1, -0.03, 0.03, 0.1), 0.003, 0.04),
+        Parameter('tilt_y_rad', 'rad', 0.0, -0.5, 0.5, (-0.1, -0.03, 0.03, 0.1), 0.003, 0.04))
     sites = 'arm'
 
     def force(self, motion: Motion) -> Array:

@@ -22,7 +22,8 @@ class HubInertia(Effect):
     family = 'links and structure'
     explanation = 'Something at {site} has more rotary inertia than its data sheet says.'
     parameters = (
-        Parameter('inertia_kg_m2', 'kg m^2', 0.0, 0.0, 1.0, (0.003, 0.01, 0.04), 0.002, 0.02),)
+        Parameter('inertia_kg_m2', 'kg m^2', 0.0, 0.0, 1.0, (0.003, 0.01, 0.04, 0.16),
+                  0.002, 0.02),)
     sites = 'hub'
     structural = True
 

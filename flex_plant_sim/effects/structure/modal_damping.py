@@ -12,7 +12,8 @@ class ModalDamping(Effect):
     identifier = 'modal_damping'
     family = 'links and structure'
     explanation = 'The vibration of {site} dies out faster or slower than its damping says.'
-    parameters = (Parameter('factor', '', 1.0, 0.05, 100.0, (0.4, 2.5, 6.0), 0.6, 4.0),)
+    parameters = (
+        Parameter('factor', '', 1.0, 0.05, 100.0, (0.4, 2.5, 6.0, 15.0, 40.0), 0.6, 4.0),)
     sites = 'link'
     structural = True
 
