@@ -46,6 +46,8 @@ import numpy as np
 
 # Sets whose neighbours are fitted at most; a budget.
 MAX_CENTRES = 5
+# Sets beside laws whose parts are asked about at least, see `look_alikes`; a budget.
+LEAST_ASKED = 2
 
 
 @dataclass(frozen=True)
@@ -194,7 +196,7 @@ def ranked_with_laws(state: SearchState, nothing: RefinedFit) -> SearchResult:
     """
     found: dict[SetKey, tuple[RefinedFit, float]] = {}
     asked: set[Part] = set()
-    fresh = state.refined_with_laws
+    fresh, asks = state.refined_with_laws, 0
     while True:
         runs = free_run_log_likelihoods(
             fresh, state.data, state.nominal, state.jobs,
@@ -206,10 +208,10 @@ def ranked_with_laws(state: SearchState, nothing: RefinedFit) -> SearchResult:
         sets = [chosen for chosen, _ in found.values()]
         best, posterior = ranked_by_free_runs(
             sets, np.array([run for _, run in found.values()]), state.nominal)
-        stated = [fit for fit, p in zip(posterior.fits, posterior.probability)
-                  if p > MIN_RELATIVE_PROBABILITY]
-        named = next((fit for fit in stated if not asked.issuperset(
-            map(part_of, fit.hypotheses))), None)
+        named = next((fit for fit, p in zip(posterior.fits, posterior.probability)
+                      if (p > MIN_RELATIVE_PROBABILITY or asks < LEAST_ASKED)
+                      and not asked.issuperset(map(part_of, fit.hypotheses))), None)
+        asks += 1
         if named is None:
             break
         fresh = attempt(partial(refined_look_alikes, state, asked=frozenset(asked)),
