@@ -188,7 +188,11 @@ def test_a_resonant_effect_is_fitted_from_each_probed_size() -> None:
     # And from the linear optimum: a size may be smaller than all that were probed.
     assert set(np.round(probed, 9)) < set(np.round(starts[resonant.label], 9))
     assert len(starts['clamp_compliance:link_1']) == 1
-    # Nor does the linear gain tell how much it gains.
+    # Nor does the linear gain tell how much it gains: without one, the best start is tried.
+    hopeless = [replace(p, linear_gain=-9.0) for p in proposals]
+    single, = (candidate for candidate in candidates(state, nothing, hopeless)
+               if [h.label for h in candidate.hypotheses] == [resonant.label])
+    assert {start[0] for start in single.starts} >= set(starts[resonant.label])
     deserving = {p.hypothesis.label: state.deserves_fit(50, replace(p, linear_gain=100.0))
                  for p in proposals}
     assert deserving[resonant.label] and not deserving['clamp_compliance:link_1']

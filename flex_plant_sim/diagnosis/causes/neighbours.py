@@ -165,11 +165,17 @@ def _deserving(state: SearchState, proposals: Sequence[Proposal]) -> Iterable[Pr
 
 def _extended(state: SearchState, candidate: CandidateSet, proposal: Proposal
               ) -> Iterable[CandidateSet]:
-    """Return a set with a proposed cause; if that is resonant, from each probed start."""
+    """
+    Return a set with a proposed cause; if that is resonant, from each probed start.
+
+    Where no start promises a gain by itself, from the best of them: between two of them a resonant
+    cause may gain much. (A gap of 0.56 mrad promised -8 nats, and 113 when it was fitted.)
+    """
     if proposal.hypothesis.event_index is not None and state.penalised_gain(proposal) > 0.0:
         proposal = proposal.with_times_around(state.thinned.period)
     if proposal.hypothesis.label in state.resonant:
-        return candidate.with_each_probe(proposal)
+        return (candidate.with_each_probe(proposal) if state.promises_gain(proposal)
+                else [candidate.with_best_probe(proposal)])
     return [candidate.with_proposal(proposal)]
 
 

@@ -173,11 +173,14 @@ class SearchState:
         """
         Tell whether a proposal is to be fitted, by its rank among the proposals.
 
-        Of resonant effects the linear gain may be far too small, so that their rank is not known.
+        Of resonant effects the linear gain may be far too small, so that all of them are.
         """
-        ranked = rank < MAX_ADDED or proposal.hypothesis.label in self.resonant
-        return rank < ALWAYS_FITTED or (
-            ranked and self.penalised_gain(proposal) > MIN_PROPOSAL_GAIN)
+        return (rank < ALWAYS_FITTED or proposal.hypothesis.label in self.resonant
+                or (rank < MAX_ADDED and self.promises_gain(proposal)))
+
+    def promises_gain(self, proposal: Proposal) -> bool:
+        """Tell whether a proposal's linear gain is worth what its fit costs."""
+        return self.penalised_gain(proposal) > MIN_PROPOSAL_GAIN
 
     def posterior(self, unfitted_scores: Mapping[frozenset[str], float] = MappingProxyType({}),
                   beside: Fit | None = None) -> Posterior:
