@@ -61,7 +61,7 @@ def regressions() -> None:
 
 
 def smoothing() -> None:
-    """Compile the diagnosis' prediction and smoothing of a record."""
+    """Compile the diagnosis' prediction, smoothing and free run of a record."""
     robot = load_robot('reference')
     rng = np.random.default_rng(0)
     time = robot.sample_time * np.arange(float(SAMPLES))
@@ -73,6 +73,9 @@ def smoothing() -> None:
     latent_forces(Predictor(base, windows, np.full(6, 1e-4)))
     # Any other robot than the base's, so that its residual is whitened anew.
     predictor.whitened_residual(robot=replace(robot, payload_mass=0.5 * robot.payload_mass))
+    # A free run of an arm whose effects are asked at every step.
+    arm = base.arm(robot.payload_mass)
+    arm.advance(arm.schedule.at(1.0), np.zeros(arm.states), np.zeros(2), 0.0)
 
 
 PARTS: tuple[Callable[[], None], ...] = (estimators, regressions, smoothing)
