@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import math
+from typing import Any
 
 from flex_payload_estimator.control.safeguards import BelievedPayload
 from flex_payload_estimator.estimators.base import is_finite, largest_payload
@@ -194,7 +195,7 @@ class LQGController:
             self._mass = self._believed(float(mass), time)
         a, b = self.model.matrices(math.cos(self._angle), self._mass)
         *model, self.gain, self.cost, command = controlled(
-            a, b, *self._omega.room, self.q_1, self.q_2, self.cost, self.step, self.state,
+            a, b, self._omega.room, self.q_1, self.q_2, self.cost, self.step, self.state,
             set_point, self._limit)
         self._model = model[0], model[1]
         return command
@@ -237,9 +238,8 @@ class LQGController:
 
 
 @compiled
-def controlled(a: Array, b: Array, first: float, coefficients: Array, powers: Array,
-               fourth: Array, halvings: int, q_1: Array, q_2: Array, cost: Array, step: float,
-               state: Array, set_point: Array, limit: Array
+def controlled(a: Array, b: Array, room: tuple[Any, ...], q_1: Array, q_2: Array, cost: Array,
+               step: float, state: Array, set_point: Array, limit: Array
                ) -> tuple[Array, Array, Array, Array, Array]:
     """
     Return A-bar, B-bar, the gain L and the cost S of one iteration, and u inside the limits.
@@ -251,8 +251,8 @@ def controlled(a: Array, b: Array, first: float, coefficients: Array, powers: Ar
     ----------
     a, b : Array
         A (n, n) and B (n, 2).
-    first, coefficients, powers, fourth, halvings
-        See `delta.series`.
+    room : tuple
+        See `DeltaOperator`.
     q_1, q_2, cost, step
         See `riccati_step`.
     state : Array
@@ -261,7 +261,7 @@ def controlled(a: Array, b: Array, first: float, coefficients: Array, powers: Ar
         (2,).
 
     """
-    big, n = series(a, first, coefficients, powers, fourth, halvings), len(a)
+    big, n = series(a, *room), len(a)
     a_bar, b_bar = np.dot(big, a), np.dot(big, b)
     gain, cost, _ = riccati_step(a_bar, b_bar, q_1, q_2, cost, step)
     error = state[:n].copy()
