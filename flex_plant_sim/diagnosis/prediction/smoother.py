@@ -8,6 +8,7 @@ installed.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import compiled
@@ -69,16 +70,15 @@ class LatentSystem:
         return self.output.shape[1]
 
     @property
-    def rows(self) -> Array:
-        """Return the output matrix of z, (m, n + m); each gauge also shows its own error."""
-        m = len(self.output)
-        own = np.eye(m)
+    def samples(self) -> _Samples:
+        """Return what the compiled loops take of the system."""
+        own = np.eye(len(self.output))
         own[:2] = 0.0
-        return np.hstack([self.output, own])
+        return _Samples(np.hstack([self.output, own]), self.known_step, self.measured, self.noise,
+                        self.process_covariance, self.decay, self.walk_variance)
 
 
-@dataclass(frozen=True)
-class Smoothed:
+class Smoothed(NamedTuple):
     """
     The posterior of z given the whole record.
 
@@ -108,52 +108,70 @@ def smooth(system: LatentSystem, block_bytes: float = BLOCK_BYTES) -> Smoothed:
     """
     count, m, d = *system.measured.shape, system.states + len(system.output)
     block = min(count, int(block_bytes / (8 * d * (d + m))))
-    store, block_starts = _FilterStore.of(block, d, m), []
+    samples, kept, block_starts = system.samples, _Filtered.of(block, d, m), []
     z = np.concatenate([system.initial_mean, np.zeros(m)])
     p = np.diag(system.initial_deviation**2)
     for first in range(0, count, block):
         block_starts.append((first, z.copy(), p.copy()))
-        _run_forward(system, first, z, p, store)
-    mean, deviation = np.empty((count, d)), np.empty((count, m))
-    increment_power = np.empty((count, m))
+        _run_forward(system, samples, first, z, p, kept)
+    found = Smoothed(np.empty((count, d)), np.empty((count, m)), np.empty((count, m)))
     adjoint, information = np.zeros(d), np.zeros((d, d))
     for first, z, p in reversed(block_starts):
         if len(block_starts) > 1:
-            _run_forward(system, first, z, p, store)
-        _backward(first, min(first + block, count), adjoint, information, store.transition,
-                  system.rows, system.decay, system.walk_variance, store.mean, store.covariance,
-                  store.gain, store.error, store.variance, mean, deviation, increment_power)
-    return Smoothed(mean, np.sqrt(np.maximum(deviation, 0.0)), increment_power)
+            _run_forward(system, samples, first, z, p, kept)
+        _backward(first, min(first + block, count), adjoint, information, samples, kept, found)
+    np.sqrt(np.maximum(found.deviation, 0.0), out=found.deviation)
+    return found
 
 
-@dataclass(frozen=True)
-class _FilterStore:
-    """The filtered quantities of a block, kept for the backward pass."""
+class _Samples(NamedTuple):
+    """
+    What the loops take of a system.
+
+    `rows` is the output matrix of z, (m, n + m); each gauge also shows its own error. For the
+    others see `LatentSystem`.
+    """
+
+    rows: Array
+    known_step: Array
+    measured: Array
+    noise: Array
+    process_covariance: Array
+    decay: float
+    walk_variance: Array
+
+
+class _Filtered(NamedTuple):
+    """
+    The filtered quantities of the samples of a block, kept for the backward pass.
+
+    Mean and covariance of z before the sample, (N, d) and (N, d, d), and [F, B] after it,
+    (N, n, n + 2); of each of its channels, one after the other, gain, (N, m, d), innovation and
+    its variance, (N, m).
+    """
 
     mean: Array
     covariance: Array
+    transition: Array
     gain: Array
     error: Array
     variance: Array
-    transition: Array
 
     @classmethod
-    def of(cls, count: int, d: int, m: int) -> _FilterStore:
+    def of(cls, count: int, d: int, m: int) -> _Filtered:
         n = d - m
-        return cls(np.empty((count, d)), np.empty((count, d, d)), np.empty((count, m, d)),
-                   np.empty((count, m)), np.empty((count, m)), np.empty((count, n, n + 2)))
+        return cls(np.empty((count, d)), np.empty((count, d, d)), np.empty((count, n, n + 2)),
+                   np.empty((count, m, d)), np.empty((count, m)), np.empty((count, m)))
 
 
-def _run_forward(system: LatentSystem, first: int, z: Array, p: Array, store: _FilterStore
-                 ) -> None:
+def _run_forward(system: LatentSystem, samples: _Samples, first: int, z: Array, p: Array,
+                 kept: _Filtered) -> None:
     """Filter one block; z and p become the prediction for the next block."""
-    stop = min(first + len(store.mean), len(system.measured))
+    stop = min(first + len(kept.mean), len(system.measured))
     flat = system.table.reshape(len(system.table), -1)
     np.matmul(system.weights[first:stop], flat,
-              out=store.transition.reshape(len(store.mean), -1)[:stop - first])
-    _forward(first, stop, z, p, store.transition, system.known_step, system.rows, system.measured,
-             system.noise, system.decay, system.process_covariance, system.walk_variance,
-             store.mean, store.covariance, store.gain, store.error, store.variance)
+              out=kept.transition.reshape(len(kept.mean), -1)[:stop - first])
+    _forward(first, stop, z, p, samples, kept)
 
 
 @compiled
@@ -167,64 +185,66 @@ def _latent_transition(n: int, d: int, decay: float) -> Array:
 
 
 @compiled
-def _forward(first: int, stop: int, z: Array, p: Array, transition: Array, known: Array,
-             rows: Array, measured: Array, noise: Array, decay: float, process_covariance: Array,
-             walk_variance: Array, means: Array, covariances: Array, gains: Array, errors: Array,
-             variances: Array) -> None:
+def _forward(first: int, stop: int, z: Array, p: Array, samples: _Samples, kept: _Filtered
+             ) -> None:
     """Filter samples from first up to stop; z and p become the prediction for stop."""
-    n, d, m = transition.shape[1], len(z), len(noise)
-    a = _latent_transition(n, d, decay)
+    rows = samples.rows
+    n, d, m = kept.transition.shape[1], len(z), len(rows)
+    a = _latent_transition(n, d, samples.decay)
     for k in range(first, stop):
         at = k - first
-        means[at], covariances[at] = z, p
+        kept.mean[at], kept.covariance[at] = z, p
         for o in range(m):
             shared = np.dot(p, rows[o])
-            variance = np.dot(rows[o], shared) + noise[o]
-            error = measured[k, o] - np.dot(rows[o], z)
+            variance = np.dot(rows[o], shared) + samples.noise[o]
+            error = samples.measured[k, o] - np.dot(rows[o], z)
             gain = shared / variance
             for i in range(d):
                 z[i] += gain[i] * error
                 for j in range(d):
                     p[i, j] -= gain[i] * shared[j]
-            gains[at, o], errors[at, o], variances[at, o] = gain, error, variance
-        a[:n, :n + 2] = transition[at]
+            kept.gain[at, o], kept.error[at, o], kept.variance[at, o] = gain, error, variance
+        a[:n, :n + 2] = kept.transition[at]
         z[:] = np.dot(a, z)
         p[:] = np.dot(np.dot(a, p), a.T)
         p[:] = 0.5 * (p + p.T)
-        z[:n] += known[k]
-        p[:n, :n] += process_covariance
+        z[:n] += samples.known_step[k]
+        p[:n, :n] += samples.process_covariance
         for j in range(m):
-            p[n + j, n + j] += walk_variance[k, j]
+            p[n + j, n + j] += samples.walk_variance[k, j]
 
 
 @compiled
-def _backward(first: int, stop: int, adjoint: Array, information: Array, transition: Array,
-              rows: Array, decay: float, walk_variance: Array, means: Array, covariances: Array,
-              gains: Array, errors: Array, variances: Array, smoothed: Array, deviations: Array,
-              increment_power: Array) -> None:
-    """Propagate the adjoint (d,) and its information (d, d) from stop back to first."""
-    n, d, m = transition.shape[1], len(adjoint), rows.shape[0]
-    a = _latent_transition(n, d, decay)
+def _backward(first: int, stop: int, adjoint: Array, information: Array, samples: _Samples,
+              kept: _Filtered, found: Smoothed) -> None:
+    """
+    Propagate the adjoint (d,) and its information (d, d) from stop back to first.
+
+    Writes what is found of these samples; in place of the standard deviation its square.
+    """
+    rows = samples.rows
+    n, d, m = kept.transition.shape[1], len(adjoint), len(rows)
+    a = _latent_transition(n, d, samples.decay)
     for k in range(stop - 1, first - 1, -1):
         at = k - first
         for j in range(m):
-            prior, own = walk_variance[k, j], information[n + j, n + j]
-            increment_power[k, j] = (prior * adjoint[n + j])**2 + prior - prior**2 * own
-        a[:n, :n + 2] = transition[at]
+            prior, own = samples.walk_variance[k, j], information[n + j, n + j]
+            found.increment_power[k, j] = (prior * adjoint[n + j])**2 + prior - prior**2 * own
+        a[:n, :n + 2] = kept.transition[at]
         adjoint[:] = np.dot(a.T, adjoint)
         information[:] = np.dot(np.dot(a.T, information), a)
         for o in range(m - 1, -1, -1):
-            gain, row = gains[at, o], rows[o]
+            gain, row = kept.gain[at, o], rows[o]
             shared = np.dot(information, gain)
-            both = np.dot(gain, shared) + 1.0 / variances[at, o]
-            along = np.dot(gain, adjoint) + errors[at, o] / variances[at, o]
+            both = np.dot(gain, shared) + 1.0 / kept.variance[at, o]
+            along = np.dot(gain, adjoint) + kept.error[at, o] / kept.variance[at, o]
             for i in range(d):
                 adjoint[i] -= row[i] * along
                 for j in range(d):
                     information[i, j] += (both * row[i] * row[j] - row[i] * shared[j]
                                           - shared[i] * row[j])
-        p = covariances[at]
-        smoothed[k] = means[at] - np.dot(p, adjoint)
+        p = kept.covariance[at]
+        found.mean[k] = kept.mean[at] - np.dot(p, adjoint)
         for j in range(m):
             column = p[n + j]
-            deviations[k, j] = column[n + j] - np.dot(column, np.dot(information, column))
+            found.deviation[k, j] = column[n + j] - np.dot(column, np.dot(information, column))
