@@ -40,7 +40,9 @@ def test_the_diagnosis_recursion_sees_one_memory_layout(monkeypatch: pytest.Monk
     """Whatever slice of the records drives it: another one is compiled anew, for many seconds."""
     seen: list[bool] = []
     monkeypatch.setattr(recursion, '_propagate_compiled', lambda *given: seen.extend(
-        item.flags.c_contiguous for item in given if isinstance(item, np.ndarray)))
+        item.flags.c_contiguous for group in given
+        for item in (group if isinstance(group, tuple) else [group])
+        if isinstance(item, np.ndarray)))
     drive = np.zeros((5, 2, 8))[:, :, ::2]
     recursion.propagate_with_gaps(
         ScheduledMatrices(np.zeros((5, 3)), np.zeros((3, 4, 4))), drive, np.zeros((1, 4)),

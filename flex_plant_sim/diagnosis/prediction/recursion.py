@@ -7,7 +7,7 @@ without Numba, here or in `filter_run`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import COMPILED, compiled
@@ -20,8 +20,7 @@ from flex_plant_sim.diagnosis.record.windows import Indices
 import numpy as np
 
 
-@dataclass(frozen=True)
-class JointFriction:
+class JointFriction(NamedTuple):
     """
     Dry friction of both joints along a record.
 
@@ -72,8 +71,7 @@ class JointFriction:
         return after
 
 
-@dataclass(frozen=True)
-class Backlashes:
+class Backlashes(NamedTuple):
     """
     Backlashes along a record, G of them, in steps finer than its samples; see `Backlash`.
 
@@ -162,60 +160,56 @@ def propagate_with_gaps(matrices: ScheduledMatrices, drive: Array, start: Array,
     # One memory layout alone: for any other, Numba would compile once more, some seconds each.
     return _propagate_compiled(
         matrices.weights, matrices.table.reshape(len(matrices.table), -1),
-        np.ascontiguousarray(drive), start, rows, f.response, f.velocity_response,
-        np.ascontiguousarray(f.limits), f.velocity, f.compliance.copy(), f.deflections, f.step,
-        gaps.weights, gaps.engaged, gaps.separation, gaps.impulse, gaps.rotor, gaps.indices,
-        gaps.output, gaps.substeps)
+        np.ascontiguousarray(drive), start, rows,
+        f._replace(limits=np.ascontiguousarray(f.limits), compliance=f.compliance.copy()), gaps)
 
 
 @compiled
-def _propagate_compiled(
-        weights: Array, table: Array, drive: Array, start: Array, rows: Indices, response: Array,
-        velocity_response: Array, limits: Array, velocity: int, compliance: Array,
-        deflections: Indices, step: float, gap_weights: Array, engaged: Array, separation: Array,
-        impulse: Array, rotor: Array, indices: Indices, output: Array, substeps: int) -> Array:
+def _propagate_compiled(weights: Array, table: Array, drive: Array, start: Array, rows: Indices,
+                        friction: JointFriction, gaps: Backlashes) -> Array:
     steps, windows = rows.shape
-    batch, n, gaps = drive.shape[1], start.shape[1], len(indices)
+    batch, n, count = drive.shape[1], start.shape[1], len(gaps.indices)
     states, flat = np.empty((steps, windows, batch, n)), np.empty(table.shape[1])
-    both, touching = flat.reshape(-1, n), np.empty(engaged.shape[1])
-    apart, impulses = np.empty((gaps, separation.shape[2])), np.empty((gaps, impulse.shape[2]))
+    both, touching = flat.reshape(-1, n), np.empty(gaps.engaged.shape[1])
+    apart = np.empty((count, gaps.separation.shape[2]))
+    impulses = np.empty((count, gaps.impulse.shape[2]))
     for w in range(windows):
         for b in range(batch):
             states[0, w, b] = start[w]
         for k in range(steps - 1):
             row = rows[k, w]
             interpolate_into(weights[row], table, flat)
-            if gaps:
-                interpolate_into(gap_weights[row], engaged, touching)
-            for g in range(gaps):
-                interpolate_into(gap_weights[row], separation[g], apart[g])
-                interpolate_into(gap_weights[row], impulse[g], impulses[g])
+            if count:
+                interpolate_into(gaps.weights[row], gaps.engaged, touching)
+            for g in range(count):
+                interpolate_into(gaps.weights[row], gaps.separation[g], apart[g])
+                interpolate_into(gaps.weights[row], gaps.impulse[g], impulses[g])
             for b in range(batch):
                 state, after, inputs = states[k, w, b], states[k + 1, w, b], drive[row, b]
-                if gaps:
-                    _gap_step(state, after, inputs, both[len(both) - output.shape[1]:],
-                              touching.reshape(-1, n), apart, impulses, rotor, indices, output,
-                              velocity, substeps)
+                if count:
+                    _gap_step(state, after, inputs, both[len(both) - gaps.output.shape[1]:],
+                              touching.reshape(-1, n), apart, impulses, gaps.rotor,
+                              gaps.indices, gaps.output, gaps.velocity, gaps.substeps)
                 else:
                     after[:] = 0.0
                     add_product(state, both[:n], after)
                     add_product(inputs, both[n:], after)
-                if len(velocity_response):
-                    _apply_friction(state, after, response[row], velocity_response[row],
-                                    limits[row, b], velocity, compliance[b], deflections, step)
+                if len(friction.velocity_response):
+                    _apply_friction(state, after, friction, row, b)
     return states
 
 
 @compiled
-def _apply_friction(state: Array, after: Array, response: Array, velocity_response: Array,
-                    limits: Array, velocity: int, compliance: Array, deflections: Indices,
-                    step: float) -> None:
+def _apply_friction(state: Array, after: Array, friction: JointFriction, row: int, b: int
+                    ) -> None:
     """Apply dry friction to the state after a step, in place, as `JointFriction.applied`."""
-    force = np.zeros(2)
+    force, response, limits = np.zeros(2), friction.response[row], friction.limits[row, b]
+    compliance, deflections = friction.compliance[b], friction.deflections
+    velocity, step = friction.velocity, friction.step
     for j in range(2):
         deflection = state[deflections[j]] if deflections[j] >= 0 else 0.0
         sticking = ((deflection + step * after[velocity + j])
-                    / (compliance[j] + step * velocity_response[j]))
+                    / (compliance[j] + step * friction.velocity_response[row, j]))
         force[j] = max(-limits[1, j], min(sticking, limits[0, j]))
     for i in range(len(after)):
         after[i] -= response[i, 0] * force[0] + response[i, 1] * force[1]
@@ -229,7 +223,12 @@ def _apply_friction(state: Array, after: Array, response: Array, velocity_respon
 def _gap_step(state: Array, after: Array, inputs: Array, gain: Array, engaged: Array,
               apart: Array, impulses: Array, rotor: Array, indices: Indices, output: Array,
               velocity: int, substeps: int) -> None:
-    """Take the fine steps of a sample, then correct by the output errors at its start."""
+    """
+    Take the fine steps of a sample, then correct by the output errors at its start.
+
+    `gain` is K' (m, n); `engaged`, `apart` and `impulses` are the tables `engaged`, `separation`
+    and `impulse` of the backlashes at the sample.
+    """
     n, push, error = len(state), np.zeros(len(state)), np.zeros(output.shape[1])
     before, free = np.empty(n), np.empty(n)
     add_product(state, output, error)
