@@ -132,7 +132,7 @@ def clock_message(stamp: int) -> Clock:
 
 
 def diagnostic_status(name: str, level: str, text: str, values: Mapping[str, object],
-                      hardware: str = '') -> DiagnosticStatus:
+                      hardware: str) -> DiagnosticStatus:
     """
     Return one diagnostic status.
 

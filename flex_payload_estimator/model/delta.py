@@ -78,7 +78,7 @@ class DeltaOperator:
 
     """
 
-    def __init__(self, size: int, step: float, terms: int = 15, halvings: int = 0):
+    def __init__(self, size: int, step: float, terms: int, halvings: int):
         if terms < 1 or halvings < 0:
             raise InputError(f"omega: expected n' >= 1 and halvings >= 0, got {terms} "
                              f'and {halvings}')

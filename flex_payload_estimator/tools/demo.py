@@ -181,7 +181,7 @@ def summary_of(experiment: Experiment, record: LoopRecord) -> dict[str, Any]:
 
 
 @contextmanager
-def whole_folder(path: Path, read: Sequence[str | Path] = ()) -> Iterator[Path]:
+def whole_folder(path: Path, read: Sequence[str | Path]) -> Iterator[Path]:
     """
     Yield a new folder, which is renamed to `path` when the block ends without an error.
 

@@ -59,7 +59,7 @@ def nominal_effects(robot: Robot, model: str = DEFAULT_MODEL, coriolis: bool = T
     return effects_of(nominal_robot(robot, model, coriolis))
 
 
-def with_bent_links(robot: Robot, model: str = DEFAULT_MODEL) -> Robot:
+def with_bent_links(robot: Robot, model: str) -> Robot:
     """Return the robot with the forces of bent links, if its model can have them."""
     return _with_all_of(robot, Foreshortening.identifier) if model in WITH_CORIOLIS else robot
 

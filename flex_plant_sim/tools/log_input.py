@@ -32,7 +32,7 @@ BENT_MODES = 3
 
 
 def read_log_aloud(path: str, robot: Robot, model: str, modes: int,
-                   coriolis: bool | None = None) -> Log:
+                   coriolis: bool | None) -> Log:
     """
     Return a log, and print to stderr, one line each, what a user must know before trusting it.
 

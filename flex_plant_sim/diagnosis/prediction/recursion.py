@@ -118,7 +118,7 @@ class Backlashes(NamedTuple):
 
 
 def propagate(matrices: ScheduledMatrices, drive: Array, start: Array, rows: Indices,
-              friction: JointFriction | None = None) -> Array:
+              friction: JointFriction | None) -> Array:
     """
     Return the states x(k+1) = F_k x_k + D_k d_k along every window, (S, W, B, n).
 
@@ -136,7 +136,7 @@ def propagate(matrices: ScheduledMatrices, drive: Array, start: Array, rows: Ind
         x_0, (W, n).
     rows : Indices
         Sample of each step, (S, W).
-    friction : JointFriction, optional
+    friction : JointFriction or None
         None where no joint has dry friction.
 
     """
