@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 import math
+from statistics import NormalDist
 
 from flex_plant_sim.arm.second_order import Array
 import numpy as np
@@ -24,7 +25,7 @@ RIDGE_WEIGHT = 1e-3
 # Share of a force's power that a law has to explain.
 MIN_EXPLAINED_SHARE = 0.5
 # Normal deviate of two-sided 5 % shared by five comparisons (Bonferroni).
-CLEAR_Z = 2.576
+CLEAR_Z = NormalDist().inv_cdf(1.0 - 0.5 * 0.05 / 5)
 # Smallest power, so that logarithms stay finite where a stretch is explained fully.
 TINY = 1e-300
 # Name of the law that depends on nothing, of time, and of the variable whose tables may step at
