@@ -21,7 +21,7 @@ LAGS = 10
 # Innovations are clipped to so many standard deviations, so that higher powers do not overflow.
 LARGEST = 1e6
 # Probability that a healthy channel fails the test of a window. With six channels and a window a
-# second that is once a week.
+# second that is once in three weeks.
 FALSE_ALARM = 1e-7
 # Ratio to the expected value below which nothing is suspect: R_1 and R_2 are known roughly.
 EXCESS = 2.0

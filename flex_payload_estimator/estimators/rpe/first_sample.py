@@ -5,7 +5,8 @@ from __future__ import annotations
 from flex_plant_sim.arm.second_order import Array
 import numpy as np
 
-# A leap of so many standard deviations of its noise is none of it: one in 1e9 first samples.
+# A leap of so many standard deviations of a channel's noise is none of it. A difference of two
+# readings has the root of two of them, so one of six channels leaps so far in 1e9 first samples.
 LEAP = 9.0
 
 

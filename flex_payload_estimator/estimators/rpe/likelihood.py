@@ -21,7 +21,9 @@ PRIOR_READINGS = 8.0
 # Noise whose variance is so many times what it was taken for has misled a filter. A drop counts
 # from the inverse ratio on.
 NOISE_RATIO = 4.0
-# A model does not fit where the reduced chi-square of its innovations is above this.
+# A model does not fit where the reduced chi-square of its innovations is above this. At 100 Hz the
+# memory tells as much as 99 samples, so this is four of the standard deviations that two angles
+# have by chance, (1 / 99)^(1/2).
 POOR_FIT = 1.4
 # Prior standard deviation of the logarithm of the noise variance over that of the robot file, for
 # noise above that.
@@ -31,7 +33,8 @@ SCORE = slice(-9, -3)
 # Smallest scale and reduced chi-square, where innovations are zero and these have no logarithm.
 SMALLEST_SCALE, SMALLEST_CHI_SQUARE = 1e-6, 1e-4
 # Share of the samples of a model that fits that are beyond the gate: that of the squares of six
-# standard normal numbers, of two angles and four gauges, that sum to more than 44.
+# standard normal numbers, of two angles and four gauges, that sum to more than 44. At 100 Hz that
+# is one sample in a day and a half.
 BEYOND_GATE = float(chdtrc(6, 44.0))
 # Mean time in motion between two false alarms, at least, s.
 FALSE_ALARM_S = 3600.0
