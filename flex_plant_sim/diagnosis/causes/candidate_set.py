@@ -80,11 +80,6 @@ class CandidateSet:
             (*self.hypotheses, proposal.hypothesis),
             tuple(np.concatenate([self.starts[0], start]) for start in proposal.starts))
 
-    def with_best_probe(self, proposal: Proposal) -> CandidateSet:
-        """Return the set with the proposed cause added, to start from the best of all starts."""
-        return self.with_proposal(replace(
-            proposal, starts=(*proposal.starts, *proposal.probe_starts)))
-
     def with_each_probe(self, proposal: Proposal) -> Iterator[CandidateSet]:
         """Return the same, and once more from each probed start: there are minima in between."""
         yield self.with_proposal(proposal)

@@ -69,6 +69,11 @@ class Hypothesis:
         return np.array([p.high for p in self.parameters])
 
     @property
+    def is_fitted(self) -> bool:
+        """Return whether any parameter is free."""
+        return bool(np.any(self.low < self.high))
+
+    @property
     def fixed_values(self) -> tuple[float, ...]:
         """Return the values of the fixed parameters."""
         return tuple(p.low for p in self.parameters if p.low == p.high)

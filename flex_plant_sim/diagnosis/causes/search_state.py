@@ -173,10 +173,10 @@ class SearchState:
         """
         Tell whether a proposal is to be fitted, by its rank among the proposals.
 
-        Of resonant effects the linear gain may be far too small, so that all of them are.
+        Of resonant effects the linear gain may be far too small, so that their rank is not known.
         """
-        return (rank < ALWAYS_FITTED or proposal.hypothesis.label in self.resonant
-                or (rank < MAX_ADDED and self.promises_gain(proposal)))
+        ranked = rank < MAX_ADDED or proposal.hypothesis.label in self.resonant
+        return rank < ALWAYS_FITTED or (ranked and self.promises_gain(proposal))
 
     def promises_gain(self, proposal: Proposal) -> bool:
         """Tell whether a proposal's linear gain is worth what its fit costs."""
