@@ -20,9 +20,8 @@ from numpy.typing import NDArray
 HORIZONS = (0.2, 1.0, 2.0, 5.0)
 # Start instants below which a horizon is left out: of fewer, none is beyond a 95 % interval.
 FEWEST_STARTS = 20
-# Runs at most; those from nearer instants overlap and add little information. (With twice as many,
-# the scores of six sets on the measured arm, see `free_run_score`, are 0.8 nats off at most.)
-START_COUNT = 60
+# Runs at most; those from nearer instants overlap and add little information.
+START_COUNT = 120
 
 
 def start_instants(first: int, stop: int, count: int = START_COUNT) -> NDArray[np.int_]:
@@ -93,7 +92,8 @@ def horizon_samples(horizon: float, sample_time: float) -> int:
     return max(1, round(horizon / sample_time))
 
 
-def horizon_errors(predictor: Predictor, horizons: Sequence[float]) -> dict[float, Array]:
+def horizon_errors(predictor: Predictor, horizons: Sequence[float], count: int = START_COUNT
+                   ) -> dict[float, Array]:
     """
     Return the errors at the end of free runs through a predictor's windows, by horizon: (S, m).
 
@@ -103,11 +103,13 @@ def horizon_errors(predictor: Predictor, horizons: Sequence[float]) -> dict[floa
         Of the model to judge.
     horizons : sequence of float
         s; one that leaves too few start instants is left out. One sample is always among them.
+    count : int
+        Start instants at most.
 
     """
     step = predictor.base.robot.sample_time
     first, stop = window_rows(predictor)
-    starts = start_instants(first, stop)
+    starts = start_instants(first, stop, count)
     samples = {h: horizon_samples(h, step) for h in (step, *horizons)}
     kept = {h: k for h, k in samples.items()
             if np.count_nonzero(starts + k <= stop) >= min(FEWEST_STARTS, len(starts))}
