@@ -23,7 +23,7 @@ SHARED_DATA = REPOSITORY.parent / 'shared' / 'data'
 LONGEST = (
     'test_style.py', 'test_causes.py', 'test_late_event.py', 'test_laws.py',
     'test_documented_commands.py', 'test_bank_quick.py', 'test_fleet.py', 'test_truth.py',
-    'test_demo.py', 'test_command_timing.py', 'test_nodes_processes.py',
+    'test_constants.py', 'test_demo.py', 'test_command_timing.py', 'test_nodes_processes.py',
     'test_nodes_faults.py', 'test_colcon_build.py', 'test_rpe_robust.py',
     'test_rpe_bent_arm.py', 'test_outputs.py', 'test_nodes_bad_samples.py', 'test_rpe_lost.py',
     'test_rpe_pace.py', 'test_rpe.py', 'test_rpe_no_gauges.py', 'test_events.py',
