@@ -46,8 +46,6 @@ import numpy as np
 
 # Sets whose neighbours are fitted at most; a budget.
 MAX_CENTRES = 5
-# Sets beside laws whose parts are asked about at least, see `look_alikes`; a budget.
-LEAST_ASKED = 2
 
 
 @dataclass(frozen=True)
@@ -196,7 +194,7 @@ def ranked_with_laws(state: SearchState, nothing: RefinedFit) -> SearchResult:
     """
     found: dict[SetKey, tuple[RefinedFit, float]] = {}
     asked: set[Part] = set()
-    fresh, asks = state.refined_with_laws, 0
+    fresh = state.refined_with_laws
     while True:
         runs = free_run_log_likelihoods(
             fresh, state.data, state.nominal, state.jobs,
@@ -208,10 +206,10 @@ def ranked_with_laws(state: SearchState, nothing: RefinedFit) -> SearchResult:
         sets = [chosen for chosen, _ in found.values()]
         best, posterior = ranked_by_free_runs(
             sets, np.array([run for _, run in found.values()]), state.nominal)
+        # Of every stated set, and of the likeliest with causes where laws alone are likelier yet.
         named = next((fit for fit, p in zip(posterior.fits, posterior.probability)
-                      if (p > MIN_RELATIVE_PROBABILITY or asks < LEAST_ASKED)
+                      if (p > MIN_RELATIVE_PROBABILITY or not asked)
                       and not asked.issuperset(map(part_of, fit.hypotheses))), None)
-        asks += 1
         if named is None:
             break
         fresh = attempt(partial(refined_look_alikes, state, asked=frozenset(asked)),
