@@ -39,7 +39,7 @@ class Parameter:
         Bounds.
     starts : tuple of float
         Values from which a fit starts. The fit of a far size may end at a near one, so that they
-        reach as far as what an experiment would just leave unseen, four times over.
+        reach at least a third of what is to be named, four detection limits.
     smallest : float
         Smallest deviation from null that matters in practice; inf if the parameter only shapes
         an effect whose size another parameter gives.
