@@ -1,12 +1,29 @@
-"""(4) and (6) of the paper, term by term from the text: a second route to the arm model."""
+"""(4), (6) and (33) of the paper, term by term from the text: a second route to the arm model."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from flex_plant_sim.arm.beam import Beam
+from flex_plant_sim.arm.drive import Drive
 from flex_plant_sim.arm.paper_model import Sign
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 import numpy as np
+
+
+class DriveConstants(NamedTuple):
+    """Constants of theta'' = k_1 u + k_2 M_b + k_3 theta', (32): rad/s^2, 1/(kg m^2), 1/s."""
+
+    k_1: float
+    k_2: float
+    k_3: float
+
+
+def constants_33(drive: Drive) -> DriveConstants:
+    """Return the constants (33) of a drive."""
+    return DriveConstants(drive.torque_gain / drive.inertia, 1.0 / drive.inertia,
+                          -drive.damping / drive.inertia)
 
 
 def paper_residual(robot: Robot, modes: int, theta_2: float, payload: float, state: Array,

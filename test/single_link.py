@@ -11,6 +11,7 @@ from flex_plant_sim.arm.paper_model import Sign
 from flex_plant_sim.arm.robot import Link
 from flex_plant_sim.arm.second_order import Array, modal_damping
 import numpy as np
+from paper_equations import constants_33
 
 
 @dataclass(frozen=True)
@@ -89,7 +90,7 @@ class SingleLink:
     def acceleration(self, state: Array, command: float = 0.0,
                      loads: ExternalLoads = NO_LOADS) -> Array:
         """Return p'', (1 + n,): theta_b'' by (49); (I - kappa*) q'' = alpha* theta_b'' + …."""
-        n, drive = self.modes, self.drive
+        n, drive = self.modes, constants_33(self.drive)
         angle, q, rate, q_rate = state[0], state[1:n + 1], state[n + 1], state[n + 2:]
         turning = (drive.k_1 * command + drive.k_2 * float(self.root_moment @ q)
                    + drive.k_3 * rate)

@@ -12,7 +12,7 @@ from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array, SecondOrderForm
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
-from paper_equations import paper_residual
+from paper_equations import constants_33, paper_residual
 import pytest
 from scipy.linalg import eigh
 
@@ -143,7 +143,8 @@ def test_shoulder_and_elbow_rows_are_the_full_actuators_32() -> None:
     for j, (drive, link) in enumerate(zip(ROBOT.drives, ROBOT.links)):
         bent = state[0, 2 + 3 * j:5 + 3 * j]
         moment = link.bending_stiffness * link.beam(3).shape(0.0, 2) @ bent
-        turning = drive.k_1 * command[j] + drive.k_2 * moment + drive.k_3 * state[1, j]
+        k = constants_33(drive)
+        turning = k.k_1 * command[j] + k.k_2 * moment + k.k_3 * state[1, j]
         assert rows[j] / drive.inertia == pytest.approx(state[2, j] - turning, rel=1e-11)
 
 

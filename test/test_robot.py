@@ -10,6 +10,7 @@ from typing import Any
 
 from flex_plant_sim.arm.robot_file import built_in_robots, load_robot, parse_robot
 from msg_config.errors import InputError
+from paper_equations import constants_33
 import pytest
 import yaml
 
@@ -123,7 +124,7 @@ def test_reference_robot_is_what_the_paper_gives() -> None:
 def test_velocity_loop_constants_of_the_design_notes() -> None:
     """k_1 = gain / tau, k_2 = 1 / J_b, k_3 = -1 / tau."""
     shoulder = load_robot('reference').drives[0]
-    assert (shoulder.k_1, shoulder.k_2, shoulder.k_3) == pytest.approx((100.0, 5.0, -100.0))
+    assert constants_33(shoulder) == pytest.approx((100.0, 5.0, -100.0))
 
 
 def test_quanser_masses_add_up_to_the_vendor_s() -> None:

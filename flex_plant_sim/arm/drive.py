@@ -100,18 +100,3 @@ class Drive:
         """Return a closed tacho loop with time constant tau_mt, s, and steady gain u -> theta'."""
         damping = inertia / time_constant
         return cls(inertia, steady_gain * damping, damping, closed_loop=True)
-
-    @property
-    def k_1(self) -> float:
-        """Return k_1 of (33): acceleration per unit of command, rad/s^2."""
-        return self.torque_gain / self.inertia
-
-    @property
-    def k_2(self) -> float:
-        """Return k_2 = 1/J_b of (33), 1/(kg m^2)."""
-        return 1.0 / self.inertia
-
-    @property
-    def k_3(self) -> float:
-        """Return k_3 of (33), 1/s."""
-        return -self.damping / self.inertia
