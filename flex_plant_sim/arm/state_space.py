@@ -93,7 +93,7 @@ def zero_order_hold(a: Array, b: Array, step: float) -> tuple[Array, Array]:
     norm = float(np.max(np.abs(a).sum(axis=-1), initial=0.0)) * step
     if not np.isfinite(norm):
         raise np.linalg.LinAlgError('zero-order hold of a plant whose numbers are not finite')
-    doublings = max(0, int(np.ceil(np.log2(max(norm, 1e-300) / SCALED_NORM))))
+    doublings = int(np.ceil(np.log2(max(norm / SCALED_NORM, 1.0))))
     scaled = a * (step / 2.0**doublings)
     identity = np.eye(a.shape[-1])
     square = scaled @ scaled

@@ -20,6 +20,7 @@ from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.nominal import nominal_effects
 from flex_plant_sim.simulation.simulator import simulate, Simulator
+from flex_plant_sim.tiny import TINY
 from msg_config.errors import InputError
 import numpy as np
 
@@ -114,4 +115,4 @@ def _bound(payload: Array, others: Array) -> float:
     basis, sizes, _ = np.linalg.svd(others, full_matrices=False)
     along = basis.T @ payload
     left = payload @ payload - np.sum(along**2 * sizes**2 / (1.0 + sizes**2))
-    return float(1.0 / np.sqrt(max(left, 1e-300)))
+    return float(1.0 / np.sqrt(max(left, TINY)))

@@ -24,6 +24,7 @@ from flex_payload_estimator.kalman.in_place import add, add_outer, put_matrix, r
 from flex_payload_estimator.model.tabulated import times
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import compiled
+from flex_plant_sim.tiny import TINY
 import numpy as np
 
 # Time constant over which noise and excitation are averaged, s.
@@ -34,8 +35,6 @@ SIGNIFICANT = 4.0
 # The same for one sample, six standard deviations: by noise alone once in 5e8 samples, two months
 # at the interval of (30).
 EVIDENT = 36.0
-# Guards a division by zero: below every square that is divided by.
-TINY = 1e-300
 
 
 class SF1Constants(NamedTuple):

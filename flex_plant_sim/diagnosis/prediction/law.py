@@ -12,6 +12,7 @@ import math
 from statistics import NormalDist
 
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.tiny import TINY
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,8 +27,6 @@ RIDGE_WEIGHT = 1e-3
 MIN_EXPLAINED_SHARE = 0.5
 # Normal deviate of two-sided 5 % shared by five comparisons (Bonferroni).
 CLEAR_Z = NormalDist().inv_cdf(1.0 - 0.5 * 0.05 / 5)
-# Smallest power, so that logarithms stay finite where a stretch is explained fully.
-TINY = 1e-300
 # Name of the law that depends on nothing, of time, and of the variable whose tables may step at
 # zero.
 CONSTANT, TIME = 'constant', 'time'

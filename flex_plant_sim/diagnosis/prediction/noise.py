@@ -139,6 +139,6 @@ def predicted_covariance(f: Array, q: Array, c: Array) -> Array:
         a, h = a @ inverse_a, h + grown
         h = 0.5 * (h + np.swapaxes(h, -1, -2))
         own = np.diagonal(h, axis1=-2, axis2=-1)
-        if np.all(np.diagonal(grown, axis1=-2, axis2=-1) <= 1e-12 * own + 1e-300):
+        if np.all(np.diagonal(grown, axis1=-2, axis2=-1) <= 1e-12 * own):
             break
     return h

@@ -19,6 +19,7 @@ from flex_plant_sim.diagnosis.prediction.free_run import (
 )
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.interval import CREDIBLE_LEVEL
+from flex_plant_sim.tiny import TINY
 from msg_config.errors import InputError
 import numpy as np
 
@@ -122,7 +123,7 @@ def _gains(channels: Sequence[tuple[str, str]], horizon: float, pairs: Sequence[
         replicates = np.sqrt(sum(
             _resampled_sums(square, block, rng) for square, block in zip(squares, blocks)) / count)
         after = np.percentile(replicates[:, 1], INTERVAL, axis=0)
-        ratio = np.percentile(replicates[:, 1] / np.maximum(replicates[:, 0], 1e-300),
+        ratio = np.percentile(replicates[:, 1] / np.maximum(replicates[:, 0], TINY),
                               INTERVAL, axis=0)
     return [Gain(name, unit, horizon, float(rms[0, k]), float(rms[1, k]),
                  float(after[0, k]), float(after[1, k]), float(ratio[0, k]), float(ratio[1, k]),

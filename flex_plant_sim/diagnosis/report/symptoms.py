@@ -16,6 +16,7 @@ from flex_plant_sim.diagnosis.prediction.free_run import errors, horizon_samples
 from flex_plant_sim.diagnosis.prediction.latent_series import REST_SPEED_SHARE
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.prediction.spectrum import power_density
+from flex_plant_sim.tiny import TINY
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_toeplitz
@@ -166,12 +167,12 @@ def explained_share(residual: Array, columns: Array, fold: NDArray[np.int_]) -> 
         fitted = np.linalg.lstsq(design[~out], residual[~out], rcond=1e-8)[0]
         left += np.sum((residual[out] - design[out] @ fitted)**2, axis=0)
         constant += np.sum((residual[out] - residual[~out].mean(axis=0))**2, axis=0)
-    return np.clip(1.0 - left / np.maximum(constant, 1e-300), 0.0, 1.0)
+    return np.clip(1.0 - left / np.maximum(constant, TINY), 0.0, 1.0)
 
 
 def _dependences(residual: Array, columns: Mapping[str, Array],
                  fold: NDArray[np.int_]) -> list[dict]:
-    constant = np.mean(residual, axis=0)**2 / np.maximum(np.mean(residual**2, axis=0), 1e-300)
+    constant = np.mean(residual, axis=0)**2 / np.maximum(np.mean(residual**2, axis=0), TINY)
     shares = {'constant': constant, **{
         name: explained_share(residual, values, fold) for name, values in columns.items()}}
     return [{name: float(share[k]) for name, share in shares.items()}
@@ -200,7 +201,7 @@ def bands(parts: Sequence[Array], edges: Array, sample_time: float
     """Return for each channel (low, high, share of power, share if white) between edges, Hz."""
     frequency, power = spectrum(parts, sample_time)
     inside = [(frequency >= low) & (frequency < high) for low, high in zip(edges, edges[1:])]
-    total = np.maximum(power.sum(axis=0), 1e-300)
+    total = np.maximum(power.sum(axis=0), TINY)
     return [tuple((float(low), float(high), float(power[i, k].sum() / total[k]),
                    float(i.mean())) for low, high, i in zip(edges, edges[1:], inside))
             for k in range(power.shape[1])]
