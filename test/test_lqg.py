@@ -102,6 +102,16 @@ def test_integral_action_takes_a_bias_out_and_does_not_wind_up() -> None:
     assert overshoot[True] < overshoot[False] + 5e-3
 
 
+def test_a_common_factor_on_both_variances_leaves_the_predictor_as_it_is() -> None:
+    gains = []
+    for factor in (1.0, 16.0):
+        controller = controller_of(replace(
+            PAPER, integrator=True, r_1=factor * 1e-4, r_2=factor * 1e-4))
+        run(controller, np.zeros(2), 8.0)
+        gains.append(controller.kalman.gain)
+    np.testing.assert_allclose(gains[1], gains[0], atol=1e-3 * np.abs(gains[0]).max())
+
+
 def test_a_bad_sample_is_passed_over() -> None:
     controller = controller_of(PAPER)
     outputs, _ = run(controller, np.array([0.2, 0.2]), 1.0)

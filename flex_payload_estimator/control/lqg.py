@@ -21,9 +21,6 @@ import numpy as np
 # Standard deviations of the innovation beyond which a measurement is not used: an arm unlike its
 # model (30 % softer, six payloads, dry friction) stays below 3.
 GATE = 8.0
-# Variance by which the disturbance of a command may wander in a sample, (drive's own unit)^2: as
-# much as r_1 lets a state by default.
-DISTURBANCE = 1e-4
 # So many in a row mean that the predictor is lost, and it begins again at the measurement. Chosen:
 # at 100 Hz as long as a drive waits for a command. Angles that are 1 rad off for no longer move a
 # joint of an arm with links 15 % softer by 0.01 rad, for twice as long by 0.5 rad.
@@ -49,7 +46,8 @@ class LQGSettings:
     q_2 : float
         Q_2 = q_2 I.
     r_1, r_2 : float
-        R_1 = r_1 I, R_2 = r_2 I of the predictor, angles in rad, gauges in V.
+        R_1 = r_1 I, R_2 = r_2 I of the predictor, angles in rad, gauges in V; a disturbance, in
+        its drive's own unit, wanders as much as a state may.
     terms : int
         n' of (19).
     integrator : bool
@@ -111,11 +109,9 @@ class LQGController:
         angles, end = self.model.output[:2], self.model.end_point[None]
         self.q_1 = angles.T @ angles + end.T @ end
         self.q_2 = settings.q_2 * np.eye(2)
-        process = np.full(n + extra, settings.r_1)
-        process[n:] = DISTURBANCE
         self._output_rows = np.hstack([self.model.output,
                                        np.zeros((len(self.model.output), extra))])
-        self.kalman = KalmanPredictor(self._output_rows, np.diag(process),
+        self.kalman = KalmanPredictor(self._output_rows, settings.r_1 * np.eye(n + extra),
                                       settings.r_2 * np.eye(len(self.model.output)), self.step)
         self._omega = DeltaOperator(n, self.step, settings.terms, self.model.halvings)
         self._start = self._settled_design()
