@@ -23,16 +23,18 @@ LARGEST = 1e6
 # Probability that a healthy channel fails the test of a window. With six channels and a window a
 # second that is once in three weeks.
 FALSE_ALARM = 1e-7
-# Ratio to the expected value below which nothing is suspect: R_1 and R_2 are known roughly.
+# Ratio of power to the expected one below which nothing is suspect: noise is seldom told to better
+# than 1.4 of it. On right arms it is 1.12 at most (rpe, 32 windows of 400 samples), and chance
+# alone would allow 1.41.
 EXCESS = 2.0
 # Suspect windows in a row before a diagnosis is advised: a single push on the arm is over sooner.
 WINDOWS_TO_ADVISE = 3
-# Kurtosis from which a residual consists of spikes. Where a share of the samples has all the
-# power, kurtosis is one over that share; a Gaussian has 3.
+# Kurtosis from which a residual consists of spikes: that of one of which a tenth of the samples
+# has all the power, as it is one over that share. A Gaussian has 3, a Laplace distribution 6.
 SPIKE_KURTOSIS = 10.0
-# Share of the power in the highest bin and its two neighbours from which a residual oscillates. A
-# sine has 86 % there where it lies between two bins and more elsewhere; white noise of 400 samples
-# has 4 %, in 300 draws at most 8 %.
+# Share of the power in the highest bin and its two neighbours from which a residual oscillates: a
+# sine then has about as much power as all else. It has 86 % of its own there where it lies between
+# two bins and more elsewhere; white noise of 400 samples has 4 %, in 300 draws at most 8 %.
 PEAK_SHARE = 0.4
 
 
@@ -118,7 +120,7 @@ class ModelHealth:
                              f'got {window}')
         self.names, self.sample_time, self.window = tuple(names), sample_time, window
         self.nis_limit = max(EXCESS, chdtri(window, FALSE_ALARM) / window)
-        self.whiteness_limit = max(EXCESS, chdtri(LAGS, FALSE_ALARM) / LAGS)
+        self.whiteness_limit = chdtri(LAGS, FALSE_ALARM) / LAGS
         self.offset_limit = -ndtri(FALSE_ALARM) / np.sqrt(window)
         self.reset()
 
