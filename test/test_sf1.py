@@ -147,6 +147,13 @@ def test_the_lag_is_what_least_squares_say_and_forgetting_keeps_its_second_momen
     assert later**2 + wider == pytest.approx(lag**2 + spread)
 
 
+def stated_variance(rows: Array, joint: Array, doubt: Array, lag: float, spread: float) -> Array:
+    """Return the variance of the innovations without the sensors' noise, (m,)."""
+    swung = (rows @ doubt)**2
+    rest = np.maximum(np.diagonal(rows @ joint @ rows.T) - swung, 0.0)
+    return np.asarray(rest + (lag**2 + spread) * swung)
+
+
 @pytest.mark.parametrize('level, own', [(0.5, 3.0), (4.0, 3.0), (4.0, 1.0)])
 @pytest.mark.parametrize('lag, spread', [(0.0, 1.0), (0.4, 0.3)])
 def test_birges_ratio_widens_variances_and_leaves_the_lag(
@@ -168,12 +175,8 @@ def test_birges_ratio_widens_variances_and_leaves_the_lag(
     scaled, reading = np.array([0.05, 0.11]), np.empty((2, 2))
     surprise, found = take_sample(tuple(track), scaled, True, tuple(known), tuple(constants),
                                   reading)
-    # What was stated of the innovations.
     add = np.eye(3) + np.outer(slope, [0.0, 0.0, 1.0])
-    rows = np.pad(output, ((0, 0), (0, 1))) @ add
-    swung = (rows @ doubt)**2
-    rest = np.maximum(np.diagonal(rows @ joint @ rows.T) - swung, 0.0)
-    stated = rest + sensors + (lag**2 + spread) * swung
+    stated = stated_variance(constants.rows @ add, joint, doubt, lag, spread) + sensors
     np.testing.assert_allclose(reading[1]**2, stated, rtol=1e-12)
     assert surprise == pytest.approx(np.mean(scaled**2 / stated))
     # What the sample says, and what (29) makes of it.

@@ -83,12 +83,8 @@ def calibrate(logs: Sequence[Log], robot: Robot, payload: float,
         another one.
 
     """
-    if any(spec.name == 'payload_mass' for spec in robot.effects):
-        raise InputError(f'{robot.source}: effects: expected no payload_mass, which would change '
-                         'the payload that was weighed')
-    known = replace(robot.tolerances, payload=0.0, payload_inertia_kg_m2=0.0)
-    base = nominal_base(replace(robot, payload_mass=payload, tolerances=known,
-                                sample_time=logs[0].sample_time), MODEL, MODES)
+    known = _with_known_payload(robot, payload)
+    base = nominal_base(replace(known, sample_time=logs[0].sample_time), MODEL, MODES)
     records = [Record.of(log, payload) for log in logs]
     data = _whole(records, base)
     still = unmoved(records, data)
@@ -106,6 +102,15 @@ def calibrate(logs: Sequence[Log], robot: Robot, payload: float,
                     tolerances=robot.tolerances, sample_time=robot.sample_time,
                     effects=specs(merged_readings((*base.effects, *sensors))))
     return Calibration(found, estimates)
+
+
+def _with_known_payload(robot: Robot, payload: float) -> Robot:
+    """Return the robot with a payload that is not asked."""
+    if any(spec.name == 'payload_mass' for spec in robot.effects):
+        raise InputError(f'{robot.source}: effects: expected no payload_mass, which would change '
+                         'the payload that was weighed')
+    known = replace(robot.tolerances, payload=0.0, payload_inertia_kg_m2=0.0)
+    return replace(robot, payload_mass=payload, tolerances=known)
 
 
 def _refuse_misread(logs: Sequence[Log]) -> None:
