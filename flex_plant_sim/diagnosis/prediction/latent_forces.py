@@ -29,7 +29,8 @@ import numpy as np
 
 # Passes of the smoother: the first with Gaussian steps, the others with Student-t weights.
 EM_PASSES = 4
-# Degrees of freedom of a torque's steps; heavy tails, as friction jumps where a joint reverses.
+# Degrees of freedom of a torque's steps; heavy tails, as friction jumps where a joint reverses:
+# the heaviest of a whole number whose variance is finite.
 STUDENT_FREEDOM = 3.0
 # Smallest commanded torque, N m, and strain, so that nothing is divided by zero.
 TINY_RMS = 1e-12

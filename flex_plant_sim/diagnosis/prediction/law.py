@@ -21,9 +21,10 @@ STRETCHES, FOLDS = 20, 5
 # Knots of a table: few, at quantiles of the samples, or many, evenly spaced, for what repeats over
 # the variable, such as gear teeth.
 FEW_KNOTS, MANY_KNOTS = 8, 32
-# Ridge, in samples over the mean number of samples per knot: a knot without samples is zero.
+# Ridge, in samples over the mean number of samples per knot: a knot without samples is zero, and
+# one with that number a thousandth too small.
 RIDGE_WEIGHT = 1e-3
-# Share of a force's power that a law has to explain.
+# Share of a force's power that a law has to explain: more than it leaves.
 MIN_EXPLAINED_SHARE = 0.5
 # Normal deviate of two-sided 5 % shared by five comparisons (Bonferroni).
 CLEAR_Z = NormalDist().inv_cdf(1.0 - 0.5 * 0.05 / 5)
