@@ -44,7 +44,7 @@ def astray(estimator: RecursivePredictionError) -> Filter:
     """Return one that holds the parts of an exact arm for unknown."""
     assert estimator._incumbent is not None
     estimator._competition.trials = []
-    return restarted(estimator._incumbent, ROUGH, 0.3, 0.01, estimator.stepper)
+    return restarted(estimator._incumbent, ROUGH, 0.01, estimator.stepper)
 
 
 def unlucky(estimator: RecursivePredictionError) -> Filter:

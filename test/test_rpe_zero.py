@@ -131,7 +131,7 @@ def test_a_restart_with_another_zero_keeps_the_reading() -> None:
     # Rows of the readings: the state, but theta_2 + b for theta_2.
     rows = np.eye(n, n + f.beta.size)
     rows[1, n + ZERO] = 1.0
-    new = restarted(f, ROUGH, 0.3, 0.0, estimator_of().stepper)
+    new = restarted(f, ROUGH, 0.0, estimator_of().stepper)
     np.testing.assert_allclose(new.cov, rows @ whole @ rows.T, rtol=1e-9)
     assert new.beta[ZERO] == 0.0
     np.testing.assert_allclose(new.x - f.x, np.eye(n)[1] * 0.3, atol=1e-12)

@@ -20,7 +20,7 @@ from flex_payload_estimator.estimators.rpe.restarts import (
 )
 from flex_payload_estimator.estimators.rpe.sample_window import SampleWindow, StoredSample
 from flex_payload_estimator.estimators.rpe.sensors import Loads
-from flex_payload_estimator.estimators.rpe.transitions import FREER_MODE_S, Situation, TRIAL_S
+from flex_payload_estimator.estimators.rpe.transitions import FREER_MODE_S, Situation
 from flex_payload_estimator.estimators.rpe.trial import SETTLING_S, Trial
 from flex_payload_estimator.estimators.rpe.window_pass import (
     comparison,
@@ -73,8 +73,8 @@ class ModeCompetition:
         self.trials: list[Trial] = []
         self.window.clear()
         self._pass: WindowPass | None = None
-        # Time in the window at the last attempt at `exact`, s, and when `coarse` may be left.
-        self._last_attempt, self._pause_end = 0.0, -math.inf
+        # Time in the window at the last attempt at `exact`, s.
+        self._last_attempt = 0.0
         self._time_in_motion, self._misfit = 0.0, 1.0
         self.ongoing_change: Trial | None = None
         self.reported_change: Trial | None = None
@@ -139,17 +139,12 @@ class ModeCompetition:
 
     def _step_trials(self, incumbent: Filter, sample: Sample, loads: Loads, excited: bool
                      ) -> None:
-        """Let the trials learn a sample, and drop those whose lead means nothing."""
+        """Let the trials learn a sample; at rest, only those of a constant payload."""
         if not excited:
             # At rest nothing tells one payload, or one model, from another.
             self.trials = [trial for trial in self.trials if trial.kind == 'constant']
         for trial in self.trials:
             self._step(trial, incumbent, sample, loads, excited)
-        # The filter that first finds that the noise has dropped gains by that alone, until the
-        # other one finds it too.
-        self.trials = [t for t in self.trials
-                       if t.filters[-1].noise_drop_gain == incumbent.noise_drop_gain == 0.0
-                       or t.has_less_freedom(incumbent)]
 
     def _step(self, trial: Trial, incumbent: Filter, sample: Sample, loads: Loads,
               excited: bool) -> None:
@@ -160,10 +155,7 @@ class ModeCompetition:
         if trial.kind == 'change':
             self._let_jump(trial, sample, loads)
         trial.kalman.age += step if excited else 0.0
-        # A mode with more freedom that gains does differ, however much noise hides its error.
-        differs = trial.kind != 'mode' or trial.is_cusum(incumbent) \
-            or self.stepper.modes_differ(incumbent, loads, ROUGH)
-        trial.add(step if differs else 0.0, trial.sample_log_ratio(incumbent))
+        trial.add(step, trial.sample_log_ratio(incumbent))
         if trial.is_cusum(incumbent) and trial.log_ratio <= 0.0:
             trial.restart_sum(sample.time, self._misfit, payload_score(incumbent))
             if trial.kind == 'change' and (trial.judged is None) != (incumbent.model is None):
@@ -194,10 +186,9 @@ class ModeCompetition:
         if not walking and 'change' not in kinds:
             walk, judged = with_payload_walk(incumbent, self.walk)
             self._add_trial('change', walk, incumbent, time, judged)
-        for mode in transitions.modes_to_try(incumbent, time >= self._pause_end):
+        for mode in transitions.modes_to_try(incumbent):
             if not any(trial.kind == 'mode' and freedom(trial.kalman.mode) == freedom(mode)
                        for trial in self.trials):
-                self._pause_end = time + TRIAL_S
                 last = self.window[self.window.end - 1]
                 f = in_other_mode(incumbent, mode, last, self.stepper)
                 self._add_trial('mode', f, incumbent, time)
@@ -245,7 +236,6 @@ class ModeCompetition:
             # What `exact` did not fit, free parts may; and `exact` wins over the whole window.
             trial.kalman.misfit = self._misfit if freedom(trial.kalman.mode) == 2 else 1.0
             self.keep(incumbent, time)
-        self._pause_end = time + TRIAL_S
         return trial.kalman
 
     def _end_change(self, trial: Trial, incumbent: Filter, time: float) -> None:

@@ -156,7 +156,7 @@ def _noise(noise: Array, gauge_error: float, loads: Array, measured: Array) -> A
 @compiled
 def correct_packed(packed: Array, reference: Array, fixed: bool, loads: Array, measured: Array,
                    offset: Array, output: Array, bend: Array, told: Array,
-                   noise_model: NoiseModel) -> tuple[float, float, float, float]:
+                   noise_model: NoiseModel) -> tuple[float, float, float]:
     """
     Let a filter learn from a measurement, and keep the innovation with its standard deviation.
 
@@ -178,8 +178,6 @@ def correct_packed(packed: Array, reference: Array, fixed: bool, loads: Array, m
     mean_square : float
         Mean square of the whitened innovation; NaN where the state is lost, and then nothing is
         learnt.
-    noise_drop_gain : float
-        See likelihood.update_statistics.
 
     """
     channels = measured.size
@@ -193,8 +191,8 @@ def correct_packed(packed: Array, reference: Array, fixed: bool, loads: Array, m
         x, cov, sensitivity, beta, beta_cov, reference, fixed, measured, offset, output, noise,
         int(gains), gate, heaviest)
     if np.isnan(log_det):
-        return 0.0, 0.0, np.nan, 0.0
-    log_density, stated, noise_drop_gain = update_statistics(
+        return 0.0, 0.0, np.nan
+    log_density, stated = update_statistics(
         statistics, innovation, innovations[0], variances, scores, log_det, told,
         least_scale, gate, step)
     ends = applied(bend, x)
@@ -203,7 +201,7 @@ def correct_packed(packed: Array, reference: Array, fixed: bool, loads: Array, m
     put(innovations[0], innovation)
     put(innovations[1], np.sqrt(variances))
     # FilterStep.is_beyond_gate divides alike: at the gate no rounding decides.
-    return log_density, stated, min(inner(scores, scores), gate) / channels, noise_drop_gain
+    return log_density, stated, min(inner(scores, scores), gate) / channels
 
 
 @compiled
@@ -212,7 +210,7 @@ def step_packed(measured: Array, offset: Array, output: Array, bend: Array, told
                 model_beta: Array, series: Array, parts: Array, mass_offset: float,
                 motion: Array, command: Array, command_variance: Array, speed: Array,
                 loads: Array, steps: int, noise_model: NoiseModel
-                ) -> tuple[float, float, float, float]:
+                ) -> tuple[float, float, float]:
     """Predict, and learn from a measurement: `predict_packed`, then `correct_packed`."""
     predict_packed(previous, packed, reference, fixed, model_beta, series, parts, mass_offset,
                    motion, command, command_variance, speed, loads, steps, noise_model)

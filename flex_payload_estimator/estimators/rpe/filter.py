@@ -82,9 +82,6 @@ class Filter:
         see likelihood.update_statistics.
     mean_square : float
         Mean square of the last sample's whitened innovations.
-    noise_drop_gain : float
-        Part of log_density that comes from finding that the noise has dropped, nats; see
-        likelihood.update_statistics.
     passes : int
         Gauss-Newton passes over the sample window so far; see window_pass.py.
     age, age_linearised : float
@@ -105,7 +102,6 @@ class Filter:
     log_density: float = 0.0
     stated_log_density: float = 0.0
     mean_square: float = 1.0
-    noise_drop_gain: float = 0.0
     model: LinearisedModel | None = None
     passes: int = 0
     age: float = 0.0

@@ -32,8 +32,6 @@ from flex_payload_estimator.estimators.rpe.zero import zero_column
 from flex_plant_sim.arm.second_order import Array
 import numpy as np
 
-# Two modes can be told apart while a gauge's model error is this many times its noise.
-DISTINCT_ERROR = 3.0
 # A model error, a share of the load, is white noise that is drawn afresh every 10 ms; at other
 # sampling times its spectral density is the same.
 ERROR_STEP_S = 0.01
@@ -208,7 +206,7 @@ class FilterStep:
 
     def _take_likelihood(self, f: Filter, sample: Sample, found: tuple[float, ...]) -> None:
         """Keep what a correction returned; where the state is lost, begin the state again."""
-        log_density, stated, mean_square, f.noise_drop_gain = found
+        log_density, stated, mean_square = found
         if math.isnan(mean_square) or self._is_lost(f, mean_square):
             self.relocate(f, sample.measured)
         else:
@@ -295,13 +293,6 @@ class FilterStep:
             self._averaged_std[f.mode.free_parts], share, output, command, self._speed,
             self.told_variance, swing_variance)
         return Loads(share, table), swings, moments
-
-    def modes_differ(self, f: Filter, loads: Loads, mode: Mode) -> bool:
-        """Tell whether a mode's model error is well above the gauges' noise; without any, yes."""
-        # All gauges have one noise scale; plain numbers are quicker for a few.
-        scale = (DISTINCT_ERROR / mode.gauge_error)**2 * f.statistics.item(2) / self._error_samples
-        return len(self._told) == 2 or any(
-            load > scale * told for load, told in zip(loads.strain.tolist(), self._told))
 
     def moments(self, f: Filter) -> compiled_step.Moments:
         """Return payload, kg, and its variance, kg^2, averaged; see model_average.py."""

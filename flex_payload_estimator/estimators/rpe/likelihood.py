@@ -25,9 +25,6 @@ NOISE_RATIO = 4.0
 # memory tells as much as 99 samples, so this is four of the standard deviations that two angles
 # have by chance, (1 / 99)^(1/2).
 POOR_FIT = 1.4
-# Prior standard deviation of the logarithm of the noise variance over that of the robot file, for
-# noise above that.
-NOISE_PRIOR_STD = 2.0
 # Where the sums of the payload's score are among the statistics.
 SCORE = slice(-9, -3)
 # Smallest scale and reduced chi-square, where innovations are zero and these have no logarithm.
@@ -84,7 +81,7 @@ def false_alarm_threshold(step: float) -> float:
 @compiled
 def update_statistics(statistics: Array, innovation: Array, before: Array, variances: Array,
                       scores: Array, log_det: float, told: Array, least: float, gate: float,
-                      step: float) -> tuple[float, float, float]:
+                      step: float) -> tuple[float, float]:
     """
     Update the statistics by an innovation, and return the sample's log-likelihoods.
 
@@ -104,12 +101,10 @@ def update_statistics(statistics: Array, innovation: Array, before: Array, varia
         gauges, by the reduced chi-square so far where that is below 1: otherwise a filter whose
         model error is not white, and that expects more than it sees, could not be compared.
         Then the same with Sigma as stated, for comparisons of payloads in one mode.
-    noise_drop_gain : float
-        Part of both that they gain as the noise is found to have dropped a while ago; mostly 0.
 
     """
     channels, memory = innovation.size, max(MEMORY_S / step, MEMORY_SAMPLES)
-    samples, drop_gain = statistics[channels + 16], 0.0
+    samples = statistics[channels + 16]
     gate_share = min(1.0, gate / max(inner(scores, scores), 1e-300))
     minus_twice_log = minus_twice_stated = log_det
     for kind in range(2 if channels > 2 else 1):
@@ -122,23 +117,22 @@ def update_statistics(statistics: Array, innovation: Array, before: Array, varia
         statistics[place] += max(1.0 / (samples + 10.0), 1.0 / memory) \
             * (square - statistics[place])
         drop = statistics[channels + 3 * kind:channels + 3 * kind + 3]
-        drop_gain += _update_noise(
+        _update_noise(
             statistics, drop, channels + 6 + kind, first, last, innovation, before, variances,
             told, least, statistics[place] - 1.0, memory, false_alarm_threshold(step))
     statistics[channels + 16] = samples + 1.0
-    return drop_gain - 0.5 * minus_twice_log, drop_gain - 0.5 * minus_twice_stated, drop_gain
+    return -0.5 * minus_twice_log, -0.5 * minus_twice_stated
 
 
 @compiled
 def _update_noise(statistics: Array, drop: Array, place: int, first: int, last: int,
                   innovation: Array, before: Array, variances: Array, told: Array, least: float,
-                  excess: float, memory: float, threshold: float) -> float:
+                  excess: float, memory: float, threshold: float) -> None:
     """
-    Update the noise's scale of one kind of channels; return what a drop of it gains, nats.
+    Update the noise's scale of one kind of channels.
 
     A drop of the variance to 1 / NOISE_RATIO counts from when it was best to begin (Page's sum).
-    Where that passes the threshold, the readings since then alone give the scale, and what they
-    gain by it beyond the threshold is returned; else 0.
+    Where that passes the threshold, the readings since then alone give the scale.
 
     Parameters
     ----------
@@ -159,20 +153,17 @@ def _update_noise(statistics: Array, drop: Array, place: int, first: int, last: 
         if statistics[-1] > 0.0 else (0.0, 0.0, 0.0, 0.0)
     # Page's sum begins once the memory is full; until then few readings move the scale anyway.
     is_full = known == memory * (last - first)
-    statistics[place], former = known + readings, scale
+    statistics[place] = known + readings
     scale = max((known * scale + total) / statistics[place], SMALLEST_SCALE)
-    gain, drop[0] = 0.0, max(drop[0] + drop_ratio, 0.0) if is_full else 0.0
+    drop[0] = max(drop[0] + drop_ratio, 0.0) if is_full else 0.0
     drop[1], drop[2] = drop[1] + last - first, drop[2] + expected_squares
     if drop[0] > threshold:
         scale = max(drop[2] / drop[1], SMALLEST_SCALE)
-        # Below the least that the filter takes for it, the noise changes nothing.
-        statistics[place], ratio = drop[1], max(scale, least) / max(former, least)
-        gain = max(0.5 * drop[1] * (ratio - 1.0 - np.log(ratio)) - threshold, 0.0)
+        statistics[place] = drop[1]
     if not 0.0 < drop[0] <= threshold:
         drop[:] = 0.0
     for i in range(first, last):
         statistics[i] = scale
-    return gain
 
 
 @compiled
@@ -231,11 +222,3 @@ def reduced_chi_square(statistics: Array) -> float:
     of that of the angles and that of the gauges.
     """
     return max(statistics.item(-3), statistics.item(-2))
-
-
-def noise_log_prior(statistics: Array) -> float:
-    """Return the log of the prior density of the noise's scales, of angles and of any gauges."""
-    scales = statistics[[0, 2]] if statistics.size > initial_statistics(2).size \
-        else statistics[:1]
-    larger = np.log(np.maximum(scales, 1.0))
-    return float(-0.5 * (larger @ larger) / NOISE_PRIOR_STD**2)

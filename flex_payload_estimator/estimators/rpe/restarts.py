@@ -22,12 +22,9 @@ from flex_payload_estimator.estimators.rpe.zero import reading_sensitivity, zero
 from flex_plant_sim.arm.second_order import Array
 import numpy as np
 
-# Standard deviation of the payload at a restart, as a share of (m + soft mass): narrow where the
-# linearisation point comes from a freer mode that fits, wide where it comes from one that knew
-# nothing of its errors.
-NARROW_PAYLOAD, WIDE_PAYLOAD = 0.05, 0.3
-# Standard deviation of the state that a restart adds, as a share of that at the very start.
-RESTART_STATE_STD = 0.01
+# Least standard deviation of the payload at a restart, as a share of (m + soft mass), and of the
+# state that it adds, as a share of that at the very start.
+RESTART_PAYLOAD_STD, RESTART_STATE_STD = 0.3, 0.01
 # Gauss-Newton passes over the sample window, see window_pass.py.
 PASSES = 3
 
@@ -82,8 +79,7 @@ def _restarted(new: Filter, f: Filter, x: Array, beta: Array, beta_cov: Array, s
                    age_linearised=0.0, previous=None)
 
 
-def restarted(f: Filter, mode: Mode, payload_std: float, state_std: float, stepper: FilterStep
-              ) -> Filter:
+def restarted(f: Filter, mode: Mode, state_std: float, stepper: FilterStep) -> Filter:
     """
     Return a filter of a mode at the state of another filter, with the parameters' prior.
 
@@ -93,8 +89,6 @@ def restarted(f: Filter, mode: Mode, payload_std: float, state_std: float, stepp
         Gives state, noise and payload.
     mode : Mode
         Of the new filter.
-    payload_std : float
-        Smallest standard deviation of the payload, as a share of (m + soft mass).
     state_std : float
         Standard deviation of the state beyond what f states, as a share of that at the start.
     stepper : FilterStep
@@ -102,7 +96,8 @@ def restarted(f: Filter, mode: Mode, payload_std: float, state_std: float, stepp
 
     """
     prior = stepper.prior_of(mode)
-    std = max(3.0 * math.sqrt(f.variance), payload_std * (f.mass + stepper.schedule.soft_mass))
+    std = max(3.0 * math.sqrt(f.variance), RESTART_PAYLOAD_STD * (
+        f.mass + stepper.schedule.soft_mass))
     beta = prior.mean.copy()
     beta[MASS] = f.beta[MASS]
     if not mode.free_parts:
@@ -169,7 +164,7 @@ def restarted_at(f: Filter, first: Sample, loads: Loads, rested: Filter | None,
     beta[MASS] = new.reference[MASS]
     if not f.mode.free_parts:
         beta[CORIOLIS] = new.reference[CORIOLIS]
-    beta_cov = prior.covariance(WIDE_PAYLOAD * (beta[MASS] + stepper.schedule.soft_mass))
+    beta_cov = prior.covariance(RESTART_PAYLOAD_STD * (beta[MASS] + stepper.schedule.soft_mass))
     new = _restarted(new, f, new.x, beta, beta_cov, 0.0, stepper)
     new.passes, new.log_likelihood = f.passes + 1, 0.0
     begin_at(new, first, loads, rested, stepper)
@@ -238,7 +233,7 @@ def _in_mode(f: Filter, mode: Mode) -> Filter:
 
 
 def _wide_restart(f: Filter, mode: Mode, stepper: FilterStep) -> Filter:
-    new = restarted(f, mode, WIDE_PAYLOAD, RESTART_STATE_STD, stepper)
+    new = restarted(f, mode, RESTART_STATE_STD, stepper)
     if not mode.free_parts:
         # It has the present state and gauge biases, without which a pass over the window begins.
         new.passes = PASSES

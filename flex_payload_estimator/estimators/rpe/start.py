@@ -18,10 +18,8 @@ from flex_payload_estimator.estimators.rpe.restarts import (
     about_file,
     begin_at,
     hand_over_rest,
-    NARROW_PAYLOAD,
     RESTART_STATE_STD,
     restarted,
-    WIDE_PAYLOAD,
 )
 from flex_payload_estimator.estimators.rpe.sample_window import SampleWindow
 from flex_payload_estimator.estimators.rpe.sensors import Loads
@@ -204,13 +202,13 @@ class StartBank:
         """Return a filter, or a restarted one where it cannot have learnt well."""
         if not f.mode.free_parts:
             return f if self._has_learnt_well(f) \
-                else restarted(f, f.mode, NARROW_PAYLOAD, RESTART_STATE_STD, self.stepper)
+                else restarted(f, f.mode, RESTART_STATE_STD, self.stepper)
         # Free parts contain the exact model: they are behind it only if they went astray. Where
         # they do not fit, more than parts is off.
         fits = self._fits(f)
         if fits and (f is first or f.log_likelihood > top - GIVE_UP_NATS):
             return f
-        new = restarted(first, ROUGH_ON_TRIAL, WIDE_PAYLOAD, RESTART_STATE_STD, self.stepper)
+        new = restarted(first, ROUGH_ON_TRIAL, RESTART_STATE_STD, self.stepper)
         if not fits:
             # That is no better for being forgotten: it counts until a pass learns it again.
             new.misfit = misfits(f, self.stepper.prior)[0]

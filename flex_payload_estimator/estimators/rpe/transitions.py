@@ -30,8 +30,6 @@ from typing import NamedTuple
 
 from flex_payload_estimator.estimators.rpe.filter import Filter
 from flex_payload_estimator.estimators.rpe.likelihood import (
-    noise_log_prior,
-    NOISE_RATIO,
     POOR_FIT,
     reduced_chi_square,
 )
@@ -48,17 +46,13 @@ from flex_payload_estimator.estimators.rpe.window_pass import FIRST_PASS_S, Wind
 # With 1 the bench's strain filter (test_rpe_robust.py) reports two changes. 2 and 4 are alike:
 # none there, one and two false ones on 74 arms (benchmarks/hidden_effects.py, seeds 657300).
 CHANGE_FACTOR = 4.0
-# `rough` with a reduced chi-square above this reports no change either: `coarse` may fit.
-BAD_FIT = 2.0
 # Time in motion, s, before which an exact model reports no change, and that a mode with more
 # freedom has to be the likelier in rising noise.
 MODES_OPEN_S = 1.0
 # Time that a mode with more freedom has to be the likelier, s: a change of the payload is told
 # sooner.
 FREER_MODE_S = 0.2
-# A constant payload may be less likely than a walking one by this, nats.
-CONSTANT_MARGIN = 3.0
-# Length of a trial of another mode, and pause before `rough` is tried again beside `coarse`, s.
+# Length of a trial of another mode, s.
 TRIAL_S = 2.0
 
 
@@ -126,14 +120,14 @@ def _fits_otherwise(now: Situation) -> bool:
         return now.time_in_motion >= MODES_OPEN_S
     if f.mode.name == ROUGH.name:
         # While it is not linearised about what it finds, its errors look like a change.
-        return f.passes == PASSES and reduced_chi_square(f.statistics) < BAD_FIT
+        return f.passes == PASSES
     # Nothing has more freedom than `coarse`, and its model error hides that of its linearisation.
     return f.passes > 0
 
 
 def to_constant_payload(trial: Trial, now: Situation) -> bool:
-    """Tell whether the payload is constant: for long enough, and about as likely as a walk."""
-    return trial.counted >= now.constant_s and trial.log_ratio > -CONSTANT_MARGIN \
+    """Tell whether the payload is constant: for long enough, and likelier than a walk."""
+    return trial.counted >= now.constant_s and trial.log_ratio > 0.0 \
         and not _another_leads(trial, now)
 
 
@@ -158,7 +152,8 @@ def to_more_freedom(trial: Trial, now: Situation) -> bool:
     rising = now.window.noise_has_risen(now.incumbent, trial.since)
     if rising and trial.log_ratio <= trial.largest - now.threshold:
         return False
-    return trial.counted >= (MODES_OPEN_S if rising else FREER_MODE_S) and _leads(trial, now)
+    return trial.counted >= (MODES_OPEN_S if rising else FREER_MODE_S) \
+        and trial.log_ratio > now.threshold
 
 
 def from_coarse_to_rough(trial: Trial, now: Situation) -> bool:
@@ -168,14 +163,8 @@ def from_coarse_to_rough(trial: Trial, now: Situation) -> bool:
     By innovations and parts: those that are far off stand for what no part has. Without that both
     modes could take turns where both are wrong.
     """
-    return trial.counted >= TRIAL_S and _leads(trial, now) \
+    return trial.counted >= TRIAL_S and trial.log_ratio > now.threshold \
         and misfits(trial.kalman, now.prior)[0] <= POOR_FIT
-
-
-def _leads(trial: Trial, now: Situation) -> bool:
-    """Tell whether a mode leads by the threshold, with the priors of the noises' scales."""
-    return trial.log_ratio + noise_log_prior(trial.kalman.statistics) \
-        - noise_log_prior(now.incumbent.statistics) > now.threshold
 
 
 def to_exact(done: WindowPass, now: Situation) -> bool:
@@ -206,15 +195,15 @@ def has_failed(trial: Trial, now: Situation) -> bool:
     return out_of_time or trial.log_ratio < -now.threshold
 
 
-def modes_to_try(incumbent: Filter, pause_is_over: bool) -> list[Mode]:
+def modes_to_try(incumbent: Filter) -> list[Mode]:
     """
     Return the modes that should be on trial.
 
-    Beside `coarse`, `rough` after a pause; beside a model that does not fit, the next one with
+    Beside `coarse`, `rough`; beside a model that does not fit, the next one with
     more freedom, unless the incumbent has free parts and has made no pass over the window yet.
     """
     place = freedom(incumbent.mode)
-    modes = [MODES[place - 1]] if place > 1 and pause_is_over else []
+    modes = [MODES[place - 1]] if place > 1 else []
     seeks_parts = incumbent.mode.free_parts and incumbent.passes == 0
     if not seeks_parts and reduced_chi_square(incumbent.statistics) > POOR_FIT:
         modes += MODES[place + 1:place + 2]
@@ -243,10 +232,9 @@ def exact_can_be_searched(f: Filter) -> bool:
     """
     Tell whether a filter with free parts knows roughly where to linearise an exact model.
 
-    After its first pass. `coarse` only where noise may have misled all models instead of the arm:
-    where the angles' noise variance is NOISE_RATIO times that of the robot file.
+    After its first pass, but in `coarse`, of which `rough` has to be the next.
     """
-    return f.passes > 0 and (freedom(f.mode) < 2 or f.statistics.item(0) > NOISE_RATIO)
+    return f.passes > 0 and freedom(f.mode) < 2
 
 
 def found_exact_is_compared(found: Filter, incumbent: Filter) -> bool:

@@ -32,10 +32,9 @@ class Trial:
     log_ratio : float
         Log-likelihood ratio over the incumbent since `since`, nats.
     counted : float
-        Time over which that is counted, s; while a trial of a mode with less freedom cannot be
-        told from the incumbent, it is not counted.
+        Time over which that is counted, s.
     run : float
-        Time since it began, s, counted alike.
+        Time since it began, s.
     largest : float
         Largest log_ratio since `since`, nats.
     judged : Filter or None

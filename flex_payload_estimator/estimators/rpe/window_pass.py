@@ -15,7 +15,6 @@ from flex_payload_estimator.estimators.rpe.filter import Filter
 from flex_payload_estimator.estimators.rpe.filter_step import FilterStep
 from flex_payload_estimator.estimators.rpe.likelihood import (
     false_alarm_threshold,
-    noise_log_prior,
     POOR_FIT,
     reduced_chi_square,
 )
@@ -31,7 +30,6 @@ from flex_payload_estimator.estimators.rpe.modes import (
 from flex_payload_estimator.estimators.rpe.restarts import (
     about_cells,
     begin_at,
-    NARROW_PAYLOAD,
     restarted,
     restarted_at,
 )
@@ -63,11 +61,6 @@ class PassFilter:
     kalman: Filter
     log_densities: list[float] = field(default_factory=list)
 
-    @property
-    def evidence(self) -> float:
-        """Return the log of its marginal likelihood, with the prior of the noise's scale, nats."""
-        return self.kalman.log_likelihood + noise_log_prior(self.kalman.statistics)
-
 
 @dataclass(eq=False)
 class WindowPass:
@@ -97,8 +90,8 @@ class WindowPass:
 
     @property
     def best(self) -> PassFilter:
-        """Return the filter of the largest evidence."""
-        return max(self.filters, key=lambda candidate: candidate.evidence)
+        """Return the likeliest filter."""
+        return max(self.filters, key=lambda candidate: candidate.kalman.log_likelihood)
 
     def advance(self, window: SampleWindow, stepper: FilterStep) -> bool:
         """Learn the next few samples; return whether none is left."""
@@ -120,9 +113,9 @@ class WindowPass:
         if not self.compares or 2 * self.place < window.first + window.end:
             return False
         # Less the handicap of exact models, see `comparison`.
-        exact = [candidate.evidence + threshold for candidate in self.filters
+        exact = [candidate.kalman.log_likelihood + threshold for candidate in self.filters
                  if not candidate.kalman.mode.free_parts]
-        return self.best.evidence > max(exact) + threshold
+        return self.best.kalman.log_likelihood > max(exact) + threshold
 
     def log_ratio(self, window: SampleWindow, since: float) -> float:
         """Return the log-likelihood ratio of the best over the incumbent after a time, s."""
@@ -173,7 +166,7 @@ def gauss_newton_pass(f: Filter, window: SampleWindow, stepper: FilterStep) -> W
 def exact_search(f: Filter, window: SampleWindow, stepper: FilterStep) -> WindowPass:
     """Return a pass of an exact model linearised about the payload of one with free parts."""
     stored = window[window.first]
-    new = restarted(f, EXACT, NARROW_PAYLOAD, 0.0, stepper)
+    new = restarted(f, EXACT, 0.0, stepper)
     # Free parts take noise for their model error. With too little noise the exact model would be
     # sure of a wrong state and take all that follows for a motion; too much soon shows.
     new.noise_scale[:] = np.maximum(np.maximum(new.noise_scale, stored.noise_scale),
