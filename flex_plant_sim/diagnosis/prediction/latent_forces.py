@@ -204,7 +204,7 @@ def _known_step(predictor: Predictor) -> Array:
 def _process_covariance(predictor: Predictor, table: Array) -> Array:
     """Return the covariance of a step due to force noise on the deflections, (n, n)."""
     arm, base = predictor.arm, predictor.base
-    loads = rms_loads(arm, *predictor.record.deviations)
+    loads = rms_loads(arm, predictor.record)
     variance = REFERENCE_STEP / arm.step_time * process_noise_variance(
         loads, (0.0, base.noise_shares[1]))
     e = table[len(table) // 2][:, arm.states + 2:]

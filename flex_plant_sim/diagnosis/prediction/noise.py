@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from flex_plant_sim.arm.second_order import Array, link_slice
+from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 from numpy.typing import NDArray
@@ -21,19 +22,30 @@ MAX_DOUBLINGS = 24
 REFERENCE_STEP = 0.01
 
 
-def rms_loads(arm: ExtendedArm, command: Array, output: Array) -> Array:
+def net_torques(arm: ExtendedArm, record: Record) -> Array:
+    """
+    Return the standard deviation of each drive's net torque in a record, N m, (2,).
+
+    That is what is left of the commanded torque beside the drive's damping: a velocity loop's
+    command is mostly a speed. Averaged over some samples, a speed is known from two angles.
+    """
+    command, speed = record.interval_means
+    drives = arm.robot.drives
+    return np.std([d.torque_gain * command[:, k] - d.damping * speed[:, k]
+                   for k, d in enumerate(drives)], axis=1)
+
+
+def rms_loads(arm: ExtendedArm, record: Record) -> Array:
     """
     Return the root-mean-square generalised force on each coordinate in a record, (N,).
 
-    A joint's is its commanded torque: the drive's torque gain times the standard deviation of the
-    command, (2,); in a velocity loop that is not the net torque. Bending forces follow from the
-    standard deviations of the strain, among the outputs' (m,), as if the first shape alone made
-    it; they are the same for all shapes, as those of a force at the tip are. Coordinates that an
-    effect added have none.
+    A joint's is its drive's net torque. Bending forces follow from the standard deviations of the
+    strain, as if the first shape alone made it; they are the same for all shapes, as those of a
+    force at the tip are. Coordinates that an effect added have none.
     """
     loads, robot = np.zeros(arm.form.order), arm.robot
-    loads[:2] = [d.torque_gain * spread for d, spread in zip(robot.drives, command)]
-    strain, row = output[2:], 0
+    loads[:2] = net_torques(arm, record)
+    strain, row = record.output_deviation[2:], 0
     for j, link in enumerate(robot.links):
         if link.gauge_positions:
             q = link_slice(j, arm.modes)

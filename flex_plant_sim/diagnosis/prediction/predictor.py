@@ -103,7 +103,7 @@ class Predictor:
         # White force noise of the same spectral density has a smaller share in a shorter step.
         share = np.sqrt(REFERENCE_STEP / arm.robot.sample_time)
         joints, deflections = self.base.noise_shares
-        return process_noise_variance(rms_loads(arm, *self.record.deviations),
+        return process_noise_variance(rms_loads(arm, self.record),
                                       (share * joints, share * deflections))
 
     def steady_filter_of(self, arm: ExtendedArm) -> SteadyFilter:

@@ -24,6 +24,8 @@ WARM_UP_PERIODS = 1
 LOCKED_SHARE = 0.25
 # Least number of windows to fit: fewer do not show by how much they disagree.
 FEWEST = 4
+# Samples over which a drive's torque is averaged: a tenth of the slowest period, see rate.py.
+INTERVAL = 10
 # Periods that a log must last.
 LEAST_PERIODS = WARM_UP_PERIODS + (FEWEST + 1) * FEWEST_PERIODS
 
@@ -93,9 +95,16 @@ class Record:
         return np.where(self.lost[:, None] > 0.0, np.nan, self.output)
 
     @cached_property
-    def deviations(self) -> tuple[Array, Array]:
-        """Return the standard deviations of commands (2,) and outputs (m,)."""
-        return np.std(self.command, axis=0), np.std(self.output, axis=0)
+    def output_deviation(self) -> Array:
+        """Return the standard deviations of the outputs, (m,)."""
+        return np.std(self.output, axis=0)
+
+    @cached_property
+    def interval_means(self) -> tuple[Array, Array]:
+        """Return commands and joint speeds, rad/s, averaged over INTERVAL samples, (K, 2) each."""
+        ends = np.arange(0, len(self.time), INTERVAL)
+        command = np.add.reduceat(self.command, ends, axis=0)[:-1] / INTERVAL
+        return command, np.diff(self.output[ends, :2], axis=0) / np.diff(self.time[ends])[:, None]
 
 
 @dataclass(frozen=True)
