@@ -289,7 +289,7 @@ def nothing_verdict(posterior: Posterior, parts: Sequence[PartEstimate]
         return ('nothing_wrong',
                 'Nothing in the catalogue is shown to be wrong with the simulation: its errors, '
                 'one step ahead, stay within noise, part tolerances and what every model may miss '
-                f'({100.0 * allowed.torque_share[0]:.0f} % of the commanded torque, '
+                f'({100.0 * allowed.torque_share[0]:.0f} % of the net torque, '
                 f'{100.0 * allowed.gauge_share:.0f} % of the strain).{far}', ())
     rows = sorted(_effect_rows(posterior).items(), key=lambda row: -row[1])
     likely = {name: p for name, p in rows if p > MIN_RELATIVE_PROBABILITY * rows[0][1]}
