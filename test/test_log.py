@@ -129,6 +129,19 @@ def test_the_clock_is_in_the_unit_that_is_named_or_sure(
     assert not log.doubts and [n.startswith(note) for n in log.notes] == [True] * bool(note)
 
 
+def test_ms_that_jitter_and_lose_rows_are_taken_as_ms(tmp_path: Path) -> None:
+    """The median of such intervals was a thousandth and more off, so that their unit was asked."""
+    rng = np.random.default_rng(2)
+    kept = np.setdiff1d(np.arange(400), rng.integers(1, 399, 20))
+    time = 10.0 * (kept + rng.uniform(-0.2, 0.2, len(kept)))
+    assert abs(np.median(np.diff(time)) - 10.0) > 0.01
+    rows = [f'{t:.9g},1,2,3,4,.005,.004,.003,.002' for t in time]
+    (tmp_path / 'log.csv').write_text('\n'.join([HEADER, *rows]) + '\n')
+    log = read_log(tmp_path / 'log.csv', ROBOT)
+    assert log.notes[0].endswith(', taken as ms') and len(log) == 400
+    assert log.sample_time == pytest.approx(0.01, rel=1e-4)
+
+
 @pytest.mark.parametrize('every', ['1', '5', '0.0002'])
 def test_a_clock_without_a_unit_is_no_clock(tmp_path: Path, every: str) -> None:
     """Row numbers, ms at another rate than the robot file's, 5 kHz."""

@@ -102,16 +102,13 @@ def even_grid(time: Array, source: str, row: Callable[[int], str] = 'row {}'.for
         The times are not near any even grid, or too many samples are lost; names the row.
 
     """
-    interval = np.diff(time)
-    # The lower median, because lost samples only lengthen intervals.
-    usual = float(np.sort(interval)[(len(interval) - 1) // 2])
+    interval, usual = np.diff(time), usual_interval(time)
     steps = np.rint(interval / usual)
     if steps.min() < 1:
         k = int(np.argmax(steps < 1))
         raise InputError(f'{source}: {row(k + 1)}: time: expected {usual:.6g} s after the row '
                          f'before, at least half of it, got {interval[k]:.6g} s; {UNEVEN}')
-    first, last = _longest_stretch(steps)
-    place = np.concatenate([[0], np.cumsum(steps[first:last - 1])]).astype(np.int64)
+    first, last, place = _places(steps)
     slope, start = _fit_line(place, time[first:last])
     apart = np.abs(time[first:last] - start - slope * place)
     k = first + int(np.argmax(apart))
@@ -126,6 +123,27 @@ def even_grid(time: Array, source: str, row: Callable[[int], str] = 'row {}'.for
                          f'before, got {interval[k]:.6g} s; {grid.lost} of {grid.samples} '
                          f'samples are lost, at most {LOST:.0%} may be')
     return grid
+
+
+def usual_interval(time: Array) -> float:
+    """Return the interval of the even grid that most times are near; lost samples do not count."""
+    interval = np.diff(time)
+    # The lower median, because lost samples only lengthen intervals.
+    usual = float(np.sort(interval)[(len(interval) - 1) // 2])
+    # Of few intervals that jitter it is percents off. The line through their places is not, once
+    # hardly an interval is rounded to a wrong number of them.
+    for _ in range(2):
+        if not usual > 0.0:
+            break
+        first, last, place = _places(np.rint(interval / usual))
+        usual = _fit_line(place, time[first:last])[0] if place[-1] > 0 else usual
+    return usual
+
+
+def _places(steps: Array) -> tuple[int, int, Rows]:
+    """Return first and last (exclusive) row of the longest stretch, and the places of its rows."""
+    first, last = _longest_stretch(steps)
+    return first, last, np.concatenate([[0], np.cumsum(steps[first:last - 1])]).astype(np.int64)
 
 
 def _longest_stretch(steps: Array) -> tuple[int, int]:

@@ -13,6 +13,7 @@ import re
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.atomic_file import whole_file
 from flex_plant_sim.inputs.plausible import time_unit
+from flex_plant_sim.inputs.resample import usual_interval
 from flex_plant_sim.logs.csv_table import read_table, Table
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.logs.origin import csv_origin, write_origin
@@ -58,21 +59,22 @@ def _in_seconds(rows: Rows, robot: Robot) -> Rows:
     name, given = robot.inputs.time.name, robot.inputs.time.factor
     if given:
         return replace(rows, time=rows.time * given)
-    with np.errstate(all='ignore'):
-        interval = float(np.median(np.diff(rows.time))) if len(rows.time) > 1 else 0.0
-    if not (np.isfinite(interval) and interval > 0.0):
+    told = len(rows.time) > 1 and np.isfinite(rows.time).all()
+    interval = usual_interval(rows.time) if told else 0.0
+    if not interval > 0.0:
+        # What is no order of times is said, by row, where the grid is made.
         return rows
     unit = time_unit(interval, robot.sample_time)
     if unit is None:
         raise InputError(f'{rows.source}: {name}: expected a sample about every '
                          f'{robot.sample_time:g} s as {robot.source} says, got one every '
-                         f'{interval:g}: name its unit in the robot file, inputs: {{time: {{unit: '
-                         'ms}}, or of row numbers the interval, s: {time: {scale: '
+                         f'{interval:.6g}: name its unit in the robot file, inputs: {{time: '
+                         '{unit: ms}}, or of row numbers the interval, s: {time: {scale: '
                          f'{robot.sample_time:g}}}}}')
     if unit == 's':
         return rows
     return replace(rows, time=rows.time * TIME_UNITS[unit]).noted(
-        f'{name}: a sample every {interval:g}, taken as {unit}')
+        f'{name}: a sample every {interval:.6g}, taken as {unit}')
 
 
 def write_csv(path: str | Path, log: Log, inputs: InputMapping = CONTRACT) -> None:
