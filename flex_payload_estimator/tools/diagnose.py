@@ -33,13 +33,13 @@ from flex_plant_sim.diagnosis.report.html_report import FILE_NAME, Report, write
 from flex_plant_sim.diagnosis.report.improvement import Gain, measure_gain
 from flex_plant_sim.diagnosis.report.json_answer import (
     answer,
-    answer_text,
     with_gain,
     with_gauges_beyond,
 )
 from flex_plant_sim.diagnosis.report.latent_pictures import latent_sections
 from flex_plant_sim.diagnosis.report.payload_gain import payload_gain, PayloadGain, Weigh
 from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual, describe
+from flex_plant_sim.diagnosis.report.terminal import answer_text
 from flex_plant_sim.diagnosis.verdict.experiments import with_experiment
 from flex_plant_sim.diagnosis.verdict.log_hints import with_hints
 from flex_plant_sim.diagnosis.verdict.results import Diagnosis

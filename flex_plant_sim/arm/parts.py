@@ -129,6 +129,22 @@ def _scale_drive_damping(j: int, r: Robot, v: float) -> Robot:
     return r.with_drive(j, damping=drive.damping * exp(v), torque_gain=gain)
 
 
+def in_velocity_loop(robot: Robot, name: str, deviation: float) -> str:
+    """
+    Return what a robot file changes for a part of a drive, where no key of it has the name.
+
+    A velocity loop is told by inertia, time constant and gain; the damping is the first over the
+    second.
+    """
+    what, _, number = name.rpartition('_')
+    if what not in ('drive_damping', 'drive_inertia') \
+            or not robot.drives[int(number) - 1].closed_loop:
+        return ''
+    if what == 'drive_damping':
+        return f'time_constant_s times {exp(-deviation):.3g}'
+    return f'inertia_kg_m2 and time_constant_s times {exp(deviation):.3g}'
+
+
 @dataclass(frozen=True)
 class GaugePart:
     """

@@ -1,4 +1,4 @@
-"""The answer of a diagnosis: as JSON for programs, and as text for a terminal."""
+"""The answer of a diagnosis as JSON, and what the gain on the locked part adds to it."""
 
 from __future__ import annotations
 
@@ -13,15 +13,10 @@ from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
 from flex_plant_sim.diagnosis.prediction.latent_view import LatentView
 from flex_plant_sim.diagnosis.report.improvement import Gain, gain_results
 from flex_plant_sim.diagnosis.report.payload_gain import PayloadGain
-from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual, HORIZONS, SWING
+from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual, SWING
 from flex_plant_sim.diagnosis.verdict.results import Alternative, Cause, Diagnosis, ParameterValue
 from flex_plant_sim.diagnosis.verdict.unknown import LOOK_AT_RESIDUALS, refuted
-from flex_plant_sim.diagnosis.verdict.wording import (
-    digits_text,
-    name_text,
-    parameter_text,
-    percent_text,
-)
+from flex_plant_sim.diagnosis.verdict.wording import digits_text
 import numpy as np
 
 # Said where the extended robot is no gain: at what a cause stands at, or on the whole.
@@ -54,7 +49,7 @@ def with_gain(diagnosis: Diagnosis, gains: Sequence[Gain], unnamed: int = 0) -> 
     text = (f'With {what} and the parts as estimated the prediction error '
             f'{", ".join(changes)}.')
     found = replace(diagnosis, sentence=f'{diagnosis.sentence} {text}')
-    if any(gain in at_horizon for gain in larger) and _mean_log_ratio(at_horizon) > 0.0:
+    if predicts_worse(gains):
         return refuted(replace(found, sentence=f'{found.sentence} {PREDICTS_WORSE}'))
     if larger and max(larger, key=lambda gain: gain.ratio).channel in sites:
         return refuted(replace(found, sentence=f'{found.sentence} {WORSE_WHERE_NAMED}'))
@@ -82,10 +77,12 @@ def with_gauges_beyond(diagnosis: Diagnosis, after: Sequence[ChannelResidual]) -
                    'slow that no step shows may be missing.', advice=LOOK_AT_RESIDUALS)
 
 
-def _mean_log_ratio(gains: Sequence[Gain]) -> float:
-    """Return the mean logarithm of after / before over the channels."""
+def predicts_worse(gains: Sequence[Gain]) -> bool:
+    """Return whether the locked part is predicted worse after than before, on the whole."""
+    at_horizon = [gain for gain in gains if gain.horizon == SWING]
     with np.errstate(divide='ignore'):
-        return float(np.mean(np.log([gain.ratio for gain in gains])))
+        return (any(gain.ratio_low > 1.0 for gain in at_horizon)
+                and float(np.mean(np.log([gain.ratio for gain in at_horizon]))) > 0.0)
 
 
 def _change(gain: Gain) -> str:
@@ -161,40 +158,3 @@ def plain(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
-
-
-def answer_text(diagnosis: Diagnosis, gains: Sequence[Gain],
-                payload: Sequence[PayloadGain]) -> str:
-    """Return the text for the terminal: sentence, causes, errors before and after."""
-    lines = [diagnosis.sentence, *([diagnosis.advice] if diagnosis.advice else []), '']
-    for cause in diagnosis.causes:
-        sizes = ', '.join(map(parameter_text, cause.parameters))
-        lines.append(f'  {name_text(cause.name, cause.site):<32}'
-                     f'{percent_text(cause.probability):>7}   {sizes}')
-        if cause.look_alikes:
-            names = ', '.join(name.replace('_', ' ') for name in cause.look_alikes)
-            lines.append(f'      this record cannot tell it from {names}')
-    lines += ['', *_gain_lines(gains), *(_payload_line(row) for row in payload)]
-    return '\n'.join(lines)
-
-
-def _gain_lines(gains: Sequence[Gain]) -> list[str]:
-    """Return the lines of a table of the rms errors, before -> after, on the locked part."""
-    table = {(gain.channel, gain.horizon): gain for gain in gains}
-    horizons = [h for h in dict.fromkeys(gain.horizon for gain in gains)
-                if h in HORIZONS]
-    lines = ['  error on the locked part ' + ''.join(f'{f"after {h:g} s":>21}' for h in horizons)]
-    for channel in dict.fromkeys(gain.channel for gain in gains):
-        cells = []
-        for horizon in horizons:
-            gain = table[channel, horizon]
-            scale, unit = CHANNEL_SHOWN[gain.unit]
-            cells.append(f'{digits_text(scale * gain.before, 3)} -> '
-                         f'{digits_text(scale * gain.after, 3)}')
-        lines.append(f'  {f"{channel}, {unit}":<25}' + ''.join(f'{cell:>21}' for cell in cells))
-    return lines if horizons else []
-
-
-def _payload_line(row: PayloadGain) -> str:
-    return (f'  payload {row.true:.4g} kg, {row.estimator}: {row.before:.4g} kg '
-            f'({row.before_percent:+.1f} %) -> {row.after:.4g} kg ({row.after_percent:+.1f} %)')

@@ -61,6 +61,8 @@ class PartEstimate:
         Prior standard deviation.
     mean, deviation : float
         Posterior mean and standard deviation.
+    written : str
+        What a robot file changes for it, where no key of it has the name.
 
     """
 
@@ -69,6 +71,7 @@ class PartEstimate:
     prior: float
     mean: float
     deviation: float
+    written: str = ''
 
 
 @dataclass(frozen=True)
@@ -158,3 +161,8 @@ class Diagnosis:
     def names_nothing(self) -> bool:
         """Return whether nothing is wrong, or what is has no name."""
         return self.verdict != 'data_cannot_answer' and not self.causes
+
+    @property
+    def moves_parts_alone(self) -> bool:
+        """Return whether the extended robot differs from the file by its parts alone."""
+        return self.verdict in ('nothing_wrong', 'cannot_tell') and not self.causes

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from flex_plant_sim.arm.parts import within_file_limits
+from flex_plant_sim.arm.parts import in_velocity_loop, within_file_limits
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.causes.fit import Fit
@@ -50,6 +50,7 @@ from flex_plant_sim.diagnosis.verdict.unknown import (
 )
 from flex_plant_sim.diagnosis.verdict.wording import (
     apart_text,
+    beyond_tolerance,
     name_text,
     parameter_text,
     part_text,
@@ -179,7 +180,9 @@ def _diagnosis(found: SearchResult, data: Data, nominal: BaseModel, jobs: int,
 def part_estimates(found: SearchResult) -> tuple[PartEstimate, ...]:
     """Return the priors and posteriors of all parts."""
     fit, deviations = found.best.fit, averaged_part_deviations(found.posterior)
-    return tuple(PartEstimate(part.name, part.unit, part.tolerance, float(m), float(s))
+    robot = found.posterior.nominal.robot
+    return tuple(PartEstimate(part.name, part.unit, part.tolerance, float(m), float(s),
+                              in_velocity_loop(robot, part.name, float(m)))
                  for part, m, s in zip(found.best.likelihood.parts, fit.deviations, deviations))
 
 
@@ -313,9 +316,9 @@ def _far_part(found: SearchResult) -> str:
 
 
 def _parts_beyond_tolerance(parts: Sequence[PartEstimate]) -> str:
-    """Return the parts that are further off than 95 % of good parts."""
-    far = [part_text(p) for p in parts if abs(p.mean) > Z95 * p.prior]
-    return f' Parts beyond their tolerance: {", ".join(far)}.' if far else ''
+    """Return what to say of the parts that are further off than good parts are."""
+    far = [part_text(part) for part in beyond_tolerance(parts)]
+    return f' Parts beyond their tolerance: {"; ".join(far)}.' if far else ''
 
 
 def _advice(verdict: Verdict, sets: Sequence[Sequence[str]]) -> str:

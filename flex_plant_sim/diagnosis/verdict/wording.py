@@ -95,9 +95,15 @@ def part_text(part: PartEstimate) -> str:
     name, reach = label_text(part.name), Z95 * part.deviation
     scale, unit = shown_unit(part.unit) if part.unit else (100.0, '%')
     mean = scale * (part.mean if part.unit else math.expm1(part.mean))
+    written = f'; of the velocity loop: {part.written}' if part.written else ''
     return (f'{name} {"+" if mean >= 0.0 else ""}{digits_text(mean, 3)} '
             f'± {digits_text(scale * reach, 2)} {unit} '
-            f'(tolerance {digits_text(scale * part.prior, 2)} {unit})')
+            f'(tolerance {digits_text(scale * part.prior, 2)} {unit}{written})')
+
+
+def beyond_tolerance(parts: Sequence[PartEstimate]) -> list[PartEstimate]:
+    """Return the parts that are further off than 95 % of good parts."""
+    return [part for part in parts if abs(part.mean) > Z95 * part.prior]
 
 
 def apart_text(names: Sequence[str]) -> str:

@@ -1,0 +1,81 @@
+"""What a terminal shows of a diagnosis."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from flex_plant_sim.arm.parts import in_velocity_loop, robot_parts
+from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.robot_file import robot_text
+from flex_plant_sim.arm.robot_text import with_numbers
+from flex_plant_sim.diagnosis.report.terminal import answer_text, CEILING
+from flex_plant_sim.diagnosis.verdict.results import Diagnosis, PartEstimate
+from flex_plant_sim.diagnosis.verdict.wording import part_text
+import pytest
+from simulated_records import REFERENCE
+from test_diagnose_report import GAIN, PAYLOAD, report
+import yaml
+
+TEXT = robot_text('reference')
+FAR = PartEstimate('drive_damping_1', '', 0.2, 0.405, 0.017, 'time_constant_s times 0.667')
+NEAR = PartEstimate('stiffness_1', '', 0.03, 0.05, 0.01)
+PARTS = '  parts beyond their tolerance: '
+INTERVALS = '± and ranges are 95 % intervals'
+
+
+def test_terminal_text_is_short_and_complete() -> None:
+    text = answer_text(report().diagnosis, [GAIN], [PAYLOAD])
+    assert len(text.splitlines()) < 12
+    for expected in ('coulomb friction, joint 2', '97 %', 'cannot tell it from stribeck',
+                     '3.73 -> 0.0378', '+35.0 %'):
+        assert expected in text
+
+
+def test_parts_beyond_their_tolerance_stand_beside_a_cause_too() -> None:
+    text = answer_text(replace(report().diagnosis, parts=(FAR, NEAR)), [GAIN], [])
+    assert f'{PARTS}{part_text(FAR)}\n' in text and 'stiffness' not in text
+    said = replace(report().diagnosis, parts=(FAR,), sentence=f'Far: {part_text(FAR)}.')
+    assert PARTS not in answer_text(said, [GAIN], []) and INTERVALS in answer_text(said, [], [])
+
+
+def test_intervals_and_the_ceiling_of_names_are_said_where_they_are_shown() -> None:
+    diagnosis = report().diagnosis
+    assert answer_text(diagnosis, [GAIN], []).count(INTERVALS) == 1
+    assert 'no name is stated above' not in answer_text(diagnosis, [GAIN], [])
+    at_ceiling = replace(diagnosis, causes=(replace(diagnosis.causes[0], probability=CEILING),))
+    assert 'no name is stated above 88 %' in answer_text(at_ceiling, [GAIN], [])
+    assert INTERVALS not in answer_text(Diagnosis('nothing_wrong', 'Nothing.'), [GAIN], [])
+
+
+def test_nothing_wrong_says_what_would_have_shown_and_what_parts_alone_gain() -> None:
+    limits = {'payload_mass:arm': (0.0106, 'kg'), 'coulomb_friction:joint_2': (0.0712, 'N m'),
+              'backlash:joint_1': (6e-4, 'rad')}
+    nothing = Diagnosis('nothing_wrong', 'Nothing.', detection_limits=limits)
+    text = answer_text(nothing, [GAIN], [])
+    assert ('detection limits: payload mass 0.0106 kg; coulomb friction, joint 2 0.0712 N·m;'
+            ) in text and 'backlash' not in text
+    assert '-> is with the parts as estimated: no cause is added' in text
+    alike = answer_text(nothing, [replace(GAIN, after=GAIN.before)], [])
+    assert 'parts as estimated' not in alike
+    cause = answer_text(replace(report().diagnosis, detection_limits=limits), [GAIN], [])
+    assert 'detection limits' not in cause and 'parts as estimated' not in cause
+
+
+@pytest.mark.parametrize('name', ['drive_damping_1', 'drive_inertia_2'])
+def test_a_part_of_a_velocity_loop_is_said_as_its_file_is_changed(name: str) -> None:
+    part, = (part for part in robot_parts(REFERENCE) if part.name == name)
+    place = ('shoulder', 'elbow')[int(name[-1]) - 1]
+
+    def drive(robot: Robot) -> dict[str, float]:
+        found: dict[str, float] = yaml.safe_load(with_numbers(TEXT, robot))['drives'][place]
+        return found
+
+    told, changed = drive(REFERENCE), drive(part.change(REFERENCE, 0.2))
+    times = {key: changed[key] / told[key] for key in told if key != 'kind'
+             and changed[key] != pytest.approx(told[key])}
+    text = in_velocity_loop(REFERENCE, name, 0.2)
+    assert text == f'{" and ".join(times)} times {times["time_constant_s"]:.3g}'
+    assert 'of the velocity loop: time_constant_s times 0.667)' in part_text(FAR)
+    current = REFERENCE.with_drive(int(name[-1]) - 1, closed_loop=False)
+    assert in_velocity_loop(current, name, 0.2) == in_velocity_loop(REFERENCE, 'stiffness_1', 1) \
+        == ''
