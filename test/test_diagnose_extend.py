@@ -6,17 +6,22 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from flex_payload_estimator.tools import diagnose
 from flex_plant_sim.arm.parts import within_file_limits
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import built_in_robots, load_robot, parse_robot, robot_text
 from flex_plant_sim.arm.robot_text import DIGITS, document, with_numbers
+from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.report.extended_file import specs, write_extended
+from flex_plant_sim.diagnosis.verdict.results import Diagnosis
 from flex_plant_sim.effects import build, catalogue, effects_of, parse, sites
 from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from msg_config.errors import InputError
 import numpy as np
 import pytest
+from simulated_records import REFERENCE, simulated, write
+from test_diagnose_report import GAIN, report
 import yaml
 
 
@@ -170,3 +175,21 @@ def test_nothing_is_left_where_nothing_can_be_written(tmp_path: Path) -> None:
         write_extended(tmp_path / 'robot.yaml', tmp_path / 'none.yaml',
                        load_robot('reference'), [])
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(('worse', 'verdict', 'said'), [
+    (True, 'cause', 'extended robot: not written, as it predicts the locked part worse than'),
+    (True, 'nothing_wrong', 'extended robot: not written'),
+    (False, 'cause', 'extended robot: {file}\n'),
+    (False, 'nothing_wrong', 'extended robot: {file}, with the parts as estimated and no cause')])
+def test_no_robot_is_written_that_predicts_worse(
+        worse: bool, verdict: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+        capsys: pytest.CaptureFixture[str]) -> None:
+    log, file = write(simulated(duration=2.0), tmp_path / 'log.csv'), tmp_path / 'better.yaml'
+    gain = replace(GAIN, after=0.13, ratio_low=1.5, ratio_high=2.5) if worse else GAIN
+    diagnosis = report().diagnosis if verdict == 'cause' else Diagnosis('nothing_wrong', 'Well.')
+    found = diagnose.Findings(diagnosis, BaseModel(REFERENCE), ([], []), (gain,), (), (), (), {})
+    monkeypatch.setattr(diagnose, 'run', lambda *_: found)
+    assert diagnose.main([str(log), '--extended', str(file), '--jobs', '1']) == 0
+    assert said.format(file=file) in capsys.readouterr().out
+    assert file.exists() is not worse

@@ -33,6 +33,7 @@ from flex_plant_sim.diagnosis.report.html_report import FILE_NAME, Report, write
 from flex_plant_sim.diagnosis.report.improvement import Gain, measure_gain
 from flex_plant_sim.diagnosis.report.json_answer import (
     answer,
+    predicts_worse,
     with_gain,
     with_gauges_beyond,
 )
@@ -101,7 +102,7 @@ def options() -> argparse.ArgumentParser:
     parser.add_argument('--report', default=None, metavar='DIR',
                         help='folder for report.html, made if need be')
     parser.add_argument('--extended', default=None, metavar='FILE',
-                        help='write the robot file with its effects')
+                        help='write the robot file with its effects, unless it predicts worse')
     command_line.add_json_argument(parser)
     parser.add_argument('--jobs', default=len(os.sched_getaffinity(0)), metavar='N',
                         type=command_line.processes, help='processes')
@@ -267,8 +268,13 @@ def _main(arguments: argparse.Namespace) -> None:
 
 
 def _write_extended(arguments: argparse.Namespace, robot: Robot, found: Findings) -> None:
+    if predicts_worse(found.gains):
+        print('extended robot: not written, as it predicts the locked part worse than '
+              f'{arguments.robot}')
+        return
     write_extended(arguments.extended, arguments.robot, robot, found.extended.effects)
-    print(f'extended robot: {arguments.extended}')
+    alone = ', with the parts as estimated and no cause' * found.diagnosis.moves_parts_alone
+    print(f'extended robot: {arguments.extended}{alone}')
     if any(link.damping_ratio == MOST_DAMPING for link in robot.links):
         print(f'there a link damps by {MOST_DAMPING:g}, the most a robot file may say; the log '
               'asks for more')
