@@ -198,3 +198,10 @@ def test_page_is_current(repository: Path) -> None:
                           capture_output=True, text=True, check=True).stdout
     assert (repository / 'docs' / 'effects.md').read_text(encoding='utf-8') == made
     assert not re.search(r'\b(\w+) (at )?the \1\b', made)  # 'the gauge the gauge'
+
+
+def test_a_choice_of_numbers_says_what_each_stands_for() -> None:
+    """A record's answer may be `sensor behind gear 0`."""
+    for effect in catalogue().values():
+        for p in effect.parameters:
+            assert not p.discrete or p.unit or p.meaning or p.name in effect.explanation, p.name

@@ -52,7 +52,8 @@ def _sentence(effect: type[Effect]) -> str:
     place = {'amplifier': 'gauges', 'velocity_loop': 'joint', 'hub': 'joint'}.get(
         effect.sites, effect.sites)
     text = effect.explanation.format(site=f'the {place}')
-    return text.replace(f'{place} the {place}', place).replace('the the', 'the')
+    meanings = ''.join(f' `{p.name}`: {p.meaning}.' for p in effect.parameters if p.meaning)
+    return text.replace(f'{place} the {place}', place).replace('the the', 'the') + meanings
 
 
 def _row(effect: type[Effect], k: int) -> str:

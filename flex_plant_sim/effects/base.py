@@ -55,6 +55,8 @@ class Parameter:
     switched : bool
         Whether the parameter is at null or beyond the least of `starts`, equally likely, each a
         hypothesis of its own: at null the effect has another structure.
+    meaning : str
+        What its values stand for, where the name does not say.
 
     """
 
@@ -69,6 +71,7 @@ class Parameter:
     optional: bool = False
     discrete: bool = False
     switched: bool = False
+    meaning: str = ''
 
     @property
     def kinds(self) -> tuple[Parameter, ...]:

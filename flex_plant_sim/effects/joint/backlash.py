@@ -7,7 +7,11 @@ from dataclasses import replace
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array, SecondOrderForm
 from flex_plant_sim.effects.base import Effect, GAP, Motion, Parameter
-from flex_plant_sim.effects.mechanics.elastic_root import root_moment, with_elastic_root
+from flex_plant_sim.effects.mechanics.elastic_root import (
+    root_moment,
+    SENSOR_BEHIND_GEAR,
+    with_elastic_root,
+)
 from flex_plant_sim.effects.mechanics.kinematics import momentum_rows, with_step_coordinate
 import numpy as np
 
@@ -37,7 +41,7 @@ class Backlash(Effect):
         # Strain-wave gears have 1', the smallest that matters; other gears some tens of minutes.
         Parameter('gap_rad', 'rad', 0.0, 0.0, 0.3, (0.0008, 0.0025, 0.008, 0.025, 0.08), 3e-4,
                   0.015),
-        Parameter('sensor_behind_gear', '', 1.0, 0.0, 1.0, (1.0, 0.0), np.inf, 0.5, discrete=True),
+        SENSOR_BEHIND_GEAR,
         Parameter('hub_share', '', 0.0, 0.0, 0.9, (0.05, 0.3), np.inf, 0.3),
         Parameter('contact_compliance_rad_per_n_m', 'rad/(N m)', 0.0, 0.0, 0.05, (0.0,), np.inf,
                   0.001, optional=True))

@@ -11,6 +11,7 @@ from flex_plant_sim.effects.mechanics.elastic_root import (
     RETARDATION,
     RIGID_RAD_PER_N_M,
     root_moment,
+    SENSOR_BEHIND_GEAR,
     with_elastic_root,
 )
 from flex_plant_sim.effects.mechanics.kinematics import (
@@ -46,7 +47,7 @@ class GearCompliance(Effect):
         # The reference links' own L / (3 E I) is 0.025 and 0.09 rad/(N m).
         Parameter('compliance_rad_per_n_m', 'rad/(N m)', 0.0, 0.0, 1.0,
                   (0.003, 0.01, 0.03, 0.08), 0.001, 0.04),
-        Parameter('sensor_behind_gear', '', 1.0, 0.0, 1.0, (1.0, 0.0), np.inf, 0.5, discrete=True),
+        SENSOR_BEHIND_GEAR,
         Parameter('hub_share', '', 0.0, 0.0, 0.9, (0.0, 0.1), np.inf, 0.3, optional=True),
         RETARDATION)
     sites = 'joint'

@@ -26,6 +26,11 @@ RIGID_RAD_PER_N_M = 1e-7
 # Damping over stiffness: a rubber coupling with a loss factor of 0.3 has 10 ms at 5 Hz.
 RETARDATION = Parameter('retardation_s', 's', 0.0, 0.0, 0.2, (0.0,), np.inf, 0.01, optional=True)
 
+# Which side of a gear the joint's angle is read at.
+SENSOR_BEHIND_GEAR = Parameter(
+    'sensor_behind_gear', '', 1.0, 0.0, 1.0, (1.0, 0.0), np.inf, 0.5, discrete=True,
+    meaning='1 where the angle sensor turns with the link, 0 where it turns with the motor')
+
 
 def root_moment(form: SecondOrderForm, robot: Robot, index: int, radius: float) -> Array:
     """Return the row of E I (w'' - radius w''') at a link's clamp, N m, (N,)."""
