@@ -34,6 +34,7 @@ BAD_ROBOTS = [
     (REFERENCE.replace('thickness_m: 0.003', 'thickness_m: 3'),
      'links.upper.thickness_m: expected 1e-05 to 0.2, got 3 (is the unit milli'),
     (REFERENCE.replace('length_m: 0.6', 'length_m: 600'), 'is the unit milli'),
+    (REFERENCE.replace('70.0e+9', '70'), 'got 70 (is the unit mega… or giga…?)'),
     (REFERENCE.replace('0.003', '0,003'), 'decimal comma? write a point'),
     (REFERENCE.replace('0.003', '010'), "expected a number > 0, got '010'"),
     (REFERENCE.replace('0.003', '9' * 400), 'expected a number > 0, got'),

@@ -194,4 +194,4 @@ def _decimal_comma_hint(value: Any) -> str:
 
 def _unit_prefix_hint(value: float, least: float, most: float) -> str:
     fits = [name for factor, name in SI_PREFIXES.items() if least <= abs(value) * factor <= most]
-    return f' (is the unit {fits[0]}…?)' if fits else ''
+    return f' (is the unit {" or ".join(f"{name}…" for name in fits)}?)' if fits else ''
