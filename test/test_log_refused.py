@@ -8,6 +8,7 @@ import socket
 
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.logs.read import read_log
+from flex_plant_sim.tools.log_input import read_logs
 from msg_config.errors import InputError
 import pytest
 
@@ -76,3 +77,24 @@ def test_a_quote_within_a_name_that_is_not_read_does_no_harm(tmp_path: Path) -> 
     lines = [f'{HEADER},5" pipe', *(f'{row},1' for row in ROWS), '']
     (tmp_path / 'log.csv').write_text('\n'.join(lines))
     assert len(read_log(tmp_path / 'log.csv', ROBOT)) == 4
+
+
+def test_a_log_with_a_gap_says_how_it_is_diagnosed(tmp_path: Path) -> None:
+    rows = [f'{0.01 * k + (3.0 if k >= 60 else 0.0):.2f},1,2,{0.001 * k},4,.005,.004,.003,.002'
+            for k in range(100)]
+    (tmp_path / 'log.csv').write_text('\n'.join([HEADER, *rows, '']))
+    with pytest.raises(InputError) as error:
+        read_logs([str(tmp_path / 'log.csv')], ROBOT, 'assumed_modes', 3)
+    assert str(error.value).endswith(
+        'not diagnosed: a gap in time: only the longest stretch without one is read, line 2 to '
+        'line 61, 60 of 100 samples; to diagnose it, keep its rows alone in a file')
+
+
+@pytest.mark.parametrize(('count', 'said'), [(5, False), (100, True)])
+def test_some_rows_do_not_tell_that_a_channel_is_stuck(
+        count: int, said: bool, tmp_path: Path) -> None:
+    """An arm that rests in its first rows has equal angles, and strains with noise."""
+    rows = [f'{0.01 * k:.2f},0,0,0,0.002,{1e-6 * (k % 3)},{1e-6 * (k % 2)},1e-06,{2e-07 * (k % 5)}'
+            for k in range(count)]
+    (tmp_path / 'log.csv').write_text('\n'.join([HEADER, *rows, '']))
+    assert any('stuck' in note for note in read_log(tmp_path / 'log.csv', ROBOT).notes) == said

@@ -33,7 +33,7 @@ import numpy as np
 # digits of a file.
 NOTED_JITTER = 0.01
 # Changes of a channel after which it is no chance that all are a multiple of two or more samples
-# apart: 2^-30, for each channel of a night's logs.
+# apart: 2^-30, for each channel of a night's logs. Fewer rows tell of no channel that it is stuck.
 HELD_CHANGES = 30
 # By how much a gauge that does not change moves by what the others say, in standard deviations of
 # their error: healthy ones of 60 records at most 4, those that stick for 0.1 s and more above 100.
@@ -177,9 +177,10 @@ def _pass_gate(rows: Rows, robot: Robot) -> Rows:
 def _with_gap_notes(rows: Rows, grid: Grid) -> Rows:
     if grid.dropped:
         kept, count = grid.last - grid.first, len(rows.time)
-        rows = rows.noted(f'a gap in time: used the {kept} of {count} samples from '
-                          f'{rows.row(grid.first)} to {rows.row(grid.last - 1)}',
-                          kept < KEPT * count)
+        few, stretch = kept < KEPT * count, f'{rows.row(grid.first)} to {rows.row(grid.last - 1)}'
+        rows = rows.noted(f'a gap in time: only the longest stretch without one is read, '
+                          f'{stretch}, {kept} of {count} samples'
+                          + '; to diagnose it, keep its rows alone in a file' * few, few)
     if grid.lost:
         rows = rows.noted(f'{grid.lost} of {grid.samples} samples lost: interpolated by a cubic, '
                           'commands by a line')
@@ -203,6 +204,9 @@ def _with_jitter_note(rows: Rows, grid: Grid) -> tuple[Rows, Array | None]:
 def _with_stuck_note(rows: Rows, robot: Robot) -> Rows:
     output = np.hstack([rows.joint, rows.strain])
     still = np.ptp(output, axis=0) == 0.0
+    if len(rows.time) <= HELD_CHANGES:
+        # In some rows an arm that is yet to move may rest.
+        return rows
     if still.any() and not still.all():
         names = [name for name, stuck in zip(robot.output_names, still) if stuck]
         return rows.noted(f'{", ".join(names)}: never changes while the rest moves: stuck, or not '
