@@ -116,6 +116,21 @@ def test_a_gauge_noisier_than_told_is_said(factor: float, said: bool, tmp_path: 
     assert 'strain 2b' not in found.sentence and 'joint' not in found.sentence
 
 
+@pytest.mark.parametrize('shared', [False, True])
+def test_what_gauges_see_alike_is_no_noise_of_theirs(shared: bool, tmp_path: Path) -> None:
+    """An arm whose links chatter on the teeth of a gap was told that its gauges are noisy."""
+    made = make_record(TruthCase(98, duration_s=22.0))
+    jumps = np.random.default_rng(4).standard_normal((len(made.time), 4))
+    made.strain[:] += 4.0 * ROBOT.strain_noise * (jumps[:, [0]] * [1.0, 0.9, -1.2, -1.0]
+                                                  if shared else jumps)
+    made.write_csv(tmp_path / 'log.csv')
+    record = Record.of(read_log(str(tmp_path / 'log.csv'), ROBOT), 0.1)
+    found = with_noise(Diagnosis('cause', 'A gap.'), [record], ROBOT).sentence
+    assert ('the arm shakes, as on a gap' in found) == shared
+    assert ('Sensors are noisier than' in found) != shared
+    assert all(name in found for name in ('strain 1a', 'strain 1b', 'strain 2a', 'strain 2b'))
+
+
 def test_a_locked_part_predicted_worse_turns_the_odds_of_the_causes() -> None:
     diagnosis = report().diagnosis
     before = Diagnosis(**{**vars(diagnosis), 'effects': {
