@@ -107,7 +107,7 @@ def test_a_set_without_a_law_may_miss_no_more_than_every_model() -> None:
                  for k in (1, 2))
     told = DiscrepancyModel(torque_share=(0.05, 0.07), laws=laws, law_penalties=(3.0, 4.0))
     one = told.without_law(laws[0])
-    assert one == DiscrepancyModel(torque_share=(0.03, 0.07), laws=laws[1:], law_penalties=(4.0,))
+    assert one == DiscrepancyModel(torque_share=(0.06, 0.07), laws=laws[1:], law_penalties=(4.0,))
     assert one.without_law(laws[1]) == DiscrepancyModel()
 
 

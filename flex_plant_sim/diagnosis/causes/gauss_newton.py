@@ -169,18 +169,6 @@ class GaussNewton:
         jacobian[which] = (moved - point.residual) / step[which, None, None]
         return replace(point, jacobian=jacobian)
 
-    def minimise(self, starts: Sequence[Array], coarse: bool = False) -> LinearisationPoint:
-        """
-        Return the minimum found from the best of some starts, linearised near it.
-
-        A gradual event is tried as a sudden one too, as there are local minima in between.
-        """
-        point = self.descend(starts, coarse)
-        sudden = self.causes.as_sudden(point.values)
-        if not coarse and np.any(sudden != point.values):
-            point = min(point, self.descend([sudden], coarse), key=lambda p: p.cost)
-        return point
-
     def descend(self, starts: Sequence[Array], coarse: bool = False) -> LinearisationPoint:
         """Return where Gauss-Newton steps from the best of some starts end."""
         residuals = self.causes.residual(self.likelihood, np.array(starts))
@@ -308,4 +296,4 @@ def fit_set(likelihood: Likelihood, causes: CauseSet, starts: Sequence[Array],
     """Return the fit of a set on one likelihood, from the best of some starts."""
     error_scale = np.ones(len(likelihood.centre_residual)) if error_scale is None else error_scale
     solver = GaussNewton(likelihood, causes, error_scale)
-    return solver.fit(solver.minimise(starts, coarse))
+    return solver.fit(solver.descend(starts, coarse))

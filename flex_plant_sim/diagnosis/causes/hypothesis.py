@@ -100,15 +100,6 @@ class Hypothesis:
         names = [p.name for p in self.parameters]
         return names.index(self.effect.event_time) if self.effect.event_time else None
 
-    def as_sudden(self, values: Array) -> Array:
-        """Return values (k,) with a gradual event replaced by a sudden one in its middle."""
-        found, names = values.copy(), [p.name for p in self.parameters]
-        if self.effect.event_duration:
-            place = names.index(self.effect.event_duration)
-            found[names.index(self.effect.event_time)] += 0.5 * values[place]
-            found[place] = 0.0
-        return found
-
     def prior(self, duration: float) -> ParameterPrior:
         """Return the prior of the parameters for a record of a duration, s."""
         # Times are uniform over the record: a Gaussian with that mean and standard deviation.
@@ -225,10 +216,6 @@ class CauseSet:
     def effects(self, values: Array) -> tuple[Effect, ...]:
         """Return the effects with values (k,), or batches of effects with (B, k)."""
         return tuple(h.effect_at(v) for h, v in zip(self.hypotheses, self.split(values)))
-
-    def as_sudden(self, values: Array) -> Array:
-        """Return values (k,) with all events sudden, see `Hypothesis.as_sudden`."""
-        return self._joined([h.as_sudden(v) for h, v in zip(self.hypotheses, self.split(values))])
 
     def difference_steps(self, values: Array) -> Array:
         """Return the steps of finite differences at values, (k,)."""

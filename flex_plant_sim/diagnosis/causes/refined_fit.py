@@ -131,7 +131,7 @@ class RefinedFit:
         best = None
         for _ in range(MAX_RELINEARISATIONS):
             solver = GaussNewton(likelihood, causes, scale)
-            predicted = solver.minimise(starts) if best is None else solver.descend(starts)
+            predicted = solver.descend(starts)
             predicted_fit = solver.fit(predicted)
             point, deviations = _exact_point(solver, starts[0], predicted,
                                              predicted_fit.deviations)
@@ -176,7 +176,7 @@ class RefinedFit:
         likelihood = self.at_file_parts or Likelihood(
             base, data.windows, data.noise, self.causes.effects(values), None, jobs)
         solver = GaussNewton(likelihood, self.causes, self.fit.error_scale)
-        point = solver.minimise((values,))
+        point = solver.descend((values,))
         return RefinedFit(likelihood, point, solver.fit(point))
 
     def beside(self, base: BaseModel, data: Data, jobs: int = 1) -> RefinedFit:

@@ -46,7 +46,7 @@ class BaseModel:
     model: str = DEFAULT_MODEL
     modes: int = DEFAULT_MODES
     effects: tuple[Effect, ...] = ()
-    noise_shares: tuple[float, float] = (0.01, 0.02)
+    noise_shares: tuple[float, float] = (0.05, 0.02)
     discrepancy: DiscrepancyModel = DiscrepancyModel()
 
     def arm(self, payload: float, effects: Sequence[Effect] = (),
