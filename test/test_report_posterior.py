@@ -21,6 +21,8 @@ def test_parts_beyond_their_tolerance_come_furthest_first() -> None:
 
 @pytest.mark.parametrize(('part', 'text'), [
     (FAR, 'shoulder drive damping -7.69 ± 2 % (tolerance 5 %)'),
+    (PartEstimate('damping_1', '', 1.0, 4.9, 0.13),
+     'damping 1 times 130 (100 to 170) (tolerance 100 %)'),
     (BIASED, 'strain 1a bias +5 ± 0.2 µm/m (tolerance 2 µm/m)')])
 def test_part_says_prior_and_posterior(part: PartEstimate, text: str) -> None:
     assert part_text(part) == text

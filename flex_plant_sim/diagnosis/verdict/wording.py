@@ -13,6 +13,8 @@ import numpy as np
 # Distance of a value from the middle of its interval, as a share of half of it, from which on both
 # ends are stated.
 MAX_ASYMMETRY = 0.3
+# From this factor on a deviation is written as one: a percentage has no symmetric interval there.
+FACTOR = 2.0
 
 
 def unit_text(unit: str) -> str:
@@ -96,9 +98,13 @@ def part_text(part: PartEstimate) -> str:
     scale, unit = shown_unit(part.unit) if part.unit else (100.0, '%')
     mean = scale * (part.mean if part.unit else math.expm1(part.mean))
     written = f'; of the velocity loop: {part.written}' if part.written else ''
+    told = f'(tolerance {digits_text(scale * part.prior, 2)} {unit}{written})'
+    if not part.unit and abs(part.mean) > math.log(FACTOR):
+        low, value, high = (digits_text(math.exp(part.mean + side * reach), 2)
+                            for side in (-1.0, 0.0, 1.0))
+        return f'{name} times {value} ({low} to {high}) {told}'
     return (f'{name} {"+" if mean >= 0.0 else ""}{digits_text(mean, 3)} '
-            f'± {digits_text(scale * reach, 2)} {unit} '
-            f'(tolerance {digits_text(scale * part.prior, 2)} {unit}{written})')
+            f'± {digits_text(scale * reach, 2)} {unit} {told}')
 
 
 def beyond_tolerance(parts: Sequence[PartEstimate]) -> list[PartEstimate]:
