@@ -59,7 +59,7 @@ def test_starts_are_tried_in_one_pass(likelihood: Likelihood, passes: list[int])
     solver = GaussNewton(likelihood, spring, np.ones(6))
     best = min(solver.residual_and_cost(start)[1] for start in starts)
     passes.clear()
-    assert solver.descend(starts).cost <= best
+    assert solver.descend(starts).cost <= best * (1.0 + 1e-12)
     assert passes[0] == len(starts)
 
 

@@ -15,7 +15,7 @@ class AngleGain(Effect):
     identifier = 'angle_gain'
     family = 'sensors'
     explanation = 'The angle sensor of {site} is scaled wrongly.'
-    parameters = (Parameter('factor', '', 1.0, 0.2, 3.0, (0.75, 0.94, 1.06, 1.4), 0.01, 0.1),)
+    parameters = (Parameter('factor', '', 1.0, 0.2, 3.0, (0.75, 0.94, 1.06, 1.45), 0.01, 0.1),)
     sites = 'joint'
     structural = True
 
