@@ -162,14 +162,11 @@ def correct_packed(packed: Array, reference: Array, fixed: bool, loads: Array, m
 
     Parameters
     ----------
-    packed, loads, noise_model
-        See `predict_packed`.
-    reference, fixed, measured, offset, output
-        See measurement_update.correct.
-    bend : Array
-        Angle by which bending turns each link's end over the state, (2, n).
-    told : Array
-        The robot file's noise variances, (m,).
+    packed, loads, noise_model, reference, fixed, measured, offset, output
+        See `predict_packed` and measurement_update.correct.
+    bend, told : Array
+        Angles by which bending turns the links' ends over the state, (2, n); the robot file's
+        noise variances, (m,).
 
     Returns
     -------

@@ -154,19 +154,16 @@ def correct(x: Array, cov: Array, sensitivity: Array, beta: Array, beta_cov: Arr
     noise, gains : Array, int
         Variance of each channel's noise, (m,); number of gauge gains, the last columns of beta.
     gate, heaviest : float
-        Largest e' Sigma^-1 e. Beyond it the noise of the sample counts as so large that it is the
-        gate, or less where innovations are correlated: one absurd sample moves nothing, many in a
-        row are believed (Huber's influence).
-        Largest payload, kg.
+        Largest e' Sigma^-1 e, beyond which the sample's noise counts as so large that it is the
+        gate or less: one absurd sample moves nothing, many are believed (Huber). Payload, kg.
 
     Returns
     -------
     innovation, variances, scores : Array
         e, the diagonal of Sigma, and L^-1 e with L L' = Sigma; all before the gate, (m,).
-    log_det : float
-        ln |Sigma| with the gate; NaN where the state is lost, and then nothing is learnt.
-    change : float
-        By how much the payload would have changed without its limits, kg.
+    log_det, change : float
+        ln |Sigma| with the gate, NaN where the state is lost and nothing is learnt; by how much
+        the payload would have changed without its limits, kg.
 
     """
     expected, slope, psi = _expected(x, sensitivity, reference, offset, output, gains)

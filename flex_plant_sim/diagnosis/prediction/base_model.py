@@ -46,6 +46,8 @@ class BaseModel:
     model: str = DEFAULT_MODEL
     modes: int = DEFAULT_MODES
     effects: tuple[Effect, ...] = ()
+    # With 1 % on the joints true parts are as likely (benchmarks/temper.py), but fits have more
+    # side valleys; see docs/evidence.md.
     noise_shares: tuple[float, float] = (0.05, 0.02)
     discrepancy: DiscrepancyModel = DiscrepancyModel()
 
