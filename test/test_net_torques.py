@@ -21,7 +21,7 @@ def arm_and_record(noise: float) -> tuple[ExtendedArm, Record]:
     """Return an arm with velocity loops whose drives exert TORQUE sin(RATE t), and its record."""
     drive = Drive.velocity_loop(INERTIA, TIME_CONSTANT, 1.0)
     robot: Robot = replace(REFERENCE, drives=(drive, drive))
-    time = STEP * np.arange(4001)
+    time = np.linspace(0.0, 4000 * STEP, 4001)
     # A rigid joint of that inertia: theta'' = tau / J, from rest.
     speed = TORQUE / INERTIA / RATE * (1.0 - np.cos(RATE * time))
     angle = TORQUE / INERTIA / RATE * (time - np.sin(RATE * time) / RATE)
