@@ -20,8 +20,8 @@ from bank.cases import (
     TAKEN_OUT,
 )
 from bank.records import control
-from bank.sizes import can_show, DRY, over_threshold, sized_truth
-from bank.terms import hidden_terms
+from bank.sizes import can_show, DRY, Limits, over_threshold, sized_truth
+from bank.terms import hidden_terms, Term
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.effects import catalogue
 import numpy as np
@@ -230,28 +230,33 @@ def test_the_paper_s_model_hides_all_that_it_leaves_out() -> None:
     assert slow == ('modal_truncation',)
 
 
+def alike(limits: dict[str, float]) -> Limits:
+    """Return limits of effects that are as hard to see in every form."""
+    return Limits(limits, limits)
+
+
 @pytest.mark.parametrize('size', SIZES)
 def test_sizes_are_so_many_detection_limits(size: float) -> None:
     case = BankCase('missing', ('coulomb_friction',), 'reference', 1000, size=size)
-    _, (drawn,) = sized_truth(case, {})
+    _, (drawn,) = sized_truth(case, alike({}))
     limits = {f'coulomb_friction:{drawn.site}': 0.3 * drawn.size}
-    _, (sized,) = sized_truth(case, limits)
+    _, (sized,) = sized_truth(case, alike(limits))
     assert sized.size == pytest.approx(size * 0.3 * drawn.size, rel=1e-4)
 
 
 def test_what_no_clean_record_shows_is_not_asked_for() -> None:
     hidden = BankCase('one', ('strain_crosstalk',), 'reference', 1000)
-    assert not can_show(hidden, {'coulomb_friction:joint_1': 0.3})
-    assert can_show(hidden, {'strain_crosstalk:strain_1a': 0.3})
+    assert not can_show(hidden, alike({'coulomb_friction:joint_1': 0.3}))
+    assert can_show(hidden, alike({'strain_crosstalk:strain_1a': 0.3}))
     # What a told model leaves out has no size; a clean arm hides nothing.
-    assert can_show(BankCase('one', ('modal_truncation',), 'reference', 1000), {})
-    assert can_show(BankCase('clean', (), 'reference', 1000, size=0.0), {})
+    assert can_show(BankCase('one', ('modal_truncation',), 'reference', 1000), alike({}))
+    assert can_show(BankCase('clean', (), 'reference', 1000, size=0.0), alike({}))
 
 
 def test_a_size_beyond_reach_stays_at_the_largest() -> None:
     case = BankCase('missing', ('link_stiffness',), 'reference', 1000)
-    _, (drawn,) = sized_truth(case, {})
-    _, (sized,) = sized_truth(case, {f'link_stiffness:{drawn.site}': 100.0 * drawn.size})
+    _, (drawn,) = sized_truth(case, alike({}))
+    _, (sized,) = sized_truth(case, alike({f'link_stiffness:{drawn.site}': 100.0 * drawn.size}))
     assert sized.size == pytest.approx(4.0 * drawn.size, rel=1e-4)
 
 
@@ -268,9 +273,9 @@ def test_a_third_is_one_more_than_two_and_not_there() -> None:
 
 
 def test_distractors_stay_below_half_a_detection_limit() -> None:
-    limits = {f'{name}:{site}': 1e-3 for name in CATALOGUE
-              for site in ('arm', 'elbow', 'joint_1', 'joint_2', 'link_1', 'link_2',
-                           'strain_1a', 'strain_1b', 'strain_2a', 'strain_2b')}
+    limits = alike({f'{name}:{site}': 1e-3 for name in CATALOGUE
+                    for site in ('arm', 'elbow', 'joint_1', 'joint_2', 'link_1', 'link_2',
+                                 'strain_1a', 'strain_1b', 'strain_2a', 'strain_2b')})
     for seed in range(1000, 1030):
         truth, terms = sized_truth(BankCase('clean', (), 'reference', seed), limits)
         assert terms == ()
@@ -280,11 +285,23 @@ def test_distractors_stay_below_half_a_detection_limit() -> None:
             assert over_threshold(term, limits) < 0.5001, term
 
 
+def test_a_distractor_is_measured_by_the_form_and_the_name_that_show_first() -> None:
+    # Of a gear's 0.0005 rad/(N m), 0.29 of a limit that was that of a sensor on the motor, all of
+    # three records told.
+    limits = Limits({'gear_compliance:joint_1': 1.7e-3},
+                    {'gear_compliance:joint_1': 3e-4, 'coulomb_friction:joint_1': 0.03,
+                     'asymmetric_friction:joint_1': 0.06})
+    gear = Term('gear_compliance', 'joint_1', size=5e-4)
+    assert over_threshold(gear, limits) == pytest.approx(5.0 / 3.0)
+    friction = Term('asymmetric_friction', 'joint_1', size=0.03)
+    assert over_threshold(friction, limits) == pytest.approx(1.0)
+
+
 def test_presliding_is_no_distractor_beside_dry_friction() -> None:
     """A true joint has one travel: seed 1003 draws it, and springs would be what is hidden."""
-    truth, _ = sized_truth(BankCase('one', ('coulomb_friction',), 'reference', 1003), {})
+    truth, _ = sized_truth(BankCase('one', ('coulomb_friction',), 'reference', 1003), alike({}))
     assert truth.names == ('coulomb_friction', 'strain_delay')
-    beside, _ = sized_truth(BankCase('one', ('viscous_friction',), 'reference', 1003), {})
+    beside, _ = sized_truth(BankCase('one', ('viscous_friction',), 'reference', 1003), alike({}))
     assert 'presliding_friction' in beside.names
 
 

@@ -198,11 +198,11 @@ def test_a_limit_is_what_parts_cannot_undo(clean: tuple[SearchResult, Data]) -> 
     # Of all identifiers none is at work in every second record; links are two.
     price = np.log(2.0 / (2.0**(1.0 / len(catalogue())) - 1.0))
     for link in ('link_1', 'link_2'):
-        x = limits[f'link_stiffness:{link}'][0] + tolerance * NORMAL
+        x = limits[f'link_stiffness:{link}'].value + tolerance * NORMAL
         gained = np.mean(norm.logpdf(x, scale=wide) - norm.logpdf(x, scale=tolerance))
         assert price - 0.1 < gained < price + 1.0
     for gauge in REFERENCE.gauge_names:
-        assert limits[f'strain_gain:{gauge}'][0] > REFERENCE.tolerances.strain_gain
+        assert limits[f'strain_gain:{gauge}'].value > REFERENCE.tolerances.strain_gain
 
 
 def test_a_limit_of_commands_shows_only_where_commands_reach_it(
@@ -212,7 +212,7 @@ def test_a_limit_of_commands_shows_only_where_commands_reach_it(
     with np.errstate(all='ignore'):
         limits = detection_limits(found.proposals, REFERENCE, data.duration, found.information)
     for joint, reached in enumerate(np.abs(data.windows[0].record.command).max(axis=0)):
-        inverse = limits[f'actuator_saturation:joint_{joint + 1}'][0]
+        inverse = limits[f'actuator_saturation:joint_{joint + 1}'].value
         assert 0.3 * reached < 1.0 / inverse < (1.0 + CLOSE) * reached
 
 
@@ -241,7 +241,7 @@ def test_from_its_limit_on_a_cause_is_named_though_parts_follow_it() -> None:
     # 0.0052 was said to show.
     found, data = of_elements(())
     limit = detection_limits(found.proposals, REFERENCE, data.duration, found.information)[
-        'hub_inertia:elbow'][0]
+        'hub_inertia:elbow'].value
     named = [of_elements((('hub_inertia', {'inertia': factor * limit}),))[0]
              .posterior.effect_probability('hub_inertia') for factor in (0.6, 2.0)]
     assert named[0] < 0.5 < 0.8 < named[1]

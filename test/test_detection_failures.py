@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import cast
 
 from flex_plant_sim.arm.state_space import zero_order_hold
@@ -9,6 +10,7 @@ from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses
 from flex_plant_sim.diagnosis.causes.proposal import Proposal
 from flex_plant_sim.diagnosis.verdict import detection
 from flex_plant_sim.diagnosis.verdict.detection import detection_limits
+from flex_plant_sim.diagnosis.verdict.results import DetectionLimit
 import numpy as np
 import pytest
 from simulated_records import REFERENCE
@@ -37,4 +39,15 @@ def test_a_limit_that_fails_leaves_the_others_where_they_are(
     shares: list[float] = []
     found = detection_limits(proposals, REFERENCE, 40.0, lambda *_: 0.0, progress=shares.append)
     assert shares == pytest.approx([1.0 / 3.0, 2.0 / 3.0, 1.0])
-    assert [found[label][0] for label in labels] == [0.0, np.inf, 2.0]
+    assert [found[label].value for label in labels] == [0.0, np.inf, 2.0]
+
+
+def test_a_limit_has_the_size_of_the_hardest_and_of_the_easiest_form(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    forms = [h for h in all_hypotheses(REFERENCE) if h.label == 'gear_compliance:joint_1']
+    assert len(forms) == 2
+    sizes = dict(zip(forms, (0.0004, 0.0017)))
+    monkeypatch.setattr(detection, '_limit', lambda proposal, **_: sizes[proposal.hypothesis])
+    proposals = cast(list[Proposal], [SimpleNamespace(hypothesis=form) for form in forms])
+    found = detection_limits(proposals, REFERENCE, 40.0, lambda *_: 0.0)
+    assert found == {forms[0].label: DetectionLimit(0.0017, 'rad/(N m)', 0.0004)}

@@ -24,6 +24,7 @@ from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual, Whiteness
 from flex_plant_sim.diagnosis.verdict.results import (
     Alternative,
     Cause,
+    DetectionLimit,
     Diagnosis,
     Hint,
     ParameterValue,
@@ -61,7 +62,8 @@ def report(verdict: Verdict = 'cause', causes: tuple[Cause, ...] = (CAUSE,)) -> 
     """Return a small report."""
     diagnosis = Diagnosis(
         verdict, 'Joint 2 has dry friction & no <script>.', causes,
-        (('coulomb_friction', 'stribeck_friction'),), {'input_delay:arm': (0.002, 's')},
+        (('coulomb_friction', 'stribeck_friction'),),
+        {'input_delay:arm': DetectionLimit(0.002, 's', 0.002)},
         ('backlash:joint_1',), (CANDIDATES,), 'Record more.', {'joint_2': 0.4},
         effects={'coulomb_friction': 0.97, 'unknown': 0.02, 'nothing': 0.01})
     pictures = {'gains': [picture(lambda figure: figure.subplots().plot([1, 2]), 'x', 'two')]}
@@ -163,7 +165,8 @@ def test_json_has_the_keys_that_programs_read() -> None:
         'value': 0.4312, 'low': 0.412, 'high': 0.451, 'unit': 'N m'}
     assert {'name', 'site', 'probability', 'look_alikes'} <= set(cause)
     assert {'verdict', 'cannot_tell', 'detection_limits', 'gain', 'payload'} <= set(found)
-    assert found['detection_limits']['input_delay:arm'] == {'value': 0.002, 'unit': 's'}
+    assert found['detection_limits']['input_delay:arm'] == {
+        'value': 0.002, 'unit': 's', 'easiest': 0.002}
     assert found['gain']['joint_2']['horizon_s'] == [1.0]
     assert found['payload']['before_percent'] == pytest.approx(35.0)
     assert found['payload']['after_kg'] == 0.101

@@ -22,7 +22,7 @@ def reach_and_room(hypothesis: Hypothesis) -> tuple[float, float]:
 
 @pytest.mark.parametrize('robot', ['reference', 'quanser_2dsfl'])
 def test_probes_reach_what_is_to_be_named(robot: str) -> None:
-    limits = read_limits()[robot]
+    limits = read_limits()[robot].value
     known = [h for h in all_hypotheses(load_robot(robot))
              if h.label in limits and not h.effect.linear]
     assert len({h.label for h in known}) > 30

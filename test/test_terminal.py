@@ -9,7 +9,7 @@ from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import robot_text
 from flex_plant_sim.arm.robot_text import with_numbers
 from flex_plant_sim.diagnosis.report.terminal import answer_text, CEILING
-from flex_plant_sim.diagnosis.verdict.results import Diagnosis, PartEstimate
+from flex_plant_sim.diagnosis.verdict.results import DetectionLimit, Diagnosis, PartEstimate
 from flex_plant_sim.diagnosis.verdict.wording import part_text
 import pytest
 from simulated_records import REFERENCE
@@ -48,8 +48,9 @@ def test_intervals_and_the_ceiling_of_names_are_said_where_they_are_shown() -> N
 
 
 def test_nothing_wrong_says_what_would_have_shown_and_what_parts_alone_gain() -> None:
-    limits = {'payload_mass:arm': (0.0106, 'kg'), 'coulomb_friction:joint_2': (0.0712, 'N m'),
-              'backlash:joint_1': (6e-4, 'rad')}
+    limits = {'payload_mass:arm': DetectionLimit(0.0106, 'kg', 0.0106),
+              'coulomb_friction:joint_2': DetectionLimit(0.0712, 'N m', 0.0712),
+              'backlash:joint_1': DetectionLimit(6e-4, 'rad', 5e-4)}
     nothing = Diagnosis('nothing_wrong', 'Nothing.', detection_limits=limits)
     text = answer_text(nothing, [GAIN], [])
     assert ('detection limits: payload mass 0.0106 kg; coulomb friction, joint 2 0.0712 N·m;'

@@ -29,8 +29,8 @@ def run_case(case: BankCase, limits: Limits) -> dict[str, Any]:
     ----------
     case : BankCase
         The case to run.
-    limits : Mapping
-        'identifier:site' to the detection limit of a clean record of the same robot.
+    limits : Limits
+        Of a clean record of the same robot.
 
     """
     truth, terms = sized_truth(case, limits)
@@ -40,7 +40,7 @@ def run_case(case: BankCase, limits: Limits) -> dict[str, Any]:
             'calibration': case.realisation.calibration,
             'distractors': [name for name in truth.names if name not in case.hidden],
             'truth': [{'name': term.name, 'site': term.site, 'values': term.values,
-                       'times_limit': relative_size(term, limits)} for term in terms]}
+                       'times_limit': relative_size(term, limits.value)} for term in terms]}
     with TemporaryDirectory() as folder:
         path = Path(folder) / 'record.csv'
         try:

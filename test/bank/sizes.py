@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, replace
 import json
 import math
 from pathlib import Path
@@ -15,7 +16,8 @@ import numpy as np
 from truth.records import add_effect, TruthCase
 
 # A distractor is at most half a detection limit, and half of the smallest size that matters by the
-# catalogue. Four times the truth's clear size is still plausible for an arm of this make.
+# catalogue; limits are those of the form that is easiest to see. Four times the truth's clear size
+# is still plausible for an arm of this make.
 DISTRACTOR_LIMIT, DISTRACTOR_SEVERITY, DISTRACTORS = 0.5, 0.2, 2
 SEVERITIES = (1e-3, 4.0)
 HALVINGS = 20
@@ -28,7 +30,21 @@ NO_DISTRACTORS = (*MODEL_OPTIONS, 'payload_mass')
 DRY = frozenset({'coulomb_friction', 'asymmetric_friction', 'stribeck_friction',
                  'presliding_friction'})
 
-Limits = Mapping[str, float]
+
+@dataclass(frozen=True)
+class Limits:
+    """
+    Detection limits of a robot's clean record, 'identifier:site' to a size.
+
+    Attributes
+    ----------
+    value, easiest : Mapping
+        Of the form that is hardest to see, and of that which is easiest.
+
+    """
+
+    value: Mapping[str, float]
+    easiest: Mapping[str, float]
 
 
 def sized_truth(case: BankCase, limits: Limits) -> tuple[TruthCase, tuple[Term, ...]]:
@@ -39,8 +55,8 @@ def sized_truth(case: BankCase, limits: Limits) -> tuple[TruthCase, tuple[Term, 
     ----------
     case : BankCase
         The case.
-    limits : Mapping
-        'identifier:site' to the detection limit of a clean record of the same robot.
+    limits : Limits
+        Of a clean record of the same robot.
 
     """
     truth, terms = _at(case, severity_of(case, limits))
@@ -82,7 +98,7 @@ def can_show(case: BankCase, limits: Limits) -> bool:
 
 def _least(case: BankCase, severity: float, limits: Limits) -> float | None:
     """Return the smallest size in limits at a severity; None where no limit is known."""
-    ratios = [relative_size(term, limits) for term in _at(case, severity)[1]]
+    ratios = [relative_size(term, limits.value) for term in _at(case, severity)[1]]
     return min((ratio for ratio in ratios if ratio is not None), default=None)
 
 
@@ -91,21 +107,22 @@ def _at(case: BankCase, severity: float) -> tuple[TruthCase, tuple[Term, ...]]:
     return truth, () if case.kind == 'control' else hidden_terms(truth)
 
 
-def read_limits() -> dict[str, dict[str, float]]:
+def read_limits() -> dict[str, Limits]:
     """Return the detection limits of each robot, as `run_bank.py --limits` keeps them."""
-    found: dict[str, dict[str, float]] = json.loads(LIMITS_FILE.read_text(encoding='utf-8'))
-    return found
+    found = json.loads(LIMITS_FILE.read_text(encoding='utf-8'))
+    return {robot: Limits(**of_robot) for robot, of_robot in found.items()}
 
 
 def write_limits(answers: Mapping[str, Mapping[str, Any]]) -> None:
     """Write the limits in the tool's answers, by robot, to clean nominal records."""
-    kept = {robot: {label: float(f'{limit["value"]:.3g}')
-                    for label, limit in sorted(answer['detection_limits'].items())
-                    if limit['value'] is not None} for robot, answer in answers.items()}
+    kept = {robot: asdict(Limits(**{
+        form.name: {label: float(f'{limit[form.name]:.3g}')
+                    for label, limit in sorted(answer['detection_limits'].items())}
+        for form in fields(Limits)})) for robot, answer in answers.items()}
     LIMITS_FILE.write_text(json.dumps(kept, indent=1) + '\n', encoding='utf-8')
 
 
-def relative_size(term: Term, limits: Limits) -> float | None:
+def relative_size(term: Term, limits: Mapping[str, float]) -> float | None:
     """
     Return an effect's size over its detection limit; None where either is unknown.
 
@@ -119,9 +136,15 @@ def relative_size(term: Term, limits: Limits) -> float | None:
 
 
 def over_threshold(term: Term, limits: Limits) -> float:
-    """Return a size over the detection limit or the smallest that matters, whichever is less."""
+    """
+    Return a size over the detection limit or the smallest that matters, whichever is less.
+
+    Dry friction that is too small for its own name may still show under a simpler one's.
+    """
     smallest = min(parameter.smallest for parameter in catalogue()[term.name].parameters)
-    return max(relative_size(term, limits) or 0.0, term.size / smallest)
+    names = DRY if term.name in DRY else {term.name}
+    ratios = [relative_size(replace(term, name=name), limits.easiest) or 0.0 for name in names]
+    return max(*ratios, term.size / smallest)
 
 
 def with_distractors(truth: TruthCase, limits: Limits) -> TruthCase:

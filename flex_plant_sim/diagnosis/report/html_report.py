@@ -204,7 +204,7 @@ def _ranking(candidates: Sequence[Alternative]) -> list[dict[str, Any]]:
 
 
 def _limits(diagnosis: Diagnosis) -> list[tuple[str, str]]:
-    return [(_site_text(label), size_text(*limit))
+    return [(_site_text(label), size_text(limit.value, limit.unit))
             for label, limit in sorted(diagnosis.detection_limits.items())]
 
 

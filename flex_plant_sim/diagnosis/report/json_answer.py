@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 import math
 from types import MappingProxyType
 from typing import Any
@@ -112,8 +112,8 @@ def answer(diagnosis: Diagnosis, gains: Sequence[Gain], before: Sequence[Channel
         'hints': [{'file': hint.file, 'text': hint.text} for hint in diagnosis.hints],
         'causes': [_cause(cause) for cause in diagnosis.causes],
         'cannot_tell': [list(names) for names in diagnosis.cannot_tell],
-        'detection_limits': {label: {'value': value, 'unit': unit}
-                             for label, (value, unit) in diagnosis.detection_limits.items()},
+        'detection_limits': {label: asdict(limit)
+                             for label, limit in diagnosis.detection_limits.items()},
         'not_excited': list(diagnosis.not_excited),
         'gain': gain_results(gains),
         'payload': {**(rows[0] if len(rows) == 1 else {}), 'logs': rows} if rows else None,

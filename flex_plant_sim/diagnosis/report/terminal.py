@@ -71,8 +71,9 @@ def _note_lines(diagnosis: Diagnosis) -> list[str]:
 
 def _limit_lines(diagnosis: Diagnosis) -> list[str]:
     """Return some detection limits where nothing is wrong."""
-    shown = [f'{label_text(label)} {size_text(*diagnosis.detection_limits[label])}'
-             for label in LIMITS if label in diagnosis.detection_limits]
+    limits = diagnosis.detection_limits
+    shown = [f'{label_text(label)} {size_text(limits[label].value, limits[label].unit)}'
+             for label in LIMITS if label in limits]
     if diagnosis.verdict != 'nothing_wrong' or not shown:
         return []
     return [f'  detection limits: {"; ".join(shown)}; --report and --json have all']

@@ -16,6 +16,8 @@ from flex_plant_sim.diagnosis.causes.proposal import Proposal
 from flex_plant_sim.diagnosis.likelihood.evidence import detectable_size
 from flex_plant_sim.diagnosis.likelihood.prior import factors_on_parts, log_prior_odds
 from flex_plant_sim.diagnosis.pool import attempt, each
+from flex_plant_sim.diagnosis.verdict.results import DetectionLimit
+from flex_plant_sim.effects.base import Parameter
 import numpy as np
 
 # Sizes probed at most, and the relative error of a limit at which it is close enough.
@@ -33,9 +35,9 @@ Information = Callable[[Hypothesis, float], float]
 def detection_limits(proposals: Sequence[Proposal], robot: Robot, duration: float,
                      information: Information, jobs: int = 1,
                      progress: Callable[[float], None] = lambda share: None
-                     ) -> dict[str, tuple[float, str]]:
+                     ) -> dict[str, DetectionLimit]:
     """
-    Return 'identifier:site' to (smallest deviation from null, unit); inf where none is visible.
+    Return 'identifier:site' to the smallest visible deviation from null; inf where none is.
 
     A size is visible if the effect with it would be more probable than nothing in its place.
 
@@ -56,14 +58,18 @@ def detection_limits(proposals: Sequence[Proposal], robot: Robot, duration: floa
 
     """
     limit = partial(_limit, robot=robot, duration=duration, information=information)
-    found: dict[str, tuple[float, str]] = {}
+    found: dict[str, list[float]] = {}
     sizes = each(partial(_limit_or_inf, limit), proposals, jobs, progress)
     for proposal, size in zip(proposals, sizes):
-        h = proposal.hypothesis
-        told = (size, h.parameters[int(np.argmax(h.is_size))].unit)
-        # Of several discrete values, the one that is hardest to see counts.
-        found[h.label] = max(told, found.get(h.label, told))
-    return found
+        found.setdefault(proposal.hypothesis.label, []).append(size)
+    units = {p.hypothesis.label: _size(p.hypothesis).unit for p in proposals}
+    return {label: DetectionLimit(max(sizes), units[label], min(sizes))
+            for label, sizes in found.items()}
+
+
+def _size(hypothesis: Hypothesis) -> Parameter:
+    """Return the parameter that a limit is stated of."""
+    return hypothesis.parameters[int(np.argmax(hypothesis.is_size))]
 
 
 def _limit_or_inf(limit: Callable[[Proposal], float], proposal: Proposal) -> float:

@@ -111,6 +111,27 @@ class Hint:
 
 
 @dataclass(frozen=True)
+class DetectionLimit:
+    """
+    The smallest size that a record would have shown.
+
+    Attributes
+    ----------
+    value : float
+        Of an effect with several forms, such as a sensor before or behind a gear, of the form that
+        is hardest to see.
+    unit : str
+    easiest : float
+        Of the form that is easiest to see.
+
+    """
+
+    value: float
+    unit: str
+    easiest: float
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """
     The whole answer of one run.
@@ -123,7 +144,7 @@ class Diagnosis:
     cannot_tell : tuple of tuple of str
         Sets of identifiers that cannot be separated.
     detection_limits : Mapping
-        'identifier:site' to the smallest size that this record would have shown, and its unit.
+        'identifier:site' to the smallest size that this record would have shown.
     not_excited : tuple of str
         'identifier:site' that this record cannot show at any sensible size.
     rounds : tuple of tuple of Alternative
@@ -147,7 +168,7 @@ class Diagnosis:
     sentence: str
     causes: tuple[Cause, ...] = ()
     cannot_tell: tuple[tuple[str, ...], ...] = ()
-    detection_limits: Mapping[str, tuple[float, str]] = field(default_factory=dict)
+    detection_limits: Mapping[str, DetectionLimit] = field(default_factory=dict)
     not_excited: tuple[str, ...] = ()
     rounds: tuple[tuple[Alternative, ...], ...] = ()
     advice: str = ''

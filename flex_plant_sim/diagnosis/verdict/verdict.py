@@ -169,8 +169,8 @@ def _diagnosis(found: SearchResult, data: Data, nominal: BaseModel, jobs: int,
     channels = nominal.robot.output_names
     return Diagnosis(
         verdict, sentence, causes, sets,
-        {k: v for k, v in limits.items() if np.isfinite(v[0])},
-        tuple(k for k, v in limits.items() if not np.isfinite(v[0])),
+        {k: v for k, v in limits.items() if np.isfinite(v.value)},
+        tuple(k for k, v in limits.items() if not np.isfinite(v.value)),
         tuple(_alternatives(found.posterior, h) for h in found.best.fit.hypotheses),
         _advice(verdict, sets),
         {name: float(s) for name, s in zip(channels, found.best.fit.error_scale)},
