@@ -34,7 +34,7 @@ ROBOT = load_robot('reference')
 FIRST_SEED = 7000
 KINDS = (None, 'coulomb_friction', 'viscous_friction', 'actuator_bias')
 # Amplitudes that are tried.
-TORQUE, GAUGE, GAUGE_TIME = (0.02, 0.03, 0.05), (0.01, 0.05), (0.1, 0.3)
+TORQUE, GAUGE, GAUGE_TIME = (0.01, 0.02, 0.03), (0.01, 0.05), (0.1, 0.3)
 # Speed above which a joint moves, as a share of its rms speed; begin that is left out, s; and the
 # slowest frequency that cuts the record into windows.
 MOVING, START_S, SLOWEST = 0.1, 2.0, 10.0

@@ -196,7 +196,7 @@ def bending(motion: Motion) -> Array:
     ('angle', lambda motion: 0.3 * np.sin(7.0 * motion.position[..., 1])),
     ('load', lambda motion: 0.4 * np.tanh(4.0 * bending(motion))),
     ('command', lambda motion: 0.3 * np.exp(-(motion.command[..., 1] / 0.3)**2)),
-    ('speed', lambda motion: -0.8 * motion.velocity[..., 1]**3)])
+    ('speed', lambda motion: -1.0 * motion.velocity[..., 1]**3)])
 def test_variable_is_named(variable: str, law: Callable[[Motion], Array]) -> None:
     record = simulated((Unnamed('joint_2', (), law),), duration=SECONDS, seed=21)
     found = laws(latent_forces(predictor(record, locked=False)))['joint_2']

@@ -237,12 +237,18 @@ def test_a_set_pays_what_white_errors_as_large_are_less_likely() -> None:
     whole, more = interpretations(fit)
     assert whole.log_evidence == pytest.approx(-7.0 + dear, abs=1e-5)
     assert not whole.discrepancy.remainder
-    assert more.log_evidence == pytest.approx(-7.0 + 2.0) and more.discrepancy.remainder
-    # Where errors are large a change over the record may help, and costs nothing.
-    assert interpretations(replace(fit, varying_gain=-3.0))[1].log_evidence == pytest.approx(-7.0)
+    # A remainder shows in the errors, as surely as they are not just white, or in a change.
+    shows = 1.0 - np.exp(dear)
+    assert more.log_evidence == pytest.approx(-7.0 + np.log(shows + np.exp(2.0)), abs=1e-5)
+    assert more.discrepancy.remainder
+    holding = replace(fit, varying_gain=-3.0)
+    assert interpretations(holding)[1].log_evidence == pytest.approx(
+        -7.0 + np.log(shows + np.exp(-3.0)), abs=1e-5)
+    # Errors as stated show none, and hardly larger ones hardly any.
+    for near in (1.0, 1.0 + 1e-9):
+        found = interpretations(replace(holding, error_scale=np.full(3, near)))
+        assert [f.log_evidence for f in found] == pytest.approx([-7.0, -10.0])
     small = replace(fit, error_scale=np.ones(3))
-    assert [f.log_evidence for f in interpretations(replace(small, varying_gain=-3.0))] == [
-        -7.0, -10.0]
     plain = replace(small, varying_gain=-np.inf)
     assert interpretations(plain) == (plain,)
 

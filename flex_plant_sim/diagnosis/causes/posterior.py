@@ -65,14 +65,15 @@ def interpretations(fit: Fit) -> tuple[Fit, ...]:
     A complete set leaves errors no larger than any model's, as on clean arms of other simulators.
     Larger errors cost it what `cost_of_white_errors` says or, if that is more, what the slow
     errors of the worst gauge do, which are a few of all: what an arm's model misses, all gauges
-    see. With a remainder, the errors cost nothing, and the evidence gains if a cause varies, see
-    `Fit.varying_gain`.
+    see. With a remainder, the errors cost nothing. It shows in them, as far as they are not just
+    white, or in a cause that varies, see `Fit.varying_gain`.
     """
     white = cost_of_white_errors(fit.error_scale, fit.statistics.samples)
     slow = cost_of_white_errors(fit.slow_gauge_scale, fit.slow_means,
                                 SLOW_ERROR_SPREAD**2 * fit.slow_means)
     cost = float(max(np.sum(white), np.max(slow, initial=0.0)))
-    gain = max(fit.varying_gain, 0.0) if cost else fit.varying_gain
+    in_errors = math.log(-math.expm1(-cost)) if cost else -math.inf
+    gain = float(np.logaddexp(fit.varying_gain, in_errors))
     if gain == -math.inf:
         return (fit,)
     return (replace(fit, log_evidence=fit.log_evidence - cost),

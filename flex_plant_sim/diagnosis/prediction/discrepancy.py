@@ -13,7 +13,7 @@ from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.arm.state_space import StateSpace
 from flex_plant_sim.diagnosis.prediction.noise import net_torques
-from flex_plant_sim.diagnosis.record.windows import Record
+from flex_plant_sim.diagnosis.record.windows import Windows
 from flex_plant_sim.effects.base import Effect, Parameter
 from flex_plant_sim.effects.mechanics.extra_states import with_states
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
@@ -103,13 +103,13 @@ class Discrepancy(Effect):
         wider.c[..., 2:, gauge] = np.eye(gauges)
         return wider
 
-    def step_variance(self, arm: ExtendedArm, record: Record, discrepancy: DiscrepancyModel
+    def step_variance(self, arm: ExtendedArm, windows: Windows, discrepancy: DiscrepancyModel
                       ) -> Array:
         """Return the variance of the process noise that a step adds to an arm's states, (n,)."""
         variance, first = np.zeros(arm.states), arm.own_states
         sizes = np.concatenate([
-            np.multiply(discrepancy.torque_share, net_torques(arm, record)),
-            discrepancy.gauge_share * record.output_deviation[2:]])
+            np.multiply(discrepancy.torque_share, net_torques(arm, windows)),
+            discrepancy.gauge_share * windows.record.output_deviation[2:]])
         times = np.array([self['torque_time_s']] * 2 + [self['gauge_time_s']] * (sizes.size - 2))
         kept = np.exp(-2.0 * arm.step_time / times)
         variance[first:first + sizes.size] = sizes**2 * (1.0 - kept)

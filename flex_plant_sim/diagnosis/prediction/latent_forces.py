@@ -17,10 +17,12 @@ from flex_plant_sim.diagnosis.prediction.filter_run import (
     payload_schedule,
     predictor_matrices,
 )
+from flex_plant_sim.diagnosis.prediction.first_state import START
 from flex_plant_sim.diagnosis.prediction.noise import (
+    load_deviations,
+    net_torques,
     process_noise_variance,
     REFERENCE_STEP,
-    rms_loads,
 )
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.prediction.smoother import LatentSystem, smooth, Smoothed
@@ -32,8 +34,9 @@ EM_PASSES = 4
 # Degrees of freedom of a torque's steps; heavy tails, as friction jumps where a joint reverses:
 # the heaviest of a whole number whose variance is finite.
 STUDENT_FREEDOM = 3.0
-# Smallest commanded torque, N m, and strain, so that nothing is divided by zero.
-TINY_RMS = 1e-12
+# Smallest torque, N m, and strain that a drive or a gauge can have, for those that stand still:
+# far below any that matters, and a covariance with it keeps its digits.
+LEAST = 1e-12
 
 
 @dataclass(frozen=True)
@@ -42,13 +45,13 @@ class LatentPrior:
     The prior scales of latent forces.
 
     Calibrated by benchmarks/latent_amplitudes.py: with a torque of 0.03 the 95 % bands hold 96 and
-    98 % of the samples of joints 1 and 2, with 0.02 they hold 95 and 97 %. The gauge's share
-    hardly matters there.
+    98 % of the samples of joints 1 and 2, with 0.02 94 and 96 %, with 0.01 87 and 93 %. The
+    gauge's share hardly matters there.
 
     Attributes
     ----------
     torque : float
-        Standard deviation of a torque's change over one second, over the commanded torque.
+        Standard deviation of a torque's change over one second, over the drive's net torque.
     gauge : float
         Standard deviation of a gauge's error, as a share of the rms strain.
     gauge_time : float
@@ -81,7 +84,7 @@ class LatentForces:
     load : Array
         Bending moment at each link's first gauge, N m, (N, 2); 0 where there is none.
     drive : Array
-        Commanded torque of the joints, see `rms_loads`, N m, (2,).
+        Net torque of the drives, see `net_torques`, N m, (2,).
     first, stop : int
         Samples to fit laws to, without the initial transient and the locked part.
 
@@ -157,8 +160,8 @@ def latent_system(predictor: Predictor, prior: LatentPrior) -> LatentSystem:
     n = arm.states
     table = table.reshape(len(table), n, -1)
     torques = np.concatenate([table[..., :n], table[..., n + 2:] @ arm.form.force], axis=-1)
-    drive = drive_torque(predictor)
-    strain = np.maximum(np.std(record.output[:, 2:], axis=0), TINY_RMS)
+    drive = np.maximum(net_torques(arm, predictor.windows), LEAST)
+    strain = np.maximum(record.output_deviation[2:], LEAST)
     decay = float(np.exp(-step / prior.gauge_time))
     gauge = (prior.gauge * strain)**2
     walk_variance = np.concatenate([step * (prior.torque * drive)**2,
@@ -170,12 +173,6 @@ def latent_system(predictor: Predictor, prior: LatentPrior) -> LatentSystem:
         _process_covariance(predictor, table), decay,
         np.tile(walk_variance, (len(record.time), 1)),
         _initial_mean(predictor), _initial_deviation(predictor, drive, gauge))
-
-
-def drive_torque(predictor: Predictor) -> Array:
-    """Return the root mean square torque of the drives over a record, N m, (2,)."""
-    gain = np.array([drive.torque_gain for drive in predictor.arm.robot.drives])
-    return np.maximum(gain * np.std(predictor.record.command, axis=0), TINY_RMS)
 
 
 def _along_states(predictor: Predictor, states: Array) -> Predictor:
@@ -204,7 +201,7 @@ def _known_step(predictor: Predictor) -> Array:
 def _process_covariance(predictor: Predictor, table: Array) -> Array:
     """Return the covariance of a step due to force noise on the deflections, (n, n)."""
     arm, base = predictor.arm, predictor.base
-    loads = rms_loads(arm, predictor.record)
+    loads = load_deviations(arm, predictor.windows)
     variance = REFERENCE_STEP / arm.step_time * process_noise_variance(
         loads, (0.0, base.noise_shares[1]))
     e = table[len(table) // 2][:, arm.states + 2:]
@@ -218,7 +215,7 @@ def _initial_mean(predictor: Predictor) -> Array:
 
 def _initial_deviation(predictor: Predictor, drive: Array, gauge: Array) -> Array:
     """Return the standard deviation of the first z, (n + m,)."""
-    return np.concatenate([np.ones(predictor.arm.states), drive, np.sqrt(gauge)])
+    return np.concatenate([np.full(predictor.arm.states, START), drive, np.sqrt(gauge)])
 
 
 def _latent_forces_of(predictor: Predictor, smoothed: Smoothed, scored: slice
@@ -233,4 +230,4 @@ def _latent_forces_of(predictor: Predictor, smoothed: Smoothed, scored: slice
         gauge=latent[:, 2:], gauge_deviation=smoothed.deviation[:, 2:],
         speed=state[:, order:order + 2], angle=state[:, :2], command=record.command,
         strain=(state @ arm.output_matrix.T)[:, 2:], load=state[:, :order] @ np.array(loads).T,
-        drive=drive_torque(predictor), first=scored.start, stop=scored.stop)
+        drive=net_torques(arm, predictor.windows), first=scored.start, stop=scored.stop)

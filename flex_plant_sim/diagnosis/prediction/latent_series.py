@@ -19,9 +19,6 @@ from numpy.typing import NDArray
 # Speed below which a joint counts as at rest, as a share of its rms speed. At rest, dry friction
 # takes any value within its limits.
 REST_SPEED_SHARE = 0.1
-# Difference of two good models of an arm (finite elements, a chain of rigid segments), as a share
-# of the commanded torque, see benchmarks/latent_amplitudes.py, and of the rms strain.
-TORQUE_MODEL_ERROR, GAUGE_MODEL_ERROR = 0.01, DiscrepancyModel.gauge_share
 # Characters of a gauge's name that name its link.
 LINK_PREFIX = len('strain_1')
 # Unit of a command: rad/s, A or V, as its drive takes it.
@@ -48,7 +45,7 @@ def torque_series(found: Sequence[LatentForces], robot: Robot) -> tuple[LatentSe
         series.append(LatentSeries(
             f'joint_{j + 1}', 'N m', _joined([f.torque[:, j] for f in found]),
             _joined([f.torque_deviation[:, j] for f in found]), variables, scored,
-            float(TORQUE_MODEL_ERROR * drive)))
+            float(DiscrepancyModel.torque_share[j] * drive)))
     return tuple(s for s in series if s.scored.sum() > MIN_MOVING_SHARE * len(s.scored))
 
 
@@ -69,7 +66,7 @@ def gauge_series(found: Sequence[LatentForces], robot: Robot) -> tuple[LatentSer
         series.append(LatentSeries(
             name, 'm/m', _joined([f.gauge[:, g] for f in found]),
             _joined([f.gauge_deviation[:, g] for f in found]), variables, _scored(found),
-            float(GAUGE_MODEL_ERROR * np.std(strain[:, g])), (CONSTANT, 'strain'),
+            float(DiscrepancyModel.gauge_share * np.std(strain[:, g])), (CONSTANT, 'strain'),
             LatentPrior.gauge_time / float(found[0].time[1] - found[0].time[0])))
     return tuple(series)
 

@@ -20,9 +20,9 @@ from flex_plant_sim.diagnosis.prediction.discrepancy import Discrepancy
 from flex_plant_sim.diagnosis.prediction.filter_run import FilterRun, predictor_matrices
 from flex_plant_sim.diagnosis.prediction.first_state import first_state
 from flex_plant_sim.diagnosis.prediction.noise import (
+    load_deviations,
     process_noise_variance,
     REFERENCE_STEP,
-    rms_loads,
     steady_filter,
     SteadyFilter,
 )
@@ -103,14 +103,14 @@ class Predictor:
         # White force noise of the same spectral density has a smaller share in a shorter step.
         share = np.sqrt(REFERENCE_STEP / arm.robot.sample_time)
         joints, deflections = self.base.noise_shares
-        return process_noise_variance(rms_loads(arm, self.record),
+        return process_noise_variance(load_deviations(arm, self.windows),
                                       (share * joints, share * deflections))
 
     def steady_filter_of(self, arm: ExtendedArm) -> SteadyFilter:
         """Return an arm's own steady filter; with the gain of another the arm may be unstable."""
         own = np.zeros(arm.states)
         if self.for_comparison:
-            own = self.discrepancy.step_variance(arm, self.record, self.base.discrepancy)
+            own = self.discrepancy.step_variance(arm, self.windows, self.base.discrepancy)
         force = self._force_variance(arm)
         # Many effects leave the plant alone; arms with equal matrices share one filter.
         key = blake2b(b''.join(part.tobytes() for part in (

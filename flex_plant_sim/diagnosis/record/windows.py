@@ -24,8 +24,8 @@ WARM_UP_PERIODS = 1
 LOCKED_SHARE = 0.25
 # Least number of windows to fit: fewer do not show by how much they disagree.
 FEWEST = 4
-# Samples over which a drive's torque is averaged: a tenth of the slowest period, see rate.py.
-INTERVAL = 10
+# Share of the slowest period over which a drive's torque is averaged.
+INTERVAL_SHARE = 0.1
 # Periods that a log must last.
 LEAST_PERIODS = WARM_UP_PERIODS + (FEWEST + 1) * FEWEST_PERIODS
 
@@ -99,13 +99,6 @@ class Record:
         """Return the standard deviations of the outputs, (m,)."""
         return np.std(self.output, axis=0)
 
-    @cached_property
-    def interval_means(self) -> tuple[Array, Array]:
-        """Return commands and joint speeds, rad/s, averaged over INTERVAL samples, (K, 2) each."""
-        ends = np.arange(0, len(self.time), INTERVAL)
-        command = np.add.reduceat(self.command, ends, axis=0)[:-1] / INTERVAL
-        return command, np.diff(self.output[ends, :2], axis=0) / np.diff(self.time[ends])[:, None]
-
 
 @dataclass(frozen=True)
 class Windows:
@@ -157,6 +150,20 @@ class Windows:
         parts = (starts[locked:], starts[:locked]) if locks_first \
             else (starts[:-locked], starts[-locked:])
         return cls(record, parts[0], length, warm_up), cls(record, parts[1], length, warm_up)
+
+    @cached_property
+    def interval_means(self) -> tuple[Array, Array]:
+        """
+        Return commands and joint speeds, rad/s, of intervals of the record, (K, 2) each.
+
+        Averaged over a tenth of the slowest period, so that a speed is known from two angles.
+        """
+        record = self.record
+        interval = max(1, round(INTERVAL_SHARE / WARM_UP_PERIODS * self.warm_up))
+        ends = np.arange(0, len(record.time), interval)
+        command = np.add.reduceat(record.command, ends, axis=0)[:-1] / interval
+        turned, lasted = np.diff(record.output[ends, :2], axis=0), np.diff(record.time[ends])
+        return command, turned / lasted[:, None]
 
     @property
     def others(self) -> slice:
