@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 import json
 from pathlib import Path
 import re
@@ -19,7 +20,7 @@ from flex_plant_sim.diagnosis.prediction.law import (
     STRETCHES,
 )
 from flex_plant_sim.diagnosis.record.windows import Record
-from flex_plant_sim.diagnosis.verdict.noise import with_noise
+from flex_plant_sim.diagnosis.verdict.noisy_sensors import with_noise
 from flex_plant_sim.diagnosis.verdict.results import Diagnosis
 from flex_plant_sim.diagnosis.verdict.unknown import REFUTED, refuted, with_stated_law
 from flex_plant_sim.effects import catalogue
@@ -131,6 +132,22 @@ def test_what_gauges_see_alike_is_no_noise_of_theirs(shared: bool, tmp_path: Pat
     assert all(name in found for name in ('strain 1a', 'strain 1b', 'strain 2a', 'strain 2b'))
 
 
+@pytest.mark.parametrize('sets', [
+    ((('coulomb_friction:joint_2',), 0.6), (('coulomb_friction:joint_2', 'unknown'), 0.2),
+     ((), 0.05)),
+    ((('coulomb_friction:joint_2',), 0.5), (('unknown',), 0.3))])
+def test_what_a_refuted_cause_loses_goes_to_something_unnamed(
+        sets: tuple[tuple[tuple[str, ...], float], ...]) -> None:
+    """Whether something unnamed alone was listed or not; the listed sets may sum to less than 1."""
+    before = replace(report().diagnosis, sets=sets, effects={
+        'coulomb_friction': 0.8, 'unknown': 0.15, 'nothing': 0.05})
+    after = refuted(before).sets
+    shares = [p for _, p in after]
+    assert sum(shares) == pytest.approx(sum(p for _, p in sets))
+    assert shares == sorted(shares, reverse=True)
+    assert dict(after)['unknown',] > 0.3
+
+
 def test_a_locked_part_predicted_worse_turns_the_odds_of_the_causes() -> None:
     diagnosis = report().diagnosis
     before = Diagnosis(**{**vars(diagnosis), 'effects': {
@@ -142,5 +159,8 @@ def test_a_locked_part_predicted_worse_turns_the_odds_of_the_causes() -> None:
     assert sum(after.effects.values()) == pytest.approx(1.0)
     assert after.causes[0].probability == pytest.approx(before.causes[0].probability * named / 0.8)
     assert after.verdict == 'cause_and_remainder'
+    assert sum(p for _, p in after.sets) == pytest.approx(1.0)
+    assert dict(after.sets)['unknown',] == pytest.approx(after.effects['unknown'])
+    assert after.sets[0][0] == ('unknown',)
     unnamed = Diagnosis('not_in_catalogue', 'Something.')
     assert refuted(unnamed) is unnamed

@@ -6,7 +6,7 @@ It completes the diagnosis after the verdict, where something unknown is at work
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from flex_plant_sim.diagnosis.likelihood.prior import unknown_odds
@@ -58,10 +58,7 @@ def with_stated_law(diagnosis: Diagnosis, view: LatentView) -> Diagnosis:
     added, total = nothing * odds, 1.0 + nothing * odds
     effects = {name: p / total for name, p in diagnosis.effects.items()}
     effects['unknown'] += added / total
-    shares: dict[tuple[str, ...], float] = {('unknown',): added / total}
-    for labels, p in diagnosis.sets:
-        shares[labels] = shares.get(labels, 0.0) + p / total
-    sets = tuple(sorted(shares.items(), key=lambda row: -row[1]))
+    sets = _with_unnamed({labels: p / total for labels, p in diagnosis.sets}, added / total)
     said = diagnosis.verdict == 'not_in_catalogue'
     return replace(diagnosis, verdict='not_in_catalogue', effects=effects, sets=sets,
                    cannot_tell=(), advice=LOOK_AT_RESIDUALS,
@@ -74,7 +71,7 @@ def refuted(diagnosis: Diagnosis) -> Diagnosis:
 
     For an extended robot that predicts the locked part, to which nothing was fitted, worse than
     the robot file does, on the whole or at a cause's own channel most of all: the odds of the
-    causes are multiplied by REFUTED.
+    causes are multiplied by REFUTED, and what they lose goes to something unnamed.
     """
     if diagnosis.verdict not in ('cause', 'cannot_tell') or not diagnosis.causes:
         return diagnosis
@@ -84,11 +81,20 @@ def refuted(diagnosis: Diagnosis) -> Diagnosis:
     effects['nothing'] = diagnosis.effects['nothing']
     effects['unknown'] = diagnosis.effects['unknown'] + (1.0 - kept) * named
     causes = tuple(replace(c, probability=kept * c.probability) for c in diagnosis.causes)
-    sets = tuple((labels, p if labels in ((), ('unknown',)) else kept * p)
-                 for labels, p in diagnosis.sets)
+    before = dict(diagnosis.sets)
+    after = {labels: p if labels in ((), ('unknown',)) else kept * p
+             for labels, p in before.items()}
+    sets = _with_unnamed(after, sum(before.values()) - sum(after.values()))
     return replace(diagnosis, verdict='cause_and_remainder', causes=causes, effects=effects,
                    sets=sets, sentence=f'{diagnosis.sentence} More likely something unnamed looks '
                                        'like this on the part that was fitted.')
+
+
+def _with_unnamed(sets: Mapping[tuple[str, ...], float], added: float
+                  ) -> tuple[tuple[tuple[str, ...], float], ...]:
+    """Return sets, the most probable first, with what is added to something unnamed alone."""
+    more = {**sets, ('unknown',): sets.get(('unknown',), 0.0) + added}
+    return tuple(sorted(more.items(), key=lambda row: -row[1]))
 
 
 def with_unknown(diagnosis: Diagnosis, view: LatentView) -> Diagnosis:
