@@ -20,10 +20,13 @@ from flex_plant_sim.diagnosis.causes.refinement import MAX_REFINED_AT_ONCE
 from flex_plant_sim.diagnosis.causes.search_state import SearchState
 import numpy as np
 
-Part = tuple[str, str]
+# Where a cause is a fault: its site and the family of its effect.
+FaultPlace = tuple[str, str]
+# The name that the search still imports.
+Part = FaultPlace
 
 
-def refined_look_alikes(state: SearchState, with_laws: RefinedFit, asked: Container[Part]
+def refined_look_alikes(state: SearchState, with_laws: RefinedFit, asked: Container[FaultPlace]
                         ) -> list[RefinedFit]:
     """
     Return refined sets with laws in which a cause is replaced by one of its family at its site.
@@ -44,7 +47,7 @@ def refined_look_alikes(state: SearchState, with_laws: RefinedFit, asked: Contai
     return state.refined_each(best_first[:MAX_REFINED_AT_ONCE])
 
 
-def look_alikes(state: SearchState, centre: RefinedFit, asked: Container[Part]
+def look_alikes(state: SearchState, centre: RefinedFit, asked: Container[FaultPlace]
                 ) -> list[CandidateSet]:
     """Return the sets in which a cause is replaced by a fault of its part, from each start."""
     now = CandidateSet.of(centre.fit)
@@ -55,8 +58,8 @@ def look_alikes(state: SearchState, centre: RefinedFit, asked: Container[Part]
             for candidate in now.without(index).with_each_probe(proposal)]
 
 
-def part_of(cause: Hypothesis) -> Part:
-    """Return in which part a cause is a fault: its site and the family of its effect."""
+def part_of(cause: Hypothesis) -> FaultPlace:
+    """Return in which part a cause is a fault."""
     return cause.site, cause.effect.family
 
 
