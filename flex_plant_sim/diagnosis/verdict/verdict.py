@@ -34,7 +34,7 @@ from flex_plant_sim.diagnosis.verdict.damping_law import with_damping_law
 from flex_plant_sim.diagnosis.verdict.detection import detection_limits
 from flex_plant_sim.diagnosis.verdict.doubt import doubt, unnamed_remainder
 from flex_plant_sim.diagnosis.verdict.late_event import locked_part_differs, searched_again
-from flex_plant_sim.diagnosis.verdict.noise import with_noise
+from flex_plant_sim.diagnosis.verdict.noisy_sensors import with_noise
 from flex_plant_sim.diagnosis.verdict.results import (
     Alternative,
     Cause,
