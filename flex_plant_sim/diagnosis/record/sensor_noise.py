@@ -22,6 +22,9 @@ NOISE_ERROR = 1.6
 # Least noise of a gauge, as a share of how much it varies: one that is filtered shows less noise
 # than it errs.
 LEAST_STRAIN = 1e-3
+# Least noise that is believed of any channel, rad and m/m, so that one that never changes may be
+# divided by it: a robot file may state no less of an angle.
+LEAST_NOISE = 1e-12
 
 
 def measurement_noise(measured: Array) -> Array:
@@ -34,8 +37,9 @@ def measurement_noise(measured: Array) -> Array:
     leaves nothing; the median ignores the few rows where it does. A filtered sensor shows less
     than it errs, so a thousandth of the strain's own size is the least that is believed.
     """
-    least = np.concatenate([[1e-12, 1e-12], LEAST_STRAIN * np.nanstd(measured[:, 2:], axis=0)])
-    return np.maximum(white_noise(measured), np.maximum(least, 1e-12))
+    found = np.maximum(white_noise(measured), LEAST_NOISE)
+    found[2:] = np.maximum(found[2:], LEAST_STRAIN * np.nanstd(measured[:, 2:], axis=0))
+    return found
 
 
 def white_noise(measured: Array) -> Array:

@@ -131,10 +131,10 @@ def shapes(predictor: Predictor) -> dict[str, Array]:
     states = _zero_if_diverged(predictor.states)
     angle, speed = states[:, :2], states[:, order:order + 2]
     load = arm.output(states, record.time)[:, 2:]
-    rest = REST_SPEED_SHARE * np.sqrt(np.mean(speed**2, axis=0)) + 1e-12
+    rest = np.maximum(REST_SPEED_SHARE * np.sqrt(np.mean(speed**2, axis=0)), TINY)
     padded = np.vstack([np.repeat(record.command[:1], COMMAND_LAGS, axis=0), record.command])
     commands = [padded[k:k + len(record.time)] for k in range(1, COMMAND_LAGS + 1)]
-    time = (record.time - record.time[0])[:, None] / max(np.ptp(record.time), 1e-12)
+    time = (record.time - record.time[0])[:, None] / max(np.ptp(record.time), TINY)
     return {
         'velocity sign': np.tanh(speed / rest),
         'speed': np.hstack([speed, speed * np.abs(speed)]),
