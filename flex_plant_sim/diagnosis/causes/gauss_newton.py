@@ -266,7 +266,9 @@ class GaussNewton:
         by_window = errors[2:].reshape(gauges, windows, errors.shape[1] // windows)
         count = by_window.shape[2] // length
         means = by_window[..., :count * length].reshape(gauges, windows, count, length).sum(axis=3)
-        return np.sqrt(np.mean(means**2, axis=(1, 2)) / length), windows * count
+        # Each sample of some windows stands for more, and errors are larger by the root of that.
+        return (np.sqrt(np.mean(means**2, axis=(1, 2)) / (likelihood.weight * length)),
+                round(likelihood.weight * windows * count))
 
     @property
     def window_count(self) -> int:
