@@ -9,7 +9,7 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import COMPILED
 from flex_plant_sim.diagnosis.prediction import filter_run
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
-from flex_plant_sim.diagnosis.prediction.noise import steady_filter
+from flex_plant_sim.diagnosis.prediction.noise import predicted_covariance, steady_filter
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 import numpy as np
 import pytest
@@ -145,3 +145,14 @@ def test_steady_filter_solves_the_riccati_equation() -> None:
     assert steady.gain[0] == pytest.approx(f @ p @ c.T @ np.linalg.inv(s), rel=1e-5, abs=1e-9)
     whitened = steady.whitener[0] @ s @ steady.whitener[0].T
     assert whitened == pytest.approx(np.eye(noise.size), abs=1e-5)
+
+
+@pytest.mark.parametrize('growth', [1.0, 1.1])
+def test_a_mode_that_no_output_shows_has_no_steady_filter(growth: float) -> None:
+    """It had a covariance of 2^24 samples, or an infinite one."""
+    c = np.array([[1.0, 0.0]])
+    f = np.array([np.diag([0.5, 0.9]), np.diag([0.5, growth])])
+    shown, = predicted_covariance(f[:1], np.eye(2), c)
+    assert shown == pytest.approx(solve_discrete_are(f[0].T, c.T, np.eye(2), np.eye(1)), rel=1e-12)
+    with pytest.raises(np.linalg.LinAlgError, match='no finite prediction'):
+        predicted_covariance(f, np.eye(2), c)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 
 from flex_payload_estimator.kalman.predictor import KalmanPredictor
-from flex_payload_estimator.kalman.riccati import DOUBLINGS, settled
+from flex_payload_estimator.kalman.riccati import settled
 from flex_payload_estimator.model.payload_model import PayloadModel
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.arm.state_space import zero_order_hold
+from flex_plant_sim.riccati import DOUBLINGS
 import numpy as np
 
 # What may act on the arm unknown to its model, as white noise. Torque of a joint: this share of

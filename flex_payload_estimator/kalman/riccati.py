@@ -5,11 +5,9 @@ from __future__ import annotations
 from flex_payload_estimator.kalman.in_place import add_both, add_matrix
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import COMPILED, compiled
+from flex_plant_sim.riccati import settled_cost
 import numpy as np
 from scipy.linalg.lapack import dposv
-
-# 2^64 samples are longer than any experiment.
-DOUBLINGS = 64
 
 
 def _solve_by_lapack(matrix: Array, right: Array) -> tuple[Array, bool]:
@@ -109,12 +107,7 @@ def lyapunov_step(a: Array, q_1: Array, s: Array, step: float) -> Array:
 
 def settled(a: Array, b: Array, q_1: Array, q_2: Array, step: float) -> tuple[Array, Array]:
     """
-    Return the gain and the S to which the iteration tends, by doubling its horizon.
-
-    The structure-preserving doubling algorithm (Chu, Fan, Lin and Wang, Int. J. Control 77,
-    2004) in delta form: I + E carries the state over 2^k samples, G and H are what controls and
-    costs of those samples sum to, and H tends to S. E is carried instead of I + E, so that short
-    samples keep their digits.
+    Return the gain and the S to which the iteration tends, see `settled_cost`.
 
     Raises
     ------
@@ -123,26 +116,6 @@ def settled(a: Array, b: Array, q_1: Array, q_2: Array, step: float) -> tuple[Ar
         nothing.
 
     """
-    e, g, h = step * a, step * b.dot(np.linalg.solve(q_2, b.T)), step * q_1
-    for _ in range(DOUBLINGS):
-        with np.errstate(over='ignore', invalid='ignore'):
-            e, g, h, growth = _doubled(e, g, h)
-        if not np.isfinite(h).all():
-            break
-        if np.abs(growth).max() <= np.finfo(float).eps * np.abs(h).max():
-            gain, s, _ = riccati_step(a, b, q_1, q_2, h, step)
-            return gain, s
-    raise FloatingPointError('riccati: the iteration does not settle')
-
-
-def _doubled(e: Array, g: Array, h: Array) -> tuple[Array, Array, Array, Array]:
-    """Return E, G and H of twice as many samples, and by how much H grew."""
-    unit = np.eye(len(e))
-    f, product = unit + e, g.dot(h)
-    # W = (I + G H)^-1; X = W G H = I - W.
-    solved = np.linalg.solve(unit + product, np.hstack([product, g, f]))
-    x, weighted_g, weighted_f = np.split(solved, 3, axis=1)
-    growth = f.T.dot(h).dot(weighted_f)
-    growth = 0.5 * (growth + growth.T)
-    return (2.0 * e + e.dot(e) - f.dot(x).dot(f), g + f.dot(weighted_g).dot(f.T), h + growth,
-            growth)
+    cost = settled_cost(step * a, step * b.dot(np.linalg.solve(q_2, b.T)), step * q_1)
+    gain, s, _ = riccati_step(a, b, q_1, q_2, cost, step)
+    return gain, s

@@ -10,14 +10,13 @@ from dataclasses import dataclass
 
 from flex_plant_sim.arm.second_order import Array, link_slice
 from flex_plant_sim.diagnosis.record.windows import Windows
+from flex_plant_sim.riccati import settled_cost
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 from numpy.typing import NDArray
 
 # Nodes of cos(theta_2) at which Riccati equations are solved; a cubic interpolates between them.
 RICCATI_NODES = 4
-# Doublings at most; 2^24 samples are four hours at 1 kHz, longer than any covariance takes.
-MAX_DOUBLINGS = 24
 # s: the step in which `BaseModel.noise_shares` hold, the sample time of the reference arm.
 REFERENCE_STEP = 0.01
 
@@ -136,21 +135,15 @@ def predicted_covariance(f: Array, q: Array, c: Array) -> Array:
     """
     Return P = F (P - P C'(C P C' + I)^-1 C P) F' + Q, (…, n, n).
 
-    By the structured doubling algorithm: Chu, Fan, Lin and Wang, International Journal of
-    Control 77 (2004). Outputs are scaled to unit noise, C is (m, n).
+    Outputs are scaled to unit noise, C is (m, n).
+
+    Raises
+    ------
+    LinAlgError
+        No output shows a mode that does not decay.
+
     """
-    a, h = np.swapaxes(f, -1, -2), q
-    g = np.broadcast_to(c.T @ c, f.shape)
-    identity = np.eye(f.shape[-1])
-    for _ in range(MAX_DOUBLINGS):
-        solved = np.linalg.solve(identity + g @ h, np.concatenate([a, g], axis=-1))
-        n = f.shape[-1]
-        inverse_a, inverse_g = solved[..., :n], solved[..., n:]
-        grown = np.swapaxes(a, -1, -2) @ h @ inverse_a
-        g = g + a @ inverse_g @ np.swapaxes(a, -1, -2)
-        a, h = a @ inverse_a, h + grown
-        h = 0.5 * (h + np.swapaxes(h, -1, -2))
-        own = np.diagonal(h, axis1=-2, axis2=-1)
-        if np.all(np.diagonal(grown, axis1=-2, axis2=-1) <= 1e-12 * own):
-            break
-    return h
+    try:
+        return settled_cost(np.swapaxes(f, -1, -2) - np.eye(f.shape[-1]), c.T @ c, q)
+    except FloatingPointError:
+        raise np.linalg.LinAlgError('no finite prediction') from None
