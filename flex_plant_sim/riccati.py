@@ -26,7 +26,7 @@ def settled_cost(e: Array, g: Array, h: Array) -> Array:
     Parameters
     ----------
     e, g, h : Array
-        Of one sample, (…, n, n) or alike for all, (n, n): F - I; B Q_2^-1 B'; the cost of a state, Q_1.
+        Of one sample, (…, n, n), or (n, n) for all: F - I; B Q_2^-1 B'; the cost of a state, Q_1.
 
     Raises
     ------

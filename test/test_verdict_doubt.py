@@ -138,7 +138,7 @@ def test_what_gauges_see_alike_is_no_noise_of_theirs(shared: bool, tmp_path: Pat
     ((('coulomb_friction:joint_2',), 0.5), (('unknown',), 0.3))])
 def test_what_a_refuted_cause_loses_goes_to_something_unnamed(
         sets: tuple[tuple[tuple[str, ...], float], ...]) -> None:
-    """Whether something unnamed alone was listed or not; the listed sets may sum to less than 1."""
+    """Whether something unnamed alone was listed or not; listed sets may sum to less than 1."""
     before = replace(report().diagnosis, sets=sets, effects={
         'coulomb_friction': 0.8, 'unknown': 0.15, 'nothing': 0.05})
     after = refuted(before).sets
