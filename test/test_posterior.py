@@ -11,6 +11,7 @@ from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses, Hypothesi
 from flex_plant_sim.diagnosis.causes.neighbourhood import without_mean_error
 from flex_plant_sim.diagnosis.causes.posterior import interpretations, log_prior, Posterior, SetKey
 from flex_plant_sim.diagnosis.causes.refinement import _refine_followers, MAX_DEFICIT
+from flex_plant_sim.diagnosis.causes.search import SearchResult
 from flex_plant_sim.diagnosis.causes.search_state import SearchState
 from flex_plant_sim.diagnosis.likelihood.evidence import ParameterPrior
 from flex_plant_sim.diagnosis.likelihood.prior import (
@@ -22,7 +23,7 @@ from flex_plant_sim.diagnosis.likelihood.prior import (
 from flex_plant_sim.diagnosis.likelihood.sufficient_statistics import SufficientStatistics
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
-from flex_plant_sim.diagnosis.verdict.doubt import doubt
+from flex_plant_sim.diagnosis.verdict.doubt import doubt, unnamed_remainder
 from flex_plant_sim.diagnosis.verdict.verdict import nothing_verdict
 import numpy as np
 import pytest
@@ -132,6 +133,23 @@ def test_slow_errors_of_a_gauge_are_not_those_of_a_cause_alone() -> None:
     assert Posterior.of([NOTHING, slow], base).best.discrepancy.remainder
     few = replace(slow, slow_gauge_scale=np.array([1.1]))
     assert not Posterior.of([NOTHING, few], base).best.discrepancy.remainder
+
+
+@pytest.mark.parametrize(('scale', 'slow', 'gain', 'varies'), [
+    (1.0, 0.3, 9.0, True), (1.0001, 1.0001, 9.0, True), (1.2, 0.3, 9.0, False),
+    (1.0, 1.2, 9.0, False), (1.04, 0.3, 0.0, False)])
+def test_a_cause_that_varies_is_said_where_no_errors_are_large(
+        scale: float, slow: float, gain: float, varies: bool) -> None:
+    """As large as stated to a part in ten thousand, errors were told as what remains."""
+    cause = replace(NOTHING, hypotheses=(hypothesis('payload_mass:arm'),), varying_gain=gain,
+                    discrepancy=replace(NOTHING.discrepancy, remainder=True),
+                    error_scale=np.array([scale, 1.0]), slow_gauge_scale=np.array([slow]),
+                    slow_means=60)
+    found = SimpleNamespace(best=SimpleNamespace(fit=cause), posterior=Posterior.of(
+        [cause], BaseModel(REFERENCE)))
+    said = unnamed_remainder(cast(SearchResult, found))
+    assert ('not equally large throughout' in said) == varies
+    assert ('Something unnamed remains' in said) != varies
 
 
 def test_what_was_not_fitted_counts_with_its_estimated_evidence() -> None:

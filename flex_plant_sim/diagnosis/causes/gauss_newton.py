@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import math
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.causes.fit import Fit, NOTABLE_EXCESS
+from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.causes.hypothesis import CauseSet
 from flex_plant_sim.diagnosis.likelihood.constancy import varying_cause_gain, window_sums
 from flex_plant_sim.diagnosis.likelihood.evidence import (
@@ -245,17 +245,18 @@ class GaussNewton:
         minus_errors = -(point.residual
                          + np.tensordot(deviations, self.likelihood.part_jacobian, 1))
         weighted = minus_errors / (TEMPER * error_scale**2)[:, None]
-        if np.any(error_scale > NOTABLE_EXCESS):
-            # Errors that are larger than any model's go with the motion and are not white.
-            scores = np.concatenate([window_sums(rows, weighted, self.window_count)
-                                     for rows in (point.jacobian, self.likelihood.part_jacobian)])
-            covariance = sandwich_covariance(covariance, scores)
-        return Fit(self.causes.hypotheses, self.likelihood.base.discrepancy, point.values,
-                   deviations, error_scale, covariance, statistics,
-                   statistics.log_evidence(error_scale),
-                   self._varying_gain(point, statistics, error_scale),
-                   -0.5 * window_sums(minus_errors[None], weighted, self.window_count)[0],
-                   *self._slow_gauge_errors(minus_errors))
+        found = Fit(self.causes.hypotheses, self.likelihood.base.discrepancy, point.values,
+                    deviations, error_scale, covariance, statistics,
+                    statistics.log_evidence(error_scale),
+                    self._varying_gain(point, statistics, error_scale),
+                    -0.5 * window_sums(minus_errors[None], weighted, self.window_count)[0],
+                    *self._slow_gauge_errors(minus_errors))
+        if not found.large_errors.any():
+            return found
+        # Errors that are larger than any model's go with the motion and are not white.
+        scores = np.concatenate([window_sums(rows, weighted, self.window_count)
+                                 for rows in (point.jacobian, self.likelihood.part_jacobian)])
+        return replace(found, covariance=sandwich_covariance(covariance, scores))
 
     def _slow_gauge_errors(self, errors: Array) -> tuple[Array, int]:
         """Return scales (g,) and number of means over the correlation time of gauges' errors."""

@@ -7,7 +7,7 @@ The verdict states the estimates of the best set with the deviations computed he
 from __future__ import annotations
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.causes.fit import Fit, NOTABLE_EXCESS
+from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.causes.hypothesis import CauseSet, Hypothesis
 from flex_plant_sim.diagnosis.causes.posterior import Posterior
 import numpy as np
@@ -30,7 +30,7 @@ def set_weights(posterior: Posterior) -> Array:
     scores = logarithm[None]
     by_window = np.array([fit.window_log_likelihoods for fit in posterior.fits])
     count = by_window.shape[1]
-    if count and np.any(posterior.best.error_scale > NOTABLE_EXCESS):
+    if count and posterior.best.large_errors.any():
         drawn = np.random.default_rng(0).multinomial(
             count, np.full(count, 1.0 / count), BOOTSTRAP_DRAWS)
         scores = logarithm + (drawn - 1) @ by_window.T

@@ -27,7 +27,7 @@ def _genuine_text(posterior: Posterior) -> str:
 def unnamed_remainder(found: SearchResult) -> str:
     """Return why something unnamed is assumed beside the causes or in place of one."""
     fit = found.best.fit
-    if fit.discrepancy.remainder and not fit.has_large_errors:
+    if fit.discrepancy.remainder and fit.varying_gain > 0.0 and not fit.has_large_errors:
         one = 'it' if len(fit.hypotheses) == 1 else 'one of these causes'
         text = (f' But {one} is not equally large throughout the record: something unnamed that '
                 'looks like it on average is more likely.')
