@@ -30,7 +30,7 @@ from flex_plant_sim.diagnosis.likelihood.prior import (
     imitation_odds,
     MAX_FURTHER_FAULTS,
 )
-from flex_plant_sim.diagnosis.report.json_answer import PREDICTS_WORSE, WORSE_WHERE_NAMED
+from flex_plant_sim.diagnosis.verdict.locked_part import PREDICTS_WORSE, WORSE_WHERE_NAMED
 from flex_plant_sim.effects import catalogue
 import numpy as np
 from run_bank import read_results

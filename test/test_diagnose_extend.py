@@ -188,7 +188,7 @@ def test_no_robot_is_written_that_predicts_worse(
     log, file = write(simulated(duration=2.0), tmp_path / 'log.csv'), tmp_path / 'better.yaml'
     gain = replace(GAIN, after=0.13, ratio_low=1.5, ratio_high=2.5) if worse else GAIN
     diagnosis = report().diagnosis if verdict == 'cause' else Diagnosis('nothing_wrong', 'Well.')
-    found = diagnose.Findings(diagnosis, BaseModel(REFERENCE), ([], []), (gain,), (), (), (), {})
+    found = diagnose.Findings(diagnosis, BaseModel(REFERENCE), ([], []), (gain,), (), (), {}, ())
     monkeypatch.setattr(diagnose, 'run', lambda *_: found)
     assert diagnose.main([str(log), '--extended', str(file), '--jobs', '1']) == 0
     assert said.format(file=file) in capsys.readouterr().out

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flex_plant_sim.diagnosis.report.improvement import _gains, gain_results, measure_gain
+from flex_plant_sim.diagnosis.verdict.improvement import _gains, gain_results, measure_gain
 from msg_config.errors import InputError
 import numpy as np
 import pytest

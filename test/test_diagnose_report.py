@@ -11,16 +11,14 @@ from typing import get_args
 
 from flex_plant_sim.diagnosis.report.figures import picture
 from flex_plant_sim.diagnosis.report.html_report import render, Report, write_report
-from flex_plant_sim.diagnosis.report.improvement import Gain
-from flex_plant_sim.diagnosis.report.json_answer import (
-    answer,
-    plain,
+from flex_plant_sim.diagnosis.report.json_answer import answer, plain
+from flex_plant_sim.diagnosis.report.payload_gain import PayloadGain
+from flex_plant_sim.diagnosis.verdict.improvement import Gain
+from flex_plant_sim.diagnosis.verdict.locked_part import (
     with_gain,
     with_gauges_beyond,
     WORSE_WHERE_NAMED,
 )
-from flex_plant_sim.diagnosis.report.payload_gain import PayloadGain
-from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual, Whiteness
 from flex_plant_sim.diagnosis.verdict.results import (
     Alternative,
     Cause,
@@ -30,6 +28,7 @@ from flex_plant_sim.diagnosis.verdict.results import (
     ParameterValue,
     Verdict,
 )
+from flex_plant_sim.diagnosis.verdict.symptoms import ChannelResidual, Whiteness
 from flex_plant_sim.diagnosis.verdict.wording import (
     apart_text,
     digits_text,

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from flex_plant_sim.diagnosis.prediction.free_run import free_run
 from flex_plant_sim.diagnosis.prediction.spectrum import power_density
-from flex_plant_sim.diagnosis.report.symptoms import (
+from flex_plant_sim.diagnosis.verdict.symptoms import (
     bands,
     describe,
     explained_share,

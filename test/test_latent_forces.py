@@ -16,7 +16,7 @@ from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.prediction.smoother import LatentSystem, smooth
 from flex_plant_sim.diagnosis.record.sensor_noise import measurement_noise
 from flex_plant_sim.diagnosis.record.windows import Record, Windows
-from flex_plant_sim.diagnosis.report.improvement import measure_gain
+from flex_plant_sim.diagnosis.verdict.improvement import measure_gain
 from flex_plant_sim.diagnosis.verdict.unknown import sentences_of
 from flex_plant_sim.effects import catalogue
 from flex_plant_sim.effects.base import Effect, Motion

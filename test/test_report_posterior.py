@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from flex_plant_sim.diagnosis.report.html_report import render, Report
 from flex_plant_sim.diagnosis.report.posterior_pictures import moved, sets_picture
-from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual, Whiteness
 from flex_plant_sim.diagnosis.verdict.results import Diagnosis, PartEstimate
+from flex_plant_sim.diagnosis.verdict.symptoms import ChannelResidual, Whiteness
 from flex_plant_sim.diagnosis.verdict.wording import part_text
 import pytest
 

@@ -22,37 +22,19 @@ from flex_payload_estimator.tools.estimate import estimate
 from flex_plant_sim.arm.parts import MOST_DAMPING
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import load_robot
-from flex_plant_sim.diagnosis.pool import all_of
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
-from flex_plant_sim.diagnosis.prediction.latent_view import latent_view, LatentView
-from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.diagnosis.report.extended_file import write_extended
 from flex_plant_sim.diagnosis.report.figures import all_pictures
 from flex_plant_sim.diagnosis.report.html_report import FILE_NAME, Report, write_report
-from flex_plant_sim.diagnosis.report.improvement import Gain, measure_gain
-from flex_plant_sim.diagnosis.report.json_answer import (
-    answer,
-    predicts_worse,
-    with_gain,
-    with_gauges_beyond,
-)
+from flex_plant_sim.diagnosis.report.json_answer import answer
 from flex_plant_sim.diagnosis.report.latent_pictures import latent_sections
 from flex_plant_sim.diagnosis.report.payload_gain import payload_gain, PayloadGain, Weigh
-from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual, describe
 from flex_plant_sim.diagnosis.report.terminal import answer_text
-from flex_plant_sim.diagnosis.verdict.experiments import with_experiment
-from flex_plant_sim.diagnosis.verdict.log_hints import with_hints
-from flex_plant_sim.diagnosis.verdict.results import Diagnosis
-from flex_plant_sim.diagnosis.verdict.unknown import UNNAMED_VERDICTS, with_unknown
-from flex_plant_sim.diagnosis.verdict.verdict import (
-    diagnose,
-    nominal_base,
-    predictors,
-    prepared,
-)
+from flex_plant_sim.diagnosis.verdict.completion import complete, Completed
+from flex_plant_sim.diagnosis.verdict.locked_part import predicts_worse
+from flex_plant_sim.diagnosis.verdict.verdict import diagnose, nominal_base, prepared
 from flex_plant_sim.effects import catalogue
-from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.simulation.nominal import (
     has_coriolis,
@@ -67,9 +49,9 @@ from msg_config.errors import InputError
 from msg_config.parameters import load_parameters
 import numpy as np
 
-# Share of a run's time at the end of the search and at the start of measuring, for the progress
-# bar: on three records of 30 s it was 0.72 to 0.86 and 0.80 to 0.91.
-SEARCH_SHARE, MEASURING_SHARE = 0.78, 0.85
+# Share of a run's time at the end of the search, for the progress bar: on three records of 30 s it
+# was 0.72 to 0.86.
+SEARCH_SHARE = 0.78
 
 
 class Progress(Protocol):
@@ -80,17 +62,10 @@ class Progress(Protocol):
 
 
 @dataclass(frozen=True)
-class Findings:
+class Findings(Completed):
     """All results of a run, before anything is written."""
 
-    diagnosis: Diagnosis
-    extended: BaseModel
-    predictors: tuple[list[Predictor], list[Predictor]]
-    gains: tuple[Gain, ...]
-    before: tuple[ChannelResidual, ...]
-    after: tuple[ChannelResidual, ...]
     payload: tuple[PayloadGain, ...]
-    latent: Mapping[str, LatentView]
 
 
 def options() -> argparse.ArgumentParser:
@@ -120,45 +95,23 @@ def options() -> argparse.ArgumentParser:
 def run(logs: Sequence[Log], robot: Robot, arguments: argparse.Namespace,
         progress: Progress) -> Findings:
     """Diagnose, extend the model and measure the gain; write nothing."""
-    payload = robot.payload_mass if arguments.payload is None else arguments.payload
+    told = robot.payload_mass if arguments.payload is None else arguments.payload
     records, nominal = prepared(
-        [Record.of(log, payload) for log in logs],
+        [Record.of(log, told) for log in logs],
         nominal_base(robot, arguments.model, arguments.modes, not arguments.no_coriolis))
     # A hypothesis may diverge; its fit is dropped, so NumPy's warnings would only confuse.
     with np.errstate(all='ignore'):
-        diagnosis, data, extended = diagnose(
+        found = diagnose(
             records, nominal, arguments.jobs,
             lambda label, share: progress(label, SEARCH_SHARE * share), arguments.exclude)
-    progress('latent forces', SEARCH_SHARE)
-
-    before = predictors(nominal, data)
-    # Where the model was not extended, before and after are the same.
-    after = before if extended == nominal else predictors(extended, data)
-    unnamed = diagnosis.verdict in UNNAMED_VERDICTS
-    asked = {'before': before, **({'after': after} if unnamed else {})}
-    latent = dict(zip(asked, all_of(latent_view, [*asked.values()], arguments.jobs)))
-    diagnosis = with_experiment(diagnosis)
-    added: tuple[Effect, ...] = ()
-    if 'after' in latent:
-        diagnosis, added = with_unknown(diagnosis, latent['after']), latent['after'].law_effects
-    if added:
-        extended = replace(extended, effects=(*extended.effects, *added))
-        after = predictors(extended, data)
-    progress('measuring the gain', MEASURING_SHARE)
-    gains = measure_gain(before, after, seed=arguments.seed, jobs=arguments.jobs)
-    wrong = describe(before)
-    left = wrong if after is before else describe(after)
-    diagnosis = with_gauges_beyond(with_gain(diagnosis, gains, len(added)), left)
-    if diagnosis.verdict in UNNAMED_VERDICTS and 'after' not in latent:
-        # What the locked part refutes is unnamed too.
-        latent['after'] = latent_view(after)
-        diagnosis = with_unknown(diagnosis, latent['after'])
-    found = Findings(
-        with_hints(diagnosis, logs), extended, (before, after), gains, wrong, left,
-        () if arguments.true_payload is None else payload_gain(
-            logs, arguments.true_payload, nominal, extended, *default_estimator()), latent)
+    completed = complete(
+        found, nominal, arguments.jobs,
+        lambda label, share: progress(label, SEARCH_SHARE + (1.0 - SEARCH_SHARE) * share),
+        arguments.seed, logs)
+    payload = () if arguments.true_payload is None else payload_gain(
+        logs, arguments.true_payload, nominal, completed.extended, *default_estimator())
     progress('done', 1.0)
-    return found
+    return Findings(**vars(completed), payload=payload)
 
 
 def default_estimator() -> tuple[str, Weigh]:

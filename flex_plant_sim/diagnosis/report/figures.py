@@ -19,8 +19,8 @@ from flex_plant_sim.diagnosis.prediction.free_run import (
 )
 from flex_plant_sim.diagnosis.prediction.latent_view import CURVE_BINS, MIN_BIN_SAMPLES
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
-from flex_plant_sim.diagnosis.report.improvement import Gain
-from flex_plant_sim.diagnosis.report.symptoms import drift, DRIFTED, one_step, spectrum
+from flex_plant_sim.diagnosis.verdict.improvement import Gain
+from flex_plant_sim.diagnosis.verdict.symptoms import drift, DRIFTED, one_step, spectrum
 from flex_plant_sim.diagnosis.verdict.wording import digits_text
 import numpy as np
 

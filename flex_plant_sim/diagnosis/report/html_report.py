@@ -12,7 +12,6 @@ from typing import Any
 from flex_plant_sim.arm.units import CHANNEL_SHOWN
 from flex_plant_sim.atomic_file import made_folder, whole_file
 from flex_plant_sim.diagnosis.report.figures import Picture
-from flex_plant_sim.diagnosis.report.improvement import Gain
 from flex_plant_sim.diagnosis.report.latent_pictures import LatentSection
 from flex_plant_sim.diagnosis.report.payload_gain import PayloadGain
 from flex_plant_sim.diagnosis.report.posterior_pictures import (
@@ -20,8 +19,9 @@ from flex_plant_sim.diagnosis.report.posterior_pictures import (
     parts_picture,
     sets_picture,
 )
-from flex_plant_sim.diagnosis.report.symptoms import ChannelResidual
+from flex_plant_sim.diagnosis.verdict.improvement import Gain
 from flex_plant_sim.diagnosis.verdict.results import Alternative, Cause, Diagnosis, Verdict
+from flex_plant_sim.diagnosis.verdict.symptoms import ChannelResidual
 from flex_plant_sim.diagnosis.verdict.wording import (
     digits_text,
     interval_text,

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 from flex_plant_sim.arm.units import CHANNEL_SHOWN
 from flex_plant_sim.diagnosis.likelihood.prior import imitation_odds
-from flex_plant_sim.diagnosis.report.improvement import Gain
 from flex_plant_sim.diagnosis.report.payload_gain import PayloadGain
-from flex_plant_sim.diagnosis.report.symptoms import HORIZONS
+from flex_plant_sim.diagnosis.verdict.improvement import Gain
 from flex_plant_sim.diagnosis.verdict.results import Cause, Diagnosis
+from flex_plant_sim.diagnosis.verdict.symptoms import HORIZONS
 from flex_plant_sim.diagnosis.verdict.wording import (
     beyond_tolerance,
     digits_text,

@@ -1,7 +1,8 @@
 """
 The diagnosis of records: cut, searched, and put into one verdict in an engineer's words.
 
-`diagnose` is the entry to the whole chain of this package; the report and the tool call it.
+`diagnose` judges by what was fitted; `complete`, in the module beside it, adds what was not, and
+may change the verdict. The two are the entry to the whole chain.
 """
 
 from __future__ import annotations
@@ -91,6 +92,8 @@ def diagnose(records: Sequence[Record], nominal: BaseModel, jobs: int = 1,
              exclude: Sequence[str] = ()) -> tuple[Diagnosis, Data, BaseModel]:
     """
     Return the diagnosis of records, the data it used, and the model with the causes.
+
+    The verdict stands once `complete` has compared both models where nothing was fitted.
 
     Parameters
     ----------
