@@ -48,8 +48,9 @@ class DiscrepancyModel:
 
     """
 
-    # On clean arms of other simulators no channel errs by more than these state: joints
-    # by 0.9 of it, gauges by 0.25 to 0.5 (benchmarks/discrepancy.py; with 1 %, by 0.5 to 0.75).
+    # On clean arms of other simulators no channel errs by more than these state: joints by 0.94
+    # of it, gauges by 0.22 to 0.51, with a gauge share of 1 % by 0.46 to 0.78
+    # (benchmarks/discrepancy.py --runs 8).
     # With smaller values the parts absorb systematic errors: their posterior says most of the
     # true ones with 6 % (benchmarks/temper.py --torque 0.03, 0.06, 0.1).
     torque_share: tuple[float, float] = (0.06, 0.06)
