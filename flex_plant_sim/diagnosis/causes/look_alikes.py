@@ -22,8 +22,6 @@ import numpy as np
 
 # Where a cause is a fault: its site and the family of its effect.
 FaultPlace = tuple[str, str]
-# The name that the search still imports.
-Part = FaultPlace
 
 
 def refined_look_alikes(state: SearchState, with_laws: RefinedFit, asked: Container[FaultPlace]

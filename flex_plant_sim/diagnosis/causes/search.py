@@ -20,7 +20,7 @@ from flex_plant_sim.diagnosis.causes.free_run_ranking import (
     ranked_by_free_runs,
 )
 from flex_plant_sim.diagnosis.causes.information import InformationProbe
-from flex_plant_sim.diagnosis.causes.look_alikes import Part, part_of, refined_look_alikes
+from flex_plant_sim.diagnosis.causes.look_alikes import FaultPlace, part_of, refined_look_alikes
 from flex_plant_sim.diagnosis.causes.neighbourhood import Neighbourhood
 from flex_plant_sim.diagnosis.causes.neighbours import fit_in_place_of_law, fit_neighbours
 from flex_plant_sim.diagnosis.causes.posterior import Posterior, SetKey
@@ -193,7 +193,7 @@ def ranked_with_laws(state: SearchState, nothing: RefinedFit) -> SearchResult:
 
     """
     found: dict[SetKey, tuple[RefinedFit, float]] = {}
-    asked: set[Part] = set()
+    asked: set[FaultPlace] = set()
     fresh = state.refined_with_laws
     while True:
         runs = free_run_log_likelihoods(
