@@ -138,6 +138,26 @@ def test_a_reference_before_the_first_sample_begins_with_it(loop: RosLoop) -> No
     np.testing.assert_allclose(bench.node.set_points(1010.0), [0.9, -0.9], atol=1e-9)
 
 
+@pytest.mark.parametrize('next_one', [
+    [((1.0, [300.0, 0.0]),), ((5.0, [0.4, 0.4]), (10.0, [0.9, -0.9]))],
+    [((5.0, [0.4, 0.4]), (10.0, [0.9, -0.9])), ((1.0, [300.0, 0.0]),)],
+    [((1.0, [0.2, 0.2]),), ((5.0, [0.4, 0.4]), (10.0, [0.9, -0.9]))]])
+def test_of_references_before_the_first_sample_the_last_good_one_begins_with_it(
+        loop: RosLoop, next_one: Any) -> None:
+    bench, reference = Bench(loop, 'controller'), loop.publisher('reference')
+    before = bench.node.set_points(1000.0)
+    bad = [any(300.0 in row[1] for row in rows) for rows in next_one]
+    for number, rows in enumerate(next_one):
+        reference.publish(trajectory(JOINTS, *rows))
+        loop.until(lambda n=number, bad=bad: (  # type: ignore[misc]
+            bench.node.rejected['reference'] == sum(bad[:n + 1])
+            and (bad[n] or np.allclose(bench.node.set_points(60.0), next_one[n][-1][1]))))
+    bench.answered(100_000)
+    np.testing.assert_allclose(bench.node.set_points(1000.0), before, atol=1e-9)
+    np.testing.assert_allclose(bench.node.set_points(1005.0), 0.4, atol=1e-9)
+    np.testing.assert_allclose(bench.node.set_points(1010.0), [0.9, -0.9], atol=1e-9)
+
+
 def _asks(bench: Bench, target: float) -> bool:
     return bool(np.allclose(bench.node.set_points(9.0), target))
 

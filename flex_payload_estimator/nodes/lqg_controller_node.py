@@ -294,11 +294,10 @@ class LQGControllerNode(SampleNode):
         """Replace the set-points, from the present ones on."""
         # Before the first sample the time is not known from which one without a stamp counts.
         early = self.order.last is None and not stamp_of(message)
-        former, self._early_reference = self.set_points, None
+        former = self._early_reference[1] if self._early_reference else self.set_points
         self._refer(message, seconds(self.order.last or 0))
         self._referenced = True
-        if early:
-            self._early_reference = message, former
+        self._early_reference = (message, former) if early else None
 
     def _refer(self, message: JointTrajectory, now: float) -> None:
         reference = Trajectory.of(message, self._joints, self.set_points(now), now,
