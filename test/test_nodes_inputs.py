@@ -258,18 +258,19 @@ def test_payloads_in_time_are_waited_for_again_whichever_comes_first(
     for k in range(3):
         bench.sample(k)
     loop.until(lambda: STEP in bench.answers.stamps)
-    assert bench.node._late
+    payloads = bench.node.payloads
+    assert payloads.late
     for k in range(3, 16):
         stamp = k * STEP
         if ahead:
             inertia.publish(inertia_message(stamp, 0.2))
-            loop.until(partial(operator.contains, bench.node._masses, stamp))
+            loop.until(partial(operator.contains, payloads.early, stamp))
         bench.sample(k)
-        loop.until(partial(lambda at: at in bench.answers.stamps or not bench.node._late, stamp))
+        loop.until(partial(lambda at: at in bench.answers.stamps or not payloads.late, stamp))
         if not ahead:
             inertia.publish(inertia_message(stamp, 0.2))
             loop.wait(0.02)
-    assert not bench.node._late
+    assert not payloads.late
 
 
 def test_topics_of_the_robot_file_that_a_node_does_not_hear_are_said(

@@ -19,13 +19,14 @@ from flex_payload_estimator.nodes.node_setup import (
     check_square,
     set_points_of,
 )
+from flex_payload_estimator.nodes.payload_arrivals import PayloadArrivals
 from flex_payload_estimator.nodes.sample_node import Sample, SampleNode
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.inputs.gate import angle_ranges, COMMAND_MARGIN, Limits
 from flex_plant_sim.simulation.nominal import model_words
 from flex_plant_sim.simulation.plant_setup import robot_of
 from geometry_msgs.msg import InertiaStamped
-from msg_config.contract import COMMAND_TIMEOUT, load_topics
+from msg_config.contract import COMMAND_TIMEOUT
 from msg_config.contract_node import DIAGNOSTICS_INTERVAL
 from msg_config.errors import InputError
 from msg_config.messages import (
@@ -43,13 +44,6 @@ from trajectory_msgs.msg import JointTrajectory
 
 # Interval of the watchdog, s: two commands on their way to zero in the time that drives wait.
 WATCH_INTERVAL = 0.5 * COMMAND_TIMEOUT
-# Most payloads that are kept until their sample comes: as many as a publisher keeps.
-MAX_EARLY_PAYLOADS = load_topics()['payload/inertia'].qos.depth
-# Payloads in time in a row after which the node waits again: at 100 Hz over PAYLOAD_TIMEOUT.
-IN_TIME = 10
-# Time without a payload in time after which diagnostics say so, s: as long as drives wait for a
-# command. A single late payload does no harm.
-PAYLOAD_TIMEOUT = COMMAND_TIMEOUT
 # Share of the largest payload by which an estimate may lie outside without a word: one near a
 # bound errs to either side.
 CLIPPED = 0.1
@@ -91,9 +85,7 @@ class LQGControllerNode(SampleNode):
         self.subscribe('reference', self._on_reference)
         self.every(WATCH_INTERVAL, self._watch)
         self._waiting: Sample | None = None
-        self._masses: dict[int, float] = {}
-        self._late, self._in_time, self._last_mass = False, 0, math.nan
-        self._payload_heard_at, self._wild = -math.inf, ''
+        self.payloads, self._wild = PayloadArrivals(), ''
         self.subscribe('payload/inertia', self._on_inertia)
         self.listen()
         self.every(DIAGNOSTICS_INTERVAL, self.report, always=True)
@@ -149,8 +141,8 @@ class LQGControllerNode(SampleNode):
             # A trajectory has its times; where time has leapt it would be driven once more.
             self.set_points = constant(*self._asked)
         self.acting.forget(np.zeros(2))
-        self._unusable, self._waiting, self._late, self._last_mass = 0, None, False, math.nan
-        self._masses.clear()
+        self._unusable, self._waiting = 0, None
+        self.payloads.restart()
         self._wild, self.limiter.sent = '', np.zeros(2)
         self.watch.restart()
 
@@ -165,31 +157,27 @@ class LQGControllerNode(SampleNode):
             return self._control(sample, math.nan)
         if self._waiting is not None and self._waiting.stamp != sample.stamp:
             # Answer it late rather than never: the predictor must not miss a step.
-            waiting, self._waiting, self._late = self._waiting, None, True
-            self._control(waiting, self._last_mass)
-        if sample.stamp not in self._masses and not self._late:
+            waiting, self._waiting, self.payloads.late = self._waiting, None, True
+            self._control(waiting, self.payloads.last)
+        if sample.stamp not in self.payloads.early and not self.payloads.late:
             self._waiting = sample
             return None
         self._waiting = None
-        if sample.stamp in self._masses:
-            self._count_in_time(True)
-        return self._control(sample, self._masses.pop(sample.stamp, self._last_mass))
+        return self._control(sample, self.payloads.take(sample.stamp, self.wall_time()))
 
     def _on_inertia(self, message: InertiaStamped) -> None:
         """Answer the sample that waits for this payload, or keep the payload until it comes."""
         stamp, mass = checked_stamp(message, 'payload/inertia'), payload_mass(message)
-        self._last_mass = mass
+        self.payloads.last = mass
         self._note_range(mass)
         if self._waiting is not None and stamp == self._waiting.stamp:
             sample, self._waiting = self._waiting, None
-            self._count_in_time(True)
+            self.payloads.count(True, self.wall_time())
             self.remember(self._control(sample, mass))
         elif self.order.last is None or stamp > self.order.last:
-            self._masses[stamp] = mass
-            if len(self._masses) > MAX_EARLY_PAYLOADS:
-                del self._masses[min(self._masses)]
+            self.payloads.keep(stamp, mass)
         else:
-            self._count_in_time(stamp == self.order.last)
+            self.payloads.count(stamp == self.order.last, self.wall_time())
 
     def _note_range(self, mass: float) -> None:
         """Say once that a payload is beyond what is believed, and in diagnostics while it is."""
@@ -201,12 +189,6 @@ class LQGControllerNode(SampleNode):
         if wild and not self._wild:
             self.get_logger().warning(text)
         self._wild = text
-
-    def _count_in_time(self, in_time: bool) -> None:
-        """Count payloads in time; after IN_TIME in a row wait for them again."""
-        self._in_time = self._in_time + 1 if in_time else 0
-        self._payload_heard_at = self.wall_time() if in_time else self._payload_heard_at
-        self._late = self._late and self._in_time < IN_TIME
 
     def _control(self, sample: Sample, mass: float) -> Any:
         """Publish and return the command that answers a sample at a payload, kg."""
@@ -308,11 +290,8 @@ class LQGControllerNode(SampleNode):
 
     def trouble(self) -> tuple[bool, ...]:
         """Return flags whose change is reported at once, with that of a late payload."""
-        return (*super().trouble(), self._payload_missing(), bool(self.watch.fault),
-                bool(self._wild))
-
-    def _payload_missing(self) -> bool:
-        return self._late and self.wall_time() - self._payload_heard_at > PAYLOAD_TIMEOUT
+        return (*super().trouble(), self.payloads.missing(self.wall_time()),
+                bool(self.watch.fault), bool(self._wild))
 
     def report(self) -> None:
         """Publish the diagnostics."""
@@ -340,7 +319,7 @@ class LQGControllerNode(SampleNode):
         slowness = self.slowness()
         if slowness:
             return 'error', f'{slowness}: the command is zero'
-        if self._payload_missing():
+        if self.payloads.missing(self.wall_time()):
             return 'warn', 'payload/inertia is late or missing: the last payload serves'
         if self._unusable > 1:
             return 'error', f'{self._unusable} samples said nothing: the command is zero'
