@@ -90,3 +90,48 @@ def test_strain_at_a_third_of_the_rate_gets_no_command(loop: RosLoop) -> None:
         'expected 0.01 s (sample_time): the command is zero'))
     bench.seldom(range(70, 95), 1)
     assert np.any(bench.answers[-1].effort)
+
+
+SLEW = 20.0
+
+
+def ramped(bench: Bench, wanted: float, first: int, samples: int) -> None:
+    """Feed a controller that wants one command and keeps to a slew rate."""
+    bench.node.controller.command = lambda *_: np.full(2, wanted)
+    for k in range(first, first + samples):
+        bench.answered(k)
+
+
+@pytest.mark.parametrize('again', ['reset', 'leap'])
+def test_neither_a_reset_nor_a_leap_in_time_breaks_the_slew_rate(
+        loop: RosLoop, again: str) -> None:
+    bench = Bench(loop, 'controller', command_slew=SLEW, watchdog=0.0)
+    ramped(bench, 4.0, 0, 20)
+    assert bench.answers[-1].effort.tolist() == pytest.approx([4.0, 4.0])
+    if again == 'reset':
+        assert loop.call('lqg_controller', 'reset').success
+    else:
+        bench.sample(520)
+    ramped(bench, 4.0, 521, 1)
+    ramped(bench, 0.0, 522, 3)
+    sent = np.array([message.effort for message in bench.answers])
+    assert np.abs(np.diff(sent, axis=0)).max() <= SLEW * STEP * 1e-9 + 1e-9
+    assert sent[-4:, 0] == pytest.approx([4.0, 3.8, 3.6, 3.4])
+
+
+def test_the_command_goes_to_zero_where_no_sample_follows_a_reset(loop: RosLoop) -> None:
+    bench = Bench(loop, 'controller', watchdog=0.2)
+    ramped(bench, 4.0, 0, 2)
+    assert loop.call('lqg_controller', 'reset').success
+    loop.until(lambda: not np.any(bench.answers[-1].effort))
+
+
+def test_a_controller_that_becomes_inactive_sends_zero_at_once(loop: RosLoop) -> None:
+    bench = Bench(loop, 'controller', command_slew=SLEW, watchdog=0.0)
+    ramped(bench, 4.0, 0, 20)
+    assert loop.call('lqg_controller', 'reset').success
+    bench.node.trigger_deactivate()
+    loop.until(lambda: not np.any(bench.answers[-1].effort))
+    bench.node.trigger_activate()
+    ramped(bench, 4.0, 30, 1)
+    assert bench.answers[-1].effort.tolist() == pytest.approx([0.2, 0.2])

@@ -74,6 +74,7 @@ class LQGControllerNode(SampleNode):
     def __init__(self, **options: Any):
         self.limiter, self._referenced = CommandLimiter(), False
         self._asked: Array | None = None
+        self._sent_at: int | None = None
         self._early_reference: tuple[JointTrajectory, SetPoints] | None = None
         super().__init__('lqg_controller', **options)
         # What was sent is applied, from the start on, where no effort says otherwise.
@@ -92,10 +93,12 @@ class LQGControllerNode(SampleNode):
         self.bring_up()
 
     def cease(self) -> None:
-        """Leave the arm with a command of zero."""
+        """Leave the arm with a command of zero, at once: nothing follows that could slew to it."""
         self.restart()
-        if self.order.last is not None:
-            self._send(np.zeros(2), self.order.last, WATCH_INTERVAL)
+        self.limiter.sent = np.zeros(2)
+        last = self._last()
+        if last is not None:
+            self._send(self.limiter.sent, last, WATCH_INTERVAL)
             self._command.wait_for_all_acked(Duration(seconds=COMMAND_TIMEOUT))
 
     def build(self, values: dict[str, Any]) -> Any:
@@ -135,15 +138,15 @@ class LQGControllerNode(SampleNode):
             self.watch = self.watch.with_limit(values['command_limit'])
 
     def restart(self) -> None:
-        """Go back to the start; what was last asked of the arm stays, at rest."""
+        """Go back to the start; what was last asked of and sent to the arm stays, at rest."""
         self.controller.reset()
         if self._referenced and self._asked is not None:
             # A trajectory has its times; where time has leapt it would be driven once more.
             self.set_points = constant(*self._asked)
-        self.acting.forget(np.zeros(2))
+        self.acting.forget(self.limiter.sent)
         self._unusable, self._waiting = 0, None
         self.payloads.restart()
-        self._wild, self.limiter.sent = '', np.zeros(2)
+        self._wild = ''
         self.watch.restart()
 
     def start_over(self) -> None:
@@ -246,6 +249,7 @@ class LQGControllerNode(SampleNode):
     def _send(self, command: Array, stamp: int, time: float) -> bytes:
         """Publish a command inside the limits; `time`, s, has passed since the last one."""
         self.acting.send(stamp, sent := self.limiter(command, time))
+        self._sent_at = stamp
         message = self._writer(*divmod(stamp, NANOSECONDS), *self._efforts.outside(sent).tolist())
         self.answer(message)
         return message
@@ -256,7 +260,7 @@ class LQGControllerNode(SampleNode):
 
     def _watch(self) -> None:
         """Bring the command to zero where no sample has come for the watchdog's time."""
-        watchdog, last = self.values['watchdog'], self.order.last
+        watchdog, last = self.values['watchdog'], self._last()
         age = self.wall_time() - self._answered
         if last is None or not watchdog or age < watchdog or not self.limiter.sent.any():
             return
@@ -267,6 +271,10 @@ class LQGControllerNode(SampleNode):
         # It carries the stamp of the last answer, so that a plant in lock-step, which waits for
         # the next one, passes it over. A sample that is repeated gets no older command any more.
         self.remember(self._send(np.zeros(2), last, WATCH_INTERVAL))
+
+    def _last(self) -> int | None:
+        """Return the stamp that a command without a sample carries, ns; None before the first."""
+        return self._sent_at if self.order.last is None else self.order.last
 
     def _missing(self) -> str:
         """Return what a command waits for."""
