@@ -49,10 +49,10 @@ class ContractNode(RefusingNode, ABC):
     A node of the contract, which declares its table of parameters and survives any message.
 
     An invalid message is refused, counted by topic and kind, and reported by a warning at most
-    once per second; so is a message of a second publisher. Timers use the wall clock, even with
-    simulated time. Parameters change as their table says: at once, at ~/reset, or not at all. As a
-    lifecycle node it takes messages only while it is active, which it is from the start unless
-    autostart is false.
+    once per second; so is a message of a second publisher, and a call of a timer that meets an
+    error of arithmetic. Timers use the wall clock, even with simulated time. Parameters change as
+    their table says: at once, at ~/reset, or not at all. As a lifecycle node it takes messages
+    only while it is active, which it is from the start unless autostart is false.
 
     Subclasses define `build` and `install`, and `on_live` if a parameter is live.
 
@@ -249,15 +249,15 @@ class ContractNode(RefusingNode, ABC):
               ) -> Timer:
         """Call back at an interval of wall time, s, while the node is active, or `always`."""
         def due() -> None:
-            self._call_if_active(callback, always)
+            try:
+                if self.active or always:
+                    self._run(callback)
+            except REFUSED as error:
+                self.reject('timer', f'timer: {error}')
         # rclpy inspects at every call whether the callback takes an argument; a stored signature
         # makes this fast.
         due.__signature__ = NO_ARGUMENT  # type: ignore[attr-defined]
         return self.create_timer(interval, due, clock=self._wall)
-
-    def _call_if_active(self, callback: Callable[[], None], always: bool) -> None:
-        if self.active or always:
-            self._run(callback)
 
     def _run(self, callback: Callable[..., None], *arguments: Any) -> None:
         try:

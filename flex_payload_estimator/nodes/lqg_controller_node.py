@@ -7,6 +7,7 @@ In: joint_states, strain, payload/inertia, reference. Out: command and diagnosti
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 import math
 from typing import Any
 
@@ -60,8 +61,9 @@ class LQGControllerNode(SampleNode):
     gone, and the last payload serves until payloads are in time again. Set-points are a square
     wave until `reference` comes.
 
-    A sample that cannot be used leaves the command as it is. From the second in a row on the
-    command goes to zero, as it does where no sample comes for the watchdog's time. Samples that
+    A sample that cannot be used leaves the command as it is, as does one whose command is not
+    finite, after which the controller begins again. From the second in a row on the command
+    goes to zero, as it does where no sample comes for the watchdog's time. Samples that
     come later are used again; after the watchdog's time the predictor begins anew. Where samples
     come at another rate than told, the command is zero as long as they do. Where an angle
     or a strain contradicts the others (`ArmWatch`), the command is zero until ~/reset: no sample
@@ -82,7 +84,8 @@ class LQGControllerNode(SampleNode):
         self._command = self.publisher('command')
         self._writer = MessageWriter(
             joint_state(0, self._efforts.names, effort=self.limiter.sent), 'header', 'effort')
-        self._unusable, self._answered, self._stopped = 0, self.wall_time(), False
+        self._unusable, self._lost = 0, 0
+        self._answered, self._stopped = self.wall_time(), False
         self.subscribe('reference', self._on_reference)
         self.every(WATCH_INTERVAL, self._watch)
         self._waiting: Sample | None = None
@@ -144,7 +147,7 @@ class LQGControllerNode(SampleNode):
             # A trajectory has its times; where time has leapt it would be driven once more.
             self.set_points = constant(*self._asked)
         self.acting.forget(self.limiter.sent)
-        self._unusable, self._waiting = 0, None
+        self._unusable, self._lost, self._waiting = 0, 0, None
         self.payloads.restart()
         self._wild = ''
         self.watch.restart()
@@ -205,22 +208,29 @@ class LQGControllerNode(SampleNode):
             (message, self.set_points), self._early_reference = self._early_reference, None
             self._refer(message, sample.time)
         self._asked = self.set_points(sample.time)
-        command = self.controller.command(sample.time, sample.output, sample.command, mass,
-                                          self._asked)
+        found = self.computed(sample.time, partial(
+            self.controller.command, sample.time, sample.output, sample.command, mass,
+            self._asked), np.ndarray.tolist)
         if self.controller.doubted:
             self.reject(
                 'joint_states', f'joint_states, strain: at {sample.time:.12g} s too far from the '
                 'prediction', 'outlier')
-        if not all(map(math.isfinite, command.tolist())):
-            self.reject('command', f'the command at {sample.time:.9g} s is not finite; the one '
-                                   'before is kept', 'not finite')
-        elif self._unusable:
-            command = self.limiter.sent if self._unusable == 1 else np.zeros(2)
+        self._lost = self._lost + 1 if found is None else 0
+        if found is not None and not self._unusable:
+            command = found
+        else:
+            command = before if max(self._unusable, self._lost) == 1 else np.zeros(2)
         if self._faulty(sample, before) or slowness:
             command = np.zeros(2)
         answer = self._send(command, sample.stamp, self.robot.sample_time)
         self._answered, self._stopped = self.wall_time(), False
         return answer
+
+    def lose(self, time: float) -> None:
+        """Say that the command at a time, s, is not finite, and reset the controller."""
+        self.reject('command', f'the command at {time:.9g} s is not finite: the controller begins '
+                               'again', 'not finite')
+        self.controller.reset()
 
     def _faulty(self, sample: Sample, before: Array) -> bool:
         """Return whether a sensor drives the arm the wrong way; `before` was sent last, (2,)."""
@@ -331,6 +341,8 @@ class LQGControllerNode(SampleNode):
             return 'warn', 'payload/inertia is late or missing: the last payload serves'
         if self._unusable > 1:
             return 'error', f'{self._unusable} samples said nothing: the command is zero'
+        if self._lost > 1:
+            return 'error', f'{self._lost} samples gave no finite command: the command is zero'
         if self._wild:
             return 'warn', self._wild
         return 'ok', 'ok'

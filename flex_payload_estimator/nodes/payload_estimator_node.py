@@ -7,7 +7,6 @@ payload_stamped, payload/inertia, innovation, arm_markers and diagnostics with t
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 import math
 from typing import Any
@@ -104,7 +103,7 @@ class PayloadEstimatorNode(SampleNode):
                                            estimate.p)
         self._payload.publish(payload)
         innovation = self._answer_innovation(sample.stamp, estimate)
-        self._computed(sample.time, self.estimator.conclude)
+        self.computed(sample.time, self.estimator.conclude, _numbers)
         self._watch(estimate)
         self._publish_markers(sample, estimate)
         return payload, innovation
@@ -121,26 +120,16 @@ class PayloadEstimatorNode(SampleNode):
 
     def _estimate_of(self, sample: Sample) -> Estimate | None:
         """Return the estimate, or the last good one where the new one is not finite."""
-        estimate = self._computed(sample.time, partial(
-            self.estimator.update, sample.time, sample.output, sample.command))
+        estimate = self.computed(sample.time, partial(
+            self.estimator.update, sample.time, sample.output, sample.command), _numbers)
         return estimate or (
             self._estimate and self._estimate._replace(time=sample.time, status='restarted'))
 
-    def _computed(self, time: float, compute: Callable[[], Estimate | None]) -> Estimate | None:
-        """Return what the estimator computes; where that is not finite, reset the estimator."""
-        try:
-            found = compute()
-            if not found or all(map(math.isfinite, (found.mass, found.variance, found.p))):
-                return found
-        except InputError:
-            raise
-        except (ArithmeticError, ValueError):
-            # What a NaN may raise in the libraries on its way.
-            pass
+    def lose(self, time: float) -> None:
+        """Say that the estimate at a time, s, is not finite, and reset the estimator."""
         self.reject('payload', f'the estimate at {time:.9g} s is not finite: the estimator '
                                'begins again')
         self.estimator.reset()
-        return None
 
     def _on_command(self, message: JointState) -> None:
         """Predict before the next sample comes, with the command that is applied until then."""
@@ -152,7 +141,7 @@ class PayloadEstimatorNode(SampleNode):
         self.acting.send(stamp, command)
         if self._prepared != stamp == self.order.last:
             self._prepared = stamp
-            self._computed(seconds(stamp), partial(self.estimator.prepare, command))
+            self.computed(seconds(stamp), partial(self.estimator.prepare, command), _numbers)
 
     def answer(self, answer: tuple[Any, ...]) -> None:
         """Publish payload and innovation of a repeated sample again."""
@@ -214,7 +203,7 @@ class PayloadEstimatorNode(SampleNode):
             'standard deviation kg': float(np.sqrt(max(estimate.variance, 0.0)))})
 
     def _stale_text(self, silence: str) -> str:
-        return f'no sample for {self.sample_age():.3g} s: {silence}'
+        return f'no sample for {self.wall_time() - self._sample_at:.3g} s: {silence}'
 
     def _model_status(self, report: HealthReport) -> DiagnosticStatus:
         """Return the model's health: normalised innovation squared and whiteness."""
@@ -233,3 +222,8 @@ class PayloadEstimatorNode(SampleNode):
         if silence:
             return self.status('model', 'stale', self._stale_text(silence), values)
         return self.status('model', 'warn' if suspect else 'ok', text, values)
+
+
+def _numbers(estimate: Estimate) -> tuple[float, float, float]:
+    """Return what must be finite in an estimate."""
+    return estimate.mass, estimate.variance, estimate.p

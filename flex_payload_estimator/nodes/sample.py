@@ -42,6 +42,11 @@ class Sample:
         return seconds(self.stamp)
 
 
+def same_output(one: Array, other: Array) -> bool:
+    """Return whether two outputs are the same, with NaN in the same places."""
+    return np.array_equal(one, other, equal_nan=True)
+
+
 def mean_command(passed: Sequence[Array], last: Array) -> Array:
     """
     Return the mean of the commands since the sample before, (2,).

@@ -8,23 +8,25 @@ status of the samples in the diagnostics.
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 import math
-from typing import Any
+from typing import Any, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from flex_payload_estimator.nodes.backlog import Backlog
-from flex_payload_estimator.nodes.sample import mean_command, Sample
+from flex_payload_estimator.nodes.sample import mean_command, same_output, Sample
 from flex_payload_estimator.nodes.sample_counts import SampleCounts
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.inputs.gate import Gate, refuse_command
 from flex_plant_sim.inputs.plausible import unit_hint
-from flex_plant_sim.inputs.stamps import LEAP, LOST, Order, StampOrder
+from flex_plant_sim.inputs.stamps import LEAP, Order, StampOrder
 from flex_plant_sim.inputs.synchroniser import slop_of, Synchroniser
 from msg_config.acting_command import ActingCommand, NO_EFFORT, ZERO_TOLD
 from msg_config.contract import load_topics
 from msg_config.contract_node import ContractNode
+from msg_config.errors import InputError
 from msg_config.messages import checked_stamp, nanoseconds, seconds
 from msg_config.ros import silent_topic
 import numpy as np
@@ -40,6 +42,7 @@ SILENCE_INTERVAL = 5.0
 NO_VELOCITY = np.full(2, np.nan)
 # Topics whose messages of one stamp make a sample.
 PARTS = ('joint_states', 'strain')
+Found = TypeVar('Found')
 
 
 class SampleNode(ContractNode):
@@ -47,7 +50,7 @@ class SampleNode(ContractNode):
     A node that answers each sample once, and a repeated sample with the same answer again.
 
     A sample that the arm cannot have made is refused: it reaches `take` as NaN. Subclasses define
-    `take`, `answer`, `report` and `restart`.
+    `take`, `answer`, `report`, `restart` and `lose`.
 
     Attributes
     ----------
@@ -135,6 +138,25 @@ class SampleNode(ContractNode):
     def restart(self) -> None:
         """Go back to the start of the computation."""
 
+    @abstractmethod
+    def lose(self, time: float) -> None:
+        """Say that what was computed at a time, s, is not finite, and begin the filter again."""
+
+    def computed(self, time: float, compute: Callable[[], Found | None],
+                 numbers: Callable[[Found], Iterable[float]]) -> Found | None:
+        """Return what is computed at a time, s; None, after `lose`, where it is not finite."""
+        try:
+            found = compute()
+            if found is None or all(map(math.isfinite, numbers(found))):
+                return found
+        except InputError:
+            raise
+        except (ArithmeticError, ValueError):
+            # What a NaN may raise in the libraries on its way.
+            pass
+        self.lose(time)
+        return None
+
     def _on_joint_states(self, message: JointState) -> None:
         self._received_at['joint_states'] = self.wall_time()
         stamp = checked_stamp(message, 'joint_states')
@@ -181,7 +203,7 @@ class SampleNode(ContractNode):
         order = self._order_of(sample)
         if order in (Order.STALE, Order.AHEAD):
             self.reject('joint_states', 'joint_states, strain: header.stamp: expected '
-                        f'{self._expected(order)}, got {sample.time:.12g} s',
+                        f'{self.order.expected(order)}, got {sample.time:.12g} s',
                         f'stamp {order.value}')
             return
         self._sample_at = self._paired_at
@@ -209,19 +231,13 @@ class SampleNode(ContractNode):
         started again (RESTARTED): then it repeats them until they are answered.
         """
         order = self.order.judge(sample.stamp, self._backlog.held_up(self.waited))
-        if order is Order.REPEATED and not _same(sample.output, self._output):
-            again = _same(sample.output, self._doubted)
+        if order is Order.REPEATED and not same_output(sample.output, self._output):
+            again = same_output(sample.output, self._doubted)
             self._doubted = sample.output
             order = Order.RESTARTED if again else Order.STALE
         if order in (Order.NEW, Order.RESTARTED):
             self._output = sample.output
         return order
-
-    def _expected(self, order: Order) -> str:
-        """Return in words which stamps are in order."""
-        last = f'after {seconds(self.order.last or 0):.12g} s'
-        most = seconds((LOST + 1) * self.order.interval)
-        return f'one at most {most:.3g} s {last}' if order is Order.AHEAD else f'one {last}'
 
     def _gated(self, sample: Sample) -> Sample:
         """Return the sample, with NaN for outputs that the arm cannot have produced."""
@@ -289,10 +305,6 @@ class SampleNode(ContractNode):
         """Keep an answer that was given after `take` returned, for when its sample is repeated."""
         self._answer = answer
 
-    def sample_age(self) -> float:
-        """Return the time since the last sample that was taken, s."""
-        return self.wall_time() - self._sample_at
-
     def silence(self) -> str:
         """Return why no sample comes; empty where samples come."""
         if not self.active:
@@ -334,7 +346,3 @@ class SampleNode(ContractNode):
             return self.status('samples', 'error', slowness, values)
         return self.status('samples', *self._counts.status(self.wall_time(), self.last_rejection),
                            values)
-
-
-def _same(one: Array, other: Array) -> bool:
-    return np.array_equal(one, other, equal_nan=True)

@@ -75,6 +75,12 @@ class StampOrder:
         self.last, self._suspect = stamp, None
         return order
 
+    def expected(self, order: Order) -> str:
+        """Return in words which stamps are in order, where one of this order was not."""
+        last = f'after {(self.last or 0) / NANOSECONDS:.12g} s'
+        most = (LOST + 1) * self.interval / NANOSECONDS
+        return f'one at most {most:.3g} s {last}' if order is Order.AHEAD else f'one {last}'
+
     def _confirmed(self, stamp: int, last: int) -> bool:
         if self._suspect is None or stamp == self._suspect:
             return self._suspect is not None

@@ -38,6 +38,8 @@ from sensor_msgs.msg import JointState
 RESEND_INTERVAL = 0.1
 # Real time: number of steps behind the wall clock from which the missing samples are skipped.
 MAX_STEPS_BEHIND = 100
+# What numbers that are not finite, or too large, may raise in the libraries on their way.
+LOST_NUMBERS = (ArithmeticError, np.linalg.LinAlgError)
 # Fields of joint_states and strain whose numbers change.
 NUMBER_FIELDS = ('header', 'position', 'velocity', 'effort')
 
@@ -136,7 +138,7 @@ class PlantSim(ContractNode):
 
     def _diverge(self) -> None:
         """Stop, since the sample is not finite and must not be published."""
-        self._paused, self._answered, self._diverged = True, False, True
+        self._paused, self._answered, self._diverged, self._permits = True, False, True, 0
         self.get_logger().error(f'the simulated arm diverged at {self._now} with command '
                                 f'{self._sent.tolist()}; ~/reset starts it again')
 
@@ -182,9 +184,12 @@ class PlantSim(ContractNode):
         self._advance(self._latest)
 
     def _advance(self, command: np.ndarray) -> None:
-        self.simulator.step(command)
         self._sent = command
-        self._sample()
+        try:
+            self.simulator.step(command)
+            self._sample()
+        except LOST_NUMBERS:
+            self._diverge()
 
     def _resend(self) -> None:
         waiting = not self._answered and self.wall_time() >= self._resend_at
