@@ -248,6 +248,39 @@ def test_a_strangers_folder_is_refused(tmp_path: Path) -> None:
     assert [item.name for item in tmp_path.iterdir()] == ['thesis.txt']
 
 
+HOLDER = """
+from pathlib import Path
+import sys
+import time
+from flex_payload_estimator.fleet.journal import Journal
+journal = Journal(Path(sys.argv[1]))
+print('held', flush=True)
+time.sleep(600)
+"""
+
+
+def test_two_fleets_do_not_share_a_folder(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    _log_at_rest(tmp_path / 'night' / '1.csv', 1, 20)
+    out = tmp_path / 'out'
+    arguments = [str(tmp_path / 'night'), '--out', str(out), '--workers', '1']
+    other = subprocess.Popen([sys.executable, '-c', HOLDER, str(out)], text=True,
+                             stdout=subprocess.PIPE)
+    assert other.stdout is not None and other.stdout.readline() == 'held\n'
+    try:
+        assert fleet(arguments) == 2
+        assert capsys.readouterr().err == (
+            f'error: {out}: expected a folder of its own, got one that another flex_fleet is '
+            'writing to\n')
+        assert [item.name for item in out.iterdir()] == ['fleet.jsonl']
+    finally:
+        other.kill()
+        other.communicate()
+    # What is killed holds nothing, and neither does a journal that nobody uses any more.
+    for _ in range(2):
+        Journal(out).add(LogTask('a', '1', 'reference', ''), Row('a', '1'))
+
+
 def test_a_line_cut_short_by_a_kill_loses_only_itself(tmp_path: Path) -> None:
     journal = Journal(tmp_path / 'out')
     tasks = [LogTask('a', f'{k}.csv', 'reference', 'page') for k in range(3)]
@@ -255,7 +288,7 @@ def test_a_line_cut_short_by_a_kill_loses_only_itself(tmp_path: Path) -> None:
     with journal.file.open('a') as file:
         file.write(json.dumps(['0.1.0', tasks[1].key, {'arm': 'a'}])[:-9])
     journal.add(tasks[2], Row('a', '2.csv'))
-    rows = Journal(tmp_path / 'out').rows()
+    rows = journal.rows()
     assert set(rows) == {tasks[0].key, tasks[2].key}
     assert rows[tasks[0].key].causes == ('backlash:joint_1',)
 

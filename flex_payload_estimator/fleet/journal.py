@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+import fcntl
 import json
 import os
 from pathlib import Path
+from typing import IO
 
 from flex_payload_estimator.fleet.log_task import LogTask, Row
 from flex_plant_sim.tools.command_line import package_version
@@ -18,6 +20,9 @@ class Journal:
     """
     The rows of the finished logs, in a file of the output folder; a killed run leaves it usable.
 
+    Until it is closed, or its process ends, no other fleet gets the folder: two would remove each
+    other's files.
+
     Parameters
     ----------
     folder : Path
@@ -26,7 +31,8 @@ class Journal:
     Raises
     ------
     InputError
-        The folder is a file, holds other files than a fleet's, or cannot be written.
+        The folder is a file, holds other files than a fleet's, is in use by another fleet, or
+        cannot be written.
 
     """
 
@@ -39,9 +45,17 @@ class Journal:
                              'got one with other files')
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            self.file.touch()
+            self._held = self.file.open('a')
         except OSError as error:
             raise InputError(f'{folder}: expected a writable folder, got: {error}') from None
+        if not _locked(self._held):
+            self.close()
+            raise InputError(f'{folder}: expected a folder of its own, got one that another '
+                             'flex_fleet is writing to')
+
+    def close(self) -> None:
+        """Leave the folder to others."""
+        self._held.close()
 
     def rows(self) -> dict[str, Row]:
         """Return this version's rows by their task's key, without what is to be done again."""
@@ -80,3 +94,14 @@ class Journal:
         with self.file.open('rb') as file:
             file.seek(-1, os.SEEK_END)
             return file.read(1) == b'\n'
+
+
+def _locked(file: IO[str]) -> bool:
+    """Lock a file for this process, and return whether no other process has locked it."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        pass  # On a file system without locks a second fleet goes unnoticed.
+    return True

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from contextlib import nullcontext
+from contextlib import closing, nullcontext
 from dataclasses import replace
 from hashlib import sha256
 import os
@@ -113,12 +113,13 @@ def _main(arguments: argparse.Namespace) -> None:
         raise InputError('--workers: expected none with --scheduler, which has workers of its own')
     check_folder('--out', out, (), nested=True)
     tasks = tasks_of(arguments, out)
-    rows = run(tasks, Journal(out), arguments.scheduler,
-               arguments.workers or len(os.sched_getaffinity(0)))
-    write_csv(out / 'fleet.csv', rows)
-    written = ['fleet.csv']
-    written += ['fleet.parquet'] if write_parquet(out / 'fleet.parquet', rows) else []
-    written += ['fleet.html'] if write_page(out / 'fleet.html', rows) else []
+    with closing(Journal(out)) as journal:
+        rows = run(tasks, journal, arguments.scheduler,
+                   arguments.workers or len(os.sched_getaffinity(0)))
+        write_csv(out / 'fleet.csv', rows)
+        written = ['fleet.csv']
+        written += ['fleet.parquet'] if write_parquet(out / 'fleet.parquet', rows) else []
+        written += ['fleet.html'] if write_page(out / 'fleet.html', rows) else []
     failed = sum(bool(row.error) for row in rows)
     print(f'{len(rows)} logs of {len({row.arm for row in rows})} arms, {failed} with errors: '
           + ', '.join(str(out / name) for name in written))
