@@ -1,8 +1,8 @@
 """
 Writes files so that they appear whole or not at all.
 
-Every output of the tools goes through here. A mark in each file prevents that the tools replace a
-file that they did not write.
+Every output of the tools goes through here. Only an output with their mark is replaced by a later
+one; files that people go on editing, as robot files, have none.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ def whole_file(path: str | Path, folder: bool = False, known: bool = False) -> I
     """
     Yield a temporary path beside `path`, which is renamed to `path` if the block succeeds.
 
-    After an error or Ctrl-C nothing is left of it, and an earlier file at `path` is unchanged. The
-    block must write MARK, near the start or end of a file or in the SUMMARY of a folder, or the
-    output cannot be replaced later.
+    After an error or Ctrl-C nothing is left of it, and an earlier file at `path` is unchanged.
+    Where the block writes MARK, near the start or end of a file or in the SUMMARY of a folder, the
+    output may be replaced later; one that people edit gets no mark, so that nothing replaces it.
 
     Parameters
     ----------
