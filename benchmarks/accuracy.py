@@ -17,9 +17,8 @@ from functools import lru_cache, partial
 from flex_payload_estimator.estimators.factory import make_estimator
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.interval import Z95
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
-from matched import bound, Case, Record, record, TORQUE_NOISE, wilson, workers
+from matched import bound, Case, coverage, Record, record, TORQUE_NOISE, workers
 import numpy as np
 
 # Times at which errors are compared, s, without and with a burst; the burst's begin and end, s.
@@ -101,11 +100,8 @@ def report(name: str, found: Array, times: tuple[float, ...]) -> None:
           f'{"its interval":>16s}{"worst error/std":>17s}')
     for k, time in enumerate(times):
         ratio = np.sqrt(np.mean((error[:, k] / limit[:, k])**2))
-        inside = int(np.sum(np.abs(error[:, k]) < Z95 * std[:, k]))
-        low, high = wilson(inside, len(found))
         print(f'{time:6g}{ratio:10.3f}{1e3 * np.median(limit[:, k]):14.5f}'
-              f'{np.median(std[:, k] / limit[:, k]):9.3f}{100 * inside / len(found):8.1f}%'
-              f'{100 * low:8.1f} -{100 * high:5.1f}%'
+              f'{np.median(std[:, k] / limit[:, k]):9.3f}{coverage(error[:, k], std[:, k])}'
               f'{np.max(np.abs(error[:, k]) / std[:, k]):17.1f}', flush=True)
 
 

@@ -14,9 +14,8 @@ from flex_payload_estimator.estimators.factory import make_estimator
 from flex_plant_sim.arm.parts import drawn
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.interval import Z95
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
-from matched import Case, record, wilson, workers
+from matched import Case, coverage, record, workers
 import numpy as np
 
 TIMES_S = (1.0, 3.0, 10.0)
@@ -47,10 +46,7 @@ def run(seed: int, modes: int) -> Array:
 def report(found: Array) -> None:
     """Print the coverage; found is (runs, 2, times)."""
     for k, time in enumerate(TIMES_S):
-        inside = int(np.sum(np.abs(found[:, 0, k]) < Z95 * found[:, 1, k]))
-        low, high = wilson(inside, len(found))
-        print(f'{time:5g}{len(found):6d}{100 * inside / len(found):8.1f}%'
-              f'{100 * low:8.1f} -{100 * high:5.1f}%'
+        print(f'{time:5g}{len(found):6d}{coverage(found[:, 0, k], found[:, 1, k])}'
               f'{100 * np.sqrt(np.mean(found[:, 0, k]**2)):12.4f}'
               f'{100 * np.median(found[:, 1, k]):14.4f}', flush=True)
 

@@ -118,6 +118,13 @@ def wilson(hits: int, count: int) -> tuple[float, float]:
     return centre - half, centre + half
 
 
+def coverage(error: Array, std: Array) -> str:
+    """Return how many 95 % intervals hold the error, and the interval of that share, in %."""
+    inside = int(np.sum(np.abs(error) < Z95 * std))
+    low, high = wilson(inside, len(error))
+    return f'{100 * inside / len(error):8.1f}%{100 * low:8.1f} -{100 * high:5.1f}%'
+
+
 @contextmanager
 def workers(jobs: int) -> Iterator[Pool]:
     """Yield a pool of processes, each started afresh."""
