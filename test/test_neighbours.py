@@ -7,13 +7,18 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 from flex_plant_sim.diagnosis.causes import neighbours
+from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
 from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses
 from flex_plant_sim.diagnosis.causes.posterior import SetKey
+from flex_plant_sim.diagnosis.causes.proposal_step import probe_catalogue
 from flex_plant_sim.diagnosis.causes.search_state import SearchState
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
+from flex_plant_sim.diagnosis.record.data import Data
+from flex_plant_sim.effects import catalogue
+import numpy as np
 import pytest
-from simulated_records import effects, REFERENCE
+from simulated_records import effects, REFERENCE, simulated, SLOWEST
 from test_posterior import NOTHING
 
 NAMES = ('strain_filter:arm', 'loose_payload:arm', 'base_compliance:arm')
@@ -72,3 +77,18 @@ def test_an_effect_of_the_file_at_one_site_is_still_sought_at_others() -> None:
     labels = {h.label for h in SearchState(cast(Any, None), nominal, 1, (),
                                            lambda label, share: None).catalogue}
     assert 'coulomb_friction:joint_1' in labels and 'coulomb_friction:joint_2' not in labels
+
+
+def test_a_cause_that_is_far_from_its_null_is_refined_alone() -> None:
+    # A payload 0.3 m beyond the tip, of a link of 0.5 m: from its probes a fit has to go far.
+    asked = ('payload_offset', 'strain_gain')
+    others = [name for name in catalogue() if name not in asked]
+    far = effects('payload_offset:arm:offset_m=0.3')
+    data = Data.of([simulated(far, 22.0)], SLOWEST, REFERENCE.sample_time)
+    state = SearchState(data, BaseModel(REFERENCE), 1, others, lambda *told: None)
+    nothing = state.refine(CandidateSet((), (np.zeros(0),)), BaseModel(REFERENCE).discrepancy)
+    probe_catalogue(state, nothing)
+    neighbours.refine_each_alone(state, nothing)
+    # Gauges' gains do not replace the plant: fits around nothing are as good.
+    assert {tuple(key.labels) for key in state.refined} == {(), ('payload_offset:arm',)}
+    assert state.best.fit.values == pytest.approx([0.3], abs=0.01)

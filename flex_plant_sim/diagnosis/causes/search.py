@@ -22,7 +22,11 @@ from flex_plant_sim.diagnosis.causes.free_run_ranking import (
 from flex_plant_sim.diagnosis.causes.information import InformationProbe
 from flex_plant_sim.diagnosis.causes.look_alikes import FaultPlace, part_of, refined_look_alikes
 from flex_plant_sim.diagnosis.causes.neighbourhood import Neighbourhood
-from flex_plant_sim.diagnosis.causes.neighbours import fit_in_place_of_law, fit_neighbours
+from flex_plant_sim.diagnosis.causes.neighbours import (
+    fit_in_place_of_law,
+    fit_neighbours,
+    refine_each_alone,
+)
 from flex_plant_sim.diagnosis.causes.posterior import Posterior, SetKey
 from flex_plant_sim.diagnosis.causes.proposal import Proposal
 from flex_plant_sim.diagnosis.causes.proposal_step import probe_catalogue, proposals_beside
@@ -110,13 +114,16 @@ def _explored(state: SearchState, nothing: RefinedFit, best: RefinedFit
     """Fit the neighbours of the most probable set until they are known; return those of each."""
     found = {SetKey.of(nothing.fit): fit_neighbours(state, best)}
     named: set[SetKey] = set()
-    asked_where_parts_are = False
+    asked_where_parts_are = asked_alone = False
     while len(found) < MAX_CENTRES:
         refine_leading(state, best)
         try_laws(state, best)
         _name_laws(state, named)
         # A fit around another set may have been better than the refined one, which counts.
         best = state.best
+        if _has_many_causes(best.fit) and not asked_alone:
+            refine_each_alone(state, nothing)
+            best, asked_alone = state.best, True
         if SetKey.of(best.fit) == SetKey.of(nothing.fit) and not asked_where_parts_are:
             # Around the file's parts, causes make up for parts before they stand for themselves.
             found[SetKey.of(best.fit)] = fit_neighbours(state, best)
@@ -169,6 +176,11 @@ def _name_laws(state: SearchState, named: set[SetKey]) -> None:
         named.add(key)
         for law in best.fit.discrepancy.laws:
             attempt(partial(fit_in_place_of_law, state, best), law)
+
+
+def _has_many_causes(fit: Fit) -> bool:
+    """Tell whether a set has more causes than are ordinary at once."""
+    return len(fit.hypotheses) > ORDINARY_FAULTS
 
 
 def _is_complete(fit: Fit) -> bool:

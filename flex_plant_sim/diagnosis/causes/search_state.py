@@ -108,6 +108,15 @@ class SearchState:
                                               fit.error_scale), fits, self.jobs,
                     lambda share: self.progress('linearising the leading', 0.9))
 
+    def refine_to_the_end(self, candidates: Sequence[CandidateSet]) -> None:
+        """Refine sets in parallel, whatever they seem worth on the way, and keep the results."""
+        def refined(candidate: CandidateSet) -> RefinedFit:
+            return RefinedFit.refine(candidate, self.nominal, self.data)
+
+        for found in each(refined, candidates, self.jobs,
+                          lambda share: self.progress('one cause for all', 0.9)):
+            self._keep(found)
+
     def _refined(self, candidate: CandidateSet, discrepancy: DiscrepancyModel,
                  error_scale: Array | None) -> RefinedFit:
         base = replace(self.nominal, discrepancy=discrepancy)
