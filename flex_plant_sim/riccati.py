@@ -11,6 +11,9 @@ import numpy as np
 
 # 2^64 samples are longer than any experiment.
 DOUBLINGS = 64
+# Growth over the last doubling, as a share of its own size, at which a state has settled: growth
+# falls quadratically, so the next would be below rounding.
+SETTLED = 1e-12
 
 
 def settled_cost(e: Array, g: Array, h: Array) -> Array:
@@ -41,8 +44,9 @@ def settled_cost(e: Array, g: Array, h: Array) -> Array:
             e, g, h, growth = _doubled(e, g, h)
         if not np.isfinite(h).all():
             break
+        # What is nothing but rounding may be negative.
         grown, own = (np.diagonal(x, axis1=-2, axis2=-1) for x in (growth, h))
-        if np.all(np.abs(grown) <= np.finfo(float).eps * own):
+        if np.all(np.abs(grown) <= SETTLED * np.abs(own)):
             return h
     raise FloatingPointError('riccati: the iteration does not settle')
 

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
+from flex_plant_sim.diagnosis.prediction.predictor import Predictor
+from flex_plant_sim.diagnosis.record.sensor_noise import measurement_noise
+from flex_plant_sim.diagnosis.record.windows import Windows
 from flex_plant_sim.riccati import settled_cost
 import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
+from simulated_records import effects, REFERENCE, simulated, SLOWEST
 
 
 def test_each_of_many_systems_has_scipy_s_solution() -> None:
@@ -29,3 +34,13 @@ def test_one_that_never_settles_is_said(growth: float) -> None:
     e = np.array([np.diag([-0.5, -0.5]), np.diag([-0.5, growth])])
     with pytest.raises(FloatingPointError, match='does not settle'):
         settled_cost(e, np.diag([1.0, 0.0]), np.eye(2))
+
+
+def test_what_is_nothing_but_rounding_does_not_keep_a_system_from_settling() -> None:
+    # With a lag of a sample, the variance of what the lag hides ends at -8e-57.
+    record = simulated((), 22.0)
+    windows, _ = Windows.cut(record, SLOWEST, REFERENCE.sample_time)
+    predictor = Predictor(BaseModel(REFERENCE), windows, measurement_noise(record.output),
+                          for_comparison=True)
+    lagging = predictor.arm_with(effects('motor_lag:joint_1:time_constant_s=0.01'))
+    assert np.isfinite(predictor.steady_filter_of(lagging).gain).all()
