@@ -14,7 +14,7 @@ DEVIATIONS, SHARE = 4.0, 0.03
 
 
 class EventLog:
-    """The changes found so far; the last one's mass afterwards is kept up to date."""
+    """The changes found so far; the last one is kept up to date, or taken back."""
 
     def __init__(self) -> None:
         self.events: list[Event] = []
@@ -36,7 +36,7 @@ class EventLog:
 
         """
         if self._reported is not None and ongoing in (None, self._reported):
-            self.events[-1] = replace(self.events[-1], after=incumbent.mass)
+            self._bring_up_to_date(incumbent.mass, soft_mass)
         if reported is None or reported is self._reported:
             return
         change = incumbent.mass - reported.mass_before
@@ -46,6 +46,15 @@ class EventLog:
         self._reported = reported
         if not self.events or not self._continues(self.events[-1], reported, change):
             self.events.append(Event(reported.since, time, reported.mass_before, incumbent.mass))
+
+    def _bring_up_to_date(self, mass: float, soft_mass: float) -> None:
+        """Give the last change the payload of now, kg; take back one that changed nothing."""
+        last = self.events[-1]
+        if abs(mass - last.before) > SHARE * (last.before + soft_mass):
+            self.events[-1] = replace(last, after=mass)
+        else:
+            self.events.pop()
+            self._reported = None
 
     @staticmethod
     def _continues(last: Event, trial: Trial, change: float) -> bool:

@@ -28,11 +28,14 @@ def misfits(f: Filter, prior: Prior) -> tuple[float, float]:
 
 def payload_score(f: Filter) -> float:
     """
-    Return the score ratio of free parts.
+    Return the score ratio.
 
-    Before the first pass it says nothing: the payload moves because it is linearised elsewhere.
+    Before the first pass of free parts it says nothing: the payload moves because it is linearised
+    elsewhere.
     """
-    return score_ratio(f.statistics[SCORE], f.age) if f.mode.free_parts and f.passes > 0 else 1.0
+    if f.mode.free_parts and f.passes == 0:
+        return 1.0
+    return score_ratio(f.statistics[SCORE], f.age)
 
 
 def pooled_misfit(own: float, learnt_s: float, before: float, seen_s: float) -> float:
