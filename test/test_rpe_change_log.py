@@ -15,9 +15,14 @@ def filter_at(mass: float, deviation: float = 1e-4) -> Any:
     return SimpleNamespace(mass=mass, variance=deviation**2)
 
 
+def trial_of(mass_before: float) -> Any:
+    """Return what a log reads of a trial."""
+    return SimpleNamespace(since=3.0, mass_before=mass_before)
+
+
 def test_a_change_that_turns_out_to_be_none_is_taken_back() -> None:
     # An arm exactly as told, of another simulator, had "0.0801 -> 0.0799" in its list.
-    log, trial = EventLog(), SimpleNamespace(since=3.0, mass_before=0.08)
+    log, trial = EventLog(), trial_of(0.08)
     log.update(trial, trial, filter_at(0.07), 3.1, SOFT_MASS)
     assert [(e.before, e.after) for e in log.events] == [(0.08, 0.07)]
     log.update(trial, trial, filter_at(0.06), 3.2, SOFT_MASS)
@@ -31,7 +36,7 @@ def test_a_change_that_turns_out_to_be_none_is_taken_back() -> None:
 
 
 def test_a_change_stays_where_the_payload_gets_less_sure() -> None:
-    log, trial = EventLog(), SimpleNamespace(since=3.0, mass_before=0.08)
+    log, trial = EventLog(), trial_of(0.08)
     log.update(trial, trial, filter_at(0.04), 3.1, SOFT_MASS)
     log.update(None, None, filter_at(0.05, deviation=0.1), 9.0, SOFT_MASS)
     assert [(e.before, e.after) for e in log.events] == [(0.08, 0.05)]

@@ -41,7 +41,8 @@ def test_a_change_on_an_arm_with_a_soft_gear_is_told(
 
 
 @pytest.mark.parametrize(('mode', 'misfit', 'score', 'needed'), [
-    (EXACT, 1.0, 0.5, 1.0), (EXACT, 9.0, 3.0, 27.0), (ROUGH, 1.0, 0.1, 1.0), (ROUGH, 1.0, 5.0, 20.0),
+    (EXACT, 1.0, 0.5, 1.0), (EXACT, 9.0, 3.0, 27.0), (ROUGH, 1.0, 0.1, 1.0),
+    (ROUGH, 1.0, 5.0, 20.0),
     (COARSE, 1.0, 0.5, 2.0), (COARSE, 7.0, 0.1, 7.0), (COARSE, 7.0, 5.0, 140.0)])
 def test_what_a_change_needs_grows_with_what_the_model_was_wrong_by_before(
         mode: Mode, misfit: float, score: float, needed: float) -> None:
