@@ -169,7 +169,9 @@ KEY_GROUPS = (
             'Amplifier manual; logs hold strain, not volts.', ('2000',),
             default='1'),
         Key('angle_noise_rad', 'rad', 'Standard deviation of a joint angle at rest.',
-            'Log the arm at rest; for an encoder, its step divided by 3.5.', ('2.0e-4',)),
+            'Log the arm at rest; for an encoder, its step divided by 3.5, or its step where '
+            'readings repeat while the joint moves: such errors go with the motion.',
+            ('2.0e-4',)),
         Key('strain_noise', 'm/m', 'Standard deviation of a strain at rest.',
             'Log the arm at rest.', ('5.0e-7',)))),
 )
