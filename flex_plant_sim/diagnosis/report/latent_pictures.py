@@ -64,8 +64,8 @@ def _finding_text(finding: Finding) -> str:
         swings = f' It swings at {digits_text(line.frequency, 2)} Hz.' if line else ''
         return ('None of these explains half of it: behind it are several, an acceleration (as of '
                 f'a wrong mass), or something with a memory.{swings}')
-    return ('Beyond chance, no one variable explains more than half of it, or two explain nearly as '
-            'much of it.')
+    return ('Beyond chance, no one variable explains more than half of it, or two explain nearly '
+            'as much of it.')
 
 
 def _variable_text(variable: str) -> str:
