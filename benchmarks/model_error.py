@@ -102,11 +102,11 @@ def rows_of(record: Record) -> list[tuple[float, Array, Array]]:
 
 def fixed(record: Record, amplitude: float, stepper: FilterStep) -> list[tuple[float, float]]:
     """Return payload and variance, kg and kg^2, at TIMES_S."""
-    stepper.effects.reset()
+    stepper.effects.drive_input.reset()
     (_, first, _), *rows = rows_of(record)
     runner, found = FixedMode(stepper, amplitude, first), []
     for time, output, command in rows:
-        applied = stepper.effects.at_drive(command, time - stepper.step_time)
+        applied = stepper.effects.drive_input(command, time - stepper.step_time)
         runner.update(Sample(time, output, applied))
         if np.isclose(time, TIMES_S).any():
             found.append(stepper.published(runner.best))

@@ -1,7 +1,7 @@
 """
 Computes the command that a drive applies from the command sent: limit first, then the effects.
 
-The simulator and the predictors of the diagnosis both use it.
+The simulator, the predictors of the diagnosis and the estimator `rpe` use it.
 """
 
 from __future__ import annotations
@@ -25,6 +25,12 @@ class DriveInput:
     ----------
     arm : ExtendedArm
 
+    Attributes
+    ----------
+    past : tuple of Array
+        What each effect got before, (memory, 2), the oldest first. It is replaced, not written
+        to: whoever predicts in advance keeps it, and sets it where the prediction is undone.
+
     """
 
     def __init__(self, arm: ExtendedArm):
@@ -36,15 +42,16 @@ class DriveInput:
 
     def reset(self) -> None:
         """Set all past commands to zero."""
-        self._past = [np.zeros((effect.memory(self.step), 2)) for effect in self.effects]
+        self.past = tuple(np.zeros((effect.memory(self.step), 2)) for effect in self.effects)
 
     def __call__(self, command: Array, time: float) -> Array:
         """Return the commands applied, (2,), for commands (2,) sent at a time, s."""
         applied: Array = np.minimum(np.maximum(command, -self.limits), self.limits)
-        for k, effect in enumerate(self.effects):
-            sent, past = applied, self._past[k]
-            applied = effect.on_command(sent, past, time, self.step)
-            self._past[k] = np.vstack([past, sent])[1:]
+        kept = []
+        for effect, past in zip(self.effects, self.past):
+            sent, applied = applied, effect.on_command(applied, past, time, self.step)
+            kept.append(np.vstack([past, sent])[1:])
+        self.past = tuple(kept)
         return applied
 
     def of_record(self, commands: Array, time: Any) -> Array:

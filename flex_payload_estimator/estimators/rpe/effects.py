@@ -8,6 +8,7 @@ from flex_plant_sim.arm.schedule import chebyshev_nodes
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.effects.mechanics.kinematics import end_rotations
+from flex_plant_sim.simulation.drive_input import DriveInput
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 
@@ -27,26 +28,20 @@ class EffectStep:
     ----------
     moves : bool
         Whether an effect acts on the motion, by a force or a contact.
+    drive_input : DriveInput
+        From the commands sent to those that the drives apply.
     memory : int
         Number of past commands that effects need.
-    history : Array
-        These commands, the oldest first, (memory, 2).
 
     """
 
     def __init__(self, arm: ExtendedArm):
         self.arm = arm
-        self.limits = np.array([drive.command_limit for drive in arm.robot.drives])
-        self.limited = bool(np.isfinite(self.limits).any())
+        self.drive_input = DriveInput(arm)
         self.moves = arm.has_contact or any(
             type(effect).force is not Effect.force for effect in arm.effects)
         self.memory = max([e.memory(arm.robot.sample_time) for e in arm.effects], default=0)
         self._loaded: dict[float, ExtendedArm] = {}
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the past commands."""
-        self.history = np.zeros((self.memory, 2))
 
     def output_matrix(self) -> Array:
         """Return d(sensors)/dx about the straight arm at rest, (m, n)."""
@@ -57,16 +52,6 @@ class EffectStep:
         """Return the angles by which bending turns the links' ends over the state, (2, n)."""
         return np.pad(end_rotations(self.arm.form, self.arm.robot),
                       ((0, 0), (0, self.arm.states - self.arm.form.order)))
-
-    def at_drive(self, command: Array, time: float) -> Array:
-        """Return the command at the drives, (2,), for one that is sent, (2,), at a time, s."""
-        applied = np.clip(command, -self.limits, self.limits) if self.limited else command
-        for effect in self.arm.effects:
-            applied = effect.on_command(applied, self.history, time,
-                                        self.arm.robot.sample_time)
-        if self.memory:
-            self.history = np.vstack([self.history, command])[1:]
-        return applied
 
     def push(self, f: Filter, payload: float, before: Array, command: Array, time: float
              ) -> None:

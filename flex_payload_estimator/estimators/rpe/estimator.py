@@ -104,12 +104,12 @@ class RecursivePredictionError:
         self._competition.clear()
         self._start.clear()
         self._outliers.clear()
-        self.stepper.effects.reset()
+        self.stepper.effects.drive_input.reset()
         self._log = EventLog()
         self._incumbent: Filter | None = None
         self._excitation = Excitation(self.stepper)
         self._loads = self._excitation.loads
-        self._prediction: tuple[Array, Sample, Array] | None = None
+        self._prediction: tuple[Array, Sample, tuple[Array, ...]] | None = None
         self._unconcluded: Sample | None = None
         self._command, self._previous_command, self._time = np.zeros(2), np.zeros(2), math.nan
         mass, channels = 0.5 * self.stepper.heaviest, self._channels
@@ -190,11 +190,11 @@ class RecursivePredictionError:
         if math.isnan(self._time) or self._prediction \
                 or not is_reading(command, self._largest_command):
             return
-        history = self.stepper.effects.history
+        past = self.stepper.effects.drive_input.past
         sample = self._sample(self._time + self.arm.step_time, None, command)
         for f in self._filters():
             self.stepper.predict(f, sample, self._excitation.loads)
-        self._prediction = command, sample, history
+        self._prediction = command, sample, past
 
     def conclude(self) -> None:
         """
@@ -228,7 +228,7 @@ class RecursivePredictionError:
         return self._start.filters if self._incumbent is None else [self._incumbent]
 
     def _sample(self, time: float, output: Array | None, command: Array) -> Sample:
-        applied = self.stepper.effects.at_drive(command, time - self.arm.step_time)
+        applied = self.stepper.effects.drive_input(command, time - self.arm.step_time)
         return Sample(time, output, applied)
 
     def _begin(self, time: float, output: Array) -> Estimate:
@@ -306,12 +306,12 @@ class RecursivePredictionError:
         """Return the sample that `prepare` predicted if it is the present one; else undo that."""
         if self._prediction is None:
             return None
-        command, sample, history = self._prediction
+        command, sample, past = self._prediction
         self._prediction = None
         if command.tolist() == self._command.tolist() and \
                 round((time - self._time) / self.arm.step_time) <= 1:
             return sample
-        self.stepper.effects.history = history
+        self.stepper.effects.drive_input.past = past
         for f in self._filters():
             f.undo_prediction()
         return None
