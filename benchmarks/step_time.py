@@ -25,7 +25,7 @@ from flex_payload_estimator.control.set_points import square
 from flex_payload_estimator.estimators.factory import make_estimator
 from flex_payload_estimator.estimators.sf1.estimator import SF1Estimator
 from flex_payload_estimator.kalman.riccati import riccati_step
-from flex_payload_estimator.model.delta import DeltaOperator
+from flex_payload_estimator.model.delta import halvings_for, omega, TERMS
 from flex_payload_estimator.model.payload_model import payload_model
 from flex_payload_estimator.model.split import rates_at
 from flex_plant_sim.arm.robot_file import load_robot
@@ -61,7 +61,7 @@ def lq_step(modes: int) -> Callable[[], object]:
     model = payload_model(robot, 'paper_reduced', modes)
     controller = LQGController(robot, 'paper_reduced', modes, SETTINGS)
     a, b = model.matrices(math.cos(0.5), 0.1)
-    big = DeltaOperator(model.states, STEP, 15, model.halvings)(a)
+    big = omega(a, STEP, TERMS, halvings_for(model.radius, STEP, TERMS))
     a_bar, b_bar = big @ a, big @ b
     return lambda: riccati_step(a_bar, b_bar, controller.q_1, controller.q_2, controller.cost,
                                 STEP)

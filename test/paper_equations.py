@@ -1,15 +1,17 @@
-"""(4), (6) and (33) of the paper, term by term from the text: a second route to the arm model."""
+"""Equations of the paper, term by term from the text: a second route to arm and estimator."""
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from flex_plant_sim.arm.beam import Beam
 from flex_plant_sim.arm.drive import Drive
-from flex_plant_sim.arm.paper_model import Sign
+from flex_plant_sim.arm.paper_model import CompactModel, Sign
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 import numpy as np
+from scipy.linalg import expm
 
 
 class DriveConstants(NamedTuple):
@@ -88,3 +90,36 @@ def _lower(robot: Robot, modes: int, q: Array, payload: float, turn: float, push
     right = (-share * tip * (tip @ q[2]) + (beam.alpha - share * link.length * tip) * turn
              + (beam.beta - share * tip) * push)
     return _left(beam, link.damping_ratio, q) - right
+
+
+def split_15(robot: Robot, modes: int, theta_2: float, payload: float
+             ) -> tuple[Array, Array, Array, Array]:
+    """Return A^0, A^m, B^0 and B^m by (15) and (16), Lambda frozen at a payload, kg."""
+    form = CompactModel(robot, modes).at(theta_2)
+    lam, (m_20, m_2m), (m_50, m_5m) = form.lam(payload), form.m_2, form.m_5
+    f = 2 * modes
+    n = 2 + 2 * f
+    a_0, a_m, b_0, b_m = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, 2)), np.zeros((n, 2))
+    a_m[2 + f:, 2 + f:] = lam @ m_2m
+    b_m[2:2 + f] = lam @ m_5m
+    b_m[2 + f:] = lam @ m_2m @ lam @ m_50 + lam @ m_20 @ lam @ m_5m
+    a_0[:2, 2:2 + f], a_0[2:2 + f, 2 + f:] = form.m_6, np.eye(f)
+    a_0[2 + f:, 2:2 + f], a_0[2 + f:, 2 + f:] = lam @ form.m_1, lam @ m_20
+    # (15) prints Lambda M_5 in the second block of B^0; for (13) it has to be Lambda M_5^0.
+    b_0[:2], b_0[2:2 + f] = form.m_7, lam @ m_50
+    b_0[2 + f:] = (lam @ m_20 @ lam @ m_50 + payload**2 * lam @ m_2m @ lam @ m_5m
+                   + lam @ form.m_4)
+    return a_0, a_m, b_0, b_m
+
+
+def omega_19(a: Array, step: float, terms: int) -> Array:
+    """Return Omega by the n' terms of (19), (n, n), for T, s."""
+    return sum((np.linalg.matrix_power(a * step, i) / math.factorial(i + 1)
+                for i in range(1, terms + 1)), np.eye(len(a)))
+
+
+def omega_exact(a: Array, step: float) -> Array:
+    """Return the limit of (19), the mean of e^{At} over T, s, by an exponential, (n, n)."""
+    n = len(a)
+    wide = np.block([[a, np.eye(n)], [np.zeros((n, 2 * n))]])
+    return expm(wide * step)[:n, n:] / step

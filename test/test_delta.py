@@ -11,12 +11,14 @@ from flex_payload_estimator.model.delta import (
     halvings_for,
     omega,
     shift_round_trip,
+    TERMS,
 )
 from flex_payload_estimator.model.payload_model import payload_model
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 from msg_config.errors import InputError
 import numpy as np
+from paper_equations import omega_19, omega_exact
 import pytest
 from scipy.linalg import expm
 
@@ -24,9 +26,9 @@ STEP = 0.01
 
 
 def arm_matrices(modes: int) -> tuple[Array, Array, int]:
-    """Return A and B of the reference arm at theta_2 = 0.5 rad, 0.1 kg, and its halvings."""
+    """Return A and B of the reference arm at theta_2 = 0.5 rad, 0.1 kg, and its halvings of T."""
     model = payload_model(load_robot('reference'), 'paper_reduced', modes)
-    return *model.matrices(math.cos(0.5), 0.1), model.halvings
+    return *model.matrices(math.cos(0.5), 0.1), halvings_for(model.radius, STEP, TERMS)
 
 
 def exact_a_bar(a: Array, step: float, terms: int = 24) -> Array:
@@ -63,9 +65,8 @@ def test_omega_b_is_the_zero_order_hold() -> None:
 @pytest.mark.parametrize('terms', range(1, 20))
 def test_the_blocks_sum_the_printed_series(terms: int) -> None:
     a = np.array([[0.0, 1.0], [-4.0, -0.3]])
-    printed = sum(np.linalg.matrix_power(a * STEP, i) / math.factorial(i + 1)
-                  for i in range(terms + 1))
-    np.testing.assert_allclose(omega(a, STEP, terms), printed, rtol=1e-14, atol=1e-16)
+    np.testing.assert_allclose(omega(a, STEP, terms), omega_19(a, STEP, terms),
+                               rtol=1e-14, atol=1e-16)
 
 
 def test_the_delta_model_tends_to_the_continuous_one_with_first_order() -> None:
@@ -104,7 +105,18 @@ def test_halvings_bound_the_first_term_left_out() -> None:
         left_out = [(size / 2.0**h)**16 / math.factorial(17) for h in (halvings, halvings - 1)]
         assert left_out[0] <= 1e-12
         assert halvings == 0 or left_out[1] > 1e-12
-    assert halvings_for(0.0, STEP) == 0
+    assert halvings_for(0.0, STEP, 15) == 0
+
+
+@pytest.mark.parametrize('modes', [2, 6])
+@pytest.mark.parametrize('terms', [1, 2, 3, 5, 15, 30])
+def test_halving_makes_up_for_any_number_of_terms(terms: int, modes: int) -> None:
+    model = payload_model(load_robot('reference'), 'paper_reduced', modes)
+    for cosine in (-1.0, 0.3, 1.0):
+        a, _ = model.matrices(cosine, 0.1)
+        found = omega(a, STEP, terms, halvings_for(model.radius, STEP, terms))
+        wanted = omega_exact(a, STEP)
+        np.testing.assert_allclose(found, wanted, rtol=0.0, atol=1e-11 * np.abs(wanted).max())
 
 
 def test_the_figure_s_numbers_show_the_cross_over() -> None:

@@ -39,15 +39,13 @@ def by_hand(commands: Array, texts: tuple[str, ...]) -> Array:
     samples = np.arange(-1.0, len(commands))
     for text in texts:
         name, site, value = text.split(':')
-        joints = [0, 1] if site == 'arm' else [int(site[-1]) - 1]
         size = float(value.partition('=')[2])
-        for joint in joints:
+        for joint in [0, 1] if site == 'arm' else [int(site[-1]) - 1]:
             one = np.append(0.0, applied[:, joint])
-            applied[:, joint] = {
-                'input_delay': lambda: np.interp(samples - size / STEP, samples, one),
-                'actuator_gain': lambda: size * one,
-                'actuator_dead_zone': lambda: np.sign(one) * np.maximum(np.abs(one) - size, 0.0),
-            }[name]()[1:]
+            made = {'input_delay': np.interp(samples - size / STEP, samples, one),
+                    'actuator_gain': size * one,
+                    'actuator_dead_zone': np.sign(one) * np.maximum(np.abs(one) - size, 0.0)}
+            applied[:, joint] = made[name][1:]
     return applied
 
 

@@ -7,7 +7,7 @@ import math
 
 from flex_payload_estimator.kalman.predictor import KalmanPredictor
 from flex_payload_estimator.kalman.riccati import riccati_step, settled
-from flex_payload_estimator.model.delta import delta_model
+from flex_payload_estimator.model.delta import delta_model, halvings_for, TERMS
 from flex_payload_estimator.model.payload_model import payload_model
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
@@ -22,7 +22,7 @@ R_1, R_2 = 1e-4 * np.eye(10), 1e-4 * np.eye(6)
 
 def delta(step: float = STEP, cosine: float = math.cos(0.5)) -> tuple[Array, Array]:
     """Return A-bar and B-bar of the reference arm with 0.1 kg."""
-    return delta_model(*MODEL.matrices(cosine, 0.1), step, halvings=MODEL.halvings)
+    return delta_model(*MODEL.matrices(cosine, 0.1), step, halvings_for(MODEL.radius, step, TERMS))
 
 
 def update(predictor: KalmanPredictor, a_bar: Array) -> Array:
@@ -60,7 +60,8 @@ def test_the_iteration_settles_at_scipy_s_solution() -> None:
 @pytest.mark.parametrize('step', [1e-5, 1e-4, 1e-3, 1e-2, 0.1])
 def test_the_controller_s_settled_gain_is_scipy_s(step: float) -> None:
     model = payload_model(replace(ROBOT, sample_time=step), 'paper_reduced', 2)
-    a_bar, b_bar = delta_model(*model.matrices(1.0, 0.1), step, halvings=model.halvings)
+    a_bar, b_bar = delta_model(*model.matrices(1.0, 0.1), step,
+                               halvings_for(model.radius, step, TERMS))
     q_1 = model.output[:2].T @ model.output[:2] + np.outer(model.end_point, model.end_point)
     q_2 = 0.005 * np.eye(2)
     gain, cost = settled(a_bar, b_bar, q_1, q_2, step)

@@ -13,6 +13,7 @@ from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.simulator import Noise, Simulator
 from msg_config.errors import InputError
 import numpy as np
+from paper_equations import omega_exact
 import pytest
 from scipy.linalg import solve_discrete_are
 
@@ -64,6 +65,21 @@ def test_the_iterated_gain_settles_at_the_optimal_one() -> None:
     s = solve_discrete_are(f, g, q_1, 0.005 * np.eye(2))
     optimal = np.linalg.solve(0.005 * np.eye(2) + g.T @ s @ g, g.T @ s @ f)
     np.testing.assert_allclose(controller.gain, optimal, atol=1e-6 * np.abs(optimal).max())
+
+
+@pytest.mark.parametrize('modes', [2, 6])
+@pytest.mark.parametrize('terms', [1, 3, 5, 15])
+def test_fewer_terms_leave_the_sampled_model_exact(terms: int, modes: int) -> None:
+    settings = replace(PAPER, mass_0=0.1, terms=terms)
+    controller = LQGController(ROBOT, 'paper_reduced', modes, settings)
+    controller.command(0.0, np.array([0.2, -0.5, 0.0, 0.0, 0.0, 0.0]), np.zeros(2), 0.1,
+                       np.zeros(2))
+    *found, cosine = controller.transition
+    a, b = controller.model.matrices(math.cos(-0.5), 0.1)
+    big = omega_exact(a, controller.step)
+    assert cosine == math.cos(-0.5)
+    for part, wanted in zip(found, (big @ a, big @ b)):
+        np.testing.assert_allclose(part, wanted, rtol=0.0, atol=1e-11 * np.abs(wanted).max())
 
 
 def test_the_gain_follows_the_payload_only_if_told_to() -> None:

@@ -9,7 +9,7 @@ import math
 from flex_payload_estimator.estimators.base import Estimate
 from flex_payload_estimator.estimators.factory import make_estimator
 from flex_payload_estimator.estimators.sf1.adaptation import sf1_step
-from flex_payload_estimator.estimators.sf1.composite import CompositeMeasurement, regression
+from flex_payload_estimator.estimators.sf1.composite import CompositeMeasurement
 from flex_payload_estimator.estimators.sf1.estimator import SF1Estimator
 from flex_payload_estimator.estimators.sf1.joint import at_start
 from flex_payload_estimator.estimators.sf1.regression import (
@@ -19,14 +19,13 @@ from flex_payload_estimator.estimators.sf1.regression import (
     update_lag,
 )
 from flex_payload_estimator.estimators.sf1.settings import Pace, PAPER_SETTINGS
-from flex_payload_estimator.model.delta import omega
 from flex_payload_estimator.model.payload_model import payload_model
-from flex_payload_estimator.model.split import rates_at
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.simulator import simulate, Simulator
 import numpy as np
+from paper_equations import omega_19, omega_exact, split_15
 import pytest
 
 ROBOT = load_robot('reference')
@@ -260,8 +259,12 @@ def test_the_end_point_is_the_slope_of_the_bent_forearm() -> None:
     assert found == pytest.approx(theta.sum() + sum(ends), abs=1e-5)
 
 
-def test_the_prediction_is_25() -> None:
-    estimator = SF1Estimator(ROBOT, 'paper_reduced', 2, replace(PAPER_SETTINGS, exact=True))
+@pytest.mark.parametrize('terms', [1, 3, 5, 15])
+@pytest.mark.parametrize('exact', [True, False])
+def test_the_prediction_is_25(terms: int, exact: bool) -> None:
+    """With the limit of (19) where the step is halved; as printed with its n' terms."""
+    estimator = SF1Estimator(ROBOT, 'paper_reduced', 2,
+                             replace(PAPER_SETTINGS, exact=exact, terms=terms))
     random = np.random.default_rng(3)
     scale = estimator.model.scale
     first, second = random.standard_normal((2, 6)) * 0.1 / scale
@@ -271,22 +274,19 @@ def test_the_prediction_is_25() -> None:
     estimator.known = estimator.known._replace(mass=0.12)
     estimator.track = estimator.track._replace(state=x)
     u, step, c = np.array([0.4, -0.7]), 0.01, estimator.model.output
-    cosine, zero = math.cos(first[1]), np.zeros(10)
-    a, b = estimator.model.matrices(cosine, 0.12)
-    a_m = rates_at(cosine, estimator.model.tables, 0.12, 0.12, zero, u, True)[1]
-    b_m = np.stack([rates_at(cosine, estimator.model.tables, 0.12, 0.12, zero, column, True)[2][1]
-                    for column in np.eye(2)], axis=1)
-    big = omega(a, step, 15, estimator.halvings)
-    a_0, a_m, b_0, b_m = (big @ part for part in (a - 0.12 * a_m, a_m, b - 0.12 * b_m, b_m))
+    split = split_15(ROBOT, 2, first[1], 0.12)
+    a = split[0] + 0.12 * split[1]
+    big = omega_exact(a, step) if exact else omega_19(a, step, terms)
+    a_0, a_m, b_0, b_m = (big @ part for part in split)
     p = estimator.track.covariance
     s = c @ p @ c.T + 1e-4 * np.eye(6)
     gain = (np.eye(10) + step * big @ a) @ p @ c.T @ np.linalg.inv(s) / step
     x_0 = (np.eye(10) + step * a_0 - step * gain @ c) @ x + step * b_0 @ u \
         + step * gain @ (scale * first)
     x_m = step * a_m @ x + step * b_m @ u
-    y = estimator.composite.weights @ (scale * second)
-    psi, phi = regression(estimator.composite.row, y, x_0, x_m)
-    theta, p_1 = printed_sf1(psi, phi, 0.12, 2.0)
+    composite = estimator.composite
+    psi = composite.weights @ (scale * second) - composite.row @ x_0
+    theta, p_1 = printed_sf1(psi, composite.row @ x_m, 0.12, 2.0)
     estimate = estimator.update(step, second, u)
     np.testing.assert_allclose(estimator.track.state, x_0 + 0.12 * x_m, atol=1e-11)
     assert estimate.mass == pytest.approx(min(max(theta, 0.0), 2.0), abs=1e-10)

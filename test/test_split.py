@@ -13,6 +13,7 @@ from flex_plant_sim.arm.state_space import state_space
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from msg_config.errors import InputError
 import numpy as np
+from paper_equations import split_15
 import pytest
 
 ROBOT = load_robot('reference')
@@ -51,20 +52,10 @@ def test_the_rates_are_a_x_and_b_u(modes: int, as_printed: bool) -> None:
 
 
 def test_the_printed_split_is_15_and_16() -> None:
-    form = CompactModel(ROBOT, 2).at(0.7)
-    a_m, b_m = split(payload_model(ROBOT, 'paper_reduced', 2), MASS, MASS, True)[:2]
-    lam, (m_20, m_2m), (m_50, m_5m) = form.lam(MASS), form.m_2, form.m_5
-    a, b = form.state_space(MASS)
-    wanted_a, wanted_b, a_0, b_0 = (np.zeros_like(x) for x in (a, b, a, b))
-    wanted_a[6:, 6:] = lam @ m_2m
-    wanted_b[2:6], wanted_b[6:] = lam @ m_5m, lam @ m_2m @ lam @ m_50 + lam @ m_20 @ lam @ m_5m
-    a_0[:2, 2:6], a_0[2:6, 6:] = form.m_6, np.eye(4)
-    a_0[6:, 2:6], a_0[6:, 6:] = lam @ form.m_1, lam @ m_20
-    # (15) prints Lambda M_5 in the second block of B^0; for (13) it has to be Lambda M_5^0.
-    b_0[:2], b_0[2:6] = form.m_7, lam @ m_50
-    b_0[6:] = lam @ m_20 @ lam @ m_50 + MASS**2 * lam @ m_2m @ lam @ m_5m + lam @ form.m_4
-    for found, wanted in zip((a_m, b_m, a - MASS * a_m, b - MASS * b_m),
-                             (wanted_a, wanted_b, a_0, b_0)):
+    model = payload_model(ROBOT, 'paper_reduced', 2)
+    (a, b), (a_m, b_m) = model.matrices(COSINE, MASS), split(model, MASS, MASS, True)[:2]
+    for found, wanted in zip((a - MASS * a_m, a_m, b - MASS * b_m, b_m),
+                             split_15(ROBOT, 2, 0.7, MASS)):
         np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12 * np.abs(a).max())
 
 

@@ -10,7 +10,7 @@ from flex_payload_estimator.control.safeguards import BelievedPayload
 from flex_payload_estimator.estimators.base import is_finite, largest_payload
 from flex_payload_estimator.kalman.predictor import KalmanPredictor
 from flex_payload_estimator.kalman.riccati import riccati_step, settled
-from flex_payload_estimator.model.delta import DeltaOperator, series
+from flex_payload_estimator.model.delta import DeltaOperator, halvings_for, series, TERMS
 from flex_payload_estimator.model.payload_model import payload_model
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
@@ -64,7 +64,7 @@ class LQGSettings:
     q_2: float = 0.005
     r_1: float = 1e-4
     r_2: float = 1e-4
-    terms: int = 15
+    terms: int = TERMS
     integrator: bool
     command_limit: float
 
@@ -113,7 +113,8 @@ class LQGController:
                                        np.zeros((len(self.model.output), extra))])
         self.kalman = KalmanPredictor(self._output_rows, settings.r_1 * np.eye(n + extra),
                                       settings.r_2 * np.eye(len(self.model.output)), self.step)
-        self._omega = DeltaOperator(n, self.step, settings.terms, self.model.halvings)
+        halvings = halvings_for(self.model.radius, self.step, settings.terms)
+        self._omega = DeltaOperator(n, self.step, settings.terms, halvings)
         self._start = self._settled_design()
         self.reset()
         for _ in range(2):

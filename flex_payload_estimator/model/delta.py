@@ -20,6 +20,8 @@ import numpy as np
 BLOCK = 4
 # Largest first term of (19) that may be left out of Omega, dimensionless.
 TRUNCATION = 1e-12
+# n' of (19) in (30), and wherever none is given.
+TERMS = 15
 
 
 @lru_cache(maxsize=32)
@@ -30,7 +32,7 @@ def _coefficients(terms: int) -> Array:
     return np.array(values).reshape(-1, BLOCK)
 
 
-def omega(a: Array, step: float, terms: int = 15, halvings: int = 0) -> Array:
+def omega(a: Array, step: float, terms: int, halvings: int = 0) -> Array:
     """
     Return Omega = I + sum_{i=1}^{n'} (A h)^i / (i+1)!, (19), doubled from h up to T.
 
@@ -134,7 +136,7 @@ def series(a: Array, substep: float, coefficients: Array, powers: Array, fourth:
     return result
 
 
-def halvings_for(spectral_radius: float, step: float, terms: int = 15) -> int:
+def halvings_for(spectral_radius: float, step: float, terms: int) -> int:
     """
     Return how often to halve T so that the first term left out of (19) is below 1e-12.
 
@@ -149,8 +151,8 @@ def halvings_for(spectral_radius: float, step: float, terms: int = 15) -> int:
 
 
 def delta_model(a: Array, b: Array, step: float, halvings: int = 0) -> tuple[Array, Array]:
-    """Return A-bar = Omega A (n, n) and B-bar = Omega B (n, m), (20), (21)."""
-    factor = omega(a, step, halvings=halvings)
+    """Return A-bar = Omega A (n, n), B-bar = Omega B (n, m), (20), (21), by TERMS terms."""
+    factor = omega(a, step, TERMS, halvings)
     return factor.dot(a), factor.dot(b)
 
 
@@ -181,7 +183,7 @@ def digits_over_step(a: Array, steps: Array, spectral_radius: float) -> tuple[Ar
     delta, shift = [], []
     for step in steps:
         exact = np.diagonal(_a_bar_extended(a, float(step), spectral_radius))
-        halvings = halvings_for(spectral_radius, float(step))
+        halvings = halvings_for(spectral_radius, float(step), TERMS)
         scale = float(np.max(np.abs(exact)))
         a_bar, _ = delta_model(a, a, float(step), halvings=halvings)
         back = shift_round_trip(a, float(step), halvings=halvings)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from flex_payload_estimator.model.delta import halvings_for
 from flex_payload_estimator.model.tabulated import (
     compact_state,
     CompactTerms,
@@ -47,8 +46,8 @@ class PayloadModel(Protocol):
     spread : Array
         Relative size of the states under a static load, (n,). Where there are fewer gauges than
         modes, the modes share a gauge's signal in this proportion.
-    halvings : int
-        How often (19) halves T for full accuracy.
+    radius : float
+        Largest spectral radius of A over cos(theta_2), 1/s: `halvings_for` halves T by it.
     tables : tuple of Array
         The tabulated model that `split.rates_at` evaluates.
 
@@ -60,7 +59,7 @@ class PayloadModel(Protocol):
     output: Array
     end_point: Array
     scale: Array
-    halvings: int
+    radius: float
 
     def matrices(self, cosine: float, mass: float) -> tuple[Array, Array]:
         """Return A (n, n) and B (n, 2) at cos(theta_2) and m_p, kg."""
@@ -110,7 +109,7 @@ class ReducedModel:
         self.scale, output = _output(robot, compact.form)
         self.output = np.hstack([output, np.zeros((len(output), 2 * modes))])
         self.end_point = np.concatenate([end_point_row(rows), np.zeros(2 * modes)])
-        self.halvings = _halvings(self, robot.sample_time)
+        self.radius = _radius(self)
 
     def _term_row(self, compact: CompactModel, cosine: float) -> Array:
         """Return the terms that depend on cos(theta_2) in one row."""
@@ -140,7 +139,7 @@ class SecondOrderModel:
         self.scale, output = _output(robot, form)
         self.output = np.hstack([output, np.zeros_like(output)])
         self.end_point = np.concatenate([end_point_row(rows), np.zeros(order)])
-        self.halvings = _halvings(self, robot.sample_time)
+        self.radius = _radius(self)
 
     def matrices(self, cosine: float, mass: float) -> tuple[Array, Array]:
         """Return A and B at cos(theta_2) and m_p, kg."""
@@ -171,12 +170,11 @@ def _static_spread(shapes: tuple[Shapes, Shapes]) -> Array:
     return np.concatenate([np.ones(2), *ratios])
 
 
-def _halvings(model: ReducedModel | SecondOrderModel, step: float) -> int:
+def _radius(model: ReducedModel | SecondOrderModel) -> float:
     """
-    Return how often (19) halves T for the fastest mode over cos(theta_2).
+    Return the spectral radius of A, 1/s, at its largest over cos(theta_2).
 
-    That mode is taken without payload, which only slows it down.
+    That is without payload, which only slows the fastest mode down.
     """
-    radius = max(float(np.max(np.abs(np.linalg.eigvals(
-        model.matrices(c, 0.0)[0])))) for c in (-1.0, 0.0, 1.0))
-    return halvings_for(radius, step)
+    return max(float(np.max(np.abs(np.linalg.eigvals(model.matrices(c, 0.0)[0]))))
+               for c in (-1.0, 0.0, 1.0))

@@ -37,7 +37,7 @@ from flex_payload_estimator.estimators.sf1.settings import (
 )
 from flex_payload_estimator.kalman.predictor import INITIAL_VARIANCE
 from flex_payload_estimator.kalman.riccati import settled
-from flex_payload_estimator.model.delta import delta_model, DeltaOperator, halvings_for
+from flex_payload_estimator.model.delta import delta_model, DeltaOperator, halvings_for, TERMS
 from flex_payload_estimator.model.payload_model import payload_model
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
@@ -84,12 +84,12 @@ class SF1Estimator:
         self.robot, self.settings, self.step = robot, settings, robot.sample_time
         self.model = payload_model(robot, model, modes)
         self.pace = Pace.of(self.step, settings.regression)
-        self.halvings = self.model.halvings if settings.exact else 0
         self.composite = CompositeMeasurement.end_point(self.model)
         self._resolvent = settings.regression == 'resolvent'
         self._columns = np.ascontiguousarray(self.model.output.T)
-        self._room = DeltaOperator(self.model.states, self.step, settings.terms,
-                                   self.halvings).room
+        terms, radius = settings.terms, self.model.radius
+        halvings = halvings_for(radius, self.step, terms) if settings.exact else 0
+        self._room = DeltaOperator(self.model.states, self.step, terms, halvings).room
         sensors = np.full(len(self.model.scale), robot.strain_noise)
         sensors[:2] = robot.angle_noise
         self._sensors = np.square(self.model.scale * sensors)
@@ -128,8 +128,8 @@ class SF1Estimator:
         if not self._resolvent:
             return 1.0
         a, b = self.model.matrices(1.0, 0.0)
-        radius = float(np.max(np.abs(np.linalg.eigvals(a))))
-        a_bar, _ = delta_model(a, b, PAPER_STEP, halvings=halvings_for(radius, PAPER_STEP))
+        a_bar, _ = delta_model(a, b, PAPER_STEP,
+                               halvings_for(self.model.radius, PAPER_STEP, TERMS))
         r_1, r_2 = self.settings.r_1, self.settings.r_2
         _, p = settled(a_bar.T, self._columns, r_1 / PAPER_STEP * np.eye(len(a)),
                        r_2 * PAPER_STEP * np.eye(len(self.model.scale)), PAPER_STEP)

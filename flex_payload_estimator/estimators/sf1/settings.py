@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
+from flex_payload_estimator.model.delta import TERMS
 from flex_plant_sim.arm.robot import Robot
 from msg_config.errors import InputError
 
@@ -78,7 +79,7 @@ class SF1EstimatorSettings:
     regression: Regression = 'resolvent'
     r_1: float = 1e-4
     r_2: float = 1e-4
-    terms: int = 15
+    terms: int = TERMS
     exact: bool = True
     payload_max: float | None = None
     sf1: SF1Settings = field(default_factory=SF1Settings)
