@@ -6,7 +6,9 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from flex_payload_estimator.nodes.node_setup import controller_of
+from flex_payload_estimator.model.payload_model import payload_model
+from flex_payload_estimator.nodes.node_setup import controller_of, estimator_of, set_points_of
+from flex_payload_estimator.tools import estimate
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.effects import catalogue, sites
 from flex_plant_sim.simulation.plant_setup import simulator_of
@@ -23,6 +25,7 @@ effects:
   - {name: coulomb_friction, site: joint_2, level_n_m: 0.3}
   - {name: input_delay, site: arm, delay_s: 0.02}
   - {name: link_stiffness, site: link_2, factor: 0.8}
+  - {name: payload_mass, site: arm, deviation_kg: 0.05}
 """
 SAMPLES = 121
 COMMANDS = np.random.default_rng(0).uniform(-1.0, 1.0, (12, 2)).repeat(10, axis=0)
@@ -30,7 +33,7 @@ COMMANDS = np.random.default_rng(0).uniform(-1.0, 1.0, (12, 2)).repeat(10, axis=
 
 @pytest.fixture
 def extended(tmp_path: Path) -> str:
-    """Return the reference robot's file with three effects."""
+    """Return the reference robot's file with effects."""
     text = (resources.files('flex_plant_sim') / 'robots' / 'reference.yaml').read_text()
     (tmp_path / 'extended.yaml').write_text(text + FOUND)
     return str(tmp_path / 'extended.yaml')
@@ -46,7 +49,7 @@ def outputs(**values: Any) -> np.ndarray:
 def test_effects_of_the_file_and_of_the_parameters_are_the_same(extended: str) -> None:
     by_parameter = outputs(effects=[
         'coulomb_friction:joint_2:level_n_m=0.3', 'input_delay:arm:delay_s=0.02',
-        'link_stiffness:link_2:factor=0.8'])
+        'link_stiffness:link_2:factor=0.8', 'payload_mass:arm:deviation_kg=0.05'])
     np.testing.assert_array_equal(outputs(robot=extended), by_parameter)
     difference = np.abs(by_parameter - outputs()).max(axis=0)
     assert difference[0] > 1e-3
@@ -73,20 +76,46 @@ def test_plant_sim_starts_with_every_effect(identifier: str) -> None:
     assert np.all(np.isfinite(outputs(effects=[text])[:5]))
 
 
-def test_the_controller_takes_the_parameters_that_were_found(extended: str) -> None:
-    values = {'model': 'assumed_modes', 'modes': 2}
-    nominal = controller_of(check_parameters('lqg_controller', values))
-    found = controller_of(check_parameters('lqg_controller', {**values, 'robot': extended}))
-    stiffness = [np.linalg.eigvals(c.model.matrices(1.0, 0.0)[0]).imag.max()
-                 for c in (nominal, found)]
-    assert stiffness[1] < 0.99 * stiffness[0]
+def model_of(user: str, robot: str) -> tuple[Any, float]:
+    """Return an estimator's or the controller's model, and its largest payload, kg."""
+    values = {'robot': robot, 'model': 'paper_reduced', 'modes': 2}
+    if user == 'lqg_controller':
+        controller = controller_of(check_parameters(user, values))
+        return controller.model, controller.mass_max
+    table = check_parameters('payload_estimator', {**values, 'estimator': user})
+    estimator: Any = estimator_of(table)
+    return estimator.model, estimator.payload_max
+
+
+@pytest.mark.parametrize('user', ['sf1', 'sf1_paper', 'lqg_controller'])
+def test_a_linear_model_takes_the_parameters_that_were_found(user: str, extended: str) -> None:
+    robot = load_robot('reference')
+    softer = robot.with_link(1, youngs_modulus=0.8 * robot.links[1].youngs_modulus)
+    (found, largest), (plain, told) = model_of(user, extended), model_of(user, 'reference')
+    for cosine in (-0.4, 1.0):
+        a, wanted = (model.matrices(cosine, 0.1)[0]
+                     for model in (found, payload_model(softer, 'paper_reduced', 2)))
+        np.testing.assert_allclose(a, wanted, rtol=0.0, atol=1e-12 * np.abs(wanted).max())
+        assert np.abs(a - plain.matrices(cosine, 0.1)[0]).max() > 0.01 * np.abs(a).max()
+    assert largest == told, 'the payload that the file says is what is looked for'
+
+
+def test_what_a_linear_model_leaves_out_is_said(
+        extended: str, shared_data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    told = '; of the robot file it leaves out coulomb_friction:joint_2, input_delay:arm'
+    log = str(shared_data / 'bench' / 'case_8009d8b8.csv')
+    for robot, estimator, said in ((extended, 'sf1', told), (extended, 'rpe', ''),
+                                   ('reference', 'sf1', '')):
+        arguments = ['--robot', robot, '--estimator', estimator, '--modes', '2']
+        assert estimate.main([log, *arguments]) == 0
+        line = capsys.readouterr().out.splitlines()[0]
+        assert line.partition(';')[1] + line.partition(';')[2] == said
 
 
 @pytest.mark.ros
 def test_the_loop_runs_with_an_extended_robot_as_offline(loop: RosLoop, extended: str) -> None:
     from flex_payload_estimator.control.loop import run_loop
     from flex_payload_estimator.nodes.lqg_controller_node import LQGControllerNode
-    from flex_payload_estimator.nodes.node_setup import estimator_of, set_points_of
     from flex_payload_estimator.nodes.payload_estimator_node import PayloadEstimatorNode
     from flex_plant_sim.nodes.plant_sim_node import PlantSim
 

@@ -14,21 +14,22 @@ from flex_payload_estimator.estimators.sf1.settings import (
     PAPER_SETTINGS,
     SF1EstimatorSettings,
 )
+from flex_payload_estimator.model.linear_robot import left_out, linear_robot
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.effects import effects_of
 from flex_plant_sim.effects.structure.coriolis_centripetal import CoriolisCentripetal
-from flex_plant_sim.simulation.nominal import has_coriolis, WITH_CORIOLIS
+from flex_plant_sim.simulation.nominal import has_coriolis, model_words, WITH_CORIOLIS
 from msg_config.errors import InputError
 
 Builder = Callable[..., PayloadEstimator]
 
 
 def _sf1_paper(robot: Robot, model: str, modes: int, **changes: Any) -> PayloadEstimator:
-    return SF1Estimator(robot, model, modes, replace(PAPER_SETTINGS, **changes))
+    return SF1Estimator(linear_robot(robot), model, modes, replace(PAPER_SETTINGS, **changes))
 
 
 def _sf1(robot: Robot, model: str, modes: int, **changes: Any) -> PayloadEstimator:
-    return SF1Estimator(robot, model, modes, SF1EstimatorSettings(**changes))
+    return SF1Estimator(linear_robot(robot), model, modes, SF1EstimatorSettings(**changes))
 
 
 def _rpe(robot: Robot, model: str, modes: int, **changes: Any) -> PayloadEstimator:
@@ -52,6 +53,12 @@ def coriolis_of(name: str, robot: Robot, model: str) -> bool | None:
     return has_coriolis(effects) if named else None
 
 
+def described(name: str, robot: Robot, model: str, modes: int) -> str:
+    """Return a line on an estimator's model, and what that leaves out of the robot file."""
+    words = model_words(robot.name, model, modes, coriolis_of(name, robot, model))
+    return words + (left_out(robot) if name != 'rpe' else '')
+
+
 def make_estimator(name: str, robot: Robot, model: str, modes: int,
                    **changes: Any) -> PayloadEstimator:
     """
@@ -63,7 +70,7 @@ def make_estimator(name: str, robot: Robot, model: str, modes: int,
         'sf1_paper': as printed; 'sf1': resolvent split, normalised; 'rpe': recursive
         prediction error.
     robot : Robot
-        The arm.
+        The arm; SF1 takes of its effects those that change parameters.
     model : str
         'paper_reduced', 'paper' or 'assumed_modes'.
     modes : int

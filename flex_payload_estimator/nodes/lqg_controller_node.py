@@ -15,6 +15,7 @@ from flex_payload_estimator.control.arm_watch import ArmWatch
 from flex_payload_estimator.control.safeguards import CommandLimiter
 from flex_payload_estimator.control.set_points import constant, SetPoints
 from flex_payload_estimator.control.trajectory import Trajectory
+from flex_payload_estimator.model.linear_robot import left_out
 from flex_payload_estimator.nodes.node_setup import (
     announced_controller,
     check_square,
@@ -113,8 +114,8 @@ class LQGControllerNode(SampleNode):
     def install(self, built: Any) -> None:
         """Take over the robot and controller that `build` returned."""
         robot, self.controller = built
-        self.get_logger().info('designed for ' + model_words(
-            robot.name, self.values['model'], self.values['modes'], coriolis=False))
+        words = model_words(robot.name, self.values['model'], self.values['modes'], coriolis=False)
+        self.get_logger().info(f'designed for {words}{left_out(robot)}')
         self.take_robot(robot)
         self.watch = ArmWatch(robot, self.controller, self.values['command_limit'])
         if self.watch.unwatched:

@@ -12,9 +12,9 @@ from flex_payload_estimator.estimators.factory import make_estimator
 from flex_payload_estimator.estimators.rpe.compiled_step import step_packed
 from flex_payload_estimator.estimators.sf1.settings import SF1Settings
 from flex_payload_estimator.kalman.predictor import predicted
+from flex_payload_estimator.model.linear_robot import linear_robot
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.compiled import say_if_compiling
-from flex_plant_sim.effects import effects_of
 from flex_plant_sim.simulation.plant_setup import robot_of
 from msg_config.errors import InputError
 
@@ -63,7 +63,7 @@ def controller_of(values: Mapping[str, Any]) -> LQGController:
         mass_max=values['payload_max'] or None, q_2=values['q_2'],
         r_1=values['r_1'], r_2=values['r_2'], terms=values['n_prime'],
         integrator=values['integrator'], command_limit=values['command_limit'])
-    return LQGController(_as_built(robot), values['model'], values['modes'], settings)
+    return LQGController(linear_robot(robot), values['model'], values['modes'], settings)
 
 
 def announced_estimator(values: Mapping[str, Any]) -> PayloadEstimator:
@@ -76,13 +76,6 @@ def announced_controller(values: Mapping[str, Any]) -> LQGController:
     """Return the controller; say on stderr before if it is about to be compiled."""
     say_if_compiling(controlled)
     return controller_of(values)
-
-
-def _as_built(robot: Robot) -> Robot:
-    """Return the robot with its parameters changed as the effects in its file say."""
-    for effect in effects_of(robot):
-        robot = effect.on_robot(robot)
-    return robot
 
 
 def check_square(values: Mapping[str, Any], robot: Robot) -> None:

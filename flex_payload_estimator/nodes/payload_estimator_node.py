@@ -13,14 +13,13 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from flex_payload_estimator.estimators.base import Estimate
-from flex_payload_estimator.estimators.factory import coriolis_of
+from flex_payload_estimator.estimators.factory import described
 from flex_payload_estimator.nodes.measured_shape import MeasuredShape
 from flex_payload_estimator.nodes.model_health import HealthReport, ModelHealth
 from flex_payload_estimator.nodes.node_setup import announced_estimator
 from flex_payload_estimator.nodes.sample_node import Sample, SampleNode
 from flex_plant_sim.inputs.gate import refuse_command
 from flex_plant_sim.nodes.arm_markers import arm_markers
-from flex_plant_sim.simulation.nominal import model_words
 from flex_plant_sim.simulation.plant_setup import robot_of
 from msg_config.contract_node import DIAGNOSTICS_INTERVAL, MARKER_INTERVAL
 from msg_config.errors import InputError
@@ -77,9 +76,9 @@ class PayloadEstimatorNode(SampleNode):
     def install(self, built: Any) -> None:
         """Take over the robot and estimator that `build` returned."""
         robot, self.estimator = built
-        name, model = self.values['estimator'], self.values['model']
-        self.get_logger().info(f'{name} with ' + model_words(
-            robot.name, model, self.values['modes'], coriolis_of(name, robot, model)))
+        name = self.values['estimator']
+        self.get_logger().info(f'{name} with ' + described(
+            name, robot, self.values['model'], self.values['modes']))
         self.shape = MeasuredShape.of(robot)
         self.take_robot(robot)
         self.health = ModelHealth(self.channels, robot.sample_time)

@@ -9,7 +9,7 @@ import sys
 from typing import Any
 
 from flex_payload_estimator.estimators.base import Event, PayloadEstimator
-from flex_payload_estimator.estimators.factory import coriolis_of, make_estimator
+from flex_payload_estimator.estimators.factory import coriolis_of, described, make_estimator
 from flex_payload_estimator.estimators.rpe import compiled_step
 from flex_payload_estimator.tools.words import decimals_of, with_uncertainty
 from flex_plant_sim.arm.robot import Robot
@@ -18,7 +18,6 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import say_if_compiling
 from flex_plant_sim.interval import Z95
 from flex_plant_sim.logs.log import Log
-from flex_plant_sim.simulation.nominal import model_words
 from flex_plant_sim.tools import command_line
 from flex_plant_sim.tools.log_input import read_log_aloud
 from flex_plant_sim.tools.outputs import check_outputs, results
@@ -186,9 +185,8 @@ def _estimate(arguments: Sequence[str] | None) -> None:
 
 def _write(options: argparse.Namespace, robot: Robot, write: Callable[..., Any]) -> None:
     """Estimate over each log, print its table, and write JSON where asked."""
-    forces = coriolis_of(options.estimator, robot, options.model)
-    write(print, f'{options.estimator}: '
-          f'{model_words(robot.name, options.model, options.modes, forces)}')
+    words = described(options.estimator, robot, options.model, options.modes)
+    write(print, f'{options.estimator}: {words}')
     found: list[Estimates] = []
     for path in options.log:
         one = write(estimate_file, path, robot, options.estimator, options.model, options.modes,
@@ -196,6 +194,7 @@ def _write(options: argparse.Namespace, robot: Robot, write: Callable[..., Any])
         if one is not None:
             found.append(one)
             write(print, one.table())
+    forces = coriolis_of(options.estimator, robot, options.model)
     settings = {'robot': robot.name, 'estimator': options.estimator, 'model': options.model,
                 'modes': options.modes, 'coriolis': 'estimated' if forces is None else forces}
     if options.json and found:

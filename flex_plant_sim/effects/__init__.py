@@ -6,7 +6,7 @@ Effects extend the arm model to the plant; the diagnosis proposes them as causes
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 import importlib
 import pkgutil
@@ -141,6 +141,13 @@ def effects_of(robot: Robot) -> tuple[Effect, ...]:
         return tuple(build(spec, robot) for spec in robot.effects)
     except InputError as error:
         raise InputError(f'{robot.source}: {error}') from None
+
+
+def as_built(robot: Robot, effects: Sequence[Effect]) -> Robot:
+    """Return the robot with its parameters changed as effects say, one after the other."""
+    for effect in effects:
+        robot = effect.on_robot(robot)
+    return robot
 
 
 def explanation_at(effect: type[Effect], site: str) -> str:

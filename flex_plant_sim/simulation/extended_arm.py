@@ -17,6 +17,7 @@ from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.schedule import chebyshev_nodes, NODES, Schedule
 from flex_plant_sim.arm.second_order import Array, SecondOrderForm
 from flex_plant_sim.arm.state_space import state_space, StateSpace, zero_order_hold
+from flex_plant_sim.effects import as_built
 from flex_plant_sim.effects.base import Effect, FRICTION, GAP, Motion
 from msg_config.errors import InputError
 import numpy as np
@@ -59,16 +60,14 @@ class ExtendedArm:
         if model not in MODELS:
             raise InputError(f'model: expected one of {", ".join(MODELS)}, got {model!r}')
         mass = robot.payload_mass if payload is None else payload
-        self.robot = replace(robot, payload_mass=mass)
         delays = [effect.late(robot) for effect in effects if in_step]
         none_late: NDArray[np.intp] = np.zeros(len(robot.output_names), dtype=np.intp)
         self.late = sum((late for late, _ in delays), none_late)
-        # Effects that replace the model come first, then those that need past raw commands.
+        # Effects that replace the model come first, then those that need past commands.
         effects = sorted([e for _, e in delays] or effects,
                          key=lambda e: (not e.reshapes, -e.memory(robot.sample_time)))
         self.model_name, self.effects = model, tuple(effects)
-        for effect in effects:
-            self.robot = effect.on_robot(self.robot)
+        self.robot = as_built(replace(robot, payload_mass=mass), effects)
         self.payload = self.robot.payload_mass
         self.modes = max([modes, *(effect.modes for effect in effects)])
         self.form: SecondOrderForm = MODELS[model](self.robot, self.modes)

@@ -9,7 +9,7 @@ from typing import Any
 from flex_plant_sim.arm.file_section import PLAUSIBLE
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.robot_file import load_robot
-from flex_plant_sim.effects import build, parse
+from flex_plant_sim.effects import as_built, build, parse
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.nominal import nominal_effects
 from flex_plant_sim.simulation.payload_profile import PayloadProfile
@@ -58,10 +58,7 @@ def simulator_of(values: Mapping[str, Any]) -> Simulator:
 
 def _carried(told: float, arm: ExtendedArm) -> float:
     """Return the payload that an arm carries where it is told another one, kg."""
-    robot = replace(arm.robot, payload_mass=told)
-    for effect in arm.effects:
-        robot = effect.on_robot(robot)
-    return robot.payload_mass
+    return as_built(replace(arm.robot, payload_mass=told), arm.effects).payload_mass
 
 
 def _parameter(values: Mapping[str, Any], name: str, own: float) -> float:
