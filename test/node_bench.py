@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any, TYPE_CHECKING
 
+from msg_config.parameters import Parameter
+
 if TYPE_CHECKING:
     from ros_loop import RosLoop
 
@@ -12,6 +14,23 @@ ESTIMATOR: dict[str, Any] = {**PAPER, 'estimator': 'sf1_paper'}
 GAUGES = ('strain_1a', 'strain_1b', 'strain_2a', 'strain_2b')
 JOINTS = ('joint_1', 'joint_2')
 STEP = 10_000_000
+
+
+def another(row: Parameter, now: Any) -> Any:
+    """Return a good value of a parameter that differs from the present one."""
+    if row.choices:
+        return next(choice for choice in row.choices if choice != now)
+    if row.type == 'bool':
+        return not now
+    if row.type == 'string':
+        return 'stiff'
+    if row.type.endswith('_array'):
+        return {'payload_schedule': [0.05, 0.2],
+                'effects': ['coulomb_friction:joint_2:level=0.4']}[row.name]
+    assert row.maximum is not None and row.minimum is not None, row
+    now = max(now, row.minimum)
+    between = 0.5 * (now + min(row.maximum, 2.0 * now + 1.0))
+    return round(between + 0.5) if row.type == 'int' else between
 
 
 class Bench:

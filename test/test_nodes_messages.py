@@ -14,6 +14,7 @@ from flex_plant_sim.simulation.simulator import Noise, Simulator
 from node_bench import Bench, GAUGES, JOINTS, STEP
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 if TYPE_CHECKING:
     from ros_loop import RosLoop
@@ -172,17 +173,20 @@ def test_a_late_subscriber_gets_the_last_payload(loop: RosLoop) -> None:
 
 
 def test_diagnostics_name_the_estimate_and_the_model(loop: RosLoop) -> None:
-    bench = Bench(loop, 'estimator')
+    """An arm at rest, with the noise of its file: the model holds, and diagnostics say so."""
+    bench, robot = Bench(loop, 'estimator', r_1=1e-10), load_robot('reference')
     random = np.random.default_rng(0)
     for k in range(450):
-        bench.sample(k, 1e-2 * random.standard_normal(2), 1e-4 * random.standard_normal(4))
+        bench.sample(k, robot.angle_noise * random.standard_normal(2),
+                     robot.strain_noise * random.standard_normal(4))
         loop.until(partial(bench.answers.stamps.__contains__, k * STEP))
     loop.until(lambda: bench.status('model') is not None
                and any('nis' in value.key for value in bench.status('model').values))
     values = {value.key: value.value for value in bench.status('model').values}
     for name in (*JOINTS, *GAUGES):
-        assert float(values[f'{name} nis']) >= 0.0
-        assert float(values[f'{name} whiteness']) >= 0.0
+        nis = float(values[f'{name} nis'])
+        assert chi2.ppf(1e-7, 400) < 400 * nis < chi2.isf(1e-7, 400)
+        assert chi2.ppf(1e-7, 10) < 10 * float(values[f'{name} whiteness']) < chi2.isf(1e-7, 10)
     assert {value.key for value in bench.status('estimate').values} >= {
         'status', 'mass kg', 'standard deviation kg'}
 
