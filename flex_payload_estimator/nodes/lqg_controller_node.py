@@ -164,8 +164,8 @@ class LQGControllerNode(SampleNode):
             return self._control(sample, math.nan)
         if self._waiting is not None and self._waiting.stamp != sample.stamp:
             # Answer it late rather than never: the predictor must not miss a step.
-            waiting, self._waiting, self.payloads.late = self._waiting, None, True
-            self._control(waiting, self.payloads.last)
+            waiting, self._waiting = self._waiting, None
+            self._control(waiting, self.payloads.overtaken())
         if sample.stamp not in self.payloads.early and not self.payloads.late:
             self._waiting = sample
             return None

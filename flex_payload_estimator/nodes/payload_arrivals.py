@@ -45,6 +45,15 @@ class PayloadArrivals:
         if len(self.early) > MOST:
             del self.early[min(self.early)]
 
+    def overtaken(self) -> float:
+        """
+        Return the last payload, kg, for a sample that the next one has overtaken.
+
+        From then on samples do not wait, and payloads in time are counted anew.
+        """
+        self.late, self._in_time = True, 0
+        return self.last
+
     def take(self, stamp: int, now: float) -> float:
         """Return the payload for a sample at a stamp, ns, or the last one, kg; `now` in s."""
         if stamp in self.early:
