@@ -12,7 +12,7 @@ incumbent comes from start.py.
 | a walking payload | the same mode, a constant payload | trial 'constant' | to_constant_payload |
 | `exact`, `rough` | the next mode with more freedom | trial 'mode' | to_more_freedom |
 | `coarse` | `rough`, begun anew | trial 'mode' | from_coarse_to_rough |
-| `rough`, `coarse` | `exact` | window pass | to_exact |
+| `rough` | `exact` | window pass | to_exact |
 | any | the same, linearised about what it found | window pass | gauss_newton_pass |
 | `rough` | the same, linearised about its estimate | at once | relinearisation_due |
 
@@ -20,8 +20,9 @@ A walking payload and a model with more freedom explain the same misfit. Either 
 any time, so its log-likelihood ratio counts from when it was best to begin (Page's cumulative
 sum, Biometrika 41, 1954). A change of the payload must be the better explanation of the same
 samples, and a model must be wrong for a while. No mode is left for good: what a model was wrong
-about may be over, so that `rough` beside `coarse` knows nothing of before its trial. A walk is
-compared linearised as the incumbent is: see restarts.with_payload_walk.
+about may be over, so that `rough` beside `coarse` knows nothing of before its trial. From `coarse`
+to `exact` the way is by `rough`. A walk is compared linearised as the incumbent is: see
+restarts.with_payload_walk.
 """
 
 from __future__ import annotations
