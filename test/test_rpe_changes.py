@@ -85,7 +85,7 @@ def test_a_reading_that_is_none_is_rejected_and_the_estimate_kept(
     else:
         time = value
     found = estimator.update(time + 0.01, output, command)
-    assert found.status == 'input_rejected' and estimator.rejected == 1
+    assert found.status == 'input_rejected'
     assert (found.mass, found.variance) == (last.mass, last.variance)
     assert estimator.update(2.02, np.r_[run.states[-1][:2], np.zeros(4)],
                             run.commands[-1]).status != 'input_rejected'
@@ -97,7 +97,6 @@ def test_the_first_samples_may_be_none_at_all() -> None:
         found = estimator.update(0.01 * k, np.full(6, np.nan), np.full(2, np.nan))
         assert found.status == 'input_rejected'
         assert np.isfinite([found.mass, found.variance]).all()
-    assert estimator.rejected == 3
     assert estimator.update(0.03, np.zeros(6), np.zeros(2)).status == 'not_excited'
 
 

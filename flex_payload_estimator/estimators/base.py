@@ -67,15 +67,7 @@ class PayloadEstimator(Protocol):
     Estimates the payload from (y_t, u_{t-1}); it keeps its state and is updated once a sample.
 
     Nodes and tools call nothing else.
-
-    Attributes
-    ----------
-    rejected : int
-        Number of samples that could not be used.
-
     """
-
-    rejected: int
 
     @property
     def events(self) -> Sequence[Event]:

@@ -59,8 +59,6 @@ class RecursivePredictionError:
 
     Attributes
     ----------
-    rejected : int
-        Number of samples that were no measurement.
     stepper : FilterStep
     arm : ExtendedArm
         The model, with the robot file's effects.
@@ -96,7 +94,6 @@ class RecursivePredictionError:
     def reset(self) -> None:
         """Forget everything."""
         self._first = FirstSample(self.stepper.told_variance)
-        self.rejected = 0
         self._forget()
 
     def _forget(self) -> None:
@@ -345,5 +342,4 @@ class RecursivePredictionError:
         return self._last
 
     def _reject(self, time: float) -> Estimate:
-        self.rejected += 1
         return self._last._replace(time=time, status='input_rejected')

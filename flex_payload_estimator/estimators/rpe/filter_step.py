@@ -99,7 +99,6 @@ class FilterStep:
         # Of what the published payload averages over, without and with free parts.
         self._averaged_std = biases, prior.std[FIRST_BIAS:][:biases.size + DISTURBANCES].copy()
         self.told_variance, self._torque_variance = noise_std**2, torque**2
-        self._told: list[float] = self.told_variance.tolist()
         self.output = np.ascontiguousarray(effects.output_matrix())
         self._bend, self._moved_mass = effects.bend_rows(), effects.arm.robot.moved_mass
         self.lineariser, self.step_time = lineariser, effects.arm.step_time

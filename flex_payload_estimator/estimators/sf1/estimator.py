@@ -138,7 +138,6 @@ class SF1Estimator:
 
     def reset(self) -> None:
         """Go back to the start: forget state and payload."""
-        self.rejected = 0
         given = self.settings.sf1
         self.known = SF1State(given.mass_0, given.p_0, given.variance_0, 1.0, 0.0, 1.0, 1.0,
                               1.0)
@@ -320,7 +319,6 @@ class SF1Estimator:
 
     def _reject(self, time: float) -> Estimate:
         """Pass over a sample that says nothing."""
-        self.rejected += 1
         self._predict_alone()
         self._last = self._last._replace(time=time, status='input_rejected')
         return self._last
