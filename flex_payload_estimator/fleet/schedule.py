@@ -8,7 +8,7 @@ from typing import Any
 
 from flex_payload_estimator.fleet.log_task import diagnose_and_weigh, LogTask, Row
 from flex_plant_sim.quiet_signals import held_back
-from msg_config.errors import InputError
+from msg_config.errors import InputError, LONGEST
 
 # How often a log is tried again after its worker died; Dask's own default.
 RETRIES = 3
@@ -79,6 +79,6 @@ def completed_rows(client: Any, tasks: Sequence[LogTask]) -> Iterator[tuple[LogT
         task = task_of.pop(future.key)
         error = future.exception()
         yield task, future.result() if error is None else Row(
-            task.arm, task.log, error=f'worker: {" ".join(str(error).split())}'[:300],
+            task.arm, task.log, error=f'worker: {" ".join(str(error).split())}'[:LONGEST],
             again=True)
         hand_out(1)

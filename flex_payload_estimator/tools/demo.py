@@ -27,6 +27,7 @@ from flex_payload_estimator.tools.experiment import (
     Experiment,
     largest_bend_percent,
     PLANT_MODES,
+    RPE_MODES,
 )
 from flex_payload_estimator.tools.side_by_side import (
     draw_runs,
@@ -279,7 +280,7 @@ def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
     """Return the parsed options."""
     options = command_line.parser(
         'An arm in closed loop over ROS 2 topics, and three estimators of its payload.')
-    command_line.add_arm_arguments(options, modes=5)
+    command_line.add_arm_arguments(options, modes=RPE_MODES)
     options.add_argument('--estimator', default='rpe', help='payload estimator in the loop',
                          choices=load_parameters()['payload_estimator']['estimator'].choices)
     options.add_argument('--duration', default=10.0, type=_time, metavar='S',

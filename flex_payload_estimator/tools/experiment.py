@@ -25,6 +25,8 @@ import numpy as np
 # Modes per link of the plant: more than any estimator has, so that the plant is no estimator's own
 # model.
 PLANT_MODES = 8
+# Modes per link of `rpe` and the controller: in a loop that feeds noise back three are too few.
+RPE_MODES = 5
 # Amplitude of the square set-points, rad: the forearm's tip then bends by a few percent of its
 # length.
 AMPLITUDE = 0.05

@@ -12,6 +12,7 @@ from pathlib import Path
 import sys
 
 from flex_payload_estimator.colours import BLUE, GREEN, ORANGE, VIOLET
+from flex_payload_estimator.model.delta import digits_over_step
 from flex_plant_sim.arm.beam import Beam, frequency_roots
 from flex_plant_sim.arm.paper_model import CompactModel
 from flex_plant_sim.arm.robot_file import load_robot
@@ -73,8 +74,6 @@ def figure_18(figure: Figure) -> None:
 
 def figure_delta(figure: Figure) -> None:
     """Draw the relative error of A-bar in delta and in shift form over the sampling time."""
-    # Only this figure needs the estimator's package.
-    from flex_payload_estimator.model.delta import digits_over_step
     robot = load_robot('reference')
     a, _ = CompactModel(robot, 2).at(0.5).state_space(robot.payload_mass)
     steps = np.logspace(-8, -1, 29)

@@ -10,6 +10,7 @@ from flex_payload_estimator.colours import BLUE, GREY
 from flex_payload_estimator.control.loop import LoopRecord
 from flex_payload_estimator.estimators.factory import make_estimator
 from flex_payload_estimator.tools.estimate import TIMES
+from flex_payload_estimator.tools.experiment import RPE_MODES
 from flex_payload_estimator.tools.words import with_uncertainty
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
@@ -53,7 +54,7 @@ def run_estimators(record: LoopRecord, robot: Robot, chosen: Mapping[str, tuple[
     """
     Return the estimates of all three estimators on the samples of a record.
 
-    `rpe` has five modes per link, SF1 as many as there are gauges on a link; `sf1_paper` has the
+    `rpe` has RPE_MODES per link, SF1 as many as there are gauges on a link; `sf1_paper` has the
     paper's reduced model.
 
     Parameters
@@ -68,7 +69,7 @@ def run_estimators(record: LoopRecord, robot: Robot, chosen: Mapping[str, tuple[
     """
     gauges = min(len(link.gauge_positions) for link in robot.links)
     usual = {'sf1_paper': ('paper_reduced', gauges), 'sf1': ('assumed_modes', gauges),
-             'rpe': ('assumed_modes', 5)}
+             'rpe': ('assumed_modes', RPE_MODES)}
     return [_run(record, robot, name, *chosen.get(name, usual[name])) for name in DESCRIPTIONS]
 
 
