@@ -39,23 +39,23 @@ from scipy.stats import binomtest, wilcoxon
 PACKAGE = 'flex_payload_estimator.estimators.rpe'
 CONSTANTS = {
     'likelihood': ('MEMORY_S', 'MEMORY_SAMPLES', 'LARGEST_READING', 'PRIOR_READINGS',
-                   'NOISE_RATIO', 'POOR_FIT', 'FALSE_ALARM_S'),
+                   'NOISE_RATIO', 'POOR_FIT', 'FIRST_SAMPLES', 'FALSE_ALARM_S'),
     'score': ('CORRELATION_S', 'PRIOR_S', 'BENDING_SHARE'),
-    'transitions': ('CHANGE_FACTOR', 'MODES_OPEN_S', 'FREER_MODE_S', 'TRIAL_S'),
-    'competition': ('WALK_S', 'WINDOW_S', 'CONSTANT_S', 'SAME_CHANGE_S'),
+    'transitions': ('CHANGE_FACTOR', 'MODES_OPEN_S', 'FREER_MODE_S', 'TRIAL_S', 'AGAIN_RATIO'),
+    'competition': ('WALK_S', 'RANGE_DEVIATIONS', 'WINDOW_S', 'CONSTANT_S', 'SAME_CHANGE_S'),
     'trial': ('SETTLING_S',),
-    'start': ('SAME_LINEARISATION', 'GIVE_UP_NATS', 'RECENT_S'),
-    'restarts': ('RESTART_PAYLOAD_STD', 'RESTART_STATE_STD', 'PASSES'),
+    'start': ('SAME_LINEARISATION', 'SAME_SHARE', 'GIVE_UP_NATS', 'RECENT_S'),
+    'restarts': ('RESTART_PAYLOAD_STD', 'RESTART_STATE_STD', 'RESTART_DEVIATIONS', 'PASSES'),
     'window_pass': ('SAMPLES_PER_STEP', 'FIRST_PASS_S'),
     'outliers': ('RELOCATED_SAMPLES', 'LOST_STATE_NATS'),
     'filter_step': ('PERSISTENT_ERROR', 'PAYLOAD_CELLS'),
-    'estimator': ('STAMP_SHARE', 'REST_DRIFT', 'SUSPECT_FACTOR'),
+    'estimator': ('STAMP_SHARE', 'REST_DRIFT', 'SUSPECT_FACTOR', 'LONGEST_GAP_S'),
     'events': ('DEVIATIONS', 'SHARE'),
     'excitation': ('EXCITED_STD', 'EXCITED_S'),
     'first_sample': ('LEAP',),
     'prior': ('SHARE_STD', 'BIAS_STD', 'FARTHEST'),
     'far_part': ('FAR_ODDS',),
-    'sensors': ('LOAD_MEMORY_S',),
+    'sensors': ('LOAD_MEMORY_S', 'START_BEND', 'START_ANGLE', 'START_SPEED'),
     'schedule': ('SOFT_SHARE',)}
 FACTORS = (0.5, 2.0)
 FIRST_SEED = 31000

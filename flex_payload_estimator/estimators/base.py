@@ -10,7 +10,8 @@ from typing import NamedTuple, Protocol
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 
-# A gap longer than this, s, loses the state.
+# A gap longer than this, s, loses the state. Chosen: a moment is predicted across by the last
+# command, but within a second an arm may be stopped, moved or held.
 LONGEST_GAP_S = 1.0
 
 

@@ -31,8 +31,9 @@ from flex_payload_estimator.estimators.rpe.window_pass import (
 )
 import numpy as np
 
-# A walking payload may be anywhere on its range after this, s.
-WALK_S = 1.0
+# A walking payload may be anywhere on its range after this, s. Of a Gaussian 95 % are within a
+# range of so many standard deviations.
+WALK_S, RANGE_DEVIATIONS = 1.0, 4.0
 # Length of the sample window at least, s.
 WINDOW_S = 10.0
 # A payload counts as constant after CONSTANT_S, s. Where the next change comes within
@@ -63,7 +64,7 @@ class ModeCompetition:
 
     def __init__(self, stepper: FilterStep):
         self.stepper, self._threshold = stepper, false_alarm_threshold(stepper.step_time)
-        self.walk = stepper.heaviest / math.sqrt(WALK_S) / 4.0
+        self.walk = stepper.heaviest / math.sqrt(WALK_S) / RANGE_DEVIATIONS
         self._told_noise = np.ones(stepper.told_variance.size)
         self.window = SampleWindow(round(WINDOW_S / stepper.step_time))
         self.clear()

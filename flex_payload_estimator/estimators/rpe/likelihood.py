@@ -25,6 +25,9 @@ NOISE_RATIO = 4.0
 # memory tells as much as 99 samples, so this is four of the standard deviations that two angles
 # have by chance, (1 / 99)^(1/2).
 POOR_FIT = 1.4
+# A filter's mean square begins at 1, which counts for so many samples: chosen, so that none of the
+# first ones alone decides whether it is above POOR_FIT.
+FIRST_SAMPLES = 10.0
 # Where the sums of the payload's score are among the statistics.
 SCORE = slice(-9, -3)
 # Smallest scale and reduced chi-square, where innovations are zero and these have no logarithm.
@@ -114,7 +117,7 @@ def update_statistics(statistics: Array, innovation: Array, before: Array, varia
         fit = min(max(statistics[place], SMALLEST_CHI_SQUARE), 1.0)
         minus_twice_log += count * (square / fit + np.log(fit))
         minus_twice_stated += count * square
-        statistics[place] += max(1.0 / (samples + 10.0), 1.0 / memory) \
+        statistics[place] += max(1.0 / (samples + FIRST_SAMPLES), 1.0 / memory) \
             * (square - statistics[place])
         drop = statistics[channels + 3 * kind:channels + 3 * kind + 3]
         _update_noise(

@@ -25,6 +25,9 @@ import numpy as np
 # Least standard deviation of the payload at a restart, as a share of (m + soft mass), and of the
 # state that it adds, as a share of that at the very start.
 RESTART_PAYLOAD_STD, RESTART_STATE_STD = 0.3, 0.01
+# And of the payload in standard deviations of the filter before, which may be surer than right:
+# chosen.
+RESTART_DEVIATIONS = 3.0
 # Gauss-Newton passes over the sample window, see window_pass.py.
 PASSES = 3
 
@@ -96,7 +99,7 @@ def restarted(f: Filter, mode: Mode, state_std: float, stepper: FilterStep) -> F
 
     """
     prior = stepper.prior_of(mode)
-    std = max(3.0 * math.sqrt(f.variance), RESTART_PAYLOAD_STD * (
+    std = max(RESTART_DEVIATIONS * math.sqrt(f.variance), RESTART_PAYLOAD_STD * (
         f.mass + stepper.schedule.soft_mass))
     beta = prior.mean.copy()
     beta[MASS] = f.beta[MASS]

@@ -12,6 +12,10 @@ from scipy.sparse.csgraph import connected_components
 
 # Memory of the loads, s: about a period of the arm.
 LOAD_MEMORY_S = 0.3
+# Standard deviations of a state of which nothing is known, chosen wide: first mode of a link over
+# its length (the next ones, as under a static load, less with the square of their number); joints
+# and coordinates that effects add, rad; and their speeds, rad/s.
+START_BEND, START_ANGLE, START_SPEED = 0.04, 1.0, 1.0
 
 
 def told_noise(arm: ExtendedArm) -> Array:
@@ -34,12 +38,13 @@ def start_spread(arm: ExtendedArm) -> Array:
     bend: list[float] = []
     swing: list[float] = []
     for link in arm.robot.links:
-        size = 0.04 * link.length / np.arange(1, arm.modes + 1)**2
+        size = START_BEND * link.length / np.arange(1, arm.modes + 1)**2
         bend += list(size)
         swing += list(size * link.beam(arm.modes).frequencies)
-    extra = [1.0] * (0 if arm.compact else arm.form.order - 2 - 2 * arm.modes)
-    turning = [] if arm.compact else [1.0, 1.0]
-    spread = np.array([1.0, 1.0, *bend, *extra, *turning, *swing, *extra])
+    extra = 0 if arm.compact else arm.form.order - 2 - 2 * arm.modes
+    turning = [] if arm.compact else [START_SPEED] * 2
+    spread = np.array([START_ANGLE, START_ANGLE, *bend, *[START_ANGLE] * extra,
+                       *turning, *swing, *[START_SPEED] * extra])
     return np.concatenate([spread, _added_spread(arm, spread)])
 
 

@@ -30,6 +30,8 @@ import numpy as np
 
 # Filters linearised about payloads this close are taken for one, as a share of (m + soft mass).
 SAME_LINEARISATION = 0.05
+# So are shares of the forces of motion this close, where 0 is none of them and 1 all. Chosen.
+SAME_SHARE = 0.2
 # A filter this far behind the likeliest is given up, nats.
 GIVE_UP_NATS = 15.0
 # Memory of the log-likelihood that chooses the mode, s: until the noise is known, the whole
@@ -228,7 +230,7 @@ class StartBank:
         width = SAME_LINEARISATION * (f.mass + self.stepper.schedule.soft_mass)
         return f.variance < width**2 and any(
             abs(f.mass - other.mass) < width
-            and abs(f.beta[CORIOLIS] - other.beta[CORIOLIS]) < 0.2 for other in others)
+            and abs(f.beta[CORIOLIS] - other.beta[CORIOLIS]) < SAME_SHARE for other in others)
 
     def moments(self) -> tuple[float, float]:
         """

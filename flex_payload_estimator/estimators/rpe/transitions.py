@@ -55,6 +55,9 @@ MODES_OPEN_S = 1.0
 FREER_MODE_S = 0.2
 # Length of a trial of another mode, s.
 TRIAL_S = 2.0
+# `exact` is sought, and `rough` linearised, again whenever the time in motion has grown by this
+# ratio: what either costs is then a fixed share of the samples, however long the log.
+AGAIN_RATIO = 2.0
 
 
 class Situation(NamedTuple):
@@ -223,9 +226,9 @@ def exact_trial_is_compared(trial: Trial, now: Situation) -> bool:
 
 
 def exact_attempt_is_due(now: Situation, last_attempt: float) -> bool:
-    """Tell whether the time in the window has doubled since the last attempt, s, at `exact`."""
+    """Tell whether the window has grown by AGAIN_RATIO since the last attempt, s, at `exact`."""
     return not exact_trials(now) \
-        and now.window.time_in_motion >= 2.0 * max(last_attempt, FIRST_PASS_S)
+        and now.window.time_in_motion >= AGAIN_RATIO * max(last_attempt, FIRST_PASS_S)
 
 
 def exact_can_be_searched(f: Filter) -> bool:
@@ -243,8 +246,8 @@ def found_exact_is_compared(found: Filter, incumbent: Filter) -> bool:
 
 
 def relinearisation_due(f: Filter) -> bool:
-    """Tell whether `rough` has learnt twice as long in motion as at its last linearisation."""
+    """Tell whether `rough` has learnt AGAIN_RATIO times as long as at its last linearisation."""
     if f.passes < PASSES or f.mode.payload_walk > 0.0 or freedom(f.mode) != 1:
         return False
     last = max(f.age_linearised, FIRST_PASS_S)
-    return f.age >= (FIRST_PASS_S if f.model is None else 2.0 * last)
+    return f.age >= (FIRST_PASS_S if f.model is None else AGAIN_RATIO * last)
