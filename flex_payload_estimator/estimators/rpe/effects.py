@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from flex_payload_estimator.estimators.rpe.filter import Filter
 from flex_payload_estimator.estimators.rpe.friction import brake
+from flex_payload_estimator.estimators.rpe.schedule import BoundedCache
 from flex_plant_sim.arm.schedule import chebyshev_nodes
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.effects.base import Effect
@@ -41,7 +42,7 @@ class EffectStep:
         self.moves = arm.has_contact or any(
             type(effect).force is not Effect.force for effect in arm.effects)
         self.memory = max([e.memory(arm.robot.sample_time) for e in arm.effects], default=0)
-        self._loaded: dict[float, ExtendedArm] = {}
+        self._loaded = BoundedCache(CACHED_ARMS)
 
     def output_matrix(self) -> Array:
         """Return d(sensors)/dx about the straight arm at rest, (m, n)."""
@@ -52,6 +53,12 @@ class EffectStep:
         """Return the angles by which bending turns the links' ends over the state, (2, n)."""
         return np.pad(end_rotations(self.arm.form, self.arm.robot),
                       ((0, 0), (0, self.arm.states - self.arm.form.order)))
+
+    def _at_payload(self, payload: float) -> ExtendedArm:
+        """Return the arm with a payload, kg."""
+        arm = self.arm.at_payload(payload)
+        arm.nodes = chebyshev_nodes(NODES)
+        return arm
 
     def push(self, f: Filter, payload: float, before: Array, command: Array, time: float
              ) -> None:
@@ -72,13 +79,7 @@ class EffectStep:
             s, at the start of the step.
 
         """
-        arm = self._loaded.get(payload)
-        if arm is None:
-            arm = self.arm.at_payload(payload)
-            arm.nodes = chebyshev_nodes(NODES)
-            if len(self._loaded) >= CACHED_ARMS:
-                self._loaded.clear()
-            self._loaded[payload] = arm
+        arm: ExtendedArm = self._loaded.get(payload, lambda: self._at_payload(payload))
         force = arm.schedule.at(np.cos(before[1]))[2]
         f.x[:] = arm.apply_free_effects(force, before, f.x, command, time)
         if arm.has_friction:

@@ -84,15 +84,17 @@ class BoundedCache:
     """
 
     def __init__(self, most: int):
-        self.most, self.results = most, {}  # type: int, dict[Any, Any]
+        self.most = most
+        self._results: dict[Any, Any] = {}
 
     def get(self, key: Any, make: Callable[[], Any]) -> Any:
         """Return the result of a key, and call `make` for it if it is not there."""
-        if key not in self.results:
-            if len(self.results) >= self.most:
-                del self.results[next(iter(self.results))]
-            self.results[key] = make()
-        return self.results[key]
+        found = self._results.get(key)
+        if found is None:
+            if len(self._results) >= self.most:
+                del self._results[next(iter(self._results))]
+            found = self._results[key] = make()
+        return found
 
 
 @dataclass(frozen=True)
@@ -172,8 +174,8 @@ class PayloadSchedule:
         index = self.index(payload)
         if variance > (WIDE * SLICE_STEP * (payload + self.soft_mass))**2:
             index = WIDE * round(index / WIDE)
-        found: PayloadSlice | None = self.slices.results.get(index)
-        return found or self.slices.get(index, lambda: self._cut(index))
+        found: PayloadSlice = self.slices.get(index, lambda: self._cut(index))
+        return found
 
     def _cut(self, index: int) -> PayloadSlice:
         payload = self.soft_mass * math.expm1(index * SLICE_STEP)
