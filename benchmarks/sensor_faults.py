@@ -130,7 +130,7 @@ def largest_error(case: dict[str, Any], modes: int, robot_name: str = 'reference
     robot, adapt = load_robot(robot_name), case.get('adapt', True)
     mass, target = case.get('mass', 0.0), case.get('target', square(0.5, 4.0))
     controller = LQGController(robot, MODEL, modes, LQGSettings(
-        adapt=adapt, mass_0=mass, mass_max=largest_payload(robot, None), integrator=True,
+        adapt=adapt, mass_0=mass, payload_max=largest_payload(robot, None), integrator=True,
         command_limit=LIMIT))
     estimator = make_estimator('rpe', robot, MODEL, ESTIMATED_MODES) if adapt else None
     watch, plant = ArmWatch(robot, controller, LIMIT), Elements(case['arm'], robot, 0)
@@ -166,7 +166,7 @@ def print_payloads() -> None:
                         ('quanser_2dsfl', 3)):
         robot = load_robot(name)
         controller = LQGController(robot, MODEL, modes, LQGSettings(
-            mass_max=largest_payload(robot, None), integrator=False, command_limit=LIMIT))
+            payload_max=largest_payload(robot, None), integrator=False, command_limit=LIMIT))
         watch = ArmWatch(robot, controller, LIMIT).gauges
         expected = math.nan if watch is None else watch.payload_error
         found = np.array([payload_errors(name, modes, seed) for seed in PAYLOAD_SEEDS]).max(0)

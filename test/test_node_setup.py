@@ -38,7 +38,7 @@ def answers(node: str, values: dict[str, Any]) -> Array:
     controller = controller_of(table)
     sent = [controller.command(0.01 * k, y, u, 0.3, np.array([0.1, -0.1]))
             for k, (y, u) in enumerate(zip(OUTPUTS, COMMANDS))]
-    return np.append(np.ravel(sent), controller.mass_max)
+    return np.append(np.ravel(sent), controller.payload_max)
 
 
 @pytest.mark.parametrize(('node', 'row'), ROWS)

@@ -81,7 +81,7 @@ def model_of(user: str, robot: str) -> tuple[Any, float]:
     values = {'robot': robot, 'model': 'paper_reduced', 'modes': 2}
     if user == 'lqg_controller':
         controller = controller_of(check_parameters(user, values))
-        return controller.model, controller.mass_max
+        return controller.model, controller.payload_max
     table = check_parameters('payload_estimator', {**values, 'estimator': user})
     estimator: Any = estimator_of(table)
     return estimator.model, estimator.payload_max

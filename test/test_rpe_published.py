@@ -73,6 +73,6 @@ def test_no_band_is_wider_than_the_range_of_payloads() -> None:
     stepper = estimator_of().stepper
     f = stepper.begin(EXACT, np.zeros(6), 0.1, 1e3)
     mass, variance = stepper.published(f)
-    middle = 0.5 * stepper.heaviest
-    assert 0.0 <= mass <= stepper.heaviest
+    middle = 0.5 * stepper.payload_max
+    assert 0.0 <= mass <= stepper.payload_max
     assert variance == pytest.approx((mass - middle)**2 + middle**2 / 3.0)

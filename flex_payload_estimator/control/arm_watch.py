@@ -60,7 +60,7 @@ class ArmWatch:
         self.unwatched = 'the gauges are not watched: the reduced model bends unlike an arm'
         if isinstance(controller.model, SecondOrderModel):
             self._watch_gauges(GaugeWatch(
-                controller.model, a_bar, b_bar, np.array(largest), controller.mass_max,
+                controller.model, a_bar, b_bar, np.array(largest), controller.payload_max,
                 link, noise, robot.sample_time))
         self._speeds = SpeedWatch(
             [_steady_speed(drive, most) for drive, most in zip(robot.drives, largest)],

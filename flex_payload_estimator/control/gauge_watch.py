@@ -53,7 +53,7 @@ class GaugeWatch:
         The sampled model about the start, (n, n) and (n, 2).
     largest : Array
         Largest commands, (2,).
-    mass_max : float
+    payload_max : float
         Largest payload, kg.
     link : Array
         Link of each gauge, 0 or 1, (g,).
@@ -74,8 +74,8 @@ class GaugeWatch:
     """
 
     def __init__(self, model: PayloadModel, a_bar: Array, b_bar: Array, largest: Array,
-                 mass_max: float, link: Array, noise: Array, step: float):
-        self._model, self._step, self._mass_max = model, step, mass_max
+                 payload_max: float, link: Array, noise: Array, step: float):
+        self._model, self._step, self._payload_max = model, step, payload_max
         self._torque, self._same = TORQUE * np.asarray(largest), link[:, None] == link
         n, gauges = model.states, model.output[2:]
         bent = self._after_span(np.eye(n) + step * a_bar, self._process(b_bar, 1.0))
@@ -86,8 +86,8 @@ class GaugeWatch:
         self._kalman = KalmanPredictor(model.output, np.zeros((n, n)), np.diag(deviation**2), step)
         self._keep = math.exp(-step / SPAN)
         self.reset()
-        self.payload_error = max(self.unknown_payload_error(0.0, mass_max),
-                                 self.unknown_payload_error(mass_max, 0.0))
+        self.payload_error = max(self.unknown_payload_error(0.0, payload_max),
+                                 self.unknown_payload_error(payload_max, 0.0))
         self.bound = max(WRONG, MARGIN * self.payload_error)
 
     def unknown_payload_error(self, believed: float, carried: float) -> float:
@@ -131,7 +131,7 @@ class GaugeWatch:
         """Return the covariance of one sample's noise, (n, n)."""
         # A payload changes all accelerations along the answer to a force at the tip.
         force = FORCE * (self._model.matrices(cosine, 0.0)[1]
-                         - self._model.matrices(cosine, self._mass_max)[1])
+                         - self._model.matrices(cosine, self._payload_max)[1])
         entry = self._step * np.hstack([b_bar, force]) * np.tile(self._torque, 2)
         return np.asarray(entry @ entry.T)
 

@@ -40,8 +40,8 @@ class LQGSettings:
         Schedule on the estimated payload; otherwise on mass_0.
     mass_0 : float
         Payload of the design until an estimate comes, kg.
-    mass_max : float or None
-        Estimates are taken inside [0, mass_max], kg, no faster than a gripper closes; None for
+    payload_max : float or None
+        Estimates are taken inside [0, payload_max], kg, no faster than a gripper closes; None for
         what `largest_payload` says.
     q_2 : float
         Q_2 = q_2 I.
@@ -60,7 +60,7 @@ class LQGSettings:
 
     adapt: bool = True
     mass_0: float = 0.0
-    mass_max: float | None = None
+    payload_max: float | None = None
     q_2: float = 0.005
     r_1: float = 1e-4
     r_2: float = 1e-4
@@ -88,7 +88,7 @@ class LQGController:
 
     Attributes
     ----------
-    mass_max : float or None
+    payload_max : float
         Largest payload that an estimate is taken for, kg.
     doubted : int
         How many of the last measurements in a row were too far from their prediction to be used.
@@ -103,8 +103,8 @@ class LQGController:
         self.model = payload_model(robot, model, modes)
         self._drive_limits = np.array([drive.command_limit for drive in robot.drives])
         self.limit_commands(settings.command_limit)
-        self.mass_max = largest_payload(robot, settings.mass_max)
-        self._believed = BelievedPayload(settings.mass_0, self.mass_max)
+        self.payload_max = largest_payload(robot, settings.payload_max)
+        self._believed = BelievedPayload(settings.mass_0, self.payload_max)
         n, extra = self.model.states, 2 * settings.integrator
         angles, end = self.model.output[:2], self.model.end_point[None]
         self.q_1 = angles.T @ angles + end.T @ end

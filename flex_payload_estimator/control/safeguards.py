@@ -66,13 +66,13 @@ class BelievedPayload:
     ----------
     start : float
         Payload before the first estimate, kg.
-    largest : float
+    payload_max : float
         Largest payload that the arm can carry, kg.
 
     """
 
-    def __init__(self, start: float, largest: float):
-        self._start, self.largest = start, largest
+    def __init__(self, start: float, payload_max: float):
+        self._start, self.payload_max = start, payload_max
         self.reset()
 
     def reset(self) -> None:
@@ -91,9 +91,9 @@ class BelievedPayload:
             Of the estimate, s.
 
         """
-        step = self.largest / CLOSING_TIME * max(time - self._time, 0.0)
+        step = self.payload_max / CLOSING_TIME * max(time - self._time, 0.0)
         if math.isfinite(estimate):
-            inside = min(max(estimate, 0.0), self.largest)
+            inside = min(max(estimate, 0.0), self.payload_max)
             self.mass = min(max(inside, self.mass - step), self.mass + step)
             self._time = time
         return self.mass

@@ -120,14 +120,14 @@ def is_finite(values: Array) -> bool:
     return all(map(math.isfinite, values.tolist()))
 
 
-def within_range(mass: float, variance: float, heaviest: float) -> tuple[float, float]:
+def within_range(mass: float, variance: float, payload_max: float) -> tuple[float, float]:
     """
     Return a payload, kg, and its variance, kg^2, of which it is known to be in a range.
 
     A mean over models may be outside the range, and the bound is nearer. No variance is larger
     than that about the estimate of a payload that may be anywhere on the range.
     """
-    mass, middle = min(max(mass, 0.0), heaviest), 0.5 * heaviest
+    mass, middle = min(max(mass, 0.0), payload_max), 0.5 * payload_max
     return mass, min(variance, (mass - middle)**2 + middle**2 / 3.0)
 
 

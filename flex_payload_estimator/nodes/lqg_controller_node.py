@@ -188,10 +188,10 @@ class LQGControllerNode(SampleNode):
 
     def _note_range(self, mass: float) -> None:
         """Say once that a payload is beyond what is believed, and in diagnostics while it is."""
-        largest = self.controller.mass_max
-        believable = -CLIPPED * largest <= mass <= (1.0 + CLIPPED) * largest
+        payload_max = self.controller.payload_max
+        believable = -CLIPPED * payload_max <= mass <= (1.0 + CLIPPED) * payload_max
         wild = self.values['adapt'] and not believable
-        text = (f'payload/inertia: inertia.m: expected 0 to {largest:.4g} kg (payload_max), '
+        text = (f'payload/inertia: inertia.m: expected 0 to {payload_max:.4g} kg (payload_max), '
                 f'got {mass:.4g}: the nearest serves') if wild else ''
         if wild and not self._wild:
             self.get_logger().warning(text)

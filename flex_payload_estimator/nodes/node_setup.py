@@ -60,7 +60,7 @@ def controller_of(values: Mapping[str, Any]) -> LQGController:
     robot = robot_of(values)
     settings = LQGSettings(
         adapt=values['adapt'], mass_0=values['payload_initial'],
-        mass_max=values['payload_max'] or None, q_2=values['q_2'],
+        payload_max=values['payload_max'] or None, q_2=values['q_2'],
         r_1=values['r_1'], r_2=values['r_2'], terms=values['n_prime'],
         integrator=values['integrator'], command_limit=values['command_limit'])
     return LQGController(linear_robot(robot), values['model'], values['modes'], settings)

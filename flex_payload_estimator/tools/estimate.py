@@ -46,7 +46,7 @@ class Estimates:
         The estimator's status, N.
     parts_as_told : tuple of bool
         Whether an estimate holds only if all parts are as the robot file says, N.
-    largest : float
+    payload_max : float
         Largest payload that was looked for, kg.
     changes : tuple of Event
         The changes of the payload that were found; times since the log's start.
@@ -59,7 +59,7 @@ class Estimates:
     variance: Array
     status: tuple[str, ...]
     parts_as_told: tuple[bool, ...]
-    largest: float
+    payload_max: float
     changes: tuple[Event, ...] = ()
 
     def row(self, index: int) -> tuple[float, float]:
@@ -102,8 +102,8 @@ class Estimates:
         digits = decimals_of(std)
         changes = [f'  {f"change, {event.time:.2f} s":>14}   {event.before:.3g} -> '
                    f'{event.after:.3g} kg' for event in self.changes]
-        reached = high > self.largest
-        note = [f'  It reaches the largest payload that is looked for, {self.largest:.3g} kg: '
+        reached = high > self.payload_max
+        note = [f'  It reaches the largest payload that is looked for, {self.payload_max:.3g} kg: '
                 '--payload-max raises that.'] if reached else []
         if_told = f', {IF_TOLD}' if self.parts_as_told[-1] else ''
         interval = f'{low:.{digits}f} … {high:.{digits}f} kg{if_told}'

@@ -64,7 +64,7 @@ class ModeCompetition:
 
     def __init__(self, stepper: FilterStep):
         self.stepper, self._threshold = stepper, false_alarm_threshold(stepper.step_time)
-        self.walk = stepper.heaviest / math.sqrt(WALK_S) / RANGE_DEVIATIONS
+        self.walk = stepper.payload_max / math.sqrt(WALK_S) / RANGE_DEVIATIONS
         self._told_noise = np.ones(stepper.told_variance.size)
         self.window = SampleWindow(round(WINDOW_S / stepper.step_time))
         self.clear()

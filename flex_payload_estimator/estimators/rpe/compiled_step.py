@@ -178,7 +178,7 @@ def correct_packed(packed: Array, reference: Array, fixed: bool, loads: Array, m
 
     """
     channels = measured.size
-    gauge_error, least_scale, gains, heaviest, step, gate = noise_model[2:]
+    gauge_error, least_scale, gains, payload_max, step, gate = noise_model[2:]
     x, cov, sensitivity, beta, beta_cov, statistics, innovations = unpack_compiled(
         packed, output.shape[1], reference.size, channels)
     noise = _noise(told * np.maximum(statistics[:channels], least_scale), gauge_error,
@@ -186,7 +186,7 @@ def correct_packed(packed: Array, reference: Array, fixed: bool, loads: Array, m
     before = beta_cov[MASS, MASS]
     innovation, variances, scores, log_det, change = correct(
         x, cov, sensitivity, beta, beta_cov, reference, fixed, measured, offset, output, noise,
-        int(gains), gate, heaviest)
+        int(gains), gate, payload_max)
     if np.isnan(log_det):
         return 0.0, 0.0, np.nan
     log_density, stated = update_statistics(

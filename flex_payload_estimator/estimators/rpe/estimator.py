@@ -72,7 +72,7 @@ class RecursivePredictionError:
                  settings: RpeSettings | None = None):
         self.settings = settings or RpeSettings()
         self.stepper = stepper_of(robot, model, modes, effects_of(robot), self.settings)
-        self.arm, self.payload_max = self.stepper.effects.arm, self.stepper.heaviest
+        self.arm, self.payload_max = self.stepper.effects.arm, self.stepper.payload_max
         self._competition, self._start = ModeCompetition(self.stepper), StartBank(self.stepper)
         self._outliers = OutlierTests(self.stepper)
         self._channels = self.stepper.told_variance.size
@@ -109,7 +109,7 @@ class RecursivePredictionError:
         self._prediction: tuple[Array, Sample, tuple[Array, ...]] | None = None
         self._unconcluded: Sample | None = None
         self._command, self._previous_command, self._time = np.zeros(2), np.zeros(2), math.nan
-        mass, channels = 0.5 * self.stepper.heaviest, self._channels
+        mass, channels = 0.5 * self.stepper.payload_max, self._channels
         self._last = Estimate(0.0, mass, mass**2 / 3.0, mass**2 / 3.0, np.zeros(channels),
                               np.full(channels, np.inf), 'not_excited')
 

@@ -62,7 +62,7 @@ class FilterStep:
         The robot file's standard deviation of each channel, rad and m/m, (m,).
     torque : Array
         Standard deviation of the process noise in the command's unit, (2,).
-    heaviest : float
+    payload_max : float
         Largest payload, kg.
     start_std : Array
         Standard deviation of the state at the start, (n,).
@@ -88,11 +88,11 @@ class FilterStep:
 
     def __init__(self, schedule: PayloadSchedule, motion: tuple[Array, Array],
                  lineariser: Lineariser, prior: Prior, effects: EffectStep, noise_std: Array,
-                 torque: Array, heaviest: float, start_std: Array):
+                 torque: Array, payload_max: float, start_std: Array):
         self.schedule, self.motion, self.prior, self.effects = schedule, motion, prior, effects
         # An arm without forces of motion has no bending terms; a robot file may name them all.
         self.has_bending = len(motion[False]) < len(motion[True])
-        self.exact_prior, self.heaviest = prior.exact(), heaviest
+        self.exact_prior, self.payload_max = prior.exact(), payload_max
         self.start_cov = np.diag(start_std**2)
         self.shares = SHARES if prior.std[CORIOLIS] >= SHARE_STD else (prior.mean.item(CORIOLIS),)
         biases = self.exact_prior.std[FIRST_BIAS:]
@@ -110,7 +110,7 @@ class FilterStep:
         # Called for each step: a mode alone is quicker to look up than with what is the same.
         self._noise_model = cache(partial(
             noise_model, error_samples=self._error_samples, gains=float(prior.gains),
-            heaviest=heaviest, step=self.step_time, gate=self._gate))
+            payload_max=payload_max, step=self.step_time, gate=self._gate))
 
     def prior_of(self, mode: Mode) -> Prior:
         """Return the prior of the parameters that a mode has."""
@@ -119,7 +119,7 @@ class FilterStep:
     def payload_cells(self) -> list[tuple[float, float]]:
         """Return the range of payloads in intervals over which an arm changes alike, kg."""
         soft = self.schedule.soft_mass
-        edges = soft * (1.0 + self.heaviest / soft)**(
+        edges = soft * (1.0 + self.payload_max / soft)**(
             np.arange(PAYLOAD_CELLS + 1) / PAYLOAD_CELLS) - soft
         return list(zip(edges[:-1].tolist(), edges[1:].tolist()))
 
@@ -263,7 +263,7 @@ class FilterStep:
 
     def _jumped(self, f: Filter, low: float, high: float, sample: Sample, loads: Loads) -> Filter:
         """Move a filter's payload to the middle of a cell, kg, and let it learn a sample."""
-        self.drift(f, self.heaviest**2)
+        self.drift(f, self.payload_max**2)
         f.beta[MASS], f.beta_cov[MASS], f.beta_cov[:, MASS] = 0.5 * (low + high), 0.0, 0.0
         f.beta_cov[MASS, MASS] = 0.25 * (high - low)**2
         self.step(f, sample, loads)
@@ -328,7 +328,7 @@ class FilterStep:
                 mass, variance = mass + shift, variance + further
             variance *= self.variance_factor(f) if factor is None else factor
             variance += (bending_error(f.statistics[SCORE]) * (self._moved_mass + mass))**2
-        return within_range(mass, variance, self.heaviest)
+        return within_range(mass, variance, self.payload_max)
 
     def _far_part(self, f: Filter) -> tuple[float, float]:
         prior, told = self.prior, self.prior.tolerated

@@ -104,7 +104,8 @@ def _widened(total: Array, noise: Array, more: Array) -> Array:
 @compiled
 def _learn(x: Array, cov: Array, sensitivity: Array, beta: Array, beta_cov: Array,
            reference: Array, fixed: bool, at_reference: Array, slope: Array, psi: Array,
-           noise: Array, gain: Array, beta_gain: Array, scores: Array, heaviest: float) -> float:
+           noise: Array, gain: Array, beta_gain: Array, scores: Array, payload_max: float
+           ) -> float:
     """
     Update x, P, s, beta and V; return the payload's change, kg, before it is limited.
 
@@ -117,7 +118,7 @@ def _learn(x: Array, cov: Array, sensitivity: Array, beta: Array, beta_cov: Arra
     moved, after, reduced = applied(gain, at_reference), beta.copy(), beta_cov.copy()
     add(after, 1.0, applied(beta_gain, scores))
     change = after[MASS] - beta[MASS]
-    after[MASS] = min(max(after[MASS], 0.0), heaviest)
+    after[MASS] = min(max(after[MASS], 0.0), payload_max)
     add_matrix(reduced, -1.0, squared(beta_gain, beta_gain))
     # Negative only where P or V is no covariance, or rounding took all digits.
     variance = reduced[MASS, MASS]
@@ -137,7 +138,7 @@ def _learn(x: Array, cov: Array, sensitivity: Array, beta: Array, beta_cov: Arra
 @compiled
 def correct(x: Array, cov: Array, sensitivity: Array, beta: Array, beta_cov: Array,
             reference: Array, fixed: bool, measured: Array, offset: Array, output: Array,
-            noise: Array, gains: int, gate: float, heaviest: float
+            noise: Array, gains: int, gate: float, payload_max: float
             ) -> tuple[Array, Array, Array, float, float]:
     """
     Learn from a measurement: x, P, s, beta and V change in place.
@@ -153,7 +154,7 @@ def correct(x: Array, cov: Array, sensitivity: Array, beta: Array, beta_cov: Arr
         y, and what it is beyond C x without gains and biases, (m,); C, (m, n).
     noise, gains : Array, int
         Variance of each channel's noise, (m,); number of gauge gains, the last columns of beta.
-    gate, heaviest : float
+    gate, payload_max : float
         Largest e' Sigma^-1 e, beyond which the sample's noise counts as so large that it is the
         gate or less: one absurd sample moves nothing, many are believed (Huber). Payload, kg.
 
@@ -178,6 +179,6 @@ def correct(x: Array, cov: Array, sensitivity: Array, beta: Array, beta_cov: Arr
         white = whitener(total)
     change = _learn(x, cov, sensitivity, beta, beta_cov, reference, fixed, at_reference, slope,
                     psi, noise, _gain(cross_cov, output_cov, noise),
-                    squared(beta_cross_cov, white), applied(white, innovation), heaviest)
+                    squared(beta_cross_cov, white), applied(white, innovation), payload_max)
     log_det = np.nan if np.isnan(change) else -2.0 * logarithms(white)
     return innovation, variances, scores, log_det, change

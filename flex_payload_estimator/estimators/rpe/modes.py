@@ -62,7 +62,7 @@ def freedom(mode: Mode) -> int:
     return FREEDOM[mode.name]
 
 
-def noise_model(mode: Mode, error_samples: float, gains: float, heaviest: float, step: float,
+def noise_model(mode: Mode, error_samples: float, gains: float, payload_max: float, step: float,
                 gate: float) -> NoiseModel:
     """
     Return the numbers that the compiled step takes of a mode.
@@ -75,7 +75,7 @@ def noise_model(mode: Mode, error_samples: float, gains: float, heaviest: float,
         Number of samples over which a model error is the same.
     gains : float
         Number of gauge gains among the parameters of a mode with free parts.
-    heaviest : float
+    payload_max : float
         Largest payload, kg.
     step : float
         Sampling time, s.
@@ -87,4 +87,4 @@ def noise_model(mode: Mode, error_samples: float, gains: float, heaviest: float,
     # less than the robot file says: its scale is at least 1.
     least_scale, gains = (1.0, gains) if mode.free_parts else (0.0, 0.0)
     return (mode.drive_error**2 * error_samples, mode.payload_walk**2 * step,
-            mode.gauge_error**2 * error_samples, least_scale, gains, heaviest, step, gate)
+            mode.gauge_error**2 * error_samples, least_scale, gains, payload_max, step, gate)

@@ -275,7 +275,7 @@ def prior_of(robot: Robot, effects: Sequence[Effect], turns: bool) -> Prior:
 
 @lru_cache(maxsize=4)
 def tabulated(robot: Robot, model: str, modes: int, effects: tuple[Effect, ...],
-              heaviest: float) -> PayloadSchedule:
+              payload_max: float) -> PayloadSchedule:
     """
     Return the sampled arm with its derivatives over the parts; the last few are kept.
 
@@ -294,4 +294,4 @@ def tabulated(robot: Robot, model: str, modes: int, effects: tuple[Effect, ...],
         return [(other, 0.5 * share) for other, share in (
             changed(part, sign * part.tolerance) for sign in (1.0, -1.0))]
 
-    return PayloadSchedule.of(arm, heaviest, [slope(part) for part in moving_parts(robot)])
+    return PayloadSchedule.of(arm, payload_max, [slope(part) for part in moving_parts(robot)])

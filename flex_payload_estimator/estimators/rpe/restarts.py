@@ -219,7 +219,7 @@ def in_other_mode(f: Filter, mode: Mode, last: StoredSample, stepper: FilterStep
     about its moving estimate it falls to where a payload shows most, at nothing, and is sure.
     """
     if freedom(mode) < freedom(f.mode):
-        mass = 0.5 * stepper.heaviest
+        mass = 0.5 * stepper.payload_max
         new = stepper.begin(mode, f.innovations[0], mass, mass / math.sqrt(3.0))
         new.noise_scale[:] = f.noise_scale
         begin_at(new, last.sample, last.loads, None, stepper)

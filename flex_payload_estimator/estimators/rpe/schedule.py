@@ -134,16 +134,16 @@ class PayloadSchedule:
     part_layers: BoundedCache = field(default_factory=lambda: BoundedCache(CACHED_LAYERS))
 
     @classmethod
-    def of(cls, arm: ExtendedArm, heaviest: float,
+    def of(cls, arm: ExtendedArm, payload_max: float,
            variants: Sequence[Mixture] = ()) -> PayloadSchedule:
         """
-        Tabulate an arm for payloads from 0 to `heaviest`, kg.
+        Tabulate an arm for payloads from 0 to `payload_max`, kg.
 
         Parameters
         ----------
         arm : ExtendedArm
             The model.
-        heaviest : float
+        payload_max : float
             kg.
         variants : sequence of Mixture
             For each part, arms in which it is changed, and the weights with which their tables
@@ -151,7 +151,7 @@ class PayloadSchedule:
 
         """
         soft = SOFT_SHARE * arm.robot.links[1].mass
-        span = heaviest / (heaviest + soft)
+        span = payload_max / (payload_max + soft)
         axis, coarse = chebyshev_nodes(PAYLOAD_NODES), chebyshev_nodes(COARSE_NODES)
         whole = coefficients(arm, ANGLE_TERMS, _payloads(axis, span, soft))
         masses, width = _payloads(coarse, span, soft), arm.states * (arm.states + 2)

@@ -59,9 +59,9 @@ def stepper_of(robot: Robot, model: str, modes: int, effects: Sequence[Effect],
                    if not isinstance(e, (CoriolisCentripetal, Foreshortening)))
     bent = any(isinstance(e, Foreshortening) for e in effects)
     arm = ExtendedArm(robot, model, modes, effects=others)
-    heaviest = largest_payload(robot, settings.payload_max)
+    payload_max = largest_payload(robot, settings.payload_max)
     bare = replace(robot, effects=(), angle_noise=1.0, strain_noise=1.0)
-    schedule = tabulated(bare, model, modes, others, heaviest)
+    schedule = tabulated(bare, model, modes, others, payload_max)
     motion = motion_rows(arm, bent), motion_rows(arm)
     gains = np.array([drive.torque_gain for drive in robot.drives])
     first = FIRST_BIAS + len(robot.gauge_names) + 1 + DISTURBANCES
@@ -69,4 +69,4 @@ def stepper_of(robot: Robot, model: str, modes: int, effects: Sequence[Effect],
                             schedule.soft_mass)
     return FilterStep(schedule, motion, lineariser, prior_of(robot, effects, moves(arm)),
                       EffectStep(arm), told_noise(arm), np.asarray(settings.torque_noise) / gains,
-                      heaviest, start_spread(arm))
+                      payload_max, start_spread(arm))

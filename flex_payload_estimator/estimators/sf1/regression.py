@@ -55,7 +55,7 @@ class SF1Constants(NamedTuple):
         w' V w with the sensors' variances V, rad^2.
     tuned, reference : float
         w' R_2 w, and the variance to which the composite innovation settles, rad^2.
-    alpha_0, alpha_1, largest, prior : float
+    alpha_0, alpha_1, payload_max, prior : float
         Constants of (29), the largest payload, kg, and its variance before any sample, kg^2.
     fading : float
         Time from one regression to the next, as a share of MEMORY.
@@ -78,7 +78,7 @@ class SF1Constants(NamedTuple):
     reference: float
     alpha_0: float
     alpha_1: float
-    largest: float
+    payload_max: float
     prior: float
     fading: float
     passing: float
@@ -246,7 +246,7 @@ def _sf1_update(track: Track, scaled: Array, known: SF1State, given: SF1Constant
         phi = phi if shown else 0.0
     true = 1.0 if phi == 0.0 else max(1.0 - 1.0 / ratio, 0.0) if shown else 0.0
     free, p, gain = sf1_step(known.mass, known.p, psi, phi, weight, given.alpha_0, given.alpha_1)
-    mass = min(max(free, 0.0), given.largest)
+    mass = min(max(free, 0.0), given.payload_max)
     if mass != free:
         # A payload that stops at its limit takes only a part of the gain, and so does its error.
         gain *= (mass - known.mass) / (free - known.mass)
