@@ -136,3 +136,16 @@ def test_no_payload_changes_on_a_clean_arm_of_500_hz() -> None:
         answer = estimator.update(float(time), output, before)
     assert estimator.incumbent.age > 3.0
     assert abs(answer.mass - case.payload_true) < answer.variance**0.5
+
+
+def test_beside_coarse_no_exact_model_is_on_trial() -> None:
+    """Its table said that a window pass leads from one to the other."""
+    competition, coarse = estimator_of()._competition, of_mode(COARSE)
+    coarse.passes = 3
+    assert transitions.modes_to_try(coarse) == [ROUGH]
+    assert not transitions.exact_can_be_searched(coarse)
+    competition.keep(of_mode(EXACT), 0.0)
+    trial = Trial('mode', coarse, 0.0, 0.1)
+    competition.trials.append(trial)
+    assert competition._promote(trial, of_mode(ROUGH), 1.0) is coarse
+    assert [other.kalman.mode for other in competition.trials] == [ROUGH]
