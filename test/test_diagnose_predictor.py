@@ -9,8 +9,11 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import COMPILED
 from flex_plant_sim.diagnosis.prediction import filter_run
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
-from flex_plant_sim.diagnosis.prediction.noise import predicted_covariance, steady_filter
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
+from flex_plant_sim.diagnosis.prediction.steady_filter import (
+    predicted_covariance,
+    steady_filter,
+)
 import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are

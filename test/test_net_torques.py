@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from flex_plant_sim.arm.drive import Drive
 from flex_plant_sim.arm.robot import Robot
-from flex_plant_sim.diagnosis.prediction.noise import net_torques
+from flex_plant_sim.diagnosis.prediction.process_noise import net_torques
 from flex_plant_sim.diagnosis.record.windows import Record, Windows
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np

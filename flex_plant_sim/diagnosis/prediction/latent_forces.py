@@ -18,13 +18,13 @@ from flex_plant_sim.diagnosis.prediction.filter_run import (
     predictor_matrices,
 )
 from flex_plant_sim.diagnosis.prediction.first_state import START
-from flex_plant_sim.diagnosis.prediction.noise import (
+from flex_plant_sim.diagnosis.prediction.predictor import Predictor
+from flex_plant_sim.diagnosis.prediction.process_noise import (
     load_deviations,
     net_torques,
     process_noise_variance,
     REFERENCE_STEP,
 )
-from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.prediction.smoother import LatentSystem, smooth, Smoothed
 from flex_plant_sim.effects.joint.measured_torque import load_row
 import numpy as np

@@ -19,15 +19,14 @@ from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.discrepancy import Discrepancy
 from flex_plant_sim.diagnosis.prediction.filter_run import FilterRun, predictor_matrices
 from flex_plant_sim.diagnosis.prediction.first_state import first_state
-from flex_plant_sim.diagnosis.prediction.noise import (
+from flex_plant_sim.diagnosis.prediction.process_noise import (
     load_deviations,
     process_noise_variance,
     REFERENCE_STEP,
-    steady_filter,
-    SteadyFilter,
 )
 from flex_plant_sim.diagnosis.prediction.scheduled_matrices import interpolated, ScheduledMatrices
 from flex_plant_sim.diagnosis.prediction.sensor_map import SensorMap, shifted
+from flex_plant_sim.diagnosis.prediction.steady_filter import steady_filter, SteadyFilter
 from flex_plant_sim.diagnosis.prediction.whitening import (
     output_error,
     WhiteningFilter,

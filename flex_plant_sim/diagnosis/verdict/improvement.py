@@ -26,7 +26,7 @@ import numpy as np
 # Number of bootstrap replicates: 2.5 ± 0.5 % are then outside each bound of a 95 % interval.
 REPLICATES = 1000
 # Percentiles that bound a credible interval.
-INTERVAL = (50.0 - 50.0 * CREDIBLE_LEVEL, 50.0 + 50.0 * CREDIBLE_LEVEL)
+PERCENTILES = (50.0 - 50.0 * CREDIBLE_LEVEL, 50.0 + 50.0 * CREDIBLE_LEVEL)
 # Blocks are at least as long as the horizon, but at most so long that this many remain.
 MIN_BLOCKS = 5
 
@@ -122,9 +122,9 @@ def _gains(channels: Sequence[tuple[str, str]], horizon: float, pairs: Sequence[
         rms = np.sqrt(sum(square.sum(axis=1) for square in squares) / count)
         replicates = np.sqrt(sum(
             _resampled_sums(square, block, rng) for square, block in zip(squares, blocks)) / count)
-        after = np.percentile(replicates[:, 1], INTERVAL, axis=0)
+        after = np.percentile(replicates[:, 1], PERCENTILES, axis=0)
         ratio = np.percentile(replicates[:, 1] / np.maximum(replicates[:, 0], TINY),
-                              INTERVAL, axis=0)
+                              PERCENTILES, axis=0)
     return [Gain(name, unit, horizon, float(rms[0, k]), float(rms[1, k]),
                  float(after[0, k]), float(after[1, k]), float(ratio[0, k]), float(ratio[1, k]),
                  count) for k, (name, unit) in enumerate(channels)]
