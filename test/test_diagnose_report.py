@@ -9,7 +9,7 @@ from pathlib import Path
 import re
 from typing import get_args
 
-from flex_plant_sim.diagnosis.report.figures import picture
+from flex_plant_sim.diagnosis.report.figures import draw_traces, picture
 from flex_plant_sim.diagnosis.report.html_report import render, Report, write_report
 from flex_plant_sim.diagnosis.report.json_answer import answer, plain
 from flex_plant_sim.diagnosis.report.payload_gain import PayloadGain
@@ -38,6 +38,7 @@ from flex_plant_sim.diagnosis.verdict.wording import (
     rounded,
     unit_text,
 )
+from matplotlib.figure import Figure
 from msg_config.errors import InputError
 import numpy as np
 import pytest
@@ -116,6 +117,18 @@ def test_bare_report_without_causes_or_payload_renders() -> None:
     bare = Report(Diagnosis('nothing_wrong', 'Nothing is wrong.'), (CHANNEL,), (CHANNEL,), ())
     text = render(bare)
     assert 'Payload estimate' not in text and 'Causes' not in text
+
+
+@pytest.mark.parametrize('factors', [(1e6, 1.1), (1.1, 1e6), (1e300, 1.1), (1e6, 1e6)])
+def test_a_model_that_diverges_does_not_hide_the_traces(factors: tuple[float, float]) -> None:
+    time = np.linspace(0.0, 8.0, 400)
+    measured = 3.0 + 1e-3 * np.sin(time)
+    before, after = (measured + 1e-4 * factor * np.expm1(time / 8.0) for factor in factors)
+    figure = Figure()
+    draw_traces(figure, time, [measured, before, after], 'rad')
+    upper, lower = (axis.get_ylim() for axis in figure.axes)
+    assert upper[0] < measured.min() and upper[1] > measured.max()
+    assert upper[1] - upper[0] < 3e-3 and lower[1] - lower[0] < 3e-3
 
 
 def test_hints_on_the_log_stand_before_anything_is_explained() -> None:

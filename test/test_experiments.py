@@ -18,4 +18,3 @@ def test_causes_that_show_in_different_records_are_told_which() -> None:
     text = experiment(('coulomb_friction', 'clamp_compliance'))
     assert 'constant speed, both ways (shows coulomb friction)' in text
     assert 'pluck of the tip, with the joints held (shows clamp compliance)' in text
-    assert experiment(('unknown',)) == ''

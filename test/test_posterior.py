@@ -201,6 +201,17 @@ def test_nothing_is_not_stated_where_something_is_likelier() -> None:
     assert nothing_verdict(Posterior.of(fits, BaseModel(REFERENCE)), ())[0] == 'nothing_wrong'
 
 
+def test_where_only_something_unnamed_competes_no_names_are_to_be_told_apart() -> None:
+    unnamed = replace(NOTHING, discrepancy=replace(NOTHING.discrepancy, remainder=True))
+    for gain in np.linspace(0.0, 8.0, 33):
+        posterior = Posterior.of([NOTHING, replace(unnamed, log_evidence=gain)],
+                                 BaseModel(REFERENCE))
+        verdict, sentence, sets = nothing_verdict(posterior, ())
+        if verdict == 'cannot_tell':
+            break
+    assert verdict == 'cannot_tell' and 'something unnamed' in sentence and sets == ()
+
+
 def test_many_unlikely_names_are_counted_and_not_listed() -> None:
     one_each = {h.label: h for h in all_hypotheses(REFERENCE)}.values()
     fits = [replace(NOTHING, hypotheses=(h,), log_evidence=3.0 - log_prior_odds(

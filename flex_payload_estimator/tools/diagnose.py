@@ -95,9 +95,8 @@ def options() -> argparse.ArgumentParser:
 def run(logs: Sequence[Log], robot: Robot, arguments: argparse.Namespace,
         progress: Progress) -> Findings:
     """Diagnose, extend the model and measure the gain; write nothing."""
-    told = robot.payload_mass if arguments.payload is None else arguments.payload
     records, nominal = prepared(
-        [Record.of(log, told) for log in logs],
+        [Record.of(log, _told(arguments, robot)) for log in logs],
         nominal_base(robot, arguments.model, arguments.modes, not arguments.no_coriolis))
     # A hypothesis may diverge; its fit is dropped, so NumPy's warnings would only confuse.
     with np.errstate(all='ignore'):
@@ -147,16 +146,21 @@ def progress_bar() -> Iterator[Progress]:
         yield show
 
 
+def _told(arguments: argparse.Namespace, robot: Robot) -> float:
+    """Return the payload that the operator believes in, kg."""
+    return robot.payload_mass if arguments.payload is None else float(arguments.payload)
+
+
 def settings_of(arguments: argparse.Namespace, robot: Robot, logs: Sequence[Log],
                 every: int) -> dict[str, Any]:
     """Return the settings of the run, for report and JSON; one sample of `every` was used."""
-    told = robot.payload_mass if arguments.payload is None else arguments.payload
     described = [f'{log.source}: {len(log)} samples, '
                  f'{log.time[-1] - log.time[0] + log.sample_time:.4g} s at '
                  f'{1.0 / log.sample_time:.4g} Hz{_used(every)}' for log in logs]
     return {
         'logs': described, 'robot': f'{robot.name} ({arguments.robot})',
-        'model': arguments.model, 'modes': arguments.modes, 'payload_told_kg': told,
+        'model': arguments.model, 'modes': arguments.modes,
+        'payload_told_kg': _told(arguments, robot),
         'coriolis': _coriolis(arguments, robot), 'excluded': list(arguments.exclude),
         'jobs': arguments.jobs, 'seed': arguments.seed, 'version': command_line.package_version()}
 
@@ -208,9 +212,8 @@ def _main(arguments: argparse.Namespace) -> None:
         write(print, answer_text(found.diagnosis, found.gains, found.payload))
         if arguments.extended:
             # A payload's deviation is one from what was told, not from the file's.
-            told = robot.payload_mass if arguments.payload is None else arguments.payload
             changed = replace(found.extended.robot, sample_time=robot.sample_time,
-                              payload_mass=told)
+                              payload_mass=settings['payload_told_kg'])
             write(_write_extended, arguments, changed, found)
         if arguments.json:
             write(command_line.write_json, arguments.json, answer(

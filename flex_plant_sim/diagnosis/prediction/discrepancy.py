@@ -49,8 +49,8 @@ class DiscrepancyModel:
     """
 
     # On clean arms of other simulators no channel errs by more than these state: joints by 0.94
-    # of it, gauges by 0.22 to 0.51, with a gauge share of 1 % by 0.46 to 0.78
-    # (benchmarks/discrepancy.py --runs 8).
+    # of it, gauges by 0.21 to 0.48, with a gauge share of 1 % by 0.44 to 0.75
+    # (benchmarks/discrepancy.py --runs 20).
     # With smaller values the parts absorb systematic errors: their posterior says most of the
     # true ones with 6 % (benchmarks/temper.py --torque 0.03, 0.06, 0.1).
     torque_share: tuple[float, float] = (0.06, 0.06)

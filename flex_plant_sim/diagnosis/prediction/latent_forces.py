@@ -53,15 +53,13 @@ class LatentPrior:
     torque : float
         Standard deviation of a torque's change over one second, over the drive's net torque.
     gauge : float
-        Standard deviation of a gauge's error, as a share of the rms strain.
-    gauge_time : float
-        Correlation time of that error, s.
+        Standard deviation of a gauge's error, as a share of the rms strain; its correlation time
+        is that of the discrepancy.
 
     """
 
     torque: float = 0.03
     gauge: float = DiscrepancyModel.gauge_share
-    gauge_time: float = 0.3
 
 
 @dataclass(frozen=True)
@@ -85,6 +83,8 @@ class LatentForces:
         Bending moment at each link's first gauge, N m, (N, 2); 0 where there is none.
     drive : Array
         Net torque of the drives, see `net_torques`, N m, (2,).
+    gauge_time : float
+        Correlation time of the gauges' error, s.
     first, stop : int
         Samples to fit laws to, without the initial transient and the locked part.
 
@@ -101,6 +101,7 @@ class LatentForces:
     strain: Array
     load: Array
     drive: Array
+    gauge_time: float
     first: int
     stop: int
 
@@ -162,7 +163,7 @@ def latent_system(predictor: Predictor, prior: LatentPrior) -> LatentSystem:
     torques = np.concatenate([table[..., :n], table[..., n + 2:] @ arm.form.force], axis=-1)
     drive = np.maximum(net_torques(arm, predictor.windows), LEAST)
     strain = np.maximum(record.output_deviation[2:], LEAST)
-    decay = float(np.exp(-step / prior.gauge_time))
+    decay = float(np.exp(-step / predictor.discrepancy['gauge_time_s']))
     gauge = (prior.gauge * strain)**2
     walk_variance = np.concatenate([step * (prior.torque * drive)**2,
                                     gauge * (1.0 - decay**2)])
@@ -230,4 +231,5 @@ def _latent_forces_of(predictor: Predictor, smoothed: Smoothed, scored: slice
         gauge=latent[:, 2:], gauge_deviation=smoothed.deviation[:, 2:],
         speed=state[:, order:order + 2], angle=state[:, :2], command=record.command,
         strain=(state @ arm.output_matrix.T)[:, 2:], load=state[:, :order] @ np.array(loads).T,
-        drive=net_torques(arm, predictor.windows), first=scored.start, stop=scored.stop)
+        drive=net_torques(arm, predictor.windows),
+        gauge_time=predictor.discrepancy['gauge_time_s'], first=scored.start, stop=scored.stop)

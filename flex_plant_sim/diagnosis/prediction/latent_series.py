@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
-from flex_plant_sim.diagnosis.prediction.latent_forces import LatentForces, LatentPrior
+from flex_plant_sim.diagnosis.prediction.latent_forces import LatentForces
 from flex_plant_sim.diagnosis.prediction.law import CONSTANT, LatentSeries, TIME
 import numpy as np
 from numpy.typing import NDArray
@@ -67,7 +67,7 @@ def gauge_series(found: Sequence[LatentForces], robot: Robot) -> tuple[LatentSer
             name, 'm/m', _joined([f.gauge[:, g] for f in found]),
             _joined([f.gauge_deviation[:, g] for f in found]), variables, _scored(found),
             float(DiscrepancyModel.gauge_share * np.std(strain[:, g])), (CONSTANT, 'strain'),
-            LatentPrior.gauge_time / float(found[0].time[1] - found[0].time[0])))
+            found[0].gauge_time / float(found[0].time[1] - found[0].time[0])))
     return tuple(series)
 
 

@@ -38,6 +38,19 @@ PERIODS = TorqueRipple.parameters[-1].starts
 CURVE_BINS, MIN_BIN_SAMPLES = 24, 5
 
 
+def binned(x: Array, value: Array) -> Array:
+    """
+    Return centres, means and standard deviations of a value over x, (3, K).
+
+    Bins hold equally many samples; those with too few are left out.
+    """
+    edges = np.quantile(x, np.linspace(0.0, 1.0, CURVE_BINS + 1))
+    inside = np.clip(np.searchsorted(edges, x, side='right') - 1, 0, CURVE_BINS - 1)
+    bins = [inside == k for k in range(CURVE_BINS) if np.sum(inside == k) >= MIN_BIN_SAMPLES]
+    rows = [(x[b].mean(), value[b].mean(), value[b].std()) for b in bins]
+    return np.array(rows).reshape(-1, 3).T
+
+
 @dataclass(frozen=True)
 class Finding:
     """
@@ -108,15 +121,10 @@ class Finding:
             'curves': {name: dict(zip(('at', 'mean', 'deviation'), self.curve(name)))
                        for name in self.series.variables}}
 
-    def curve(self, variable: str) -> tuple[Array, Array, Array]:
-        """Return bin centres of a variable, mean and deviation of the force in them, (K,) each."""
+    def curve(self, variable: str) -> Array:
+        """Return bin centres of a variable, mean and deviation of the force in them, (3, K)."""
         scored = self.series.scored
-        x, value = self.series.variables[variable][1][scored], self.series.value[scored]
-        edges = np.quantile(x, np.linspace(0.0, 1.0, CURVE_BINS + 1))
-        inside = np.clip(np.searchsorted(edges, x, side='right') - 1, 0, CURVE_BINS - 1)
-        bins = [inside == k for k in range(CURVE_BINS) if np.sum(inside == k) >= MIN_BIN_SAMPLES]
-        return (np.array([x[b].mean() for b in bins]), np.array([value[b].mean() for b in bins]),
-                np.array([value[b].std() for b in bins]))
+        return binned(self.series.variables[variable][1][scored], self.series.value[scored])
 
 
 @dataclass(frozen=True)

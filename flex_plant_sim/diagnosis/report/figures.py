@@ -17,7 +17,7 @@ from flex_plant_sim.diagnosis.prediction.free_run import (
     horizon_samples,
     window_rows,
 )
-from flex_plant_sim.diagnosis.prediction.latent_view import CURVE_BINS, MIN_BIN_SAMPLES
+from flex_plant_sim.diagnosis.prediction.latent_view import binned
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.verdict.improvement import Gain
 from flex_plant_sim.diagnosis.verdict.symptoms import drift, DRIFTED, one_step, spectrum
@@ -34,6 +34,9 @@ SHOWN_SECONDS = 8.0
 # Range of an axis, as a ratio, below which thirds of decades are marked too: an axis of less than
 # two decades may contain no decade mark.
 THIRDS_BELOW = 100.0
+# Error, in ranges of the measurement, beyond which a model's trace would hide the others; and what
+# an axis leaves beyond its traces, as a share of their range.
+DIVERGED, MARGIN = 1.5, 0.05
 
 
 @dataclass(frozen=True)
@@ -92,7 +95,7 @@ def trace_pictures(nominal: Predictor, extended: Predictor) -> list[Picture]:
                  (nominal.record.output[rows], before, after)]
 
         def draw(figure: Any, lines: list[Array] = lines, unit: str = unit) -> None:
-            _draw_traces(figure, nominal.record.time[rows][kept], lines, unit)
+            draw_traces(figure, nominal.record.time[rows][kept], lines, unit)
 
         pictures.append(picture(draw, name, (
             f'{name}: measured and simulated over {steps * step:.3g} s of the locked part, '
@@ -100,25 +103,33 @@ def trace_pictures(nominal: Predictor, extended: Predictor) -> list[Picture]:
     return pictures
 
 
-def _draw_traces(figure: Any, time: Array, lines: Sequence[Array], unit: str) -> None:
+def draw_traces(figure: Any, time: Array, lines: Sequence[Array], unit: str) -> None:
+    """Draw what was measured and both models' free runs over time, (N,) each, and the errors."""
     measured, before, after = lines
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
     upper.plot(time, before, color=BEFORE, label='before')
     upper.plot(time, after, color=AFTER, label='after')
     upper.plot(time, measured, color=MEASURED, linewidth=0.8, linestyle=(0, (3, 1)),
                label='measured')
-    # A model that diverges must not compress the measurement to a line.
-    reach = 1.5 * np.ptp(measured) + 1e-9
-    upper.set_ylim(measured.min() - reach * 0.5, measured.max() + reach * 0.5)
-    upper.autoscale(axis='y', tight=False) if np.max(np.abs(before)) < 3.0 * reach else None
+    reach = DIVERGED * float(np.ptp(measured)) + np.finfo(float).tiny
+    near = [line for line in (before, after) if np.max(np.abs(line - measured)) < reach]
+    _show(upper, [measured, *near])
     upper.set_ylabel(unit)
     upper.legend(frameon=False, ncols=3, loc='lower center', bbox_to_anchor=(0.5, 0.97),
                  handlelength=1.2, columnspacing=1.0)
     lower.plot(time, measured - before, color=BEFORE)
     lower.plot(time, measured - after, color=AFTER)
+    _show(lower, [measured - line for line in near] or [measured - measured.mean()])
     lower.axhline(0.0, color=MEASURED, linewidth=0.5)
     lower.set_ylabel(f'error, {unit}')
     lower.set_xlabel('time, s')
+
+
+def _show(axis: Any, lines: Sequence[Array]) -> None:
+    """Let an axis show these lines whole: a model that diverges would hide all others."""
+    low, high = min(map(np.min, lines)), max(map(np.max, lines))
+    margin = MARGIN * (high - low) or 1.0
+    axis.set_ylim(low - margin, high + margin)
 
 
 def speed_pictures(nominal: Sequence[Predictor], extended: Sequence[Predictor]) -> list[Picture]:
@@ -128,7 +139,7 @@ def speed_pictures(nominal: Sequence[Predictor], extended: Sequence[Predictor]) 
     for k, (name, si_unit) in enumerate(_channels(nominal[0])):
         joint = int(name.split('_')[1][0]) - 1
         scale, unit = CHANNEL_SHOWN[si_unit]
-        curves = [_binned(speed[:, joint], scale * error[:, k]) for speed, error in both]
+        curves = [binned(speed[:, joint], scale * error[:, k]) for speed, error in both]
 
         def draw(figure: Any, curves: list[Array] = curves, joint: int = joint,
                  unit: str = unit) -> None:
@@ -156,15 +167,6 @@ def _speeds_and_errors(predictors: Sequence[Predictor]) -> tuple[Array, Array]:
         order = p.arm.form.order
         found.append((p.states[rows, order:order + 2], error))
     return np.vstack([f[0] for f in found]), np.vstack([f[1] for f in found])
-
-
-def _binned(speed: Array, error: Array) -> Array:
-    """Return centres, means and standard deviations of the bins with enough samples, (3, K)."""
-    edges = np.quantile(speed, np.linspace(0.0, 1.0, CURVE_BINS + 1))
-    inside = np.clip(np.searchsorted(edges, speed, side='right') - 1, 0, CURVE_BINS - 1)
-    rows = [(speed[inside == b].mean(), error[inside == b].mean(), error[inside == b].std())
-            for b in range(CURVE_BINS) if np.count_nonzero(inside == b) >= MIN_BIN_SAMPLES]
-    return np.array(rows).reshape(-1, 3).T
 
 
 def spectrum_pictures(nominal: Sequence[Predictor],

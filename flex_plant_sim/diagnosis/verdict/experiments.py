@@ -42,8 +42,6 @@ def experiment(names: Sequence[str]) -> str:
     """
     shown_by = {name: _record_for(name) for name in names if name in catalogue()}
     kinds = dict.fromkeys(shown_by.values())
-    if not kinds:
-        return ''
     words = apart_text(names)
     if len(kinds) == 1:
         return f'To tell {words}: record {next(iter(kinds))}.'
@@ -57,7 +55,7 @@ def with_experiment(diagnosis: Diagnosis) -> Diagnosis:
     """Return the diagnosis with the experiment for its look-alikes as advice."""
     if not diagnosis.cannot_tell:
         return diagnosis
-    return replace(diagnosis, advice=experiment(diagnosis.cannot_tell[0]) or diagnosis.advice)
+    return replace(diagnosis, advice=experiment(diagnosis.cannot_tell[0]))
 
 
 def _record_for(name: str) -> str:

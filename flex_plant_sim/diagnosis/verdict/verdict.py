@@ -302,10 +302,11 @@ def nothing_verdict(posterior: Posterior, parts: Sequence[PartEstimate]
     few = dict(list(likely.items())[:MAX_LISTED_NAMES])
     listed = ', '.join(f'{UNNAMED if name == "unknown" else name_text(name)} {percent_text(p)}'
                        for name, p in few.items())
+    named = [name for name in few if name in catalogue()]
     others = f' and {len(likely) - len(few)} more, less likely' if len(likely) > len(few) else ''
     return ('cannot_tell', 'Whether anything is wrong with the simulation, this record cannot '
             f'tell: {listed}{others}.{far}',
-            (('nothing', *(name for name in few if name in catalogue())),))
+            (('nothing', *named),) if named else ())
 
 
 def _far_part(found: SearchResult) -> str:
@@ -325,7 +326,5 @@ def _parts_beyond_tolerance(parts: Sequence[PartEstimate]) -> str:
 
 
 def _advice(verdict: Verdict, sets: Sequence[Sequence[str]]) -> str:
-    if verdict == 'cannot_tell':
-        return (f'To tell {apart_text(sets[0])}: record again with another known payload and '
-                'with slow and fast moves.')
-    return LOOK_AT_RESIDUALS if verdict == 'not_in_catalogue' else ''
+    """Return where to look where nothing has a name; what sets need, `with_experiment` says."""
+    return LOOK_AT_RESIDUALS if verdict in ('not_in_catalogue', 'cannot_tell') and not sets else ''
