@@ -20,7 +20,8 @@ from flex_plant_sim.simulation.simulator import Noise, simulate, Simulator
 import numpy as np
 
 REFERENCE = load_robot('reference')
-SLOWEST = 10.0
+# Of the arm with 0.1 kg, rad/s, see verdict.slowest_frequency.
+SLOWEST = 7.9
 
 
 def effects(*texts: str, robot: Robot = REFERENCE) -> tuple[Effect, ...]:
