@@ -12,6 +12,7 @@ from operator import attrgetter
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.inputs.first_row import off_channel
 from flex_plant_sim.inputs.gate import counted, Gate, judge_record, Refusal
 from flex_plant_sim.inputs.jitter import deviations, stamp_share
 from flex_plant_sim.inputs.plausible import alternates, SAMPLING_AGREES, unit_hint
@@ -114,7 +115,7 @@ def to_log(rows: Rows, robot: Robot, commands: Callable[[Grid], Array] | None = 
         raise InputError(f'{rows.source}: expected at least 2 samples, got {len(rows.time)}')
     _check_time(rows)
     start = float(rows.time[0])
-    rows = _pass_gate(rows, robot)
+    rows = _pass_gate(_from_first_reading(rows, robot), robot)
     grid = even_grid(rows.time, rows.source, rows.row)
     rows = _with_gap_notes(rows, grid).kept(slice(grid.first, grid.last))
     if grid.samples < 2:
@@ -146,6 +147,18 @@ def _check_time(rows: Rows) -> None:
         raise InputError(f'{rows.source}: {rows.row(k)}: time: expected more than '
                          f'{rows.time[k - 1]:.{STAMP_DIGITS}g} s, '
                          f'got {rows.time[k]:.{STAMP_DIGITS}g} s')
+
+
+def _from_first_reading(rows: Rows, robot: Robot) -> Rows:
+    """Return the rows without the first where the next ones deny it."""
+    output = np.hstack([rows.joint, rows.strain])
+    k = off_channel(rows.time, output)
+    if k is None:
+        return rows
+    off = f'{abs(output[0, k] - output[1, k]):.3g}'
+    return rows.kept(slice(1, None)).noted(
+        f'{rows.row(0)} left out: {robot.output_names[k]} is {off} {robot.output_units[k]} off '
+        'the next row, which no later row is: not yet a reading?')
 
 
 def _pass_gate(rows: Rows, robot: Robot) -> Rows:

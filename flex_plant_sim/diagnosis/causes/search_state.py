@@ -159,9 +159,9 @@ class SearchState:
 
     @property
     def best(self) -> RefinedFit:
-        """Return the most probable refined fit without a far part."""
-        return max((r for r in self.refined.values() if not r.fit.discrepancy.far_part),
-                   key=lambda r: self.score(r.fit))
+        """Return the most probable refined fit, of those without a far part if there is one."""
+        return max(self.refined.values(), key=lambda r: (
+            not r.fit.discrepancy.far_part, self.score(r.fit)))
 
     @property
     def refined_with_laws(self) -> list[RefinedFit]:
