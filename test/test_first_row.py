@@ -39,7 +39,8 @@ def test_a_second_reading_that_is_off_does_not_cost_the_first(record: Record) ->
 
 def test_noise_alone_seldom_looks_so() -> None:
     rng, time = np.random.default_rng(3), 0.01 * np.arange(400)
-    told = [off_channel(time, np.round(rng.normal(size=(400, OUTPUTS)), digits)) is not None
+    told = [off_channel(time, np.asarray(np.round(
+        rng.normal(size=(400, OUTPUTS)), digits), dtype=float)) is not None
             for digits in (0, 6) for _ in range(300)]
     assert not any(told)
 
