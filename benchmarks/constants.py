@@ -40,6 +40,7 @@ PACKAGE = 'flex_payload_estimator.estimators.rpe'
 CONSTANTS = {
     'likelihood': ('MEMORY_S', 'MEMORY_SAMPLES', 'LARGEST_READING', 'PRIOR_READINGS',
                    'NOISE_RATIO', 'POOR_FIT', 'FIRST_SAMPLES', 'FALSE_ALARM_S'),
+    'misfit': ('SUSPECT_FACTOR',),
     'score': ('CORRELATION_S', 'PRIOR_S', 'BENDING_SHARE'),
     'transitions': ('CHANGE_FACTOR', 'MODES_OPEN_S', 'FREER_MODE_S', 'TRIAL_S', 'AGAIN_RATIO'),
     'competition': ('WALK_S', 'RANGE_DEVIATIONS', 'WINDOW_S', 'CONSTANT_S', 'SAME_CHANGE_S'),
@@ -49,7 +50,7 @@ CONSTANTS = {
     'window_pass': ('SAMPLES_PER_STEP', 'FIRST_PASS_S'),
     'outliers': ('RELOCATED_SAMPLES', 'LOST_STATE_NATS'),
     'filter_step': ('PERSISTENT_ERROR', 'PAYLOAD_CELLS'),
-    'estimator': ('STAMP_SHARE', 'REST_DRIFT', 'SUSPECT_FACTOR', 'LONGEST_GAP_S'),
+    'estimator': ('STAMP_SHARE', 'REST_DRIFT', 'LONGEST_GAP_S'),
     'events': ('DEVIATIONS', 'SHARE'),
     'excitation': ('EXCITED_STD', 'EXCITED_S'),
     'first_sample': ('LEAP',),

@@ -15,11 +15,9 @@ import argparse
 from dataclasses import replace
 
 import _truths  # noqa: F401
-from flex_payload_estimator.estimators.rpe.estimator import (
-    RecursivePredictionError,
-    SUSPECT_FACTOR,
-)
+from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
 from flex_payload_estimator.estimators.rpe.likelihood import reduced_chi_square, SCORE
+from flex_payload_estimator.estimators.rpe.misfit import SUSPECT_FACTOR
 from flex_payload_estimator.estimators.rpe.modes import ROUGH
 from flex_payload_estimator.estimators.rpe.prior import tolerances_off
 from flex_plant_sim.arm.robot_file import load_robot

@@ -9,7 +9,12 @@ from flex_payload_estimator.estimators.rpe.competition import WINDOW_S
 from flex_payload_estimator.estimators.rpe.estimator import RecursivePredictionError
 from flex_payload_estimator.estimators.rpe.filter import Filter
 from flex_payload_estimator.estimators.rpe.likelihood import reduced_chi_square
-from flex_payload_estimator.estimators.rpe.misfit import pooled_misfit
+from flex_payload_estimator.estimators.rpe.misfit import (
+    disagreement,
+    no_model_holds,
+    parts_off,
+    pooled_misfit,
+)
 from flex_payload_estimator.estimators.rpe.modes import COARSE, EXACT, Mode, ROUGH
 from flex_payload_estimator.estimators.rpe.trial import Trial
 from flex_plant_sim.arm.robot_file import load_robot
@@ -51,6 +56,39 @@ def test_the_misfit_of_two_stretches_is_that_of_all_their_squares() -> None:
 def test_a_misfit_counts_until_as_much_is_learnt(
         own: float, learnt: float, before: float, seen: float, expected: float) -> None:
     assert pooled_misfit(own, learnt, before, seen) == pytest.approx(expected)
+
+
+def test_two_payloads_further_apart_than_chance_has_them_widen_the_band() -> None:
+    random, std, other_std = np.random.default_rng(8), 0.003, 0.01
+    estimator = estimator_of()
+    Run(estimator, PayloadProfile.constant(0.15), 1.0)
+    f, g = estimator.incumbent.copy(), estimator.incumbent.copy()
+    f.beta_cov[0, 0], g.beta_cov[0, 0] = std**2, other_std**2
+    ratios = []
+    for _ in range(400):
+        f.beta[0] = 0.1 + std * random.standard_normal()
+        g.beta[0] = 0.1 + other_std * random.standard_normal()
+        ratios.append(disagreement(f, 1.0, g))
+    assert min(ratios) == 1.0 and np.mean(np.array(ratios) == 1.0) == pytest.approx(0.68, abs=0.06)
+    g.beta[0] = f.beta[0] + 0.1
+    assert disagreement(f, 2.0, g) == pytest.approx(0.01 / (2.0 * std**2 + other_std**2))
+
+
+def test_parts_as_good_as_their_tolerances_are_seldom_suspect() -> None:
+    estimator, random = estimator_of(), np.random.default_rng(9)
+    f, prior = estimator.stepper.begin(ROUGH, np.zeros(6), 0.1, 0.05), estimator.stepper.prior
+    f.passes, parts, told = 1, prior.tolerated, []
+    f.beta_cov[parts, parts] = 0.0
+    for _ in range(2000):
+        f.beta[parts] = prior.mean[parts] + prior.std[parts] * random.standard_normal(
+            f.beta[parts].size)
+        told.append(no_model_holds(f, 1.0, prior))
+    assert np.mean(told) == pytest.approx(0.01, abs=0.006)
+    f.beta[parts] = prior.mean[parts] + 1.5 * prior.std[parts]
+    assert parts_off(f, prior) == pytest.approx(2.25) and no_model_holds(f, 1.0, prior)
+    # Before its first pass it is linearised elsewhere.
+    f.passes = 0
+    assert not no_model_holds(f, 1.0, prior) and no_model_holds(f, 3.1, prior)
 
 
 def promoted(kind: str, former: Mode, mode: Mode) -> tuple[RecursivePredictionError, Filter]:

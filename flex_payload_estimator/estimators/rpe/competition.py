@@ -8,7 +8,12 @@ from flex_payload_estimator.estimators.rpe import transitions
 from flex_payload_estimator.estimators.rpe.filter import Filter, Sample
 from flex_payload_estimator.estimators.rpe.filter_step import FilterStep
 from flex_payload_estimator.estimators.rpe.likelihood import false_alarm_threshold
-from flex_payload_estimator.estimators.rpe.misfit import misfits, payload_score, pooled_misfit
+from flex_payload_estimator.estimators.rpe.misfit import (
+    disagreement,
+    misfits,
+    payload_score,
+    pooled_misfit,
+)
 from flex_payload_estimator.estimators.rpe.modes import freedom, Mode, ROUGH
 from flex_payload_estimator.estimators.rpe.restarts import (
     in_other_mode,
@@ -77,6 +82,8 @@ class ModeCompetition:
         # Time in the window at the last attempt at `exact`, s.
         self._last_attempt = 0.0
         self._time_in_motion, self._misfit = 0.0, 1.0
+        # The last `rough` that led `coarse` to the end of its trial and does not fit.
+        self._dissent: Filter | None = None
         self.ongoing_change: Trial | None = None
         self.reported_change: Trial | None = None
         self._constant_since, self._change_found = -math.inf, -math.inf
@@ -96,7 +103,8 @@ class ModeCompetition:
         own, factor = misfits(incumbent, self.stepper.prior)
         self._misfit = pooled_misfit(own, incumbent.age, incumbent.misfit,
                                      min(self._time_in_motion, WINDOW_S))
-        return max(self._misfit, factor)
+        factor = max(self._misfit, factor)
+        return factor * disagreement(incumbent, factor, self._dissent) if self._dissent else factor
 
     def predict(self, sample: Sample, loads: Loads, excited: bool) -> None:
         """Bring the trials across a sample without a measurement."""
@@ -207,6 +215,8 @@ class ModeCompetition:
         """End a trial; an exact model may be linearised wrongly, and seeks a better point."""
         self.trials.remove(trial)
         exact = trial.kind == 'mode' and not trial.kalman.mode.free_parts
+        if trial.has_less_freedom(incumbent) and not exact:
+            self._dissent = trial.kalman if trial.log_ratio > self._threshold else None
         if exact and incumbent.mode.payload_walk == 0.0 and not self._pass:
             self._pass = repeated_exact_search(trial.kalman, self.window, self.stepper)
 
@@ -233,6 +243,8 @@ class ModeCompetition:
         elif trial.kalman.mode.payload_walk == 0.0:
             self._end_change(trial, incumbent, time)
         self._pass, self._last_attempt = None, 0.0
+        if new_mode or trial.kind == 'change':
+            self._dissent = None
         if new_mode:
             # What `exact` did not fit, free parts may; and `exact` wins over the whole window.
             trial.kalman.misfit = self._misfit if freedom(trial.kalman.mode) == 2 else 1.0

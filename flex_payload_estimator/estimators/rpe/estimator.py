@@ -12,6 +12,7 @@ from flex_payload_estimator.estimators.rpe.events import EventLog
 from flex_payload_estimator.estimators.rpe.excitation import Excitation
 from flex_payload_estimator.estimators.rpe.filter import Filter, Sample
 from flex_payload_estimator.estimators.rpe.first_sample import FirstSample
+from flex_payload_estimator.estimators.rpe.misfit import no_model_holds
 from flex_payload_estimator.estimators.rpe.outliers import OutlierTests
 from flex_payload_estimator.estimators.rpe.sensors import Loads
 from flex_payload_estimator.estimators.rpe.settings import RpeSettings, stepper_of
@@ -34,8 +35,6 @@ LARGEST_ANGLE, LARGEST_STRAIN, LARGEST_COMMAND = 1e6, 1.0, 1e6
 # Random walk of the payload while nothing tells of it, kg per square root of a second: chosen,
 # 0.015 kg in a minute.
 REST_DRIFT = 2e-3
-# Where the published variance has to be multiplied by more than this, no mode's model holds.
-SUSPECT_FACTOR = 3.0
 
 
 class RecursivePredictionError:
@@ -333,7 +332,8 @@ class RecursivePredictionError:
             mass, variance = self.stepper.published(best, moments, factor)
         tells = self._excitation.excited and self._incumbent is not None
         cut_by_range = tells and mass + Z95 * math.sqrt(variance) > self.payload_max
-        status = 'model_suspect' if factor > SUSPECT_FACTOR or cut_by_range \
+        suspect = no_model_holds(best, factor, self.stepper.prior)
+        status = 'model_suspect' if suspect or cut_by_range \
             else 'ok' if tells else 'not_excited'
         # To unpack an array takes as long as ten of these lines: it ends in an exception.
         innovations = best.innovations.copy()

@@ -18,7 +18,7 @@ from flex_plant_sim.effects.sensor.angle_offset import AngleOffset
 from flex_plant_sim.effects.structure.coriolis_centripetal import CoriolisCentripetal
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
-from scipy.special import log_ndtr
+from scipy.special import chdtri, log_ndtr
 
 # Share of the forces of motion that an exact model may have: the paper's equations have none, real
 # arms all. With free parts the share is a parameter of this mean and standard deviation.
@@ -37,6 +37,8 @@ CERTAIN = 1e-9
 PAYLOAD_INERTIA = 'payload_inertia'
 # No model is linearised about parts that are off by more than this many standard deviations.
 FARTHEST = 5.0
+# Share of arms with parts as good as their tolerances that are not called suspect for them.
+GOOD_ARMS = 0.99
 
 
 @dataclass(frozen=True)
@@ -87,6 +89,12 @@ class Prior:
         found, tolerated = np.zeros(self.mean.size), self.tolerated
         found[tolerated] = 1.0 / (max(found[tolerated].size, 1) * self.std[tolerated]**2)
         return found
+
+    @cached_property
+    def most_off(self) -> float:
+        """Return the mean square of deviations over tolerances that GOOD_ARMS stay below."""
+        count = max(self.mean[self.tolerated].size, 1)
+        return float(chdtri(count, 1.0 - GOOD_ARMS)) / count
 
     def exact(self) -> Prior:
         """Return the prior of an exact model: zero, parts and gains are the robot file's."""
