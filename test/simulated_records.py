@@ -20,8 +20,7 @@ from flex_plant_sim.simulation.simulator import Noise, simulate, Simulator
 import numpy as np
 
 REFERENCE = load_robot('reference')
-# Of the arm with 0.1 kg, rad/s, see verdict.slowest_frequency.
-SLOWEST = 7.9
+SLOWEST = 10.0
 
 
 def effects(*texts: str, robot: Robot = REFERENCE) -> tuple[Effect, ...]:
@@ -53,10 +52,10 @@ def simulated(hidden: Sequence[Effect] = (), duration: float = 24.0, noise: floa
 
 
 def predictor(record: Record, assumed: Sequence[Effect] = (), robot: Robot = REFERENCE,
-              locked: bool = True,
+              locked: bool = True, slowest: float = SLOWEST,
               noise_shares: tuple[float, float] = BaseModel.noise_shares) -> Predictor:
     """Return the predictor of an arm with effects over a record's locked or other windows."""
-    cut = Windows.cut(record, SLOWEST, robot.sample_time)
+    cut = Windows.cut(record, slowest, robot.sample_time)
     noise = np.maximum(measurement_noise(record.output), 1e-9)
     base = BaseModel(robot, effects=tuple(assumed), noise_shares=noise_shares)
     return Predictor(base, cut[1 if locked else 0], noise)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.inputs.first_row import off_channel
 from flex_plant_sim.logs.read import read_log
 import numpy as np
@@ -39,9 +40,9 @@ def test_a_second_reading_that_is_off_does_not_cost_the_first(record: Record) ->
 
 @pytest.mark.parametrize('step', [1.0, 1e-6])
 def test_noise_alone_seldom_looks_so(step: float) -> None:
-    rng, time = np.random.default_rng(3), 0.01 * np.arange(400)
+    rng, time = np.random.default_rng(3), np.linspace(0.0, 4.0, 400)
     for _ in range(300):
-        rounded = step * np.rint(rng.normal(size=(400, OUTPUTS)) / step)
+        rounded: Array = step * np.rint(rng.normal(size=(400, OUTPUTS)) / step)
         assert off_channel(time, rounded) is None
 
 
