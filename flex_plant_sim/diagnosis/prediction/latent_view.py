@@ -83,6 +83,11 @@ class Finding:
         return self.exceeds_model_error and self.validations[0].share < MIN_EXPLAINED_SHARE
 
     @property
+    def likely_variables(self) -> tuple[CrossValidation, ...]:
+        """Return the two best of the variables that explain half of it, the best first."""
+        return tuple(v for v in self.validations[:2] if v.share >= MIN_EXPLAINED_SHARE)
+
+    @property
     def has_shape_of_no_effect(self) -> bool:
         """
         Tell whether its law is stated and of no effect's shape, by more than a model error.

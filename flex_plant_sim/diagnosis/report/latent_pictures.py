@@ -11,6 +11,7 @@ from flex_plant_sim.diagnosis.pool import all_of
 from flex_plant_sim.diagnosis.prediction.latent_view import Finding, LatentView
 from flex_plant_sim.diagnosis.prediction.law import CONSTANT, CrossValidation
 from flex_plant_sim.diagnosis.report.figures import AFTER, BEFORE, MEASURED, Picture, picture
+from flex_plant_sim.diagnosis.verdict.unknown import likely_text
 from flex_plant_sim.diagnosis.verdict.wording import digits_text, percent_text, shown_unit
 from flex_plant_sim.interval import Z95
 import numpy as np
@@ -64,8 +65,7 @@ def _finding_text(finding: Finding) -> str:
         swings = f' It swings at {digits_text(line.frequency, 2)} Hz.' if line else ''
         return ('None of these explains half of it: behind it are several, an acceleration (as of '
                 f'a wrong mass), or something with a memory.{swings}')
-    return ('Beyond chance, no one variable explains more than half of it, or two explain nearly '
-            'as much of it.')
+    return f'It seems to follow {likely_text(finding)}.'
 
 
 def _variable_text(variable: str) -> str:

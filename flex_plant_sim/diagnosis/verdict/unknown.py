@@ -22,7 +22,7 @@ UNNAMED_VERDICTS: tuple[Verdict, ...] = ('not_in_catalogue', 'cause_and_remainde
 VARIABLE_TEXT = {'speed': 'its speed', 'angle': 'its angle', 'load': 'the load on its link',
                  'command': 'its command', 'time': 'time', 'strain': 'its own strain',
                  'strain rate': 'the rate of its strain', 'command_1': 'the command of joint 1',
-                 'command_2': 'the command of joint 2'}
+                 'command_2': 'the command of joint 2', CONSTANT: 'a constant level'}
 NOT_IN_CATALOGUE = 'The simulation is wrong in a way that nothing in the catalogue explains.'
 LOOK_AT_RESIDUALS = 'Look at the residual plots: channel, band and dependence say where to look.'
 # Least share of a force that a law is believed to leave, so that its odds stay finite: with 20
@@ -119,10 +119,13 @@ def _shown(view: LatentView) -> tuple[Finding, ...]:
 
 
 def _sentences(findings: Sequence[Finding]) -> tuple[str, ...]:
-    """Return sentences about stated laws; without one, about forces that follow no variable."""
+    """Return sentences about stated laws; without one, about what forces may follow."""
     known = tuple(sentence(f) for f in findings if f.law.stated)
-    others = tuple(sentence(f) for f in findings if f.has_memory)
-    return known or (*others, MANY_OR_MEMORY) if known or others else ()
+    if known:
+        return known
+    shown = [f for f in findings if f.exceeds_model_error]
+    many = (MANY_OR_MEMORY,) if any(f.has_memory for f in shown) else ()
+    return (*map(sentence, shown), *many)
 
 
 def sentence(finding: Finding) -> str:
@@ -135,11 +138,28 @@ def sentence(finding: Finding) -> str:
     if law.stated and law.variable == CONSTANT:
         return f'An unnamed constant {what} acts on {site} ({size}).'
     if law.stated:
-        over = VARIABLE_TEXT.get(law.variable, law.variable.replace('_', ' '))
+        over = variable_text(law.variable)
         return (f'An unnamed {what} of {site} ({size}) is a law over {over}, which explains '
                 f'{100.0 * law.share:.0f} % of it on stretches left out{_as_friction(finding)}.')
+    if not finding.has_memory:
+        return f'An unnamed {what} of {site} ({size}) seems to follow {likely_text(finding)}.'
     swings = f', and swings at {digits_text(finding.line.frequency, 2)} Hz' if finding.line else ''
     return f'An unnamed {what} of {site} ({size}) follows no one variable{swings}.'
+
+
+def likely_text(finding: Finding) -> str:
+    """Return the variables that a force may follow, how much of it each explains, and a doubt."""
+    likely = finding.likely_variables
+    named = ' or '.join(
+        f'{variable_text(v.variable)} ({100.0 * v.share:.0f} % of it where not fitted)'
+        for v in likely)
+    return named + (': which, this record cannot tell' if len(likely) > 1
+                    else ', not surely enough to state a law')
+
+
+def variable_text(variable: str) -> str:
+    """Return a variable in words."""
+    return VARIABLE_TEXT.get(variable, variable.replace('_', ' '))
 
 
 def _as_friction(finding: Finding) -> str:
@@ -153,11 +173,17 @@ def _as_friction(finding: Finding) -> str:
 
 def _advice(view: LatentView) -> str:
     stated = [f.law for f in _shown(view) if f.law.stated]
+    likely = [f for f in _shown(view) if f.exceeds_model_error and not f.has_memory]
+    if likely and not stated:
+        first = likely[0]
+        over = variable_text(first.likely_variables[0].variable)
+        return (f'Record {first.series.site.replace("_", " ")} longer, and {over} through the '
+                'whole range, apart from all else.')
     if not stated:
         return ('Record both joints at rest after a push: what swings or creeps on shows the '
                 'coordinate that the model lacks.')
     law = stated[0]
-    site, over = law.site.replace('_', ' '), VARIABLE_TEXT.get(law.variable, law.variable)
+    site, over = law.site.replace('_', ' '), variable_text(law.variable)
     if law.variable in ('time', CONSTANT):
         return f'Record {site} again from a cold start and an hour later: does it return?'
     if law not in [f.law for f in view.torques]:
