@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.inputs.resample import Grid
+from flex_plant_sim.tiny import TINY
 import numpy as np
 
 # What four neighbours say of the sample between them by a cubic, less that sample.
@@ -61,7 +62,7 @@ def stamp_share(grid: Grid, time: Array, joint: Array) -> StampShare:
     rate = np.zeros_like(joint)
     rate[1:-1] = 0.5 * (joint[2:] - joint[:-2])
     off, expected = (_off_cubic(values)[even - 2] for values in (joint, rate * late[:, None]))
-    noise = np.maximum(np.std(off, axis=0), np.finfo(float).tiny)
+    noise = np.maximum(np.std(off, axis=0), TINY)
     off, expected = off / noise, expected / noise
     power = float(np.sum(expected**2))
     if power == 0.0:

@@ -12,6 +12,7 @@ import math
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.inputs.gate import RANGE, Refusal
+from flex_plant_sim.tiny import TINY
 from msg_config.input_mapping import TIME_UNITS
 import numpy as np
 
@@ -154,7 +155,7 @@ def _exchanged(measured: Array, expected: Array, names: Sequence[str], units: Se
                    for sign in (1.0, -1.0))
     # A dead channel is like none; one that should be zero throughout has a logarithm, too.
     alive = np.flatnonzero(measured.any(axis=0)).tolist()
-    size, wanted = (np.log(np.maximum(np.linalg.norm(x, axis=0), np.finfo(float).tiny))
+    size, wanted = (np.log(np.maximum(np.linalg.norm(x, axis=0), TINY))
                     for x in (measured, expected))
 
     def looks_exchanged(i: int, j: int) -> bool:

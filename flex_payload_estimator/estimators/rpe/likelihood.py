@@ -8,6 +8,7 @@ from flex_payload_estimator.estimators.rpe.small_matrices import inner
 from flex_payload_estimator.kalman.in_place import Numbers, numbers
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import compiled
+from flex_plant_sim.tiny import TINY
 import numpy as np
 from scipy.special import chdtrc, chdtri
 
@@ -108,7 +109,7 @@ def update_statistics(statistics: Array, innovation: Array, before: Array, varia
     """
     channels, memory = innovation.size, max(MEMORY_S / step, MEMORY_SAMPLES)
     samples = statistics[channels + 16]
-    gate_share = min(1.0, gate / max(inner(scores, scores), 1e-300))
+    gate_share = min(1.0, gate / max(inner(scores, scores), TINY))
     minus_twice_log = minus_twice_stated = log_det
     for kind in range(2 if channels > 2 else 1):
         first, last = (0, 2) if kind == 0 else (2, channels)

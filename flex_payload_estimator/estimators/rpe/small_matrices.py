@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import COMPILED, compiled
+from flex_plant_sim.tiny import TINY
 import numpy as np
 from scipy.linalg.lapack import dposv, dpotrf, dtrtri
 
@@ -151,7 +152,7 @@ def _inverse_by_loops(matrix: Array) -> Array:
     size = len(matrix)
     rest, found = matrix.copy(), np.eye(size)
     for i in range(size):
-        pivot = rest[i, i] if rest[i, i] != 0.0 else 1e-300
+        pivot = rest[i, i] if rest[i, i] != 0.0 else TINY
         for k in range(size):
             rest[i, k] /= pivot
             found[i, k] /= pivot

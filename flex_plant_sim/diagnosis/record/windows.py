@@ -8,6 +8,7 @@ from functools import cached_property
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.logs.log import Log
 from flex_plant_sim.simulation.slowest_mode import period_samples
+from flex_plant_sim.tiny import TINY
 from msg_config.errors import InputError
 import numpy as np
 from numpy.typing import NDArray
@@ -190,7 +191,7 @@ class Windows:
         size = self.starts.size
         groups = np.array_split(np.arange(1, max(size - 1, 1)), max(-(-size // every) - 2, 1))
         square = (self.record.command - np.mean(self.record.command, axis=0))**2
-        driven = np.sum(square / np.maximum(np.mean(square, axis=0), np.finfo(float).tiny), axis=1)
+        driven = np.sum(square / np.maximum(np.mean(square, axis=0), TINY), axis=1)
         totals = np.sum(driven[self.indices[:, self.warm_up:]], axis=1)
         between = [group[np.argmax(totals[group])] for group in groups if group.size]
         return np.unique([0, *between, size - 1]).astype(np.int64)

@@ -22,6 +22,7 @@ from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.verdict.improvement import Gain
 from flex_plant_sim.diagnosis.verdict.symptoms import drift, DRIFTED, one_step, spectrum
 from flex_plant_sim.diagnosis.verdict.wording import digits_text
+from flex_plant_sim.tiny import TINY
 import numpy as np
 
 MEASURED, BEFORE, AFTER = '#333333', '#d95f02', '#1b6ca8'
@@ -111,7 +112,7 @@ def draw_traces(figure: Any, time: Array, lines: Sequence[Array], unit: str) -> 
     upper.plot(time, after, color=AFTER, label='after')
     upper.plot(time, measured, color=MEASURED, linewidth=0.8, linestyle=(0, (3, 1)),
                label='measured')
-    reach = DIVERGED * float(np.ptp(measured)) + np.finfo(float).tiny
+    reach = DIVERGED * float(np.ptp(measured)) + TINY
     near = [line for line in (before, after) if np.max(np.abs(line - measured)) < reach]
     _show(upper, [measured, *near])
     upper.set_ylabel(unit)

@@ -13,6 +13,7 @@ from flex_plant_sim.effects.mechanics.elastic_root import (
     with_elastic_root,
 )
 from flex_plant_sim.effects.mechanics.kinematics import momentum_rows, with_step_coordinate
+from flex_plant_sim.tiny import TINY
 import numpy as np
 
 
@@ -129,4 +130,4 @@ def _contact_time(lead: Array, drift: Array, apart: Array, half: float) -> Array
     room, drift = np.maximum(half - side * lead, 0.0), side * drift
     bend = side * (apart - lead) - drift
     pace = drift + np.sqrt(np.maximum(drift**2 + 4.0 * bend * room, 0.0))
-    return np.asarray(2.0 * room / np.maximum(pace, 2.0 * room + np.finfo(float).tiny))
+    return np.asarray(2.0 * room / np.maximum(pace, 2.0 * room + TINY))
