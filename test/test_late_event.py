@@ -119,11 +119,6 @@ def test_an_event_is_asked_for_beside_what_was_found() -> None:
     for time_s in (None, LATE_S):
         pays = event_pays(found, seen(time_s, True), BASE, 1, lambda step, share: None, OTHERS)
         assert pays == (time_s is not None)
-    far = replace(found.best.fit, discrepancy=replace(
-        found.best.fit.discrepancy, far_part='link_mass_2'))
-    beside_far = replace(found, best=RefinedFit(
-        found.best.likelihood, found.best.point, far))
-    assert event_pays(beside_far, seen(LATE_S, True), BASE, 1, lambda step, share: None, OTHERS)
 
 
 @pytest.mark.parametrize(('size', 'every', 'expected'), [

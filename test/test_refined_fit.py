@@ -237,6 +237,15 @@ def test_what_is_forgotten_where_laws_lead_can_be_computed_again() -> None:
         REFERENCE)
     state = SearchState(data, base, 1, (), lambda *told: None)
     nothing = state.refine(CandidateSet((), (np.zeros(0),)), base.discrepancy)
+    # A search that goes on from a far part alone, as `event_pays` does, has a best set, too.
+    far = replace(nothing, fit=replace(
+        nothing.fit, log_evidence=nothing.fit.log_evidence + 9.0,
+        discrepancy=replace(base.discrepancy, far_part='elbow_mass')))
+    known, state.refined = state.refined, {SetKey.of(far.fit): far}
+    assert state.best is far
+    state.refined = {**state.refined, **known}
+    assert state.best is nothing
+    state.refined = known
     state.keep_light_without_laws()
     light, = state.refined.values()
     assert 'part_jacobian' in vars(nothing.likelihood)
