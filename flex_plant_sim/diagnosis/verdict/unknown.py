@@ -14,7 +14,7 @@ from flex_plant_sim.diagnosis.prediction.friction_part import friction_part
 from flex_plant_sim.diagnosis.prediction.latent_view import Finding, LatentView
 from flex_plant_sim.diagnosis.prediction.law import CONSTANT, STRETCHES
 from flex_plant_sim.diagnosis.verdict.results import Diagnosis, Verdict
-from flex_plant_sim.diagnosis.verdict.wording import digits_text, shown_unit
+from flex_plant_sim.diagnosis.verdict.wording import digits_text, percent_text, shown_unit
 
 # Verdicts under which something unknown is at work.
 UNNAMED_VERDICTS: tuple[Verdict, ...] = ('not_in_catalogue', 'cause_and_remainder')
@@ -151,7 +151,7 @@ def likely_text(finding: Finding) -> str:
     """Return the variables that a force may follow, how much of it each explains, and a doubt."""
     likely = finding.likely_variables
     named = ' or '.join(
-        f'{variable_text(v.variable)} ({100.0 * v.share:.0f} % of it where not fitted)'
+        f'{variable_text(v.variable)} ({percent_text(v.share)} of it where not fitted)'
         for v in likely)
     return named + (': which, this record cannot tell' if len(likely) > 1
                     else ', not surely enough to state a law')
