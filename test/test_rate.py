@@ -27,14 +27,14 @@ CHANGE, = (h for h in all_hypotheses(REFERENCE) if h.label == 'payload_change:ar
 
 def test_of_a_fast_record_as_many_samples_are_kept_as_a_slow_one_has() -> None:
     time = 0.001 * np.arange(1004.0)
-    lost = np.where(np.arange(1004) == 7, 1.0, 0.0)
+    lost = np.where(np.arange(1004) == 12, 1.0, 0.0)
     fast = Record('fast', time, np.column_stack([time, -time]), np.column_stack(4 * [time]), 0.1,
                   lost)
     (kept,), nominal = prepared([fast], BaseModel(FAST))
-    # The slowest mode has 0.798 s with 0.1 kg, so 7 of 798 samples leave 114, and 8 too few.
-    assert nominal.robot.sample_time == pytest.approx(0.007)
-    assert kept.time == pytest.approx(0.007 * np.arange(143))
-    assert kept.command[:, 0] == pytest.approx(kept.time + 0.003), 'the mean of seven'
+    # The slowest mode has 0.798 s with 0.1 kg, so that one sample in 12 leaves 66, in 13 too few.
+    assert nominal.robot.sample_time == pytest.approx(0.012)
+    assert kept.time == pytest.approx(0.012 * np.arange(83))
+    assert kept.command[:, 0] == pytest.approx(kept.time + 0.0055), 'the mean of twelve'
     assert kept.output[:, 3] == pytest.approx(kept.time)
     assert np.flatnonzero(np.isnan(kept.measured[:, 0])).tolist() == [1]
 
@@ -108,7 +108,7 @@ def test_a_fast_log_is_told_as_a_slow_one_and_extends_the_file_as_it_is(
     assert main([str(log), '--payload', '0.1', '--extended', str(tmp_path / 'robot.yaml'), *(
         f'--exclude={name}' for name in catalogue() if name not in asked)]) == 0
     said = capsys.readouterr().out
-    assert '22000 samples, of which one in 7 is used: more tell noise alone' in said
+    assert '22000 samples, of which one in 12 is used: more tell noise alone' in said
     assert 'viscous friction, joint 2          88 %' in said
     extended = load_robot(str(tmp_path / 'robot.yaml'))
     assert extended.sample_time == REFERENCE.sample_time
