@@ -72,6 +72,24 @@ def test_larger_sets_leave_room_for_what_may_stand_in_the_place_of_a_cause(
     assert instead in found and len(found) == neighbours.MAX_FITTED + 1
 
 
+def test_look_alikes_of_one_cause_leave_room_for_those_of_another(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    """Four frictions had the place of a slow gauge, so that its delay was told at 0.83."""
+    known = {h.label: h for h in all_hypotheses(REFERENCE)}
+    friction, delay, slow = (known[name] for name in (
+        'coulomb_friction:joint_2', 'strain_delay:arm', 'strain_filter:arm'))
+    others = [known[f'{name}_friction:joint_2'] for name in (
+        'presliding', 'asymmetric', 'stribeck', 'viscous')]
+    centre, *frictions, instead = (
+        with_score(replace(NOTHING, hypotheses=found), -float(k)) for k, found in enumerate(
+            [(friction, delay), *((delay, other) for other in others), (friction, slow)]))
+    monkeypatch.setattr(neighbours, '_fitted', lambda state, centre, fits, step: fits)
+    state: Any = SimpleNamespace(score=lambda fit: fit.log_evidence, refined={})
+    found = neighbours._fitted_as_promised(
+        state, cast(Any, SimpleNamespace(fit=centre)), [centre, *frictions, instead], 'step')
+    assert found == [*frictions[:neighbours.MAX_WITHOUT], instead]
+
+
 def test_an_effect_of_the_file_at_one_site_is_still_sought_at_others() -> None:
     nominal = BaseModel(REFERENCE, effects=effects('coulomb_friction:joint_2:level_n_m=0.05'))
     labels = {h.label for h in SearchState(cast(Any, None), nominal, 1, (),

@@ -26,7 +26,7 @@ from flex_plant_sim.diagnosis.likelihood.prior import part_priors, with_deviatio
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
-from flex_plant_sim.diagnosis.verdict.verdict import nominal_base, prepared, slowest_frequency
+from flex_plant_sim.diagnosis.verdict.verdict import nominal_base, slowest_frequency
 from flex_plant_sim.effects import catalogue
 import numpy as np
 import pytest
@@ -57,9 +57,9 @@ def test_another_robot_is_fitted_along_its_own_trajectory_too() -> None:
                      0.19, 0.19)
     log = make_record(case)
     made = Record('made', log.time, log.command, np.hstack([log.joint, log.strain]), 0.19)
-    records, base = prepared([made], nominal_base(
-        load_robot('quanser_2dsfl'), 'assumed_modes', 3))
-    data = Data.of(records, slowest_frequency(base, 0.19), base.robot.sample_time)
+    base = nominal_base(load_robot('quanser_2dsfl'), 'assumed_modes', 3)
+    data = Data.of([made.thinned(2)], slowest_frequency(base, 0.19), 0.004)
+    base = replace(base, robot=replace(base.robot, sample_time=0.004))
     known = {h.label: h for h in all_hypotheses(base.robot)}
     beyond = CandidateSet((known['payload_offset:arm'],), (np.array([0.05]),))
     gained = []

@@ -7,6 +7,7 @@ around the linearisation of the set; `refinement` then linearises those that may
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -30,10 +31,10 @@ from flex_plant_sim.effects.base import Effect
 import numpy as np
 
 # Budgets: alternatives fitted in the place of each cause; sets fitted to all windows beside a
-# law; neighbours fitted to all windows, by kind. A set with a cause more has all of what the
-# others have, so that many of these would leave no room for a look-alike.
+# law; neighbours fitted to all windows, by kind. A set with a cause more has all of what others
+# have, so that many of these would leave no room for those without a certain cause.
 MAX_ALTERNATIVES, MAX_FITTED = 5, 6
-MAX_NEIGHBOURS = {'larger': MAX_FITTED, 'not larger': 3, 'refined': 1}
+MAX_NEIGHBOURS, MAX_WITHOUT = {'larger': MAX_FITTED, 'refined': 1}, 3
 # Score by which a coarse fit may be behind the best one and yet be fitted to all windows, nats.
 MAX_COARSE_DEFICIT = 30.0
 # Share of a cause's gain that a proposal needs to be an alternative to it. (Without it, two strong
@@ -283,24 +284,29 @@ def _fitted_as_promised(state: SearchState, centre: RefinedFit, coarse: Sequence
     promises = {SetKey.of(fit): state.score(fit) - at_centre for fit in coarse}
     left = sorted((fit for fit in coarse if SetKey.of(fit) != SetKey.of(centre.fit)),
                   key=lambda fit: -state.score(fit))
-    budgets, fitted = dict(MAX_NEIGHBOURS), list[Fit]()
+    spent, fitted = Counter[str](), list[Fit]()
+    causes = SetKey.of(centre.fit).labels
 
     def kind(fit: Fit) -> str:
         if SetKey.of(fit) in state.refined:
             return 'refined'
-        return 'larger' if len(fit.hypotheses) > len(centre.fit.hypotheses) else 'not larger'
+        if len(fit.hypotheses) > len(causes):
+            return 'larger'
+        # One cause with many look-alikes would take the place of those of another.
+        return ' '.join(sorted(causes - SetKey.of(fit).labels))
 
     while left:
         best = max((state.score(fit) - state.score(centre.fit) for fit in fitted),
                    default=promises[SetKey.of(left[0])])
         least = best - max(GAIN_UNCERTAINTY * best, MAX_COARSE_DEFICIT)
         near = [fit for fit in left if promises[SetKey.of(fit)] > least]
-        chosen = [fit for some, budget in budgets.items()
-                  for fit in [fit for fit in near if kind(fit) == some][:budget]]
+        chosen = list[Fit]()
+        for fit in near:
+            if spent[kind(fit)] < MAX_NEIGHBOURS.get(kind(fit), MAX_WITHOUT):
+                spent[kind(fit)] += 1
+                chosen.append(fit)
         if not chosen:
             break
-        for fit in chosen:
-            budgets[kind(fit)] -= 1
         fitted += _fitted(state, centre, chosen, step)
         done = {SetKey.of(fit) for fit in chosen}
         left = [fit for fit in left if SetKey.of(fit) not in done]

@@ -8,7 +8,7 @@ from flex_plant_sim.diagnosis.record.windows import Record
 import numpy as np
 
 # Samples kept in a period of the slowest mode: as few as there are in the records that calibrate
-# the discrepancy (of the reference robot at 100 Hz: 0.62 s without a payload, 1.07 s with 0.28 kg).
+# the discrepancy (of the reference robot at 100 Hz; 0.62 s without a payload, 1.07 with 0.28 kg).
 SAMPLES_A_PERIOD = 62
 
 
