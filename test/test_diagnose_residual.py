@@ -19,14 +19,6 @@ from scipy.signal import welch
 from simulated_records import effects, predictor, REFERENCE, simulated
 
 
-def test_ljung_box_by_its_definition() -> None:
-    x = np.array([0.3, -1.1, 0.8, 0.4, -0.2, 1.5, -0.9, 0.1])
-    centred = x - x.mean()
-    rho = [centred[k:] @ centred[:8 - k] / (centred @ centred) for k in range(1, 8)]
-    expected = 8 * 10 * sum(r**2 / (8 - k) for k, r in enumerate(rho, 1))
-    assert whiteness([x]).statistic == pytest.approx(expected, rel=1e-12)
-
-
 @pytest.mark.parametrize('level', [False, True])
 @pytest.mark.parametrize('length', [64, 75])
 def test_power_density_is_welch_s(length: int, level: bool) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flex_payload_estimator.nodes.model_health import LAGS, ljung_box, ModelHealth
+from flex_payload_estimator.nodes.model_health import ModelHealth
 from msg_config.errors import InputError
 import numpy as np
 import pytest
@@ -23,24 +23,6 @@ def fed(innovation: np.ndarray, window: int = 400) -> ModelHealth:
 def white(samples: int = 4000, seed: int = 1) -> np.ndarray:
     """Return what a right model leaves."""
     return np.random.default_rng(seed).standard_normal((samples, 3))
-
-
-def test_ljung_box_is_chi_squared_for_white_noise() -> None:
-    # Mean LAGS and variance 2 LAGS of chi-squared (Ljung and Box 1978).
-    random = np.random.default_rng(0)
-    values = np.array([ljung_box(random.standard_normal(500)) for _ in range(2000)])
-    assert abs(values.mean() - LAGS) < 4.0 * np.sqrt(2.0 * LAGS / 2000)
-    assert abs(values.var() / (2.0 * LAGS) - 1.0) < 0.25
-
-
-def test_ljung_box_of_a_known_series() -> None:
-    # r_k of (1, 2, 3, 4, …, 20) by hand: the definition, summed naively.
-    x = np.arange(1.0, 21.0)
-    mean, total = x.mean(), 0.0
-    for k in range(1, LAGS + 1):
-        r = sum((x[i] - mean) * (x[i - k] - mean) for i in range(k, 20)) / sum((x - mean)**2)
-        total += r * r / (20 - k)
-    assert ljung_box(x) == pytest.approx(20 * 22 * total, rel=1e-12)
 
 
 def test_a_right_model_is_healthy_for_six_minutes_of_data() -> None:

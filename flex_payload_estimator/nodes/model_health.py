@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import math
 
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.whiteness import autocorrelation, ljung_box
 from msg_config.errors import InputError
 import numpy as np
 from scipy.special import chdtri, ndtri
@@ -152,7 +153,7 @@ class ModelHealth:
             return ()
         scaled = np.roll(self._ring, -(self._count % self.window), axis=0)
         nis, offsets = np.mean(scaled**2, axis=0), np.mean(scaled, axis=0)
-        whiteness = ljung_box(scaled) / LAGS
+        whiteness = ljung_box(autocorrelation([scaled], LAGS), self.window) / LAGS
         return tuple(
             self._channel(name, scaled[:, k], float(nis[k]), float(whiteness[k]),
                           float(offsets[k]))
@@ -201,22 +202,3 @@ class ModelHealth:
         if near > PEAK_SHARE * power.sum() and peak > 4:
             return f'oscillation at {frequency:.3g} Hz'
         return 'slow error' if frequency < 0.1 / self.sample_time else 'fast error'
-
-
-def ljung_box(values: Array) -> Array:
-    """
-    Return Q = N (N + 2) sum_{k=1}^{LAGS} r_k^2 / (N - k): chi-squared with LAGS if white.
-
-    Parameters
-    ----------
-    values : Array
-        One series, (N,), or one per column, (N, m).
-
-    """
-    centred = values - values.mean(axis=0)
-    variance = np.einsum('i...,i...->...', centred, centred)
-    count = len(values)
-    lags = np.arange(1, LAGS + 1)
-    r = np.array([np.einsum('i...,i...->...', centred[k:], centred[:-k]) for k in lags])
-    r = r / np.where(variance > 0.0, variance, 1.0)
-    return np.asarray(count * (count + 2) * ((1.0 / (count - lags)) @ r**2))

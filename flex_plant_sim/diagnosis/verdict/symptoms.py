@@ -17,6 +17,7 @@ from flex_plant_sim.diagnosis.prediction.latent_series import REST_SPEED_SHARE
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.prediction.spectrum import power_density
 from flex_plant_sim.tiny import TINY
+from flex_plant_sim.whiteness import autocorrelation, ljung_box
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_toeplitz
@@ -108,13 +109,10 @@ def whiteness(parts: Sequence[Array]) -> Whiteness:
     """Return the whiteness of a residual, given as stretches (N_k,) without gaps."""
     count = sum(len(part) for part in parts)
     lags = min(LAGS, *(len(part) - 1 for part in parts))
-    mean = sum(part.sum() for part in parts) / count
-    covariance = np.array([sum(float((p[k:] - mean) @ (p[:len(p) - k] - mean)) for p in parts)
-                           for k in range(lags + 1)])
-    if covariance[0] <= 0.0:
+    rho = autocorrelation(parts, lags)
+    if not rho.any():
         return Whiteness(0.0, lags, 1.0, 0.0)
-    rho = covariance / covariance[0]
-    statistic = float(count * (count + 2) * np.sum(rho[1:]**2 / (count - np.arange(1, lags + 1))))
+    statistic = float(ljung_box(rho, count))
     explained = float(rho[1:] @ solve_toeplitz(rho[:-1], rho[1:]))
     adjusted = 1.0 - (1.0 - explained) * count / max(count - lags, 1)
     return Whiteness(statistic, lags, float(chdtrc(lags, statistic)), max(adjusted, 0.0))
