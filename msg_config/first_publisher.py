@@ -6,7 +6,7 @@ from __future__ import annotations
 # listed in ROS for 20 s.
 SILENCE = 0.5
 # Time from its replacement, s, in which a publisher counts as only held up. A busy machine holds
-# one up for less than a second (LEAP of flex_plant_sim.inputs.stamps), and so its replacement.
+# one up for less than a second (flex_plant_sim.inputs.stamps.TIME_JUMP), so its replacement, too.
 HELD_UP = 2.0
 # Number of bytes of a gid that identify the participant, that is the publishing process (RTPS 2.3,
 # 9.3.1.2).

@@ -6,7 +6,7 @@ import time
 from typing import Any, TYPE_CHECKING
 
 from flex_payload_estimator.nodes.backlog import Backlog
-from flex_plant_sim.inputs.stamps import LEAP, Order, StampOrder
+from flex_plant_sim.inputs.stamps import Order, StampOrder, TIME_JUMP
 from node_bench import Bench, GAUGES, JOINTS, STEP
 import pytest
 
@@ -82,7 +82,7 @@ def test_what_is_lost_on_this_side_is_no_leap_of_the_stamps() -> None:
         stamps = StampOrder(STEP)
         stamps.judge(0)
         assert stamps.judge(20 * STEP, held_up) is order
-        assert stamps.judge(20 * STEP + 2 * LEAP, held_up) is Order.AHEAD
+        assert stamps.judge(20 * STEP + 2 * TIME_JUMP, held_up) is Order.AHEAD
 
 
 def hand(node: Any, k: int, waited: float) -> None:

@@ -34,9 +34,10 @@ def trajectory(names: Any, *points: tuple[Any, ...], stamp: int = 0) -> Any:
 
 def of(message: Any, before: Any, now: float, shape: str = 'spline') -> Any:
     """Return the set-points of a message for joints in the contract's names."""
-    from flex_payload_estimator.control.trajectory import Trajectory
+    from flex_payload_estimator.control.trajectory import ReferenceTrajectory
 
-    return Trajectory.of(message, InputMapping().joint_channels(), np.array(before), now, shape)
+    return ReferenceTrajectory.of(message, InputMapping().joint_channels(), np.array(before), now,
+                                  shape)
 
 
 def test_points_hold_from_their_times_on_where_steps_are_asked_for() -> None:

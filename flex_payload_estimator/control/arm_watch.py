@@ -20,7 +20,7 @@ import numpy as np
 # fifth of it on a measured arm.
 LARGE = 0.5
 # An angle within so much of its prediction is not too far from it, rad.
-LEAP = GATE * math.sqrt(SMALLEST_VARIANCE)
+ANGLE_GATE = GATE * math.sqrt(SMALLEST_VARIANCE)
 # Samples after a gap in which the arm may be elsewhere: more than gate and predictor doubt.
 RECENT = 3 * MOST_DOUBTED
 # Interval between two samples, over the sampling time, from which one is missing.
@@ -144,7 +144,7 @@ class ArmWatch:
         """Say that an angle is elsewhere for good than where samples without a gap had it."""
         leap = self._controller.leap
         joint = int(np.argmax(np.abs(leap)))
-        if abs(leap[joint]) < LEAP or time - self._gap_at < RECENT * self._robot.sample_time:
+        if abs(leap[joint]) < ANGLE_GATE or time - self._gap_at < RECENT * self._robot.sample_time:
             return ''
         return (f'{JOINTS[joint]} is {leap[joint]:+.3g} rad from where its command took it: check '
                 'its encoder (slipped, counts lost, zeroed again), and that commands reach the '

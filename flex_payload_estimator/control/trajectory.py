@@ -28,7 +28,7 @@ SAMPLES_PER_PIECE = 20
 
 
 @dataclass(frozen=True)
-class Trajectory:
+class ReferenceTrajectory:
     """
     Set-points over time.
 
@@ -117,7 +117,7 @@ class Trajectory:
 
     @classmethod
     def of(cls, message: JointTrajectory, joints: Channels, before: Array, now: float,
-           shape: str = 'spline') -> Trajectory:
+           shape: str = 'spline') -> ReferenceTrajectory:
         """
         Return the set-points of a message.
 

@@ -14,7 +14,7 @@ from typing import Any
 from flex_payload_estimator.control.arm_watch import ArmWatch
 from flex_payload_estimator.control.safeguards import CommandLimiter
 from flex_payload_estimator.control.set_points import constant, SetPoints
-from flex_payload_estimator.control.trajectory import Trajectory
+from flex_payload_estimator.control.trajectory import ReferenceTrajectory
 from flex_payload_estimator.model.linear_robot import left_out
 from flex_payload_estimator.nodes.node_setup import (
     announced_controller,
@@ -22,7 +22,7 @@ from flex_payload_estimator.nodes.node_setup import (
     set_points_of,
 )
 from flex_payload_estimator.nodes.payload_arrivals import PayloadArrivals
-from flex_payload_estimator.nodes.sample_node import Sample, SampleNode
+from flex_payload_estimator.nodes.sample_node import SampleNode, StampedSample
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.inputs.gate import angle_ranges, COMMAND_MARGIN, Limits
 from flex_plant_sim.simulation.nominal import model_words
@@ -89,7 +89,7 @@ class LQGControllerNode(SampleNode):
         self._answered, self._stopped = self.wall_time(), False
         self.subscribe('reference', self._on_reference)
         self.every(WATCH_INTERVAL, self._watch)
-        self._waiting: Sample | None = None
+        self._waiting: StampedSample | None = None
         self.payloads, self._wild = PayloadArrivals(), ''
         self.subscribe('payload/inertia', self._on_inertia)
         self.listen()
@@ -158,7 +158,7 @@ class LQGControllerNode(SampleNode):
         super().start_over()
         self.watch.reset()
 
-    def take(self, sample: Sample) -> Any:
+    def take(self, sample: StampedSample) -> Any:
         """Return the command that answers a sample, or None while it waits for the payload."""
         if not self.values['adapt']:
             return self._control(sample, math.nan)
@@ -197,7 +197,7 @@ class LQGControllerNode(SampleNode):
             self.get_logger().warning(text)
         self._wild = text
 
-    def _control(self, sample: Sample, mass: float) -> Any:
+    def _control(self, sample: StampedSample, mass: float) -> Any:
         """Publish and return the command that answers a sample at a payload, kg."""
         self._begin_again_if_lost(sample)
         slowness = self.slowness()
@@ -233,7 +233,7 @@ class LQGControllerNode(SampleNode):
                                'again', 'not finite')
         self.controller.reset()
 
-    def _faulty(self, sample: Sample, before: Array) -> bool:
+    def _faulty(self, sample: StampedSample, before: Array) -> bool:
         """Return whether a sensor drives the arm the wrong way; `before` was sent last, (2,)."""
         span = self.values['watchdog']
         if span and not self.watch.fault:
@@ -246,7 +246,7 @@ class LQGControllerNode(SampleNode):
     def _stop_text(self) -> str:
         return f'{self.watch.fault}. The command is zero until ~/reset; watchdog 0 turns this off'
 
-    def _begin_again_if_lost(self, sample: Sample) -> None:
+    def _begin_again_if_lost(self, sample: StampedSample) -> None:
         """Count unusable samples; reset the predictor after the watchdog's time of them."""
         if not all(map(math.isfinite, sample.output.tolist())):
             self._unusable += 1
@@ -301,8 +301,8 @@ class LQGControllerNode(SampleNode):
         self._early_reference = (message, former) if early else None
 
     def _refer(self, message: JointTrajectory, now: float) -> None:
-        reference = Trajectory.of(message, self._joints, self.set_points(now), now,
-                                  self.values['reference_shape'])
+        reference = ReferenceTrajectory.of(message, self._joints, self.set_points(now), now,
+                                           self.values['reference_shape'])
         low, high = angle_ranges(self.robot).T
         reference.check_within(low, high, len(message.points))
         self.set_points = reference

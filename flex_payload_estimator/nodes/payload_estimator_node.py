@@ -17,7 +17,7 @@ from flex_payload_estimator.estimators.factory import described
 from flex_payload_estimator.nodes.measured_shape import MeasuredShape
 from flex_payload_estimator.nodes.model_health import HealthReport, ModelHealth
 from flex_payload_estimator.nodes.node_setup import announced_estimator
-from flex_payload_estimator.nodes.sample_node import Sample, SampleNode
+from flex_payload_estimator.nodes.sample_node import SampleNode, StampedSample
 from flex_plant_sim.inputs.gate import refuse_command
 from flex_plant_sim.nodes.arm_markers import arm_markers
 from flex_plant_sim.simulation.plant_setup import robot_of
@@ -91,7 +91,7 @@ class PayloadEstimatorNode(SampleNode):
         self.acting.forget()
         self._estimate, self._events = None, 0
 
-    def take(self, sample: Sample) -> Any:
+    def take(self, sample: StampedSample) -> Any:
         """Answer a new sample; the payload goes out first, because the controller waits for it."""
         estimate = self._estimate_of(sample)
         if estimate is None:
@@ -107,7 +107,7 @@ class PayloadEstimatorNode(SampleNode):
         self._publish_markers(sample, estimate)
         return payload, innovation
 
-    def _publish_markers(self, sample: Sample, estimate: Estimate) -> None:
+    def _publish_markers(self, sample: StampedSample, estimate: Estimate) -> None:
         """Publish the arm as it is measured, if there is a subscriber."""
         if not self._seen or not np.isfinite(sample.output).all() \
                 or 0 <= self._next_marker - sample.stamp < nanoseconds(MARKER_INTERVAL):
@@ -117,7 +117,7 @@ class PayloadEstimatorNode(SampleNode):
             sample.stamp, self.shape.lines(sample.output), estimate.mass, 'measured',
             self.values['frame_prefix']))
 
-    def _estimate_of(self, sample: Sample) -> Estimate | None:
+    def _estimate_of(self, sample: StampedSample) -> Estimate | None:
         """Return the estimate, or the last good one where the new one is not finite."""
         estimate = self.computed(sample.time, partial(
             self.estimator.update, sample.time, sample.output, sample.command), _numbers)

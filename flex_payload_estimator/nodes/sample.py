@@ -11,7 +11,7 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Sample:
+class StampedSample:
     """
     The measurements of one stamp.
 

@@ -1,8 +1,8 @@
 """
 The common part of estimator and controller node: samples from messages, one answer per stamp.
 
-In: joint_states and strain, paired by stamp, gated and ordered. Out: a Sample for `take`, and the
-status of the samples in the diagnostics.
+In: joint_states and strain, paired by stamp, gated and ordered. Out: a StampedSample for `take`,
+and the status of the samples in the diagnostics.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from typing import Any, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from flex_payload_estimator.nodes.backlog import Backlog
-from flex_payload_estimator.nodes.sample import mean_command, same_output, Sample
+from flex_payload_estimator.nodes.sample import mean_command, same_output, StampedSample
 from flex_payload_estimator.nodes.sample_counts import SampleCounts
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.inputs.gate import Gate, refuse_command
 from flex_plant_sim.inputs.plausible import unit_hint
-from flex_plant_sim.inputs.stamps import LEAP, Order, StampOrder
+from flex_plant_sim.inputs.stamps import Order, StampOrder, TIME_JUMP
 from flex_plant_sim.inputs.synchroniser import slop_of, Synchroniser
 from msg_config.acting_command import ActingCommand, NO_EFFORT, ZERO_TOLD
 from msg_config.contract import load_topics
@@ -68,7 +68,7 @@ class SampleNode(ContractNode):
 
     def __init__(self, name: str, **options: Any):
         # With a provisional interval, until the robot is known.
-        self.order, self.acting = StampOrder(LEAP), ActingCommand()
+        self.order, self.acting = StampOrder(TIME_JUMP), ActingCommand()
         super().__init__(name, **options)
         self._answer: Any = None
         self._last_applied = np.zeros(2)
@@ -127,7 +127,7 @@ class SampleNode(ContractNode):
             self.report()
 
     @abstractmethod
-    def take(self, sample: Sample) -> Any:
+    def take(self, sample: StampedSample) -> Any:
         """Compute, publish and return the answer to a new sample; None if it must wait."""
 
     @abstractmethod
@@ -193,10 +193,11 @@ class SampleNode(ContractNode):
             angle, command, velocity = together.parts['joint_states']
             output = np.concatenate([angle, together.parts.get('strain', np.empty(0))])
             passed = [own for _, own, _ in together.passed if self.gate.takes(own)]
-            self._on_sample(Sample(together.stamp, output, mean_command(passed, command),
-                                   velocity, 1 + len(passed)))
+            self._on_sample(StampedSample(
+                together.stamp, output, mean_command(passed, command), velocity,
+                1 + len(passed)))
 
-    def _on_sample(self, sample: Sample) -> None:
+    def _on_sample(self, sample: StampedSample) -> None:
         """Answer a sample, unless its stamp is out of order or the node is too slow."""
         last, waited = self.order.last, self.waited
         self._paired_at = self.wall_time()
@@ -223,7 +224,7 @@ class SampleNode(ContractNode):
         self._answer = None
         self._answer = self.take(self._gated(sample))
 
-    def _order_of(self, sample: Sample) -> Order:
+    def _order_of(self, sample: StampedSample) -> Order:
         """
         Return the kind of a sample's stamp.
 
@@ -239,7 +240,7 @@ class SampleNode(ContractNode):
             self._output = sample.output
         return order
 
-    def _gated(self, sample: Sample) -> Sample:
+    def _gated(self, sample: StampedSample) -> StampedSample:
         """Return the sample, with NaN for outputs that the arm cannot have produced."""
         applied = self._plausible_command(sample)
         refusal = self.gate.judge(sample.time, sample.output, applied)
@@ -250,7 +251,7 @@ class SampleNode(ContractNode):
         self._counts.add('refused', self.wall_time())
         return replace(sample, output=np.full(len(sample.output), np.nan), command=applied)
 
-    def _plausible_command(self, sample: Sample) -> Array:
+    def _plausible_command(self, sample: StampedSample) -> Array:
         """Return the applied command, or the last plausible one where it is out of range."""
         command = sample.command
         if self.gate.takes(command):
@@ -261,7 +262,7 @@ class SampleNode(ContractNode):
                     'effort out of range')
         return self._last_applied if self.acting.sent is None else self.acting.sent
 
-    def _begin_afresh(self, last: int, sample: Sample) -> None:
+    def _begin_afresh(self, last: int, sample: StampedSample) -> None:
         """Start again after a leap in time, from the stamp `last`, ns, to a sample."""
         self._counts.restart()
         self.get_logger().warning(f'time went from {seconds(last):.12g} s to '

@@ -12,7 +12,7 @@ from msg_config.time_stamp import NANOSECONDS
 
 # A jump of the stamps, ns. A pause of a recorder or of a busy machine is shorter; a clock that is
 # set jumps further.
-LEAP = NANOSECONDS
+TIME_JUMP = NANOSECONDS
 # Samples that may be lost in a row before the next stamp is doubted: as many as logs interpolate.
 LOST = 3
 
@@ -33,9 +33,9 @@ class StampOrder:
 
     A single stamp further ahead than LOST samples, or in the past, is not believed, since the
     next one may be in order again. A second stamp that continues from it, or repeats it, confirms
-    it: as new after a pause of less than LEAP, otherwise as a restart of the source (a bag that
-    loops, a simulation that was reset, a clock that was set). A stamp at most LOST samples in the
-    past is confirmed only by its repetition, because a time that runs on will soon pass it.
+    it: as new after a pause of less than TIME_JUMP, otherwise as a restart of the source (a bag
+    that loops, a simulation that was reset, a clock that was set). A stamp at most LOST samples in
+    the past is confirmed only by its repetition, because a time that runs on will soon pass it.
 
     Attributes
     ----------
@@ -60,15 +60,15 @@ class StampOrder:
         Return the kind of a stamp, ns; new and restarted stamps become the last one.
 
         `held_up` says that the receiver itself was busy: it may then have lost samples, and a
-        gap of up to LEAP is accepted.
+        gap of up to TIME_JUMP is accepted.
         """
         if stamp == self.last:
             return Order.REPEATED
-        gap = LEAP if held_up else (LOST + 1) * self.interval
+        gap = TIME_JUMP if held_up else (LOST + 1) * self.interval
         if self.last is None or 0 < stamp - self.last <= gap:
             order = Order.NEW
         elif self._confirmed(stamp, self.last):
-            order = Order.NEW if self.last < stamp <= self.last + LEAP else Order.RESTARTED
+            order = Order.NEW if self.last < stamp <= self.last + TIME_JUMP else Order.RESTARTED
         else:
             self._suspect = stamp
             return Order.STALE if stamp < self.last else Order.AHEAD
@@ -85,4 +85,4 @@ class StampOrder:
         if self._suspect is None or stamp == self._suspect:
             return self._suspect is not None
         late = 0 < last - stamp <= LOST * self.interval
-        return not late and 0 < stamp - self._suspect <= LEAP
+        return not late and 0 < stamp - self._suspect <= TIME_JUMP

@@ -32,7 +32,7 @@ import numpy as np
 GAP_SUBSTEPS = 5
 
 
-class Trajectory(Protocol):
+class FilteredTrajectory(Protocol):
     """The filtered motion of a base model, along which the forces on an arm are evaluated."""
 
     record: Record
@@ -47,7 +47,7 @@ class Trajectory(Protocol):
         """Return the record's outputs before an arm's sensor effects, (N, 1 or B, m)."""
 
 
-def predictor_matrices(trajectory: Trajectory, arm: ExtendedArm, gain: Array,
+def predictor_matrices(trajectory: FilteredTrajectory, arm: ExtendedArm, gain: Array,
                        used_samples: Indices) -> ScheduledMatrices:
     """Return the predictor of an arm with a gain (nodes, n, m), at the samples used, (N,)."""
     n = arm.states
@@ -75,8 +75,8 @@ class FilterRun:
 
     """
 
-    def __init__(self, trajectory: Trajectory, arm: ExtendedArm, matrices: ScheduledMatrices,
-                 used_samples: Indices, batch: int):
+    def __init__(self, trajectory: FilteredTrajectory, arm: ExtendedArm,
+                 matrices: ScheduledMatrices, used_samples: Indices, batch: int):
         record = trajectory.record
         self.arm, self.matrices, self.time = arm, matrices, record.time[used_samples][:, None]
         self.command = drive_command(arm, record)[used_samples]
@@ -203,7 +203,8 @@ class FilterRun:
                              np.array(self.arm.bends), self.arm.step_time)
 
 
-def _one_later(trajectory: Trajectory, arm: ExtendedArm, rows: Indices, states: Array) -> Array:
+def _one_later(trajectory: FilteredTrajectory, arm: ExtendedArm, rows: Indices, states: Array
+               ) -> Array:
     """Return the trajectory one sample after increasing rows, (N, n), with its states there."""
     later = np.empty_like(states)
     later[:-1] = states[1:]

@@ -9,7 +9,7 @@ from flex_plant_sim.diagnosis.likelihood.prior import imitation_odds
 from flex_plant_sim.diagnosis.report.payload_gain import PayloadGain
 from flex_plant_sim.diagnosis.verdict.improvement import Gain
 from flex_plant_sim.diagnosis.verdict.results import Cause, Diagnosis
-from flex_plant_sim.diagnosis.verdict.symptoms import HORIZONS
+from flex_plant_sim.diagnosis.verdict.symptoms import SHOWN_HORIZONS
 from flex_plant_sim.diagnosis.verdict.wording import (
     beyond_tolerance,
     digits_text,
@@ -83,7 +83,7 @@ def _gain_lines(gains: Sequence[Gain]) -> list[str]:
     """Return the lines of a table of the rms errors, before -> after, on the locked part."""
     table = {(gain.channel, gain.horizon): gain for gain in gains}
     horizons = [h for h in dict.fromkeys(gain.horizon for gain in gains)
-                if h in HORIZONS]
+                if h in SHOWN_HORIZONS]
     lines = ['  error on the locked part ' + ''.join(f'{f"after {h:g} s":>21}' for h in horizons)]
     for channel in dict.fromkeys(gain.channel for gain in gains):
         cells = []

@@ -26,7 +26,7 @@ from scipy.special import chdtrc
 # Horizons of free runs that a table has room for, s. After the shortest one an error of torque has
 # moved the arm.
 DRIFTED, SWING, _, LONGEST = free_run.HORIZONS
-HORIZONS = (DRIFTED, SWING, LONGEST)
+SHOWN_HORIZONS = (DRIFTED, SWING, LONGEST)
 # Number of lags, samples: a quarter of the reference arm's slowest period.
 LAGS = 20
 # Number of folds of the cross-validation: each fifth is predicted from the other four.
@@ -240,7 +240,7 @@ def describe(predictors: Sequence[Predictor]) -> tuple[ChannelResidual, ...]:
     rows, final = zip(*(drift(p) for p in predictors))
     later = _over_records(predictors, final, rows)
     in_bands = bands(steps, band_edges(first), step)
-    runs = _free_run_errors(predictors, raw, HORIZONS)
+    runs = _free_run_errors(predictors, raw, SHOWN_HORIZONS)
     noise = np.sqrt(np.mean([p.noise**2 for p in predictors], axis=0))
     swing = np.std(np.vstack([p.record.output for p in predictors]), axis=0)
     return tuple(ChannelResidual(
