@@ -34,10 +34,12 @@ from flex_plant_sim.diagnosis.verdict.wording import (
     digits_text,
     interval_text,
     key_text,
+    parameter_text,
     percent_text,
     rounded,
     unit_text,
 )
+from flex_plant_sim.effects.structure.modal_truncation import ModalTruncation
 from matplotlib.figure import Figure
 from msg_config.errors import InputError
 import numpy as np
@@ -161,6 +163,8 @@ def test_intervals_in_words() -> None:
     lopsided = replace(LEVEL, low=0.40, high=0.60)
     assert interval_text(lopsided) == '0.43 (0.40 to 0.60) N·m'
     assert interval_text(replace(LEVEL, low=0.4312, high=0.4312)) == '0.4312 N·m'
+    modes = ParameterValue('modes', 4.0, 4.0, 4.0, ModalTruncation.parameters[0].unit)
+    assert parameter_text(modes) == 'modes 4 a link'
     assert unit_text('N m s/rad') == 'N·m·s/rad'
     assert unit_text('kg m^2') == 'kg·m²'
     assert unit_text('command unit') == 'command unit'
