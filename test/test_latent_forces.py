@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.diagnosis.prediction import smoother
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.friction_part import friction_part, FrictionPart
 from flex_plant_sim.diagnosis.prediction.latent_forces import latent_forces, LatentForces
@@ -67,10 +68,12 @@ def conditioned(system: LatentSystem) -> tuple[Array, Array]:
 
 
 @pytest.mark.parametrize('block_bytes', [1e9, 8 * 5 * 8 * 7])
-def test_smoother_is_gaussian_conditioning(block_bytes: float) -> None:
+def test_smoother_is_gaussian_conditioning(block_bytes: float,
+                                           monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(smoother, 'BLOCK_BYTES', block_bytes)
     system = small_system(24)
     mean, deviation = conditioned(system)
-    found = smooth(system, block_bytes)
+    found = smooth(system)
     np.testing.assert_allclose(found.mean, mean, rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(found.deviation, deviation[:, 2:], rtol=1e-7)
 

@@ -98,7 +98,7 @@ class Smoothed(NamedTuple):
     increment_power: Array
 
 
-def smooth(system: LatentSystem, block_bytes: float = BLOCK_BYTES) -> Smoothed:
+def smooth(system: LatentSystem) -> Smoothed:
     """
     Return the smoothed z of a record.
 
@@ -107,7 +107,7 @@ def smooth(system: LatentSystem, block_bytes: float = BLOCK_BYTES) -> Smoothed:
     inverses. Blocks are filtered again on the way back, so that memory does not grow with N.
     """
     count, m, d = *system.measured.shape, system.states + len(system.output)
-    block = min(count, int(block_bytes / (8 * d * (d + m))))
+    block = min(count, int(BLOCK_BYTES / (8 * d * (d + m))))
     samples, kept, block_starts = system.samples, _Filtered.of(block, d, m), []
     z = np.concatenate([system.initial_mean, np.zeros(m)])
     p = np.diag(system.initial_deviation**2)
