@@ -25,6 +25,12 @@ import numpy as np
 # gains among beta; largest payload, kg; sampling time, s; the gate, see likelihood.gate_of. See
 # modes.noise_model.
 NoiseModel = tuple[float, float, float, float, float, float, float, float]
+# The sampled arm at some parameters: these, (B,), and series, parts, mass_offset and motion of
+# time_update.predict.
+ModelPoint = tuple[Array, Array, Array, float, Array]
+# What all filters of an arm share: C, (m, n); angles by which bending turns the links' ends over
+# the state, rad, (2, n); the robot file's noise variances, (m,); see sensors.speed_feedback.
+ArmConstants = tuple[Array, Array, Array, Array]
 # Payload, kg, and its variance, kg^2; see model_average.py.
 Moments = tuple[float, float]
 # Rows of the table of sensors.Loads.
@@ -98,9 +104,8 @@ def update_loads(table: Array, packed: Array, reference: Array, fixed: bool, ave
 
 @compiled
 def predict_packed(previous: Array, packed: Array, reference: Array, fixed: bool,
-                   model_beta: Array, series: Array, parts: Array, mass_offset: float,
-                   motion: Array, command: Array, command_variance: Array, speed: Array,
-                   loads: Array, steps: int, noise_model: NoiseModel) -> None:
+                   model: ModelPoint, command: Array, command_variance: Array, loads: Array,
+                   steps: int, noise_model: NoiseModel, constants: ArmConstants) -> None:
     """
     Predict a filter over some sampling times of one command: x, P, s and V.
 
@@ -112,14 +117,10 @@ def predict_packed(previous: Array, packed: Array, reference: Array, fixed: bool
         The filter's arrays, see packing.unpack; changed.
     reference, fixed
         See measurement_update.correct.
-    model_beta : Array
-        Parameters at which the model is evaluated, (B,).
-    series, parts, mass_offset, motion
-        The model there, see time_update.predict.
+    model : ModelPoint
+        At the parameters where the model is evaluated.
     command, command_variance : Array
         u and the variance of its disturbance, in its unit and that squared, (2,).
-    speed : Array
-        See sensors.speed_feedback.
     loads : Array
         Table of sensors.Loads. A drive's model error is a share of its recent net torque, and of
         the present one where that is larger.
@@ -127,8 +128,11 @@ def predict_packed(previous: Array, packed: Array, reference: Array, fixed: bool
         Number of sampling times.
     noise_model : NoiseModel
         See modes.noise_model.
+    constants : ArmConstants
+        Of the arm.
 
     """
+    speed, (model_beta, series, parts, mass_offset, motion) = constants[3], model
     put(previous, packed)
     x, cov, sensitivity, beta, beta_cov, _, _ = unpack_compiled(
         packed, speed.shape[1], reference.size, loads.shape[1])
@@ -154,19 +158,16 @@ def _noise(noise: Array, gauge_error: float, loads: Array, measured: Array) -> A
 
 
 @compiled
-def correct_packed(packed: Array, reference: Array, fixed: bool, loads: Array, measured: Array,
-                   offset: Array, output: Array, bend: Array, told: Array,
-                   noise_model: NoiseModel) -> tuple[float, float, float]:
+def correct_packed(packed: Array, reference: Array, fixed: bool, loads: Array,
+                   noise_model: NoiseModel, constants: ArmConstants, measured: Array,
+                   offset: Array) -> tuple[float, float, float]:
     """
     Let a filter learn from a measurement, and keep the innovation with its standard deviation.
 
     Parameters
     ----------
-    packed, loads, noise_model, reference, fixed, measured, offset, output
+    packed, reference, fixed, loads, noise_model, constants, measured, offset
         See `predict_packed` and measurement_update.correct.
-    bend, told : Array
-        Angles by which bending turns the links' ends over the state, (2, n); the robot file's
-        noise variances, (m,).
 
     Returns
     -------
@@ -177,7 +178,7 @@ def correct_packed(packed: Array, reference: Array, fixed: bool, loads: Array, m
         learnt.
 
     """
-    channels = measured.size
+    channels, (output, bend, told, _) = measured.size, constants
     gauge_error, least_scale, gains, payload_max, step, gate = noise_model[2:]
     x, cov, sensitivity, beta, beta_cov, statistics, innovations = unpack_compiled(
         packed, output.shape[1], reference.size, channels)
@@ -202,14 +203,12 @@ def correct_packed(packed: Array, reference: Array, fixed: bool, loads: Array, m
 
 
 @compiled
-def step_packed(measured: Array, offset: Array, output: Array, bend: Array, told: Array,
-                previous: Array, packed: Array, reference: Array, fixed: bool,
-                model_beta: Array, series: Array, parts: Array, mass_offset: float,
-                motion: Array, command: Array, command_variance: Array, speed: Array,
-                loads: Array, steps: int, noise_model: NoiseModel
+def step_packed(measured: Array, offset: Array, previous: Array, packed: Array, reference: Array,
+                fixed: bool, model: ModelPoint, command: Array, command_variance: Array,
+                loads: Array, steps: int, noise_model: NoiseModel, constants: ArmConstants
                 ) -> tuple[float, float, float]:
     """Predict, and learn from a measurement: `predict_packed`, then `correct_packed`."""
-    predict_packed(previous, packed, reference, fixed, model_beta, series, parts, mass_offset,
-                   motion, command, command_variance, speed, loads, steps, noise_model)
-    return correct_packed(packed, reference, fixed, loads, measured, offset, output, bend,
-                          told, noise_model)
+    predict_packed(previous, packed, reference, fixed, model, command, command_variance, loads,
+                   steps, noise_model, constants)
+    return correct_packed(packed, reference, fixed, loads, noise_model, constants, measured,
+                          offset)

@@ -100,10 +100,12 @@ class FilterStep:
         self._averaged_std = biases, prior.std[FIRST_BIAS:][:biases.size + DISTURBANCES].copy()
         self.told_variance, self._torque_variance = noise_std**2, torque**2
         self.output = np.ascontiguousarray(effects.output_matrix())
-        self._bend, self._moved_mass = effects.bend_rows(), effects.arm.robot.moved_mass
+        self._speed, self._moved_mass = speed_feedback(effects.arm), effects.arm.robot.moved_mass
+        # As compiled_step.ArmConstants: a named tuple takes Numba a microsecond longer.
+        self._constants = self.output, effects.bend_rows(), self.told_variance, self._speed
         self.lineariser, self.step_time = lineariser, effects.arm.step_time
         self._error_samples, self._gate = ERROR_STEP_S / self.step_time, gate_of(noise_std.size)
-        self._speed, self._offsets = speed_feedback(effects.arm), effects.arm.acts_on_output
+        self._offsets = effects.arm.acts_on_output
         # Whether an effect acts between prediction and measurement, so that a step is two calls.
         self._two_calls = effects.moves or self._offsets
         self._no_parts, self._no_offset = np.zeros((0, 1)), np.zeros(noise_std.size)
@@ -157,8 +159,7 @@ class FilterStep:
             self.correct(f, sample, loads)
             return
         self._take_likelihood(f, sample, compiled_step.step_packed(
-            sample.measured, self._no_offset, self.output, self._bend, self.told_variance,
-            *self._prediction_arguments(f, sample, loads)))
+            sample.measured, self._no_offset, *self._prediction_arguments(f, sample, loads)))
 
     def predict(self, f: Filter, sample: Sample, loads: Loads) -> None:
         """Predict a sample; a state that is not finite waits for the next measurement."""
@@ -179,9 +180,8 @@ class FilterStep:
         if sample.measured is None:
             return
         self._take_likelihood(f, sample, compiled_step.correct_packed(
-            f.packed, f.reference, f.model is not None, loads.table, sample.measured,
-            self._offset(f.x, sample.time), self.output, self._bend, self.told_variance,
-            self._noise_model(f.mode)))
+            f.packed, f.reference, f.model is not None, loads.table, self._noise_model(f.mode),
+            self._constants, sample.measured, self._offset(f.x, sample.time)))
 
     def _prediction_arguments(self, f: Filter, sample: Sample, loads: Loads) -> tuple[Any, ...]:
         """Return the arguments of `compiled_step.predict_packed`."""
@@ -199,9 +199,9 @@ class FilterStep:
                 parts = self.schedule.parts_at(mass, f.x.item(1))
         variance = self._torque_variance if sample.command_variance is None \
             else self._torque_variance + sample.command_variance
-        return (f.previous_buffer(), f.packed, f.reference, model is not None, about, series,
-                parts, away, motion, sample.command, variance, self._speed, loads.table,
-                sample.steps, self._noise_model(f.mode))
+        return (f.previous_buffer(), f.packed, f.reference, model is not None,
+                (about, series, parts, away, motion), sample.command, variance, loads.table,
+                sample.steps, self._noise_model(f.mode), self._constants)
 
     def _take_likelihood(self, f: Filter, sample: Sample, found: tuple[float, ...]) -> None:
         """Keep what a correction returned; where the state is lost, begin the state again."""
