@@ -21,8 +21,11 @@ from scipy.special import chdtri, ndtri
 LAGS = 10
 # Innovations are clipped to so many standard deviations, so that higher powers do not overflow.
 LARGEST = 1e6
-# Probability that a healthy channel fails the test of a window. With six channels and a window a
-# second that is once in three weeks.
+# Samples of a window: at 100 Hz four to six of the reference arm's slowest periods (1.07 s with
+# 0.28 kg, 0.62 s without a payload), about as many as a window of the diagnosis has.
+WINDOW = 400
+# Probability that a healthy channel fails the test of a window. With six channels at 100 Hz that
+# is once in eleven weeks.
 FALSE_ALARM = 1e-7
 # Ratio of power to the expected one below which nothing is suspect: noise is seldom told to better
 # than 1.4 of it. On right arms it is 1.12 at most (rpe, 32 windows of 400 samples), and chance
@@ -37,6 +40,9 @@ SPIKE_KURTOSIS = 10.0
 # sine then has about as much power as all else. It has 86 % of its own there where it lies between
 # two bins and more elsewhere; white noise of 400 samples has 4 %, in 300 draws at most 8 %.
 PEAK_SHARE = 0.4
+# Highest bin of a peak that may be a slow error's: of 4000 random walks over a window two in a
+# thousand have one of that share beyond it, beyond half of it one in 26.
+SLOW_BIN = 4
 
 
 @dataclass(frozen=True)
@@ -115,7 +121,7 @@ class ModelHealth:
 
     """
 
-    def __init__(self, names: Sequence[str], sample_time: float, window: int = 400):
+    def __init__(self, names: Sequence[str], sample_time: float, window: int = WINDOW):
         if window <= 4 * LAGS:
             raise InputError(f'model health: expected a window of more than {4 * LAGS} samples, '
                              f'got {window}')
@@ -199,6 +205,6 @@ class ModelHealth:
         peak = int(np.argmax(power))
         near = power[max(peak - 1, 0):peak + 2].sum()
         frequency = peak / (scaled.size * self.sample_time)
-        if near > PEAK_SHARE * power.sum() and peak > 4:
+        if near > PEAK_SHARE * power.sum() and peak > SLOW_BIN:
             return f'oscillation at {frequency:.3g} Hz'
         return 'slow error' if frequency < 0.1 / self.sample_time else 'fast error'

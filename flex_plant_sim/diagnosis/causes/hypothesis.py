@@ -23,7 +23,8 @@ import numpy as np
 # Step of finite differences, as a share of a parameter's deviation from null: small enough for
 # linearity, large enough for rounding.
 DIFFERENCE_SHARE = 0.05
-# Starts from which on a shape parameter is searched on a grid.
+# Starts from which on a shape parameter is searched on a grid: in the catalogue times, angles and
+# numbers of periods have seven and more, other shapes four at most.
 MIN_GRID_STARTS = 5
 # Prior width of a fixed parameter, in its unit; small enough to stand for a point.
 FIXED_WIDTH = 1e-9

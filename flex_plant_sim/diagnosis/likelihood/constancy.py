@@ -17,7 +17,8 @@ import numpy as np
 
 # Standard deviation of the size over the record, as a share of it: of a true cause, the share of a
 # gauge that every model may miss; of an imitation, as large as the size itself. Correlation time
-# of its variation, as a share of the record. See docs/evidence.md.
+# of its variation, as a share of the record: halved or doubled, the gain of a cause that is
+# constant, and known to 5 to 18 % in eight windows, moves by 2 nats at most. See docs/evidence.md.
 CONSTANT_SPREAD, VARYING_SPREAD = DiscrepancyModel.gauge_share, 1.0
 CORRELATION_SHARE = 0.5
 

@@ -29,7 +29,9 @@ from flex_plant_sim.diagnosis.prediction.smoother import LatentSystem, smooth, S
 from flex_plant_sim.effects.joint.measured_torque import load_row
 import numpy as np
 
-# Passes of the smoother: the first with Gaussian steps, the others with Student-t weights.
+# Passes of the smoother: the first with Gaussian steps, the others with Student-t weights. A
+# budget: a joint's dry friction is then within 8 % (rms) of what 16 passes find, with 2 within
+# 33 %; on a clean arm 0.1 and 0.7 %.
 EM_PASSES = 4
 # Degrees of freedom of a torque's steps; heavy tails, as friction jumps where a joint reverses:
 # the heaviest of a whole number whose variance is finite.
