@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from hashlib import sha256
 import os
 from pathlib import Path
 import re
@@ -154,6 +155,11 @@ def check_replaceable(path: str | Path, folder: bool = False, known: bool = Fals
 def image_metadata(path: str | Path) -> dict[str, str | None]:
     """Return the metadata that mark an image, by its suffix: PNG, PDF or SVG."""
     return {'Software': MARK} if Path(path).suffix == '.png' else {'Creator': MARK}
+
+
+def digest_of(path: Path) -> str:
+    """Return a digest of a file's contents, by which a later run knows what it wrote."""
+    return sha256(path.read_bytes()).hexdigest()
 
 
 def written_here(path: Path) -> bool:

@@ -97,9 +97,11 @@ def test_another_run_replaces_the_output_and_spares_what_is_not_a_demo_s(
         summary = json.loads((tmp_path / 'again' / 'summary.json').read_text())
         assert summary['seed'] == int(seed)
     (tmp_path / 'mine').mkdir()
-    (tmp_path / 'mine' / 'thesis.txt').write_text('years of work')
-    assert demo.main([*options, 'mine']) == 2
-    assert (tmp_path / 'mine' / 'thesis.txt').read_text() == 'years of work'
+    # What has a demo's name may be a user's own log.
+    for mine in (tmp_path / 'mine' / 'thesis.txt', tmp_path / 'again' / 'run.csv'):
+        mine.write_text('years of work')
+        assert demo.main([*options, mine.parent.name]) == 2
+        assert mine.read_text() == 'years of work'
 
 
 @pytest.mark.parametrize(('arguments', 'text'), [

@@ -16,7 +16,7 @@ from faults.fleet_run import killed_at_work
 from flex_payload_estimator.fleet.folders import arm_of, logs_below, robot_of
 from flex_payload_estimator.fleet.journal import Journal
 from flex_payload_estimator.fleet.log_task import diagnose_and_weigh, LogTask, Row
-from flex_payload_estimator.fleet.table import since, write_csv
+from flex_payload_estimator.fleet.table import check_tables, since, write_csv
 from flex_payload_estimator.tools.fleet import main as fleet
 from flex_payload_estimator.tools.fleet import options as fleet_options
 from flex_payload_estimator.tools.fleet import run, tasks_of
@@ -84,7 +84,8 @@ def test_a_bad_file_and_a_killed_worker_lose_nothing_else(tmp_path: Path) -> Non
     again = _fleet(tmp_path)
     again.communicate(timeout=300)
     assert again.returncode == 0 and _table(tmp_path) == before
-    assert len((tmp_path / 'out' / 'fleet.jsonl').read_text().splitlines()) == 2
+    journal = (tmp_path / 'out' / 'fleet.jsonl').read_text().splitlines()
+    assert [len(json.loads(line)) for line in journal] == 2 * [3] + 3 * [2], 'rows, tables'
 
 
 def test_a_log_without_end_is_given_up(tmp_path: Path) -> None:
@@ -229,7 +230,7 @@ def test_names_of_any_bytes_cost_no_table(tmp_path: Path) -> None:
     journal = Journal(tmp_path / 'out')
     journal.add(task, Row(name, task.log, error='given up'))
     rows = run([task], journal, None, 1)
-    write_csv(tmp_path / 'out' / 'fleet.csv', rows)
+    write_csv(journal, rows)
     assert rows[0].arm == 'night/ ' and _table(tmp_path)[0]['error'] == 'given up'
     assert fleet(['night', '--out', os.fsdecode(b'o\xff')]) == 2
 
@@ -301,10 +302,24 @@ def test_since_when_an_arm_answers_as_it_does() -> None:
 
 
 def test_no_cell_is_a_formula(tmp_path: Path) -> None:
-    write_csv(tmp_path / 't.csv', [Row('=cmd()', 'log', error='-1')])
-    with (tmp_path / 't.csv').open(newline='') as file:
-        row = next(csv.DictReader(file))
+    write_csv(Journal(tmp_path / 'out'), [Row('=cmd()', 'log', error='-1')])
+    row, = _table(tmp_path)
     assert row['arm'] == "'=cmd()" and row['error'] == "'-1"
+
+
+def test_a_table_is_replaced_unless_it_was_edited(tmp_path: Path) -> None:
+    journal, table = Journal(tmp_path / 'out'), tmp_path / 'out' / 'fleet.csv'
+    for log in ('1', '2'):
+        write_csv(journal, [Row('a', log)])
+        check_tables(journal)
+        assert [row['log'] for row in _table(tmp_path)] == [log]
+    with table.open('a') as file:
+        file.write('my own note\n')
+    with pytest.raises(InputError, match='fleet.csv: expected a new place'):
+        check_tables(journal)
+    with pytest.raises(InputError, match='fleet.csv: expected a new place'):
+        write_csv(journal, [Row('a', '3')])
+    assert table.read_text().endswith('my own note\n') and not journal.rows()
 
 
 def test_a_log_is_known_as_it_was_met(tmp_path: Path) -> None:

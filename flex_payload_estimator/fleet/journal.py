@@ -1,15 +1,22 @@
-"""The journal of a fleet: one line per finished log, by which an interrupted run goes on."""
+"""
+The journal of a fleet: one line per finished log, by which an interrupted run goes on.
+
+Lines of another kind name the tables that were written, each with a digest of its contents.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import asdict
 import fcntl
 import json
 import os
 from pathlib import Path
-from typing import IO
+from typing import Any, IO
 
 from flex_payload_estimator.fleet.log_task import LogTask, Row
+from flex_plant_sim.atomic_file import digest_of
 from flex_plant_sim.tools.command_line import package_version
 from msg_config.errors import InputError
 
@@ -37,7 +44,7 @@ class Journal:
     """
 
     def __init__(self, folder: Path):
-        self.file = folder / FILE
+        self.folder, self.file = folder, folder / FILE
         if folder.exists() and not folder.is_dir():
             raise InputError(f'{folder}: expected a folder, got a file')
         if folder.is_dir() and not self.file.is_file() and any(folder.iterdir()):
@@ -60,9 +67,9 @@ class Journal:
     def rows(self) -> dict[str, Row]:
         """Return this version's rows by their task's key, without what is to be done again."""
         found = {}
-        for line in self.file.read_text(encoding='utf-8', errors='replace').splitlines():
+        for entry in self._lines():
             try:
-                number, key, row = json.loads(line)
+                number, key, row = entry
                 found[number, key] = Row(**{**row, 'causes': tuple(row['causes'])})
             except (ValueError, TypeError, KeyError):
                 continue
@@ -79,11 +86,30 @@ class Journal:
             The row cannot be written.
 
         """
+        self._append([package_version(), task.key, asdict(row)])
+
+    def note(self, table: Path) -> None:
+        """Append the name and digest of a table of this folder, wherever it is now."""
+        entry = [table.name, digest_of(table)]
+        if entry not in self._lines():
+            self._append(entry)
+
+    def wrote(self, name: str) -> bool:
+        """Return whether a table of this folder is as a fleet wrote it."""
+        table = self.folder / name
+        return table.is_file() and [name, digest_of(table)] in self._lines()
+
+    def _lines(self) -> Iterator[Any]:
+        for line in self.file.read_text(encoding='utf-8', errors='replace').splitlines():
+            with suppress(ValueError):
+                yield json.loads(line)
+
+    def _append(self, entry: list[Any]) -> None:
         try:
             with self.file.open('a', encoding='utf-8') as file:
                 # A line that a kill cut short must not swallow this one.
                 file.write('\n' if file.tell() and not self._ends_with_newline() else '')
-                file.write(json.dumps([package_version(), task.key, asdict(row)]) + '\n')
+                file.write(json.dumps(entry) + '\n')
                 file.flush()
                 os.fsync(file.fileno())
         except OSError as error:

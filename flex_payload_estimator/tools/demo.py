@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+import json
 import os
 from pathlib import Path
 import shutil
@@ -37,12 +38,12 @@ from flex_payload_estimator.tools.side_by_side import (
 )
 from flex_payload_estimator.tools.words import with_uncertainty
 from flex_plant_sim.arm.robot_file import load_robot
-from flex_plant_sim.atomic_file import SUMMARY, whole_file
+from flex_plant_sim.atomic_file import digest_of, SUMMARY, whole_file
 from flex_plant_sim.compiled import COMPILED
 from flex_plant_sim.logs.bag_log import write_bag
 from flex_plant_sim.logs.csv_log import write_csv
 from flex_plant_sim.logs.log import Log
-from flex_plant_sim.logs.origin import Origin, origin_path
+from flex_plant_sim.logs.origin import Origin
 from flex_plant_sim.simulation.nominal import has_coriolis
 from flex_plant_sim.simulation.plant_setup import robot_of, simulator_of
 from flex_plant_sim.tools import command_line
@@ -54,6 +55,8 @@ import numpy as np
 
 # Files of the output folder.
 LOG, BAG, ARM, PICTURE = 'run.csv', 'run_mcap', 'arm.yaml', 'payload.png'
+# Key of the summary for what the demo wrote: file to digest.
+DIGESTS = 'sha256'
 # Interval between printed estimates, s of data.
 PRINT_INTERVAL = 0.5
 # Time without an estimate after which the demo gives up, s.
@@ -204,13 +207,21 @@ def whole_folder(path: Path, read: Sequence[str | Path]) -> Iterator[Path]:
 
 
 def _foreign(folder: Path) -> str:
-    """Return the first name in a folder that no demo writes; empty where there is none."""
+    """Return the first file of a folder that is not as a demo wrote it; empty if there is none."""
     if not folder.is_dir():
         return folder.name if folder.exists() else ''
-    own = {SUMMARY, LOG, ARM, PICTURE, origin_path(Path(LOG)).name, BAG, f'{BAG}/metadata.yaml',
-           f'{BAG}/{BAG}.mcap', *(f'figure_{number}.png' for number in FIGURES)}
-    found = sorted(str(item.relative_to(folder)) for item in folder.rglob('*'))
-    return next((name for name in found if name not in own), '')
+    try:
+        known = json.loads((folder / SUMMARY).read_bytes())[DIGESTS]
+    except (OSError, ValueError, LookupError, TypeError):
+        known = {}
+    return next((name for name, digest in _digests(folder).items()
+                 if known.get(name) != digest), '')
+
+
+def _digests(folder: Path) -> dict[str, str]:
+    """Return the digest of each file in a folder but the summary, by its name there."""
+    return {str(path.relative_to(folder)): digest_of(path) for path in sorted(folder.rglob('*'))
+            if path.is_file() and path != folder / SUMMARY}
 
 
 def write_output(experiment: Experiment, record: LoopRecord, folder: Path,
@@ -226,7 +237,7 @@ def write_output(experiment: Experiment, record: LoopRecord, folder: Path,
     if (folder / ARM).exists():
         # Relative to the summary, because the folder is renamed.
         summary['robot'] = ARM
-    command_line.write_json(folder / SUMMARY, summary)
+    command_line.write_json(folder / SUMMARY, {**summary, DIGESTS: _digests(folder)})
 
 
 def opening_words(options: argparse.Namespace) -> str:

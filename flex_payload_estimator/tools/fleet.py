@@ -16,7 +16,15 @@ from flex_payload_estimator.fleet.folders import arm_of, logs_below, robot_of
 from flex_payload_estimator.fleet.journal import Journal
 from flex_payload_estimator.fleet.log_task import LogTask, Row
 from flex_payload_estimator.fleet.schedule import cluster, completed_rows
-from flex_payload_estimator.fleet.table import write_csv, write_page, write_parquet
+from flex_payload_estimator.fleet.table import (
+    check_tables,
+    CSV,
+    PAGE,
+    PARQUET,
+    write_csv,
+    write_page,
+    write_parquet,
+)
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.tools import command_line
 from flex_plant_sim.tools.outputs import check_folder
@@ -114,12 +122,12 @@ def _main(arguments: argparse.Namespace) -> None:
     check_folder('--out', out, (), nested=True)
     tasks = tasks_of(arguments, out)
     with closing(Journal(out)) as journal:
+        check_tables(journal)
         rows = run(tasks, journal, arguments.scheduler,
                    arguments.workers or len(os.sched_getaffinity(0)))
-        write_csv(out / 'fleet.csv', rows)
-        written = ['fleet.csv']
-        written += ['fleet.parquet'] if write_parquet(out / 'fleet.parquet', rows) else []
-        written += ['fleet.html'] if write_page(out / 'fleet.html', rows) else []
+        write_csv(journal, rows)
+        written = [CSV, *([PARQUET] if write_parquet(journal, rows) else []),
+                   *([PAGE] if write_page(journal, rows) else [])]
     failed = sum(bool(row.error) for row in rows)
     print(f'{len(rows)} logs of {len({row.arm for row in rows})} arms, {failed} with errors: '
           + ', '.join(str(out / name) for name in written))
