@@ -157,20 +157,6 @@ def test_commands_that_are_held_and_coarse_angles_are_evidence(tmp_path: Path) -
     assert not read(tmp_path / 'log.csv', spoil).doubts
 
 
-@pytest.mark.parametrize('offset, low', [(np.pi, -np.pi), (0.0, 0.0)])
-def test_a_wrapped_angle_is_told_from_a_fast_one(
-        tmp_path: Path, offset: float, low: float) -> None:
-    def wrap(numbers: np.ndarray) -> None:
-        numbers[:, 3] = (numbers[:, 3] + offset - low) % (2.0 * np.pi) + low
-
-    def spike(numbers: np.ndarray) -> None:
-        numbers[500, 3] += 5.0
-    with pytest.raises(InputError, match=r'line \d+: joint_1: .* rad in 0\.01 s \(a turn: is the '
-                       r'angle wrapped\?\); \d+ of 1200 samples like it'):
-        read(tmp_path / 'log.csv', wrap)
-    assert read(tmp_path / 'log.csv', spike).notes[0].endswith(' rad in 0.01 s')
-
-
 @pytest.mark.parametrize('spell, said', [
     (str.capitalize, 'column time: missing, got Time, Command_1, '),
     (lambda name: name.replace('_', ' '), 'column command_1: missing, got time, command 1, '),

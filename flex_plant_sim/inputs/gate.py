@@ -7,7 +7,7 @@ Live measurements and rows of logs pass this gate before anything is computed fr
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 import math
 from operator import le
@@ -176,7 +176,8 @@ class Gate:
     The speed of a sample is taken from the last one that passed. After CONVINCED samples in a row
     that were refused for their speed but are consistent with one another, the new position is
     believed: the arm was moved by hand, or an encoder was zeroed again. A step of whole turns is
-    never believed: an angle that is wrapped makes it, and the joint did not.
+    never believed: an angle that is wrapped makes it, and the joint did not. Of logs, whose later
+    rows are known, `angle_steps` undoes such turns, and tells which steps are believed.
 
     Parameters
     ----------
@@ -310,12 +311,21 @@ def counted(refused: Counter[str] | dict[str, int]) -> str:
     return ', '.join(f'{number} {kind}' for kind, number in sorted(refused.items()) if number)
 
 
-def judge_record(gate: Gate, time: Array, output: Array, command: Array
-                 ) -> Sequence[Refusal | None]:
-    """Return why each row is refused, or None, for times (N,), outputs (N, m), commands (N, 2)."""
+def judge_record(gate: Gate, time: Array, output: Array, command: Array,
+                 believed: Container[int] = ()) -> Sequence[Refusal | None]:
+    """
+    Return why each row is refused, or None, for times (N,), outputs (N, m), commands (N, 2).
+
+    Steps to the rows that are `believed` are not judged.
+    """
     if _all_pass(gate.limits, time, output, command):
         return [None] * len(time)
-    return [gate.judge(float(t), y, u) for t, y, u in zip(time, output, command)]
+    refusals = []
+    for k, (t, y, u) in enumerate(zip(time, output, command)):
+        if k in believed:
+            gate.restart()
+        refusals.append(gate.judge(float(t), y, u))
+    return refusals
 
 
 def _all_pass(limits: Limits, time: Array, output: Array, command: Array) -> bool:

@@ -12,8 +12,9 @@ from operator import attrgetter
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.inputs.angle_steps import angle_steps, Slip
 from flex_plant_sim.inputs.first_row import off_channel
-from flex_plant_sim.inputs.gate import counted, Gate, judge_record, Refusal
+from flex_plant_sim.inputs.gate import counted, Gate, judge_record, Refusal, TURN
 from flex_plant_sim.inputs.jitter import deviations, stamp_share
 from flex_plant_sim.inputs.plausible import alternates, SAMPLING_AGREES, unit_hint
 from flex_plant_sim.inputs.resample import (
@@ -28,7 +29,9 @@ from flex_plant_sim.inputs.resample import (
 from flex_plant_sim.inputs.single_errors import single_errors, SingleError
 from flex_plant_sim.logs.log import Log
 from msg_config.errors import InputError
+from msg_config.input_mapping import JOINTS
 import numpy as np
+from numpy.typing import NDArray
 
 # Jitter, as a share of the sampling interval, from which a note is made; less may come from the
 # digits of a file.
@@ -66,6 +69,8 @@ class Rows:
         Gives the name of row k (from 0) by which a user finds it in the file.
     notes, doubts : tuple of str
         As in Log.
+    slipped : tuple of (str, str)
+        Joint and row of each slip that is noted.
 
     """
 
@@ -77,6 +82,7 @@ class Rows:
     row: Callable[[int], str]
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
+    slipped: tuple[tuple[str, str], ...] = ()
 
     def kept(self, which: Array | slice | Sequence[int]) -> Rows:
         """Return some of the rows, which keep their names."""
@@ -164,8 +170,13 @@ def _from_first_reading(rows: Rows, robot: Robot) -> Rows:
 def _pass_gate(rows: Rows, robot: Robot) -> Rows:
     """Return the rows without those that the arm cannot have produced."""
     gate = Gate(robot)
+    steps = angle_steps(rows.time, rows.joint, gate.limits, robot.sample_time)
+    rows = _without_turns(rows, steps.turns)
     output = np.hstack([rows.joint, rows.strain])
-    refusals = judge_record(gate, rows.time, output, rows.command)
+    refusals = judge_record(gate, rows.time, output, rows.command,
+                            {slip.row for slip in steps.slips})
+    rows = _with_slip_notes(rows, [slip for slip in steps.slips if not any(
+        refusals[k] for k in (slip.before, slip.row))])
     refused = [k for k, refusal in enumerate(refusals) if refusal is not None]
     if not refused:
         return rows
@@ -185,6 +196,29 @@ def _pass_gate(rows: Rows, robot: Robot) -> Rows:
     kept = rows.kept(np.setdiff1d(np.arange(len(rows.time)), refused))
     return kept.noted(f'{len(refused)} of {len(rows.time)} samples refused '
                       f'({counted(gate.refused)}), the first at {where}')
+
+
+def _without_turns(rows: Rows, turns: NDArray[np.int64]) -> Rows:
+    """Return the rows without these whole turns of the joints, (N, 2)."""
+    for name, own in zip(JOINTS, turns.T):
+        wrapped = np.flatnonzero(own)
+        if wrapped.size:
+            rows = rows.noted(f'{name}: {len(wrapped)} of {len(own)} rows are whole turns off, '
+                              f'the first {rows.row(int(wrapped[0]))}: a wrapped angle, undone')
+    return replace(rows, joint=rows.joint - TURN * turns)
+
+
+def _with_slip_notes(rows: Rows, slips: Sequence[Slip]) -> Rows:
+    for slip in slips:
+        name, place = JOINTS[slip.joint], rows.row(slip.row)
+        rows = replace(rows.noted(_slip_note(name, slip.step, place)),
+                       slipped=(*rows.slipped, (name, place)))
+    return rows
+
+
+def _slip_note(name: str, step: float, place: str) -> str:
+    return (f'{name} steps by {step:.3g} at {place}, against all others, and stays: did its '
+            'sensor slip, or lose counts? Kept as it is')
 
 
 def _with_gap_notes(rows: Rows, grid: Grid) -> Rows:
@@ -282,9 +316,8 @@ def _with_error_note(log: Log, rows: Rows, grid: Grid) -> Log:
 
     def place_of(error: SingleError) -> str:
         return rows.row(int(np.searchsorted(grid.place, start + error.row)))
-    notes = [f'{names[slip.column]} steps by {slip.error:.3g} at {place_of(slip)}, against all '
-             'others, and stays: did its sensor slip, or lose counts? Kept as it is'
-             for slip in found if slip.lasting]
+    notes = [_slip_note(names[slip.column], slip.error, place_of(slip)) for slip in found
+             if slip.lasting and (names[slip.column], place_of(slip)) not in rows.slipped]
     single = [error for error in found if not error.lasting]
     if single:
         error, counted = single[0], (
