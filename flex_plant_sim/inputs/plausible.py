@@ -10,9 +10,12 @@ from collections.abc import Iterator, Sequence
 from itertools import combinations
 import math
 
+from flex_plant_sim.arm.file_section import plausible
+from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.inputs.gate import RANGE, Refusal
 from flex_plant_sim.tiny import TINY
+from msg_config.errors import InputError
 from msg_config.input_mapping import TIME_UNITS
 import numpy as np
 
@@ -72,6 +75,37 @@ def time_unit(interval: float, expected: float) -> str | None:
         if abs(interval * factor - expected) <= SAMPLING_AGREES * expected:
             return unit
     return 's' if 1.0 / SAME_TIME_UNIT <= interval / expected <= SAME_TIME_UNIT else None
+
+
+def check_sampling(where: str, interval: float, robot: Robot, told: str) -> None:
+    """
+    Check a sampling interval, s, against the robot file's and all that one may have.
+
+    Parameters
+    ----------
+    where : str
+        Log and channel, for the error.
+    interval : float
+        s.
+    robot : Robot
+        Gives the sample time.
+    told : str
+        What the unit is known from, and is to be looked at.
+
+    Raises
+    ------
+    InputError
+        The interval is in no unit that is plausible; names both.
+
+    """
+    least, most = plausible('measurement', 'sample_time_s')
+    low = max(least, robot.sample_time / SAME_TIME_UNIT)
+    high = min(most, robot.sample_time * SAME_TIME_UNIT)
+    # The ends may be met to the last digit.
+    if not low * (1.0 - SAMPLING_AGREES) <= interval <= high * (1.0 + SAMPLING_AGREES):
+        raise InputError(f'{where}: expected a sample every {low:.3g} to {high:.3g} s, as '
+                         f'sample_time_s of {robot.source} is {robot.sample_time:g} s, got one '
+                         f'every {interval:.6g} s: is {told} right?')
 
 
 def alternates(channel: Array) -> bool:

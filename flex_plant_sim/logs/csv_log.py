@@ -12,7 +12,7 @@ import re
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.atomic_file import whole_file
-from flex_plant_sim.inputs.plausible import time_unit
+from flex_plant_sim.inputs.plausible import check_sampling, time_unit
 from flex_plant_sim.inputs.resample import usual_interval
 from flex_plant_sim.logs.csv_table import read_table, Table
 from flex_plant_sim.logs.log import Log
@@ -57,13 +57,16 @@ def read_csv(path: Path, robot: Robot) -> Log:
 def _in_seconds(rows: Rows, robot: Robot) -> Rows:
     """Return the rows with time in s; a unit that is not given is found from the interval."""
     name, given = robot.inputs.time.name, robot.inputs.time.factor
-    if given:
-        return replace(rows, time=rows.time * given)
     told = len(rows.time) > 1 and np.isfinite(rows.time).all()
     interval = usual_interval(rows.time) if told else 0.0
     if not interval > 0.0:
         # What is no order of times is said, by row, where the grid is made.
-        return rows
+        return replace(rows, time=rows.time * (given or 1.0))
+    if given:
+        named = next((key for key, factor in TIME_UNITS.items() if factor == given), 'scale')
+        check_sampling(f'{rows.source}: {name}', interval * given, robot,
+                       f'`{named}` under inputs: time: in the robot file')
+        return replace(rows, time=rows.time * given)
     unit = time_unit(interval, robot.sample_time)
     if unit is None:
         raise InputError(f'{rows.source}: {name}: expected a sample about every '
@@ -72,6 +75,7 @@ def _in_seconds(rows: Rows, robot: Robot) -> Rows:
                          '{unit: ms}}, or of row numbers the interval, s: {time: {scale: '
                          f'{robot.sample_time:g}}}}}')
     if unit == 's':
+        check_sampling(f'{rows.source}: {name}', interval, robot, 'its unit, s,')
         return rows
     return replace(rows, time=rows.time * TIME_UNITS[unit]).noted(
         f'{name}: a sample every {interval:.6g}, taken as {unit}')
