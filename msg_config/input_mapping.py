@@ -167,8 +167,9 @@ class Channels:
         return values if self._in_si else values / self._scale[0]
 
     def si(self, values: Array) -> Array:
-        """Return external values, (…, n), in SI."""
-        return values * self._scale[0] + self._scale[1]
+        """Return external values, (…, n), in SI; one that is too large for that is infinite."""
+        with np.errstate(over='ignore'):
+            return values * self._scale[0] + self._scale[1]
 
     def rate(self, values: Array) -> Array:
         """Return external rates of change, (…, n), in SI, to which the offset does not apply."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+import warnings
 
 from flex_plant_sim.arm.robot_file import load_robot, parse_robot, robot_text
 from flex_plant_sim.logs.bag_log import write_bag
@@ -58,3 +59,21 @@ def test_stamps_of_a_bag_that_are_no_clock_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r'bag: header.stamp: expected a sample every 0.000333 to '
                                          r'0.3 s, .* got one every 10 s: is it right\?$'):
         read_log(tmp_path / 'bag', ROBOT)
+
+
+@pytest.mark.parametrize('first', ['1e308', '-1e308'])
+@pytest.mark.parametrize('inputs', ['', 'inputs: {joints: {joint_1: {scale: 1000}}}'])
+def test_a_number_near_the_largest_is_refused_like_others(
+        first: str, inputs: str, tmp_path: Path) -> None:
+    robot = parse_robot(f'{robot_text("reference")}\n{inputs}\n', 'a.yaml')
+    path = write_rows(tmp_path / 'log.csv', 0.01)
+    lines = path.read_text().splitlines()
+    number = 0.003 if inputs else 3
+    lines[1:] = [line.replace(',3,', f',{number},', 1) for line in lines[1:]]
+    lines[60] = lines[60].replace(f',{number},', f',{first},', 1)
+    path.write_text('\n'.join([*lines, '']))
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        log = read_log(path, robot)
+    assert log.joint[:, 0] == pytest.approx(3.0)
+    assert log.notes[0].startswith('1 of 120 samples refused (1 ')

@@ -14,7 +14,7 @@ from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.inputs.angle_steps import angle_steps, Slip
 from flex_plant_sim.inputs.first_row import off_channel
-from flex_plant_sim.inputs.gate import counted, Gate, judge_record, Refusal, TURN
+from flex_plant_sim.inputs.gate import counted, Gate, judge_record, Limits, Refusal, TURN
 from flex_plant_sim.inputs.jitter import deviations, stamp_share
 from flex_plant_sim.inputs.plausible import alternates, SAMPLING_AGREES, unit_hint
 from flex_plant_sim.inputs.resample import (
@@ -157,7 +157,9 @@ def _check_time(rows: Rows) -> None:
 
 def _from_first_reading(rows: Rows, robot: Robot) -> Rows:
     """Return the rows without the first where the next ones deny it."""
-    output = np.hstack([rows.joint, rows.strain])
+    output, limits = np.hstack([rows.joint, rows.strain]), Limits.of(robot)
+    # What no arm has is no reading anywhere, and may be too large for a rate.
+    output[~((output >= limits.low) & (output <= limits.high))] = np.nan
     k = off_channel(rows.time, output)
     if k is None:
         return rows
