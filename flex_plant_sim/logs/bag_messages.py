@@ -9,7 +9,7 @@ from __future__ import annotations
 from array import array
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PosixPath
 from typing import Any
 
 from flex_plant_sim.arm.second_order import Array
@@ -175,6 +175,15 @@ class _Collector:
         return Stream(self.path, self.name, stamps, number, tuple(self.names), group, fields)
 
 
+class _StoragePath(PosixPath):
+    """A path whose suffix is in lower case, by which rosbags tells the storage of a file."""
+
+    @property
+    def suffix(self) -> str:
+        """Return the suffix in lower case."""
+        return super().suffix.lower()
+
+
 def read_messages(path: Path, mapping: InputMapping, channels: Mapping[str, Channels]
                   ) -> tuple[dict[str, Stream], tuple[str, ...]]:
     """
@@ -196,7 +205,7 @@ def read_messages(path: Path, mapping: InputMapping, channels: Mapping[str, Chan
                          'pip install rosbags') from None
     try:
         types = get_typestore(Stores.ROS2_JAZZY)
-        with bounded(), AnyReader([path], default_typestore=types) as reader:
+        with bounded(), AnyReader([_StoragePath(path)], default_typestore=types) as reader:
             found, notes = _collected(path, reader, mapping, channels)
     except InputError:
         raise
