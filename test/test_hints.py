@@ -234,8 +234,9 @@ def test_a_dead_gauge_looks_exchanged_with_none(dead: int) -> None:
 
 
 def test_a_log_counts_once(tmp_path: Path) -> None:
+    (tmp_path / 'log.csv').touch()
     (tmp_path / 'link.csv').symlink_to(tmp_path / 'log.csv')
-    with pytest.raises(InputError, match='log.csv: expected each log once'):
+    with pytest.raises(InputError, match='link.csv: expected each log once'):
         read_logs([str(tmp_path / 'log.csv'), str(tmp_path / 'link.csv')], ROBOT, 'paper', 2)
 
 

@@ -13,6 +13,9 @@ from flex_plant_sim.logs.csv_log import read_csv
 from flex_plant_sim.logs.log import Log
 from msg_config.errors import InputError, printable
 
+# What a bag folder holds beside its storage.
+METADATA = 'metadata.yaml'
+
 
 class LogReader(Protocol):
     """A storage format of logs."""
@@ -46,12 +49,30 @@ def read_log(path: str | Path, robot: Robot) -> Log:
     return replace(log, source=printable(log.source))
 
 
+def stored_at(path: str | Path) -> frozenset[tuple[int, int]]:
+    """
+    Return device and number of the files that hold a log, whatever names lead to them.
+
+    Of a bag folder these are all but metadata.yaml; what cannot be looked at has none.
+    """
+    found = set()
+    try:
+        inside = [item for item in Path(path).iterdir() if item.name != METADATA] \
+            if Path(path).is_dir() else [Path(path)]
+        for item in inside:
+            said = item.stat()
+            found.add((said.st_dev, said.st_ino))
+    except (OSError, ValueError):
+        return frozenset()
+    return frozenset(found)
+
+
 def _reader(path: Path) -> LogReader:
     kind = file_kind(path)
     if kind not in (FILE, FOLDER):
         raise InputError(f'{path}: expected a file or a bag folder, got {kind}')
     if kind == FOLDER:
-        if not (path / 'metadata.yaml').is_file():
+        if not (path / METADATA).is_file():
             raise InputError(f'{path}: expected a rosbag2, got a folder without metadata.yaml '
                              '(`ros2 bag reindex` makes one)')
         for item in sorted(path.iterdir()):

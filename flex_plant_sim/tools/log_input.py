@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-import os
 import sys
 
 from flex_plant_sim.arm.assumed_modes import assumed_modes
@@ -15,7 +14,7 @@ from flex_plant_sim.effects.mechanics.gauge import gauge_places
 from flex_plant_sim.effects.mechanics.kinematics import end_rotations
 from flex_plant_sim.inputs.plausible import channel_hints, SAMPLING_AGREES, WRONG_SCALE
 from flex_plant_sim.logs.log import Log
-from flex_plant_sim.logs.read import read_log
+from flex_plant_sim.logs.read import read_log, stored_at
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 from flex_plant_sim.simulation.nominal import beyond_checked, has_coriolis, nominal_effects
 from flex_plant_sim.simulation.simulator import simulate, Simulator
@@ -72,10 +71,11 @@ def read_logs(paths: Sequence[str], robot: Robot, model: str, modes: int,
 
     """
     forces = has_coriolis(nominal_effects(robot, model, coriolis))
-    places = [os.path.realpath(path) for path in paths]
-    for path, place in zip(paths, places):
-        if places.count(place) > 1:
-            raise InputError(f'{path}: expected each log once')
+    places = [stored_at(path) for path in paths]
+    for k, path in enumerate(paths):
+        same = [other for other, place in zip(paths[:k], places) if place & places[k]]
+        if same:
+            raise InputError(f'{path}: expected each log once, got what {same[0]} holds')
     logs = [read_log_aloud(path, robot, model, modes, forces) for path in paths]
     for log in logs:
         if log.doubts:
