@@ -24,6 +24,8 @@ from numpy.typing import NDArray
 FIELDS = ('position', 'effort')
 # Largest number of different lists of names on a topic.
 MAX_NAME_LISTS = 100
+# What data begins with that Zstandard compressed (RFC 8878, 3.1.1); a message begins with a zero.
+ZSTD = b'\x28\xb5\x2f\xfd'
 Stamps = NDArray[np.int64]
 
 
@@ -152,6 +154,8 @@ class _Collector:
                              f'{own.nanosec} ns')
         stamp = own.sec * NANOSECONDS + own.nanosec
         if self.stamps and stamp <= self.stamps[-1]:
+            # A sample in several messages has one stamp: what each lacks is the cause.
+            self.channels.index(names, where)
             raise InputError(f'{where}: expected a stamp after {seconds_text(self.stamps[-1])}, '
                              f'got {seconds_text(stamp)}')
         if len(self.names) > MAX_NAME_LISTS:
@@ -238,7 +242,11 @@ def _collected(path: Path, reader: Any, mapping: InputMapping, channels: Mapping
             message = reader.deserialize(data, connection.msgtype)
         except MemoryError:
             raise
-        except Exception:  # noqa: B902, S112  a message that was cut can raise anything
+        except Exception:  # noqa: B902  a message that was cut can raise anything
+            if bytes(data[:len(ZSTD)]) == ZSTD:
+                raise InputError(f'{path}: {name}: expected messages as they were sent, got '
+                                 'compressed ones, of which metadata.yaml tells how: name the '
+                                 "bag's folder") from None
             continue
         found[name].add(message, data)
         came[name] += 1
