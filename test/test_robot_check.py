@@ -107,7 +107,8 @@ def test_faster_sampling_with_as_much_noise_a_second_tells_as_much(
 
 
 def test_a_payload_that_the_model_cannot_carry_is_one_line() -> None:
-    with pytest.raises(InputError, match='got 303 kg: with 2 modes it is unstable'):
+    with pytest.raises(InputError, match='payload: expected one that the model moves, got 300 '
+                       'kg: with 2 modes it is unstable'):
         observability(replace(REFERENCE, payload_mass=300.0), 2)
 
 

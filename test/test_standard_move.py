@@ -77,3 +77,16 @@ def test_a_move_that_takes_the_simulated_arm_too_far_is_refused(
     assert main(['move', str(arm), *options]) == 2
     assert f'error: {arm}: drives.shoulder.angle_limits_rad: expected a simulated move within ' \
            '-0.5 to 0.5 rad, got ' in capsys.readouterr().err
+
+
+def test_a_payload_that_the_model_cannot_move_is_named(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arm = limited(tmp_path, 'reference', '[-1.5, 1.5]', '[-2.0, 2.0]')
+    told = ['--payload', '1000', '--modes', '3']
+    for command in (['check', str(arm)],
+                    ['move', str(arm), '--strokes', '6', '--output', str(tmp_path / 'log.csv')]):
+        assert main([*command, *told]) == 2
+        assert capsys.readouterr().err == (
+            f'error: {arm}: payload: expected one that the model moves, got 1000 kg: with 3 modes '
+            'it is unstable\n')
+    assert not (tmp_path / 'log.csv').exists()

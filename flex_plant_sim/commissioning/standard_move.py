@@ -39,6 +39,8 @@ STROKES = 10
 SLOWER, SLOWEST = 1.25, 50.0
 # Largest number of samples, so that the log as CSV, some 140 bytes each, can be read again.
 MAX_SAMPLES = MAX_BYTES // 160
+# Output, rad or m/m, from which the simulation has diverged; its square is still finite.
+DIVERGED = 1e6
 
 
 @dataclass(frozen=True)
@@ -120,6 +122,13 @@ def _profile(time: Array, stroke: float) -> tuple[Array, Array]:
     return speed, acceleration
 
 
+def check_moved(output: Array, robot: Robot, modes: int) -> None:
+    """Raise InputError that names the robot's payload where its simulated output diverged."""
+    if not np.abs(output).max() < DIVERGED:
+        raise InputError(f'{robot.source}: payload: expected one that the model moves, got '
+                         f'{robot.payload_mass:.4g} kg: with {modes} modes it is unstable')
+
+
 def simulated_move(robot: Robot, move: Move, modes: int, seed: int) -> Log:
     """
     Return the log of a move by the simulated arm with noisy sensors.
@@ -127,7 +136,8 @@ def simulated_move(robot: Robot, move: Move, modes: int, seed: int) -> Log:
     Raises
     ------
     InputError
-        The angle limits leave too little room for a log, or the simulated arm passes them.
+        The angle limits leave too little room for a log, the simulated arm passes them, or it
+        diverges with its payload.
 
     """
     for name, (low, high) in zip(DRIVES, robot.angle_limits):
@@ -140,7 +150,9 @@ def simulated_move(robot: Robot, move: Move, modes: int, seed: int) -> Log:
     noise = Noise(robot.angle_noise, robot.strain_noise)
     simulator = Simulator(arm, noise=noise, seed=seed)
     simulator.begin_at(move.centre)
-    output, _ = simulate(simulator, move.commands)
+    with np.errstate(all='ignore'):
+        output, _ = simulate(simulator, move.commands)
+    check_moved(output, robot, modes)
     for name, angle, (low, high) in zip(DRIVES, output.T, robot.angle_limits):
         if not (low <= angle.min() and angle.max() <= high):
             raise InputError(f'{robot.source}: {name}.angle_limits_rad: expected a simulated '
