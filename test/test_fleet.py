@@ -157,8 +157,10 @@ def test_logs_belong_to_the_nearest_robot_file(tmp_path: Path) -> None:
     assert robot_of(night, bag, 'reference') == str(night / 'a' / 'robot.yaml')
     assert robot_of(night, night / 'b.csv', 'reference') == 'reference'
     assert [arm_of(*item) for item in found] == ['night/a', 'night']
-    with pytest.raises(InputError, match='expected logs'):
+    with pytest.raises(InputError, match='out: expected logs, got the folder that a fleet writes'):
         logs_below([str(out)], out)
+    with pytest.raises(InputError, match='name another by --out'):
+        logs_below([str(night)], night)
 
 
 def test_a_log_that_is_found_twice_counts_once(tmp_path: Path) -> None:

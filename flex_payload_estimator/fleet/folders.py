@@ -33,7 +33,7 @@ def logs_below(folders: Sequence[str], apart_from: Path) -> list[tuple[Path, Pat
     Raises
     ------
     InputError
-        A name is no folder, or there is no log at all.
+        A name is no folder, or that of outputs, or there is no log at all.
 
     """
     found: dict[Path, tuple[Path, Path]] = {}
@@ -44,6 +44,9 @@ def logs_below(folders: Sequence[str], apart_from: Path) -> list[tuple[Path, Pat
         if (folder / BAG).is_file():
             raise InputError(f'{name}: expected a folder of logs, got one bag; name the folder '
                              'that it is in')
+        if _is_output(folder, apart_from.resolve()):
+            raise InputError(f'{name}: expected logs, got the folder that a fleet writes to, '
+                             'where none are looked for: name another by --out')
         for log in _logs(folder, apart_from.resolve()):
             found.setdefault(log.resolve(), (folder, log))
     if not found:
@@ -55,7 +58,7 @@ def logs_below(folders: Sequence[str], apart_from: Path) -> list[tuple[Path, Pat
 def _logs(folder: Path, apart_from: Path) -> Iterator[Path]:
     """Yield the log files and bag folders below a folder."""
     real = folder.resolve()
-    if real == apart_from or (folder / JOURNAL).is_file():
+    if _is_output(folder, apart_from):
         return
     if (folder / BAG).is_file():
         yield folder
@@ -66,6 +69,11 @@ def _logs(folder: Path, apart_from: Path) -> Iterator[Path]:
             yield from _logs(item, apart_from)
         elif not item.is_dir() and item.suffix.lower() in LOGS:
             yield item
+
+
+def _is_output(folder: Path, own: Path) -> bool:
+    """Return whether a folder is this fleet's own output, or that of another."""
+    return folder.resolve() == own or (folder / JOURNAL).is_file()
 
 
 def robot_of(folder: Path, log: Path, default: str) -> str:
