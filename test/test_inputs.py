@@ -91,6 +91,13 @@ def test_names_that_do_not_say_which_are_refused(given: list[str], values: list[
      'joints.joint_1'),
     ('inputs: {joints: {joint_1: {unit: degrees}}}', 'expected rad, deg, got'),
     ('inputs: {gauges: {strain_1a: {sign: 2}}}', 'inputs.gauges.strain_1a.sign: expected 1, -1'),
+    ('inputs: {joints: {joint_1: {scale: 1e300}}}', 'joint_1.scale: expected 1e-14 to 1e+06, got '
+     '1e+300'),
+    ('inputs: {gauges: {strain_1a: {unit: um/m, scale: 1e-9}}}', 'scale: expected 1e-08 to 1e+12'),
+    ('inputs: {time: {unit: ns, scale: 1e16}}', 'inputs.time.scale: expected 1e-05 to 1e+15, got'),
+    ('inputs: {joints: {joint_1: {offset: 1e10}}}', 'expected -4503.6 to 4503.6, got 1e+10'),
+    ('inputs: {gauges: {strain_1a: {offset: -50}}}', 'expected -45.036 to 45.036, got -50'),
+    ('inputs: {commands: {joint_2: {offset: 2e6}}}', 'expected -1e+06 to 1e+06, got 2e+06'),
     ('inputs: {time: {unit: min}}', 'inputs.time.unit: expected s, ms, us, ns'),
 ])
 def test_a_fault_in_the_mapping_is_named(section: str, message: str) -> None:

@@ -7,9 +7,10 @@ It maps the names, signs, units, scales and offsets of incoming measurements to 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+import sys
 from typing import Any
 
-from flex_plant_sim.arm.file_section import Section, shown
+from flex_plant_sim.arm.file_section import PLAUSIBLE, Section, shown
 from msg_config.errors import InputError
 from msg_config.input_mapping import (
     ANGLE_UNITS,
@@ -20,6 +21,14 @@ from msg_config.input_mapping import (
     TIME_UNITS,
 )
 
+# Least and largest factor to SI: from a count that is the least noise of a channel, of strain, to
+# a command of 1 that is the largest command limit.
+FACTORS = PLAUSIBLE['strain_noise'][0], PLAUSIBLE['command_limit'][1]
+# Largest offset, in SI. Beside more, doubles do not hold a channel's least noise; commands have
+# none, and the offset of one is a command.
+OFFSETS = {'joints': PLAUSIBLE['angle_noise_rad'][0] / sys.float_info.epsilon,
+           'gauges': PLAUSIBLE['strain_noise'][0] / sys.float_info.epsilon,
+           'commands': PLAUSIBLE['command_limit'][1]}
 TOPICS = ('joint_states', 'strain', 'command')
 
 
@@ -59,24 +68,37 @@ def _check_columns(section: Section, columns: Mapping[str, str]) -> None:
 def _read_sources(section: Section, kind: str, channels: Sequence[str],
                   units: Mapping[str, float]) -> dict[str, Source]:
     group = section.section(kind, {})
-    found = {name: _read_source(group, name, units) for name in channels if name in group.data}
+    found = {name: _read_source(group, name, units, OFFSETS[kind])
+             for name in channels if name in group.data}
     for name in channels:
         group.take(name, {})
     group.close()
     return found
 
 
-def _read_source(group: Section, key: str, units: Mapping[str, float]) -> Source:
+def _read_source(group: Section, key: str, units: Mapping[str, float], most: float) -> Source:
+    """Return the source of a channel whose offset is at most so large, in SI."""
     value: Any = group.data[key]
     section = Section(group.source, f'{group.path}.{key}',
                       value if isinstance(value, dict) else {'name': value})
-    name, factor = section.text('name', key), section.number('scale', default=1.0)
-    if units:
-        factor *= _read_choice(section, 'unit', units, next(iter(units)))
+    name, factor = section.text('name', key), _read_factor(section, units)
     factor *= _read_choice(section, 'sign', {'1': 1.0, '-1': -1.0}, '1')
-    source = Source(name, factor, section.number('offset', float('-inf'), 0.0))
+    offset = section.number('offset', float('-inf'), 0.0)
+    if abs(offset) > most:
+        raise InputError(f'{section.name("offset")}: expected {-most:g} to {most:g}, got '
+                         f'{offset:g}')
     section.close()
-    return source
+    return Source(name, factor, offset)
+
+
+def _read_factor(section: Section, units: Mapping[str, float]) -> float:
+    """Return the factor of a section's scale and unit to SI; `units` begins with the default."""
+    scale = section.number('scale', default=1.0)
+    unit = _read_choice(section, 'unit', units, next(iter(units))) if units else 1.0
+    least, most = (factor / unit for factor in FACTORS)
+    if not least <= scale <= most:
+        raise InputError(f'{section.name("scale")}: expected {least:g} to {most:g}, got {scale:g}')
+    return scale * unit
 
 
 def _read_choice(section: Section, key: str, choices: Mapping[str, float], default: str) -> float:
@@ -98,7 +120,7 @@ def _read_time(section: Section) -> Source:
     own = Section(section.source, f'{section.path}.time',
                   value if isinstance(value, dict) else {'name': value})
     name, known = own.text('name', 'time'), bool({'unit', 'scale'} & set(own.data))
-    factor = own.number('scale', default=1.0) * _read_choice(own, 'unit', TIME_UNITS, 's')
+    factor = _read_factor(own, TIME_UNITS)
     own.close()
     return Source(name, factor if known else 0.0)
 
