@@ -54,6 +54,9 @@ def test_a_slip_of_any_size_is_kept_and_said(joint: int, size: float, tmp_path: 
     assert where and said.startswith(f'joint_{joint + 1} steps by ')
     assert float(said.rpartition(' ')[2]) == pytest.approx(size, abs=0.01)
     assert not found.doubts and found.lost is None
+    # What a joint cannot do is sure: the answer begins with it, and nothing is calibrated by it.
+    assert found.misread == ((note,) if abs(size) > 0.1 else ())
+    assert found.part(10, 300).misread == found.misread
 
 
 def test_a_slip_that_is_taken_back_is_two(tmp_path: Path) -> None:

@@ -37,8 +37,9 @@ class Log:
     doubts : tuple of str
         Those of the notes that make the log unfit as evidence of the arm: it is not diagnosed.
     misread : tuple of str
-        Those of the notes by which channels look exchanged, inverted, not logged, or in another
-        unit; empty until that is asked, see `log_input`.
+        Those of the notes by which an angle stepped as its joint cannot; and, once that is asked,
+        see `log_input`, by which channels look exchanged, inverted, not logged, or in another
+        unit.
     origin : Origin, optional
         The simulation that made the log, if known.
     lost : Array, optional

@@ -6,8 +6,8 @@ Both formats, CSV and bag, come through here.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from operator import attrgetter
 
 from flex_plant_sim.arm.robot import Robot
@@ -69,8 +69,8 @@ class Rows:
         Gives the name of row k (from 0) by which a user finds it in the file.
     notes, doubts : tuple of str
         As in Log.
-    slipped : tuple of (str, str)
-        Joint and row of each slip that is noted.
+    slipped : Mapping of (str, str) to str
+        The notes on slips by joint and row.
 
     """
 
@@ -82,7 +82,7 @@ class Rows:
     row: Callable[[int], str]
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
-    slipped: tuple[tuple[str, str], ...] = ()
+    slipped: Mapping[tuple[str, str], str] = field(default_factory=dict)
 
     def kept(self, which: Array | slice | Sequence[int]) -> Rows:
         """Return some of the rows, which keep their names."""
@@ -138,7 +138,8 @@ def to_log(rows: Rows, robot: Robot, commands: Callable[[Grid], Array] | None = 
               command, fill_by_spline(grid, rows.joint, taken),
               fill_by_spline(grid, rows.strain, taken),
               robot.gauge_names,
-              rows.notes, rows.doubts, lost=grid.missing if grid.lost else None)
+              rows.notes, rows.doubts, tuple(rows.slipped.values()),
+              lost=grid.missing if grid.lost else None)
     return _with_sampling_note(_with_error_note(log, rows, grid), robot)
 
 
@@ -213,8 +214,8 @@ def _without_turns(rows: Rows, turns: NDArray[np.int64]) -> Rows:
 def _with_slip_notes(rows: Rows, slips: Sequence[Slip]) -> Rows:
     for slip in slips:
         name, place = JOINTS[slip.joint], rows.row(slip.row)
-        rows = replace(rows.noted(_slip_note(name, slip.step, place)),
-                       slipped=(*rows.slipped, (name, place)))
+        note = _slip_note(name, slip.step, place)
+        rows = replace(rows.noted(note), slipped={**rows.slipped, (name, place): note})
     return rows
 
 

@@ -55,7 +55,7 @@ def read_log_aloud(path: str, robot: Robot, model: str, modes: int,
         *wrong)))
     for line in said:
         print(f'{log.source}: {line}', file=sys.stderr)
-    return replace(log, notes=said, misread=wrong)
+    return replace(log, notes=said, misread=(*log.misread, *wrong))
 
 
 def read_logs(paths: Sequence[str], robot: Robot, model: str, modes: int,
