@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import signal
 from typing import TYPE_CHECKING
 
@@ -135,3 +136,42 @@ def test_a_controller_that_becomes_inactive_sends_zero_at_once(loop: RosLoop) ->
     bench.node.trigger_activate()
     ramped(bench, 4.0, 30, 1)
     assert bench.answers[-1].effort.tolist() == pytest.approx([0.2, 0.2])
+
+
+def silent(bench: Bench) -> None:
+    """Give no sample until the watchdog has sent a command."""
+    count = len(bench.answers)
+    bench.loop.until(lambda: len(bench.answers) > count)
+
+
+def blind(bench: Bench) -> None:
+    """Give two samples in a row that the arm cannot have made."""
+    for k in (20, 21):
+        bench.answered(k, angle=(50.0, 50.0))
+
+
+def contradicted(bench: Bench) -> None:
+    """Give samples of an arm that does not move until the controller blames a sensor."""
+    for k in range(20, 200):
+        stuck(bench, k, 1)
+        if bench.node.watch.fault:
+            return
+
+
+@pytest.mark.parametrize('cause', [silent, blind, contradicted])
+def test_a_stop_does_not_keep_to_the_slew_rate(
+        loop: RosLoop, cause: Callable[[Bench], None]) -> None:
+    bench = Bench(loop, 'controller', command_slew=SLEW, watchdog=0.5)
+    ramped(bench, 4.0, 0, 20)
+    assert bench.answers[-1].effort.tolist() == pytest.approx([4.0, 4.0])
+    cause(bench)
+    assert not np.any(bench.answers[-1].effort)
+
+
+def test_samples_at_another_rate_stop_the_arm_at_once(loop: RosLoop) -> None:
+    bench = Bench(loop, 'controller', command_slew=SLEW, watchdog=0.0)
+    bench.node.controller.command = lambda *_: np.full(2, 4.0)
+    bench.seldom(range(70), 3)
+    sent = np.array([message.effort[0] for message in bench.answers])
+    assert sent.max() == pytest.approx(4.0)
+    assert not sent[sent.argmax():][sent[sent.argmax():] < 4.0 - 1e-9].any()

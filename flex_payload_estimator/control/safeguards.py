@@ -27,7 +27,7 @@ class CommandLimiter:
         Largest magnitude, drive's own unit. It acts at once and takes precedence over the slew
         rate.
     slew : float
-        Largest rate of change, drive's own unit/s; 0 means none.
+        Largest rate of change, drive's own unit/s; 0 means none. A stop does not keep to it.
     sent : Array
         The last command that was passed on, (2,).
 
@@ -55,6 +55,11 @@ class CommandLimiter:
             near = min(max(new, last - step), last + step) if math.isfinite(new) else last
             sent.append(min(max(near, -self.limit), self.limit))
         self.sent = np.array(sent)
+        return self.sent
+
+    def stop(self) -> Array:
+        """Return zero, (2,), whatever was sent: a slew rate would drive on what is to stop."""
+        self.sent = np.zeros(2)
         return self.sent
 
 

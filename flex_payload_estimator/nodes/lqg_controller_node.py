@@ -44,7 +44,7 @@ import numpy as np
 from rclpy.duration import Duration
 from trajectory_msgs.msg import JointTrajectory
 
-# Interval of the watchdog, s: two commands on their way to zero in the time that drives wait.
+# Interval of the watchdog, s: it looks twice in the time that drives wait.
 WATCH_INTERVAL = 0.5 * COMMAND_TIMEOUT
 # Share of the largest payload by which an estimate may lie outside without a word: one near a
 # bound errs to either side.
@@ -64,11 +64,11 @@ class LQGControllerNode(SampleNode):
 
     A sample that cannot be used leaves the command as it is, as does one whose command is not
     finite, after which the controller begins again. From the second in a row on the command
-    goes to zero, as it does where no sample comes for the watchdog's time. Samples that
+    is zero, as it is where no sample comes for the watchdog's time. Samples that
     come later are used again; after the watchdog's time the predictor begins anew. Where samples
     come at another rate than told, the command is zero as long as they do. Where an angle
     or a strain contradicts the others (`ArmWatch`), the command is zero until ~/reset: no sample
-    tells where the arm is.
+    tells where the arm is. No stop keeps to command_slew.
     """
 
     # Less than an estimator's, because a late command does harm: a twentieth of a second at 1 kHz.
@@ -97,12 +97,11 @@ class LQGControllerNode(SampleNode):
         self.bring_up()
 
     def cease(self) -> None:
-        """Leave the arm with a command of zero, at once: nothing follows that could slew to it."""
+        """Leave the arm with a command of zero."""
         self.restart()
-        self.limiter.sent = np.zeros(2)
-        last = self._last()
+        stopped, last = self.limiter.stop(), self._last()
         if last is not None:
-            self._send(self.limiter.sent, last, WATCH_INTERVAL)
+            self._send(stopped, last)
             self._command.wait_for_all_acked(Duration(seconds=COMMAND_TIMEOUT))
 
     def build(self, values: dict[str, Any]) -> Any:
@@ -217,13 +216,10 @@ class LQGControllerNode(SampleNode):
                 'joint_states', f'joint_states, strain: at {sample.time:.12g} s too far from the '
                 'prediction', 'outlier')
         self._lost = self._lost + 1 if found is None else 0
-        if found is not None and not self._unusable:
-            command = found
-        else:
-            command = before if max(self._unusable, self._lost) == 1 else np.zeros(2)
-        if self._faulty(sample, before) or slowness:
-            command = np.zeros(2)
-        answer = self._send(command, sample.stamp, self.robot.sample_time)
+        wanted = before if found is None or self._unusable else found
+        stops = self._faulty(sample, before) or slowness or max(self._unusable, self._lost) > 1
+        answer = self._send(self.limiter.stop() if stops else self.limiter(
+            wanted, self.robot.sample_time), sample.stamp)
         self._answered, self._stopped = self.wall_time(), False
         return answer
 
@@ -257,9 +253,9 @@ class LQGControllerNode(SampleNode):
             self.controller.reset()
         self._unusable = 0
 
-    def _send(self, command: Array, stamp: int, time: float) -> bytes:
-        """Publish a command inside the limits; `time`, s, has passed since the last one."""
-        self.acting.send(stamp, sent := self.limiter(command, time))
+    def _send(self, sent: Array, stamp: int) -> bytes:
+        """Publish a command that the limiter let through."""
+        self.acting.send(stamp, sent)
         self._sent_at = stamp
         message = self._writer(*divmod(stamp, NANOSECONDS), *self._efforts.outside(sent).tolist())
         self.answer(message)
@@ -270,18 +266,17 @@ class LQGControllerNode(SampleNode):
         self._command.publish(answer)
 
     def _watch(self) -> None:
-        """Bring the command to zero where no sample has come for the watchdog's time."""
+        """Send zero where no sample has come for the watchdog's time."""
         watchdog, last = self.values['watchdog'], self._last()
         age = self.wall_time() - self._answered
         if last is None or not watchdog or age < watchdog or not self.limiter.sent.any():
             return
         if not self._stopped:
             self._stopped = True
-            self.get_logger().warning(f'no {self._missing()} for {age:.3g} s: the command goes to '
-                                      'zero')
+            self.get_logger().warning(f'no {self._missing()} for {age:.3g} s: the command is zero')
         # It carries the stamp of the last answer, so that a plant in lock-step, which waits for
         # the next one, passes it over. A sample that is repeated gets no older command any more.
-        self.remember(self._send(np.zeros(2), last, WATCH_INTERVAL))
+        self.remember(self._send(self.limiter.stop(), last))
 
     def _last(self) -> int | None:
         """Return the stamp that a command without a sample carries, ns; None before the first."""
