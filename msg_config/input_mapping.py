@@ -209,8 +209,9 @@ class InputMapping:
     def command_channels(self) -> Channels:
         """Return the commands, which have their own or the joints' names in messages."""
         joints = self.joint_channels()
-        names = {own: tuple(dict.fromkeys(
-            [*([self.commands[own].name] if own in self.commands else []), *sources]))
+        names = {own: tuple(dict.fromkeys([
+            *([self.commands[own].name] if own in self.commands else []),
+            *_left(own, sources, self.commands)]))
             for own, sources in zip(JOINTS, joints.sources)}
         plain = _channels(JOINTS, self.commands, {})
         return Channels(JOINTS, tuple(names[own] for own in JOINTS), plain.factor, plain.offset)
@@ -240,10 +241,16 @@ class InputMapping:
 CONTRACT = InputMapping()
 
 
+def _left(own: str, names: Sequence[str], said: Mapping[str, Source]) -> tuple[str, ...]:
+    """Return the names that are left to a channel: none that the file gives to another one."""
+    taken = {source.name for other, source in said.items() if other != own}
+    return tuple(name for name in names if name not in taken)
+
+
 def _channels(own: tuple[str, ...], said: Mapping[str, Source],
               aliases: Mapping[str, tuple[str, ...]]) -> Channels:
     sources = [said.get(name, Source(name)) for name in own]
-    names = tuple((source.name,) if name in said else (name, *aliases.get(name, ()))
-                  for name, source in zip(own, sources))
+    names = tuple((source.name,) if name in said else (
+        name, *_left(name, aliases.get(name, ()), said)) for name, source in zip(own, sources))
     return Channels(own, names, tuple(source.factor for source in sources),
                     tuple(source.offset for source in sources))
