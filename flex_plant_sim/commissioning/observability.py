@@ -76,9 +76,10 @@ def observability(robot: Robot, modes: int) -> Observability:
 
     payload = slope(partial(_with_payload, robot), STEP * robot.payload_mass)
     # The information is well scaled in units of the tolerances.
-    others = np.stack([part.tolerance * slope(partial(_with_part, robot, part),
+    others = np.empty((payload.size, len(parts)))
+    for k, part in enumerate(parts):
+        others[:, k] = part.tolerance * slope(partial(_with_part, robot, part),
                                               STEP * part.tolerance)
-                       for part in parts], axis=-1)
     return Observability(move, float(1.0 / np.linalg.norm(payload)), _bound(payload, others))
 
 

@@ -114,13 +114,13 @@ class Lineariser:
 
     def _slopes(self, robot: Robot, base: Array, mass: float) -> Array:
         """Return the derivatives over the parts, (K', p n (n + 2))."""
-        rows = []
-        for part in self.parts:
+        rows = np.empty((COARSE_TERMS, len(self.parts), base.size // COARSE_TERMS))
+        for k, part in enumerate(self.parts):
             step = PART_SHARE * part.tolerance
             arm = self._arm(part.change(robot, step))
             found = coefficients(arm, COARSE_TERMS, np.array([mass]), forces=False)
-            rows.append((found - base).reshape(COARSE_TERMS, -1) / step)
-        return np.stack(rows, axis=1).reshape(COARSE_TERMS, -1)
+            rows[:, k] = (found - base).reshape(COARSE_TERMS, -1) / step
+        return rows.reshape(COARSE_TERMS, rows[0].size)
 
     def _robot(self, deviations: Array) -> Robot:
         robot = self.robot

@@ -162,7 +162,7 @@ class PayloadSchedule:
             found = sum(share * (coefficients(variant, COARSE_TERMS, masses, forces=False) - base)
                         for variant, share in mixture)
             parts[:, :, k] = np.reshape(found, (COARSE_NODES, COARSE_TERMS, width))
-        return cls(axis, coarse, whole, parts.reshape(COARSE_NODES, -1),
+        return cls(axis, coarse, whole, parts.reshape(COARSE_NODES, parts[0].size),
                    differentiation_matrix(axis), len(variants), soft, span)
 
     def index(self, payload: float, step: float = SLICE_STEP) -> int:
@@ -209,7 +209,9 @@ class PayloadSchedule:
     def _part_layers(self, index: int) -> Array:
         place = self._place(self.soft_mass * math.expm1(index * PART_STEP))
         weights = barycentric_weights(min(place, 1.0), self.coarse_axis)
-        return np.asarray(weights @ self.parts).reshape(COARSE_TERMS, -1)
+        # All parts may be known exactly: then there is none, and no size that -1 stands for.
+        return np.asarray(weights @ self.parts).reshape(
+            COARSE_TERMS, self.parts.shape[1] // COARSE_TERMS)
 
     def _place(self, payload: float) -> float:
         """Return the place of a payload, kg, on the axis: from -1 to 1, and a little beyond."""
@@ -219,7 +221,7 @@ class PayloadSchedule:
 def at_angle(layers: Array, turn: int, count: int) -> Array:
     """Return cosine series (K', count W) at an angle of `turn` PART_ANGLE, (count, W)."""
     wave = np.cos(turn * PART_ANGLE * np.arange(COARSE_TERMS))
-    return np.asarray(wave @ layers).reshape(count, -1)
+    return np.asarray(wave @ layers).reshape(count, layers.shape[1] // max(count, 1))
 
 
 def _payloads(axis: Array, span: float, soft: float) -> Array:

@@ -65,7 +65,7 @@ class InformationProbe:
         of_values = np.sqrt(ratio) * centre.point.jacobian[..., likelihood.kept_samples]
         weight = 1.0 / (fit.error_scale * np.sqrt(TEMPER))[:, None]
         columns = np.concatenate([of_values, likelihood.part_jacobian]) * weight
-        return cls(likelihood, columns.reshape(len(columns), -1),
+        return cls(likelihood, columns.reshape(len(columns), likelihood.centre_residual.size),
                    np.concatenate([fit.statistics.widths, likelihood.tolerances]), weight,
                    centre.causes.duration)
 

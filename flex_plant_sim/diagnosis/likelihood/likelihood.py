@@ -143,7 +143,9 @@ class Likelihood:
             there = self._whitened_residual((*self.centre_effects, *seen), moved)[0]
             return np.asarray((there - here) / step)
 
-        return np.array(all_of(derivative, range(len(self.parts)), self.jobs))
+        # Where all parts are known exactly there is none, and the shape is still of three axes.
+        found = np.array(all_of(derivative, range(len(self.parts)), self.jobs))
+        return found.reshape(len(self.parts), *here.shape)
 
     @cached_property
     def part_products(self) -> Array:
