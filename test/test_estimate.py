@@ -114,6 +114,10 @@ def test_changes_and_the_end_of_the_range_are_said(
     # The payload is 0.15 kg.
     assert estimate.main([str(logs[0]), *SF1, '--payload-max', '0.12']) == 0
     assert 'the largest payload that is looked for, 0.12 kg' in capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        estimate.main([str(logs[0]), '--payload-max', '1e-30'])
+    assert "--payload-max: expected a number from 1e-09 to 1000 kg, or 0, got '1e-30'" \
+        in capsys.readouterr().err
 
 
 def test_each_row_says_whether_it_holds_only_for_parts_as_told() -> None:

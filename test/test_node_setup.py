@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+from flex_payload_estimator.estimators.rpe.prior import CERTAIN
 from flex_payload_estimator.nodes.node_setup import controller_of, estimator_of
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.simulation.plant_setup import simulator_of
 from flex_plant_sim.simulation.simulator import simulate
+from msg_config.errors import InputError
 from msg_config.parameters import check_parameters, load_parameters, Parameter
 from node_bench import another
 import numpy as np
@@ -51,3 +53,18 @@ def test_a_parameter_that_waits_for_the_reset_changes_the_answers(node: str, row
     before, after = answers(node, base), answers(node, {**base, row.name: wanted})
     assert before.shape != after.shape or np.abs(after - before).max() > 0.0
     np.testing.assert_array_equal(before, answers(node, base), 'chance is no effect')
+
+
+@pytest.mark.parametrize('node', ['payload_estimator', 'lqg_controller'])
+def test_no_range_of_payloads_is_narrower_than_one_that_is_known(node: str) -> None:
+    """Where it is, what the estimator divides by its square would be by nothing."""
+    assert load_parameters()[node]['payload_max'].minimum == CERTAIN
+    for mass in (1e-300, 1e-30, -1.0):
+        with pytest.raises(InputError) as refused:
+            check_parameters(node, {'payload_max': mass})
+        assert str(refused.value) == (
+            f'{node}: payload_max: expected a number from 1e-09 to 1000 kg, or 0, got {mass}')
+    for estimator in ('rpe', 'sf1', 'sf1_paper')[:3 if node == 'payload_estimator' else 1]:
+        kind = {'estimator': estimator} if node == 'payload_estimator' else {}
+        found = answers(node, {**BASE[node], **kind, 'payload_max': CERTAIN})
+        assert found[-1] == CERTAIN and np.isfinite(found).all()

@@ -141,6 +141,8 @@ def test_wrong_shapes_and_settings_are_refused() -> None:
         estimator.update(0.0, np.zeros(5), np.zeros(2))
     with pytest.raises(InputError, match='payload_max'):
         RpeSettings(payload_max=0.0)
+    with pytest.raises(InputError, match='payload_max: expected a number >= 1e-09 kg'):
+        RpeSettings(payload_max=1e-30)
     with pytest.raises(InputError, match='torque_noise'):
         RpeSettings(torque_noise=(-1.0, 0.0))
 

@@ -21,6 +21,7 @@ from flex_plant_sim.logs.log import Log
 from flex_plant_sim.tools import command_line
 from flex_plant_sim.tools.log_input import read_log_aloud
 from flex_plant_sim.tools.outputs import check_outputs, results
+from msg_config.errors import InputError
 from msg_config.parameters import load_parameters
 import numpy as np
 
@@ -160,6 +161,16 @@ def estimate_file(path: str, robot: Robot, name: str, model: str, modes: int,
         name, replace(robot, sample_time=log.sample_time), model, modes, payload_max=payload_max))
 
 
+def _payload_max(text: str) -> float:
+    """Return the largest payload, kg, that the parameter of the node may be, too."""
+    row, value = load_parameters()['payload_estimator']['payload_max'], command_line.number(text)
+    try:
+        row.check(value)
+    except InputError:
+        raise argparse.ArgumentTypeError(f'expected {row.expected}, got {text!r}') from None
+    return value
+
+
 def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
     """Return the parsed options."""
     options = command_line.parser('Estimate the payload over logs.')
@@ -168,7 +179,7 @@ def options_of(arguments: Sequence[str] | None) -> argparse.Namespace:
     row = load_parameters()['payload_estimator']['estimator']
     options.add_argument('--estimator', default=row.default, choices=row.choices,
                          help='payload estimator')
-    options.add_argument('--payload-max', default=0.0, type=command_line.mass, metavar='KG',
+    options.add_argument('--payload-max', default=0.0, type=_payload_max, metavar='KG',
                          help='largest payload that is looked for, kg; 0 is that of the node: '
                               'four lower links and twice the payload of the robot file')
     command_line.add_json_argument(options)

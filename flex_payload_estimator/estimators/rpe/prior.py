@@ -32,7 +32,8 @@ BIAS_STD = 2e-5
 ZERO_STD = AngleOffset.parameters[0].smallest
 # Added to relative variances, so that matrices stay regular where the arm's scale is taken out.
 REGULAR = 1e-6
-# Standard deviation of a parameter whose value is known, in its unit.
+# Standard deviation of a parameter whose value is known, in its unit; no range of payloads is
+# narrower, kg: what is divided by its square would be by nothing.
 CERTAIN = 1e-9
 PAYLOAD_INERTIA = 'payload_inertia'
 # No model is linearised about parts that are off by more than this many standard deviations.

@@ -10,7 +10,12 @@ from flex_payload_estimator.estimators.rpe.effects import EffectStep
 from flex_payload_estimator.estimators.rpe.filter_step import FilterStep
 from flex_payload_estimator.estimators.rpe.forces import motion_rows, moves
 from flex_payload_estimator.estimators.rpe.linearised import Lineariser
-from flex_payload_estimator.estimators.rpe.prior import moving_parts, prior_of, tabulated
+from flex_payload_estimator.estimators.rpe.prior import (
+    CERTAIN,
+    moving_parts,
+    prior_of,
+    tabulated,
+)
 from flex_payload_estimator.estimators.rpe.sensors import start_spread, told_noise
 from flex_payload_estimator.estimators.rpe.time_update import DISTURBANCES, FIRST_BIAS
 from flex_plant_sim.arm.robot import Robot
@@ -30,7 +35,7 @@ class RpeSettings:
     Attributes
     ----------
     payload_max : float or None
-        Largest payload, kg; None takes base.largest_payload.
+        Largest payload, kg, at least CERTAIN; None takes base.largest_payload.
     torque_noise : tuple of float
         Told process noise: standard deviation of a torque on each joint, held over a sample, N m.
 
@@ -41,8 +46,9 @@ class RpeSettings:
 
     def __post_init__(self) -> None:
         """Validate."""
-        if self.payload_max is not None and not self.payload_max > 0.0:
-            raise InputError(f'payload_max: expected a number > 0, got {self.payload_max!r}')
+        if self.payload_max is not None and not self.payload_max >= CERTAIN:
+            raise InputError(f'payload_max: expected a number >= {CERTAIN:g} kg, '
+                             f'got {self.payload_max!r}')
         if min(self.torque_noise) < 0.0:
             raise InputError(f'torque_noise: expected numbers >= 0, got {self.torque_noise}')
 
