@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+import re
 from typing import Any, TYPE_CHECKING
 
 from msg_config.input_mapping import InputMapping
@@ -46,9 +47,9 @@ def test_points_hold_from_their_times_on_where_steps_are_asked_for() -> None:
     for time, wanted in ((5.9, [9.0, 8.0]), (6.0, [0.1, 0.2]), (6.9, [0.1, 0.2]),
                          (7.0, [0.3, 0.4]), (99.0, [0.3, 0.4])):
         assert points(time).tolist() == wanted
-    stamped = of(trajectory(JOINTS, (0.0, [1.0, 2.0]), stamp=3 * 10**9), [0.0, 0.0], 5.0)
-    assert stamped(2.99).tolist() == [0.0, 0.0]
-    assert stamped(3.0).tolist() == [1.0, 2.0]
+    stamped = of(trajectory(JOINTS, (0.0, [1.0, 2.0]), stamp=6 * 10**9), [0.0, 0.0], 5.0)
+    assert stamped(5.99).tolist() == [0.0, 0.0]
+    assert stamped(6.0).tolist() == [1.0, 2.0]
 
 
 @pytest.mark.parametrize('degree', [1, 3, 5])
@@ -104,6 +105,89 @@ def test_a_spline_begins_where_the_set_points_are() -> None:
     assert points(7.0).tolist() == [0.4, 0.0]
 
 
+def test_a_trajectory_that_began_is_followed_from_now_on() -> None:
+    began, rows = 4 * 10**9, [(0.5, [0.1, 0.1]), (2.0, [0.4, -0.2]), (3.0, [0.5, 0.0])]
+    passed = of(trajectory(JOINTS, *rows, stamp=began), [9.0, 9.0], 5.25)
+    assert passed(5.25) == pytest.approx([0.25, -0.05])
+    assert passed(7.0).tolist() == [0.5, 0.0]
+    # With its first point ahead there is no piece of it yet to be on.
+    ahead = of(trajectory(JOINTS, *rows, stamp=began), [-0.1, -0.1], 4.25)
+    assert ahead(4.25).tolist() == [-0.1, -0.1]
+    assert ahead(4.375) == pytest.approx([0.0, 0.0])
+    assert ahead(4.5).tolist() == [0.1, 0.1]
+
+
+ROWS = ((2.0, [0.4, 0.4]), (4.0, [0.9, -0.9]))
+
+
+@pytest.mark.parametrize(('stamp', 'got'), [
+    (5.0, '5 s, last point 9 s'), (990.0, '990 s, last point 994 s'),
+    (1001.5, '1001.5 s, last point 1005.5 s'), (1.7e9, '1700000000 s, last point 1700000004 s')])
+@pytest.mark.parametrize('early', [False, True])
+def test_a_reference_by_another_clock_is_refused_and_the_old_one_kept(
+    loop: RosLoop, stamp: float, got: str, early: bool,
+) -> None:
+    bench, reference = Bench(loop, 'controller'), loop.publisher('reference')
+    before = bench.node.reference.set_points
+    if not early:
+        bench.answered(100_000)
+        reference.publish(trajectory(JOINTS, (0.0, [0.2, 0.2])))
+        loop.until(lambda: bench.node.reference.given)
+        before = bench.node.reference.set_points
+    reference.publish(trajectory(JOINTS, *ROWS, stamp=round(stamp * 1e9)))
+    if early:
+        loop.until(lambda: bench.node.reference.given)
+        bench.answered(100_000)
+    rest = iter(range(100_001, 100_100))
+
+    def refused() -> bool:
+        # On a busy machine the measurements may have paused for long enough to wait for the next.
+        if not early and bench.node.silence():
+            bench.sample(next(rest))
+        return bool(bench.node.rejected['reference'])
+
+    loop.until(refused)
+    assert re.fullmatch(
+        r'reference: header.stamp: expected 0 \(start now\), or a start at most 1 s ahead with a '
+        rf'point that is not past, by the clock of the measurements, 1000(\.\d+)? s; got {got}',
+        bench.node.last_rejection)
+    assert bench.node.reference.set_points is before
+    assert bench.node.reference.given is not early
+    loop.until(lambda: bench.status('input') is not None
+               and 'reference: header.stamp' in bench.status('input').message)
+
+
+@pytest.mark.parametrize('early', [False, True])
+def test_a_reference_by_the_clock_of_the_measurements_is_obeyed(
+        loop: RosLoop, early: bool) -> None:
+    bench, reference = Bench(loop, 'controller'), loop.publisher('reference')
+    if not early:
+        bench.answered(100_000)
+    reference.publish(trajectory(JOINTS, *ROWS, stamp=1000 * 10**9 + 500_000_000))
+    loop.until(lambda: bench.node.reference.given)
+    if early:
+        bench.answered(100_000)
+    np.testing.assert_allclose(bench.node.reference.set_points(1002.5), 0.4, atol=1e-9)
+    np.testing.assert_allclose(bench.node.reference.set_points(1004.5), [0.9, -0.9], atol=1e-9)
+
+
+def test_a_reference_in_a_pause_of_the_measurements_begins_with_the_next_one(
+        loop: RosLoop) -> None:
+    bench, reference = Bench(loop, 'controller'), loop.publisher('reference')
+    bench.answered(100)
+    reference.publish(trajectory(JOINTS, (0.0, [0.1, 0.1])))
+    loop.until(partial(_asks, bench, 0.1))
+    bench.answered(101)
+    loop.until(lambda: bool(bench.node.silence()))
+    reference.publish(trajectory(JOINTS, (1.0, [0.3, 0.3])))
+    loop.until(partial(_asks, bench, 0.3))
+    # A stamp that has leapt is believed with the next one.
+    bench.sample(6000)
+    bench.answered(6001)
+    for time, wanted in ((60.01, 0.1), (60.51, 0.2), (61.01, 0.3), (99.0, 0.3)):
+        np.testing.assert_allclose(bench.node.reference.set_points(time), wanted, atol=1e-9)
+
+
 @pytest.mark.parametrize(('message', 'text'), [
     ((JOINTS,), 'points: expected at least one, got none'),
     ((('a', 'b'), (0.0, [0.0, 0.0])), 'joint_names: name: expected joint_1, joint_2;'),
@@ -113,30 +197,32 @@ def test_a_spline_begins_where_the_set_points_are() -> None:
     ((JOINTS, (0.0, [0.0])), 'points.positions: expected 2 values, got 1'),
     ((JOINTS, (0.0, [0.0, np.nan])), 'points.positions of joint_2: expected a finite number'),
     ((JOINTS, (1.0, [0.0, 0.0]), (1.0, [0.0, 0.0])), 'expected increasing times'),
+    ((JOINTS, (-5.0, [0.0, 0.0]), (1.0, [0.0, 0.0])), 'expected increasing times >= 0 s, '
+     'got [-5.0, 1.0]'),
 ])
 def test_a_bad_reference_is_rejected_and_the_old_one_kept(
     loop: RosLoop, message: Any, text: str,
 ) -> None:
     bench = Bench(loop, 'controller')
     reference = loop.publisher('reference')
-    before = bench.node.set_points
+    before = bench.node.reference.set_points
     reference.publish(trajectory(message[0], *message[1:]))
     loop.until(lambda: bench.node.rejected['reference'] == 1)
     assert text in bench.node.last_rejection
-    assert bench.node.set_points is before
+    assert bench.node.reference.set_points is before
     reference.publish(trajectory(JOINTS, (0.0, [0.0, 0.0])))
-    loop.until(lambda: bench.node.set_points is not before)
+    loop.until(lambda: bench.node.reference.set_points is not before)
 
 
 def test_a_reference_before_the_first_sample_begins_with_it(loop: RosLoop) -> None:
     bench = Bench(loop, 'controller')
-    before = bench.node.set_points(1000.0)
+    before = bench.node.reference.set_points(1000.0)
     loop.publisher('reference').publish(trajectory(JOINTS, (5.0, [0.4, 0.4]), (10.0, [0.9, -0.9])))
-    loop.until(lambda: bench.node._referenced)
+    loop.until(lambda: bench.node.reference.given)
     bench.answered(100_000)
-    np.testing.assert_allclose(bench.node.set_points(1000.0), before, atol=1e-9)
-    np.testing.assert_allclose(bench.node.set_points(1005.0), 0.4, atol=1e-9)
-    np.testing.assert_allclose(bench.node.set_points(1010.0), [0.9, -0.9], atol=1e-9)
+    np.testing.assert_allclose(bench.node.reference.set_points(1000.0), before, atol=1e-9)
+    np.testing.assert_allclose(bench.node.reference.set_points(1005.0), 0.4, atol=1e-9)
+    np.testing.assert_allclose(bench.node.reference.set_points(1010.0), [0.9, -0.9], atol=1e-9)
 
 
 @pytest.mark.parametrize('next_one', [
@@ -146,21 +232,22 @@ def test_a_reference_before_the_first_sample_begins_with_it(loop: RosLoop) -> No
 def test_of_references_before_the_first_sample_the_last_good_one_begins_with_it(
         loop: RosLoop, next_one: Any) -> None:
     bench, reference = Bench(loop, 'controller'), loop.publisher('reference')
-    before = bench.node.set_points(1000.0)
+    before = bench.node.reference.set_points(1000.0)
     bad = [any(300.0 in row[1] for row in rows) for rows in next_one]
     for number, rows in enumerate(next_one):
         reference.publish(trajectory(JOINTS, *rows))
         loop.until(lambda n=number, bad=bad: (  # type: ignore[misc]
             bench.node.rejected['reference'] == sum(bad[:n + 1])
-            and (bad[n] or np.allclose(bench.node.set_points(60.0), next_one[n][-1][1]))))
+            and (bad[n] or np.allclose(bench.node.reference.set_points(60.0),
+                                       next_one[n][-1][1]))))
     bench.answered(100_000)
-    np.testing.assert_allclose(bench.node.set_points(1000.0), before, atol=1e-9)
-    np.testing.assert_allclose(bench.node.set_points(1005.0), 0.4, atol=1e-9)
-    np.testing.assert_allclose(bench.node.set_points(1010.0), [0.9, -0.9], atol=1e-9)
+    np.testing.assert_allclose(bench.node.reference.set_points(1000.0), before, atol=1e-9)
+    np.testing.assert_allclose(bench.node.reference.set_points(1005.0), 0.4, atol=1e-9)
+    np.testing.assert_allclose(bench.node.reference.set_points(1010.0), [0.9, -0.9], atol=1e-9)
 
 
 def _asks(bench: Bench, target: float) -> bool:
-    return bool(np.allclose(bench.node.set_points(9.0), target))
+    return bool(np.allclose(bench.node.reference.set_points(9.0), target))
 
 
 def test_a_leap_in_time_drives_no_trajectory_once_more(loop: RosLoop) -> None:
@@ -175,4 +262,4 @@ def test_a_leap_in_time_drives_no_trajectory_once_more(loop: RosLoop) -> None:
         bench.sample(k)
     loop.until(lambda: bench.node.order.last == bench.node.order.interval * 9)
     for time in (0.01, 0.5, 1.2, 60.0):
-        np.testing.assert_allclose(bench.node.set_points(time), 0.1)
+        np.testing.assert_allclose(bench.node.reference.set_points(time), 0.1)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.inputs.stamps import TIME_JUMP
 from msg_config.errors import InputError
 from msg_config.input_mapping import Channels, JOINTS
 from msg_config.messages import check_finite, checked_stamp
@@ -116,7 +117,7 @@ class ReferenceTrajectory:
                          f'got {what}')
 
     @classmethod
-    def of(cls, message: JointTrajectory, joints: Channels, before: Array, now: float,
+    def of(cls, message: JointTrajectory, joints: Channels, before: Array, now: float | None,
            shape: str = 'spline') -> ReferenceTrajectory:
         """
         Return the set-points of a message.
@@ -125,21 +126,23 @@ class ReferenceTrajectory:
         ----------
         message : JointTrajectory
             Joints in any order. Times count from the header's stamp, or from `now` where the
-            stamp is zero. Where the first time is above zero, splines begin at `before`, at rest.
+            stamp is zero. Where the first point is ahead, splines begin at `before`, at rest, at
+            the start or, if that is past, now; otherwise they are followed from now on.
         joints : Channels
             Names and units of the joints.
         before : Array
             Set-points until the first point, rad, (2,).
-        now : float
-            Current time, s.
+        now : float or None
+            Time of the last measurement, s; None where none come, so that no stamp is judged by
+            it.
         shape : str
             One of SHAPES.
 
         Raises
         ------
         InputError
-            No points, unknown joints, wrong lengths, numbers that are not finite, or times that
-            do not increase.
+            No points, unknown joints, wrong lengths, numbers that are not finite, times that are
+            negative or do not increase, or a stamp of another clock (`_origin`).
 
         """
         rows = joints.index(message.joint_names, 'reference: joint_names')
@@ -148,17 +151,50 @@ class ReferenceTrajectory:
                              f'got {", ".join(message.joint_names)}')
         if not message.points:
             raise InputError('reference: points: expected at least one, got none')
-        origin = checked_stamp(message, 'reference') / NANOSECONDS or now
         times = [_time_from_start(point) for point in message.points]
-        if any(b <= a for a, b in zip(times, times[1:])):
-            raise InputError('reference: points.time_from_start: expected increasing times, '
-                             f'got {times}')
+        if times[0] < 0.0 or any(b <= a for a, b in zip(times, times[1:])):
+            raise InputError('reference: points.time_from_start: expected increasing times >= 0 '
+                             f's, got {times}')
+        origin = _origin(message, times[-1], now)
+        begin, times = max(origin, now or 0.0), [origin + time for time in times]
         points = _derivatives(message.points, rows, joints)
-        if shape == 'spline' and times[0] > 0.0:
+        if shape == 'spline' and times[0] > begin:
             at_rest = np.array([[before, (0.0, 0.0), (0.0, 0.0)]])
-            times, points = [0.0, *times], np.concatenate([at_rest, points])
-        return cls(before, tuple(origin + time for time in times), points,
+            times, points = [begin, *times], np.concatenate([at_rest, points])
+        return cls(before, tuple(times), points,
                    _order_of(message.points) if shape == 'spline' else -1)
+
+
+def _origin(message: JointTrajectory, duration: float, now: float | None) -> float:
+    """
+    Return when a trajectory starts, s: at the stamp of its header, or now where that is zero.
+
+    Parameters
+    ----------
+    message : JointTrajectory
+        Its stamp counts.
+    duration : float
+        Time from its start to the last point, s.
+    now : float or None
+        Time of the last measurement, s; None where none come.
+
+    Raises
+    ------
+    InputError
+        The stamp is no time, or of another clock than that of the measurements, as far as can be
+        told: it is further ahead than any but a clock that is set, or all points are past (those
+        joint_trajectory_controller refuses, too).
+
+    """
+    start, most = checked_stamp(message, 'reference') / NANOSECONDS, TIME_JUMP / NANOSECONDS
+    if not start:
+        return now or 0.0
+    if now is not None and not now - duration <= start <= now + most:
+        raise InputError(
+            f'reference: header.stamp: expected 0 (start now), or a start at most {most:g} s '
+            f'ahead with a point that is not past, by the clock of the measurements, {now:.12g} '
+            f's; got {start:.12g} s, last point {start + duration:.12g} s')
+    return start
 
 
 def _text(angles: Array) -> str:

@@ -13,7 +13,6 @@ from typing import Any
 
 from flex_payload_estimator.control.arm_watch import ArmWatch
 from flex_payload_estimator.control.safeguards import CommandLimiter
-from flex_payload_estimator.control.set_points import constant, SetPoints
 from flex_payload_estimator.control.trajectory import ReferenceTrajectory
 from flex_payload_estimator.model.linear_robot import left_out
 from flex_payload_estimator.nodes.node_setup import (
@@ -22,6 +21,7 @@ from flex_payload_estimator.nodes.node_setup import (
     set_points_of,
 )
 from flex_payload_estimator.nodes.payload_arrivals import PayloadArrivals
+from flex_payload_estimator.nodes.reference import Reference
 from flex_payload_estimator.nodes.sample_node import SampleNode, StampedSample
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.inputs.gate import angle_ranges, COMMAND_MARGIN, Limits
@@ -36,7 +36,6 @@ from msg_config.messages import (
     joint_state,
     payload_mass,
     seconds,
-    stamp_of,
 )
 from msg_config.time_stamp import NANOSECONDS
 from msg_config.wire import MessageWriter
@@ -75,10 +74,9 @@ class LQGControllerNode(SampleNode):
     WAITING = 0.05
 
     def __init__(self, **options: Any):
-        self.limiter, self._referenced = CommandLimiter(), False
+        self.limiter, self.reference = CommandLimiter(), Reference()
         self._asked: Array | None = None
         self._sent_at: int | None = None
-        self._early_reference: tuple[JointTrajectory, SetPoints] | None = None
         super().__init__('lqg_controller', **options)
         # What was sent is applied, from the start on, where no effort says otherwise.
         self.acting.forget(self.limiter.sent)
@@ -119,19 +117,18 @@ class LQGControllerNode(SampleNode):
         self.watch = ArmWatch(robot, self.controller, self.values['command_limit'])
         if self.watch.unwatched:
             self.get_logger().info(self.watch.unwatched)
-        if not self._referenced:
-            self.set_points: SetPoints = set_points_of(self.values)
+        self.reference.default(set_points_of(self.values))
         self.on_live(self.values)
 
     def on_live(self, changed: dict[str, Any]) -> None:
         """Apply changed limits and square set-points at once, as the watchdog's time is."""
         values = {**self.values, **changed}
         if any(name in changed and changed[name] != self.values[name] for name in SQUARE):
-            if self._referenced:
+            if self.reference.given:
                 raise InputError('reference_amplitude, reference_period: the set-points come from '
                                  'topic reference')
             check_square(values, self.robot)
-            self.set_points = set_points_of(values)
+            self.reference.default(set_points_of(values))
         self.controller.limit_commands(values['command_limit'])
         self.gate.limits = replace(self.gate.limits, command=np.minimum(
             Limits.of(self.robot).command,
@@ -143,9 +140,8 @@ class LQGControllerNode(SampleNode):
     def restart(self) -> None:
         """Go back to the start; what was last asked of and sent to the arm stays, at rest."""
         self.controller.reset()
-        if self._referenced and self._asked is not None:
-            # A trajectory has its times; where time has leapt it would be driven once more.
-            self.set_points = constant(*self._asked)
+        if self._asked is not None:
+            self.reference.hold(self._asked)
         self.acting.forget(self.limiter.sent)
         self._unusable, self._lost, self._waiting = 0, 0, None
         self.payloads.restart()
@@ -204,10 +200,8 @@ class LQGControllerNode(SampleNode):
             # The predictor takes a step a sample: one that misses steps would shake the arm.
             self.controller.reset()
         before = self.limiter.sent
-        if self._early_reference is not None:
-            (message, self.set_points), self._early_reference = self._early_reference, None
-            self._refer(message, sample.time)
-        self._asked = self.set_points(sample.time)
+        self._begin_reference(sample.time)
+        self._asked = self.reference.set_points(sample.time)
         found = self.computed(sample.time, partial(
             self.controller.command, sample.time, sample.output, sample.command, mass,
             self._asked), np.ndarray.tolist)
@@ -288,19 +282,24 @@ class LQGControllerNode(SampleNode):
 
     def _on_reference(self, message: JointTrajectory) -> None:
         """Replace the set-points, from the present ones on."""
-        # Before the first sample the time is not known from which one without a stamp counts.
-        early = self.order.last is None and not stamp_of(message)
-        former = self._early_reference[1] if self._early_reference else self.set_points
-        self._refer(message, seconds(self.order.last or 0))
-        self._referenced = True
-        self._early_reference = (message, former) if early else None
+        # Where no sample comes its time has gone on, nobody knows how far.
+        last = None if self.silence() else self.order.last
+        self.reference.take(partial(self._read, message), None if last is None else seconds(last))
 
-    def _refer(self, message: JointTrajectory, now: float) -> None:
-        reference = ReferenceTrajectory.of(message, self._joints, self.set_points(now), now,
-                                           self.values['reference_shape'])
+    def _read(self, message: JointTrajectory, before: Array, now: float | None,
+              ) -> ReferenceTrajectory:
+        found = ReferenceTrajectory.of(message, self._joints, before, now,
+                                       self.values['reference_shape'])
         low, high = angle_ranges(self.robot).T
-        reference.check_within(low, high, len(message.points))
-        self.set_points = reference
+        found.check_within(low, high, len(message.points))
+        return found
+
+    def _begin_reference(self, time: float) -> None:
+        """Begin a reference that waited for a sample, whose time, s, it is judged by."""
+        try:
+            self.reference.begin(time)
+        except InputError as error:
+            self.reject('reference', str(error))
 
     def trouble(self) -> tuple[bool, ...]:
         """Return flags whose change is reported at once, with that of a late payload."""
