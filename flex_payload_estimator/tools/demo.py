@@ -8,9 +8,7 @@ samples are then given to the other estimators, and all is written to one folder
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-import json
+from collections.abc import Sequence
 import os
 from pathlib import Path
 import shutil
@@ -21,6 +19,7 @@ from typing import Any
 from flex_payload_estimator.control.loop import LoopRecord
 from flex_payload_estimator.control.loop_figures import FIGURES, save_figures
 from flex_payload_estimator.nodes.node_setup import set_points_of
+from flex_payload_estimator.tools.demo_folder import DIGESTS, digests, whole_folder
 from flex_payload_estimator.tools.estimate import TIMES
 from flex_payload_estimator.tools.experiment import (
     AMPLITUDE,
@@ -38,7 +37,7 @@ from flex_payload_estimator.tools.side_by_side import (
 )
 from flex_payload_estimator.tools.words import with_uncertainty
 from flex_plant_sim.arm.robot_file import load_robot
-from flex_plant_sim.atomic_file import digest_of, SUMMARY, whole_file
+from flex_plant_sim.atomic_file import SUMMARY
 from flex_plant_sim.compiled import COMPILED
 from flex_plant_sim.logs.bag_log import write_bag
 from flex_plant_sim.logs.csv_log import write_csv
@@ -47,7 +46,6 @@ from flex_plant_sim.logs.origin import Origin
 from flex_plant_sim.simulation.nominal import has_coriolis
 from flex_plant_sim.simulation.plant_setup import robot_of, simulator_of
 from flex_plant_sim.tools import command_line
-from flex_plant_sim.tools.outputs import check_outputs
 from msg_config.errors import InputError
 from msg_config.parameters import load_parameters
 from msg_config.transport import avoid_shared_memory
@@ -55,8 +53,6 @@ import numpy as np
 
 # Files of the output folder.
 LOG, BAG, ARM, PICTURE = 'run.csv', 'run_mcap', 'arm.yaml', 'payload.png'
-# Key of the summary for what the demo wrote: file to digest.
-DIGESTS = 'sha256'
 # Interval between printed estimates, s of data.
 PRINT_INTERVAL = 0.5
 # Time without an estimate after which the demo gives up, s.
@@ -184,46 +180,6 @@ def summary_of(experiment: Experiment, record: LoopRecord) -> dict[str, Any]:
             float(record.time[settled]) if settled < len(record.time) else None}
 
 
-@contextmanager
-def whole_folder(path: Path, read: Sequence[str | Path]) -> Iterator[Path]:
-    """
-    Yield a new folder, which is renamed to `path` when the block ends without an error.
-
-    Raises
-    ------
-    InputError
-        `path` is something else than an earlier demo's output, or holds a file that is `read`, or
-        nothing can be written there.
-
-    """
-    check_outputs({'--out': path}, read, folder=True)
-    foreign = _foreign(path)
-    if foreign:
-        raise InputError(f'--out: {path}: expected a new folder or an output of flex_demo alone, '
-                         f'got one with {foreign}')
-    with whole_file(path, folder=True) as new:
-        new.mkdir()
-        yield new
-
-
-def _foreign(folder: Path) -> str:
-    """Return the first file of a folder that is not as a demo wrote it; empty if there is none."""
-    if not folder.is_dir():
-        return folder.name if folder.exists() else ''
-    try:
-        known = json.loads((folder / SUMMARY).read_bytes())[DIGESTS]
-    except (OSError, ValueError, LookupError, TypeError):
-        known = {}
-    return next((name for name, digest in _digests(folder).items()
-                 if known.get(name) != digest), '')
-
-
-def _digests(folder: Path) -> dict[str, str]:
-    """Return the digest of each file in a folder but the summary, by its name there."""
-    return {str(path.relative_to(folder)): digest_of(path) for path in sorted(folder.rglob('*'))
-            if path.is_file() and path != folder / SUMMARY}
-
-
 def write_output(experiment: Experiment, record: LoopRecord, folder: Path,
                  figures: tuple[int, ...], runs: Sequence[EstimatorRun]) -> None:
     """Write the summary, the pictures and the log of the run into a folder."""
@@ -237,7 +193,7 @@ def write_output(experiment: Experiment, record: LoopRecord, folder: Path,
     if (folder / ARM).exists():
         # Relative to the summary, because the folder is renamed.
         summary['robot'] = ARM
-    command_line.write_json(folder / SUMMARY, {**summary, DIGESTS: _digests(folder)})
+    command_line.write_json(folder / SUMMARY, {**summary, DIGESTS: digests(folder)})
 
 
 def opening_words(options: argparse.Namespace) -> str:

@@ -14,8 +14,7 @@ from typing import Any, Literal
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.atomic_file import whole_file
-from flex_plant_sim.inputs.plausible import check_sampling
-from flex_plant_sim.inputs.resample import KEPT, usual_interval
+from flex_plant_sim.inputs.resample import KEPT
 from flex_plant_sim.inputs.synchroniser import slop_of, Synchroniser
 from flex_plant_sim.logs.bag_messages import read_messages, seconds_text, Stream
 from flex_plant_sim.logs.commands import Commands
@@ -71,8 +70,6 @@ def read_bag(path: Path, robot: Robot) -> Log:
                 lambda k: f'sample {k + 1}, stamp {seconds_text(joints.stamps[j[k]])}',
                 (*notes, *commands.notes), notes)
     rows = _with_rate_notes(rows, joints, strain, pairs)
-    if len(time) > 1 and (np.diff(time) > 0.0).all():
-        check_sampling(f'{path}: header.stamp', usual_interval(time), robot, 'it')
     log = to_log(rows, robot, lambda grid: commands.on(grid, int(start)))
     known = np.flatnonzero(np.isfinite(log.command).all(axis=1))
     if known.size < 2:
