@@ -16,7 +16,7 @@ from faults.fleet_run import killed_at_work
 from flex_payload_estimator.fleet.folders import arm_of, logs_below, robot_of
 from flex_payload_estimator.fleet.journal import Journal
 from flex_payload_estimator.fleet.log_task import diagnose_and_weigh, LogTask, Row
-from flex_payload_estimator.fleet.table import check_tables, since, write_csv
+from flex_payload_estimator.fleet.table import write_csv
 from flex_payload_estimator.tools.fleet import main as fleet
 from flex_payload_estimator.tools.fleet import options as fleet_options
 from flex_payload_estimator.tools.fleet import run, tasks_of
@@ -294,34 +294,6 @@ def test_a_line_cut_short_by_a_kill_loses_only_itself(tmp_path: Path) -> None:
     rows = journal.rows()
     assert set(rows) == {tasks[0].key, tasks[2].key}
     assert rows[tasks[0].key].causes == ('backlash:joint_1',)
-
-
-def test_since_when_an_arm_answers_as_it_does() -> None:
-    rows = [Row('a', '1', 'nothing_wrong'), Row('b', '1', 'nothing_wrong'),
-            Row('a', '2', 'cause', causes=('x:arm', 'y:arm')), Row('a', '3', error='bad'),
-            Row('a', '4', 'cause', causes=('y:arm', 'x:arm')), Row('a', '5', 'nothing_wrong')]
-    assert since(rows) == ['1', '1', '2', '', '2', '5']
-
-
-def test_no_cell_is_a_formula(tmp_path: Path) -> None:
-    write_csv(Journal(tmp_path / 'out'), [Row('=cmd()', 'log', error='-1')])
-    row, = _table(tmp_path)
-    assert row['arm'] == "'=cmd()" and row['error'] == "'-1"
-
-
-def test_a_table_is_replaced_unless_it_was_edited(tmp_path: Path) -> None:
-    journal, table = Journal(tmp_path / 'out'), tmp_path / 'out' / 'fleet.csv'
-    for log in ('1', '2'):
-        write_csv(journal, [Row('a', log)])
-        check_tables(journal)
-        assert [row['log'] for row in _table(tmp_path)] == [log]
-    with table.open('a') as file:
-        file.write('my own note\n')
-    with pytest.raises(InputError, match='fleet.csv: expected a new place'):
-        check_tables(journal)
-    with pytest.raises(InputError, match='fleet.csv: expected a new place'):
-        write_csv(journal, [Row('a', '3')])
-    assert table.read_text().endswith('my own note\n') and not journal.rows()
 
 
 def test_a_log_is_known_as_it_was_met(tmp_path: Path) -> None:
