@@ -32,6 +32,7 @@ from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.diagnosis.verdict.verdict import (
     nominal_base,
+    prepared,
     slowest_frequency,
 )
 from flex_plant_sim.logs.read import read_log
@@ -57,8 +58,10 @@ def data_of(case: BankCase) -> tuple[Data, Robot, TruthCase]:
         write_record(case, truth, path)
         log = read_log(path, robot)
     record = Record('record', log.time - log.time[0], log.command, log.output, truth.payload_told)
-    slowest = slowest_frequency(nominal_base(robot, 'assumed_modes', 3), record.payload)
-    return Data.of([record], slowest, robot.sample_time), robot, truth
+    base = nominal_base(robot, 'assumed_modes', 3)
+    records, slower = prepared([record], base)
+    data = Data.of(records, slowest_frequency(base, record.payload), slower.robot.sample_time)
+    return data, slower.robot, truth
 
 
 def true_parts(truth: TruthCase, robot: Robot) -> dict[str, float]:
