@@ -6,6 +6,7 @@ from functools import partial
 import re
 from typing import Any, TYPE_CHECKING
 
+from msg_config.errors import InputError
 from msg_config.input_mapping import InputMapping
 from node_bench import Bench, JOINTS
 import numpy as np
@@ -88,8 +89,6 @@ def test_all_looks_at_a_reference_are_what_it_says_at_their_times(
      '[1.50422, 0] on the way, 0.45 s after the first'),
 ])
 def test_a_set_point_beyond_a_limit_is_quoted_as_it_was_sent(rows: Any, got: str) -> None:
-    from msg_config.errors import InputError
-
     points = of(trajectory(JOINTS, *rows), [0.0, 0.0], 10.0)
     with pytest.raises(InputError) as refused:
         points.check_within(np.array([-1.5, -2.0]), np.array([1.5, 2.0]), len(rows))
@@ -115,6 +114,16 @@ def test_a_trajectory_that_began_is_followed_from_now_on() -> None:
     assert ahead(4.25).tolist() == [-0.1, -0.1]
     assert ahead(4.375) == pytest.approx([0.0, 0.0])
     assert ahead(4.5).tolist() == [0.1, 0.1]
+
+
+def test_a_set_point_is_stamped_before_the_sample_that_it_meets() -> None:
+    asked = trajectory(JOINTS, (0.0, [0.1, 0.2]), stamp=4_980_000_000)
+    assert of(asked, [0.0, 0.0], 5.0)(5.0).tolist() == [0.1, 0.2]
+    with pytest.raises(InputError, match=r'header.stamp: .* last point 4.98 s'):
+        of(asked, [0.0, 0.0], 6.0)
+    with pytest.raises(InputError, match=r'header.stamp: .* last point 4.99 s'):
+        of(trajectory(JOINTS, (0.0, [0.0, 0.0]), (0.01, [0.1, 0.2]), stamp=4_980_000_000),
+           [0.0, 0.0], 5.0)
 
 
 ROWS = ((2.0, [0.4, 0.4]), (4.0, [0.9, -0.9]))

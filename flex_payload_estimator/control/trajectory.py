@@ -183,13 +183,15 @@ def _origin(message: JointTrajectory, duration: float, now: float | None) -> flo
     InputError
         The stamp is no time, or of another clock than that of the measurements, as far as can be
         told: it is further ahead than any but a clock that is set, or all points are past (those
-        joint_trajectory_controller refuses, too).
+        joint_trajectory_controller refuses, too). One point at the start may be as far past: it is
+        a step whenever it comes, and a sample always comes between.
 
     """
     start, most = checked_stamp(message, 'reference') / NANOSECONDS, TIME_JUMP / NANOSECONDS
     if not start:
         return now or 0.0
-    if now is not None and not now - duration <= start <= now + most:
+    late = 0.0 if duration else most
+    if now is not None and not now - duration - late <= start <= now + most:
         raise InputError(
             f'reference: header.stamp: expected 0 (start now), or a start at most {most:g} s '
             f'ahead with a point that is not past, by the clock of the measurements, {now:.12g} '
