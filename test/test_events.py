@@ -13,11 +13,8 @@ from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
-from flex_plant_sim.diagnosis.verdict.verdict import (
-    nominal_base,
-    parameter_values,
-    slowest_frequency,
-)
+from flex_plant_sim.diagnosis.verdict.parameter_values import values_in_set
+from flex_plant_sim.diagnosis.verdict.verdict import nominal_base, slowest_frequency
 import numpy as np
 import pytest
 from scipy.integrate import dblquad, quad
@@ -156,6 +153,6 @@ def test_a_change_of_the_payload_is_told_as_slow_as_it_may_be(
              for start in starts]
     assert found[1].log_evidence == pytest.approx(found[0].log_evidence, abs=2.0)
     for fit in found:
-        for value, truth in zip(parameter_values(fit, event), true):
+        for value, truth in zip(values_in_set(fit, event), true):
             assert value.low <= truth <= value.high, value.name
         assert fit.values[2] < 0.5 if true[2] == 0.0 else fit.values[2] > 0.5

@@ -57,6 +57,8 @@ class Parameter:
         hypothesis of its own: at null the effect has another structure.
     meaning : str
         What its values stand for, where the name does not say.
+    value_names : tuple of str
+        What each of `starts` is called, if it is discrete and has no number for a reader.
 
     """
 
@@ -72,6 +74,7 @@ class Parameter:
     discrete: bool = False
     switched: bool = False
     meaning: str = ''
+    value_names: tuple[str, ...] = ()
 
     @property
     def kinds(self) -> tuple[Parameter, ...]:
@@ -81,6 +84,10 @@ class Parameter:
         if self.switched:
             found.append(replace(self, low=min(self.starts), optional=False))
         return tuple(found) or (self,)
+
+    def value_text(self, value: float) -> str:
+        """Return what a discrete value is called."""
+        return self.value_names[self.starts.index(value)] if self.value_names else f'{value:g}'
 
     def scaled(self, factor: float) -> Parameter:
         """Return the parameter with its sizes multiplied by a factor, see robot_scale."""

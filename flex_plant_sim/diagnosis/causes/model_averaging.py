@@ -53,6 +53,22 @@ def averaged_size_deviations(posterior: Posterior, hypothesis: Hypothesis) -> Ar
     return _rms(rows, posterior.best.values[value_indices(posterior.best, hypothesis)])
 
 
+def value_probabilities(posterior: Posterior, hypothesis: Hypothesis, index: int
+                        ) -> dict[float, float]:
+    """
+    Return the probability of each value of a cause's parameter that is discrete.
+
+    Over the sets that have the cause; they sum to 1.
+    """
+    found: dict[float, float] = {}
+    for fit, weight in zip(posterior.fits, set_weights(posterior)):
+        for own in (h for h in fit.hypotheses if h.label == hypothesis.label):
+            value = own.parameters[index].low
+            found[value] = found.get(value, 0.0) + float(weight)
+    total = sum(found.values())
+    return {value: weight / total for value, weight in found.items()}
+
+
 def averaged_part_deviations(posterior: Posterior) -> Array:
     """Return root mean square deviations from the parts of the best set, (p,), over all sets."""
     rows = [(weight, fit.deviations, np.diagonal(fit.covariance)[len(fit.values):])

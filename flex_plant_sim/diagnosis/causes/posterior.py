@@ -23,7 +23,7 @@ from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
 from flex_plant_sim.diagnosis.record.sensor_noise import NOISE_ERROR
 from flex_plant_sim.diagnosis.record.windows import LOCKED_SHARE
-from flex_plant_sim.interval import CREDIBLE_LEVEL
+from flex_plant_sim.interval import credible_values
 import numpy as np
 
 # Standard deviation, over arms, of the logarithm of the scale of a gauge's slow errors: none has
@@ -263,11 +263,4 @@ class Posterior:
 
     def credible_alternatives(self, label: str) -> tuple[str, ...]:
         """Return the fewest alternatives to a cause that hold CREDIBLE_LEVEL, itself included."""
-        found, total, kept = self.alternatives(label), 0.0, []
-        whole = sum(found.values())
-        for name, p in found.items():
-            kept.append(name)
-            total += p
-            if total >= CREDIBLE_LEVEL * whole:
-                break
-        return tuple(kept)
+        return credible_values(self.alternatives(label))

@@ -58,7 +58,8 @@ def _cause(cause: Cause) -> dict[str, Any]:
 
 
 def _parameters(parameters: Sequence[ParameterValue]) -> dict[str, Any]:
-    return {p.name: {'value': p.value, 'low': p.low, 'high': p.high, 'unit': p.unit}
+    return {p.name: {'value': p.value, 'low': p.low, 'high': p.high, 'unit': p.unit,
+                     **({'choices': dict(p.choices)} if p.choices else {})}
             for p in parameters}
 
 

@@ -15,13 +15,27 @@ Verdict = Literal['nothing_wrong', 'cause', 'cannot_tell', 'not_in_catalogue',
 
 @dataclass(frozen=True)
 class ParameterValue:
-    """A fitted parameter with its 95 % interval, in `unit`."""
+    """
+    A fitted parameter with its 95 % interval, in `unit`.
+
+    Attributes
+    ----------
+    name : str
+    value, low, high : float
+        Of one that has few values, the ends of those that hold 95 %.
+    unit : str
+    choices : tuple of (str, float)
+        Of one that has few values: what those that hold 95 % are called, and their probabilities,
+        the most probable first.
+
+    """
 
     name: str
     value: float
     low: float
     high: float
     unit: str
+    choices: tuple[tuple[str, float], ...] = ()
 
 
 @dataclass(frozen=True)

@@ -12,14 +12,9 @@ from dataclasses import replace
 
 from flex_plant_sim.arm.parts import in_velocity_loop, within_file_limits
 from flex_plant_sim.arm.robot import Robot
-from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.causes.hypothesis import CauseSet, Hypothesis
-from flex_plant_sim.diagnosis.causes.model_averaging import (
-    averaged_part_deviations,
-    averaged_size_deviations,
-    value_indices,
-)
+from flex_plant_sim.diagnosis.causes.model_averaging import averaged_part_deviations
 from flex_plant_sim.diagnosis.causes.posterior import is_unknown, Posterior, SetKey
 from flex_plant_sim.diagnosis.causes.search import search, SearchResult
 from flex_plant_sim.diagnosis.causes.search_state import MIN_RELATIVE_PROBABILITY, Progress
@@ -36,6 +31,7 @@ from flex_plant_sim.diagnosis.verdict.detection import detection_limits
 from flex_plant_sim.diagnosis.verdict.doubt import doubt, unnamed_remainder
 from flex_plant_sim.diagnosis.verdict.late_event import locked_part_differs, searched_again
 from flex_plant_sim.diagnosis.verdict.noisy_sensors import with_noise
+from flex_plant_sim.diagnosis.verdict.parameter_values import averaged_values, values_in_set
 from flex_plant_sim.diagnosis.verdict.results import (
     Alternative,
     Cause,
@@ -58,7 +54,6 @@ from flex_plant_sim.diagnosis.verdict.wording import (
     percent_text,
 )
 from flex_plant_sim.effects import catalogue, explanation_at
-from flex_plant_sim.interval import Z95
 from flex_plant_sim.simulation.nominal import nominal_effects, with_bent_links
 from flex_plant_sim.simulation.slowest_mode import frequency_of
 import numpy as np
@@ -213,25 +208,13 @@ def causes_of(posterior: Posterior, best: Fit) -> tuple[Cause, ...]:
         name = hypothesis.effect.identifier
         alike = dict.fromkeys(label.partition(':')[0]
                               for label in posterior.credible_alternatives(hypothesis.label))
-        sizes = parameter_values(best, hypothesis, averaged_size_deviations(posterior, hypothesis))
+        sizes = averaged_values(posterior, hypothesis)
         found.append(Cause(
             name, hypothesis.site, cause_sentence(hypothesis, sizes),
             posterior.effect_probability(name), sizes,
             tuple(other for other in alike if other in catalogue() and other != name),
             hypothesis.effect_at(values)))
     return tuple(found)
-
-
-def parameter_values(fit: Fit, hypothesis: Hypothesis, deviations: Array | None = None
-                     ) -> tuple[ParameterValue, ...]:
-    """Return a cause's values with 95 % intervals within the bounds; deviations may be given."""
-    indices = value_indices(fit, hypothesis)
-    half = Z95 * (np.sqrt(np.diagonal(fit.covariance)[indices])
-                  if deviations is None else deviations)
-    return tuple(
-        ParameterValue(p.name, float(v), float(max(v - h, a)), float(min(v + h, b)), p.unit)
-        for p, v, h, a, b in zip(hypothesis.parameters, fit.values[indices], half,
-                                 hypothesis.low, hypothesis.high))
 
 
 def _alternatives(posterior: Posterior, hypothesis: Hypothesis) -> tuple[Alternative, ...]:
@@ -244,7 +227,7 @@ def _alternatives(posterior: Posterior, hypothesis: Hypothesis) -> tuple[Alterna
         fresh = [h for h in fit.hypotheses if h.label not in others]
         if len(fresh) == 1 and len(fit.hypotheses) == len(others) + 1:
             found.append(Alternative(
-                fresh[0].effect.identifier, fresh[0].site, parameter_values(fit, fresh[0]),
+                fresh[0].effect.identifier, fresh[0].site, values_in_set(fit, fresh[0]),
                 fit.log_evidence - without, float(p)))
     return tuple(found)
 
@@ -254,7 +237,7 @@ def cause_sentence(hypothesis: Hypothesis, values: Sequence[ParameterValue]) -> 
     text = explanation_at(hypothesis.effect, hypothesis.site)
     sizes = [parameter_text(v) for v, p, counts in zip(
         values, hypothesis.parameters, hypothesis.is_size)
-        if counts and not (p.optional and v.low <= p.null <= v.high)]
+        if counts and not (p.optional and v.low <= p.null <= v.high) or p.value_names]
     remark = hypothesis.effect_at(np.array([v.value for v in values])).remark
     return f'{text.rstrip(".")} ({", ".join([*sizes, remark] if remark else sizes)}).'
 

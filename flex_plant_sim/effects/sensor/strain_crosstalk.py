@@ -19,11 +19,11 @@ class StrainCrosstalk(Effect):
 
     identifier = 'strain_crosstalk'
     family = 'sensors'
-    explanation = ('The gauge {site} picks up a share of another gauge, the source, counted from '
-                   '1 as the robot file lists them.')
+    explanation = 'The gauge {site} picks up a share of another gauge, the source.'
     parameters = (
         Parameter('share', '', 0.0, -1.0, 1.0, (-0.12, 0.12), 0.03, 0.1),
-        Parameter('source', '', 1.0, 1.0, 64.0, (1.0, 2.0, 3.0, 4.0), np.inf, 1.5, discrete=True))
+        Parameter('source', '', 1.0, 1.0, 64.0, (1.0, 2.0, 3.0, 4.0), np.inf, 1.5, discrete=True,
+                  meaning='the number of a gauge, counted from 1 as the robot file lists them'))
     sites = 'gauge'
     linear = True
 
@@ -33,7 +33,9 @@ class StrainCrosstalk(Effect):
         share, source = super().at(site, robot)
         others = tuple(float(number) for number, name in enumerate(robot.gauge_names, start=1)
                        if name != site)
-        return share, replace(source, starts=others, high=float(len(robot.gauge_names)))
+        names = tuple(name for name in robot.gauge_names if name != site)
+        return share, replace(source, starts=others, high=float(len(robot.gauge_names)),
+                              value_names=names)
 
     @classmethod
     def read(cls, values: Mapping[str, Any], parameters: Sequence[Parameter]) -> tuple[Any, ...]:
