@@ -14,7 +14,11 @@ from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
 from flex_plant_sim.diagnosis.causes.fit import Fit, NOTABLE_EXCESS, with_far_part
 from flex_plant_sim.diagnosis.causes.posterior import SetKey
 from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit
-from flex_plant_sim.diagnosis.causes.search_state import MIN_RELATIVE_PROBABILITY, SearchState
+from flex_plant_sim.diagnosis.causes.search_state import (
+    GAIN_UNCERTAINTY,
+    MIN_RELATIVE_PROBABILITY,
+    SearchState,
+)
 from flex_plant_sim.diagnosis.likelihood.prior import parts_without_effect
 from flex_plant_sim.diagnosis.pool import attempt
 from flex_plant_sim.diagnosis.prediction.latent_view import law_effect, torque_laws
@@ -39,20 +43,30 @@ def refine_leading(state: SearchState, centre: RefinedFit) -> None:
     if fits:
         before = {SetKey.of(fit): state.score(fit) for fit in reversed(fits)
                   if SetKey.of(fit).without_remainder not in state.refined}
-        refine_contenders(state, fits[:MAX_REFINED_AT_ONCE], fits[0], centre)
+        refine_contenders(state, _one_of_each_set(fits)[:MAX_REFINED_AT_ONCE], fits[0], centre)
         _refine_followers(state, before)
+
+
+def _one_of_each_set(fits: Sequence[Fit]) -> tuple[Fit, ...]:
+    """Return the first fit of each set, whether it leaves a remainder or not."""
+    found: dict[SetKey, Fit] = {}
+    for fit in fits:
+        found.setdefault(SetKey.of(fit).without_remainder, fit)
+    return tuple(found.values())
 
 
 def _refine_followers(state: SearchState, before: Mapping[SetKey, float]) -> None:
     """
     Refine sets that may lead if they gain by it what those refined already gained on average.
 
-    Linearised around themselves, sets that were fitted around one centre gain alike.
+    Linearised around themselves, sets that were fitted around one centre gain alike, as far as
+    such gains are known.
     """
     gains = [state.score(state.refined[key].fit) - score for key, score in before.items()
              if key in state.refined]
     if gains:
-        least = state.score(state.best.fit) - MAX_DEFICIT - float(np.mean(gains))
+        gain = float(np.mean(gains))
+        least = state.score(state.best.fit) - gain - max(MAX_DEFICIT, GAIN_UNCERTAINTY * gain)
         state.refine_each([state.fits[key] for key in sorted(
             (key for key, score in before.items() if key in state.fits and score > least
              and key not in state.refined and key == key.without_remainder),
