@@ -96,6 +96,13 @@ def test_a_value_of_few_is_stated_with_all_that_it_may_be() -> None:
     assert 'source strain_2a)' in alone
 
 
+def test_the_side_of_a_gear_that_a_sensor_is_on_is_said_in_words() -> None:
+    gears = tuple(h for h in all_hypotheses(REFERENCE) if h.label == 'gear_compliance:joint_1')
+    posterior = of_kinds(gears, ((0.1, 1.0, 0.0, 0.0), (0.4, 0.0, 0.0, 0.0)), (0.6, 0.4))
+    sentence = cause_sentence(gears[0], averaged_values(posterior, gears[0]))
+    assert 'sensor behind gear yes, on the link (60 %) or no, on the motor (40 %)' in sentence
+
+
 def test_bounds_are_those_of_all_kinds_of_a_cause() -> None:
     """Friction that is most probably dry may have bristles that travel."""
     posterior = of_kinds(FRICTION, ((1.0, 1.0, 0.0), (1.0, 1.0, 0.02)), (0.75, 0.25))

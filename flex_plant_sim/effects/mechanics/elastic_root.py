@@ -30,7 +30,7 @@ RETARDATION = Parameter('retardation_s', 's', 0.0, 0.0, 0.2, (0.0,), np.inf, 0.0
 SENSOR_BEHIND_GEAR = Parameter(
     'sensor_behind_gear', '', 1.0, 0.0, 1.0, (1.0, 0.0), np.inf, 0.5, discrete=True,
     meaning='1 where the angle sensor turns with the link, 0 where it turns with the motor',
-    value_names=('sensor on the link', 'sensor on the motor'))
+    value_names=('yes, on the link', 'no, on the motor'))
 
 
 def root_moment(form: SecondOrderForm, robot: Robot, index: int, radius: float) -> Array:
