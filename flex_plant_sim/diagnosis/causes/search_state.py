@@ -40,8 +40,9 @@ MAX_ADDED, ALWAYS_FITTED = 12, 2
 MIN_PROPOSAL_GAIN = -1.0
 # Probability, relative to that of the best set, below which a set is not worth stating.
 MIN_RELATIVE_PROBABILITY = 0.05
-# Uncertainty of a fit's gain over the set around which it is linearised, as a share of that gain:
-# the parts are moved to where they were not linearised.
+# Uncertainty of a fit's gain over the set around which it is linearised, and of what refinement
+# adds, as a share of that gain: the parts are moved to where they were not linearised. (By being
+# refined, four sets around one centre gained 295 to 345 nats, two around another 196 and 202.)
 GAIN_UNCERTAINTY = 0.3
 
 
