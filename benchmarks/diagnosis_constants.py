@@ -38,10 +38,11 @@ PACKAGE = 'flex_plant_sim.diagnosis'
 # from which it is measured.
 CONSTANTS: dict[str, dict[str, float]] = {
     'causes.fit': {'NOTABLE_EXCESS': 1.0},
-    'causes.search_state': {'MIN_PROPOSAL_GAIN': 0.0, 'GAIN_UNCERTAINTY': 0.0},
+    'causes.search_state': {'MIN_PROPOSAL_GAIN': 0.0},
     'causes.gauss_newton': {'MIN_STEP_GAIN': 0.0},
     'causes.neighbours': {'MAX_COARSE_DEFICIT': 0.0, 'MIN_ALTERNATIVE_SHARE': 0.0},
-    'causes.refined_fit': {'LINEARISATION_ERROR': 0.0, 'PARTS_LEVEL': 0.0},
+    'causes.refined_fit': {'LINEARISATION_ERROR': 0.0, 'PARTS_LEVEL': 0.0,
+                           'GAIN_UNCERTAINTY': 0.0},
     'causes.free_run_ranking': {'MAX_RUNS': 0},
     'prediction.law': {'RIDGE_WEIGHT': 0.0, 'MIN_EXPLAINED_SHARE': 0.0},
     'prediction.latent_series': {'REST_SPEED_SHARE': 0.0}}

@@ -8,7 +8,7 @@ from pathlib import Path
 import sys
 from typing import Any
 
-from flex_plant_sim.diagnosis.causes import neighbours, search_state
+from flex_plant_sim.diagnosis.causes import neighbours, refined_fit
 from flex_plant_sim.diagnosis.verdict.results import Cause, Diagnosis, ParameterValue
 import pytest
 from simulated_records import effects
@@ -29,9 +29,9 @@ def test_every_constant_is_where_the_table_has_it(script: Any) -> None:
 
 
 def test_every_module_that_imports_a_constant_has_the_other_value(script: Any) -> None:
-    with script.patched('causes.search_state', 'GAIN_UNCERTAINTY', 0.6):
-        assert search_state.GAIN_UNCERTAINTY == neighbours.GAIN_UNCERTAINTY == 0.6
-    assert search_state.GAIN_UNCERTAINTY == neighbours.GAIN_UNCERTAINTY == 0.3
+    with script.patched('causes.refined_fit', 'GAIN_UNCERTAINTY', 0.6):
+        assert refined_fit.GAIN_UNCERTAINTY == neighbours.GAIN_UNCERTAINTY == 0.6
+    assert refined_fit.GAIN_UNCERTAINTY == neighbours.GAIN_UNCERTAINTY == 0.3
 
 
 def test_a_value_is_measured_from_its_neutral_one(script: Any) -> None:

@@ -22,9 +22,13 @@ from flex_plant_sim.diagnosis.causes.part_causes import fits_replacing_parts
 from flex_plant_sim.diagnosis.causes.posterior import SetKey
 from flex_plant_sim.diagnosis.causes.proposal import Proposal
 from flex_plant_sim.diagnosis.causes.proposal_step import proposals_beside
-from flex_plant_sim.diagnosis.causes.refined_fit import LINEARISATION_ERROR, RefinedFit
+from flex_plant_sim.diagnosis.causes.refined_fit import (
+    GAIN_UNCERTAINTY,
+    LINEARISATION_ERROR,
+    RefinedFit,
+)
 from flex_plant_sim.diagnosis.causes.refinement import MAX_REFINED_AT_ONCE, refine_contenders
-from flex_plant_sim.diagnosis.causes.search_state import GAIN_UNCERTAINTY, SearchState
+from flex_plant_sim.diagnosis.causes.search_state import SearchState
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
 from flex_plant_sim.diagnosis.pool import each
 from flex_plant_sim.effects.base import Effect

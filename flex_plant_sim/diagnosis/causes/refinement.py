@@ -13,12 +13,8 @@ from dataclasses import replace
 from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
 from flex_plant_sim.diagnosis.causes.fit import Fit, NOTABLE_EXCESS, with_far_part
 from flex_plant_sim.diagnosis.causes.posterior import SetKey
-from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit
-from flex_plant_sim.diagnosis.causes.search_state import (
-    GAIN_UNCERTAINTY,
-    MIN_RELATIVE_PROBABILITY,
-    SearchState,
-)
+from flex_plant_sim.diagnosis.causes.refined_fit import GAIN_UNCERTAINTY, RefinedFit
+from flex_plant_sim.diagnosis.causes.search_state import MIN_RELATIVE_PROBABILITY, SearchState
 from flex_plant_sim.diagnosis.likelihood.prior import parts_without_effect
 from flex_plant_sim.diagnosis.pool import attempt
 from flex_plant_sim.diagnosis.prediction.latent_view import law_effect, torque_laws

@@ -21,7 +21,7 @@ from flex_plant_sim.diagnosis.causes.posterior import (
     SetKey,
 )
 from flex_plant_sim.diagnosis.causes.proposal import Proposal
-from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit
+from flex_plant_sim.diagnosis.causes.refined_fit import GAIN_UNCERTAINTY, RefinedFit
 from flex_plant_sim.diagnosis.causes.sensitivity import Sensitivity
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
 from flex_plant_sim.diagnosis.likelihood.prior import log_prior_odds
@@ -40,10 +40,6 @@ MAX_ADDED, ALWAYS_FITTED = 12, 2
 MIN_PROPOSAL_GAIN = -1.0
 # Probability, relative to that of the best set, below which a set is not worth stating.
 MIN_RELATIVE_PROBABILITY = 0.05
-# Uncertainty of a fit's gain over the set around which it is linearised, and of what refinement
-# adds, as a share of that gain: the parts are moved to where they were not linearised. (By being
-# refined, four sets around one centre gained 295 to 345 nats, two around another 196 and 202.)
-GAIN_UNCERTAINTY = 0.3
 
 
 class SearchState:
