@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.diagnosis.causes.gauss_newton import GaussNewton
 from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses, CauseSet
@@ -15,6 +17,7 @@ from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
 from flex_plant_sim.diagnosis.verdict.detection import CLOSE, detection_limits, visible_size
+from flex_plant_sim.diagnosis.verdict.results import DetectionLimit
 from flex_plant_sim.diagnosis.verdict.verdict import nominal_base, slowest_frequency
 from flex_plant_sim.effects import catalogue
 import numpy as np
@@ -198,7 +201,7 @@ def test_a_limit_is_what_parts_cannot_undo(clean: tuple[SearchResult, Data]) -> 
     # Of all identifiers none is at work in every second record; links are two.
     price = np.log(2.0 / (2.0**(1.0 / len(catalogue())) - 1.0))
     for link in ('link_1', 'link_2'):
-        x = limits[f'link_stiffness:{link}'].value + tolerance * NORMAL
+        x = limits[f'link_stiffness:{link}'].easiest + tolerance * NORMAL
         gained = np.mean(norm.logpdf(x, scale=wide) - norm.logpdf(x, scale=tolerance))
         assert price - 0.1 < gained < price + 1.0
     for gauge in REFERENCE.gauge_names:
@@ -245,6 +248,23 @@ def test_from_its_limit_on_a_cause_is_named_though_parts_follow_it() -> None:
     named = [of_elements((('hub_inertia', {'inertia': factor * limit}),))[0]
              .posterior.effect_probability('hub_inertia') for factor in (0.6, 2.0)]
     assert named[0] < 0.5 < 0.8 < named[1]
+
+
+def test_a_limit_is_that_of_the_side_of_null_that_is_harder_to_see(
+        clean: tuple[SearchResult, Data]) -> None:
+    found, data = clean
+
+    def limits(less: float, more: float) -> Mapping[str, DetectionLimit]:
+        return detection_limits(found.proposals, REFERENCE, data.duration,
+                                lambda _, deviation: less if deviation < 0.0 else more)
+
+    clear, faint = limits(2500.0, 2500.0), limits(400.0, 400.0)
+    for one_sided in (limits(2500.0, 400.0), limits(400.0, 2500.0)):
+        for label in ('viscous_friction:joint_1', 'actuator_gain:joint_2', 'payload_change:arm'):
+            limit = one_sided[label]
+            assert limit.value == pytest.approx(faint[label].value, rel=CLOSE)
+            assert limit.easiest == pytest.approx(clear[label].value, rel=CLOSE)
+            assert limit.value > 2.0 * limit.easiest
 
 
 def test_no_limit_is_stated_where_no_size_shows() -> None:

@@ -57,11 +57,11 @@ def detection_limits(proposals: Sequence[Proposal], robot: Robot, duration: floa
         Called with the share that is done.
 
     """
-    limit = partial(_limit, robot=robot, duration=duration, information=information)
+    limits = partial(_limits, robot=robot, duration=duration, information=information)
     found: dict[str, list[float]] = {}
-    sizes = each(partial(_limit_or_inf, limit), proposals, jobs, progress)
-    for proposal, size in zip(proposals, sizes):
-        found.setdefault(proposal.hypothesis.label, []).append(size)
+    for proposal, sizes in zip(proposals, each(partial(_limits_or_inf, limits), proposals, jobs,
+                                               progress)):
+        found.setdefault(proposal.hypothesis.label, []).extend(sizes)
     units = {p.hypothesis.label: _size(p.hypothesis).unit for p in proposals}
     return {label: DetectionLimit(max(sizes), units[label], min(sizes))
             for label, sizes in found.items()}
@@ -72,14 +72,20 @@ def _size(hypothesis: Hypothesis) -> Parameter:
     return hypothesis.parameters[int(np.argmax(hypothesis.is_size))]
 
 
-def _limit_or_inf(limit: Callable[[Proposal], float], proposal: Proposal) -> float:
-    """Return a limit, inf where the sizes that are tried predict nothing finite."""
-    found = attempt(limit, proposal)
-    return np.inf if found is None else found
+def _limits_or_inf(limits: Callable[[Proposal], list[float]], proposal: Proposal) -> list[float]:
+    """Return limits, inf where the sizes that are tried predict nothing finite."""
+    found = attempt(limits, proposal)
+    return [math.inf] if found is None else found
 
 
-def _limit(proposal: Proposal, robot: Robot, duration: float, information: Information) -> float:
-    """Return the size from which on a proposal's hypothesis shows; inf where none does."""
+def _limits(proposal: Proposal, robot: Robot, duration: float, information: Information
+            ) -> list[float]:
+    """
+    Return the sizes from which on a proposal's hypothesis shows, one for each side of null.
+
+    A side that shows at no size has none, as null may have no room beside it; inf where no side
+    has one. Both sides of what is linear are alike.
+    """
     hypothesis = proposal.hypothesis
     prior, k = hypothesis.prior(duration), int(np.argmax(hypothesis.is_size))
     # Within its bounds, a prior is denser than the Gaussian; the posterior is taken as inside.
@@ -98,14 +104,15 @@ def _limit(proposal: Proposal, robot: Robot, duration: float, information: Infor
         # What has no finite prediction shows.
         return 0.0 if math.isnan(known) else detectable_size(min(known, most), width, price)
 
-    # The other side of null is asked where the first has no room for the size that shows.
-    size = math.inf
+    found: list[float] = []
     for side in sides:
         room = one.high - one.null if side > 0.0 else one.null - one.low
-        size = min(size, visible_size(partial(needed, side), guess, room, least))
+        size = visible_size(partial(needed, side), found[0] if found else guess, room, least)
         if size < math.inf:
-            break
-    return size
+            found.append(size)
+            if hypothesis.effect.linear:
+                break
+    return found or [math.inf]
 
 
 def first_guess(proposal: Proposal, width: float, price: float) -> float:

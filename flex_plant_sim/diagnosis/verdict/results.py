@@ -132,8 +132,8 @@ class DetectionLimit:
     Attributes
     ----------
     value : float
-        Of an effect with several forms, such as a sensor before or behind a gear, of the form that
-        is hardest to see.
+        Of an effect with several forms, such as a sensor before or behind a gear, a link that is
+        softer or stiffer, of the form that is hardest to see.
     unit : str
     easiest : float
         Of the form that is easiest to see.
