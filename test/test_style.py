@@ -58,11 +58,13 @@ def _core_modules(repository: Path) -> list[str]:
     return [name for name in names if not name.endswith('_node') and name not in ROS_MODULES]
 
 
-def test_the_numerical_core_imports_no_ros(repository: Path) -> None:
+def test_the_numerical_core_imports_neither_ros_nor_what_is_slow(repository: Path) -> None:
     modules = _core_modules(repository)
     assert {'flex_plant_sim.arm.beam', 'msg_config', 'msg_config.parameters'} < set(modules)
+    # Each of scipy's would lengthen the start of every program by half a second.
+    shunned = ('rclpy', 'scipy.signal', 'scipy.stats')
     code = (f'import importlib, sys\nfor name in {modules!r}:\n    importlib.import_module(name)\n'
-            '    assert "rclpy" not in sys.modules, name\n')
+            f'    assert not {{*{shunned!r}}} & {{*sys.modules}}, name\n')
     _run(repository, '-c', code)
 
 

@@ -9,12 +9,15 @@ import gc
 from multiprocessing import current_process
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import ForkContext, ForkProcess
+import time
 from typing import Any, TypeVar
 
 from flex_plant_sim.quiet_signals import held_back
 import numpy as np
 
 Found = TypeVar('Found')
+# s between times at which a worker returns freed memory: what it returns it has to get again.
+RETURN_INTERVAL = 0.2
 # Of glibc; other libraries of C have none.
 _malloc_trim = getattr(ctypes.CDLL(None), 'malloc_trim', None)
 
@@ -123,12 +126,15 @@ def _work(task: Callable[[Any], Any], items: Sequence[Any], pipe: Connection[Any
     gc.freeze()
     for other in others:
         other.close()
+    returned = time.monotonic()
     try:
         while True:
             k = pipe.recv()
             try:
                 pipe.send((k, attempt(task, items[k]), None))
-                _return_freed_memory()
+                if time.monotonic() - returned > RETURN_INTERVAL:
+                    _return_freed_memory()
+                    returned = time.monotonic()
             except Exception as error:  # noqa: B902  the parent raises it
                 pipe.send((k, None, error))
     except (EOFError, OSError):

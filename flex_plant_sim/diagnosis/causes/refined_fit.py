@@ -22,7 +22,7 @@ from flex_plant_sim.diagnosis.likelihood.prior import with_deviations
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.record.data import Data
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 # Error of a linearisation, nats, above which it is repeated at the new optimum; and how often.
 LINEARISATION_ERROR, MAX_RELINEARISATIONS = 1.0, 6
@@ -166,7 +166,7 @@ class RefinedFit:
     def parts_stand_for_a_cause(self) -> bool:
         """Tell whether the parts deviate by more than parts within their tolerances do."""
         deviations = self.fit.deviations / self.likelihood.tolerances
-        return bool(deviations @ deviations > chi2.isf(PARTS_LEVEL, deviations.size))
+        return bool(deviations @ deviations > chdtri(deviations.size, PARTS_LEVEL))
 
     def near_file_parts(self, base: BaseModel, data: Data, jobs: int = 1) -> RefinedFit:
         """

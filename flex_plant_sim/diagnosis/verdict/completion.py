@@ -86,8 +86,8 @@ def complete(found: tuple[Diagnosis, Data, BaseModel], nominal: BaseModel, jobs:
         after = predictors(extended, data)
     progress('measuring the gain', MEASURING_SHARE)
     gains = measure_gain(before, after, seed=seed, jobs=jobs)
-    wrong = describe(before)
-    left = wrong if after is before else describe(after)
+    described = all_of(describe, [before] if after is before else [before, after], jobs)
+    wrong, left = described[0], described[-1]
     diagnosis = with_gauges_beyond(with_gain(diagnosis, gains, len(added)), left)
     if diagnosis.verdict in UNNAMED_VERDICTS and not unnamed:
         # What the locked part refutes is unnamed too.
