@@ -38,7 +38,7 @@ PACKAGE = 'flex_plant_sim.diagnosis'
 # from which it is measured.
 CONSTANTS: dict[str, dict[str, float]] = {
     'causes.fit': {'NOTABLE_EXCESS': 1.0},
-    'causes.search_state': {'MIN_PROPOSAL_GAIN': 0.0},
+    'causes.search_state': {'MAX_DEFICIT': 0.0},
     'causes.gauss_newton': {'MIN_STEP_GAIN': 0.0},
     'causes.neighbours': {'MAX_COARSE_DEFICIT': 0.0, 'MIN_ALTERNATIVE_SHARE': 0.0},
     'causes.refined_fit': {'LINEARISATION_ERROR': 0.0, 'PARTS_LEVEL': 0.0,

@@ -10,9 +10,9 @@ from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses, Hypothesis
 from flex_plant_sim.diagnosis.causes.neighbourhood import without_mean_error
 from flex_plant_sim.diagnosis.causes.posterior import interpretations, log_prior, Posterior, SetKey
-from flex_plant_sim.diagnosis.causes.refinement import _refine_followers, MAX_DEFICIT
+from flex_plant_sim.diagnosis.causes.refinement import _refine_followers
 from flex_plant_sim.diagnosis.causes.search import SearchResult
-from flex_plant_sim.diagnosis.causes.search_state import SearchState
+from flex_plant_sim.diagnosis.causes.search_state import MAX_DEFICIT, SearchState
 from flex_plant_sim.diagnosis.likelihood.evidence import ParameterPrior
 from flex_plant_sim.diagnosis.likelihood.prior import (
     imitation_odds,

@@ -14,7 +14,7 @@ from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
 from flex_plant_sim.diagnosis.causes.fit import Fit, NOTABLE_EXCESS, with_far_part
 from flex_plant_sim.diagnosis.causes.posterior import SetKey
 from flex_plant_sim.diagnosis.causes.refined_fit import GAIN_UNCERTAINTY, RefinedFit
-from flex_plant_sim.diagnosis.causes.search_state import MIN_RELATIVE_PROBABILITY, SearchState
+from flex_plant_sim.diagnosis.causes.search_state import MAX_DEFICIT, SearchState
 from flex_plant_sim.diagnosis.likelihood.prior import parts_without_effect
 from flex_plant_sim.diagnosis.pool import attempt
 from flex_plant_sim.diagnosis.prediction.latent_view import law_effect, torque_laws
@@ -23,8 +23,6 @@ import numpy as np
 
 # Leading sets that are refined at a time; a budget.
 MAX_REFINED_AT_ONCE = 3
-# Score by which a set may be behind the best and yet be worth stating, nats.
-MAX_DEFICIT = -np.log(MIN_RELATIVE_PROBABILITY)
 
 
 def refine_leading(state: SearchState, centre: RefinedFit) -> None:

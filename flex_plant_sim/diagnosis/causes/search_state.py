@@ -36,10 +36,10 @@ Progress = Callable[[str, float], None]
 
 # Proposals fitted at most beside a set (a budget), and fitted always, whatever their gain.
 MAX_ADDED, ALWAYS_FITTED = 12, 2
-# Linear gain with the prior odds, nats, below which a proposal is not fitted.
-MIN_PROPOSAL_GAIN = -1.0
-# Probability, relative to that of the best set, below which a set is not worth stating.
+# Probability, relative to that of the best set, below which a set is not worth stating; and the
+# score by which it may be behind, nats.
 MIN_RELATIVE_PROBABILITY = 0.05
+MAX_DEFICIT = -float(np.log(MIN_RELATIVE_PROBABILITY))
 
 
 class SearchState:
@@ -136,7 +136,7 @@ class SearchState:
     def worth_refining(self, fit: Fit, more: float = 0.0) -> bool:
         """Tell whether a set would be worth stating if it had more evidence, nats."""
         best = max((self.best_score(r.fit) for r in self.refined.values()), default=-np.inf)
-        return self.best_score(fit) + more > best + np.log(MIN_RELATIVE_PROBABILITY)
+        return self.best_score(fit) + more > best - MAX_DEFICIT
 
     def score(self, fit: Fit) -> float:
         """Return the logarithm of a set's posterior odds, up to a constant, nats."""
@@ -185,8 +185,8 @@ class SearchState:
         return rank < ALWAYS_FITTED or (ranked and self.promises_gain(proposal))
 
     def promises_gain(self, proposal: Proposal) -> bool:
-        """Tell whether a proposal's linear gain is worth what its fit costs."""
-        return self.penalised_gain(proposal) > MIN_PROPOSAL_GAIN
+        """Tell whether a proposal would be worth stating by its linear gain."""
+        return self.penalised_gain(proposal) > -MAX_DEFICIT
 
     def posterior(self, unfitted_scores: Mapping[frozenset[str], float] = MappingProxyType({}),
                   beside: Fit | None = None) -> Posterior:
