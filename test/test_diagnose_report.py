@@ -244,7 +244,7 @@ def test_sentence_speaks_of_the_channel_of_the_cause_and_of_what_rises_later() -
     assert 'With laws of what has no name and the parts' in without
 
 
-def test_nothing_wrong_says_which_gauge_errs_by_more_than_it_allows() -> None:
+def test_an_answer_says_which_gauge_errs_by_more_than_it_allows() -> None:
     nothing = replace(report().diagnosis, verdict='nothing_wrong', causes=(), advice='')
     gauge = replace(CHANNEL, channel='strain_1a', unit='m/m', noise=3e-6, swing=1e-4)
     for error, noise, said in ((9e-6, 0.0, True), (9e-6, 8e-6, False), (4e-6, 0.0, False)):
@@ -252,7 +252,11 @@ def test_nothing_wrong_says_which_gauge_errs_by_more_than_it_allows() -> None:
         found = with_gauges_beyond(nothing, rows)
         assert ('strain 1a errs by 9 % of what it reads' in found.sentence) == said
         assert bool(found.advice) == said and found.verdict == 'nothing_wrong'
-    assert with_gauges_beyond(report().diagnosis, rows) == report().diagnosis
+        named = with_gauges_beyond(replace(report().diagnosis, verdict='cause'), rows)
+        assert ('strain 1a errs by 9 % of what it reads' in named.sentence) == said
+    # Where something is unnamed already, that is said once.
+    unnamed = replace(report().diagnosis, verdict='cause_and_remainder')
+    assert with_gauges_beyond(unnamed, rows) == unnamed
 
 
 @pytest.mark.parametrize('key, unit, words', [

@@ -181,7 +181,7 @@ def test_a_resonant_effect_is_fitted_from_each_probed_size() -> None:
     probe_catalogue(state, nothing)
     starts: dict[str, list[float]] = {}
     proposals = proposals_beside(state, nothing)
-    for candidate in candidates(state, nothing, proposals):
+    for candidate in candidates(state, nothing, proposals, []):
         for h in candidate.hypotheses:
             starts.setdefault(h.label, []).append(candidate.starts[0][0])
     resonant, = (h for h, _ in state.sensitivities if h.label == 'loose_payload:arm')
@@ -191,7 +191,7 @@ def test_a_resonant_effect_is_fitted_from_each_probed_size() -> None:
     assert len(starts['clamp_compliance:link_1']) == 1
     # Nor does the linear gain tell how much it gains: without one, the best start is tried.
     hopeless = [replace(p, linear_gain=-9.0) for p in proposals]
-    single, = unpromised(state, nothing, hopeless, 'again')
+    single, = unpromised(state, nothing, hopeless, [], 'again')
     assert [h.label for h in single.hypotheses] == [resonant.label]
     assert single.starts[0][0] == pytest.approx(0.045, rel=0.3)
     deserving = {p.hypothesis.label: state.deserves_fit(50, replace(p, linear_gain=100.0))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+import math
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.causes.hypothesis import Hypothesis
@@ -144,8 +145,8 @@ class ProposalScorer:
         values, vectors = np.linalg.eigh(np.eye(sizes.size) + width[:, None] * hessian * width)
         values = np.maximum(values, max(1.0, ROUNDING * values[-1]))
         scaled = vectors.T @ (centre / width - width * gradient) / values
-        best = np.clip(width * (vectors @ scaled),
-                       (hypothesis.low - shape)[sizes], (hypothesis.high - shape)[sizes])
+        low, high = (bound[sizes] for bound in _reach(hypothesis, sensitivity))
+        best = np.clip(width * (vectors @ scaled), low, high)
         occam = 0.5 * float(np.sum(np.log(values)))
         information = np.zeros(shape.size)
         information[sizes] = np.diagonal(hessian)
@@ -161,6 +162,27 @@ class ProposalScorer:
             found.append(_StartPoint(gain(deviation), occam,
                                      _with_sizes(shape, sizes, deviation), information, True))
         return found
+
+
+def _reach(hypothesis: Hypothesis, sensitivity: Sensitivity) -> tuple[Array, Array]:
+    """
+    Return the least and largest deviations, (k,), up to which a probe tells what sizes change.
+
+    They are those of the next probes, and null, of one size whose effect is not linear. Far from a
+    probe its change says little: a share of what a delay of 80 ms changes looks like one of 3 ms
+    that averages noise away, and promised 12 nats where that costs 9.
+    """
+    low, high = hypothesis.low - sensitivity.shape, hypothesis.high - sensitivity.shape
+    sizes = np.flatnonzero(hypothesis.is_size)
+    if hypothesis.effect.linear or sizes.size > 1:
+        return low, high
+    probes = {float(deviation[sizes[0]]) for deviation in hypothesis.probe_deviations()}
+    sides = {math.copysign(1.0, probe) for probe in probes}
+    here = float(sensitivity.deviation[sizes[0]])
+    known = {*probes, 0.0} if len(sides) > 1 else probes
+    low[sizes] = max((x for x in known if x < here), default=low[sizes[0]])
+    high[sizes] = min((x for x in known if x > here), default=high[sizes[0]])
+    return low, high
 
 
 def _probed(groups: Iterable[Sequence[_StartPoint]]) -> list[_StartPoint]:

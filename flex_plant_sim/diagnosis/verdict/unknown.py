@@ -144,7 +144,8 @@ def sentence(finding: Finding) -> str:
     if not finding.has_memory:
         return f'An unnamed {what} of {site} ({size}) seems to follow {likely_text(finding)}.'
     swings = f', and swings at {digits_text(finding.line.frequency, 2)} Hz' if finding.line else ''
-    return f'An unnamed {what} of {site} ({size}) follows no one variable{swings}.'
+    alike = '; an angle sensor that errs would look alike' if what == 'torque' else ''
+    return f'An unnamed {what} of {site} ({size}) follows no one variable{swings}{alike}.'
 
 
 def likely_text(finding: Finding) -> str:

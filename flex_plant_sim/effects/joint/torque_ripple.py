@@ -16,8 +16,9 @@ class TorqueRipple(Effect):
     parameters = (
         Parameter('sine_n_m', 'N m', 0.0, -20.0, 20.0, (-0.5, 0.5), 0.1, 1.0),
         Parameter('cosine_n_m', 'N m', 0.0, -20.0, 20.0, (-0.5, 0.5), 0.1, 1.0),
-        Parameter('periods_per_turn', '', 10.0, 1.0, 200.0,
-                  tuple(float(k) for k in range(2, 45)), np.inf, 15.0))
+        # Fewer are a smooth law of the angle: a cable, a spring. No motor has fewer than four poles.
+        Parameter('periods_per_turn', '', 10.0, 4.0, 200.0,
+                  tuple(float(k) for k in range(4, 45)), np.inf, 15.0))
     sites = 'joint'
     linear = True
 
