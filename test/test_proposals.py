@@ -37,6 +37,26 @@ def test_sizes_that_do_the_same_are_parted_by_their_prior() -> None:
     assert np.isfinite(found.linear_gain) and best == pytest.approx([0.15, 0.15], rel=0.1)
 
 
+@pytest.mark.parametrize('label, probe, best', [
+    # Late by 5 to 80 ms, on one side of null; a share of 80 ms is at least the next probe.
+    ('strain_delay:arm', 4, 0.04), ('strain_delay:arm', 2, 0.01), ('strain_delay:arm', 0, 0.0005),
+    # With probes on both sides, of a quarter less to 0.45 more, each tells of its own.
+    ('angle_gain:joint_2', 3, 1.06), ('angle_gain:joint_2', 0, 0.994),
+    # What is linear is told by one probe.
+    ('actuator_bias:joint_1', 0, None)])
+def test_a_probe_tells_what_sizes_change_up_to_the_next_probes(
+        label: str, probe: int, best: float | None) -> None:
+    """A share of what 80 ms change promised 12 nats of 2.6 ms, which cost 9."""
+    known = next(h for h in all_hypotheses(REFERENCE) if h.label == label)
+    # By itself, the residual is least at a tenth of the probe.
+    deviation, change = known.probe_deviations()[probe], np.full((1, 8), 1e4)
+    scorer = ProposalScorer(-0.1 * change, np.zeros(0), np.ones(8), 28.0)
+    found = scorer.propose(known, [Sensitivity(known.null, deviation, change.astype(np.float32))])
+    size = found.starts[0][known.is_size]
+    expected = known.null + 0.1 * deviation if best is None else best
+    assert size == pytest.approx(np.broadcast_to(expected, known.is_size.shape)[known.is_size])
+
+
 def test_a_filter_is_said_by_how_late_slow_strains_come() -> None:
     """One lag of 12 ms is fitted by an order of two as 2 ms and much damping."""
     hypothesis, = (h for h in all_hypotheses(REFERENCE) if h.label == 'strain_filter:arm')

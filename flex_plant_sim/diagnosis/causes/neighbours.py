@@ -28,16 +28,16 @@ from flex_plant_sim.diagnosis.causes.refined_fit import (
     RefinedFit,
 )
 from flex_plant_sim.diagnosis.causes.refinement import MAX_REFINED_AT_ONCE, refine_contenders
-from flex_plant_sim.diagnosis.causes.search_state import SearchState
+from flex_plant_sim.diagnosis.causes.search_state import MAX_ADDED, SearchState
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
 from flex_plant_sim.diagnosis.pool import each
 from flex_plant_sim.effects.base import Effect
 import numpy as np
 
-# Budgets: alternatives fitted in the place of each cause; sets fitted to all windows beside a
-# law; neighbours fitted to all windows, by kind. A set with a cause more has all of what others
-# have, so that many of these would leave no room for those without a certain cause.
-MAX_ALTERNATIVES, MAX_FITTED = 5, 6
+# Budgets: sets fitted to all windows beside a law; neighbours fitted to all windows, by kind. A set
+# with a cause more has all of what others have, so that many of these would leave no room for
+# those without a certain cause.
+MAX_FITTED = 6
 MAX_NEIGHBOURS, MAX_WITHOUT = {'larger': MAX_FITTED, 'refined': 1}, 3
 # Score by which a coarse fit may be behind the best one and yet be fitted to all windows, nats.
 MAX_COARSE_DEFICIT = 30.0
@@ -181,7 +181,7 @@ def candidates(state: SearchState, centre: RefinedFit, proposals: Sequence[Propo
         own = max((state.penalised_gain(p) for p in others if p.hypothesis == cause), default=0.0)
         alternatives = [p for p in others if p.hypothesis != cause
                         and state.penalised_gain(p) > MIN_ALTERNATIVE_SHARE * own]
-        for proposal in alternatives[:MAX_ALTERNATIVES]:
+        for proposal in alternatives[:MAX_ADDED]:
             yield from _extended(state, rest, proposal)
 
 

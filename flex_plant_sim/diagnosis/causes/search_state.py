@@ -34,7 +34,8 @@ import numpy as np
 # Called with a step's name and its share of the whole that is done.
 Progress = Callable[[str, float], None]
 
-# Proposals fitted at most beside a set (a budget), and fitted always, whatever their gain.
+# Proposals fitted at most beside a set or in the place of one of its causes (a budget), and
+# fitted always, whatever their gain.
 MAX_ADDED, ALWAYS_FITTED = 12, 2
 # Probability, relative to that of the best set, below which a set is not worth stating; and the
 # score by which it may be behind, nats.
