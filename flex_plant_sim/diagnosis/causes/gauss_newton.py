@@ -23,8 +23,8 @@ from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
 from flex_plant_sim.diagnosis.likelihood.sufficient_statistics import SufficientStatistics, TEMPER
 import numpy as np
 
-# Steps of a fit at most; a budget. (After three, a payload beyond the tip was 71 nats behind a soft
-# gear that stands for it; after eight it is 14 ahead.)
+# Steps of a fit at most; a budget. (After three, a payload beyond the tip was 71 nats behind a
+# soft gear that stands for it; after eight it is 14 ahead.)
 MAX_STEPS = 8
 # Predicted gain of a step, nats, below which a fit ends.
 MIN_STEP_GAIN = 0.3

@@ -34,8 +34,8 @@ from flex_plant_sim.diagnosis.pool import each
 from flex_plant_sim.effects.base import Effect
 import numpy as np
 
-# Budgets: sets fitted to all windows beside a law; neighbours fitted to all windows, by kind. A set
-# with a cause more has all of what others have, so that many of these would leave no room for
+# Budgets: sets fitted to all windows beside a law; neighbours fitted to all windows, by kind. A
+# set with a cause more has all of what others have, so that many of these would leave no room for
 # those without a certain cause.
 MAX_FITTED = 6
 MAX_NEIGHBOURS, MAX_WITHOUT = {'larger': MAX_FITTED, 'refined': 1}, 3
