@@ -29,8 +29,8 @@ from truth.records import HAVE_MUJOCO, make_record, MUJOCO, NO_MUJOCO, TruthCase
 # Friction and what imitates it while the gauge is wrong, too; what parts may undo; an event.
 ASKED = ('viscous_friction', 'actuator_gain', 'strain_gain', 'link_stiffness', 'payload_change')
 HIDDEN = ('viscous_friction:joint_2:damping_n_m_s=3', 'strain_gain:strain_2a:factor=0.8')
-# Of these five effects: 422, of them 33 each time that the parts' Jacobian is taken.
-MOST_PASSES = 430
+# Of these five effects: 404, of them 33 each time that the parts' Jacobian is taken.
+MOST_PASSES = 412
 
 # All but what something unknown leaves of a probability.
 SURE = 0.99 / (1.0 + imitation_odds())
@@ -204,8 +204,10 @@ def test_a_limit_is_what_parts_cannot_undo(clean: tuple[SearchResult, Data]) -> 
         x = limits[f'link_stiffness:{link}'].easiest + tolerance * NORMAL
         gained = np.mean(norm.logpdf(x, scale=wide) - norm.logpdf(x, scale=tolerance))
         assert price - 0.1 < gained < price + 1.0
+        # Parts follow a stiffer link farther than a softer one.
+        assert 1.0 <= limits[f'link_stiffness:{link}'].value / (x - tolerance * NORMAL)[0] < 1.2
     for gauge in REFERENCE.gauge_names:
-        assert limits[f'strain_gain:{gauge}'].value > REFERENCE.tolerances.strain_gain
+        assert limits[f'strain_gain:{gauge}'].easiest > REFERENCE.tolerances.strain_gain
 
 
 def test_a_limit_of_commands_shows_only_where_commands_reach_it(

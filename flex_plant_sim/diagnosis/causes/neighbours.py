@@ -42,7 +42,7 @@ MAX_NEIGHBOURS, MAX_WITHOUT = {'larger': MAX_FITTED, 'refined': 1}, 3
 # Score by which a coarse fit may be behind the best one and yet be fitted to all windows, nats.
 MAX_COARSE_DEFICIT = 30.0
 # Share of a cause's gain that a proposal needs to be an alternative to it. (Without it, two strong
-# causes among five effects take 563 passes for 422, `test_causes.py`.)
+# causes among five effects take 433 passes for 404, `test_causes.py`.)
 MIN_ALTERNATIVE_SHARE = 0.3
 
 

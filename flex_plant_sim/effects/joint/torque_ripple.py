@@ -16,7 +16,7 @@ class TorqueRipple(Effect):
     parameters = (
         Parameter('sine_n_m', 'N m', 0.0, -20.0, 20.0, (-0.5, 0.5), 0.1, 1.0),
         Parameter('cosine_n_m', 'N m', 0.0, -20.0, 20.0, (-0.5, 0.5), 0.1, 1.0),
-        # Fewer are a smooth law of the angle, as of a cable. No motor has fewer than four poles.
+        # Fewer are a smooth law of the angle, as of a cable: even a two-pole motor cogs six times.
         Parameter('periods_per_turn', '', 10.0, 4.0, 200.0,
                   tuple(float(k) for k in range(4, 45)), np.inf, 15.0))
     sites = 'joint'
