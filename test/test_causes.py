@@ -22,6 +22,7 @@ from flex_plant_sim.diagnosis.verdict.verdict import nominal_base, slowest_frequ
 from flex_plant_sim.effects import catalogue
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 from scipy.stats import norm
 from simulated_records import effects, REFERENCE, simulated, SLOWEST
 from truth.records import HAVE_MUJOCO, make_record, MUJOCO, NO_MUJOCO, TruthCase
@@ -237,8 +238,8 @@ def test_a_limit_is_where_the_evidence_turns_however_steeply_information_rises(g
         return detectable_size(float(known), float(saturation.prior(40.0).width[0]), price)
 
     found = visible_size(needed, guess, 100.0)
-    assert 1.22 < found < 1.3 and needed(found) <= found
-    assert needed(0.94 * found) > 0.94 * found
+    turns = brentq(lambda size: needed(size) - size, 1.22, 1.3)
+    assert needed(found) <= found and turns <= found < (1.0 + CLOSE) * turns
 
 
 def test_from_its_limit_on_a_cause_is_named_though_parts_follow_it() -> None:
