@@ -57,7 +57,7 @@ def test_another_value_is_in_what_is_compiled(constants: Any) -> None:
 
 
 def test_answers_follow_a_constant_and_come_back(constants: Any) -> None:
-    """One constant of Python and one that is compiled; their own values change no bit."""
+    """One constant that is compiled and one of Python, whose own value then changes no bit."""
     records = constants.logs(1, constants.FIRST_SEED, ('matched', 'disturbed'))
     base = constants.answers(records)
 
@@ -67,7 +67,6 @@ def test_answers_follow_a_constant_and_come_back(constants: Any) -> None:
         return sum(np.array_equal(a.track, b.track) for a, b in zip(base, found))
 
     assert same('likelihood', 'LARGEST_READING', 2.0) == 0
-    assert same('likelihood', 'LARGEST_READING', 30.0) == 2
     assert same('window_pass', 'FIRST_PASS_S', 1.0) == 0
     assert same('window_pass', 'FIRST_PASS_S', 0.5) == 2
 

@@ -27,7 +27,7 @@ from scipy.stats import t
 from truth.records import draw_case, make_record
 
 REFERENCE = load_robot('reference')
-BASE = nominal_base(REFERENCE, 'assumed_modes', 3)
+BASE = nominal_base(REFERENCE, 'assumed_modes', 2)
 DURATION_S, LATE_S = 30.0, 25.0
 ASKED = ('payload_change', 'payload_mass', 'link_stiffness')
 OTHERS = [name for name in catalogue() if name not in ASKED]

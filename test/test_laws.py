@@ -56,19 +56,19 @@ SLOW = 0.06
 
 
 def told(folder: Path, *hidden: tuple[str, Parameters], payload: float = 0.1,
-         asked: Sequence[str] = ASKED) -> tuple[Any, tuple[Effect, ...]]:
+         asked: Sequence[str] = ASKED, modes: int = 2) -> tuple[Any, tuple[Effect, ...]]:
     """Return what flex_diagnose says of a record of 28 s, and the extended robot's effects."""
     log, answer, robot = (folder / name for name in ('log.csv', 'answer.json', 'robot.yaml'))
     make_record(TruthCase(91, hidden, payload_true=payload, duration_s=28.0,
                           simulator=FINITE_ELEMENTS)).write_csv(log)
     others = [f'--exclude={name}' for name in catalogue() if name not in asked]
-    assert main([str(log), '--jobs', '1', '--payload', '0.1', '--json', str(answer),
-                 '--extended', str(robot), *others]) == 0
+    assert main([str(log), '--jobs', '1', '--modes', str(modes), '--payload', '0.1',
+                 '--json', str(answer), '--extended', str(robot), *others]) == 0
     return json.loads(answer.read_text()), effects_of(load_robot(robot))
 
 
 def test_a_law_takes_the_place_of_causes_that_imitate_it(tmp_path: Path) -> None:
-    found, effects = told(tmp_path, GAUGE, BRAKE)
+    found, effects = told(tmp_path, GAUGE, BRAKE, modes=3)
     cause, = found['causes']
     assert (cause['name'], cause['site']) == ('strain_gain', 'strain_2a')
     assert cause['parameters']['factor']['value'] == pytest.approx(0.8, abs=0.02)
@@ -143,7 +143,7 @@ def braked_data(base: BaseModel, amplifier: Callable[[Array], Array] = np.asarra
 
 def braked(torque: tuple[float, float]) -> tuple[RefinedFit, Data, BaseModel]:
     """Return nothing fitted to a braked arm of elements, told how large its torques may be."""
-    base = replace(nominal_base(load_robot('reference'), 'assumed_modes', 3),
+    base = replace(nominal_base(load_robot('reference'), 'assumed_modes', 2),
                    discrepancy=DiscrepancyModel(torque_share=torque))
     data = braked_data(base)
     return RefinedFit.refine(CandidateSet((), (np.zeros(0),)), base, data), data, base
@@ -196,7 +196,7 @@ def test_sets_whose_models_all_diverge_are_as_likely_as_before(
 
 def test_a_slow_gauge_is_found_beside_laws_from_a_late_one() -> None:
     """Beside laws evidence liked the late gauge, and the slow one was not refined."""
-    base = nominal_base(load_robot('reference'), 'assumed_modes', 3)
+    base = nominal_base(load_robot('reference'), 'assumed_modes', 2)
     filtered = bilinear([1.0], [SLOW**2, 2.0 * 0.5 * SLOW, 1.0], 1.0 / base.robot.sample_time)
     data = braked_data(base, lambda strain: lfilter(*filtered, strain, axis=0))
     state = SearchState(data, base, 1, [
