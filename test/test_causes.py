@@ -125,7 +125,7 @@ def test_a_base_that_shifts_is_not_taken_for_one_that_turns() -> None:
                     0.1)
     found, _ = searched((), Data.of([record], SLOWEST, REFERENCE.sample_time),
                         ('base_sliding', 'base_compliance'),
-                        nominal_base(REFERENCE, 'assumed_modes', 3))
+                        nominal_base(REFERENCE, 'assumed_modes', 2))
     cause, = found.posterior.best.hypotheses
     assert cause.label == 'base_sliding:arm'
     assert found.posterior.best.values[0] == pytest.approx(1.0 / 612.0, rel=0.15)

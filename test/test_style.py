@@ -21,7 +21,7 @@ ROS_MODULES = ('msg_config.changes', 'msg_config.node_process', 'msg_config.ros'
                'flex_payload_estimator.nodes.topic_recorder')
 
 
-# Syntax trees hold few cycles: looking for them takes a fifth of the time. (mypy would begin again.)
+# Syntax trees hold few cycles: looking for them takes a fifth of the time. mypy would begin again.
 NO_CYCLES = 'import gc; gc.disable(); gc.enable = lambda: None; '
 FLAKE8 = f'{NO_CYCLES}from flake8.main.cli import main; raise SystemExit(main())'
 MYPY = f'{NO_CYCLES}from mypy.__main__ import console_entry; console_entry()'

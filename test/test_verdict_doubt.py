@@ -41,20 +41,17 @@ ROBOT = load_robot('reference')
 ASKED = ('strain_gain', 'strain_bias', 'link_stiffness')
 
 
-@pytest.mark.parametrize(('per_strain', 'verdict'), [(0.0, 'nothing_wrong'),
-                                                     (300.0, 'not_in_catalogue')])
-def test_a_gauge_that_is_not_linear_is_not_nothing(per_strain: float, verdict: str,
-                                                   tmp_path: Path) -> None:
+def test_a_gauge_that_is_not_linear_is_not_nothing(tmp_path: Path) -> None:
     """Its error is a law over its own strain, which no effect of the catalogue has."""
     made, answer = make_record(TruthCase(97, duration_s=24.0)), tmp_path / 'answer.json'
-    made.strain[:, 0] += per_strain * made.strain[:, 0]**2
+    made.strain[:, 0] += 300.0 * made.strain[:, 0]**2
     made.write_csv(tmp_path / 'log.csv')
     others = [f'--exclude={name}' for name in catalogue() if name not in ASKED]
-    assert main([str(tmp_path / 'log.csv'), '--jobs', '1', '--json', str(answer), *others]) == 0
+    assert main([str(tmp_path / 'log.csv'), '--jobs', '1', '--modes', '2',
+                 '--json', str(answer), *others]) == 0
     found = json.loads(answer.read_text())
-    assert found['verdict'] == verdict
-    assert ('strain 1a' in found['sentence']) == (verdict == 'not_in_catalogue')
-    assert (found['probabilities']['unknown'] > 0.9) == (verdict == 'not_in_catalogue')
+    assert found['verdict'] == 'not_in_catalogue'
+    assert 'strain 1a' in found['sentence'] and found['probabilities']['unknown'] > 0.9
     assert sum(p['probability'] for p in found['sets']) == pytest.approx(1.0, abs=0.02)
 
 
@@ -68,7 +65,8 @@ def test_a_gauge_that_hears_a_drive_is_not_nothing(share: float, verdict: str, t
     made.strain[:, 0] += share * heard * made.strain[:, 0].std() / heard.std()
     made.write_csv(tmp_path / 'log.csv')
     others = [f'--exclude={name}' for name in catalogue() if name not in ASKED]
-    assert main([str(tmp_path / 'log.csv'), '--jobs', '1', '--json', str(answer), *others]) == 0
+    assert main([str(tmp_path / 'log.csv'), '--jobs', '1', '--modes', '2',
+                 '--json', str(answer), *others]) == 0
     found = json.loads(answer.read_text())
     assert found['verdict'] == verdict
     assert (found['probabilities']['unknown'] > 0.8) == (verdict == 'not_in_catalogue')
