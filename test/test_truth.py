@@ -18,7 +18,15 @@ from truth.configuration import Arm, Joint, Link, reference_arm
 from truth.effects import CATALOGUE
 from truth.equations import acceleration
 from truth.full_elements import full_frequencies
-from truth.records import draw_case, HAVE_MUJOCO, make_record, MUJOCO, NO_MUJOCO, TruthCase
+from truth.records import (
+    build_arm,
+    draw_case,
+    HAVE_MUJOCO,
+    make_record,
+    MUJOCO,
+    NO_MUJOCO,
+    TruthCase,
+)
 from truth.simulation import energy, simulate
 from truth.tolerances import TOLD
 
@@ -181,6 +189,17 @@ def test_effect_of_clear_size_shows(name: str) -> None:
     assert np.all(np.isfinite(record.table))
     noise = np.array([ANGLE_NOISE] * 2 + [STRAIN_NOISE] * 4)
     assert (difference / noise).max() > 3.0
+
+
+def test_a_payload_changes_by_as_much_as_told_whatever_its_tolerance() -> None:
+    """On a Quanser arm of 10 % tolerance, a change by 2.5 g that no record shows was one by 15."""
+    case = TruthCase(5104, (('payload_change', {'time': 3.0, 'mass': 0.15, 'duration': 0.0}),),
+                     'quanser_2dsfl', payload_true=0.16, payload_told=0.16, spread=TOLD)
+    payload = build_arm(case).payload
+    assert abs(payload.mass - 0.16) > 1e-3
+    assert payload.mass_at(4.0) - payload.mass_at(2.0) == pytest.approx(-0.01)
+    lost = replace(case, effects=(('payload_change', {**case.effects[0][1], 'mass': 0.0}),))
+    assert build_arm(lost).payload.mass_at(4.0) > 0.0
 
 
 def test_backlash_stays_in_its_gap() -> None:

@@ -16,6 +16,7 @@ from truth.beam_elements import Array
 from truth.configuration import Arm, ROBOTS
 from truth.effects import CATALOGUE
 from truth.effects.hidden_effect import Parameters
+from truth.effects.payload import with_change_as_told
 from truth.excitation import set_points
 from truth.forms import FORMS
 from truth.sensors import amplifier_output, logged_angles, quantise, sensor_noise
@@ -104,6 +105,7 @@ def build_arm(case: TruthCase) -> Arm:
     arm = limit_excitation(arm, case)
     for name, parameters in (*case.effects, *case.distractors):
         arm = CATALOGUE[name].apply(arm, parameters)
+    arm = replace(arm, payload=with_change_as_told(arm.payload, case.payload_true))
     for form in case.forms:
         arm = FORMS[form](arm)
     if case.noise == 0.0:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from truth.configuration import Arm
+from truth.configuration import Arm, Payload
 from truth.effects.hidden_effect import HiddenEffect, Parameters
 
 # How a payload changes, by number.
@@ -53,6 +53,12 @@ def apply_change(arm: Arm, size: Parameters) -> Arm:
     return replace(arm, payload=replace(
         arm.payload, event_time=size['time'], event_mass=size['mass'],
         event_duration=size['duration']))
+
+
+def with_change_as_told(payload: Payload, told: float) -> Payload:
+    """Return a payload that changes by as much as one of the told mass, kg, is to."""
+    left = payload.event_mass + payload.mass - told
+    return replace(payload, event_mass=max(left, LEAST_LEFT * payload.mass))
 
 
 def draw_loose(rng: np.random.Generator, arm: Arm, severity: float) -> Parameters:
