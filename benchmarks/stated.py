@@ -33,7 +33,7 @@ from flex_plant_sim.diagnosis.likelihood.prior import (
 from flex_plant_sim.diagnosis.verdict.locked_part import PREDICTS_WORSE, WORSE_WHERE_NAMED
 from flex_plant_sim.effects import catalogue
 import numpy as np
-from run_bank import read_results
+from run_bank import read_results, RESULTS
 from scipy.optimize import minimize
 
 # What an answer says where something unnamed was found before the locked part was looked at.
@@ -146,9 +146,13 @@ def judged(path: Path) -> list[score.Line]:
 def main() -> int:
     """Print the odds, what the fit is worth, and the scores of other answers with them."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
-    parser.add_argument('results', type=Path, help='of calibration cases')
+    parser.add_argument('results', type=Path, nargs='?', default=RESULTS,
+                        help='of calibration cases')
     parser.add_argument('--score', type=Path, help='results of other cases')
     chosen = parser.parse_args()
+    if not chosen.results.is_file():
+        print(f'{chosen.results.name}: no such results; `make bank` writes them')
+        return 0
     lines = judged(chosen.results)
     some, weight = [claim for line in lines for claim in claims(line)], weights(lines)
     pair, (pairs, nats) = likeliest(some, weight), left_out(some, weight)

@@ -182,7 +182,7 @@ class ContractNode(RefusingNode, ABC):
         """Return what `make` makes of the parameters; an error names the node."""
         try:
             return make()
-        except InputError as error:
+        except REFUSED as error:
             name = self.get_name()
             self.destroy_node()
             raise InputError(f'{name}: {error}') from None

@@ -7,6 +7,7 @@ that the library has too are the same (test/test_msg_config.py).
 
 from __future__ import annotations
 
+import argparse
 from array import array
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -262,7 +263,11 @@ def page() -> str:
 
 def main() -> int:
     """Print the docs page, or with ``--yaml`` a ROS parameter file with the defaults."""
-    print(parameter_file() if '--yaml' in sys.argv[1:] else page(), end='')
+    options = argparse.ArgumentParser(
+        prog='python -m msg_config.parameters',
+        description='Print the page of the parameters, or with --yaml a parameter file.')
+    options.add_argument('--yaml', action='store_true', help='print a parameter file')
+    print(parameter_file() if options.parse_args().yaml else page(), end='')
     return 0
 
 

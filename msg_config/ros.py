@@ -172,7 +172,7 @@ class PayloadPublisher:
     """
     Publishes payload, payload/inertia and payload_stamped with the same stamp.
 
-    Other nodes wait for the first two. The third is sent after them, and only if it has
+    The controller waits for payload/inertia. The third is sent after both, and only if it has
     subscribers.
 
     Parameters

@@ -7,11 +7,13 @@ from collections.abc import Callable
 import json
 import os
 from pathlib import Path
+import re
 from typing import Any
 
 from flex_payload_estimator.tools import demo
 from flex_payload_estimator.tools.experiment import drawn_arm
 from flex_plant_sim.arm.robot_file import load_robot, robot_text
+from flex_plant_sim.commissioning.template import template
 from flex_plant_sim.logs.read import read_log
 from flex_plant_sim.tools import replay
 import numpy as np
@@ -102,6 +104,23 @@ def test_another_run_replaces_the_output_and_spares_what_is_not_a_demo_s(
         mine.write_text('years of work')
         assert demo.main([*options, mine.parent.name]) == 2
         assert mine.read_text() == 'years of work'
+    (tmp_path / 'again' / 'summary.json').write_text('{"sha256": []}')
+    assert demo.main([*options, 'again']) == 2
+
+
+@pytest.mark.ros
+def test_an_arm_that_sf1_cannot_take_has_a_demo_without_it(
+    domain_id: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(domain_id))
+    text = re.sub(r'gauge_positions_m: \[.*?\]', 'gauge_positions_m: []', template())
+    (tmp_path / 'bare.yaml').write_text(text)
+    assert demo.main(['--robot', str(tmp_path / 'bare.yaml'), '--duration', '0.1', '--figures',
+                      '--out', str(tmp_path / 'out')]) == 0
+    said = capfd.readouterr().out
+    assert 'sf1 is left out: modes: SF1 needs a gauge a mode' in said
+    assert 'sf1_paper is left out: ' in said and (tmp_path / 'out' / 'payload.png').exists()
 
 
 @pytest.mark.parametrize(('arguments', 'text'), [

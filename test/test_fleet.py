@@ -244,6 +244,15 @@ def test_workers_of_this_machine_are_none_of_a_scheduler_s(
     assert '--workers: expected none with --scheduler' in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(('again', 'code'), [(True, 75), (False, 2)])
+def test_logs_that_may_do_later_are_no_bad_input(
+        again: bool, code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    _log_at_rest(tmp_path / 'night' / '1.csv', 1, 20)
+    failed = Row('night', '1.csv', error='the worker died', again=again)
+    monkeypatch.setattr('flex_payload_estimator.tools.fleet.run', lambda *_: [failed])
+    assert fleet([str(tmp_path / 'night'), '--out', str(tmp_path / 'out')]) == code
+
+
 def test_a_strangers_folder_is_refused(tmp_path: Path) -> None:
     (tmp_path / 'thesis.txt').write_text('mine')
     with pytest.raises(InputError, match='expected an empty folder'):

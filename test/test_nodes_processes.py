@@ -53,6 +53,30 @@ def test_a_bad_parameter_is_one_line_with_code_2(
     assert len(own) == 1, error
 
 
+@pytest.mark.parametrize(('node', 'parameters', 'text'), [
+    ('payload_estimator', ('estimator:=sf1', 'modes:=2', 'payload_initial:=1.0'),
+     'payload_initial: expected at most the largest payload, 0.731976 kg, got 1'),
+    ('lqg_controller', ('model:=paper_reduced', 'payload_initial:=1000.0', 'q_2:=1e-12',
+                        'n_prime:=8'), 'the iteration does not settle')])
+def test_parameters_that_do_not_go_together_are_one_line_with_code_2(
+    domain_id: int, node: str, parameters: tuple[str, ...], text: str,
+) -> None:
+    process = start(domain_id, node, *parameters)
+    _, error = process.communicate(timeout=60.0)
+    assert process.returncode == 2, error
+    assert f'{node}: ' in error and text in error
+    assert len([line for line in error.splitlines() if '[rcl]' not in line]) == 1, error
+
+
+@pytest.mark.parametrize('asked', [(), ('estimator',)])
+def test_a_node_that_is_none_is_one_line_with_code_2(asked: tuple[str, ...]) -> None:
+    done = subprocess.run([sys.executable, '-m', PROGRAMS['payload_estimator'][0], *asked],
+                          text=True, capture_output=True, timeout=60.0)
+    assert done.returncode == 2
+    assert done.stderr == ('error: NODE: expected payload_estimator or lqg_controller, got '
+                           f'{asked[0] if asked else "none"}\n')
+
+
 @pytest.mark.parametrize(('argument', 'code', 'text'), [
     ('--robot', 2, '--robot: expected arguments of ROS alone, as --ros-args -p robot:=FILE'),
     ('robot:=my_arm.yaml', 2, 'robot:=my_arm.yaml: expected arguments of ROS alone'),

@@ -21,9 +21,6 @@ import numpy as np
 from numpy.typing import NDArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-# How the points are joined. Splines are linear where the points give positions only, cubic with
-# velocities, quintic with accelerations too (as joint_trajectory_controller does).
-SHAPES = ('spline', 'steps')
 # Samples between two points at which a spline is checked against the joints' limits.
 SAMPLES_PER_PIECE = 20
 
@@ -136,7 +133,9 @@ class ReferenceTrajectory:
             Time of the last measurement, s; None where none come, so that no stamp is judged by
             it.
         shape : str
-            One of SHAPES.
+            How the points are joined: spline or steps. Splines are linear where the points give
+            positions only, cubic with velocities, quintic with accelerations too (as
+            joint_trajectory_controller does).
 
         Raises
         ------

@@ -79,7 +79,11 @@ class KalmanPredictor:
 def predicted(state: Array, covariance: Array, a_bar: Array, b_bar: Array, command: Array,
               output: Array, columns: Array, measured: Array, heard: bool, process: Array,
               measurement: Array, step: float) -> tuple[Array, Array, Array]:
-    """Return x, P and K-bar one sample on, see KalmanPredictor; `columns` is C', contiguous."""
+    """
+    Return x (n,), P (n, n) and K-bar (n, m) one sample of `step` s on, see KalmanPredictor.
+
+    `columns` is C', contiguous, (n, m).
+    """
     change = np.dot(a_bar, state) + np.dot(b_bar, command)
     gain = np.zeros_like(output)
     if heard:
@@ -94,7 +98,11 @@ def predicted(state: Array, covariance: Array, a_bar: Array, b_bar: Array, comma
 @compiled
 def explained(state: Array, covariance: Array, output: Array, measured: Array, noise: Array,
               gate: float, least: float) -> bool:
-    """Return whether e_i^2 <= gate^2 (C P C' + R_2)_ii for all i; `noise` is R_2's diagonal."""
+    """
+    Return whether e_i^2 <= gate^2 (C P C' + R_2)_ii for all i.
+
+    `noise` is R_2's diagonal, (m,); `least` the least of these variances.
+    """
     innovation, projected = measured - np.dot(output, state), np.dot(output, covariance)
     for i in range(len(innovation)):
         variance = max(np.dot(projected[i], output[i]) + noise[i], least)

@@ -97,7 +97,11 @@ def riccati_step(a: Array, b: Array, q_1: Array, q_2: Array, s: Array,
 
 @compiled
 def lyapunov_step(a: Array, q_1: Array, s: Array, step: float) -> Array:
-    """Return S+ = S + T (S A + A' S + T A' S A + Q_1): an iteration without an input."""
+    """
+    Return S+ = S + T (S A + A' S + T A' S A + Q_1): an iteration without an input.
+
+    All are (n, n); `step` is T, s.
+    """
     half, found = np.dot(s, a), s.copy()
     add_matrix(half, 0.5 * step, np.dot(a.T, half))
     add_matrix(half, 0.5, q_1)
@@ -107,7 +111,9 @@ def lyapunov_step(a: Array, q_1: Array, s: Array, step: float) -> Array:
 
 def settled(a: Array, b: Array, q_1: Array, q_2: Array, step: float) -> tuple[Array, Array]:
     """
-    Return the gain and the S to which the iteration tends, see `settled_cost`.
+    Return the gain (m, n) and the S (n, n) to which the iteration tends, see `settled_cost`.
+
+    Of A (n, n), B (n, m), Q_1 (n, n), Q_2 (m, m); `step` is T, s.
 
     Raises
     ------

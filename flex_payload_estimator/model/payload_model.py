@@ -117,7 +117,7 @@ class ReducedModel:
                                for part in CompactTerms.of(compact.at_cosine(cosine))[:7]])
 
     def matrices(self, cosine: float, mass: float) -> tuple[Array, Array]:
-        """Return A and B at cos(theta_2) and m_p, kg."""
+        """Return A (n_x, n_x) and B (n_x, 2) at cos(theta_2) and m_p, kg."""
         return compact_state(terms_at(float(cosine), *self.tables), mass)
 
 
@@ -142,13 +142,13 @@ class SecondOrderModel:
         self.radius = _radius(self)
 
     def matrices(self, cosine: float, mass: float) -> tuple[Array, Array]:
-        """Return A and B at cos(theta_2) and m_p, kg."""
+        """Return A (n_x, n_x) and B (n_x, 2) at cos(theta_2) and m_p, kg."""
         return second_order_state(self.tables[0], self._order, float(cosine), float(mass))
 
 
 def end_point_row(rows: KinematicRows) -> Array:
     """
-    Return the row that gives theta_2e, the angle of the forearm at its end-point, from p.
+    Return the row that gives theta_2e, rad, the forearm's angle at its end-point, from p, (n,).
 
     The paper writes b and e for the beginning and end of a link: theta_1e = theta_b1 +
     sum phi_1'(L_1) q_1, theta_b2 = theta_1e + theta_2, (54). So theta_2e = theta_b2 +

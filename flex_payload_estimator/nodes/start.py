@@ -16,4 +16,10 @@ def lqg_controller() -> None:
 
 
 if __name__ == '__main__':
-    {'payload_estimator': payload_estimator, 'lqg_controller': lqg_controller}[sys.argv.pop(1)]()
+    NODES = {'payload_estimator': payload_estimator, 'lqg_controller': lqg_controller}
+    asked = sys.argv[1] if len(sys.argv) > 1 else 'none'
+    if asked not in NODES:
+        sys.stderr.write(f'error: NODE: expected {" or ".join(NODES)}, got {asked}\n')
+        sys.exit(2)
+    del sys.argv[1]
+    NODES[asked]()

@@ -294,8 +294,10 @@ def _demo(arguments: Sequence[str] | None) -> None:
         took = time.monotonic() - begin
         print(f'{experiment.duration:g} s of data in {took:.1f} s over topics; the other '
               f'estimators on the same samples, writing {options.out} …', flush=True)
-        runs = run_estimators(record, load_robot(options.robot), {
+        runs, left_out = run_estimators(record, load_robot(options.robot), {
             options.estimator: (options.model, options.modes)})
+        for reason in left_out:
+            print(reason, flush=True)
         write_output(experiment, record, folder, tuple(options.figures), runs)
         words = closing_words(experiment, record, runs, options)
     print(words)

@@ -44,7 +44,8 @@ def _foreign(folder: Path) -> str:
     try:
         known = json.loads((folder / SUMMARY).read_bytes())[DIGESTS]
     except (OSError, ValueError, LookupError, TypeError):
-        known = {}
+        known = None
+    known = known if isinstance(known, dict) else {}
     return next((name for name, digest in digests(folder).items()
                  if known.get(name) != digest), '')
 

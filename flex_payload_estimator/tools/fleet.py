@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Sequence
 from contextlib import closing, nullcontext
 from dataclasses import replace
+import errno
 from hashlib import sha256
 import os
 from pathlib import Path
@@ -132,7 +133,9 @@ def _main(arguments: argparse.Namespace) -> None:
     print(f'{len(rows)} logs of {len({row.arm for row in rows})} arms, {failed} with errors: '
           + ', '.join(str(out / name) for name in written))
     if failed == len(rows):
-        raise InputError(f'{rows[0].log}: {rows[0].error}')
+        # What another start may do is the machine's fault, not that of the logs.
+        passing = BlockingIOError(errno.EAGAIN, '') if all(row.again for row in rows) else None
+        raise InputError(f'{rows[0].log}: {rows[0].error}') from passing
 
 
 def main(argv: Sequence[str] | None = None) -> int:

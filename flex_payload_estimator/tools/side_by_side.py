@@ -16,6 +16,7 @@ from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.interval import Z95
 from matplotlib.figure import Figure
+from msg_config.errors import InputError
 import numpy as np
 
 DESCRIPTIONS = {
@@ -50,9 +51,9 @@ class EstimatorRun:
 
 
 def run_estimators(record: LoopRecord, robot: Robot, chosen: Mapping[str, tuple[str, int]]
-                   ) -> list[EstimatorRun]:
+                   ) -> tuple[list[EstimatorRun], list[str]]:
     """
-    Return the estimates of all three estimators on the samples of a record.
+    Return the estimates of all three estimators on a record; and why any is left out.
 
     `rpe` has RPE_MODES per link, SF1 as many as there are gauges on a link; `sf1_paper` has the
     paper's reduced model.
@@ -67,10 +68,16 @@ def run_estimators(record: LoopRecord, robot: Robot, chosen: Mapping[str, tuple[
         Model and modes per link of estimators, by name, that are to differ from these.
 
     """
-    gauges = min(len(link.gauge_positions) for link in robot.links)
+    gauges = max(1, min(len(link.gauge_positions) for link in robot.links))
     usual = {'sf1_paper': ('paper_reduced', gauges), 'sf1': ('assumed_modes', gauges),
              'rpe': ('assumed_modes', RPE_MODES)}
-    return [_run(record, robot, name, *chosen.get(name, usual[name])) for name in DESCRIPTIONS]
+    runs, left_out = list[EstimatorRun](), list[str]()
+    for name in DESCRIPTIONS:
+        try:
+            runs.append(_run(record, robot, name, *chosen.get(name, usual[name])))
+        except InputError as error:
+            left_out.append(f'{name} is left out: {error}')
+    return runs, left_out
 
 
 def _run(record: LoopRecord, robot: Robot, name: str, model: str, modes: int) -> EstimatorRun:
@@ -108,7 +115,7 @@ def _overconfidence(run: EstimatorRun, k: int, true: float) -> str:
 def draw_runs(record: LoopRecord, runs: Sequence[EstimatorRun], path: Path) -> None:
     """Write a picture: per estimator estimate, 95 % interval and truth; dotted where not `ok`."""
     figure = Figure(figsize=(10.0, 3.6), layout='constrained')
-    panels = figure.subplots(1, len(runs), sharex=True, sharey=True)
+    panels = figure.subplots(1, len(runs), sharex=True, sharey=True, squeeze=False)[0]
     top = 2.5 * max(float(record.true_mass.max()), 1e-3)
     for axes, run in zip(panels, runs):
         half = Z95 * run.std

@@ -65,7 +65,7 @@ class Beam:
     @classmethod
     def with_modes(cls, length: float, mass_per_length: float,
                    bending_stiffness: float, n: int) -> Beam:
-        """Return the beam with its first n modes."""
+        """Return the beam of a length, m, kg/m and E I, N m^2, with its first n modes."""
         return cls(length, mass_per_length, bending_stiffness, frequency_roots(n))
 
     @property

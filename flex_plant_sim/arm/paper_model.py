@@ -174,7 +174,7 @@ class CompactModel:
     """
 
     def __init__(self, robot: Robot, modes: int, sign: Sign = 'corrected'):
-        self.robot, self.modes, self.sign = robot, modes, sign
+        self.modes = modes
         self.form = paper_model(robot, modes, sign)
         damping = np.array([drive.damping for drive in robot.drives])
         if not np.all(damping > 0.0):

@@ -17,7 +17,7 @@ from flex_plant_sim.arm.robot_file import load_robot
 
 
 def _mass(robot: Robot, site: str) -> float:
-    return sum(link.mass for link in robot.links) + robot.elbow_mass
+    return robot.moved_mass
 
 
 def _reach(robot: Robot, site: str) -> float:

@@ -85,11 +85,6 @@ class Synchroniser:
     slop : int
         Largest difference of their stamps from that of the first part, ns; see slop_of.
 
-    Attributes
-    ----------
-    lost : int
-        Messages dropped since clear(), because another part of their sample never came.
-
     """
 
     def __init__(self, parts: Sequence[str], slop: int):
@@ -102,7 +97,6 @@ class Synchroniser:
         self._offsets: dict[str, deque[int]] = {
             part: deque(maxlen=OFFSETS) for part in self._parts[1:]}
         self._paired: deque[int] = deque(maxlen=OFFSETS)
-        self.lost = 0
 
     def add(self, part: str, stamp: int, value: Any) -> PairedSample | None:
         """Return the sample that this part, with its stamp in ns, completes, or None."""
@@ -113,7 +107,6 @@ class Synchroniser:
         found = None if reference is None else self._complete(reference)
         if found is None and len(own.queue) > PENDING:
             own.queue.popleft()
-            self.lost += 1
         return found
 
     def _reference(self, part: str, stamp: int) -> int | None:
@@ -150,7 +143,6 @@ class Synchroniser:
             if at == stamp:
                 break
             dropped.append(value)
-        self.lost += len(dropped)
         return dropped
 
     def interval(self, part: str = '') -> float:

@@ -100,7 +100,7 @@ class ExtendedArm:
         return Schedule.of(self.plant, self.nodes, self.step_time)
 
     def matrices(self, cosine: float, payload: float) -> tuple[Array, Array, Array]:
-        """Return F, G, E at one operating point, discretised exactly (no interpolation)."""
+        """Return F (n, n), G (n, 2), E (n, N) at cos(theta_2) and kg, exactly discretised."""
         plant = self._plant(cosine, payload)
         inputs = np.concatenate([plant.b, plant.e], axis=-1)
         f, g = zero_order_hold(plant.a, inputs, self.step_time)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
+from flex_payload_estimator.estimators.base import largest_payload
 from flex_payload_estimator.model.delta import TERMS
 from flex_plant_sim.arm.robot import Robot
 from msg_config.errors import InputError
@@ -133,8 +134,8 @@ def check_usable(robot: Robot, model: str, modes: int, settings: SF1EstimatorSet
     Raises
     ------
     InputError
-        More modes than gauges on a link, or regression 'paper' on another model than
-        'paper_reduced'.
+        More modes than gauges on a link, a payload at the start beyond the largest, or
+        regression 'paper' on another model than 'paper_reduced'.
 
     """
     if settings.regression == 'paper' and model != 'paper_reduced':
@@ -144,3 +145,7 @@ def check_usable(robot: Robot, model: str, modes: int, settings: SF1EstimatorSet
     if modes > gauges:
         raise InputError(f'modes: SF1 needs a gauge a mode on each link, expected at most '
                          f'{gauges}, got {modes}; estimator rpe needs none')
+    most = largest_payload(robot, settings.payload_max)
+    if settings.sf1.mass_0 > most:
+        raise InputError(f'payload_initial: expected at most the largest payload, {most:g} kg, '
+                         f'got {settings.sf1.mass_0:g}')

@@ -64,7 +64,7 @@ class SufficientStatistics:
         return self.prior.working_width(self.offsets)
 
     def weighted_products(self, error_scale: Array, temper: float = TEMPER) -> Array:
-        """Return the products summed over channels, each divided by its variance."""
+        """Return the products (a, a) summed over channels, each over its error scale squared."""
         return np.asarray(np.tensordot(1.0 / (temper * error_scale**2), self.products, 1),
                           dtype=float)
 
