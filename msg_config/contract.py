@@ -109,3 +109,39 @@ def load_services() -> Mapping[str, Service]:
     """Return every service of the contract by its private name."""
     services = _contract()['services']
     return MappingProxyType({name: Service(name, **entry) for name, entry in services.items()})
+
+
+HEAD = """# Topics and services
+
+Made by `python -m msg_config.contract` from `msg_config/topics.yaml`, which all nodes and the bag
+reader load. Names are relative to a node's namespace unless they start with a slash. SI units,
+radians, axes of REP 103. Of the quality of service: reliability, depth.
+
+"""
+
+
+def _qos_text(qos: Qos) -> str:
+    kept = ', transient local' if qos.durability == 'transient_local' else ''
+    return f'{qos.reliability.replace("_", " ")}, {qos.depth}{kept}'
+
+
+def _topic_row(topic: Topic) -> str:
+    fields = '; '.join(f'`{name}`: {field.meaning}' + (
+        f', {field.unit}' if field.unit != '-' else '') for name, field in topic.fields.items())
+    heard = ' One publisher is heard, the first.' if topic.exclusive else ''
+    return (f'| `{topic.name}` | {topic.type} | {topic.description}{heard} | {fields} '
+            f'| {_qos_text(topic.qos)} | {_qos_text(topic.subscribe)} |')
+
+
+def page() -> str:
+    """Return the docs page of the topics and services, Markdown."""
+    topics = ['| topic | type | what it is | fields | published | subscribed |',
+              '|---|---|---|---|---|---|', *map(_topic_row, load_topics().values())]
+    services = ['| service | type | what it does |', '|---|---|---|', *(
+        f'| `{service.name}` | {service.type} | {service.description} |'
+        for service in load_services().values())]
+    return HEAD + '\n'.join([*topics, '', *services, ''])
+
+
+if __name__ == '__main__':
+    print(page(), end='')

@@ -11,6 +11,7 @@ from typing import Any, TYPE_CHECKING
 
 from flex_plant_sim.arm.file_section import PLAUSIBLE
 from flex_plant_sim.tools.command_line import LARGEST_MASS
+from msg_config import contract
 from msg_config.contract import load_services, load_topics
 from msg_config.errors import InputError
 from msg_config.parameters import (
@@ -175,8 +176,9 @@ def test_an_unknown_parameter_is_named_with_those_that_exist() -> None:
         check_parameters('plant_sim', {'mass': 0.1})
 
 
-def test_the_docs_hold_exactly_the_table(repository: Path) -> None:
-    assert page() == (repository / 'docs/parameters.md').read_text(encoding='utf-8')
+def test_the_docs_hold_exactly_the_tables(repository: Path) -> None:
+    for name, made in (('parameters', page()), ('topics', contract.page())):
+        assert made == (repository / f'docs/{name}.md').read_text(encoding='utf-8')
 
 
 def _node(context: Context, name: str, **overrides: Any) -> Any:

@@ -235,7 +235,7 @@ def closing_words(experiment: Experiment, record: LoopRecord, runs: Sequence[Est
 true payload {record.true_mass[-1]:g} kg; the forearm bent by up to \
 {largest_bend_percent(experiment, record):.1f} % of its length
 {runs_table(record, runs)}
-look at   {out}/{PICTURE}   the three side by side
+look at   {out}/{PICTURE}   the estimators side by side
 {figure_words(options)}\
           {out}/run.csv, {out}/run_mcap   the run as CSV and as a bag (MCAP)
 next      {here}flex_estimate {out}/run.csv{same} --estimator {options.estimator}
