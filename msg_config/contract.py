@@ -125,22 +125,22 @@ def _qos_text(qos: Qos) -> str:
     return f'{qos.reliability.replace("_", " ")}, {qos.depth}{kept}'
 
 
-def _topic_row(topic: Topic) -> str:
-    fields = '; '.join(f'`{name}`: {field.meaning}' + (
-        f', {field.unit}' if field.unit != '-' else '') for name, field in topic.fields.items())
+def _section(topic: Topic) -> str:
     heard = ' One publisher is heard, the first.' if topic.exclusive else ''
-    return (f'| `{topic.name}` | {topic.type} | {topic.description}{heard} | {fields} '
-            f'| {_qos_text(topic.qos)} | {_qos_text(topic.subscribe)} |')
+    rows = (f'| `{name}` | {field.meaning} | {field.unit if field.unit != "-" else ""} |'
+            for name, field in topic.fields.items())
+    return '\n'.join([
+        f'## {topic.name}', '', f'`{topic.type}`. {topic.description}{heard}',
+        f'Published {_qos_text(topic.qos)}; subscribed {_qos_text(topic.subscribe)}.', '',
+        '| field | meaning | unit |', '|---|---|---|', *rows, '', ''])
 
 
 def page() -> str:
     """Return the docs page of the topics and services, Markdown."""
-    topics = ['| topic | type | what it is | fields | published | subscribed |',
-              '|---|---|---|---|---|---|', *map(_topic_row, load_topics().values())]
-    services = ['| service | type | what it does |', '|---|---|---|', *(
-        f'| `{service.name}` | {service.type} | {service.description} |'
-        for service in load_services().values())]
-    return HEAD + '\n'.join([*topics, '', *services, ''])
+    rows = (f'| `{service.name}` | `{service.type}` | {service.description} |\n'
+            for service in load_services().values())
+    services = '## Services\n\n| service | type | what it does |\n|---|---|---|\n'
+    return ''.join([HEAD, *map(_section, load_topics().values()), services, *rows])
 
 
 if __name__ == '__main__':
