@@ -39,7 +39,9 @@ class ReferenceTrajectory:
     points : Array
         Position, velocity and acceleration at each time, rad, rad/s, rad/s^2, (N, 3, 2).
     order : int
-        Highest derivative that is continuous: 0 linear, 1 cubic, 2 quintic; -1 steps.
+        Highest derivative that is continuous: 0 linear, where points give positions only; 1
+        cubic, with velocities; 2 quintic, with accelerations too (as joint_trajectory_controller
+        does); -1 steps.
 
     """
 
@@ -133,9 +135,7 @@ class ReferenceTrajectory:
             Time of the last measurement, s; None where none come, so that no stamp is judged by
             it.
         shape : str
-            How the points are joined: spline or steps. Splines are linear where the points give
-            positions only, cubic with velocities, quintic with accelerations too (as
-            joint_trajectory_controller does).
+            How the points are joined: spline or steps.
 
         Raises
         ------
