@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from flex_plant_sim.arm.robot_file import load_robot
 from flex_plant_sim.diagnosis.causes.gauss_newton import GaussNewton
-from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses, CauseSet
+from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses, CauseSet, Hypothesis
 from flex_plant_sim.diagnosis.causes.posterior import SetKey
 from flex_plant_sim.diagnosis.causes.search import search, SearchResult
 from flex_plant_sim.diagnosis.likelihood.evidence import detectable_size
@@ -16,7 +16,12 @@ from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
 from flex_plant_sim.diagnosis.record.data import Data
 from flex_plant_sim.diagnosis.record.windows import Record
-from flex_plant_sim.diagnosis.verdict.detection import CLOSE, detection_limits, visible_size
+from flex_plant_sim.diagnosis.verdict.detection import (
+    CLOSE,
+    detection_limits,
+    is_steep,
+    visible_size,
+)
 from flex_plant_sim.diagnosis.verdict.results import DetectionLimit
 from flex_plant_sim.diagnosis.verdict.verdict import nominal_base, slowest_frequency
 from flex_plant_sim.effects import catalogue
@@ -268,6 +273,25 @@ def test_a_limit_is_that_of_the_side_of_null_that_is_harder_to_see(
             assert limit.value == pytest.approx(faint[label].value, rel=CLOSE)
             assert limit.easiest == pytest.approx(clear[label].value, rel=CLOSE)
             assert limit.value > 2.0 * limit.easiest
+
+
+def test_where_information_hardly_depends_on_the_size_one_probe_gives_the_limit(
+        clean: tuple[SearchResult, Data]) -> None:
+    _, data = clean
+    found, _ = searched((), data, ('strain_crosstalk', 'actuator_saturation'))
+    probed: list[str] = []
+
+    def information(hypothesis: Hypothesis, deviation: float) -> float:
+        probed.append(hypothesis.label)
+        return found.information(hypothesis, deviation)
+
+    crosstalk, saturation = (
+        next(p for p in found.proposals if p.hypothesis.label == label)
+        for label in ('strain_crosstalk:strain_1a', 'actuator_saturation:joint_1'))
+    detection_limits([crosstalk, saturation], REFERENCE, data.duration, information)
+    assert probed.count('strain_crosstalk:strain_1a') == 1
+    assert probed.count('actuator_saturation:joint_1') > 1
+    assert is_steep(saturation) and not is_steep(crosstalk)
 
 
 def test_no_limit_is_stated_where_no_size_shows() -> None:

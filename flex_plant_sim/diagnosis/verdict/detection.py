@@ -12,7 +12,7 @@ import math
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.diagnosis.causes.hypothesis import Hypothesis
-from flex_plant_sim.diagnosis.causes.proposal import Proposal
+from flex_plant_sim.diagnosis.causes.proposal import Proposal, ROUNDING
 from flex_plant_sim.diagnosis.likelihood.evidence import detectable_size
 from flex_plant_sim.diagnosis.likelihood.prior import factors_on_parts, log_prior_odds
 from flex_plant_sim.diagnosis.pool import attempt, each
@@ -20,10 +20,14 @@ from flex_plant_sim.diagnosis.verdict.results import DetectionLimit
 from flex_plant_sim.effects.base import Parameter
 import numpy as np
 
-# Sizes probed at most, and the relative change of a limit at which it is close enough. (Limits of
-# two bench records then err by 0.3 % on average, by 9 % at most; noise moves the gain at a limit,
-# at least 5 nats, by the root of twice as many, thus the size by 30 %.)
+# Sizes probed at most, and the relative error of a limit at which it is close enough: noise moves
+# the gain at a limit, at least 5 nats, by the root of twice as many, thus the size by 30 %.
 MAX_PROBES, CLOSE = 10, 0.1
+# Elasticity of what is needed over the size of an effect that is not steep: what is needed then
+# changes by CLOSE where the size does by CLOSE / ELASTICITY. (Between sizes probed for two bench
+# records it was 0.25 at most; of friction and saturation 2.4, and beyond all bounds. Limits of
+# these records err by 1.3 % in the root mean square, by 9 % at most.)
+ELASTICITY = 0.25
 # Largest factor from one probed size to the next: further off, its information tells little.
 STRIDE = 10.0
 # Of an effect that is not linear, share of the smallest probed size below which none is asked
@@ -95,6 +99,7 @@ def _limits(proposal: Proposal, robot: Robot, duration: float, information: Info
     one, width = hypothesis.parameters[k], float(prior.width[k])
     guess = first_guess(proposal, width, price)
     least = 0.0 if hypothesis.effect.linear else LEAST_SHARE * proposal.probed_sizes[0]
+    close = CLOSE if is_steep(proposal) else CLOSE / ELASTICITY
     sides = dict.fromkeys(math.copysign(1.0, d[k]) for d in hypothesis.probe_deviations())
 
     # Of a factor on a part, no record has more information than the part's prior lacks.
@@ -109,12 +114,19 @@ def _limits(proposal: Proposal, robot: Robot, duration: float, information: Info
     found: list[float] = []
     for side in sides:
         room = one.high - one.null if side > 0.0 else one.null - one.low
-        size = visible_size(partial(needed, side), found[0] if found else guess, room, least)
+        size = visible_size(partial(needed, side), found[0] if found else guess, room, least,
+                            close)
         if size < math.inf:
             found.append(size)
             if hypothesis.effect.linear:
                 break
     return found or [math.inf]
+
+
+def is_steep(proposal: Proposal) -> bool:
+    """Tell whether the information on a size may rise steeply: a contact, a command's limit."""
+    known = proposal.information
+    return bool(proposal.hypothesis.effect.contact or np.min(known) < ROUNDING * np.max(known))
 
 
 def first_guess(proposal: Proposal, width: float, price: float) -> float:
@@ -123,8 +135,8 @@ def first_guess(proposal: Proposal, width: float, price: float) -> float:
     return next(filter(math.isfinite, guesses), float(proposal.probed_sizes[-1]))
 
 
-def visible_size(needed: Callable[[float], float], guess: float, most: float, least: float = 0.0
-                 ) -> float:
+def visible_size(needed: Callable[[float], float], guess: float, most: float, least: float = 0.0,
+                 close: float = CLOSE) -> float:
     """
     Return the least size that is as large as what is needed, by its own information, to show.
 
@@ -141,6 +153,8 @@ def visible_size(needed: Callable[[float], float], guess: float, most: float, le
         The largest size; where that does not show, inf is returned.
     least : float
         The smallest size to ask about; where that shows, it is returned.
+    close : float
+        Relative change of a size from which on what it needs is the limit.
 
     """
     hidden, visible, size = 0.0, math.inf, min(max(guess, least), most)
@@ -150,8 +164,8 @@ def visible_size(needed: Callable[[float], float], guess: float, most: float, le
             visible = size
         else:
             hidden = size
-        if abs(enough - size) <= CLOSE * size:
-            return enough if enough <= most else math.inf
+        if abs(enough - size) <= close * size:
+            return max(enough, least) if enough <= most else math.inf
         if visible <= least or (visible < math.inf and visible - hidden <= CLOSE * visible):
             return visible
         if hidden >= most:
