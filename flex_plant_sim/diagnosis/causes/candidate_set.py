@@ -68,11 +68,11 @@ class CandidateSet:
         return frozenset(h.label for h in self.hypotheses)
 
     def without(self, index: int) -> CandidateSet:
-        """Return the set without one of its causes."""
+        """Return the set without one of its causes, the parts where they are."""
         values = CauseSet(self.hypotheses, 1.0).split(self.starts[0])
         rest = [value for k, value in enumerate(values) if k != index]
         return CandidateSet(self.hypotheses[:index] + self.hypotheses[index + 1:],
-                            (np.concatenate([np.zeros(0), *rest]),))
+                            (np.concatenate([np.zeros(0), *rest]),), self.deviations)
 
     def with_proposal(self, proposal: Proposal) -> CandidateSet:
         """Return the set with the proposed cause added, to start from the proposal's starts."""

@@ -52,6 +52,11 @@ class SetKey:
         """Return the key of the same set without an unknown remainder."""
         return replace(self, discrepancy=replace(self.discrepancy, remainder=False))
 
+    def without(self, label: str) -> SetKey:
+        """Return the key of the set without one of its causes."""
+        return replace(self, labels=self.labels - {label},
+                       fixed=frozenset(item for item in self.fixed if item[0] != label))
+
 
 def is_unknown(fit: Fit, nominal: BaseModel) -> bool:
     """Tell whether something unknown belongs to a set."""

@@ -75,6 +75,26 @@ def refine_alternatives(state: SearchState, best: RefinedFit, centre: RefinedFit
     refine_contenders(state, tuple(alternatives.values()), posterior.best, centre)
 
 
+def refine_without_each_cause(state: SearchState, centre: RefinedFit) -> None:
+    """
+    Refine the leading sets without each of their causes, from their own values and parts.
+
+    Refined from elsewhere, the smaller set may have ended in another optimum; a cause that does
+    nothing then gains by its parts alone. (Beside a base that slides, a filter of 0.000 s gained
+    3 nats, which were 5 less than nothing.)
+    """
+    leading = state.posterior().fits[:MAX_REFINED_AT_ONCE]
+    least = state.score(leading[0]) - state.score_margin(leading[0], centre, MAX_DEFICIT)
+
+    def may_lead(fit: Fit, label: str) -> bool:
+        key = SetKey.of(fit).without_remainder
+        known = state.refined.get(key.without(label))
+        return key in state.refined and known is not None and state.score(known.fit) > least
+
+    state.refine_smaller([(fit, k) for fit in leading for k, cause in enumerate(fit.hypotheses)
+                          if may_lead(fit, cause.label)])
+
+
 def refine_contenders(state: SearchState, fits: Sequence[Fit], best: Fit, centre: RefinedFit
                       ) -> None:
     """Refine those of some interpreted fits, around a centre, that may be the most probable."""

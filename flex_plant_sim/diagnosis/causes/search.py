@@ -34,6 +34,7 @@ from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit
 from flex_plant_sim.diagnosis.causes.refinement import (
     refine_alternatives,
     refine_leading,
+    refine_without_each_cause,
     try_far_parts,
     try_laws,
 )
@@ -131,6 +132,7 @@ def _explored(state: SearchState, nothing: RefinedFit, best: RefinedFit
             continue
         if SetKey.of(best.fit) in found:
             refine_alternatives(state, best, nothing)
+            refine_without_each_cause(state, nothing)
             best = state.best
         if SetKey.of(best.fit) in found:
             state.progress('unknown', 0.9)

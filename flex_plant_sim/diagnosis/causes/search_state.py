@@ -106,6 +106,18 @@ class SearchState:
                                               fit.error_scale), fits, self.jobs,
                     lambda share: self.progress('linearising the leading', 0.9))
 
+    def refine_smaller(self, smaller: Sequence[tuple[Fit, int]]) -> None:
+        """Refine fits without one of their causes in parallel, from their values and parts."""
+        def refined(what: tuple[Fit, int]) -> RefinedFit:
+            fit, index = what
+            discrepancy = replace(fit.discrepancy, remainder=False)
+            return self._refined(CandidateSet.of(fit).without(index), discrepancy,
+                                 fit.error_scale)
+
+        for found in each(refined, smaller, self.jobs,
+                          lambda share: self.progress('linearising the leading', 0.9)):
+            self._keep(found)
+
     def refine_to_the_end(self, candidates: Sequence[CandidateSet]) -> None:
         """Refine sets in parallel, whatever they seem worth on the way, and keep the results."""
         def refined(candidate: CandidateSet) -> RefinedFit:
