@@ -179,7 +179,8 @@ def test_nothing_is_left_where_nothing_can_be_written(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(('worse', 'verdict', 'said'), [
     (True, 'cause', 'extended robot: not written, as it predicts the locked part worse than'),
-    (True, 'nothing_wrong', 'extended robot: not written'),
+    (True, 'nothing_wrong', 'extended robot: not written, as reference predicts the locked part '
+                            'better as it is\n'),
     (False, 'cause', 'extended robot: {file}\n'),
     (False, 'nothing_wrong', 'extended robot: {file}, with the parts as estimated and no cause')])
 def test_no_robot_is_written_that_predicts_worse(

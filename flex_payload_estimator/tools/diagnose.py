@@ -225,8 +225,10 @@ def _main(arguments: argparse.Namespace) -> None:
 
 def _write_extended(arguments: argparse.Namespace, robot: Robot, found: Findings) -> None:
     if predicts_worse(found.gains):
-        print('extended robot: not written, as it predicts the locked part worse than '
-              f'{arguments.robot}')
+        print('extended robot: not written, as ' + (
+            f'{arguments.robot} predicts the locked part better as it is'
+            if found.diagnosis.moves_parts_alone else
+            f'it predicts the locked part worse than {arguments.robot}'))
         return
     write_extended(arguments.extended, arguments.robot, robot, found.extended.effects)
     alone = ', with the parts as estimated and no cause' * found.diagnosis.moves_parts_alone
