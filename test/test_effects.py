@@ -31,7 +31,7 @@ DESIGNED = """
     strain_gain strain_crosstalk strain_filter strain_delay link_stiffness modal_damping air_drag
     clamp_compliance base_tilt base_compliance coriolis_centripetal modal_truncation hub_inertia
     payload_mass payload_inertia payload_change loose_payload drive_bandwidth presliding_friction
-    base_sliding angle_delay payload_offset""".split()
+    base_sliding angle_delay payload_offset payload_beside""".split()
 # Inside a short test record, and a gauge other than the last one.
 WITHIN = {'time_s': 0.2, 'source': 1.0, 'duration_s': 0.1}
 TIME = np.arange(60) * ROBOT.sample_time

@@ -25,6 +25,7 @@ from truth.records import (
     make_record,
     MUJOCO,
     NO_MUJOCO,
+    OF_MUJOCO_ALONE,
     TruthCase,
 )
 from truth.simulation import energy, simulate
@@ -177,7 +178,7 @@ def test_effect_of_no_size_is_no_effect(name: str) -> None:
     assert make_record(case).table == pytest.approx(clean.table, abs=1e-9)
 
 
-@pytest.mark.parametrize('name', sorted(set(CATALOGUE) - {'base_sliding'}))  # MuJoCo's alone
+@pytest.mark.parametrize('name', sorted(set(CATALOGUE) - set(OF_MUJOCO_ALONE)))
 def test_effect_of_clear_size_shows(name: str) -> None:
     """At its clear size an effect moves some channel, under the same command, by over 3 sigma."""
     duration = 30.0 if name == 'payload_change' else 6.0

@@ -238,6 +238,7 @@ _SAID: dict[str, Said] = {
     'payload_mass': _payload_mass,
     'payload_inertia': _for_arm('inertia', 'inertia_kg_m2'),
     'payload_offset': _for_arm('beyond', 'offset_m'),
+    'payload_beside': _for_arm('beside', 'beside_m'),
     'payload_change': _payload_change,
     'loose_payload': _loose,
 }

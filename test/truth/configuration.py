@@ -101,7 +101,8 @@ class Payload:
     """
     The payload: mass kg, rotary inertia kg m^2, an event, a loose mounting.
 
-    Its centre is `beyond_tip` m farther out than the lower link ends.
+    Its centre is `beyond_tip` m farther out than the lower link ends, and `beside_tip` m beside it
+    on the side of positive angles.
 
     From `event_time` s on (over `event_duration` s, 0 for a step) the mass becomes `event_mass`.
     With a `leak` s what is left to change falls by the factor e in that time instead.
@@ -119,6 +120,7 @@ class Payload:
     loose_share: float = 1.0
     leak: float = 0.0
     beyond_tip: float = 0.0
+    beside_tip: float = 0.0
 
     def mass_at(self, time: float) -> float:
         """Return the mass at `time` s, kg."""

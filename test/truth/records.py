@@ -39,6 +39,8 @@ COLUMNS = {
                       'strain_2')}
 # Payloads that cases are drawn from, kg; the second robot's nominal is 0.157.
 PAYLOAD_RANGE = {'reference': (0.05, 0.2), 'quanser_2dsfl': (0.12, 0.2)}
+# Effects that finite elements do not have.
+OF_MUJOCO_ALONE = ('base_sliding', 'payload_beside')
 # Severity of a distractor; 1 is clear.
 DISTRACTOR_SEVERITY = 0.2
 
@@ -182,8 +184,7 @@ def draw_case(identifier: str | tuple[str, ...] | None, seed: int, robot: str = 
     for name in names:
         case = add_effect(case, name, rng, severity)
     named = case.effects
-    # Finite elements have no base that slides.
-    others = [name for name in CATALOGUE if name not in (*names, 'base_sliding')]
+    others = [name for name in CATALOGUE if name not in (*names, *OF_MUJOCO_ALONE)]
     for name in rng.choice(others, distractors, replace=False):
         case = add_effect(case, str(name), rng, DISTRACTOR_SEVERITY)
     return replace(case, effects=named, distractors=case.effects[len(named):])

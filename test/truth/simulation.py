@@ -70,10 +70,11 @@ def refuse_forms(arm: Arm) -> None:
     Raise ValueError where an arm has a form that these equations leave out.
 
     A base that slides, a hose, bristles, a lag inside the loop, one late drive, a payload that is
-    loose in part.
+    loose in part or beside the axis.
     """
     if (np.isfinite(arm.structure.slide_stiffness) or arm.structure.hose_stiffness > 0.0
-            or arm.payload.loose_share != 1.0 or arm.late_drives != (0, 1)
+            or arm.payload.loose_share != 1.0 or arm.payload.beside_tip != 0.0
+            or arm.late_drives != (0, 1)
             or any(joint.bristle or joint.lag_inside for joint in arm.joints)):
         raise ValueError('simulate: the finite-element truth does not have this form')
 

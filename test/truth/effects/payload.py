@@ -85,10 +85,22 @@ def apply_offset(arm: Arm, size: Parameters) -> Arm:
         arm.payload, beyond_tip=arm.payload.beyond_tip + size['beyond']))
 
 
+def draw_beside(rng: np.random.Generator, arm: Arm, severity: float) -> Parameters:
+    """Draw a centre 3-10 cm beside the lower link's axis, on either side."""
+    return {'beside': severity * rng.uniform(0.03, 0.1) * rng.choice([-1.0, 1.0])}
+
+
+def apply_beside(arm: Arm, size: Parameters) -> Arm:
+    """Hold the payload beside the axis."""
+    return replace(arm, payload=replace(
+        arm.payload, beside_tip=arm.payload.beside_tip + size['beside']))
+
+
 EFFECTS = (
     HiddenEffect('payload_mass', draw_mass, apply_mass),
     HiddenEffect('payload_inertia', draw_inertia, apply_inertia),
     HiddenEffect('payload_change', draw_change, apply_change),
     HiddenEffect('loose_payload', draw_loose, apply_loose),
     HiddenEffect('payload_offset', draw_offset, apply_offset),
+    HiddenEffect('payload_beside', draw_beside, apply_beside),
 )

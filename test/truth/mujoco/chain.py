@@ -101,10 +101,10 @@ def _inertial(body: ET.Element, mass: float, inertia: float) -> None:
                   diaginertia=_text(inertia, inertia, inertia))
 
 
-def _point(body: ET.Element, name: str, position: float, mass: float,
-           inertia: float) -> ET.Element:
-    """Add a rigidly held body with its centre `position` m along the parent."""
-    child = ET.SubElement(body, 'body', name=name, pos=_text(position, 0, 0))
+def _point(body: ET.Element, name: str, position: float, mass: float, inertia: float,
+           beside: float = 0.0) -> ET.Element:
+    """Add a rigidly held body, centred `position` m along the parent and `beside` m beside it."""
+    child = ET.SubElement(body, 'body', name=name, pos=_text(position, beside, 0))
     _inertial(child, max(mass, 1e-7), max(inertia, mass * 1e-9, 1e-12))
     # The air sees this speck. Without it, it sees a box with the body's inertia, and one that has
     # hardly a mass, as where all of the payload is loose, is a sail of 77 m.
@@ -215,12 +215,12 @@ def _payload(tip: ET.Element, arm: Arm, position: float) -> None:
     """Add the payload at the tip, a share of it on a spring-held slide where it is loose."""
     payload = arm.payload
     held = payload.mass * (1.0 - payload.loose_share * (payload.loose_frequency > 0.0))
-    _point(tip, 'payload', position, held, payload.inertia)
+    _point(tip, 'payload', position, held, payload.inertia, payload.beside_tip)
     if payload.loose_frequency == 0.0:
         return
     mass = payload.mass - held
-    _joint(_point(tip, 'loose', position, mass, 0.0), 'loose', type='slide', axis='0 1 0',
-           stiffness=mass * payload.loose_frequency**2,
+    loose = _point(tip, 'loose', position, mass, 0.0, payload.beside_tip)
+    _joint(loose, 'loose', type='slide', axis='0 1 0', stiffness=mass * payload.loose_frequency**2,
            damping=2.0 * payload.loose_damping_ratio * mass * payload.loose_frequency)
 
 
