@@ -76,6 +76,25 @@ def test_where_the_noise_has_grown_no_model_is_soon_wrong(
     assert trial.largest == trial.log_ratio == 0.0
 
 
+def test_what_predicts_better_counts_before_its_trial_is_over() -> None:
+    """Beside `coarse`, `rough` begun afresh; it counted after two seconds alone."""
+    estimator = estimator_of()
+    Run(estimator, PayloadProfile.constant(0.15), 1.2)
+    competition, coarse = estimator._competition, of_mode(COARSE)
+    coarse.beta_cov[0, 0], alone = 1e-4, competition.variance_factor(coarse)
+    for log_ratio, mass, std, factor in (
+            (50.0, 0.2, 0.01, alone * 0.01 / (1e-4 * alone + 1e-4)),
+            # What leads by chance, agrees, or does not know yet says nothing.
+            (5.0, 0.2, 0.01, alone), (50.0, 0.105, 0.01, alone), (50.0, 0.2, 0.2, alone)):
+        rough = of_mode(ROUGH)
+        rough.beta[0], rough.beta_cov[0, 0] = mass, std**2
+        competition.trials = [Trial('mode', rough, 0.0, 0.1, log_ratio=log_ratio)]
+        assert competition.variance_factor(coarse) == pytest.approx(factor)
+    # One with as much freedom is no second opinion.
+    rough.beta_cov[0, 0], rough.mode = 1e-4, COARSE
+    assert competition.variance_factor(coarse) == alone
+
+
 def test_a_burst_counts_as_long_as_it_is_ago_however_little_the_arm_moved() -> None:
     # Where modes hardly differ a trial ages slower than time passes.
     estimator = estimator_of()

@@ -83,7 +83,7 @@ class ModeCompetition:
         self._last_attempt = 0.0
         self._time_in_motion, self._misfit = 0.0, 1.0
         # The last `rough` that led `coarse` to the end of its trial and does not fit.
-        self._dissent: Filter | None = None
+        self._dissent: list[Filter] = []
         self.ongoing_change: Trial | None = None
         self.reported_change: Trial | None = None
         self._constant_since, self._change_found = -math.inf, -math.inf
@@ -104,7 +104,9 @@ class ModeCompetition:
         self._misfit = pooled_misfit(own, incumbent.age, incumbent.misfit,
                                      min(self._time_in_motion, WINDOW_S))
         factor = max(self._misfit, factor)
-        return factor * disagreement(incumbent, factor, self._dissent) if self._dissent else factor
+        leading = transitions.leading_with_less_freedom(self._situation(incumbent))
+        return factor * max([1.0, *(disagreement(incumbent, factor, other)
+                                    for other in self._dissent + leading)])
 
     def predict(self, sample: Sample, loads: Loads, excited: bool) -> None:
         """Bring the trials across a sample without a measurement."""
@@ -216,7 +218,7 @@ class ModeCompetition:
         self.trials.remove(trial)
         exact = trial.kind == 'mode' and not trial.kalman.mode.free_parts
         if trial.has_less_freedom(incumbent) and not exact:
-            self._dissent = trial.kalman if trial.log_ratio > self._threshold else None
+            self._dissent = [trial.kalman] if trial.log_ratio > self._threshold else []
         if exact and incumbent.mode.payload_walk == 0.0 and not self._pass:
             self._pass = repeated_exact_search(trial.kalman, self.window, self.stepper)
 
@@ -244,7 +246,7 @@ class ModeCompetition:
             self._end_change(trial, incumbent, time)
         self._pass, self._last_attempt = None, 0.0
         if new_mode or trial.kind == 'change':
-            self._dissent = None
+            self._dissent = []
         if new_mode:
             # What `exact` did not fit, free parts may; and `exact` wins over the whole window.
             trial.kalman.misfit = self._misfit if freedom(trial.kalman.mode) == 2 else 1.0

@@ -170,6 +170,19 @@ def from_coarse_to_rough(trial: Trial, now: Situation) -> bool:
         and misfits(trial.kalman, now.prior)[0] <= POOR_FIT
 
 
+def leading_with_less_freedom(now: Situation) -> list[Filter]:
+    """
+    Return the filters of free parts, begun afresh beside `coarse`, that lead it by the threshold.
+
+    What they find is evidence before their trial is over. What they do not know yet, they state.
+    One that has lost the threshold from its largest lead predicts worse by now.
+    """
+    return [trial.kalman for trial in now.trials
+            if trial.kind == 'mode' and trial.kalman.mode.free_parts
+            and trial.has_less_freedom(now.incumbent)
+            and trial.log_ratio > max(now.threshold, trial.largest - now.threshold)]
+
+
 def to_exact(done: WindowPass, now: Situation) -> bool:
     """
     Tell whether the winner of a comparison over the window is exact, and fits.
