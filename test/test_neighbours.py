@@ -122,16 +122,16 @@ def test_a_set_that_ended_in_a_poor_optimum_is_refined_from_where_a_larger_one_e
     state = SearchState(data, nominal, 1, others, lambda *told: None)
     friction, gain = (next(h for h in state.catalogue if h.label == label) for label in (
         'viscous_friction:joint_2', 'strain_gain:strain_2a'))
-    nothing, alone, phantom, _ = (
+    alone, phantom, _ = (
         state.refine(CandidateSet(causes, (np.concatenate([np.zeros(0), *(
             np.array(h.null) for h in causes)]),)), nominal.discrepancy)
-        for causes in ((), (friction,), (gain,), (friction, gain)))
+        for causes in ((friction,), (gain,), (friction, gain)))
     poor = replace(alone, fit=with_score(alone.fit, alone.fit.log_evidence - 8.0))
     key = SetKey.of(poor.fit)
     state.fits[key], state.refined[key] = poor.fit, poor
     assert SetKey.of(state.best.fit).labels == {friction.label, gain.label}
-    refine_without_each_cause(state, nothing)
+    refine_without_each_cause(state)
     assert state.best.fit.log_evidence > alone.fit.log_evidence - 0.3
     assert SetKey.of(state.best.fit) == key
-    # Without the friction nothing comes near.
+    # The friction is not null.
     assert state.refined[SetKey.of(phantom.fit)] is phantom

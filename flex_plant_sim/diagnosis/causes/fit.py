@@ -11,9 +11,10 @@ import math
 
 from flex_plant_sim.arm.parts import FAR_PART_FACTOR
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.diagnosis.causes.hypothesis import Hypothesis
+from flex_plant_sim.diagnosis.causes.hypothesis import CauseSet, Hypothesis
 from flex_plant_sim.diagnosis.likelihood.sufficient_statistics import SufficientStatistics
 from flex_plant_sim.diagnosis.prediction.discrepancy import DiscrepancyModel
+from flex_plant_sim.interval import Z95
 import numpy as np
 from numpy.typing import NDArray
 
@@ -81,6 +82,14 @@ class Fit:
     def has_large_errors(self) -> bool:
         """Return whether a channel, or slowly a gauge, errs by more than every model may."""
         return bool(self.large_errors.any() or np.any(self.slow_gauge_scale > NOTABLE_EXCESS))
+
+
+def may_be_null(fit: Fit, index: int) -> bool:
+    """Tell whether the 95 % intervals of all sizes of one of a fit's causes hold their null."""
+    cause, causes = fit.hypotheses[index], CauseSet(fit.hypotheses, 1.0)
+    std = np.sqrt(np.diagonal(fit.covariance)[:fit.values.size])
+    deviation = np.abs(causes.split(fit.values)[index] - cause.null)
+    return bool(np.all((deviation < Z95 * causes.split(std)[index])[cause.is_size]))
 
 
 def with_far_part(fit: Fit, name: str, index: int) -> Fit:

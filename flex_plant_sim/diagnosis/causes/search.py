@@ -132,7 +132,7 @@ def _explored(state: SearchState, nothing: RefinedFit, best: RefinedFit
             continue
         if SetKey.of(best.fit) in found:
             refine_alternatives(state, best, nothing)
-            refine_without_each_cause(state, nothing)
+            refine_without_each_cause(state)
             best = state.best
         if SetKey.of(best.fit) in found:
             state.progress('unknown', 0.9)
