@@ -90,6 +90,12 @@ def test_what_predicts_better_counts_before_its_trial_is_over() -> None:
         rough.beta[0], rough.beta_cov[0, 0] = mass, std**2
         competition.trials = [Trial('mode', rough, 0.0, 0.1, log_ratio=log_ratio)]
         assert competition.variance_factor(coarse) == pytest.approx(factor)
+    # One that has lost its lead predicts worse by now.
+    rough.beta_cov[0, 0] = 1e-4
+    competition.trials = [Trial('mode', rough, 0.0, 0.1, log_ratio=50.0, largest=500.0)]
+    assert competition.variance_factor(coarse) == alone
+    competition.trials = [Trial('mode', rough, 0.0, 0.1, log_ratio=50.0)]
+    assert competition.variance_factor(coarse) > alone
     # One with as much freedom is no second opinion.
     rough.beta_cov[0, 0], rough.mode = 1e-4, COARSE
     assert competition.variance_factor(coarse) == alone
