@@ -12,7 +12,7 @@ from flex_plant_sim.diagnosis.causes.fit import Fit
 from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses
 from flex_plant_sim.diagnosis.causes.posterior import SetKey
 from flex_plant_sim.diagnosis.causes.proposal_step import probe_catalogue
-from flex_plant_sim.diagnosis.causes.refinement import refine_without_each_cause
+from flex_plant_sim.diagnosis.causes.refinement import refine_without_null_causes
 from flex_plant_sim.diagnosis.causes.search_state import SearchState
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.record.data import Data
@@ -130,7 +130,7 @@ def test_a_set_that_ended_in_a_poor_optimum_is_refined_from_where_a_larger_one_e
     key = SetKey.of(poor.fit)
     state.fits[key], state.refined[key] = poor.fit, poor
     assert SetKey.of(state.best.fit).labels == {friction.label, gain.label}
-    refine_without_each_cause(state)
+    refine_without_null_causes(state)
     assert state.best.fit.log_evidence > alone.fit.log_evidence - 0.3
     assert SetKey.of(state.best.fit) == key
     # The friction is not null.

@@ -34,7 +34,7 @@ from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit
 from flex_plant_sim.diagnosis.causes.refinement import (
     refine_alternatives,
     refine_leading,
-    refine_without_each_cause,
+    refine_without_null_causes,
     try_far_parts,
     try_laws,
 )
@@ -132,7 +132,7 @@ def _explored(state: SearchState, nothing: RefinedFit, best: RefinedFit
             continue
         if SetKey.of(best.fit) in found:
             refine_alternatives(state, best, nothing)
-            refine_without_each_cause(state)
+            refine_without_null_causes(state)
             best = state.best
         if SetKey.of(best.fit) in found:
             state.progress('unknown', 0.9)
