@@ -9,8 +9,7 @@ from flex_plant_sim.diagnosis.causes.gauss_newton import GaussNewton
 from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses, CauseSet, Hypothesis
 from flex_plant_sim.diagnosis.causes.posterior import SetKey
 from flex_plant_sim.diagnosis.causes.search import search, SearchResult
-from flex_plant_sim.diagnosis.likelihood.evidence import detectable_size
-from flex_plant_sim.diagnosis.likelihood.prior import imitation_odds, log_prior_odds
+from flex_plant_sim.diagnosis.likelihood.prior import imitation_odds
 from flex_plant_sim.diagnosis.pool import each
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.predictor import Predictor
@@ -20,14 +19,12 @@ from flex_plant_sim.diagnosis.verdict.detection import (
     CLOSE,
     detection_limits,
     is_steep,
-    visible_size,
 )
 from flex_plant_sim.diagnosis.verdict.results import DetectionLimit
 from flex_plant_sim.diagnosis.verdict.verdict import nominal_base, slowest_frequency
 from flex_plant_sim.effects import catalogue
 import numpy as np
 import pytest
-from scipy.optimize import brentq
 from scipy.stats import norm
 from simulated_records import effects, REFERENCE, simulated, SLOWEST
 from truth.records import HAVE_MUJOCO, make_record, MUJOCO, NO_MUJOCO, TruthCase
@@ -227,26 +224,6 @@ def test_a_limit_of_commands_shows_only_where_commands_reach_it(
         assert 0.3 * reached < 1.0 / inverse < (1.0 + CLOSE) * reached
 
 
-@pytest.mark.parametrize('guess', [0.01, 0.5, 1.2, 30.0])
-def test_a_limit_is_where_the_evidence_turns_however_steeply_information_rises(guess: float
-                                                                               ) -> None:
-    """Of a clean bench record (case_8009d8b8), whose commands reach 0.857: said was 0.012."""
-    saturation, = (h for h in all_hypotheses(REFERENCE)
-                   if h.label == 'actuator_saturation:joint_1')
-    sizes = np.log([1.14, 1.18, 1.22, 1.3, 1.7, 2.8, 5.0])
-    information = np.log([1e-9, 1.1e-4, 2.35, 39.9, 344.5, 390.6, 171.3])
-    # One-sided, so the prior is twice as dense.
-    price = -log_prior_odds(saturation.effect, REFERENCE) - np.log(2.0)
-
-    def needed(size: float) -> float:
-        known = np.exp(np.interp(np.log(size), sizes, information))
-        return detectable_size(float(known), float(saturation.prior(40.0).width[0]), price)
-
-    found = visible_size(needed, guess, 100.0)
-    turns = brentq(lambda size: needed(size) - size, 1.22, 1.3)
-    assert needed(found) <= found and turns <= found < (1.0 + CLOSE) * turns
-
-
 def test_from_its_limit_on_a_cause_is_named_though_parts_follow_it() -> None:
     # A softer upper link is nearly an elbow of more inertia: of 0.0209 nothing was named where
     # 0.0052 was said to show.
@@ -292,14 +269,6 @@ def test_where_information_hardly_depends_on_the_size_one_probe_gives_the_limit(
     assert probed.count('strain_crosstalk:strain_1a') == 1
     assert probed.count('actuator_saturation:joint_1') > 1
     assert is_steep(saturation) and not is_steep(crosstalk)
-
-
-def test_no_limit_is_stated_where_no_size_shows() -> None:
-    assert visible_size(lambda size: 2.0 * size, 0.1, 50.0) == np.inf
-    assert visible_size(lambda size: np.inf, 0.1, 50.0) == np.inf
-    assert visible_size(lambda size: 3.0, 0.1, 2.0) == np.inf
-    assert visible_size(lambda size: 3.0, 0.1, 4.0) == pytest.approx(3.0)
-    assert visible_size(lambda size: 0.5 * size, 0.1, 4.0, 0.02) == 0.02
 
 
 def linearised_at_prior(found: SearchResult, data: Data
