@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 from flex_plant_sim.diagnosis.verdict.improvement import _gains, gain_results, measure_gain
+from flex_plant_sim.tools.command_line import write_json
 from msg_config.errors import InputError
 import numpy as np
 import pytest
@@ -97,13 +101,14 @@ def test_blocks_matter_for_correlated_errors() -> None:
     assert wide.high - wide.low > 2.0 * (narrow.high - narrow.low)
 
 
-def test_json_has_one_list_a_figure_and_nothing_infinite() -> None:
+def test_json_has_one_list_a_figure_and_nothing_infinite(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     fine = rng.standard_normal((2, 50, 2))
     broken = fine.copy()
     broken[0, 3, 1] = np.inf
-    rows = gain_results(_gains(CHANNELS, 0.2, [fine], [5], rng)
-                        + _gains(CHANNELS, 5.0, [broken], [5], rng))
+    write_json(tmp_path / 'gain.json', gain_results(
+        _gains(CHANNELS, 0.2, [fine], [5], rng) + _gains(CHANNELS, 5.0, [broken], [5], rng)))
+    rows = json.loads((tmp_path / 'gain.json').read_text())
     assert rows['joint_1']['horizon_s'] == [0.2, 5.0]
     assert rows['joint_2']['before'][0] == pytest.approx(np.sqrt(np.mean(fine[0, :, 1]**2)))
     assert rows['joint_2']['before'][1] is None

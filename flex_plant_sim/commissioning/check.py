@@ -71,8 +71,7 @@ class Check:
         """Return the figures for JSON."""
         return {
             'robot': self.robot.name, 'modes': self.modes, 'hints': list(self.hints),
-            'not_in_file': {key: value if math.isfinite(value) else None
-                            for key, value in self.robot.left_out.items()},
+            'not_in_file': dict(self.robot.left_out),
             'payload_kg': self.robot.payload_mass,
             'locked_hz': {'no_payload': list(self.bare), 'payload': list(self.loaded)},
             'closed': [{'hz': mode.frequency, 'damping_ratio': mode.damping}

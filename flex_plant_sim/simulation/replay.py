@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-import math
 from typing import Any
 
 from flex_plant_sim.arm.models import DEFAULT_MODEL, DEFAULT_MODES
@@ -60,7 +59,7 @@ class Replay:
         return rmse(self.log.output, self.simulated)
 
     def results(self) -> dict[str, Any]:
-        """Return settings and figures for JSON; the fit of an unmoving channel is null."""
+        """Return settings and figures for JSON; the fit of an unmoving channel is NaN."""
         return {
             'log': self.log.source, 'samples': len(self.log),
             'duration_s': round(float(self.log.time[-1] - self.log.time[0]), 9),
@@ -69,7 +68,7 @@ class Replay:
             'sample_time_s': self.log.sample_time,
             'effects': [f'{effect.identifier}:{effect.site}' for effect in self.arm.effects],
             'channels': {
-                name: {'fit_percent': None if math.isnan(fit) else float(fit),
+                name: {'fit_percent': float(fit),
                        'rmse': float(error), 'unit': unit}
                 for name, fit, error, unit in zip(self.log.output_names, self.fit_percent,
                                                   self.rmse, self.units)}}

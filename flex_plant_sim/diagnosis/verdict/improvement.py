@@ -147,7 +147,7 @@ def gain_results(gains: Sequence[Gain]) -> Mapping[str, Mapping[str, Any]]:
     Return the gains for JSON: by channel, a list over the horizons for each figure.
 
     `low` and `high` bound `after` (95 %), and `ratio_low` and `ratio_high` bound after / before.
-    Figures of a simulation that diverged are null.
+    Figures of a simulation that diverged are NaN, null in the file.
     """
     results: dict[str, dict[str, Any]] = {}
     for gain in gains:
@@ -157,6 +157,5 @@ def gain_results(gains: Sequence[Gain]) -> Mapping[str, Mapping[str, Any]]:
         row['horizon_s'].append(gain.horizon)
         row['starts'].append(gain.starts)
         for key in ('before', 'after', 'low', 'high', 'ratio_low', 'ratio_high'):
-            value = getattr(gain, key)
-            row[key].append(value if np.isfinite(value) else None)
+            row[key].append(getattr(gain, key))
     return results

@@ -98,10 +98,9 @@ class ChannelResidual:
     bands: tuple[tuple[float, float, float, float], ...]
 
     def results(self) -> dict[str, Any]:
-        """Return the figures for JSON; those that diverged are null."""
+        """Return the figures for JSON; NaN where it diverged."""
         found = asdict(self)
-        found['free_run'] = {f'{h:g}': v if np.isfinite(v) else None
-                             for h, v in self.free_run.items()}
+        found['free_run'] = {f'{h:g}': v for h, v in self.free_run.items()}
         return found
 
 
