@@ -31,6 +31,20 @@ def test_terminal_text_is_short_and_complete() -> None:
         assert expected in text
 
 
+def test_what_cannot_be_told_from_a_cause_stands_beside_it_with_its_size() -> None:
+    diagnosis = report().diagnosis
+    cause, (own, *_) = diagnosis.causes[0], diagnosis.rounds[0]
+    rivals = (own, replace(own, name='stribeck_friction', probability=0.26),
+              replace(own, name='backlash', probability=0.12))
+    lines = answer_text(replace(diagnosis, causes=(replace(
+        cause, look_alikes=('stribeck_friction',)),), rounds=(rivals,)), [], []).splitlines()
+    named, rival = (next(line for line in lines if start in line)
+                    for start in ('  coulomb friction, j', '    or stribeck friction, j'))
+    assert '26 %' in rival and rival.index('%') == named.index('%')
+    assert rival.split('%')[1] == named.split('%')[1]
+    assert not any('backlash' in line for line in lines)
+
+
 def test_parts_beyond_their_tolerance_stand_beside_a_cause_too() -> None:
     text = answer_text(replace(report().diagnosis, parts=(FAR, NEAR)), [GAIN], [])
     assert f'{PARTS}{part_text(FAR)}\n' in text and 'stiffness' not in text

@@ -8,7 +8,7 @@ from flex_plant_sim.arm.units import CHANNEL_SHOWN
 from flex_plant_sim.diagnosis.likelihood.prior import imitation_odds
 from flex_plant_sim.diagnosis.report.payload_gain import PayloadGain
 from flex_plant_sim.diagnosis.verdict.improvement import Gain
-from flex_plant_sim.diagnosis.verdict.results import Cause, Diagnosis
+from flex_plant_sim.diagnosis.verdict.results import Alternative, Cause, Diagnosis
 from flex_plant_sim.diagnosis.verdict.symptoms import SHOWN_HORIZONS
 from flex_plant_sim.diagnosis.verdict.wording import (
     beyond_tolerance,
@@ -31,8 +31,9 @@ def answer_text(diagnosis: Diagnosis, gains: Sequence[Gain],
                 payload: Sequence[PayloadGain]) -> str:
     """Return the text for the terminal: sentence, causes, parts, errors before and after."""
     lines = [diagnosis.sentence, *([diagnosis.advice] if diagnosis.advice else []), '']
-    for cause in diagnosis.causes:
-        lines += _cause_lines(cause)
+    for k, cause in enumerate(diagnosis.causes):
+        lines += _cause_lines(cause, [rival for place in diagnosis.rounds[k:k + 1]
+                                      for rival in place])
     lines += [*_part_lines(diagnosis), *_note_lines(diagnosis), *_limit_lines(diagnosis)]
     lines += ['', *_gain_lines(gains)]
     if diagnosis.moves_parts_alone and any(gain.before != gain.after for gain in gains):
@@ -40,14 +41,21 @@ def answer_text(diagnosis: Diagnosis, gains: Sequence[Gain],
     return '\n'.join([*lines, *(_payload_line(row) for row in payload)])
 
 
-def _cause_lines(cause: Cause) -> list[str]:
-    sizes = ', '.join(map(parameter_text, cause.parameters))
-    lines = [f'  {name_text(cause.name, cause.site):<32}'
-             f'{percent_text(cause.probability):>7}   {sizes}']
+def _cause_lines(cause: Cause, rivals: Sequence[Alternative]) -> list[str]:
+    """Return a cause with its sizes, and what the record cannot tell from it with theirs."""
+    lines = [_named_line(f'  {name_text(cause.name, cause.site)}', cause)]
     if cause.look_alikes:
         names = ', '.join(name.replace('_', ' ') for name in cause.look_alikes)
         lines.append(f'      this record cannot tell it from {names}')
+    for name in cause.look_alikes:
+        lines += [_named_line(f'    or {name_text(name, rival.site)}', rival)
+                  for rival in rivals if rival.name == name][:1]
     return lines
+
+
+def _named_line(start: str, named: Cause | Alternative) -> str:
+    sizes = ', '.join(map(parameter_text, named.parameters))
+    return f'{start:<34}{percent_text(named.probability):>7}   {sizes}'
 
 
 def _part_lines(diagnosis: Diagnosis) -> list[str]:
