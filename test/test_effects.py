@@ -31,7 +31,7 @@ DESIGNED = """
     strain_gain strain_crosstalk strain_filter strain_delay link_stiffness modal_damping air_drag
     clamp_compliance base_tilt base_compliance coriolis_centripetal modal_truncation hub_inertia
     payload_mass payload_inertia payload_change loose_payload drive_bandwidth presliding_friction
-    base_sliding angle_delay payload_offset payload_beside""".split()
+    base_sliding angle_delay payload_offset payload_beside drive_integral""".split()
 # Inside a short test record, and a gauge other than the last one.
 WITHIN = {'time_s': 0.2, 'source': 1.0, 'duration_s': 0.1}
 TIME = np.arange(60) * ROBOT.sample_time
@@ -187,7 +187,8 @@ def test_gauge_sites_need_a_robot() -> None:
         effect.on_output(np.zeros(6), 0.0, ROBOT)
 
 
-@pytest.mark.parametrize('identifier', ['backlash', 'coulomb_friction', 'gear_compliance'])
+@pytest.mark.parametrize('identifier', ['backlash', 'coulomb_friction', 'gear_compliance',
+                                        'drive_integral'])
 def test_reduced_model_refuses_what_needs_joint_velocities(identifier: str) -> None:
     with pytest.raises(InputError, match=f'{identifier} needs paper or assumed_modes'):
         ExtendedArm(ROBOT, 'paper_reduced', 2, effects=(clear(catalogue()[identifier]),))

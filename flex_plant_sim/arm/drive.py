@@ -86,6 +86,8 @@ class Drive:
         Largest magnitude of the command, in the drive's own unit.
     closed_loop : bool
         Whether a velocity loop ties the torque gain to the damping.
+    friction : float
+        What of the damping is friction that a velocity loop's error does not hold, N m s/rad.
 
     """
 
@@ -94,6 +96,7 @@ class Drive:
     damping: float
     command_limit: float = float('inf')
     closed_loop: bool = False
+    friction: float = 0.0
 
     @classmethod
     def velocity_loop(cls, inertia: float, time_constant: float, steady_gain: float) -> Drive:

@@ -64,8 +64,8 @@ class ExtendedArm:
         none_late: NDArray[np.intp] = np.zeros(len(robot.output_names), dtype=np.intp)
         self.late = sum((late for late, _ in delays), none_late)
         # Effects that replace the model come first, then those that need past commands.
-        effects = sorted([e for _, e in delays] or effects,
-                         key=lambda e: (not e.reshapes, -e.memory(robot.sample_time)))
+        effects = sorted([e for _, e in delays] or effects, key=lambda e: (
+            not e.reshapes, -e.memory(robot.sample_time), e.takes_command))
         self.model_name, self.effects = model, tuple(effects)
         self.robot = as_built(replace(robot, payload_mass=mass), effects)
         self.payload = self.robot.payload_mass
@@ -84,8 +84,9 @@ class ExtendedArm:
 
     def _check_reduced(self) -> None:
         for effect in self.effects if self.compact else ():
-            if any(getattr(type(effect), hook) is not getattr(Effect, hook)
-                   for hook in ('force', 'dry_friction', 'on_step', 'on_form')):
+            if effect.needs_rates or any(
+                    getattr(type(effect), hook) is not getattr(Effect, hook)
+                    for hook in ('force', 'dry_friction', 'on_step', 'on_form')):
                 raise InputError('model: paper_reduced has no joint velocities, '
                                  f'{effect.identifier} needs paper or assumed_modes')
 

@@ -215,6 +215,7 @@ _SAID: dict[str, Said] = {
     'actuator_saturation': _saturation,
     'motor_lag': _lag,
     'drive_bandwidth': _at_joint('factor', 'time_constant_factor', 1.0),
+    'drive_integral': _at_joint('rate', 'integral_rate_per_s'),
     'input_delay': _late_commands,
     'angle_delay': _at_joint('delay', 'delay_s'),
     'angle_gain': _at_joint('factor', 'factor', 1.0),

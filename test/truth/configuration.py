@@ -60,7 +60,7 @@ class Joint:
     coulomb_forward, coulomb_backward, stribeck and ripple N m, stribeck_speed rad/s,
     ripple_order cycles per radian of the joint, lag s, backlash rad (whole gap), gear_stiffness
     and spring (about spring_rest rad) N m/rad; bias, dead_zone and saturation in the command's
-    unit.
+    unit; integral_rate 1/s, at which the loop integrates torque_gain u - damping theta_dot.
 
     The form of the imperfections: `presliding` rad is the travel over which dry friction builds
     up, with `bristle` as LuGre's bristles do; the lag delays the command or, with
@@ -88,6 +88,7 @@ class Joint:
     gear_stiffness: float = float('inf')
     spring: float = 0.0
     spring_rest: float = 0.0
+    integral_rate: float = 0.0
     presliding: float = INVISIBLE_TRAVEL
     bristle: bool = False
     lag_inside: bool = False

@@ -10,10 +10,10 @@ from truth.beam_elements import Array
 from truth.compiled import acceleration, compiled
 from truth.equations import LinkTerms
 
-# Columns of the drive table (2, 16).
+# Columns of the drive table (2, 18).
 GAIN, DAMPING, FORWARD, BACKWARD, STRIBECK, STRIBECK_SPEED = range(6)
 RIPPLE, RIPPLE_ORDER, RIPPLE_PHASE, BIAS, DEAD_ZONE, SATURATION, LAG, TRAVEL = range(6, 14)
-SPRING, SPRING_REST = range(14, 16)
+SPRING, SPRING_REST, INTEGRAL_RATE, LOOP_DAMPING = range(14, 18)
 
 
 class Plant(NamedTuple):
@@ -67,14 +67,19 @@ def dry_friction(row: Array, travel: float, speed: float) -> float:
 
 
 @compiled
-def drive_torque(row: Array, command: float, theta: float, speed: float,
-                 travel: float) -> float:
-    """Return the torque on a rotor, N m."""
+def heeded(row: Array, command: float) -> float:
+    """Return what the drive makes of a command."""
     u = command + row[BIAS]
     if row[DEAD_ZONE] > 0.0:
         u = np.sign(u) * max(abs(u) - row[DEAD_ZONE], 0.0)
-    u = min(max(u, -row[SATURATION]), row[SATURATION])
-    torque = row[GAIN] * u - row[DAMPING] * speed - dry_friction(row, travel, speed)
+    return min(max(u, -row[SATURATION]), row[SATURATION])
+
+
+@compiled
+def drive_torque(row: Array, command: float, theta: float, speed: float,
+                 travel: float) -> float:
+    """Return the torque on a rotor without that of the loop's integrator, N m."""
+    torque = row[GAIN] * heeded(row, command) - row[DAMPING] * speed - dry_friction(row, travel, speed)
     torque -= row[SPRING] * (theta - row[SPRING_REST])
     return torque + row[RIPPLE] * np.sin(row[RIPPLE_ORDER] * theta + row[RIPPLE_PHASE])
 
@@ -128,11 +133,11 @@ def add_air_drag(plant: Plant, p: Array, v: Array, forces: Array) -> None:
 
 
 @compiled
-def right_side(plant: Plant, p: Array, v: Array, u: Array, anchor: Array) -> Array:
-    """Return ddp (N,) for commands `u` (2,) and friction anchors (2,) rad."""
+def right_side(plant: Plant, p: Array, v: Array, u: Array, anchor: Array, held: Array) -> Array:
+    """Return ddp (N,) for commands `u` (2,), friction anchors rad, integrators' torques N m."""
     forces = np.zeros(p.size)
     for j in range(2):
-        forces[j] = drive_torque(plant.drive[j], u[j], p[j], v[j], p[j] - anchor[j])
+        forces[j] = held[j] + drive_torque(plant.drive[j], u[j], p[j], v[j], p[j] - anchor[j])
         if plant.twist[j, 0] >= 0.0:
             k = int(plant.twist[j, 0])
             forces[k] += gear_torque(plant.twist[j], p[k], v[k])
@@ -146,7 +151,7 @@ def right_side(plant: Plant, p: Array, v: Array, u: Array, anchor: Array) -> Arr
 
 @compiled
 def runge_kutta_step(plant: Plant, p: Array, v: Array, start: Array, middle: Array, end: Array,
-                     anchor: Array, h: float) -> tuple[Array, Array]:
+                     anchor: Array, held: Array, h: float) -> tuple[Array, Array]:
     """Return (p, v) after one classical fourth-order step; commands at its three times."""
     # One call in a loop, because four calls take four times as long to compile.
     n = p.size
@@ -159,7 +164,7 @@ def runge_kutta_step(plant: Plant, p: Array, v: Array, start: Array, middle: Arr
             position[i] = p[i] + reach * velocity[i]
             velocity[i] = v[i] + reach * rate[i]
         u = start if stage == 0 else end if stage == 3 else middle
-        rate = right_side(plant, position, velocity, u, anchor)
+        rate = right_side(plant, position, velocity, u, anchor, held)
         for i in range(n):
             p_after[i] += weight * velocity[i]
             v_after[i] += weight * rate[i]
@@ -227,6 +232,14 @@ def lag_command(drive: Array, h: float, lagged: Array, u: Array, middle: Array,
 
 
 @compiled
+def integrate(drive: Array, h: float, v: Array, u: Array, held: Array) -> None:
+    """Add what the velocity loops' sampled integrators gain in a step, N m."""
+    for j in range(2):
+        error = drive[j, GAIN] * heeded(drive[j], u[j]) - drive[j, LOOP_DAMPING] * v[j]
+        held[j] += h * drive[j, INTEGRAL_RATE] * error
+
+
+@compiled
 def run(plant: Plant, loop: Loop, p: Array, v: Array, joint: Array, strain: Array,
         states: Array) -> None:
     """
@@ -235,7 +248,7 @@ def run(plant: Plant, loop: Loop, p: Array, v: Array, joint: Array, strain: Arra
     Row k holds the state at k T and the command applied from then on.
     """
     anchor, lagged, u = p[:2].copy(), np.zeros(2), np.zeros(2)
-    middle, end = np.zeros(2), np.zeros(2)
+    middle, end, held_torque = np.zeros(2), np.zeros(2), np.zeros(2)
     step, held = 0, -1.0
     for sample in range(joint.shape[0]):
         measure_angles(plant, loop, p, sample, joint[sample])
@@ -257,7 +270,9 @@ def run(plant: Plant, loop: Loop, p: Array, v: Array, joint: Array, strain: Arra
                 strain[step, g] = total
             delayed_command(loop, step, u)
             lag_command(plant.drive, loop.step, lagged, u, middle, end)
-            p, v = runge_kutta_step(plant, p, v, lagged, middle, end, anchor, loop.step)
+            integrate(plant.drive, loop.step, v, end, held_torque)
+            p, v = runge_kutta_step(plant, p, v, lagged, middle, end, anchor, held_torque,
+                                    loop.step)
             for j in range(2):
                 lagged[j] = end[j]
                 travel = plant.drive[j, TRAVEL]

@@ -45,7 +45,8 @@ def plant_of(arm: Arm, system: System) -> Plant:
     drive = np.array([[
         j.torque_gain, j.damping + j.viscous, j.coulomb_forward, j.coulomb_backward, j.stribeck,
         j.stribeck_speed, j.ripple, j.ripple_order, j.ripple_phase, j.bias, j.dead_zone,
-        j.saturation, j.lag, j.presliding, j.spring, j.spring_rest] for j in arm.joints])
+        j.saturation, j.lag, j.presliding, j.spring, j.spring_rest,
+        j.integral_rate, j.damping] for j in arm.joints])
     lower = add_terms(system.lower_empty, system.payload_unit, arm.payload.mass)
     return Plant(system.upper, copy_terms(lower), system.constant_mass, system.gravity,
                  system.twist, system.base, system.drag, drive)

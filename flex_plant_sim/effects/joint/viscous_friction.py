@@ -34,6 +34,8 @@ class ViscousFriction(Effect):
 
     def on_robot(self, robot: Robot) -> Robot:
         """Return the robot with the drive's damping changed (it stays positive)."""
-        own = robot.drives[self.index].damping
+        drive = robot.drives[self.index]
+        own = drive.damping
         damping = max(own + self['damping_n_m_s'], LEAST_DAMPING_SHARE * own)
-        return robot.with_drive(self.index, damping=damping)
+        return robot.with_drive(self.index, damping=damping,
+                                friction=drive.friction + damping - own)

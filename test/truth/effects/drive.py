@@ -92,6 +92,16 @@ def apply_bandwidth(arm: Arm, size: Parameters) -> Arm:
                       damping=joint.damping / size['factor'])
 
 
+def draw_integral(rng: np.random.Generator, arm: Arm, severity: float) -> Parameters:
+    """Draw an integral time of 0.1-0.3 s (divided by the severity)."""
+    return {'joint': any_joint(rng), 'rate': severity / rng.uniform(0.1, 0.3)}
+
+
+def apply_integral(arm: Arm, size: Parameters) -> Arm:
+    """Give the velocity loop an integrator."""
+    return with_joint(arm, size['joint'], integral_rate=size['rate'])
+
+
 EFFECTS = (
     HiddenEffect('actuator_gain', draw_gain, apply_gain),
     HiddenEffect('actuator_bias', draw_bias, apply_bias),
@@ -100,4 +110,5 @@ EFFECTS = (
     HiddenEffect('motor_lag', draw_motor_lag, apply_motor_lag),
     HiddenEffect('input_delay', draw_input_delay, apply_input_delay),
     HiddenEffect('drive_bandwidth', draw_bandwidth, apply_bandwidth),
+    HiddenEffect('drive_integral', draw_integral, apply_integral),
 )

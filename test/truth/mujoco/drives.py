@@ -16,12 +16,13 @@ DEPTH, IMPACT_LOSS = 1e-3, 0.5
 
 
 class Drive:
-    """One drive with its friction; keeps the lagged signal and the bristles' bending."""
+    """One drive with its friction; keeps the lag, the bristles' bending and the integral."""
 
     def __init__(self, joint: Joint):
         self.joint = joint
         self.bristles = joint.bristle or joint.presliding > INVISIBLE_TRAVEL
-        self.lagged = self.bend = 0.0
+        self.lagged = self.bend = self.asked = 0.0
+        self.start: float | None = None
 
     def torque(self, command: float, theta: float, speed: float, step: float) -> float:
         """Return the torque on the rotor but for viscous damping, N m."""
@@ -31,11 +32,24 @@ class Drive:
         u = command + joint.bias
         u = math.copysign(max(abs(u) - joint.dead_zone, 0.0), u)
         torque = joint.torque_gain * min(max(u, -joint.saturation), joint.saturation)
+        torque += self._integral(torque * step, theta)
         if joint.lag_inside:
             torque = self._lag(torque - joint.damping * speed, step)
         ripple = joint.ripple * math.sin(joint.ripple_order * theta + joint.ripple_phase)
         torque -= joint.spring * (theta - joint.spring_rest)
         return torque + ripple - (self._bristles(speed, step) if self.bristles else 0.0)
+
+    def _integral(self, asked: float, theta: float) -> float:
+        """
+        Return the torque of the loop's integrator, N m; `asked` N m s is what the step adds.
+
+        The integral of the speed is the angle turned, as an encoder counts it.
+        """
+        if self.start is None:
+            self.start = theta
+        self.asked += asked
+        turned = self.joint.damping * (theta - self.start)
+        return self.joint.integral_rate * (self.asked - turned)
 
     def _lag(self, signal: float, step: float) -> float:
         keep = math.exp(-step / self.joint.lag) if self.joint.lag > 0.0 else 0.0
