@@ -169,8 +169,6 @@ class Effect(ABC):
     inertial: ClassVar[bool] = False
     # Whether its states need the joints' velocities, which the paper's reduced model has not.
     needs_rates: ClassVar[bool] = False
-    # Whether its states come behind those of all others, because it takes a command from them.
-    takes_command: ClassVar[bool] = False
 
     site: str
     values: tuple[Any, ...]

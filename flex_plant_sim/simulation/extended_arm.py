@@ -64,8 +64,8 @@ class ExtendedArm:
         none_late: NDArray[np.intp] = np.zeros(len(robot.output_names), dtype=np.intp)
         self.late = sum((late for late, _ in delays), none_late)
         # Effects that replace the model come first, then those that need past commands.
-        effects = sorted([e for _, e in delays] or effects, key=lambda e: (
-            not e.reshapes, -e.memory(robot.sample_time), e.takes_command))
+        effects = sorted([e for _, e in delays] or effects,
+                         key=lambda e: (not e.reshapes, -e.memory(robot.sample_time)))
         self.model_name, self.effects = model, tuple(effects)
         self.robot = as_built(replace(robot, payload_mass=mass), effects)
         self.payload = self.robot.payload_mass

@@ -15,6 +15,11 @@ from hashlib import blake2b
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.schedule import barycentric_weights
 from flex_plant_sim.arm.second_order import Array
+from flex_plant_sim.diagnosis.prediction.added_states import (
+    integrals,
+    integrators,
+    states_at_rest,
+)
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
 from flex_plant_sim.diagnosis.prediction.discrepancy import Discrepancy
 from flex_plant_sim.diagnosis.prediction.filter_run import FilterRun, predictor_matrices
@@ -296,16 +301,20 @@ class Predictor:
         Return the trajectory in an arm's states at samples (N,), (N, n).
 
         New coordinates are zero. New first-order states, of lags, filters and delays, are at rest
-        with the others: a delayed angle that began at zero would jump.
+        with the others: a delayed angle that began at zero would jump. What integrates has no rest;
+        it has summed up since the record began.
         """
         states, known = self._matched_states(arm, rows)
         shift = self._joint_shift(arm)
         if shift is not None:
             states[:, :2] += shift[rows]
         if known < arm.states:
-            a, b = arm.plant.a[0, known:], arm.plant.b[0, known:]
-            driven = states[:, :known] @ a[:, :known].T + self.record.command[rows] @ b.T
-            states[:, known:] = -np.linalg.solve(a[:, known:], driven.T).T
+            states[:, known:] = states_at_rest(arm, states[:, :known], self.record.command[rows])
+            summing = integrators(arm, known)
+            if summing.size:
+                every = self._matched_states(arm, np.arange(len(self.record.time)))[0]
+                every[:, known:] = states_at_rest(arm, every[:, :known], self.record.command)
+                states[:, summing] = integrals(arm, summing, every, self.record)[rows]
         return states
 
     def _matched_states(self, arm: ExtendedArm, rows: Indices) -> tuple[Array, int]:

@@ -30,7 +30,6 @@ class MotorLag(Effect):
         Parameter('inside_loop', '', 0.0, -0.5, 1.5, (0.0, 1.0), np.inf, 0.5, optional=True))
     sites = 'joint'
     structural = True
-    takes_command = True
 
     def on_state_space(self, plant: StateSpace, robot: Robot) -> StateSpace:
         """Return the plant with the lagged command as its last state."""
