@@ -178,7 +178,7 @@ def test_late_gauges_are_those_of_the_site(text: str, site: str, rows: tuple[int
 @pytest.mark.skipif(not HAVE_MUJOCO, reason=NO_MUJOCO)
 @pytest.mark.parametrize('name, form, shape', [
     ('base_sliding', '', {}), ('base_compliance', 'rubber', {'damping_ratio': 0.3}),
-    ('payload_beside', '', {}),
+    ('payload_beside', '', {}), ('drive_integral', '', {}),
     ('loose_payload', 'half_loose', {'share': 0.5}), ('input_delay', 'one_drive', {}),
     ('motor_lag', 'inside_loop', {'inside_loop': 1.0}), ('presliding_friction', '', {}),
     ('gear_compliance', 'heavy_output', {'hub_share': 0.3}),

@@ -290,7 +290,8 @@ def test_bench_record_of_another_simulator() -> None:
 @pytest.mark.skipif(not HAVE_MUJOCO, reason=NO_MUJOCO)
 @pytest.mark.parametrize('name', [
     'stribeck_friction', 'backlash', 'gear_compliance', 'motor_lag', 'clamp_compliance',
-    'joint_spring', 'base_compliance', 'base_tilt', 'air_drag', 'loose_payload', 'hub_inertia'])
+    'joint_spring', 'base_compliance', 'base_tilt', 'air_drag', 'loose_payload', 'hub_inertia',
+    'drive_integral'])
 def test_both_truths_tell_the_same_of_an_effect(name: str) -> None:
     """Under one command they differ by far less than the effect changes either of them."""
     case = replace(draw_case(name, 8, duration_s=1.5), noise=0.0)

@@ -167,8 +167,6 @@ class Effect(ABC):
     linear: ClassVar[bool] = False
     # Whether its force depends on the acceleration.
     inertial: ClassVar[bool] = False
-    # Whether its states need the joints' velocities, which the paper's reduced model has not.
-    needs_rates: ClassVar[bool] = False
 
     site: str
     values: tuple[Any, ...]

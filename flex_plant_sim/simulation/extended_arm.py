@@ -84,9 +84,8 @@ class ExtendedArm:
 
     def _check_reduced(self) -> None:
         for effect in self.effects if self.compact else ():
-            if effect.needs_rates or any(
-                    getattr(type(effect), hook) is not getattr(Effect, hook)
-                    for hook in ('force', 'dry_friction', 'on_step', 'on_form')):
+            if any(getattr(type(effect), hook) is not getattr(Effect, hook)
+                   for hook in ('force', 'dry_friction', 'on_step', 'on_form')):
                 raise InputError('model: paper_reduced has no joint velocities, '
                                  f'{effect.identifier} needs paper or assumed_modes')
 

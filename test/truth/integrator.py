@@ -79,7 +79,8 @@ def heeded(row: Array, command: float) -> float:
 def drive_torque(row: Array, command: float, theta: float, speed: float,
                  travel: float) -> float:
     """Return the torque on a rotor without that of the loop's integrator, N m."""
-    torque = row[GAIN] * heeded(row, command) - row[DAMPING] * speed - dry_friction(row, travel, speed)
+    torque = row[GAIN] * heeded(row, command) - row[DAMPING] * speed
+    torque -= dry_friction(row, travel, speed)
     torque -= row[SPRING] * (theta - row[SPRING_REST])
     return torque + row[RIPPLE] * np.sin(row[RIPPLE_ORDER] * theta + row[RIPPLE_PHASE])
 

@@ -15,12 +15,12 @@ def integrators(arm: ExtendedArm, known: int) -> Indices:
 
 
 def states_at_rest(arm: ExtendedArm, known: Array, command: Array) -> Array:
-    """Return the added states at rest with the known ones, (N, k), (N, n - k); integrators at 0."""
+    """Return added states, (N, n - k), at rest with the known ones, (N, k); integrals are zero."""
     first = known.shape[1]
     a, b = arm.plant.a[0], arm.plant.b[0]
     rest = np.setdiff1d(np.arange(first, arm.states), integrators(arm, first))
-    found, driven = np.zeros((len(known), arm.states)), known @ a[rest, :first].T
-    driven += command @ b[rest].T
+    driven = known @ a[rest, :first].T + command @ b[rest].T
+    found = np.zeros((len(known), arm.states))
     found[:, rest] = -np.linalg.solve(a[np.ix_(rest, rest)], driven.T).T
     return found[:, first:]
 

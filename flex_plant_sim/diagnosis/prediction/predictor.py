@@ -301,8 +301,8 @@ class Predictor:
         Return the trajectory in an arm's states at samples (N,), (N, n).
 
         New coordinates are zero. New first-order states, of lags, filters and delays, are at rest
-        with the others: a delayed angle that began at zero would jump. What integrates has no rest;
-        it has summed up since the record began.
+        with the others: a delayed angle that began at zero would jump. Integrals have no rest and
+        have summed up since the record began.
         """
         states, known = self._matched_states(arm, rows)
         shift = self._joint_shift(arm)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from flex_plant_sim.arm.robot import Robot
+from flex_plant_sim.arm.second_order import SecondOrderForm
 from flex_plant_sim.arm.state_space import StateSpace
 from flex_plant_sim.effects.base import Effect, Parameter
 from flex_plant_sim.effects.mechanics.extra_states import with_states
@@ -27,7 +28,10 @@ class DriveIntegral(Effect):
                   20.0),)
     sites = 'velocity_loop'
     structural = True
-    needs_rates = True
+
+    def on_form(self, form: SecondOrderForm, robot: Robot) -> SecondOrderForm:
+        """Return the form as it is; models without one, and thus without speeds, are refused."""
+        return form
 
     def on_state_space(self, plant: StateSpace, robot: Robot) -> StateSpace:
         """Return the plant with the integral of the error, rad, as its last state."""
