@@ -42,7 +42,7 @@ NORMAL = norm.ppf((np.arange(1000) + 0.5) / 1000)
 
 
 def searched(hidden: tuple[str, ...], data: Data | None = None, asked: tuple[str, ...] = ASKED,
-             base: BaseModel | None = None, jobs: int = 1, seconds: float = 22.0
+             base: BaseModel | None = None, jobs: int = 1, seconds: float = 14.0
              ) -> tuple[SearchResult, Data]:
     """Return what a search among the asked effects finds in a record."""
     data = data or Data.of([simulated(effects(*hidden), seconds)], SLOWEST, REFERENCE.sample_time)
@@ -53,7 +53,7 @@ def searched(hidden: tuple[str, ...], data: Data | None = None, asked: tuple[str
 
 def of_elements(hidden: tuple[tuple[str, dict[str, float]], ...]) -> tuple[SearchResult, Data]:
     """Return whether more inertia of a hub is found in a finite-element arm."""
-    truth = make_record(TruthCase(5, hidden, duration_s=28.0, tolerances=False))
+    truth = make_record(TruthCase(5, hidden, duration_s=18.0, tolerances=False))
     record = Record('truth', truth.time, truth.command, np.hstack([truth.joint, truth.strain]),
                     0.1)
     return searched((), Data.of([record], SLOWEST, REFERENCE.sample_time), ('hub_inertia',))
@@ -62,7 +62,7 @@ def of_elements(hidden: tuple[tuple[str, dict[str, float]], ...]) -> tuple[Searc
 @pytest.fixture(scope='module')
 def clean() -> tuple[SearchResult, Data]:
     """Return what is found where nothing is hidden."""
-    return searched((), seconds=28.0)
+    return searched((), seconds=16.0)
 
 
 def test_two_causes_are_found_together_in_few_passes(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -122,7 +122,7 @@ def test_a_base_that_shifts_is_not_taken_for_one_that_turns() -> None:
     # Along a trajectory without the base's motion, what turns looks nearer than what shifts.
     truth = make_record(TruthCase(
         2, (('base_sliding', {'stiffness': 612.0, 'mass': 3.0, 'damping_ratio': 0.05}),),
-        duration_s=28.0, tolerances=False, simulator=MUJOCO))
+        duration_s=18.0, tolerances=False, simulator=MUJOCO))
     record = Record('truth', truth.time, truth.command, np.hstack([truth.joint, truth.strain]),
                     0.1)
     found, _ = searched((), Data.of([record], SLOWEST, REFERENCE.sample_time),
@@ -145,7 +145,7 @@ def test_a_brake_far_stronger_than_the_drive_s_damping_is_found() -> None:
 def test_a_part_that_no_effect_asked_speaks_of_is_told_where_it_is() -> None:
     # Half as fast a velocity loop is a damping ln 2 below its file, at the same steady gain.
     found, _ = searched(('drive_bandwidth:joint_2:time_constant_factor=2',), None,
-                        ('strain_gain',), seconds=28.0)
+                        ('strain_gain',), seconds=16.0)
     best = found.best
     assert best.fit.hypotheses == () and best.fit.discrepancy.far_part == 'drive_damping_2'
     parts = [part.name for part in best.likelihood.parts]

@@ -31,7 +31,7 @@ DRAG: tuple[str, Parameters] = ('viscous_friction', {'joint': 2, 'coefficient': 
 
 def logged(rows: int, *effects: tuple[str, Parameters]) -> TrueRecord:
     """Return the log of an arm whose commands are written so many rows too late."""
-    made = make_record(TruthCase(97, effects, duration_s=24.0))
+    made = make_record(TruthCase(97, effects, duration_s=14.0))
     late = np.roll(made.command, rows, axis=0)
     kept = slice(abs(rows), len(late) - abs(rows))
     return TrueRecord(made.time[kept], late[kept], made.joint[kept], made.strain[kept],
@@ -93,11 +93,11 @@ def test_late_commands_are_told_beside_what_was_found(
 def test_a_lost_payload_is_no_late_command(tmp_path: Path,
                                            capsys: pytest.CaptureFixture[str]) -> None:
     """Beside nothing, smooth commands moved by a row gain 9 nats, as they stand for it."""
-    phase = np.pi * REFERENCE.sample_time * np.arange(3000.0)
+    phase = np.pi * REFERENCE.sample_time * np.arange(1800.0)
     command = 0.6 * np.stack([np.sin(phase) + 0.5 * np.sin(1.7 * phase + 1.0),
                               np.sin(1.3 * phase + 0.5) + 0.5 * np.sin(2.3 * phase)], axis=1)
     lost = hidden('payload_change:arm:change_kg=-0.16,time_s=2.0')
-    path = write(simulated(lost, 30.0, command=command), tmp_path / 'log.csv')
+    path = write(simulated(lost, 18.0, command=command), tmp_path / 'log.csv')
     assert main([str(path), *only('payload_change')]) == 0
     said = capsys.readouterr().out
     assert 'The payload changes' in said and 'seem to be logged' not in said
