@@ -21,7 +21,7 @@ from flex_plant_sim.simulation.replay import replay
 import pytest
 from truth.records import HAVE_MUJOCO, NO_MUJOCO
 
-FRICTION = BankCase('one', ('coulomb_friction',), 'reference', 1000, seconds=24.0)
+FRICTION = BankCase('one', ('coulomb_friction',), 'reference', 1000, seconds=16.0)
 # The full catalogue takes the bank's time; these are friction's likeliest rivals.
 RIVALS = ('coulomb_friction', 'viscous_friction', 'actuator_gain', 'actuator_dead_zone',
           'motor_lag', 'link_stiffness', 'strain_gain')
@@ -89,7 +89,7 @@ def test_report_holds_sentence_and_pictures(folder: Path) -> None:
 
 
 def test_clean_arm_with_tolerances_and_distractors_is_left_alone() -> None:
-    case = BankCase('clean', (), 'reference', 1001, seconds=24.0)
+    case = BankCase('clean', (), 'reference', 1001, seconds=16.0)
     line = run_case(case, read_limits()['reference'])
     assert line['code'] == 0
     assert score.named(line) == []

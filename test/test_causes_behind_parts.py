@@ -25,7 +25,7 @@ PAYLOAD = 0.061
 def test_a_cause_is_found_behind_parts_that_are_far_off_beside_a_named_one() -> None:
     # Beside the ripple the parts are 18 tolerances off. Linearised there the payload's inertia
     # gains nothing, and gauges that are said to be wrong make up for the rest.
-    truth = make_record(TruthCase(12902, (RIPPLE, BULKY), duration_s=28.0, payload_true=PAYLOAD))
+    truth = make_record(TruthCase(12902, (RIPPLE, BULKY), duration_s=18.0, payload_true=PAYLOAD))
     record = Record('truth', truth.time, truth.command, np.hstack([truth.joint, truth.strain]),
                     PAYLOAD)
     found, _ = searched((), Data.of([record], SLOWEST, REFERENCE.sample_time),

@@ -87,7 +87,7 @@ def test_an_arm_without_gauges_is_diagnosed_by_its_joints(tmp_path: Path) -> Non
     robot, log, answer = (tmp_path / name for name in ('robot.yaml', 'log.csv', 'answer.json'))
     robot.write_text(re.sub('gauge_positions_m: .*', 'gauge_positions_m: []', text))
     hidden: tuple[str, Parameters] = ('viscous_friction', {'joint': 2, 'coefficient': 3.0})
-    made = make_record(TruthCase(95, (hidden,), duration_s=24.0, simulator=FINITE_ELEMENTS))
+    made = make_record(TruthCase(95, (hidden,), duration_s=14.0, simulator=FINITE_ELEMENTS))
     columns = ['time', 'command_1', 'command_2', 'joint_1', 'joint_2']
     np.savetxt(log, np.column_stack([made.time, made.command, made.joint]), delimiter=',',
                header=','.join(columns), comments='')
@@ -180,7 +180,7 @@ def test_a_terminal_that_states_no_columns_is_told_too() -> None:
 
 def test_interrupt_leaves_nothing_behind(tmp_path: Path) -> None:
     """Ctrl-C reaches the whole process group while fits run in parallel."""
-    record = simulated(effects('coulomb_friction:joint_2:level_n_m=0.5'), 28.0)
+    record = simulated(effects('coulomb_friction:joint_2:level_n_m=0.5'), 16.0)
     log = write(record, tmp_path / 'log.csv')
     places = [str(tmp_path / name) for name in ('answer.json', 'robot.yaml', 'report')]
     run = subprocess.Popen(

@@ -126,10 +126,10 @@ def test_deviations_are_those_of_what_is_drawn_from_all_events() -> None:
     assert np.all(np.diagonal(found)[:2] >= 0.97 * square[:2])
 
 
-@pytest.fixture(scope='module', params=[(13.2, 0.0), (13.2, 3.7), (6.0, 13.0)])
+@pytest.fixture(scope='module', params=[(9.2, 0.0), (9.2, 3.7), (4.0, 10.0)])
 def arm(request: pytest.FixtureRequest) -> tuple[Data, BaseModel, Array]:
     """Return the record of an arm of finite elements, the model, and its payload's change."""
-    case = draw_case('payload_change', 1, duration_s=24.0)
+    case = draw_case('payload_change', 1, duration_s=18.0)
     (name, _), = case.effects
     change, (start, duration) = 0.03, request.param
     case = replace(case, effects=((name, {

@@ -158,13 +158,14 @@ def test_a_width_is_known_to_a_factor(truth: float, low: float, high: float) -> 
     widths = width * np.exp(spread * nodes)
     mass = norm.cdf(high, scale=widths) - norm.cdf(low, scale=widths)
 
-    def density(theta: float) -> float:
+    def density(theta: Array | float) -> Array:
+        theta = np.asarray(theta)[..., None]
         left = residual + column * theta
-        return float(np.exp(-0.5 * left @ left + 0.5 * RESIDUAL @ RESIDUAL)
-                     * (weights / weights.sum() / mass) @ norm.pdf(theta, scale=widths))
+        likelihood = np.exp(0.5 * RESIDUAL @ RESIDUAL - 0.5 * np.sum(left**2, axis=-1))
+        return likelihood * (norm.pdf(theta, scale=widths) @ (weights / weights.sum() / mass))
 
     values = np.linspace(max(low, truth - 3.0), truth + 3.0, 60001)
-    best = values[np.argmax([density(theta) for theta in values])]
+    best = values[np.argmax(density(values))]
     rows = np.stack([residual + column * best, column])[:, None]
     statistics = SufficientStatistics(channel_products(rows, rows), np.array([best]), slab,
                                       np.zeros(0), 30.0, np.zeros(1))

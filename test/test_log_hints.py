@@ -21,7 +21,7 @@ EXCHANGED = 'joint_1 and joint_2 look exchanged, or the commands'
 
 def exchanged(path: Path) -> Path:
     """Write a log whose joints' columns are exchanged."""
-    record = simulated(duration=24.0)
+    record = simulated(duration=14.0)
     return write(replace(record, output=record.output[:, [1, 0, 2, 3, 4, 5]]), path)
 
 

@@ -25,7 +25,7 @@ def begun() -> tuple[SearchState, RefinedFit]:
     """Return a search among three effects on an arm with two of them, and nothing refined."""
     hidden = effects('strain_filter:arm:time_constant_s=0.05,damping=0.7',
                      'viscous_friction:joint_1:damping_n_m_s=2')
-    data, base = Data.of([simulated(hidden, 22.0)], SLOWEST, REFERENCE.sample_time), BaseModel(
+    data, base = Data.of([simulated(hidden, 14.0)], SLOWEST, REFERENCE.sample_time), BaseModel(
         REFERENCE)
     asked = ('strain_filter', 'strain_delay', 'viscous_friction')
     state = SearchState(data, base, 1, [name for name in catalogue() if name not in asked],

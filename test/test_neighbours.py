@@ -103,7 +103,7 @@ def test_a_cause_that_is_far_from_its_null_is_refined_alone() -> None:
     asked = ('payload_offset', 'strain_gain')
     others = [name for name in catalogue() if name not in asked]
     far = effects('payload_offset:arm:offset_m=0.3')
-    data = Data.of([simulated(far, 22.0)], SLOWEST, REFERENCE.sample_time)
+    data = Data.of([simulated(far, 14.0)], SLOWEST, REFERENCE.sample_time)
     state = SearchState(data, BaseModel(REFERENCE), 1, others, lambda *told: None)
     nothing = state.refine(CandidateSet((), (np.zeros(0),)), BaseModel(REFERENCE).discrepancy)
     probe_catalogue(state, nothing)
@@ -115,7 +115,7 @@ def test_a_cause_that_is_far_from_its_null_is_refined_alone() -> None:
 
 def test_a_set_that_ended_in_a_poor_optimum_is_refined_from_where_a_larger_one_ended() -> None:
     # Beside a base that slides, a filter of 0.000 s gained 3 nats, 5 less than the base alone.
-    data = Data.of([simulated(effects('viscous_friction:joint_2:damping_n_m_s=3'), 22.0)], SLOWEST,
+    data = Data.of([simulated(effects('viscous_friction:joint_2:damping_n_m_s=3'), 14.0)], SLOWEST,
                    REFERENCE.sample_time)
     others = [name for name in catalogue() if name not in ('viscous_friction', 'strain_gain')]
     nominal = BaseModel(REFERENCE)

@@ -22,7 +22,7 @@ from truth.records import HAVE_MUJOCO, make_record, MUJOCO, NO_MUJOCO, TruthCase
 MODES, BESIDE, PAYLOAD = 2, 0.06, 0.2
 HELD = f'payload_beside:arm:beside_m={BESIDE}'
 NATURE = ('coriolis_centripetal:arm:share=1', 'foreshortening:arm:share=1')
-CASE = TruthCase(2, duration_s=28.0, payload_true=0.15, payload_told=0.15, tolerances=False,
+CASE = TruthCase(2, duration_s=18.0, payload_true=0.15, payload_told=0.15, tolerances=False,
                  simulator=MUJOCO)
 
 
@@ -107,7 +107,7 @@ def test_the_arm_moves_as_one_of_rigid_segments(beside: float) -> None:
 
 @pytest.mark.skipif(not HAVE_MUJOCO, reason=NO_MUJOCO)
 def test_a_payload_beside_the_axis_is_told_beside_a_zero_of_joint_2() -> None:
-    """Of rigid links both look nearly the same; in 28 s of these they are equally likely."""
+    """Of rigid links both look nearly the same; in 18 s of these they are equally likely."""
     truth = make_record(replace(CASE, effects=(('payload_beside', {'beside': -0.05}),)))
     record = Record('truth', truth.time, truth.command, np.hstack([truth.joint, truth.strain]),
                     0.15)

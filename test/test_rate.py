@@ -103,12 +103,12 @@ def test_an_event_that_is_known_is_where_a_fit_begins_too() -> None:
 def test_a_fast_log_is_told_as_a_slow_one_and_extends_the_file_as_it_is(
         tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     hidden = effects('viscous_friction:joint_2:damping_n_m_s=3')
-    log = write(simulated(hidden, 22.0, robot=FAST), tmp_path / 'log.csv', FAST)
+    log = write(simulated(hidden, 14.0, robot=FAST), tmp_path / 'log.csv', FAST)
     asked = ('viscous_friction', 'strain_filter', 'payload_change')
     assert main([str(log), '--payload', '0.1', '--extended', str(tmp_path / 'robot.yaml'), *(
         f'--exclude={name}' for name in catalogue() if name not in asked)]) == 0
     said = capsys.readouterr().out
-    assert '22000 samples, of which one in 12 is used: more tell noise alone' in said
+    assert '14000 samples, of which one in 12 is used: more tell noise alone' in said
     assert 'viscous friction, joint 2          88 %' in said
     extended = load_robot(str(tmp_path / 'robot.yaml'))
     assert extended.sample_time == REFERENCE.sample_time

@@ -38,7 +38,7 @@ from truth.tolerances import TOLD
 def test_a_look_alike_is_fitted_along_its_own_trajectory() -> None:
     clamp, base = effects('clamp_compliance:link_1:compliance_rad_per_n_m=0.01',
                           'base_compliance:arm:compliance_rad_per_n_m=0.009,inertia_kg_m2=0.05')
-    data = Data.of([simulated((clamp,), 22.0)], SLOWEST, REFERENCE.sample_time)
+    data = Data.of([simulated((clamp,), 14.0)], SLOWEST, REFERENCE.sample_time)
     known = {h.label: h for h in all_hypotheses(REFERENCE)}
     near, far = (CandidateSet((known[f'{e.identifier}:{e.site}'],), (np.array(e.values),))
                  for e in (clamp, base))
@@ -53,7 +53,7 @@ def test_a_look_alike_is_fitted_along_its_own_trajectory() -> None:
 
 def test_another_robot_is_fitted_along_its_own_trajectory_too() -> None:
     """Along that of a weaker link, a payload held beyond the tip is further behind it."""
-    case = TruthCase(14971, (('payload_offset', {'beyond': 0.156}),), 'quanser_2dsfl', 20.0,
+    case = TruthCase(14971, (('payload_offset', {'beyond': 0.156}),), 'quanser_2dsfl', 14.0,
                      0.19, 0.19)
     log = make_record(case)
     made = Record('made', log.time, log.command, np.hstack([log.joint, log.strain]), 0.19)
@@ -79,7 +79,7 @@ def test_evidence_is_the_same_wherever_it_is_linearised_first() -> None:
     base, parts = BaseModel(REFERENCE), part_priors(REFERENCE, REFERENCE.payload_mass)
     off = {'damping_1': 1.5, 'stiffness_1': -2.0, 'stiffness_2': 2.0, 'drive_gain_1': -1.0}
     true = np.array([off.get(part.name, 0.0) * part.tolerance for part in parts])
-    record = simulated((), 22.0, robot=with_deviations(REFERENCE, parts, true)[0])
+    record = simulated((), 14.0, robot=with_deviations(REFERENCE, parts, true)[0])
     data = Data.of([record], SLOWEST, REFERENCE.sample_time)
     from_file, from_truth = (
         RefinedFit.refine(CandidateSet((), (np.zeros(0),), deviations), base, data).fit
@@ -91,7 +91,7 @@ def test_evidence_is_the_same_wherever_it_is_linearised_first() -> None:
 
 
 def test_another_trajectory_keeps_the_jacobian_and_has_its_own_residual() -> None:
-    record = simulated(effects('coulomb_friction:joint_1:level_n_m=0.4'), 22.0)
+    record = simulated(effects('coulomb_friction:joint_1:level_n_m=0.4'), 14.0)
     data, base = Data.of([record], SLOWEST, REFERENCE.sample_time), BaseModel(REFERENCE)
     first = Likelihood(base, data.windows, data.noise)
     deviations = 0.5 * np.array([part.tolerance for part in first.parts])
@@ -130,7 +130,7 @@ def elements(seconds: float) -> Record:
 
 def test_what_fits_elements_with_parts_as_far_off_as_told_gains_nothing_by_another_fit() -> None:
     # Of another form, so that the parts' columns, and Occam's factor, change where they are found.
-    data, base = Data.of([elements(22.0)], SLOWEST, REFERENCE.sample_time), BaseModel(REFERENCE)
+    data, base = Data.of([elements(14.0)], SLOWEST, REFERENCE.sample_time), BaseModel(REFERENCE)
     first = RefinedFit.refine(CandidateSet((), (np.zeros(0),)), base, data).fit
     again = RefinedFit.refine(CandidateSet.of(first), base, data).fit
     assert again.log_evidence - first.log_evidence < 0.5
@@ -140,7 +140,7 @@ def test_a_factor_in_place_of_its_part_is_told_by_the_part_s_own_jacobian() -> N
     base, parts = BaseModel(REFERENCE), part_priors(REFERENCE, REFERENCE.payload_mass)
     place = [part.name for part in parts].index('stiffness_2')
     stiffer = 6.0 * parts[place].tolerance * np.eye(len(parts))[place]
-    record = simulated((), 22.0, robot=with_deviations(REFERENCE, parts, stiffer)[0])
+    record = simulated((), 14.0, robot=with_deviations(REFERENCE, parts, stiffer)[0])
     data = Data.of([record], SLOWEST, REFERENCE.sample_time)
     nothing = RefinedFit.refine(CandidateSet((), (np.zeros(0),)), base, data)
     asked = [h for h in all_hypotheses(REFERENCE) if h.label == 'link_stiffness:link_2']
@@ -158,7 +158,7 @@ def test_a_factor_in_place_of_its_part_is_told_by_the_part_s_own_jacobian() -> N
 def test_a_gauge_far_off_its_tolerance_is_a_cause() -> None:
     # Its part is held back by its tolerance, so that other parts share what it does.
     wrong, = effects('strain_gain:strain_2a:factor=1.2')
-    data = Data.of([simulated((wrong,), 22.0)], SLOWEST, REFERENCE.sample_time)
+    data = Data.of([simulated((wrong,), 14.0)], SLOWEST, REFERENCE.sample_time)
     base = BaseModel(REFERENCE)
     nothing = RefinedFit.refine(CandidateSet((), (np.zeros(0),)), base, data)
     told, = (fit for fit in fits_replacing_parts(nothing, all_hypotheses(REFERENCE))
@@ -172,7 +172,7 @@ def test_a_gauge_far_off_its_tolerance_is_a_cause() -> None:
 def test_a_resonant_effect_is_fitted_from_each_probed_size() -> None:
     # A size sets a frequency: between two probed sizes the residual is not linear.
     data = Data.of([simulated(effects(
-        'loose_payload:arm:compliance_m_per_n=0.045,damping_ratio=0.05'), 22.0)],
+        'loose_payload:arm:compliance_m_per_n=0.045,damping_ratio=0.05'), 14.0)],
         SLOWEST, REFERENCE.sample_time)
     asked, base = ('loose_payload', 'clamp_compliance'), BaseModel(REFERENCE)
     state = SearchState(data, base, 1, [name for name in catalogue() if name not in asked],
@@ -200,7 +200,7 @@ def test_a_resonant_effect_is_fitted_from_each_probed_size() -> None:
 
 
 def test_what_was_not_fitted_does_not_pay_for_what_linear_gains_promised_of_others() -> None:
-    data = Data.of([simulated((), 22.0)], SLOWEST, REFERENCE.sample_time)
+    data = Data.of([simulated((), 14.0)], SLOWEST, REFERENCE.sample_time)
     asked, base = ('link_stiffness', 'viscous_friction', 'strain_gain'), BaseModel(REFERENCE)
     state = SearchState(data, base, 1, [name for name in catalogue() if name not in asked],
                         lambda *told: None)
@@ -220,7 +220,7 @@ def test_what_was_not_fitted_does_not_pay_for_what_linear_gains_promised_of_othe
 
 
 def test_a_gear_is_started_with_a_heavy_output_too() -> None:
-    data = Data.of([simulated((), 22.0)], SLOWEST, REFERENCE.sample_time)
+    data = Data.of([simulated((), 14.0)], SLOWEST, REFERENCE.sample_time)
     base, others = BaseModel(REFERENCE), [n for n in catalogue() if n != 'gear_compliance']
     state = SearchState(data, base, 1, others, lambda *told: None)
     nothing = state.refine(CandidateSet((), (np.zeros(0),)), base.discrepancy)
@@ -233,7 +233,7 @@ def test_a_gear_is_started_with_a_heavy_output_too() -> None:
 
 
 def test_what_is_forgotten_where_laws_lead_can_be_computed_again() -> None:
-    data, base = Data.of([simulated((), 22.0)], SLOWEST, REFERENCE.sample_time), BaseModel(
+    data, base = Data.of([simulated((), 14.0)], SLOWEST, REFERENCE.sample_time), BaseModel(
         REFERENCE)
     state = SearchState(data, base, 1, (), lambda *told: None)
     nothing = state.refine(CandidateSet((), (np.zeros(0),)), base.discrepancy)
@@ -258,7 +258,7 @@ def test_what_is_forgotten_where_laws_lead_can_be_computed_again() -> None:
 def test_single_causes_are_fitted_around_the_parts_of_the_file() -> None:
     # Within three tolerances the parts stand for the softer link as well.
     off = effects('link_stiffness:link_1:factor=0.95')
-    data, base = Data.of([simulated(off, 22.0)], SLOWEST, REFERENCE.sample_time), BaseModel(
+    data, base = Data.of([simulated(off, 14.0)], SLOWEST, REFERENCE.sample_time), BaseModel(
         REFERENCE)
     nothing = RefinedFit.refine(CandidateSet((), (np.zeros(0),)), base, data)
     assert np.any(nothing.likelihood.centre_deviations != 0.0)
@@ -293,7 +293,7 @@ def test_a_slope_is_taken_within_a_standard_deviation() -> None:
     # A loop whose damping lags a little more than whole is unstable: a twentieth is too far.
     values = np.array([0.1, 1.0])
     lag = effects('motor_lag:joint_2:time_constant_s=0.1,inside_loop=1')
-    data = Data.of([simulated(lag, 22.0)], SLOWEST, REFERENCE.sample_time)
+    data = Data.of([simulated(lag, 14.0)], SLOWEST, REFERENCE.sample_time)
     causes = CauseSet([h for h in all_hypotheses(REFERENCE) if h.label == 'motor_lag:joint_2'],
                       data.duration)
     solver = GaussNewton(Likelihood(BaseModel(REFERENCE), data.windows, data.noise, lag), causes,
@@ -323,7 +323,7 @@ def test_an_event_is_found_wherever_its_fit_ends(start: tuple[float, ...]) -> No
 
 def test_causes_without_the_trajectory_s_shapes_are_predicted_one_at_a_time() -> None:
     truncated = effects('modal_truncation:arm:modes=4')
-    data = Data.of([simulated((), 22.0)], SLOWEST, REFERENCE.sample_time)
+    data = Data.of([simulated((), 14.0)], SLOWEST, REFERENCE.sample_time)
     likelihood = Likelihood(BaseModel(REFERENCE, 'paper', 2), data.windows, data.noise, truncated)
     bias, = (h for h in all_hypotheses(REFERENCE) if h.label == 'strain_bias:strain_1a')
     causes, values = CauseSet((bias,), data.duration), np.array([[1e-5], [2e-4]])

@@ -85,7 +85,7 @@ def test_a_similar_arm_gets_the_same_answer() -> None:
     others = [name for name in catalogue() if name not in asked]
     hidden = effects('coulomb_friction:joint_1:level_n_m=0.4',
                      'payload_mass:arm:deviation_kg=0.04')
-    record = simulated(hidden, 20.0)
+    record = simulated(hidden, 14.0)
     with np.errstate(all='ignore'):
         one, other = (search(
             Data.of([replace(record, payload=heavier * record.payload)], SLOWEST, 0.01),

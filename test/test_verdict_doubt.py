@@ -43,7 +43,7 @@ ASKED = ('strain_gain', 'strain_bias', 'link_stiffness')
 
 def test_a_gauge_that_is_not_linear_is_not_nothing(tmp_path: Path) -> None:
     """Its error is a law over its own strain, which no effect of the catalogue has."""
-    made, answer = make_record(TruthCase(97, duration_s=24.0)), tmp_path / 'answer.json'
+    made, answer = make_record(TruthCase(97, duration_s=18.0)), tmp_path / 'answer.json'
     made.strain[:, 0] += 300.0 * made.strain[:, 0]**2
     made.write_csv(tmp_path / 'log.csv')
     others = [f'--exclude={name}' for name in catalogue() if name not in ASKED]
@@ -60,7 +60,7 @@ def test_a_gauge_that_is_not_linear_is_not_nothing(tmp_path: Path) -> None:
 def test_a_gauge_that_hears_a_drive_is_not_nothing(share: float, verdict: str, tmp_path: Path
                                                    ) -> None:
     """Its error is slow: of all samples' power, most of which is noise, it is little."""
-    made, answer = make_record(TruthCase(98, duration_s=24.0)), tmp_path / 'answer.json'
+    made, answer = make_record(TruthCase(98, duration_s=20.0)), tmp_path / 'answer.json'
     heard = made.command[:, 0] - made.command[:, 0].mean()
     made.strain[:, 0] += share * heard * made.strain[:, 0].std() / heard.std()
     made.write_csv(tmp_path / 'log.csv')
