@@ -233,7 +233,7 @@ def test_the_hose_of_the_bank_is_as_stiff_as_the_spring_where_it_is_loose(
 
 
 @pytest.mark.skipif(not HAVE_MUJOCO, reason=NO_MUJOCO)
-@pytest.mark.parametrize('seed', [4, 5])
+@pytest.mark.parametrize('seed', [4])
 def test_a_hose_across_the_elbow_is_a_spring_about_where_it_is_loose(seed: int) -> None:
     """Its pull k (l - l_0) times its lever is no line: the best one over the angles visited."""
     from truth.mujoco.simulation import simulate as moved

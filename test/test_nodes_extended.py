@@ -16,6 +16,7 @@ from flex_plant_sim.simulation.simulator import simulate
 from msg_config.parameters import check_parameters
 import numpy as np
 import pytest
+from simulated_records import simulated, write
 
 if TYPE_CHECKING:
     from ros_loop import RosLoop
@@ -101,9 +102,9 @@ def test_a_linear_model_takes_the_parameters_that_were_found(user: str, extended
 
 
 def test_what_a_linear_model_leaves_out_is_said(
-        extended: str, shared_data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        extended: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     told = '; of the robot file it leaves out coulomb_friction:joint_2, input_delay:arm'
-    log = str(shared_data / 'bench' / 'case_8009d8b8.csv')
+    log = str(write(simulated(duration=2.0), tmp_path / 'log.csv'))
     for robot, estimator, said in ((extended, 'sf1', told), (extended, 'rpe', ''),
                                    ('reference', 'sf1', '')):
         arguments = ['--robot', robot, '--estimator', estimator, '--modes', '2']
