@@ -80,7 +80,7 @@ def test_the_answer_says_that_the_log_may_be_wrong(
     assert words in capsys.readouterr().out
 
 
-@pytest.mark.parametrize('effects', [(), (DRAG,)])
+@pytest.mark.parametrize('effects', [(DRAG,)])
 def test_late_commands_are_told_beside_what_was_found(
         effects: tuple[tuple[str, Parameters], ...], tmp_path: Path,
         capsys: pytest.CaptureFixture[str]) -> None:

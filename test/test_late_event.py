@@ -32,6 +32,7 @@ BASE = nominal_base(REFERENCE, 'assumed_modes', 2)
 DURATION_S, LATE_S, LONG_S = 20.0, 17.0, 30.0
 ASKED = ('payload_change', 'payload_mass', 'link_stiffness')
 OTHERS = [name for name in catalogue() if name not in ASKED]
+ALL_BUT_MASS = [*OTHERS, 'payload_change', 'link_stiffness']
 
 
 @cache
@@ -103,7 +104,7 @@ def test_what_changes_in_the_locked_part_and_has_no_name_is_not_nothing() -> Non
 
 def test_without_an_event_the_locked_part_is_like_the_rest() -> None:
     data = Data.of([made(None)], slowest_frequency(BASE, 0.1), REFERENCE.sample_time)
-    nothing = search(data, BASE, 1, lambda step, share: None, [*OTHERS, 'link_stiffness'])
+    nothing = search(data, BASE, 1, lambda step, share: None, ALL_BUT_MASS)
     assert not locked_part_differs(nothing, data)
     # A small change near the end: on the whole errors are still less than any model may make.
     for record in (made(LATE_S), made(18.7, left=0.07)):
@@ -115,8 +116,7 @@ def test_an_event_is_asked_for_beside_what_was_found() -> None:
     def seen(time_s: float | None, locks_first: bool) -> Data:
         record = replace(made(time_s), payload=0.14)
         return Data.of([record], slowest_frequency(BASE, 0.1), REFERENCE.sample_time, locks_first)
-    found = search(seen(None, False), BASE, 1, lambda step, share: None,
-                   [*OTHERS, 'payload_change', 'link_stiffness'])
+    found = search(seen(None, False), BASE, 1, lambda step, share: None, ALL_BUT_MASS)
     assert [h.effect.identifier for h in found.best.fit.hypotheses] == ['payload_mass']
     for time_s in (None, LATE_S):
         pays = event_pays(found, seen(time_s, True), BASE, 1, lambda step, share: None, OTHERS)
@@ -174,5 +174,5 @@ def test_records_of_any_lengths_are_cut_into_equal_windows() -> None:
                     output=long.output[:1300])
     data = Data.of([long, short], slowest_frequency(BASE, 0.1), REFERENCE.sample_time)
     assert len({windows.length for windows in (*data.windows, *data.locked)}) == 1
-    found = search(data, BASE, 1, lambda step, share: None, [*OTHERS, 'link_stiffness'])
+    found = search(data, BASE, 1, lambda step, share: None, ALL_BUT_MASS)
     assert not locked_part_differs(found, data)
