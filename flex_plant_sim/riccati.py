@@ -57,9 +57,9 @@ def _doubled(e: Array, g: Array, h: Array) -> tuple[Array, Array, Array, Array]:
     unit = np.eye(n)
     f, product = unit + e, g @ h
     transposed = np.swapaxes(f, -1, -2)
-    # W = (I + G H)^-1; X = W G H = I - W.
-    solved = np.linalg.solve(unit + product, np.concatenate([product, g, f], axis=-1))
-    x, weighted_g, weighted_f = np.split(solved, 3, axis=-1)
-    growth = transposed @ h @ weighted_f
+    # W = (I + G H)^-1. Not as I - W, W G H keeps the digits of a small product.
+    w = np.linalg.inv(unit + product)
+    growth = transposed @ (h @ (w @ f))
     growth = 0.5 * (growth + np.swapaxes(growth, -1, -2))
-    return (2.0 * e + e @ e - f @ x @ f, g + f @ weighted_g @ transposed, h + growth, growth)
+    return (2.0 * e + e @ e - f @ (w @ product) @ f, g + f @ (w @ g) @ transposed, h + growth,
+            growth)
