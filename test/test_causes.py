@@ -90,7 +90,7 @@ def test_two_causes_are_found_together_in_few_passes(monkeypatch: pytest.MonkeyP
 def test_a_dropped_payload_is_found_and_nothing_beside_it() -> None:
     # Far beyond the first probed size; modal_truncation at its null does nothing.
     hidden = effects('payload_change:arm:change_kg=-0.095,time_s=12.3,duration_s=0')
-    data = Data.of([simulated(hidden, 28.0)], SLOWEST, REFERENCE.sample_time)
+    data = Data.of([simulated(hidden, 22.0)], SLOWEST, REFERENCE.sample_time)
     asked = ('payload_change', 'payload_mass', 'strain_filter', 'modal_truncation')
     found, _ = searched((), data, asked)
     cause, = found.posterior.best.hypotheses
