@@ -8,6 +8,17 @@ from flex_plant_sim.diagnosis.record.windows import Indices, Record
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 
+# How far an integral slips in a second, as a share of the angles' noise: without, no filter would
+# ever correct what noise the first sample of a record has put into it.
+SLIP = 1.0
+
+
+def slip_variance(arm: ExtendedArm, noise: Array) -> Array:
+    """Return the variance that a step adds to an arm's states because integrals slip, (n,)."""
+    found = np.zeros(arm.states)
+    found[integrators(arm, arm.own_states)] = arm.step_time * (SLIP * np.mean(noise[:2]))**2
+    return found
+
 
 def integrators(arm: ExtendedArm, known: int) -> Indices:
     """Return which states from `known` on only integrate: no added state depends on them."""

@@ -18,6 +18,7 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.prediction.added_states import (
     integrals,
     integrators,
+    slip_variance,
     states_at_rest,
 )
 from flex_plant_sim.diagnosis.prediction.base_model import BaseModel
@@ -112,9 +113,9 @@ class Predictor:
 
     def steady_filter_of(self, arm: ExtendedArm) -> SteadyFilter:
         """Return an arm's own steady filter; with the gain of another the arm may be unstable."""
-        own = np.zeros(arm.states)
+        own = slip_variance(arm, self.noise)
         if self.for_comparison:
-            own = self.discrepancy.step_variance(arm, self.windows, self.base.discrepancy)
+            own += self.discrepancy.step_variance(arm, self.windows, self.base.discrepancy)
         force = self._force_variance(arm)
         # Many effects leave the plant alone; arms with equal matrices share one filter.
         key = blake2b(b''.join(part.tobytes() for part in (
