@@ -45,6 +45,14 @@ def test_what_cannot_be_told_from_a_cause_stands_beside_it_with_its_size() -> No
     assert not any('backlash' in line for line in lines)
 
 
+def test_a_channel_that_is_predicted_worse_at_all_horizons_is_told() -> None:
+    worse = [replace(GAIN, horizon=h, after=2.0 * GAIN.before, ratio_low=1.6, ratio_high=2.4)
+             for h in (0.2, 1.0)]
+    told = 'joint_2: the robot file as it is predicts better'
+    assert told in answer_text(report().diagnosis, worse, [])
+    assert told not in answer_text(report().diagnosis, [worse[0], GAIN], [])
+
+
 def test_parts_beyond_their_tolerance_stand_beside_a_cause_too() -> None:
     text = answer_text(replace(report().diagnosis, parts=(FAR, NEAR)), [GAIN], [])
     assert f'{PARTS}{part_text(FAR)}\n' in text and 'stiffness' not in text

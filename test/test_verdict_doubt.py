@@ -127,6 +127,20 @@ def test_a_force_that_may_follow_a_variable_is_never_passed_over() -> None:
     assert with_unknown(unnamed, view).advice.startswith('Record joint 1 longer, and its')
 
 
+@pytest.mark.parametrize('other, said', [
+    ('strain_2b', 'Look at link 2 before its gauges'), ('strain_1', 'Look at strain 2a, its cab')])
+def test_gauges_of_one_link_that_err_alike_point_at_the_link(other: str, said: str) -> None:
+    """A link stiffer one way than the other had its first gauge's cable looked at."""
+    rng, found = np.random.default_rng(8), []
+    for site in ('strain_2a', other):
+        strain = 1e-4 * rng.uniform(-1.0, 1.0, 100 * STRETCHES)
+        series = LatentSeries(site, 'm/m', np.abs(strain), np.full(strain.size, 1e-6), {
+            'strain': ('m/m', strain)}, np.ones(strain.size, dtype=bool), 1e-6)
+        found.append(Finding(series, tuple(cross_validate(series)), law_of(series), None))
+    unnamed = Diagnosis('not_in_catalogue', 'Wrong.', advice=LOOK_AT_RESIDUALS)
+    assert with_unknown(unnamed, LatentView((), tuple(found))).advice.startswith(said)
+
+
 @pytest.mark.parametrize(('factor', 'said'), [(1.0, False), (2.0, False), (5.0, True)])
 def test_a_gauge_noisier_than_told_is_said(factor: float, said: bool, tmp_path: Path) -> None:
     made = make_record(TruthCase(98, duration_s=22.0))

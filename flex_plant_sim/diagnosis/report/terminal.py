@@ -38,6 +38,7 @@ def answer_text(diagnosis: Diagnosis, gains: Sequence[Gain],
     lines += ['', *_gain_lines(gains)]
     if diagnosis.moves_parts_alone and any(gain.before != gain.after for gain in gains):
         lines.append('  -> is with the parts as estimated: no cause is added')
+    lines += _worse_lines(gains)
     return '\n'.join([*lines, *(_payload_line(row) for row in payload)])
 
 
@@ -102,6 +103,14 @@ def _gain_lines(gains: Sequence[Gain]) -> list[str]:
                          f'{digits_text(scale * gain.after, 3)}')
         lines.append(f'  {f"{channel}, {unit}":<25}' + ''.join(f'{cell:>21}' for cell in cells))
     return lines if horizons else []
+
+
+def _worse_lines(gains: Sequence[Gain]) -> list[str]:
+    """Return which channels the extended robot predicts worse at all horizons, beyond chance."""
+    shown = [gain for gain in gains if gain.horizon in SHOWN_HORIZONS]
+    kept = {gain.channel for gain in shown if gain.ratio_low <= 1.0}
+    worse = [name for name in dict.fromkeys(gain.channel for gain in shown) if name not in kept]
+    return [f'  {", ".join(worse)}: the robot file as it is predicts better'] if worse else []
 
 
 def _payload_line(row: PayloadGain) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from string import ascii_lowercase
 
 from flex_plant_sim.diagnosis.likelihood.prior import unknown_odds
 from flex_plant_sim.diagnosis.prediction.friction_part import friction_part
@@ -188,6 +189,16 @@ def _advice(view: LatentView) -> str:
     if law.variable in ('time', CONSTANT):
         return f'Record {site} again from a cold start and an hour later: does it return?'
     if law not in [f.law for f in view.torques]:
+        alike = [other.site for other in stated if other.variable == law.variable
+                 and _link_of(other.site) == _link_of(law.site)]
+        if len(alike) > 1:
+            return (f'Look at link {_link_of(law.site)} before its gauges: several of them depend '
+                    f'alike on {over}.')
         return f'Look at {site}, its cable and its amplifier: what they read depends on {over}.'
     return (f'Record {site} through the whole range of {over}, both ways: the table that the '
             'extended robot carries is only known where this record was.')
+
+
+def _link_of(site: str) -> str:
+    """Return the number of a gauge's link, 2 of strain_2a; a joint's site as it is."""
+    return site.removeprefix('strain_').rstrip(ascii_lowercase) if 'strain_' in site else site
