@@ -80,11 +80,9 @@ def test_the_answer_says_that_the_log_may_be_wrong(
     assert words in capsys.readouterr().out
 
 
-@pytest.mark.parametrize('effects', [(DRAG,)])
 def test_late_commands_are_told_beside_what_was_found(
-        effects: tuple[tuple[str, Parameters], ...], tmp_path: Path,
-        capsys: pytest.CaptureFixture[str]) -> None:
-    logged(2, *effects).write_csv(tmp_path / 'log.csv')
+        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    logged(2, DRAG).write_csv(tmp_path / 'log.csv')
     assert main([str(tmp_path / 'log.csv'), *only(
         'viscous_friction', 'drive_bandwidth', 'input_delay')]) == 0
     assert 'The commands seem to be logged 20 ms late' in capsys.readouterr().out

@@ -87,7 +87,7 @@ def test_a_law_takes_the_place_of_causes_that_imitate_it(tmp_path: Path) -> None
 
 def test_a_cause_is_more_probable_than_a_law_that_does_the_same(tmp_path: Path) -> None:
     viscous: tuple[str, Parameters] = ('viscous_friction', {'joint': 2, 'coefficient': 3.0})
-    found, _ = told(tmp_path, GAUGE, viscous, asked=(GAUGE[0], viscous[0]))
+    found, _ = told(tmp_path, GAUGE, viscous)
     assert {cause['name'] for cause in found['causes']} == {GAUGE[0], viscous[0]}
     assert found['verdict'] == 'cause'
 
