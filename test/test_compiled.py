@@ -45,8 +45,9 @@ def test_the_diagnosis_recursion_sees_one_memory_layout(monkeypatch: pytest.Monk
         if isinstance(item, np.ndarray)))
     drive = np.zeros((5, 2, 8))[:, :, ::2]
     recursion.propagate_with_gaps(
-        ScheduledMatrices(np.zeros((5, 3)), np.zeros((3, 4, 4))), drive, np.zeros((1, 4)),
-        np.zeros((2, 1), dtype=int), None, recursion.Backlashes.none(4))
+        ScheduledMatrices(np.zeros((5, 2), dtype=int), np.zeros((5, 2)), np.zeros((3, 8, 4))),
+        drive, np.zeros((1, 4)), np.zeros((2, 1), dtype=int), None,
+        recursion.Backlashes.none(np.zeros((2, 4))))
     assert len(seen) > 10 and all(seen)
 
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 from flex_plant_sim.arm.robot_file import load_robot
+from flex_plant_sim.compiled import COMPILED
 from flex_plant_sim.diagnosis.causes.candidate_set import CandidateSet
 from flex_plant_sim.diagnosis.causes.hypothesis import all_hypotheses
 from flex_plant_sim.diagnosis.causes.refined_fit import RefinedFit
+from flex_plant_sim.diagnosis.prediction import recursion
 from flex_plant_sim.diagnosis.prediction.scheduled_matrices import ScheduledMatrices
 from flex_plant_sim.diagnosis.prediction.sensor_map import shifted
 from flex_plant_sim.diagnosis.prediction.whitening import (
@@ -37,8 +39,9 @@ class Arm:
     @property
     def matrices(self) -> ScheduledMatrices:
         """Return the predictor's matrices, the same at every sample."""
-        return ScheduledMatrices(np.ones((SAMPLES, 1)),
-                                 np.vstack([(self.f - self.k @ self.c).T, self.k.T])[None])
+        return ScheduledMatrices(
+            np.zeros((SAMPLES, 2), dtype=int), np.full((SAMPLES, 2), 0.5),
+            np.vstack([(self.f - self.k @ self.c).T, self.k.T])[None])
 
     def errors(self, outputs: np.ndarray) -> np.ndarray:
         """Return what its predictor errs on outputs (S, m) from zero on."""
@@ -69,6 +72,21 @@ def test_what_a_record_is_on_average_hangs_on_no_gain() -> None:
         errors = arm.errors(outputs)[:, None, None]
         # From zero and without inputs an arm does nothing on average.
         assert output_error(arm.matrices, arm.c, errors, ROWS)[:, 0, 0] == pytest.approx(outputs)
+
+
+@pytest.mark.parametrize('loops', [COMPILED, False])
+def test_without_corrections_an_arm_does_the_same(loops: bool, monkeypatch: pytest.MonkeyPatch
+                                                  ) -> None:
+    # From where the filter is after some samples: its errors taken back, or none corrected.
+    monkeypatch.setattr(recursion, 'COMPILED', loops)
+    arm, warm_up = Arm(5, 0.3), 10
+    outputs = np.random.default_rng(6).standard_normal((SAMPLES, OUTPUTS))
+    errors = arm.errors(outputs)[warm_up:, None, None]
+    expected = output_error(arm.matrices, arm.c, errors, ROWS[warm_up:])
+    states = recursion.propagate(arm.matrices, outputs[:, None], np.zeros((1, STATES)), ROWS, None,
+                                 arm.c, warm_up)
+    found = outputs[:, None, None] - states @ arm.c.T
+    assert found[warm_up:] == pytest.approx(expected)
 
 
 def test_it_is_whitened_by_the_covariance_of_the_nominal_arm() -> None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 from flex_plant_sim.effects import catalogue, GAUGE_SITES, SITES
-from flex_plant_sim.effects.base import Effect, Parameter
+from flex_plant_sim.effects.base import Effect
+from flex_plant_sim.effects.parameter import Parameter
 
 HEAD = """# Effects
 

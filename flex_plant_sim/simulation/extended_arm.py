@@ -76,7 +76,7 @@ class ExtendedArm:
         self.compact = CompactModel(self.robot, self.modes) if model == 'paper_reduced' else None
         self.step_time = robot.sample_time if step is None else step
         self.nodes = chebyshev_nodes(nodes)
-        self._torque = tuple(e for e in effects if type(e).force is not Effect.force)
+        self.pushing = tuple(e for e in effects if type(e).force is not Effect.force)
         self._friction = tuple(e for e in effects if e.contact == FRICTION)
         self.gaps = tuple(e for e in effects if e.contact == GAP)
         self._output = tuple(e for e in effects if type(e).on_output is not Effect.on_output)
@@ -201,7 +201,7 @@ class ExtendedArm:
     @property
     def passes(self) -> int:
         """Return how often a step evaluates its forces: twice if any depends on acceleration."""
-        return 2 if any(effect.inertial for effect in self._torque) else 1
+        return 2 if any(effect.inertial for effect in self.pushing) else 1
 
     def advance(self, matrices: tuple[Array, Array, Array], state: Array, command: Array,
                 time: Any) -> Array:
@@ -230,7 +230,7 @@ class ExtendedArm:
     def apply_effects(self, e: Array, state: Array, after: Array, command: Array,
                       time: Any) -> Array:
         """Return the state one step later, given `after`, the step of the linear plant alone."""
-        if not (self._torque or self.has_contact):
+        if not (self.pushing or self.has_contact):
             return after
         pushed = self.apply_free_effects(e, state, after, command, time)
         return self.apply_friction(e, state, pushed, self.motion(state, command, time))
@@ -239,7 +239,7 @@ class ExtendedArm:
                            time: Any) -> Array:
         """Return the state one step later as `apply_effects` does, but for dry friction."""
         motion, pushed = self.motion(state, command, time), after
-        for _ in range(self.passes if self._torque else 0):
+        for _ in range(self.passes if self.pushing else 0):
             middle = self.motion_between(state, pushed, command, time)
             found = after + _apply(e, self.smooth_force(middle))
             pushed = self._newton_step(e, pushed, found, middle) if self.passes > 1 else found
@@ -254,14 +254,14 @@ class ExtendedArm:
         would not converge.
         """
         n, step, residual = self.form.order, self.step_time, found - guess
-        mass = np.zeros((n, n)) + sum(effect.inertia(middle) for effect in self._torque)
+        mass = np.zeros((n, n)) + sum(effect.inertia(middle) for effect in self.pushing)
         through = e[..., n:2 * n, :] @ mass / step
         gained = np.linalg.solve(np.eye(n) + through, residual[..., n:2 * n, None])
         return np.asarray(found - (e @ (mass @ gained / step))[..., 0])
 
     def smooth_force(self, motion: Motion) -> Array:
         """Return the sum of the force effects, (…, N)."""
-        return np.zeros(self.form.order) + sum(effect.force(motion) for effect in self._torque)
+        return np.zeros(self.form.order) + sum(effect.force(motion) for effect in self.pushing)
 
     def apply_gaps(self, state: Array, after: Array, motion: Motion, cosine: Array) -> Array:
         """Return `after`, the state one step later, corrected for backlash; cosine of theta_2."""

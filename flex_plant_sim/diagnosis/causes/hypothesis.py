@@ -17,7 +17,8 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.likelihood.evidence import ParameterPrior
 from flex_plant_sim.diagnosis.likelihood.likelihood import Likelihood
 from flex_plant_sim.effects import catalogue, sites
-from flex_plant_sim.effects.base import Effect, Parameter
+from flex_plant_sim.effects.base import Effect
+from flex_plant_sim.effects.parameter import Parameter
 import numpy as np
 
 # Step of finite differences, as a share of a parameter's deviation from null: small enough for

@@ -85,7 +85,7 @@ class Likelihood:
     def _predictors_along(self, effects: Sequence[Effect],
                           records: Iterable[tuple[Windows, Array]]) -> list[Predictor]:
         """Return predictors with trajectories of the effects and the centre's deviations."""
-        robot, sensors = with_deviations(self.base.robot, self.parts, self.centre_deviations)
+        robot, sensors = self._centre
         return [Predictor(self.base, windows, noise, True, (*effects, *sensors), robot)
                 for windows, noise in records]
 
@@ -101,8 +101,17 @@ class Likelihood:
             Of the parts, (p,).
 
         """
-        robot, sensors = with_deviations(self.base.robot, self.parts, deviations)
+        at_centre = deviations is self.centre_deviations
+        robot, sensors = self._centre if at_centre else self._deviating(deviations)
         return self._whitened_residual((*effects, *sensors), robot)
+
+    def _deviating(self, deviations: Array) -> tuple[Robot, tuple[Effect, ...]]:
+        return with_deviations(self.base.robot, self.parts, deviations)
+
+    @cached_property
+    def _centre(self) -> tuple[Robot, tuple[Effect, ...]]:
+        """Return the centre's robot, and the sensors' effects there."""
+        return self._deviating(self.centre_deviations)
 
     def _whitened_residual(self, effects: Sequence[Effect], robot: Robot) -> Array:
         """Return e of a robot, its sensors' effects included."""
@@ -128,7 +137,7 @@ class Likelihood:
     def part_jacobian(self) -> Array:
         """Return J, the derivatives of e in the deviations, (p, m, N), by differences."""
         here = self.whitened_residual(self.centre_effects, self.centre_deviations)[0]
-        robot, sensors = with_deviations(self.base.robot, self.parts, self.centre_deviations)
+        robot, sensors = self._centre
 
         def derivative(k: int) -> Array:
             part, step = self.parts[k], DIFFERENCE_STEP * self.parts[k].tolerance
@@ -182,7 +191,8 @@ class Likelihood:
         The trajectory's parts deviate as the centre's, or as stated, (p,).
         """
         centre = self._copied(
-            'centre_residual', 'centre_shift', 'with_own_filters', centre_effects=tuple(effects),
+            'centre_residual', 'centre_shift', 'with_own_filters', '_centre',
+            centre_effects=tuple(effects),
             centre_deviations=self.centre_deviations if deviations is None else deviations)
         return centre._copied(predictors=centre._predictors_along(
             effects, ((p.windows, p.noise) for p in self.predictors)))

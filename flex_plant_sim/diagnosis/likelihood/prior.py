@@ -17,7 +17,8 @@ from flex_plant_sim.arm.parts import Part, robot_parts
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.effects import catalogue, sites
-from flex_plant_sim.effects.base import Effect, Parameter
+from flex_plant_sim.effects.base import Effect
+from flex_plant_sim.effects.parameter import Parameter
 import numpy as np
 
 # Prior probability that any effect of the catalogue is at work, and that something is which no

@@ -25,6 +25,22 @@ def integrators(arm: ExtendedArm, known: int) -> Indices:
     return known + np.flatnonzero(~np.any(arm.plant.a[0, known:, known:], axis=0))
 
 
+def matched_states(arm: ExtendedArm, other: ExtendedArm, known: Array) -> tuple[Array, int]:
+    """Return an arm's states from those of another, (N, n), and how many the other knows."""
+    n, own = arm.form.order, other.form.order
+    states = np.zeros((len(known), arm.states))
+    rest = min(known.shape[1] - 2 * own, arm.states - 2 * n)
+    if arm.form.names == other.form.names:
+        states[:, :2 * n + rest] = known[:, :2 * n + rest]
+        return states, 2 * n + rest
+    for place, name in enumerate(arm.form.names):
+        if name in other.form.names:
+            there = other.form.names.index(name)
+            states[:, [place, n + place]] = known[:, [there, own + there]]
+    states[:, 2 * n:2 * n + rest] = known[:, 2 * own:2 * own + rest]
+    return states, 2 * n + rest
+
+
 def states_at_rest(arm: ExtendedArm, known: Array, command: Array) -> Array:
     """Return added states, (N, n - k), at rest with the known ones, (N, k); integrals are zero."""
     first = known.shape[1]

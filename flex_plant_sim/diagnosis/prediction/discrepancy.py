@@ -14,8 +14,9 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.arm.state_space import StateSpace
 from flex_plant_sim.diagnosis.prediction.process_noise import net_torques
 from flex_plant_sim.diagnosis.record.windows import Windows
-from flex_plant_sim.effects.base import Effect, Parameter
+from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.effects.mechanics.extra_states import with_states
+from flex_plant_sim.effects.parameter import Parameter
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
 import numpy as np
 

@@ -7,8 +7,9 @@ is in `recursion`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
-from typing import Protocol
+from typing import Any, NamedTuple, Protocol
 
 from flex_plant_sim.arm.schedule import barycentric_weights
 from flex_plant_sim.arm.second_order import Array
@@ -19,8 +20,9 @@ from flex_plant_sim.diagnosis.prediction.recursion import (
     propagate,
     propagate_with_gaps,
 )
-from flex_plant_sim.diagnosis.prediction.scheduled_matrices import interpolated, ScheduledMatrices
+from flex_plant_sim.diagnosis.prediction.scheduled_matrices import ScheduledMatrices
 from flex_plant_sim.diagnosis.record.windows import Indices, Record
+from flex_plant_sim.effects.base import Effect, Motion
 from flex_plant_sim.effects.joint.backlash import Backlash
 from flex_plant_sim.simulation.drive_input import DriveInput
 from flex_plant_sim.simulation.extended_arm import ExtendedArm
@@ -47,22 +49,30 @@ class FilteredTrajectory(Protocol):
         """Return the record's outputs before an arm's sensor effects, (N, 1 or B, m)."""
 
 
+class Push(NamedTuple):
+    """The smooth force of an effect at samples, (N, B, order), and what `pushed_by` says."""
+
+    force: Any
+    reasons: Sequence[Any] | None
+
+
 def predictor_matrices(trajectory: FilteredTrajectory, arm: ExtendedArm, gain: Array,
                        used_samples: Indices) -> ScheduledMatrices:
     """Return the predictor of an arm with a gain (nodes, n, m), at the samples used, (N,)."""
     n = arm.states
-    weights, table = payload_schedule(arm, trajectory.record.time, trajectory.weights_of(arm))
-    table = table.reshape(len(table), n, -1)
-    k = np.tile(gain, (len(table) // arm.nodes.size, 1, 1))
-    rows = np.concatenate([table[..., :n] - k @ arm.output_matrix, table[..., n:], k], axis=-1)
-    # Reduced over all samples, so that the matrices do not depend on which of them are used.
-    found = ScheduledMatrices.reduced(weights, np.swapaxes(rows, 1, 2))
-    return ScheduledMatrices(found.weights[used_samples], found.table)
+    share, tables = payload_tables(arm, trajectory.record.time[used_samples])
+    tables = tables.reshape(*tables.shape[:2], n, -1)
+    k = np.broadcast_to(gain, (len(tables), *gain.shape))
+    rows = np.concatenate([tables[..., :n] - k @ arm.output_matrix, tables[..., n:], k], axis=-1)
+    cosine = trajectory.weights_of(arm)[used_samples] @ arm.nodes
+    return ScheduledMatrices.along(cosine, share, arm.nodes, np.swapaxes(rows, 2, 3))
 
 
 class FilterRun:
     """
     One arm's predictor run through some samples of a record.
+
+    Effects push as they did in another run, `like`, where that is of the same motion.
 
     Attributes
     ----------
@@ -72,11 +82,14 @@ class FilterRun:
         States along which the forces are evaluated, (N, 1, n).
     measured : Array
         Outputs before the sensors' effects, (N, 1 or B, m).
+    pushes : dict
+        Smooth force of each effect, by its identity.
 
     """
 
     def __init__(self, trajectory: FilteredTrajectory, arm: ExtendedArm,
-                 matrices: ScheduledMatrices, used_samples: Indices, batch: int):
+                 matrices: ScheduledMatrices, used_samples: Indices, batch: int,
+                 like: FilterRun | None = None):
         record = trajectory.record
         self.arm, self.matrices, self.time = arm, matrices, record.time[used_samples][:, None]
         self.command = drive_command(arm, record)[used_samples]
@@ -86,15 +99,22 @@ class FilterRun:
         ahead = _one_later(trajectory, arm, used_samples, states)[:, None]
         self.trajectory = states[:, None]
         motion = arm.motion_between(self.trajectory, ahead, self.command, self.time)
-        parts = (self.command, arm.smooth_force(motion), self.measured)
+        self.pushes = {id(effect): _push(effect, motion, like) for effect in arm.pushing}
+        force = np.zeros(order) + sum(push.force for push in self.pushes.values())
+        parts = (self.command, force, self.measured)
         self.drive = np.concatenate([np.broadcast_to(part, (len(used_samples), batch, width))
                                      for part, width in zip(parts, (2, order, m))], axis=-1)
 
-    def states(self, rows: Indices, start: Array) -> Array:
-        """Return the predicted states along windows of samples `rows`, (S, W): (S, W, B, n)."""
+    def states(self, rows: Indices, start: Array, corrected: int | None = None) -> Array:
+        """
+        Return the predicted states along windows of samples `rows`, (S, W): (S, W, B, n).
+
+        Only so many first steps are corrected by measurements; all by default.
+        """
         friction = self._friction() if self.arm.has_friction else None
         if not self.arm.gaps:
-            return propagate(self.matrices, self.drive, start, rows, friction)
+            return propagate(self.matrices, self.drive, start, rows, friction,
+                             self.arm.output_matrix, len(rows) if corrected is None else corrected)
         if COMPILED:
             return propagate_with_gaps(self.matrices, self.drive, start, rows, friction,
                                        self._backlashes())
@@ -107,7 +127,6 @@ class FilterRun:
 
     def _gap_step(self, state: Array, row: Indices) -> Array:
         """Return the states of samples, (W, B, n), one sample later."""
-        now = ScheduledMatrices(self.matrices.weights[row], self.matrices.table)
         fine, cosine = self.fine_arm, np.cos(self.elbow[row])
         f, g, e = fine.schedule.at(cosine)
         push = np.matmul(self.drive[row][..., :2 + self.arm.form.order],
@@ -118,7 +137,7 @@ class FilterRun:
             after = fine.apply_gaps(after, np.matmul(after, np.swapaxes(f, 1, 2)) + push, motion,
                                     cosine[:, None])
         after = self._measurement_update(after, state, row)
-        response = interpolated(now.weights, self._force_response)[:, None]
+        response = self.matrices.at(row).interpolated(self._force_response)[:, None]
         return self.arm.apply_friction(
             response, state, after, self.arm.motion(state, self.command[row], self.time[row]))
 
@@ -129,7 +148,7 @@ class FilterRun:
         A joint sensor before an open gap corrects the rotor, all others what is behind the gap.
         """
         order, c = self.arm.form.order, self.arm.output_matrix
-        gain = interpolated(self.matrices.weights[row], self.matrices.table[:, -len(c):])
+        gain = self.matrices.at(row).interpolated(self.matrices.table[:, -len(c):])
         moved = gain[:, None] * (self.drive[row][..., -len(c):] - state @ c.T)[..., None]
         after = after + moved.sum(axis=-2)
         for effect in self.arm.gaps:
@@ -159,7 +178,7 @@ class FilterRun:
     @property
     def force_response(self) -> Array:
         """Return the change of the state by unit forces during a step, (N, n, order)."""
-        return interpolated(self.matrices.weights, self._force_response)
+        return self.matrices.interpolated(self._force_response)
 
     @property
     def _force_response(self) -> Array:
@@ -196,11 +215,21 @@ class FilterRun:
         limits = np.stack([np.broadcast_to(limit, shape)
                            for limit in self.arm.friction_limits(motion)], axis=2)
         response, velocity_response = (
-            interpolated(self.matrices.weights, table)
+            self.matrices.interpolated(table)
             for table in self.arm.friction_columns(self._force_response))
         compliance = np.ascontiguousarray(np.broadcast_to(self.arm.yielding(), shape[1:]))
         return JointFriction(response, velocity_response, limits, self.arm.form.order, compliance,
                              np.array(self.arm.bends), self.arm.step_time)
+
+
+def _push(effect: Effect, motion: Motion, like: FilterRun | None) -> Push:
+    """Return the force of an effect, that in another run where that has the same reasons."""
+    reasons = effect.pushed_by(motion)
+    other = None if like is None else like.pushes.get(id(effect))
+    if reasons is not None and other is not None and other.reasons is not None:
+        if all(map(np.array_equal, reasons, other.reasons)):
+            return other
+    return Push(effect.force(motion), reasons)
 
 
 def _one_later(trajectory: FilteredTrajectory, arm: ExtendedArm, rows: Indices, states: Array
@@ -221,6 +250,13 @@ def drive_command(arm: ExtendedArm, record: Record) -> Array:
 
 def payload_schedule(arm: ExtendedArm, time: Array, weights: Array) -> tuple[Array, Array]:
     """Return weights over the schedule's nodes (times payload nodes if it changes), and table."""
+    share, tables = payload_tables(arm, time)
+    both = (share[:, :, None] * weights[:, None, :]).reshape(len(share), -1)
+    return both, np.concatenate(tables)
+
+
+def payload_tables(arm: ExtendedArm, time: Array) -> tuple[Array, Array]:
+    """Return weights over payload nodes, (N, P), and the schedule's tables there, (P, K, …)."""
     mass = np.full(len(time), arm.payload)
     for effect in arm.effects:
         mass = np.asarray(effect.payload_at(time, mass), dtype=float)
@@ -228,11 +264,10 @@ def payload_schedule(arm: ExtendedArm, time: Array, weights: Array) -> tuple[Arr
     if nodes.size == 1:
         # The arm itself keeps its schedule, which its steady filter needs as well.
         loaded = arm if nodes[0] == arm.payload else arm.at_payload(float(nodes[0]))
-        return weights, loaded.schedule.table
+        return np.ones((len(time), 1)), loaded.schedule.table[None]
     if np.any((mass > nodes[0]) & (mass < nodes[1])):
         nodes = np.array([nodes[0], nodes.mean(), nodes[1]])
     tables = [arm.at_payload(float(m)).schedule.table for m in nodes]
     share = np.linalg.solve(np.vander(nodes, increasing=True).T,
                             np.vander(mass, nodes.size, increasing=True).T).T
-    both = (share[:, :, None] * weights[:, None, :]).reshape(len(mass), -1)
-    return both, np.concatenate(tables)
+    return share, np.array(tables)

@@ -18,6 +18,7 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.diagnosis.prediction.added_states import (
     integrals,
     integrators,
+    matched_states,
     slip_variance,
     states_at_rest,
 )
@@ -146,17 +147,28 @@ class Predictor:
         return np.ascontiguousarray(errors[self.windows.warm_up:].transpose(2, 1, 0, 3))
 
     def _one_step_errors(self, arm: ExtendedArm, effects: Sequence[Effect], robot: Robot | None,
-                         steady: SteadyFilter | None = None) -> tuple[Array, ScheduledMatrices]:
-        """Return errors before the sensors' effects, warm-up first, (S, W, B, m), and matrices."""
+                         steady: SteadyFilter | None = None, corrected: int | None = None
+                         ) -> tuple[Array, ScheduledMatrices]:
+        """
+        Return errors before the sensors' effects, warm-up first, (S, W, B, m), and matrices.
+
+        Only so many first steps are corrected by measurements; all by default.
+        """
         if (steady is None or steady is self.steady) and self._same_plant(effects, robot):
             matrices = self.matrices
         else:
             gain = (steady or self.steady_filter_of(arm)).gain
             matrices = predictor_matrices(self, arm, gain, self.used_samples)
-        run = FilterRun(self, arm, matrices, self.used_samples, _batch_size(effects))
+        batch = _batch_size(effects)
+        run = FilterRun(self, arm, matrices, self.used_samples, batch, self.own_run)
         rows = self.window_rows
-        states = run.states(rows, run.trajectory[rows[0], 0])
+        states = run.states(rows, run.trajectory[rows[0], 0], corrected)
         return run.measured[rows] - states @ arm.output_matrix.T, matrices
+
+    @cached_property
+    def own_run(self) -> FilterRun:
+        """Return the run of the trajectory's own arm through the samples used."""
+        return FilterRun(self, self.arm, self.matrices, self.used_samples, 1)
 
     @cached_property
     def used_samples(self) -> Indices:
@@ -186,13 +198,17 @@ class Predictor:
         if self.changes_shapes(effects):
             return self._with_own_shapes(effects, robot).whitened_residual(
                 effects, robot, shared_covariance=shared_covariance)
-        arm = self.arm_with(effects, robot)
-        errors, matrices = self._one_step_errors(arm, effects, robot)
-        errors, rows = errors[self.windows.warm_up:], self.window_rows[self.windows.warm_up:]
+        arm, warm_up = self.arm_with(effects, robot), self.windows.warm_up
         whitening = self._whitening_filter(arm, effects, robot) if shared_covariance else None
+        # What an arm without contact does on average it does without corrections as well.
+        open_loop = whitening is not None and not arm.has_contact
+        errors, matrices = self._one_step_errors(
+            arm, effects, robot, corrected=warm_up if open_loop else None)
+        errors, rows = errors[warm_up:], self.window_rows[warm_up:]
         sensors, time = self._sensors_of(arm), self.record.time[self.used_samples[rows]][..., None]
         if whitening is not None:
-            residual = output_error(matrices, arm.output_matrix, errors, rows)
+            residual = errors if open_loop else output_error(
+                matrices, arm.output_matrix, errors, rows)
             residual = shifted(sensors.reading_of_error(residual, time), -arm.late)
             errors = whitening.whitened(residual, rows)
         else:
@@ -249,8 +265,8 @@ class Predictor:
 
     def at(self, chosen: Indices) -> Predictor:
         """Return the same predictor for some of its windows alone."""
-        depend_on_windows = ('matrices', 'whitener', 'nominal_whitening', 'used_samples',
-                             'window_rows')
+        depend_on_windows = ('matrices', 'own_run', 'whitener', 'nominal_whitening',
+                             'used_samples', 'window_rows')
         other = object.__new__(Predictor)
         other.__dict__.update({k: v for k, v in self.__dict__.items()
                                if k not in depend_on_windows})
@@ -305,7 +321,7 @@ class Predictor:
         with the others: a delayed angle that began at zero would jump. Integrals have no rest and
         have summed up since the record began.
         """
-        states, known = self._matched_states(arm, rows)
+        states, known = matched_states(arm, self.arm, self.states[rows])
         shift = self._joint_shift(arm)
         if shift is not None:
             states[:, :2] += shift[rows]
@@ -313,25 +329,10 @@ class Predictor:
             states[:, known:] = states_at_rest(arm, states[:, :known], self.record.command[rows])
             summing = integrators(arm, known)
             if summing.size:
-                every = self._matched_states(arm, np.arange(len(self.record.time)))[0]
+                every, _ = matched_states(arm, self.arm, self.states)
                 every[:, known:] = states_at_rest(arm, every[:, :known], self.record.command)
                 states[:, summing] = integrals(arm, summing, every, self.record)[rows]
         return states
-
-    def _matched_states(self, arm: ExtendedArm, rows: Indices) -> tuple[Array, int]:
-        """Return the trajectory's states as an arm orders them, (N, n), and how many it knows."""
-        n, own = arm.form.order, self.arm.form.order
-        states, known = np.zeros((len(rows), arm.states)), self.states[rows]
-        rest = min(known.shape[1] - 2 * own, arm.states - 2 * n)
-        if arm.form.names == self.arm.form.names:
-            states[:, :2 * n + rest] = known[:, :2 * n + rest]
-            return states, 2 * n + rest
-        for place, name in enumerate(arm.form.names):
-            if name in self.arm.form.names:
-                there = self.arm.form.names.index(name)
-                states[:, [place, n + place]] = known[:, [there, own + there]]
-        states[:, 2 * n:2 * n + rest] = known[:, 2 * own:2 * own + rest]
-        return states, 2 * n + rest
 
 
 def _structural_effects(effects: Sequence[Effect]) -> tuple[Effect, ...]:

@@ -13,6 +13,7 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import COMPILED, compiled
 from flex_plant_sim.diagnosis.prediction.scheduled_matrices import (
     add_product,
+    blend_into,
     interpolate_into,
     ScheduledMatrices,
 )
@@ -111,14 +112,15 @@ class Backlashes(NamedTuple):
     substeps: int
 
     @classmethod
-    def none(cls, n: int) -> Backlashes:
-        """Return an arm without backlash."""
+    def none(cls, output: Array) -> Backlashes:
+        """Return those of an arm without any, with C, (m, n)."""
         return cls(np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((0, 0, 0)), np.zeros((0, 0, 0)),
-                   np.zeros((0, 7)), np.zeros((0, 2), dtype=np.int64), np.zeros((n, 0)), 0, 0)
+                   np.zeros((0, 7)), np.zeros((0, 2), dtype=np.int64),
+                   np.ascontiguousarray(output.T), 0, 0)
 
 
 def propagate(matrices: ScheduledMatrices, drive: Array, start: Array, rows: Indices,
-              friction: JointFriction | None) -> Array:
+              friction: JointFriction | None, output: Array, corrected: int) -> Array:
     """
     Return the states x(k+1) = F_k x_k + D_k d_k along every window, (S, W, B, n).
 
@@ -131,44 +133,53 @@ def propagate(matrices: ScheduledMatrices, drive: Array, start: Array, rows: Ind
     matrices : ScheduledMatrices
         [F, D]' at samples, (N,).
     drive : Array
-        d, (N, B, …).
+        d, (N, B, …); the measured outputs are its last columns.
     start : Array
         x_0, (W, n).
     rows : Indices
         Sample of each step, (S, W).
     friction : JointFriction or None
         None where no joint has dry friction.
+    output : Array
+        C, (m, n).
+    corrected : int
+        Steps after which what is predicted takes the place of what was measured.
 
     """
     if COMPILED:
         return propagate_with_gaps(matrices, drive, start, rows, friction,
-                                   Backlashes.none(start.shape[1]))
+                                   Backlashes.none(output), corrected)
     states = np.empty((*rows.shape, drive.shape[1], start.shape[1]))
     state = np.repeat(start[:, None], drive.shape[1], axis=1)
     for k, row in enumerate(rows):
         states[k] = state
-        now = ScheduledMatrices(matrices.weights[row], matrices.table)
-        after = now.step_states(state, drive[row])
+        inputs = drive[row]
+        if k >= corrected:
+            inputs = np.concatenate([inputs[..., :-len(output)], state @ output.T], axis=-1)
+        after = matrices.at(row).step_states(state, inputs)
         state = after if friction is None else friction.applied(state, after, row)
     return states
 
 
 def propagate_with_gaps(matrices: ScheduledMatrices, drive: Array, start: Array, rows: Indices,
-                        friction: JointFriction | None, gaps: Backlashes) -> Array:
+                        friction: JointFriction | None, gaps: Backlashes,
+                        corrected: int | None = None) -> Array:
     """Return the states as `propagate` does, (S, W, B, n), with backlash, in compiled loops."""
     f = friction or JointFriction.none(start.shape[1], gaps.velocity)
     # One memory layout alone: for any other, Numba would compile once more, some seconds each.
     return _propagate_compiled(
-        matrices.weights, matrices.table.reshape(len(matrices.table), -1),
-        np.ascontiguousarray(drive), start, rows,
-        f._replace(limits=np.ascontiguousarray(f.limits), compliance=f.compliance.copy()), gaps)
+        matrices.nodes, matrices.weights, matrices.flat, np.ascontiguousarray(drive), start, rows,
+        f._replace(limits=np.ascontiguousarray(f.limits), compliance=f.compliance.copy()), gaps,
+        len(rows) if corrected is None else corrected)
 
 
 @compiled
-def _propagate_compiled(weights: Array, table: Array, drive: Array, start: Array, rows: Indices,
-                        friction: JointFriction, gaps: Backlashes) -> Array:
+def _propagate_compiled(nodes: Indices, weights: Array, table: Array, drive: Array, start: Array,
+                        rows: Indices, friction: JointFriction, gaps: Backlashes, corrected: int
+                        ) -> Array:
     steps, windows = rows.shape
     batch, n, count = drive.shape[1], start.shape[1], len(gaps.indices)
+    known, inputs = drive.shape[2] - gaps.output.shape[1], np.empty(drive.shape[2])
     states, flat = np.empty((steps, windows, batch, n)), np.empty(table.shape[1])
     both, touching = flat.reshape(-1, n), np.empty(gaps.engaged.shape[1])
     apart = np.empty((count, gaps.separation.shape[2]))
@@ -178,14 +189,18 @@ def _propagate_compiled(weights: Array, table: Array, drive: Array, start: Array
             states[0, w, b] = start[w]
         for k in range(steps - 1):
             row = rows[k, w]
-            interpolate_into(weights[row], table, flat)
+            blend_into(nodes[row], weights[row], table, flat)
             if count:
                 interpolate_into(gaps.weights[row], gaps.engaged, touching)
             for g in range(count):
                 interpolate_into(gaps.weights[row], gaps.separation[g], apart[g])
                 interpolate_into(gaps.weights[row], gaps.impulse[g], impulses[g])
             for b in range(batch):
-                state, after, inputs = states[k, w, b], states[k + 1, w, b], drive[row, b]
+                state, after = states[k, w, b], states[k + 1, w, b]
+                inputs[:] = drive[row, b]
+                if k >= corrected:
+                    inputs[known:] = 0.0
+                    add_product(state, gaps.output, inputs[known:])
                 if count:
                     _gap_step(state, after, inputs, both[len(both) - gaps.output.shape[1]:],
                               touching.reshape(-1, n), apart, impulses, gaps.rotor,

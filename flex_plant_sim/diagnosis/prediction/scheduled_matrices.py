@@ -7,17 +7,18 @@ most of its time.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from flex_plant_sim.arm.schedule import barycentric_weights
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import compiled
+from flex_plant_sim.diagnosis.record.windows import Indices
 import numpy as np
 
-# Largest error of an entry, as a share of its largest value; a tenth of the schedule's own error.
-TRUNCATION_TOLERANCE = 1e-5
-# Least eigenvalue of the weights' Gram matrix, as a share of the largest, that is no rounding: ten
-# times what `eigh` errs by on ten nodes. What is left out is 2e-7 of an entry.
-SEEN_POWER = 1e-14
+# Spacing of the table's nodes over cos(theta_2). A line between two is off by the square of that
+# times an eighth of the second derivative, which is about the entry's size: 1e-5, a tenth of the
+# schedule's own error.
+NODE_SPACING = 0.01
 # Samples whose matrices are held at once where many are stepped together.
 BLOCK_SAMPLES = 1000
 
@@ -25,56 +26,84 @@ BLOCK_SAMPLES = 1000
 @dataclass(frozen=True)
 class ScheduledMatrices:
     """
-    The predictor's matrices at schedule nodes, and weights of a record's samples over them.
+    The predictor's matrices at nodes, and the nodes that a record's samples lie between.
 
     Attributes
     ----------
+    nodes : Indices
+        Of each sample, (N, q); q is even.
     weights : Array
-        Of each sample over the nodes, (N, K).
+        Of each sample over its nodes, (N, q); they sum to one.
     table : Array
-        [F - K C, G, E, K]' at the nodes, (K, n + d, n).
+        [F - K C, G, E, K]' at all nodes, (G, n + d, n).
 
     """
 
+    nodes: Indices
     weights: Array
     table: Array
 
     @classmethod
-    def reduced(cls, weights: Array, table: Array) -> ScheduledMatrices:
+    def along(cls, cosine: Array, share: Array, schedule_nodes: Array, tables: Array
+              ) -> ScheduledMatrices:
         """
-        Return the same matrices over as few nodes as these samples need; weights sum to one.
+        Return the matrices at close nodes over the range that an elbow angle has in a record.
 
-        The first node is the mean over the samples, which keeps constant entries exactly; the
-        others are leading singular vectors of the deviations from it. An elbow that turns little
-        needs few, and interpolation is most of the cost of a step.
+        A step then reads two of them, where a polynomial would read all of the schedule's.
+
+        Parameters
+        ----------
+        cosine : Array
+            cos(theta_2) at the samples, (N,).
+        share : Array
+            Weights of the samples over P payloads, (N, P).
+        schedule_nodes : Array
+            Of the polynomial, (K,).
+        tables : Array
+            Matrices at payloads and schedule nodes, (P, K, n + d, n).
+
         """
-        flat, count = table.reshape(len(table), -1), len(weights)
-        mean, largest = (np.ones(count) @ weights / count) @ flat, np.abs(flat).max(axis=0)
-        # By the nodes' Gram matrix: a QR of all samples' weights would cost as much as a pass.
-        power, axes = np.linalg.eigh(weights.T @ weights)
-        seen = power > SEEN_POWER * power[-1]
-        axes, length = axes[:, seen], np.sqrt(power[seen])
-        moved = (flat - mean) / np.where(largest > 0.0, largest, 1.0)
-        left, size, right = np.linalg.svd((axes * length).T @ moved, full_matrices=False)
-        basis = ((axes / length) @ left).T @ weights.T
-        most = np.abs(basis).max(axis=1) * size * np.abs(right).max(axis=1)
-        kept = slice(int(np.sum(np.cumsum(most[::-1])[::-1] > TRUNCATION_TOLERANCE)))
-        fewer = np.ones((count, 1 + len(basis[kept])))
-        fewer[:, 1:] = basis[kept].T
-        return cls(fewer, np.concatenate([mean[None], size[kept, None] * right[kept] * largest]
-                                         ).reshape(-1, *table.shape[1:]))
+        below = np.floor(cosine / NODE_SPACING).astype(np.int64)
+        place, first = cosine / NODE_SPACING - below, int(below.min())
+        count, payloads = int(below.max()) - first + 2, len(tables)
+        at = NODE_SPACING * (first + np.arange(count))
+        table = (barycentric_weights(at, schedule_nodes)
+                 @ tables.reshape(payloads, schedule_nodes.size, -1))
+        sides = np.stack([1.0 - place, place], axis=-1)
+        nodes = ((below - first)[:, None, None] + np.arange(0, count * payloads, count)[:, None]
+                 + np.arange(2))
+        return cls(nodes.reshape(len(cosine), -1),
+                   (share[:, :, None] * sides[:, None]).reshape(len(cosine), -1),
+                   table.reshape(-1, *tables.shape[2:]))
+
+    def at(self, rows: Indices | slice) -> ScheduledMatrices:
+        """Return the same matrices for some samples alone."""
+        return ScheduledMatrices(self.nodes[rows], self.weights[rows], self.table)
+
+    @property
+    def flat(self) -> Array:
+        """Return the table with one row a node, (G, (n + d) n)."""
+        return self.table.reshape(len(self.table), -1)
+
+    def interpolated(self, table: Array) -> Array:
+        """Return values at the nodes, (G, …), at the samples, (N, …)."""
+        flat = table.reshape(len(table), -1)
+        found = sum(self.weights[:, k, None] * flat[self.nodes[:, k]]
+                    for k in range(self.nodes.shape[1]))
+        return np.asarray(found, dtype=float).reshape(-1, *table.shape[1:])
 
     def step_states(self, state: Array, drive: Array) -> Array:
         """Return states (N, B, n) one step later, with inputs (N, B, d)."""
         both = np.concatenate([state, drive], axis=-1)
-        return np.concatenate([
-            both[k:k + BLOCK_SAMPLES] @ interpolated(self.weights[k:k + BLOCK_SAMPLES], self.table)
-            for k in range(0, len(both), BLOCK_SAMPLES)])
+        blocks = [slice(k, k + BLOCK_SAMPLES) for k in range(0, len(both), BLOCK_SAMPLES)]
+        return np.concatenate([both[some] @ self.at(some).interpolated(self.table)
+                               for some in blocks])
 
-    def filter_table(self, outputs: int) -> Array:
-        """Return [F - K C, K]' at the nodes, (K, n + m, n)."""
+    def filter_part(self, outputs: int) -> ScheduledMatrices:
+        """Return the same with [F - K C, K]' alone, (G, n + m, n)."""
         n = self.table.shape[2]
-        return np.concatenate([self.table[:, :n], self.table[:, -outputs:]], axis=1)
+        return replace(self, table=np.concatenate(
+            [self.table[:, :n], self.table[:, -outputs:]], axis=1))
 
 
 def interpolated(weights: Array, table: Array) -> Array:
@@ -88,6 +117,19 @@ def interpolate_into(weights: Array, table: Array, found: Array) -> None:
     """Write a flat table (K, M), weighted by (K,), into found, (M,)."""
     found[:] = 0.0
     add_product(weights, table, found)
+
+
+@compiled
+def blend_into(nodes: Indices, weights: Array, table: Array, found: Array) -> None:
+    """Write the rows at nodes (q,) of a flat table (G, M), weighted by (q,), into found, (M,)."""
+    for j in range(0, len(nodes), 2):
+        v, w, p, q = weights[j], weights[j + 1], table[nodes[j]], table[nodes[j + 1]]
+        if j == 0:
+            for i in range(len(found)):
+                found[i] = v * p[i] + w * q[i]
+        else:
+            for i in range(len(found)):
+                found[i] += v * p[i] + w * q[i]
 
 
 @compiled

@@ -16,7 +16,7 @@ from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import COMPILED, compiled
 from flex_plant_sim.diagnosis.prediction.scheduled_matrices import (
     add_product,
-    interpolate_into,
+    blend_into,
     ScheduledMatrices,
 )
 from flex_plant_sim.diagnosis.record.windows import Indices
@@ -71,24 +71,23 @@ def output_error(matrices: ScheduledMatrices, output: Array, errors: Array, rows
 def _filtered(matrices: ScheduledMatrices, output: Array, given: Array, rows: Indices,
               inverse: bool) -> Array:
     """Return innovations of outputs, or (inverse) outputs of innovations, from a state of zero."""
-    table = matrices.filter_table(len(output))
+    matrices = matrices.filter_part(len(output))
     if COMPILED:
         return np.asarray(_filter_compiled(
-            matrices.weights, table.reshape(len(table), -1), np.ascontiguousarray(output.T),
+            matrices.nodes, matrices.weights, matrices.flat, np.ascontiguousarray(output.T),
             np.ascontiguousarray(given), np.ascontiguousarray(rows), inverse))
     found, state = np.empty_like(given), np.zeros((*given.shape[1:3], output.shape[1]))
     for k, row in enumerate(rows):
         predicted = state @ output.T
         found[k] = given[k] + predicted if inverse else given[k] - predicted
-        state = ScheduledMatrices(matrices.weights[row], table).step_states(
-            state, found[k] if inverse else given[k])
+        state = matrices.at(row).step_states(state, found[k] if inverse else given[k])
     return found
 
 
 @compiled
-def _filter_compiled(weights: Array, table: Array, output: Array, given: Array, rows: Indices,
-                     inverse: bool) -> Array:
-    """Do as `_filtered` in loops, with C' (n, m) as output and a flat table (K, (n + m) n)."""
+def _filter_compiled(nodes: Indices, weights: Array, table: Array, output: Array, given: Array,
+                     rows: Indices, inverse: bool) -> Array:
+    """Do as `_filtered` in loops, with C' (n, m) as output and a flat table (G, (n + m) n)."""
     steps, windows, batch, m = given.shape
     n = output.shape[0]
     found, flat = np.empty(given.shape), np.empty(table.shape[1])
@@ -97,7 +96,7 @@ def _filter_compiled(weights: Array, table: Array, output: Array, given: Array, 
     for w in range(windows):
         states[:] = 0.0
         for k in range(steps):
-            interpolate_into(weights[rows[k, w]], table, flat)
+            blend_into(nodes[rows[k, w]], weights[rows[k, w]], table, flat)
             for b in range(batch):
                 old, new = given[k, w, b], found[k, w, b]
                 predicted[:] = 0.0

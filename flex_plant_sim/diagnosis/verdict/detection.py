@@ -17,7 +17,7 @@ from flex_plant_sim.diagnosis.likelihood.evidence import detectable_size
 from flex_plant_sim.diagnosis.likelihood.prior import factors_on_parts, log_prior_odds
 from flex_plant_sim.diagnosis.pool import attempt, each
 from flex_plant_sim.diagnosis.verdict.results import DetectionLimit
-from flex_plant_sim.effects.base import Parameter
+from flex_plant_sim.effects.parameter import Parameter
 import numpy as np
 
 # Sizes probed at most, and the relative error of a limit at which it is close enough: noise moves

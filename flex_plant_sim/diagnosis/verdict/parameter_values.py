@@ -14,7 +14,7 @@ from flex_plant_sim.diagnosis.causes.model_averaging import (
 )
 from flex_plant_sim.diagnosis.causes.posterior import Posterior
 from flex_plant_sim.diagnosis.verdict.results import ParameterValue
-from flex_plant_sim.effects.base import Parameter
+from flex_plant_sim.effects.parameter import Parameter
 from flex_plant_sim.interval import credible_values, Z95
 import numpy as np
 

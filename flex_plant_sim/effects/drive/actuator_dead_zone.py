@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.effects.base import Effect, one_hot, Parameter
+from flex_plant_sim.effects.base import Effect, one_hot
+from flex_plant_sim.effects.parameter import Parameter
 import numpy as np
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.effects.base import Effect, Parameter
+from flex_plant_sim.effects.base import Effect
+from flex_plant_sim.effects.parameter import Parameter
 import numpy as np
 
 # Inverse limit, 1/command unit, below which there is none: no robot file has a command_limit

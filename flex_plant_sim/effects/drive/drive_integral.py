@@ -5,8 +5,9 @@ from __future__ import annotations
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import SecondOrderForm
 from flex_plant_sim.arm.state_space import StateSpace
-from flex_plant_sim.effects.base import Effect, Parameter
+from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.effects.mechanics.extra_states import with_states
+from flex_plant_sim.effects.parameter import Parameter
 import numpy as np
 
 

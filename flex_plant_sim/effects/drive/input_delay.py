@@ -6,7 +6,8 @@ import math
 from typing import Any
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.effects.base import Effect, Parameter
+from flex_plant_sim.effects.base import Effect
+from flex_plant_sim.effects.parameter import Parameter
 import numpy as np
 
 

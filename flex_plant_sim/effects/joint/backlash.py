@@ -6,13 +6,14 @@ from dataclasses import replace
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array, SecondOrderForm
-from flex_plant_sim.effects.base import Effect, GAP, Motion, Parameter
+from flex_plant_sim.effects.base import Effect, GAP, Motion
 from flex_plant_sim.effects.mechanics.elastic_root import (
     root_moment,
     SENSOR_BEHIND_GEAR,
     with_elastic_root,
 )
 from flex_plant_sim.effects.mechanics.kinematics import momentum_rows, with_step_coordinate
+from flex_plant_sim.effects.parameter import Parameter
 from flex_plant_sim.tiny import TINY
 import numpy as np
 

@@ -6,8 +6,9 @@ from abc import abstractmethod
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array, SecondOrderForm
-from flex_plant_sim.effects.base import Effect, FRICTION, one_hot, Parameter
+from flex_plant_sim.effects.base import Effect, FRICTION, one_hot
 from flex_plant_sim.effects.mechanics.kinematics import with_step_coordinate
+from flex_plant_sim.effects.parameter import Parameter
 import numpy as np
 
 # Least friction, N m, so that the stiffness of the bristles is never zero.

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.effects.base import Effect, FRICTION, Motion, one_hot, Parameter
+from flex_plant_sim.effects.base import Effect, FRICTION, Motion, one_hot
+from flex_plant_sim.effects.parameter import Parameter
 
 
 class CoulombFriction(Effect):

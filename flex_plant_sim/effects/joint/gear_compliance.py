@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import SecondOrderForm
-from flex_plant_sim.effects.base import Effect, Parameter
+from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.effects.mechanics.elastic_root import (
     RETARDATION,
     RIGID_RAD_PER_N_M,
@@ -19,6 +19,7 @@ from flex_plant_sim.effects.mechanics.kinematics import (
     with_coordinates,
     with_root_turn,
 )
+from flex_plant_sim.effects.parameter import Parameter
 import numpy as np
 
 # Hub share below which the twist has no coordinate of its own.

@@ -8,7 +8,8 @@ from typing import Any
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array, SecondOrderForm
-from flex_plant_sim.effects.base import Effect, FRICTION, Motion, one_hot, Parameter
+from flex_plant_sim.effects.base import Effect, FRICTION, Motion, one_hot
+from flex_plant_sim.effects.parameter import Parameter
 from msg_config.errors import InputError
 import numpy as np
 

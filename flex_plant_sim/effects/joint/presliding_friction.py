@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.effects.base import Motion, one_hot, Parameter
+from flex_plant_sim.effects.base import Motion, one_hot
 from flex_plant_sim.effects.joint.bristles import Bristles
+from flex_plant_sim.effects.parameter import Parameter
 import numpy as np
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.effects.base import Effect, Motion, Parameter
+from flex_plant_sim.effects.base import Effect, Motion
+from flex_plant_sim.effects.parameter import Parameter
 import numpy as np
 
 

@@ -10,13 +10,13 @@ from dataclasses import replace
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array, SecondOrderForm
-from flex_plant_sim.effects.base import Parameter
 from flex_plant_sim.effects.mechanics.kinematics import (
     is_energy_form,
     link_columns,
     shapes_of,
     with_root_turn,
 )
+from flex_plant_sim.effects.parameter import Parameter
 import numpy as np
 
 # Compliance, rad/(N m), below which a spring is rigid and gets no coordinate of its own, which

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import SecondOrderForm
-from flex_plant_sim.effects.base import Effect, Parameter
+from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.effects.mechanics.kinematics import (
     is_energy_form,
     link_columns,
     with_coordinates,
 )
+from flex_plant_sim.effects.parameter import Parameter
 import numpy as np
 
 # Compliance, m/N, below which the grip counts as rigid and gets no coordinate.

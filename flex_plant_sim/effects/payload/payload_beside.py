@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from flex_plant_sim.arm.robot import Link, Robot
 from flex_plant_sim.arm.second_order import Array, SecondOrderForm
-from flex_plant_sim.effects.base import Effect, Motion, Parameter
+from flex_plant_sim.effects.base import Effect, Motion
 from flex_plant_sim.effects.mechanics.bending import link_terms
 from flex_plant_sim.effects.mechanics.kinematics import (
     end_rotations,
@@ -16,6 +16,7 @@ from flex_plant_sim.effects.mechanics.kinematics import (
     link_columns,
     root_row,
 )
+from flex_plant_sim.effects.parameter import Parameter
 import numpy as np
 
 

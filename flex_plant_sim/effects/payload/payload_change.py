@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from flex_plant_sim.effects.base import Effect, Parameter
+from flex_plant_sim.effects.base import Effect
+from flex_plant_sim.effects.parameter import Parameter
 import numpy as np
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from flex_plant_sim.arm.robot import Robot
-from flex_plant_sim.effects.base import Effect, Parameter
+from flex_plant_sim.effects.base import Effect
+from flex_plant_sim.effects.parameter import Parameter
 
 
 class PayloadOffset(Effect):

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.state_space import StateSpace
-from flex_plant_sim.effects.base import Effect, Parameter
+from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.effects.mechanics.delay import whole_samples, with_delayed_outputs
+from flex_plant_sim.effects.parameter import Parameter
 import numpy as np
 from numpy.typing import NDArray
 

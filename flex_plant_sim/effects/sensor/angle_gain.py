@@ -6,7 +6,8 @@ from typing import Any
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.effects.base import Effect, one_hot, Parameter
+from flex_plant_sim.effects.base import Effect, one_hot
+from flex_plant_sim.effects.parameter import Parameter
 
 
 class AngleGain(Effect):

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.state_space import StateSpace
-from flex_plant_sim.effects.base import Effect, Parameter
+from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.effects.mechanics.extra_states import with_states
 from flex_plant_sim.effects.mechanics.gauge import gauge_places
+from flex_plant_sim.effects.parameter import Parameter
 import numpy as np
 
 # Time constant, s, below which there is no filter: a tenth of a sample at 1 kHz.

@@ -6,8 +6,9 @@ from typing import Any
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array
-from flex_plant_sim.effects.base import Effect, Parameter
+from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.effects.mechanics.gauge import gauge_row
+from flex_plant_sim.effects.parameter import Parameter
 import numpy as np
 
 

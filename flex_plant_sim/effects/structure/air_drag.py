@@ -6,7 +6,7 @@ from functools import lru_cache
 
 from flex_plant_sim.arm.robot import Link, Robot
 from flex_plant_sim.arm.second_order import Array, SecondOrderForm
-from flex_plant_sim.effects.base import Effect, Motion, Parameter
+from flex_plant_sim.effects.base import Effect, Motion
 from flex_plant_sim.effects.mechanics.kinematics import (
     elbow_state,
     is_energy_form,
@@ -14,6 +14,7 @@ from flex_plant_sim.effects.mechanics.kinematics import (
     link_shapes,
     root_row,
 )
+from flex_plant_sim.effects.parameter import Parameter
 import numpy as np
 
 # Number of Gauss points per link, exact up to degree 11: the square of a cubic speed times a cubic

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import SecondOrderForm
-from flex_plant_sim.effects.base import Effect, Parameter
+from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.effects.mechanics.elastic_root import RIGID_RAD_PER_N_M, root_moment
 from flex_plant_sim.effects.mechanics.kinematics import (
     is_energy_form,
     with_coordinates,
     with_root_turn,
 )
+from flex_plant_sim.effects.parameter import Parameter
 import numpy as np
 
 # Damping ratio of the base alone on its mounting: steel has 0.03 and less, rubber up to 0.3.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import Array, SecondOrderForm
-from flex_plant_sim.effects.base import Effect, Parameter
+from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.effects.mechanics.elastic_root import root_moment
 from flex_plant_sim.effects.mechanics.kinematics import (
     is_energy_form,
@@ -12,6 +12,7 @@ from flex_plant_sim.effects.mechanics.kinematics import (
     lower_rows,
     with_coordinates,
 )
+from flex_plant_sim.effects.parameter import Parameter
 from flex_plant_sim.effects.structure.base_compliance import MOUNTING_DAMPING
 import numpy as np
 

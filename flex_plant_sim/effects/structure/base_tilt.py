@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.arm.units import GRAVITY
-from flex_plant_sim.effects.base import Effect, Motion, Parameter
+from flex_plant_sim.effects.base import Effect, Motion
 from flex_plant_sim.effects.mechanics.kinematics import elbow_state, field_load
+from flex_plant_sim.effects.parameter import Parameter
 import numpy as np
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import SecondOrderForm
-from flex_plant_sim.effects.base import Effect, Parameter
+from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.effects.mechanics.elastic_root import (
     RETARDATION,
     root_moment,
     with_elastic_root,
 )
+from flex_plant_sim.effects.parameter import Parameter
 
 
 class ClampCompliance(Effect):

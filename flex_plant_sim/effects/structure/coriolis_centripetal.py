@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 from flex_plant_sim.arm.second_order import Array, SecondOrderForm
-from flex_plant_sim.effects.base import Effect, Motion, Parameter
+from flex_plant_sim.effects.base import Effect, Motion
 from flex_plant_sim.effects.mechanics.kinematics import (
     elbow_state,
     is_energy_form,
@@ -11,6 +14,7 @@ from flex_plant_sim.effects.mechanics.kinematics import (
     lower_rows,
     root_row,
 )
+from flex_plant_sim.effects.parameter import Parameter
 import numpy as np
 
 
@@ -37,6 +41,12 @@ class CoriolisCentripetal(Effect):
         across = form.field[1, 0] + payload * form.field[1, 1]
         return np.array([self['share'] * form.field[0, 1], across,
                          root_row(form, 0), root_row(form, 1)])
+
+    def pushed_by(self, motion: Motion) -> Sequence[Any] | None:
+        """Return all that `force` depends on; None for the paper's form."""
+        rows = self.rows(motion.form, motion.payload)
+        return None if rows is None else (
+            rows, motion.form.elbow_angle, motion.position, motion.velocity)
 
     def force(self, motion: Motion) -> Array:
         """Return the generalised force, (…, N)."""

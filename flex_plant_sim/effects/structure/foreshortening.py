@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 from flex_plant_sim.arm.second_order import Array
 from flex_plant_sim.compiled import COMPILED
-from flex_plant_sim.effects.base import Effect, Motion, Parameter
+from flex_plant_sim.effects.base import Effect, Motion
 from flex_plant_sim.effects.mechanics.bending import (
     bending_force,
     bending_mass,
@@ -12,6 +15,7 @@ from flex_plant_sim.effects.mechanics.bending import (
 )
 from flex_plant_sim.effects.mechanics.bending_step import step_force, step_mass
 from flex_plant_sim.effects.mechanics.kinematics import is_energy_form
+from flex_plant_sim.effects.parameter import Parameter
 import numpy as np
 
 
@@ -32,6 +36,13 @@ class Foreshortening(Effect):
     # Not a cause to look for: it is too small to be told apart from the parts' tolerances.
     named = False
     inertial = True
+
+    def pushed_by(self, motion: Motion) -> Sequence[Any] | None:
+        """Return all that `force` depends on; None for the paper's form."""
+        if not is_energy_form(motion.form):
+            return None
+        terms = bending_terms(motion.form, motion.robot, motion.payload)
+        return *terms, motion.position, motion.velocity, motion.change, motion.step
 
     def force(self, motion: Motion) -> Array | float:
         """Return the generalised force over the step, (…, N)."""

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import SecondOrderForm
-from flex_plant_sim.effects.base import Effect, Parameter
+from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.effects.mechanics.kinematics import is_energy_form, root_row
+from flex_plant_sim.effects.parameter import Parameter
 import numpy as np
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from flex_plant_sim.arm.robot import Robot
-from flex_plant_sim.effects.base import Effect, Parameter
+from flex_plant_sim.effects.base import Effect
+from flex_plant_sim.effects.parameter import Parameter
 
 
 class ModalDamping(Effect):

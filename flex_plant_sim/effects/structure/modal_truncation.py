@@ -5,8 +5,9 @@ from __future__ import annotations
 from flex_plant_sim.arm.assumed_modes import assumed_modes
 from flex_plant_sim.arm.robot import Robot
 from flex_plant_sim.arm.second_order import SecondOrderForm
-from flex_plant_sim.effects.base import Effect, Parameter
+from flex_plant_sim.effects.base import Effect
 from flex_plant_sim.effects.mechanics.kinematics import is_energy_form, link_columns
+from flex_plant_sim.effects.parameter import Parameter
 
 
 class ModalTruncation(Effect):
