@@ -104,8 +104,7 @@ def fit_neighbours(state: SearchState, centre: RefinedFit) -> Neighbourhood:
     proposals = proposals_beside(state, centre)
     in_place = [proposals_beside(state, centre, k) for k in range(len(centre.fit.hypotheses))]
     sets = list(candidates(state, centre, proposals, in_place))
-    if key not in state.coarse_fits:
-        sets += unpromised(state, centre, proposals, in_place, step)
+    sets += unpromised(state, centre, proposals, in_place, step)
     state.coarse_fits[key] = _coarse_fits(state, centre, sets, step)
     fits = _fitted_as_promised(state, centre, state.coarse_fits[key], step)
     replacing = tuple(fits_replacing_parts(state.refined[key], state.catalogue))
